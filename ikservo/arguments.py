@@ -110,7 +110,7 @@ def parse_joint_positions(positions: object) -> dict[str, float]:
     """Read joint positions as plain numbers by name.
 
     Raises:
-        BadValueError: They are no mapping of names to numbers.
+        BadValueError: They are not a mapping of names to numbers.
     """
     if not isinstance(positions, Mapping):
         raise BadValueError("The goal", repr(positions), 'positions by joint: {"elbow": 0.5}')
@@ -142,7 +142,7 @@ def parse_period_s(rate_hz: object) -> float | None:
     """Parse the time between two setpoints of a stream [s]; None for one without a rate.
 
     Raises:
-        BadValueError: The rate is no number, or out of its range [Hz].
+        BadValueError: The rate is not a number, or out of its range [Hz].
     """
     if rate_hz is None:
         return None

@@ -238,7 +238,7 @@ class Arm(MotionMethods):
         first motion is slow.
 
         Raises:
-            BadValueError: The wait is no number of seconds.
+            BadValueError: The wait is not a number of seconds.
             PortLostError: The adapter was not plugged in in time.
             ServoSilentError: A servo does not answer.
             RefusedError: A motion is running.

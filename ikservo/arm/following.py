@@ -237,7 +237,7 @@ class _TargetFollower:
             self._report_refusal(error, kept)
 
     def _allow_delay(self, now_s: float) -> None:
-        """Not to have asked the stream for long is no silence of the stream."""
+        """Extend the dead man after a delay of our own, which is not a silence of the stream."""
         if now_s - self._asked_s > STALL_S:
             self._dead_man.postpone(now_s - self._asked_s)
 
@@ -282,7 +282,7 @@ def follow(
     cycle.
 
     Raises:
-        BadValueError: An item is no target; the arm was braked first.
+        BadValueError: An item is not a target; the arm was braked first.
         StoppedError: ``stop`` was called; the arm holds.
     """
     check_callable("on_progress", on_progress)

@@ -533,7 +533,7 @@ class MotionMethods(Protocol):
         Raises:
             IkservoError: The arm has no gripper.
             RefusedError: A jaw would touch something; nothing has moved.
-            BadValueError: The width is out of its range or unknown, or the force is no fraction.
+            BadValueError: The width is out of its range or unknown, or the force is not a fraction.
         """
         on_progress = options.pop("on_progress", None)
         motion = _grip(to, _fields(MoveGripper, options))
@@ -615,7 +615,7 @@ class MotionMethods(Protocol):
         """Execute a motion, or start it.
 
         Raises:
-            BadValueError: ``wait`` is no truth value.
+            BadValueError: ``wait`` is not a truth value.
         """
         if not isinstance(cast("object", wait), bool):
             raise BadValueError("wait", repr(wait), "True or False")

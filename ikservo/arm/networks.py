@@ -48,7 +48,7 @@ def find_network(port: object) -> tuple[ArmNetwork, str] | None:
         port: Given by the user; ``IKSERVO_PORT`` if None.
 
     Raises:
-        BadValueError: It is no name of a port.
+        BadValueError: It is not a name of a port.
     """
     address = named_port(parse_port(port))
     network = _load(address.partition(":")[0]) if ":" in address else None

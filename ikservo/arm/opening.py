@@ -94,7 +94,7 @@ def resolve_port(model: Model, port: str | None) -> str:
 
     Raises:
         NoPortError: There is none to choose.
-        BadValueError: It is no name of a port.
+        BadValueError: It is not a name of a port.
     """
     name = choose_port(parse_port(port), model.name)
     if not is_simulator(name):

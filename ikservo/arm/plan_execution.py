@@ -308,7 +308,7 @@ def _max_error(measured: Mapping[str, float], goals: Mapping[str, float]) -> flo
 
 
 def check_plan(plan: object) -> None:
-    """Refuse what is no plan.
+    """Refuse what is not a plan.
 
     Raises:
         BadValueError: It is none.

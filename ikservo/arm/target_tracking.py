@@ -38,7 +38,7 @@ class TargetTracker:
         """Find the joints (n,) for a target, from the last ones, and whether they reach it.
 
         Raises:
-            BadValueError: It is no target, or a number in it is not finite.
+            BadValueError: It is not a target, or a number in it is not finite.
             UnknownNameError: It names a joint or a link that the arm does not have.
         """
         parsed = parse_target(target, self._index.names)

@@ -222,7 +222,7 @@ def confirm_motion(machine: OpenArm, *, yes: bool, question: str = "Move?") -> N
 
 @contextmanager
 def motion_progress_bar() -> Generator[Callable[[MotionProgress], None] | None]:
-    """Yield a callback that draws a motion's progress, or None if stderr is no terminal."""
+    """Yield a callback that draws a motion's progress, or None if stderr is not a terminal."""
     with progress_bar() as show:
 
         def draw(progress: MotionProgress) -> None:

@@ -23,7 +23,7 @@ _COMMAND = re.compile(r"(?:ikservo|sudo|pip|xacro)\s")
 _ENDS = (".", ",", ";", ":", ")", "?")
 
 _QUANTITY = re.compile(r"[-+]?[\d.]+( ?[°%]| mm| ms)?")
-# If stdout is no terminal, rows are not folded.
+# If stdout is not a terminal, rows are not folded.
 _WIDE = 1000
 
 _ANSWERS = {"y": True, "yes": True, "n": False, "no": False}
@@ -199,7 +199,7 @@ Show = Callable[[str, float, float], None]
 
 @contextmanager
 def progress_bar() -> Generator[Show | None]:
-    """Yield a callback that draws a progress bar, or None if stderr is no terminal."""
+    """Yield a callback that draws a progress bar, or None if stderr is not a terminal."""
     if not sys.stderr.isatty():
         yield None
         return

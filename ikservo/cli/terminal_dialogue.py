@@ -173,7 +173,7 @@ class _RequestScreen:
             print("\r\x1b[2K", end="", file=sys.stderr, flush=True)  # noqa: T201
 
     def overwrite(self, text: str) -> None:
-        """Show what is being done in a line of its own; nothing where stderr is no terminal."""
+        """Show what is being done in a line of its own; nothing where stderr is not a terminal."""
         if sys.stderr.isatty():
             self._overwrites = True
             print(f"\r\x1b[2K{printable(text)} …", end="", file=sys.stderr, flush=True)  # noqa: T201

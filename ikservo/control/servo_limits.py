@@ -170,7 +170,7 @@ class ServoRamLimits:
         if limit is not None:
             own, maximum = limit
             self._bus.write(servo_id, own, self._bus.read(servo_id, maximum, raw=True), raw=True)
-        if "goal_torque" in registers:  # an HLS: 0, as programs for STS write there, is no current
+        if "goal_torque" in registers:  # an HLS: 0, as STS programs write there, means no current
             most = self._bus.read(servo_id, registers["protection_current"], raw=True)
             self._bus.write(servo_id, registers["goal_torque"], most, raw=True)
 

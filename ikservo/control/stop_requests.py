@@ -109,7 +109,7 @@ class StopRequest:
 
         Args:
             count: The ``count`` of stops when it was requested; the present one if None.
-            anew: Whether it is no part of the request that this thread may be at already.
+            anew: Whether it is not a part of the request that this thread may be at already.
             withdrawn: Set by who requested it once it is not wanted any more: a plan for it then
                 ends, as by a stop.
         """

@@ -160,7 +160,7 @@ def _read_csv(path: Path, text: str, unit: str | None) -> Iterator[Matrix]:
 
 
 def _header_unit(path: Path, line: str) -> str | None:
-    """Return the unit in a header, ``""`` where it names none; None where this is no header."""
+    """Return the unit in a header, ``""`` where it names none; None where this is not a header."""
     names = [name.strip() for name in line.split(",")]
     matches = [_HEADER.fullmatch(name) for name in names]
     if not all(matches):

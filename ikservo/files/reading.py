@@ -50,7 +50,7 @@ def read_text(path: Path, limit_bytes: int) -> str:
 
 
 def require_file(path: Path) -> None:
-    """Refuse what is no regular file: reading a pipe or a terminal would wait forever.
+    """Refuse what is not a regular file: reading a pipe or a terminal would wait forever.
 
     Raises:
         FileFormatError: It is missing, not a file, or not to be found.

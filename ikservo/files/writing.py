@@ -126,7 +126,7 @@ def check_writable(folder: Path) -> None:
 
 
 def remove_durably(path: Path) -> None:
-    """Remove a file durably; a missing one is no error.
+    """Remove a file durably; a missing one is not an error.
 
     Raises:
         FileWriteError: It stays, or may come back after a power cut; tells which.

@@ -318,7 +318,7 @@ class CollisionChecker:
 
         First those of every pair, then those to the surroundings where gravity moves the joints:
         an arm that lies on the table sags in this computation only, so that a contact of the one
-        is no contact of the other.
+        is not a contact of the other.
         """
         gap_m = self.distances(path)
         if self.sag is None:

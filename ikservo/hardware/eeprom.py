@@ -90,7 +90,7 @@ def update_eeprom(
     before it locked it.
 
     Raises:
-        RegisterAccessError: A register is no EEPROM, forbids its number, or torque is on.
+        RegisterAccessError: A register is not in EEPROM, forbids its number, or torque is on.
         ServoRejectedError: A number was not stored.
         BusError: The servo does not reply.
     """
@@ -250,7 +250,7 @@ def read_backup(path: Path) -> Backup:
     """Read the contents of a copy.
 
     Raises:
-        FileFormatError: It is no such file, or damaged.
+        FileFormatError: It is not a backup, or damaged.
     """
     return parse_backup(path, read_text(path, MAX_BYTES))
 

@@ -60,7 +60,7 @@ def recorded_transport(transport: Transport, path: str, name: str) -> Transport:
         name: The name of the port.
 
     Raises:
-        FileFormatError: The file exists and is no regular one.
+        FileFormatError: The file exists and is not a regular one.
         FileWriteError: The file cannot be written.
     """
     return cast("Transport", _RecordedTransport(transport, Path(path), name))
@@ -147,7 +147,7 @@ def read_packet_log(path: Path) -> Iterator[LoggedBytes]:
     """Read what ports sent and received; a last block that is incomplete is left out.
 
     Raises:
-        FileFormatError: It is no such file, or damaged.
+        FileFormatError: It is not a recording of packets, or damaged.
     """
     require_file(path)
     opening = 0
@@ -155,11 +155,11 @@ def read_packet_log(path: Path) -> Iterator[LoggedBytes]:
         while head := file.read(8):
             kind, length = struct.unpack("<II", head) if len(head) == 8 else (0, 0)
             if opening == 0 and kind != _SECTION:
-                raise FileFormatError(path, "", "is no recording of packets", "a pcapng file")
+                raise FileFormatError(path, "", "is not a recording of packets", "a pcapng file")
             if len(head) < 8:
                 return
             if length % 4 or not 12 <= length <= _MAX_BLOCK_BYTES:
-                raise FileFormatError(path, f"byte {file.tell() - 8}", "is no block of pcapng")
+                raise FileFormatError(path, f"byte {file.tell() - 8}", "is not a block of pcapng")
             body = file.read(length - 8)
             if len(body) < length - 8:
                 return

@@ -124,7 +124,7 @@ class SdkPort:
         return self.is_open
 
     def closePort(self) -> None:
-        """Close the port; a port that is already lost is no error."""
+        """Close the port; a port that is already lost is not an error."""
         self.disconnect()
 
     def disconnect(self) -> None:
@@ -321,7 +321,7 @@ class Port(SdkPort):
         self.transport = _ForeignTransport(self.transport)
 
     def closePort(self) -> None:
-        """Close this opening, and with the last one the transport; a lost port is no error."""
+        """Close this opening, and with the last one the transport; a lost port is not an error."""
         with _opening:
             _openings.pop(self, None)
             if any(other.transport is self.transport for other in _openings):
@@ -330,7 +330,7 @@ class Port(SdkPort):
                 self.disconnect()
 
     def close(self) -> None:
-        """Close the port; a port that is already lost is no error."""
+        """Close the port; a port that is already lost is not an error."""
         self.closePort()
 
     def __enter__(self) -> Port:

@@ -18,7 +18,7 @@ def chain_and_start(arm: ArmLike, q0: ArrayLike | None = None) -> tuple[Chain, A
     """Compute the chain of an arm, and the start where none is given: a model's initial joints.
 
     Raises:
-        BadValueError: It is no arm.
+        BadValueError: It is not an arm.
         UnknownNameError: No arm has that name.
     """
     if isinstance(arm, Chain):

@@ -87,7 +87,7 @@ def solutions(chain: Chain, target: Target, q0: ArrayLike | None = None) -> tupl
 
     Raises:
         BadValueError: q0 has a wrong shape or is not finite.
-        UnknownNameError: The target's frame is no link of the arm.
+        UnknownNameError: The target's frame is not a link of the arm.
     """
     arm, start = recognise_structure(chain, target.frame), initial_joints(chain, q0)
     if arm is None:

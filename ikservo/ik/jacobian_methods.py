@@ -237,7 +237,7 @@ def pseudo_inverse(chain: Chain, target: Target, q0: Vector, options: Options) -
     )
 
 
-_NOTHING = 1e-150  # below it even the reciprocal is no number
+_NOTHING = 1e-150  # below it even the reciprocal is not a number
 
 
 def pinv(J: Matrix, epsilon: float = EPSILON) -> Matrix:

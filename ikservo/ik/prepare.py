@@ -144,7 +144,7 @@ class TargetKind(IntEnum):
 
 
 def check_options(options: object) -> None:
-    """Raise BadValueError if these are no options."""
+    """Raise BadValueError if these are not options."""
     if not isinstance(options, Options):
         raise BadValueError("The options", repr(options), "Options, as in Options(restarts=20)")
 

@@ -44,7 +44,7 @@ class Target:
 
     Raises:
         BadValueError: A number is not finite, a shape is wrong, an axis has no length, the
-            orientation is no rotation, or both direction and orientation are given.
+            orientation is not a rotation, or both direction and orientation are given.
     """
 
     position_m: ArrayLike

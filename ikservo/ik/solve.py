@@ -129,7 +129,7 @@ def solve(
     Raises:
         BadValueError: q0 has a wrong shape or is not finite, an option makes no sense, or there is
             no arm or no target.
-        UnknownNameError: No such arm or method, or the target's frame is no link of the arm.
+        UnknownNameError: No such arm or method, or the target's frame is not a link of the arm.
     """
     values = (
         tolerance,
@@ -193,7 +193,7 @@ def _make_options(tolerance: Tolerance | None, *others: object) -> Options:
     return make(tolerance or _TOLERANCE, *others)
 
 
-# Options that were checked for a call before; typed, as 1 is no True.
+# Options that were checked for a call before; typed, as 1 is not True.
 _checked_options = lru_cache(32, typed=True)(_make_options)
 
 

@@ -154,7 +154,7 @@ def _make_trace(rows: Vector) -> CircleTrace:
     return CircleTrace(complex(x0, y0), complex(x1, y1), complex(x2, y2), z0, z1, z2)
 
 
-# Circles this small [m or 1] are no freedom that an arm can use.
+# Circles this small [m or 1] give an arm no freedom that it can use.
 NO_FREEDOM = 1e-6
 # Published axes are rounded to about 1e-5 rad: straight down is straight down for every yaw.
 ROUNDED = 1e-5

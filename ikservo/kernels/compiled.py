@@ -84,7 +84,7 @@ def vectorised(function: Callable[P, R]) -> Callable[P, R]:
 def _check_types(
     name: str, kinds: Sequence[tuple[str, int] | None], arguments: Sequence[object]
 ) -> None:
-    """Raise TypeError where an argument is no array of the type that its parameter has."""
+    """Raise TypeError where an argument is not an array of the type that its parameter has."""
     for kind, argument in zip(kinds, arguments, strict=False):
         if kind is None:
             continue

@@ -69,7 +69,7 @@ class Chain:
 
         Raises:
             InputError: No joint on the path to the tip moves, or mimics leave one no range.
-            UnknownNameError: ``tip`` is no link connected to ``base``, or a mimic follows none.
+            UnknownNameError: ``tip`` is not a link connected to ``base``, or a mimic follows none.
         """
         paths = joints_to_each_link(joints, base)
         if tip not in paths:
@@ -173,7 +173,7 @@ class Chain:
 
         Raises:
             UnknownNameError: No joint of the arm has such a name.
-            BadValueError: An origin is no array (4, 4) of finite numbers.
+            BadValueError: An origin is not an array (4, 4) of finite numbers.
         """
         if not isinstance(cast("object", origins), Mapping):
             raise BadValueError("The origins", repr(origins), "poses (4, 4) by joint")

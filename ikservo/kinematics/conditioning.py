@@ -250,7 +250,7 @@ def _singular_values(matrices: Matrix) -> Matrix:
 def ordinary_postures(dof: int) -> Matrix:
     """Compute a few postures (n, dof) that are singular for no arm.
 
-    Each joint is at another whole number of radians, which is no fraction of a revolution.
+    Each joint is at another whole number of radians, which is not a fraction of a revolution.
     """
     return np.arange(1, _SAMPLES * dof + 1, dtype=np.float64).reshape(_SAMPLES, dof) % math.tau
 

@@ -89,7 +89,7 @@ class Dynamics:
 
         Raises:
             UnknownNameError: The chain has no such link.
-            BadValueError: The gravity is no vector (3,) of finite numbers.
+            BadValueError: The gravity is not a vector (3,) of finite numbers.
         """
         tree = BodyTree.of(chain)
         P = np.zeros((len(tree.names), 4, 4))

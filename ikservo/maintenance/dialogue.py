@@ -241,7 +241,7 @@ def read_answers(
         former: Present words by former ones, which are still read.
 
     Raises:
-        FileFormatError: The file cannot be read, or a line is no answer.
+        FileFormatError: The file cannot be read, or a line is not an answer.
     """
     takes_name = {text.partition(" ")[0]: " " in text for text in known}
     answers: list[str] = []

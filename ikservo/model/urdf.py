@@ -243,7 +243,7 @@ _Part = UrdfLink | UrdfJoint
 
 
 def find_root(path: Path, links: Sequence[UrdfLink], joints: Sequence[UrdfJoint]) -> str:
-    """Find the name of the one link that is no joint's child.
+    """Find the name of the one link that is not a joint's child.
 
     Raises:
         FileFormatError: Names occur twice, links are missing, or the links are not one tree.

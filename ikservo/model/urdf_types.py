@@ -169,7 +169,7 @@ class Urdf:
         name: The robot's name; empty where the file gives none.
         links: In file order.
         joints: In file order, which need not be the order of the tree.
-        root: Name of the one link that is no joint's child.
+        root: Name of the one link that is not a joint's child.
         warnings: Things that are allowed but probably a mistake, one line each.
     """
 

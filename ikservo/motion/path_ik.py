@@ -10,7 +10,7 @@ from ikservo.kinematics import Chain
 from ikservo.kinematics.arrays import Matrix, Vector
 from ikservo.motion.path import OrientationInterpolation, ToolPath
 
-# So small that the third difference of points every half millimetre is no noise.
+# So small that the third difference of points every half millimetre is not noise.
 _TIGHT = Tolerance(1e-7, 1e-6)
 _REACHED_M = 1e-6
 # A joint that moves so far for a millimetre, or a radian of the tool, passes a singularity or

@@ -198,7 +198,7 @@ class CalibratedArm:
         return self.calibration.joint(joint.name) if self.calibration else None
 
     def _position_limits(self, joint: ModelJoint) -> tuple[int, int] | None:
-        """Read the position limits of the servo; None where they are no limits."""
+        """Read the position limits of the servo; None where they are not limits."""
         low = self._bus.read(joint.servo.id, RegisterName.MIN_POSITION_LIMIT, raw=True)
         high = self._bus.read(joint.servo.id, RegisterName.MAX_POSITION_LIMIT, raw=True)
         return None if low == high == 0 else (low, high)  # Feetech: several revolutions, no limits

@@ -12,7 +12,7 @@ from ikservo.model.joint_drive import ArmParameters, JointDrive
 _TOLERANCE = 0.003
 # The friction of a servo, as a multiple of its model's: servos of one model differ that much.
 _STRONGEST_FRICTION = 1.5
-# A joint that travels less along a path, rad or m, is at rest: the solver's rounding is no motion.
+# A joint that travels less along a path, rad or m, is at rest: the solver's rounding is not motion.
 _REST_TRAVEL = 0.001
 
 

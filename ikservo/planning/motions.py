@@ -550,7 +550,7 @@ def parse_motion(value: object) -> MotionValue[Any]:
     """Parse the motion that ``motion_fields`` made these JSON values of.
 
     Raises:
-        InputError: It is no table with one known kind, or a field is missing, unknown, or refused
+        InputError: It is not a table of one known kind, or a field is missing, unknown, or refused
             by the motion itself, with the same error as for a program.
     """
     is_table = isinstance(value, Mapping)

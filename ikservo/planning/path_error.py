@@ -75,7 +75,7 @@ def path_deviations_m(measured: tuple[Vector, Matrix], commanded: tuple[Vector, 
     """Compute the distances (k,) [m] of measured points from a commanded path.
 
     The distance is that to the nearest point of the part of the path that was commanded from one
-    second before the measurement: lagging along the path is no path error, as in ISO 9283, and a
+    second before the measurement: lagging along the path is not a path error, as in ISO 9283, and a
     path that crosses itself is not left by taking the other branch.
 
     Args:

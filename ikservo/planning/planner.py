@@ -483,7 +483,7 @@ class Planner:
         if self._parameters is None:
             return line
         joints = sample_states(line)[0]
-        for friction in (True, False):  # that it stays short by friction only is no refusal
+        for friction in (True, False):  # that it stays short by friction only is not a refusal
             loaded = limits_under_load(self._chain, self._parameters, joints, friction=friction)
             if loaded is None:
                 return line

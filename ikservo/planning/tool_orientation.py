@@ -58,7 +58,7 @@ class ToolOrientation:
             orientation.
 
     Raises:
-        BadValueError: They contradict each other, or are no finite numbers.
+        BadValueError: They contradict each other, or are not finite numbers.
     """
 
     pitch_rad: float | None = None

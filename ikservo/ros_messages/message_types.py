@@ -55,7 +55,7 @@ def decode(kind: str, data: bytes) -> Any:  # noqa: ANN401
     16 for each point of a trajectory.
 
     Raises:
-        InputError: It is no message of that type.
+        InputError: It is not a message of that type.
     """
     store = _store()
     layout = store.get_msgdef(kind)

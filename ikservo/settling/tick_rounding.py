@@ -265,7 +265,7 @@ class SettlingTarget:
         return error_m <= _REACHED_ERRORS * self._hidden_m
 
     def retarget_without(self, held: Collection[str], measured: Vector) -> list[int | None] | None:
-        """Compute the ticks of all joints when some can go no further; None if that is no help.
+        """Compute the ticks of all joints when some can go no further; None if that does not help.
 
         Args:
             held: The joints that stay where they are.

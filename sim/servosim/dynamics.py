@@ -206,7 +206,7 @@ class RigidArm:
         base: The pose of the base, see `base_pose`.
 
     Raises:
-        ArmFileError: The file is no usable URDF, or lacks one of the joints or the tip.
+        ArmFileError: The file is not a usable URDF, or lacks one of the joints or the tip.
         SimulatorError: There is a payload, and no tip that could hold it.
     """
 

@@ -71,7 +71,7 @@ class Fault:
             if name == "id" and value is None:
                 continue
             if name in _INTEGER_KEYS and (isinstance(value, bool) or not isinstance(value, int)):
-                raise FaultError(f"{name} = {value!r} is no whole number")
+                raise FaultError(f"{name} = {value!r} is not a whole number")
             if not lower <= value <= upper:
                 raise FaultError(f"{name} = {value!r} is not between {lower:g} and {upper:g}")
 

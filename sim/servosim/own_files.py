@@ -33,7 +33,7 @@ def read_toml(path: Path) -> dict[str, Any]:
 
     Raises:
         OSError: It cannot be read.
-        ValueError: It is no TOML, or would be too expensive to parse.
+        ValueError: It is not TOML, or would be too expensive to parse.
     """
     text = read_text(path)
     if any(line.count(".") > MAX_DOTS for line in text.split("\n")):
@@ -48,7 +48,7 @@ def parse_json(text: str | bytes) -> Any:  # noqa: ANN401
     """Parse the value of a JSON text.
 
     Raises:
-        ValueError: It is no JSON, or nested too deeply.
+        ValueError: It is not JSON, or nested too deeply.
     """
     try:
         return json.loads(text)

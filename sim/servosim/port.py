@@ -37,7 +37,7 @@ def open_port(url: str) -> SimulatedPort:
     """
     parts = urlsplit(url)
     if parts.scheme != "sim" or not parts.path:
-        raise SimulatorError(f"{url!r} is no address of a simulated bus; try sim:/path/arm.toml")
+        raise SimulatorError(f"{url!r} is not the address of a simulated bus; try sim:/arm.toml")
     query = _Query(parts.query)
     chosen = query.optional("seed")
     seed = None if chosen is None else int(chosen)
@@ -83,7 +83,7 @@ class _Query:
         try:
             return float(value)
         except ValueError as error:
-            raise SimulatorError(f"{key}={value} is no number") from error
+            raise SimulatorError(f"{key}={value} is not a number") from error
 
     def optional(self, key: str) -> float | None:
         """Return a value as a number, None where there is none."""

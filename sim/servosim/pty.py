@@ -29,7 +29,7 @@ def point_link(link: Path, port: Path) -> None:
     if link.is_symlink():
         link.unlink()
     elif link.exists():
-        raise SimulatorError(f"{link} is there already and is no link; choose another name")
+        raise SimulatorError(f"{link} is there already and is not a link; choose another name")
     link.symlink_to(port)
 
 

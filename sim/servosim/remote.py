@@ -184,7 +184,7 @@ class RemoteControl:
     def _lead_tip(self, request: Request) -> None:
         point_m = [_require_finite(value, "tip_m") for value in request["tip_m"]]
         if len(point_m) != 3:
-            raise SimulatorError(f"tip_m = {point_m} is no point; try [0.25, 0.05, 0.1]")
+            raise SimulatorError(f"tip_m = {point_m} is not a point; try [0.25, 0.05, 0.1]")
         speed = _require_finite(request.get("speed", HAND_SPEED), "speed", above=0.0)
         force = _require_finite(request.get("force", 10.0), "force", above=0.0)
         self._line.world.lead_tip(point_m, speed, force)
@@ -221,7 +221,7 @@ class RemoteControl:
 def _listen_at(path: Path) -> socket.socket:
     """Return a socket listening at a path; an older socket is replaced, anything else is not."""
     if path.exists() and not path.is_socket():
-        raise SimulatorError(f"{path} is there already and is no socket; choose another name")
+        raise SimulatorError(f"{path} is there already and is not a socket; choose another name")
     path.unlink(missing_ok=True)
     server = socket.socket(socket.AF_UNIX)
     server.setblocking(False)

@@ -149,7 +149,7 @@ def _parse_servos(text: str) -> list[BenchServo]:
     try:
         numbers = [number for part in ids.split(",") for number in _parse_range(part)]
     except ValueError as error:
-        raise argparse.ArgumentTypeError(f"{ids!r} are no ids; try 1-3:{wanted}") from error
+        raise argparse.ArgumentTypeError(f"{ids!r} are not ids; try 1-3:{wanted}") from error
     if not numbers:
         raise argparse.ArgumentTypeError(f"no id in {ids!r}; try 1-3:{wanted}")
     if not all(0 <= number <= 252 for number in numbers):
@@ -169,7 +169,7 @@ def _find_model(wanted: str) -> str | None:
 
 def _parse_rate(text: str) -> int:
     if not text.isascii() or not text.isdigit() or int(text) == 0:
-        raise argparse.ArgumentTypeError(f"{text!r} is no rate; try 1000000")
+        raise argparse.ArgumentTypeError(f"{text!r} is not a rate; try 1000000")
     return int(text)
 
 

@@ -68,7 +68,7 @@ def parse_cubes(text: str) -> tuple[Cube, ...]:
         try:
             x_m, y_m = (float(number) for number in place.split(","))
         except ValueError as error:
-            raise SimulatorError(f"{part!r} is no cube; try red@0.24,-0.06") from error
+            raise SimulatorError(f"{part!r} is not a cube; try red@0.24,-0.06") from error
         if colour not in COLOURS:
             raise SimulatorError(f"no cube is {colour!r}; known: {', '.join(COLOURS)}")
         if any(colour == other.colour for other in cubes):

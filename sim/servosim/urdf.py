@@ -194,7 +194,7 @@ def read_joints(path: Path, base: str = "") -> list[MovingJoint]:
     """Read the tree of moving joints, parents before children.
 
     Raises:
-        ArmFileError: The file is no URDF that can be used.
+        ArmFileError: The file is not a URDF that can be used.
     """
     return list(_walk_tree(path, base).joints)
 
@@ -203,7 +203,7 @@ def read_shapes(path: Path, base: str = "") -> list[BoxShape]:
     """Read the collision shapes and behind which moving joint each is, as `read_joints` counts.
 
     Raises:
-        ArmFileError: The file is no URDF that can be used, or a link of it collides as a mesh.
+        ArmFileError: The file is not a URDF that can be used, or a link of it collides as a mesh.
     """
     walk = _walk_tree(path, base)
     if walk.meshes:
@@ -216,7 +216,7 @@ def read_link_frame(path: Path, link: str, base: str = "") -> tuple[int, Matrix]
     """Read behind which moving joint a link is, as `read_joints` counts, and its frame there.
 
     Raises:
-        ArmFileError: The file is no URDF that can be used, or has no such link.
+        ArmFileError: The file is not a URDF that can be used, or has no such link.
     """
     frames = _walk_tree(path, base).link_frames
     if link not in frames:

@@ -72,7 +72,7 @@ def test_another_camera_of_the_arm_is_chosen_on_the_page(operator):
     page.wait_for_selector("#camera-names [value='film.avi'][aria-checked=true]")
     page.wait_for_selector("#views [value=camera]", state="detached")  # it was not calibrated
     operator.wait_for("!scene.camera.lens")
-    page.wait_for_selector("text=Clicks in the picture are no targets")
+    page.wait_for_selector("text=Clicks in the picture are not targets")
     picture = page.locator("#camera-picture")
     until(lambda: picture.evaluate("picture => picture.naturalWidth") == 64)
     assert page.inner_text("#camera-note") == "film.avi"

@@ -45,8 +45,8 @@ def test_a_bad_number_is_refused_in_one_sentence_and_nothing_moves(live):
     before = live.served.goals()
     field = row(live, "elbow_flex").locator("input[type=text]")
     for typed, words in [
-        ("twelve", "“twelve” is no number of degrees: elbow_flex stays."),
-        ("1e99", "“1e99” is no number"),
+        ("twelve", "“twelve” is not a number of degrees: elbow_flex stays."),
+        ("1e99", "“1e99” is not a number"),
         ("120", "elbow_flex cannot be at 120°: it goes from -96.8 to 96.8°"),
     ]:
         field.fill(typed)

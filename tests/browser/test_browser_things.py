@@ -63,7 +63,7 @@ def test_a_number_that_cannot_be_is_refused_in_a_sentence(operator):
     type_number(operator, "the ball 1: radius, mm", "-5")
     operator.page.wait_for_selector("#log :text('radius_m')")
     type_number(operator, "the ball 1: radius, mm", "wide")
-    operator.page.wait_for_selector("#log :text('is no number of millimetres')")
+    operator.page.wait_for_selector("#log :text('is not a number of millimetres')")
     assert scene_of(operator).things[0].row[15] == pytest.approx(0.03)
 
 

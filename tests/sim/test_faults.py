@@ -187,7 +187,7 @@ class TestFiles:
             ("[[fault]]\nid = 3\n", "a fault needs a kind"),
             ('[[fault]]\nkind = "late"\ndelay = 3\n', "a fault has no 'delay'"),
             ('[[fault]]\nkind = "late"\nid = "x"\n', "id = 'x' has the wrong kind"),
-            ('[[fault]]\nkind = "short"\nbytes = 1.5\n', "bytes = 1.5 is no whole number"),
+            ('[[fault]]\nkind = "short"\nbytes = 1.5\n', "bytes = 1.5 is not a whole number"),
             ('[[fault]]\nkind = "garbage"\nbytes = -1\n', "bytes = -1 is not between 0 and 4096"),
             ('[[fault]]\nkind = "alarm"\nbits = 256\n', "bits = 256 is not between 0 and 255"),
             ('[[fault]]\nkind = "late"\ndelay_s = nan\n', "delay_s = nan is not between"),

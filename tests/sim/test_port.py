@@ -165,7 +165,7 @@ def test_an_address_that_is_none_is_refused():
 @pytest.mark.parametrize(
     ("query", "message"),
     [
-        ("seed=x", "seed=x is no number"),
+        ("seed=x", "seed=x is not a number"),
         ("colour=red", "has no option 'colour'; known: backlash_deg, board, cubes, echo"),
     ],
 )

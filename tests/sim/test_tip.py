@@ -141,7 +141,7 @@ def test_the_control_socket_lets_go_of_one_joint_or_of_all(port):
 @pytest.mark.parametrize(
     ("request_", "error"),
     [
-        ({"tip_m": [0.2, 0.0]}, "is no point"),
+        ({"tip_m": [0.2, 0.0]}, "is not a point"),
         ({"tip_m": [0.2, 0.0, float("nan")]}, "tip_m = nan"),
         ({"tip_m": "here"}, "could not convert"),
         ({"tip_m": 3}, "not iterable"),

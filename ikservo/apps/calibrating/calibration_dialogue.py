@@ -202,7 +202,7 @@ def apply_answer(state: CalibrationState, text: str) -> CalibrationState:
     """Apply an answer to the state.
 
     Raises:
-        BadValueError: It is no answer.
+        BadValueError: It is not an answer.
         UnknownNameError: The arm has no joint of that name.
         CalibrationError: Something is missing before it can be accepted; names it.
     """
@@ -223,7 +223,7 @@ def read_script(path: Path) -> list[str]:
     """Read the answers in a file, one a line; ``#`` begins a comment.
 
     Raises:
-        FileFormatError: The file cannot be read, or a line is no answer.
+        FileFormatError: The file cannot be read, or a line is not an answer.
     """
     return read_answers(path, ANSWERS, _FORMER_VERBS)
 

@@ -82,7 +82,7 @@ class RangeTracker:
 _BLOCKED_S = 0.25
 _BLOCKED_RAD = 0.004  # less than three ticks of 4096
 _CONTACT_LOAD_PERCENT = 0.4  # fraction of its maximum, as the servo reports it
-_TIME_TOLERANCE_S = 1.5  # at rest for so long without load is no stop
+_TIME_TOLERANCE_S = 1.5  # at rest for so long without load is not a stop
 
 
 class ContactState(Enum):

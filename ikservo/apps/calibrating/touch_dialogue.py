@@ -38,7 +38,7 @@ def read_touch_script(path: Path) -> list[str]:
     """Read the answers in a file, one a line; after the last the touches are evaluated.
 
     Raises:
-        FileFormatError: The file cannot be read, or a line is no answer.
+        FileFormatError: The file cannot be read, or a line is not an answer.
     """
     return [*read_answers(path, TOUCH_ANSWERS), ACCEPT]
 

@@ -149,7 +149,7 @@ class ArmCamera:
         """Return the pixel (u, v) of a point (3,), metres, base frame; perhaps beside the picture.
 
         Raises:
-            BadValueError: It is no finite point.
+            BadValueError: It is not a finite point.
             InputError: It is not before the camera.
             CalibrationError: The arm has no calibrated camera, or it has moved since.
         """

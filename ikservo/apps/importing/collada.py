@@ -25,7 +25,7 @@ def check_collada(path: Path, place: str, data: bytes, max_elements: int) -> Non
         max_elements: The largest number of triangles and elements in the whole scene.
 
     Raises:
-        FileFormatError: It is too large, contains itself or is no plain XML.
+        FileFormatError: It is too large, contains itself or is not plain XML.
     """
     root = parse_xml(path, data.decode("utf-8", "replace"))
     elements, chars = _SceneSize(path, place, root).sum_up()

@@ -40,7 +40,7 @@ def read_stl(path: Path) -> NDArray[np.float64]:
         raise FileFormatError(path, "", f"cannot be read ({error.strerror})", expected) from error
     count = int.from_bytes(data[_HEAD_BYTES - 4 : _HEAD_BYTES], "little")
     if len(data) > _MAX_BYTES or len(data) != _HEAD_BYTES + count * _ROW.itemsize:
-        raise FileFormatError(path, "", "is no small binary STL", expected)
+        raise FileFormatError(path, "", "is not a small binary STL", expected)
     corners = np.frombuffer(data, _ROW, offset=_HEAD_BYTES)["corners"].astype(np.float64)
     if not len(corners) or not np.isfinite(corners).all():
         raise FileFormatError(path, "", "has no triangles", expected)

@@ -371,7 +371,7 @@ def _lost_motions(
     """Compute how volts, amperes (integrated) and joint differ between the two ways (k, places, 3).
 
     Each swing is compared with those before and after: what drifts evenly cancels. A motor whose
-    speed is not told from rest has stuck: what a step of its sensors would add up to is no motion.
+    speed is not told from rest has stuck: what a step of its sensors would add up to is not motion.
     """
     time_s, position = recording.time_s, recording.position[:, joint]
     current = recording.current_a[:, joint, 0]

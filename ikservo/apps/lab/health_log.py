@@ -81,7 +81,7 @@ def _parse_lines(path: Path, text: str) -> Iterator[HealthRecord]:
         try:
             fields: object = json.loads(line)
             if not isinstance(fields, dict):
-                raise FileFormatError(path, f"line {number}", "is no record", "an object")
+                raise FileFormatError(path, f"line {number}", "is not a record", "an object")
             yield HealthRecord.model_validate(fields)
         except ValidationError as error:
             raise first_issue(validation_issues(error, HealthRecord), path) from None

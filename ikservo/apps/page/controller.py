@@ -407,7 +407,7 @@ class SessionController:
         self._arm_thread.request_job(SetTipZero(found))
 
     def _choose_camera(self, message: msg.ChooseCamera, _client: Client) -> None:
-        """Show another camera; who looks through one that is no view sees the first view."""
+        """Show another camera; who looks through one that is not a view sees the first view."""
         if self._cameras is None:
             raise BadMessageError("This arm has no camera.")
         self._cameras.choose(message.camera)
@@ -519,7 +519,7 @@ class SessionController:
         try:
             return CameraView(self._arm, cameras.video, self._clock, cameras.name)
         except IkservoError as error:
-            self._interaction.log(f"Clicks in the picture are no targets: {error.message}")
+            self._interaction.log(f"Clicks in the picture are not targets: {error.message}")
             return None
 
     def _forget_targets(self) -> None:

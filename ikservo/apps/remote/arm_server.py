@@ -239,7 +239,7 @@ class ArmServer:
     # the lease
 
     def _on_setpoint(self, sample: zenoh.Sample) -> None:
-        with suppress(IkservoError):  # what is no setpoint is dropped
+        with suppress(IkservoError):  # what is not a setpoint is dropped
             setpoint = decode(Setpoint, sample.payload.to_bytes(), MAX_SETPOINT_BYTES)
             if self.lease.accept_setpoint(setpoint.lease, setpoint.number, setpoint.sent_s):
                 self._inbox.put(setpoint)

@@ -103,7 +103,7 @@ def make_keys(folder: Path, hosts: Sequence[str], *, overwrite: bool = False) ->
         The folders.
 
     Raises:
-        BadValueError: There are some already, or a host is no name and no address.
+        BadValueError: There are some already, or a host is neither a name nor an address.
         IkservoError: The extra ``net`` is not installed.
         FileWriteError: A file cannot be written; those of an earlier call are unchanged.
     """

@@ -196,7 +196,7 @@ class Connection:
         """Answer a request of the operator that needs no lease.
 
         Raises:
-            RefusedError: This machine's certificate is no operator's.
+            RefusedError: This machine's certificate is not an operator's.
             IkservoError: It failed there, or the connection is lost.
         """
         self._require_open()
@@ -234,7 +234,7 @@ class Connection:
         """Ask for the lease and the server's time.
 
         Raises:
-            RefusedError: Another program has it, or this machine's certificate is no operator's.
+            RefusedError: Another program has it, or this machine may not operate it.
         """
         key = keys.drive(self.address.name, "lease")
         self._require_open()
@@ -281,7 +281,7 @@ class Connection:
 
         def on_sample(sample: zenoh.Sample) -> None:
             nonlocal newest
-            with suppress(IkservoError):  # what is no such message is dropped
+            with suppress(IkservoError):  # other messages are dropped
                 news = decode(Announcement, sample.payload.to_bytes(), MAX_REQUEST_BYTES)
                 if news.number > newest and is_fresh(news.sent_s, self._server_now_s()):
                     newest = news.number

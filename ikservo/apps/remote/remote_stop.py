@@ -42,7 +42,7 @@ def stop_address(address: str) -> StopResult:
     """Stop the arm at an address, whoever controls it.
 
     Raises:
-        BadValueError: It is no address.
+        BadValueError: It is not an address.
         PortError: It cannot be reached, or has not confirmed the stop.
     """
     there = parse_address(address)
@@ -165,7 +165,7 @@ def _stop_result(data: bytes) -> StopResult:
     """Return the outcome in a reply; ``messages.result_of`` reads every reply, but loads much.
 
     Raises:
-        IkservoError: The error in the reply; or it is no reply to a stop.
+        IkservoError: The error in the reply; or it is not a reply to a stop.
     """
     reply: Any = None
     with contextlib.suppress(ValueError, RecursionError):

@@ -194,7 +194,7 @@ def result_of(data: bytes) -> object:
     """Return the result in a reply.
 
     Raises:
-        IkservoError: The error in the reply; or it is no valid reply.
+        IkservoError: The error in the reply; or it is not a valid reply.
     """
     reply = decode(ServiceReply, data, MAX_REPLY_BYTES)
     return decode_value(cast("JsonValue", result_in(reply.model_dump())))
@@ -204,7 +204,7 @@ def arguments_of(values: Mapping[str, object]) -> dict[str, JsonValue]:
     """Return arguments of a service as JSON values: arrays as lists.
 
     Raises:
-        InputError: One is no number, text, list or mapping of these.
+        InputError: One is not a number, text, list or mapping of these.
     """
     return {name: _as_json(name, value) for name, value in values.items()}
 

@@ -30,7 +30,7 @@ class ZenohNetwork:
         """Open the arm at an address.
 
         Raises:
-            BadValueError: It is no address.
+            BadValueError: It is not an address.
             PortError: It cannot be reached, or no arm of that name is served there.
             InputError: The arm there has other joints than the model.
         """
@@ -45,7 +45,7 @@ class ZenohNetwork:
         """Stop the arm at an address, whoever controls it.
 
         Raises:
-            BadValueError: It is no address.
+            BadValueError: It is not an address.
             PortError: It cannot be reached, or has not confirmed the stop.
         """
         return stop_address(address)

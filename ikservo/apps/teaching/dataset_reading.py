@@ -84,7 +84,7 @@ def read_dataset(folder: Path, what: str = "state") -> Dataset:
         UnknownNameError: ``what`` is neither of the two.
         InputError: The folder is none of a data set.
         IkservoError: pyarrow is not installed.
-        FileFormatError: It is no data set of version 3, or has no joints; says where.
+        FileFormatError: It is not a data set of version 3, or has no joints; says where.
     """
     if what not in COLUMNS:
         raise UnknownNameError("column", what, COLUMNS)

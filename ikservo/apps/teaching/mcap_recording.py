@@ -96,7 +96,7 @@ class RecordedArm:
     calibration: str = ""
 
     def urdf(self) -> str:
-        """Return its description; empty where it is no URDF.
+        """Return its description; empty where it is not a URDF.
 
         Raises:
             FileFormatError: A file has changed since it was loaded, and cannot be read any more.
@@ -309,7 +309,7 @@ def read_attachment(path: Path, name: str) -> str | None:
     """Read the text of an attachment of an MCAP file; None where it has none.
 
     Raises:
-        FileFormatError: It cannot be read, or the attachment is no text.
+        FileFormatError: It cannot be read, or the attachment is not text.
     """
     from mcap.records import Attachment  # noqa: PLC0415
 

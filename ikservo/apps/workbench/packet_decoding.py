@@ -14,12 +14,12 @@ from ikservo.registers import ControlTable, Register
 
 @dataclass(frozen=True, slots=True)
 class DecodedPacket:
-    """A packet, or bytes that are none.
+    """A packet, or bytes that are not a packet.
 
     Attributes:
         time_s: When its first byte was recorded, seconds.
         sent: Whether it is an instruction; a reply otherwise.
-        servo_id: The servo; 254 for all; None where the bytes are no packet.
+        servo_id: The servo; 254 for all; None if the bytes are not a packet.
         meaning: The packet in words.
         error: The error of the packet; empty for a good one.
         data: Its bytes.

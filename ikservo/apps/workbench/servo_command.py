@@ -262,7 +262,7 @@ def _parse_frequencies(text: str | None) -> tuple[float, float] | None:
         return None
     match = re.fullmatch(r"([0-9]{1,3}(?:\.[0-9]{1,6})?)(?:,([0-9]{1,3}(?:\.[0-9]{1,6})?))?", text)
     if match is None:
-        raise InputError(f"{text!r} is no frequency.", "As in: --sine 2, or --sine 0.5,5")
+        raise InputError(f"{text!r} is not a frequency.", "As in: --sine 2, or --sine 0.5,5")
     return float(match[1]), float(match[2] or match[1])
 
 
@@ -287,7 +287,7 @@ def _open_line(
             raise InputError("--model and --baud belong to servos of no arm.", "Omit --arm.")
         return open_servos(model_from_option(arm), port)
     if servo_id is not None and not servo_id.isdecimal():
-        raise InputError(f"{servo_id!r} is no id.", "Name its joint with --arm, or give an id.")
+        raise InputError(f"{servo_id!r} is not an id.", "Name its joint with --arm, or give an id.")
     number = None if servo_id is None else int(servo_id)
     table = find_table(servo_model) if servo_model else None
     return open_servos(None, port, servo_id=number, table=table, baud_rate=baud)

@@ -271,7 +271,7 @@ def find_turning_servo(arm: Arm, joint: str) -> ServoSpec:
     if not found:
         raise UnknownNameError("joint", joint, [each.name for each in servos])
     if found[0].name not in arm.chain.names:
-        raise InputError(f"{found[0]} is no joint of the chain.", "Name one that moves the tip.")
+        raise InputError(f"{found[0]} is not a joint of the chain.", "Name one that moves the tip.")
     return found[0]
 
 

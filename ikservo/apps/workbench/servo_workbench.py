@@ -306,7 +306,7 @@ def parse_register_value(register: Register, text: str) -> int:
     """Parse the raw number of a value: a plain integer is raw, a number with a unit a quantity.
 
     Raises:
-        InputError: It is no number, or the unit is not that of the register.
+        InputError: It is not a number, or the unit is not that of the register.
     """
     if re.fullmatch(r"[+-]?[0-9]{1,12}|0[xX][0-9a-fA-F]{1,9}", text):
         return int(text, 0) if "x" in text.lower() else int(text)
@@ -316,7 +316,7 @@ def parse_register_value(register: Register, text: str) -> int:
         units = [name for name, (symbol, _) in _UNITS.items() if symbol == register.unit.symbol]
         listed = f", or a number with {' or '.join(units)}" if units else ""
         raise InputError(
-            f"{text!r} is no value of {register}.", f"Give the raw integer of the sheet{listed}."
+            f"{text!r} is not a value of {register}.", f"Give the raw integer of the sheet{listed}."
         )
     return register.to_raw(float(match[1]) * size)
 

@@ -72,7 +72,7 @@ def test_a_quantity_is_written_and_shown(session):
     ("register", "value", "said"),
     [
         ("torque_limit", "1001", "outside"),
-        ("torque_limit", "much", "is no value"),
+        ("torque_limit", "much", "is not a value"),
         ("present_load", "3", "read-only"),
         ("p_gian", "3", "p_gain"),
     ],

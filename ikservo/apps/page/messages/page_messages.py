@@ -403,7 +403,7 @@ def read_hello(text: str) -> Hello:
     """Parse the first message of a connection.
 
     Raises:
-        BadMessageError: It is no valid ``Hello``.
+        BadMessageError: It is not a valid ``Hello``.
     """
     return validate_message(_HELLO, text)
 

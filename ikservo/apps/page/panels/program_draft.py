@@ -105,7 +105,7 @@ class ProgramDraft:
         """Set the speed of a step, or the duration of a wait.
 
         Raises:
-            InputError: The step is gone, or is no wait.
+            InputError: The step is gone, or is not a wait.
         """
         place = self.place_of(number)
         old = self.steps[place].step

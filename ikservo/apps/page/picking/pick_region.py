@@ -39,7 +39,7 @@ def square_fits(
     rows: Matrix,
     found: Matrix,
 ) -> bool:
-    """Check whether arrays have the shapes that ``find_in_square`` needs; half is no NaN."""
+    """Check whether arrays have the shapes that ``find_in_square`` needs; half is not NaN."""
     return (
         len(T_view_link) == len(roots)
         and T_view_link.shape[1] == 12

@@ -37,7 +37,7 @@ class JobObserver(Protocol):
         ...
 
     def on_torque_off(self) -> None:
-        """Read the arm after its torque was switched off, which is no loss of torque then."""
+        """Read the arm after its torque was switched off, which is not a loss of torque then."""
         ...
 
     def reopen(self) -> None:

@@ -51,7 +51,7 @@ from ikservo.serving.lease import ArmLease
 JERK_FACTOR = 8.0
 """Of the jerk of a speed class while a pointer is followed: its short ways are all jerk."""
 
-_SETTLE_AFTER_S = 0.4  # so short a pause of a drag is no end of it
+_SETTLE_AFTER_S = 0.4  # so short a pause of a drag is not an end of it
 _POLL_PERIOD_S = 0.033  # while no session runs
 _STATE_PERIOD_S = 1.0
 _TELEMETRY_PERIOD_S = 0.1  # of what the control loop has read anyway
@@ -248,7 +248,7 @@ class ArmThread:
         self._record_history()
 
     def on_torque_off(self) -> None:
-        """Read the arm after its torque was switched off, which is no loss of torque then."""
+        """Read the arm after its torque was switched off, which is not a loss of torque then."""
         self.snapshot = replace(self._update_positions(), reference=None)
 
     def reopen(self) -> None:

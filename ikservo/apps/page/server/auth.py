@@ -84,7 +84,7 @@ def is_allowed_origin(
 ) -> bool:
     """Check whether a request comes from our own page, or from a user who opens it.
 
-    A foreign host name that resolves to this machine (DNS rebinding) is no own address, and a
+    A foreign host name that resolves to this machine (DNS rebinding) is not our own address, and a
     page of another site has another origin.
 
     Args:

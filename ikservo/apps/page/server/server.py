@@ -352,7 +352,7 @@ class BoundAddress:
         certificate: Serve by TLS with it; None for plain HTTP.
 
     Raises:
-        PortError: It is no address of this machine, or in use.
+        PortError: It is not an address of this machine, or in use.
     """
 
     def __init__(

@@ -1,4 +1,4 @@
-// A text field for a number with a unit. What is no number is refused here, and nothing is sent.
+// A text field for a number with a unit. Other text is refused here, and nothing is sent.
 
 import { createElement, setAttribute } from "./elements.js";
 
@@ -24,7 +24,7 @@ export class NumberField {
     const value = parseNumber(this.element.value);
     this.dirty = false;
     setAttribute(this.element, "aria-invalid", value === null);
-    if (value === null) this.refuse(`“${this.element.value.slice(0, 20)}” is no number of ${this.unit === "°" ? "degrees" : "millimetres"}: ${this.label} stays.`);
+    if (value === null) this.refuse(`“${this.element.value.slice(0, 20)}” is not a number of ${this.unit === "°" ? "degrees" : "millimetres"}: ${this.label} stays.`);
     else this.submit(value);
   }
 

@@ -20,7 +20,7 @@ export class PointerInput {
     this.pendingDown = null; // message of a finger that has neither moved nor lifted yet
     this.fingers = null; // positions of two fingers by pointer id: they move the view
     this.pendingOrbit = null;
-    this.take = null; // called with the place of the next press, which is no gesture then
+    this.take = null; // called with the place of the next press, which is not a gesture then
     canvas.addEventListener("pointerdown", (event) => this.onDown(event));
     canvas.addEventListener("pointermove", (event) => this.onMove(event));
     canvas.addEventListener("pointerup", (event) => this.onEnd(event, "up"));

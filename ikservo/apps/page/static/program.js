@@ -68,7 +68,7 @@ export class Program {
   sendOptions({ speed = this.program.speed }) {
     const repeat = parseNumber($("program-repeat").value);
     if (repeat === null || !Number.isInteger(repeat) || repeat < 1) {
-      this.refuse(`“${$("program-repeat").value.slice(0, 20)}” is no number of times: a whole number from 1.`);
+      this.refuse(`“${$("program-repeat").value.slice(0, 20)}” is not a number of times: a whole number from 1.`);
       $("program-repeat").value = this.program.repeat;
     } else this.send("set_program", { speed, repeat });
   }
@@ -144,7 +144,7 @@ export class Program {
       const value = parseNumber(field.value);
       if (value > 0 && value <= 3600) this.send("change_step", { step: number, speed, wait_s: value });
       else {
-        this.refuse(`“${field.value.slice(0, 20)}” is no time to wait: more than 0 and at most 3600 seconds.`);
+        this.refuse(`“${field.value.slice(0, 20)}” is not a waiting time: more than 0 and at most 3600 seconds.`);
         field.value = wait_s;
       }
     };

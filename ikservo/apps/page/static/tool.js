@@ -37,7 +37,7 @@ export class Tool {
     this.dirty = false;
     const direction = this.direction.value.trim().split(/[\s;]+/).map(parseNumber);
     if (direction.length === 3 && !direction.includes(null)) this.send("point_tool", { direction });
-    else this.refuse(`“${this.direction.value.slice(0, 30)}” is no direction: three numbers such as 0 0 -1. The tool stays.`);
+    else this.refuse(`“${this.direction.value.slice(0, 30)}” is not a direction: give three numbers such as 0 0 -1. The tool stays.`);
   }
 
   show({ tool }, movable) {

@@ -82,7 +82,7 @@ class RosNode:
         return _Publisher(publisher)
 
     def subscribe(self, topic: Topic, on_message: Callable[[Any], None]) -> None:
-        """Announce a subscription; what is no message of its type is dropped with a warning."""
+        """Announce a subscription; what is not a message of its type is dropped with a warning."""
         senders = _Senders()
 
         def take(sample: zenoh.Sample) -> None:

@@ -162,7 +162,7 @@ def _tolerances(rows: Sequence[Any], usual: Mapping[str, float]) -> dict[str, fl
     """Compute the largest deviation of each joint, rad or m.
 
     Raises:
-        BadValueError: One is no number.
+        BadValueError: One is not a number.
     """
     found = dict(usual)
     for row in rows:
