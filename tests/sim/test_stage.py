@@ -135,7 +135,7 @@ def test_a_cube_that_is_pushed_moves_and_another_one_stays():
         ("physics=1&cubes=red@0.2,0;red@0.3,0", "one red cube only"),
         ("physics=1&cubes=red@nan,0", "within 2 m"),
         ("physics=1&cubes=red@5,0", "within 2 m"),
-        ("board=off", "board=off is no number"),
+        ("board=off", "board=off is not a number"),
     ],
 )
 def test_cubes_that_cannot_be_are_refused(options, why):
