@@ -37,7 +37,9 @@ def open_port(url: str) -> SimulatedPort:
     """
     parts = urlsplit(url)
     if parts.scheme != "sim" or not parts.path:
-        raise SimulatorError(f"{url!r} is not the address of a simulated bus; try sim:/arm.toml")
+        raise SimulatorError(
+            f"{url!r} is not the address of a simulated bus; try sim:/path/arm.toml"
+        )
     query = _Query(parts.query)
     chosen = query.optional("seed")
     seed = None if chosen is None else int(chosen)
