@@ -13,9 +13,8 @@ Positions are metres in the arm's base frame, joints radians (metres for prismat
 Names are imported when they are first used, so that the command line starts at once.
 """
 
+from importlib import import_module
 from typing import TYPE_CHECKING, Any
-
-from ikservo.app_discovery import all_apps, load_place
 
 if TYPE_CHECKING:
     __version__: str
@@ -179,19 +178,25 @@ def __getattr__(name: str) -> Any:  # noqa: ANN401  # apps add names
         from importlib.metadata import version  # noqa: PLC0415  # takes longer than --help may
 
         return version("ikservo")
-    value = globals()[name] = load_place(_place_of(name))
-    return value  # from now on found without this function
-
-
-def _place_of(name: str) -> str:
     if name in _HOMES:
-        return f"ikservo.{_HOMES[name]}:{name}"
+        value = getattr(import_module(f"ikservo.{_HOMES[name]}"), name)
+    else:
+        value = _find_in_apps(name)
+    globals()[name] = value  # from now on found without this function
+    return value
+
+
+def _find_in_apps(name: str) -> Any:  # noqa: ANN401
     if not name.startswith("_"):
+        from ikservo.app_discovery import all_apps, load_place  # noqa: PLC0415  # of --help, too
+
         for app in all_apps():
             if name in app.names:
-                return app.names[name]
+                return load_place(app.names[name])
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}", name=name)
 
 
 def __dir__() -> list[str]:
+    from ikservo.app_discovery import all_apps  # noqa: PLC0415
+
     return sorted([*__all__, *(name for app in all_apps() for name in app.names)])
