@@ -292,6 +292,22 @@ def test_a_limp_arm_takes_the_path_that_is_shown_unless_a_hand_has_moved_it_sinc
         expect_along(plan, run_job(session))
 
 
+def test_path_of_arm_that_sags_is_planned_again_and_carried_out():
+    with ViewSession() as session:
+        session.arm.disable_torque()
+        for _ in range(100):
+            session.arm_thread.step()
+        session.send_message(page_messages.GoToPose, name="home")
+        session.go_there()
+        for joint in ("shoulder_lift", "wrist_roll"):
+            place = line_of(session.arm).world.place
+            place(joint, true_joints(session.arm)[joint] + 0.06)
+        assert len(run_job(session)) > 0
+        home = session.arm.model.pose("home")
+        for joint, angle in true_joints(session.arm).items():
+            assert angle == pytest.approx(home[joint], abs=math.radians(2.0)), joint
+
+
 def expect_along(plan, setpoints):
     planned = plan.sample(0.002).positions
     assert len(setpoints) > 50
