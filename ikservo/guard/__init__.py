@@ -20,6 +20,7 @@ from ikservo.guard.monitors import (
     ServoTelemetry,
     TrackingMonitor,
     alarm_hint,
+    power_lost_error,
     torque_lost_error,
 )
 from ikservo.guard.overload import OverloadMonitor, OverloadRule
@@ -49,6 +50,7 @@ __all__ = [
     "Weight",
     "alarm_hint",
     "nearest_free_posture",
+    "power_lost_error",
     "refine_path",
     "sag_of",
     "sample_line",
