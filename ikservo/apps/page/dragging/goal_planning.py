@@ -98,15 +98,15 @@ class PlanRequest:
     def change_since(self, before: PlanRequest) -> str:
         """Say what has changed since another request; nothing where its plan may be carried out."""
         if self.goal is not before.goal:
-            return "another target was chosen"
+            return "Another target was chosen"
         if (np.abs(self.start - before.start) > self.near).any():
-            return "the arm was moved"
+            return "The arm has moved since"
         if self._around != before._around:
-            return "what is around the arm has changed"
+            return "What is around the arm has changed"
         is_too_fast = self.allowed_speed == "slow" != before.allowed_speed
         if self.speed != before.speed or is_too_fast:
-            return "its speed has changed"
-        return "" if self.stops == before.stops else "the arm was stopped"
+            return "Its speed has changed"
+        return "" if self.stops == before.stops else "The arm was stopped"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -137,8 +137,7 @@ class PlannedPath:
         """
         change = now.change_since(self.request)
         if change and not now.has_sagged_since(self.request):
-            message = f"The path is planned again: {change}."
-            raise RefusedError(message, "Nothing moves before that.")
+            raise RefusedError(f"{change}; planning again.", "Then press Go there again.")
         if self.refusal is not None:
             raise RefusedError(self.refusal.reason, "Nothing moves. Choose another target.")
         if self.plan is None:
