@@ -264,7 +264,7 @@ def test_a_servo_that_replies_with_positions_but_no_status_stops_the_arm(arm, mo
 
 @pytest.mark.sample(1)
 @pytest.mark.parametrize(("for_s", "silent"), [(1e3, ""), (0.02, ""), (0.02, "4")])
-def test_power_cut_in_motion_is_told_as_such(either, for_s, silent):
+def test_power_cut_in_motion_is_named(either, for_s, silent):
     world = line_of(either).world
     servos = {servo.id: servo for servo in world.servos}
 

@@ -72,14 +72,14 @@ def test_a_joint_that_was_not_swept_has_no_ends_to_judge_its_zero_by():
     assert [found.subject.name for found in find_shifted_zeros(hand.state)] == ["b"]
 
 
-def test_smaller_shift_by_hand_is_told_but_not_asked():
+def test_smaller_shift_by_hand_is_a_notice():
     hand = Hand(subject(), start=0).rest().accept()
     ends = [round(7.0 / 360 * TURN + end / math.tau * TURN) for end in (-1.5, 1.5)]
     tracks = {1: replace(hand.state.tracks[1], low=ends[0], high=ends[1])}
     state = replace(hand.state, tracks=tracks)
-    (told,) = check_zeros(state, "rest", "so101")
-    assert isinstance(told, Notice)
-    assert "the zero seems to be off by 7.0°" in told.text
+    (notice,) = check_zeros(state, "rest", "so101")
+    assert isinstance(notice, Notice)
+    assert "the zero seems to be off by 7.0°" in notice.text
     after_drive = [*check_zeros_answers(state)]
     assert isinstance(after_drive[-1], Question)
 
