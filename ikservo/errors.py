@@ -465,9 +465,11 @@ class CollisionError(BlockedError):
     def __init__(self, pair: tuple[str, str], depth_m: float, fraction: float) -> None:
         self.pair = pair
         cause = f"{pair[0]} would touch {pair[1]}"
+        percent = round(100.0 * fraction)
+        where = "inside it at the goal" if percent == 100 else f"deep, at {percent} % of the path"
         super().__init__(
             cause,
-            f"{cause}: {depth_m * 1e3:.1f} mm deep, at {fraction * 100:.0f} % of the path.",
+            f"{cause}: {depth_m * 1e3:.1f} mm {where}.",
             "Choose another target, go by way of another pose, or correct the obstacles.",
         )
 

@@ -207,9 +207,13 @@ def _goal_position(context: ArmContext, gripper: Gripper, motion: MoveGripper) -
         return min(max(gripper.open if motion.to == "open" else gripper.closed, low), high)
     width_m, known = motion.width_m, gripper.range_m()
     if known is None:
-        raise BadValueError(
-            "The width", f"{width_m:g} m", "open or close: the arm file has no widths ([gripper])"
+        joint = context.model.joint(gripper.joint)
+        middle = joint.joint_map.format(0.5 * (low + high)).strip().rstrip("°").replace(" ", "")
+        expected = (
+            f"open or close: the arm file has no widths ([gripper]). Or give the joint's "
+            f"position, as in: ikservo joints {gripper.joint}={middle}"
         )
+        raise BadValueError("The width", f"{width_m:g} m", expected)
     if not known[0] - 1e-9 <= width_m <= known[1] + 1e-9:
         raise BadValueError("The width", f"{width_m:g} m", f"{known[0]:.3f} to {known[1]:.3f} m")
     return min(max(gripper.position(width_m), low), high)

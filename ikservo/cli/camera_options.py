@@ -56,6 +56,6 @@ class CameraOptions:
     by_hand: Annotated[
         bool,
         typer.Option(
-            "--by-hand", help="With --camera: you move the limp arm in front of the camera."
+            "--by-hand", help="With --camera: move the limp arm by hand where the camera sees it."
         ),
     ] = False

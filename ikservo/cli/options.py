@@ -223,14 +223,17 @@ class ToolOptions:
         return ToolOrientation(*turned, within_rad=self.within_rad)
 
 
+SceneOption = Annotated[
+    Path | None,
+    typer.Option("--scene", metavar="FILE", help="TOML file of the things around the arm."),
+]
+
+
 @dataclass(frozen=True, kw_only=True)
 class PathOptions:
     """What stands around the arm, and what the tool keeps to all the way."""
 
-    scene: Annotated[
-        Path | None,
-        typer.Option("--scene", metavar="FILE", help="TOML file of the things around the arm."),
-    ] = None
+    scene: SceneOption = None
     upright_rad: Annotated[
         float | None,
         typer.Option(

@@ -246,12 +246,17 @@ class ServoRamLimits:
         if self._read_tripped(servo_id) is not False:
             raise _pause_error()
 
-    def reset_markers(self, servo_id: int) -> Mapping[Register, int]:
-        """Compute the RAM registers of a servo, and their values unless it was reset."""
+    def reset_markers(self, servo_id: int, *, watchdog: bool = True) -> Mapping[Register, int]:
+        """Compute the RAM registers of a servo, and their values unless it was reset.
+
+        Args:
+            servo_id: The servo.
+            watchdog: Whether its watchdog, if armed, is among them.
+        """
         if servo_id not in self._expected:
             return {}
         registers, expected = self._limit_registers(servo_id), self._expected[servo_id]
-        if self._armed and servo_id in self.watchdog_ids:
+        if watchdog and self._armed and servo_id in self.watchdog_ids:
             return expected | {registers["bus_watchdog"]: _WATCHDOG_COUNTS}
         return expected
 

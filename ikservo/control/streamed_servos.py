@@ -22,6 +22,8 @@ from ikservo.errors import (
     IkservoError,
     RefusedError,
     RegisterAccessError,
+    ServoAlarmError,
+    ServoSilentError,
     StoppedError,
 )
 from ikservo.guard import (
@@ -30,6 +32,7 @@ from ikservo.guard import (
     OverloadMonitor,
     StopReason,
     TrackingMonitor,
+    power_lost_error,
     torque_lost_error,
 )
 from ikservo.hardware.bus import ServoBus
@@ -265,8 +268,14 @@ class StreamedServos:
             self.torque.loop_ended()
             self.stop_request.raise_if_set()  # requested after the last cycle
         except BaseException as error:
-            self.hold(self._reason_of(error))
-            self.torque.faulted()
+            cause = error
+            try:
+                cause = self._find_power_loss(error) or error
+            finally:
+                self.hold(self._reason_of(cause))
+                self.torque.faulted()
+            if cause is not error:
+                raise cause from error
             raise
         finally:
             self.torque.loop_ended()
@@ -417,6 +426,24 @@ class StreamedServos:
     def _torque_error(self, error: RegisterAccessError) -> IkservoError:
         limp = self._limp_joints()
         return torque_lost_error(limp) if limp else error
+
+    def _find_power_loss(self, error: BaseException) -> IkservoError | None:
+        """Return the error to raise where no servo kept its torque and settings; else None."""
+        if not isinstance(error, (ServoSilentError, ServoAlarmError)):
+            return None
+        with contextlib.suppress(Exception):
+            self._hold_goals()  # those that are well do not wait for what follows
+        on = {i: servo.table.torque_enable for i, servo in self._bus.servos.items()}
+        markers = {i: self._limits.reset_markers(i, watchdog=False) for i in on}
+        try:
+            read = self._bus.bulk_read({i: [on[i], *markers[i]] for i in on}, raw=True).values
+        except IkservoError:  # the port is lost: nothing is known of the servos
+            return None
+        holds = {i for i, row in read.items() if row[on[i]]}
+        if any(read[i].items() >= markers[i].items() for i in holds):
+            return None
+        silent = [d.joint for d in self.driven_joints if d.servo_id not in read]
+        return power_lost_error(self.names, silent, holds=bool(holds))
 
     def _limp_joints(self) -> list[str]:
         return [

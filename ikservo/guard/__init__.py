@@ -18,6 +18,7 @@ from ikservo.guard.monitors import (
     ServoTelemetry,
     TrackingMonitor,
     alarm_hint,
+    power_lost_error,
     torque_lost_error,
 )
 from ikservo.guard.overload import OverloadMonitor, OverloadRule
@@ -43,6 +44,7 @@ __all__ = [
     "StopReason",
     "TrackingMonitor",
     "alarm_hint",
+    "power_lost_error",
     "refine_path",
     "sample_line",
     "sample_path",

@@ -23,6 +23,7 @@ __all__ = [
     "ServoTelemetry",
     "TrackingMonitor",
     "alarm_hint",
+    "power_lost_error",
     "torque_lost_error",
 ]
 
@@ -330,6 +331,29 @@ def alarm_hint(alarms: Container[str]) -> str:
 _RESET_HINT = (
     "Its supply voltage may have dropped. Check power and cables, then start the motion again."
 )
+
+
+def power_lost_error(
+    joints: Sequence[str], silent: Sequence[str], *, holds: bool
+) -> ServoAlarmError | ServoSilentError:
+    """Return the error of an arm that has lost its power in a motion.
+
+    Args:
+        joints: All joints.
+        silent: Those whose servos do not answer.
+        holds: Whether a servo has switched its torque on again.
+    """
+    if len(silent) == len(joints):
+        found = "has most likely lost its power, has fallen and is limp: no servo answers"
+        hint = "Support it: if only the data cable is loose, it still holds. Then check the power."
+        return ServoSilentError(found, hint, servo="The arm")
+    now = "and holds where it is now" if holds else "and is limp"
+    found = f"has lost its power, has fallen {now}"
+    if silent:
+        verb = "does" if len(silent) == 1 else "do"
+        found = f"{found}; {', '.join(silent)} {verb} not answer"
+        return ServoSilentError(found, _RESET_HINT, servo="The arm")
+    return ServoAlarmError(f"The arm {found}: every servo was reset.", _RESET_HINT)
 
 
 def torque_lost_error(joints: Sequence[str]) -> ServoAlarmError:

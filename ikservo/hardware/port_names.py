@@ -122,4 +122,9 @@ def real_time_port(port: str | None) -> str | None:
     """Return the port; a simulated one is set to run in real time."""
     if port is None or not is_simulated(port) or "paced=" in port:
         return port
-    return f"{port if ':' in port else port + ':'}{'&' if '?' in port else '?'}paced=1"
+    return with_simulator_option(port, "paced=1")
+
+
+def with_simulator_option(port: str, option: str) -> str:
+    """Return the name of a simulated port with one more option, such as ``paced=1``."""
+    return f"{port if ':' in port else port + ':'}{'&' if '?' in port else '?'}{option}"

@@ -260,3 +260,29 @@ def test_a_servo_that_replies_with_positions_but_no_status_stops_the_arm(arm, mo
     monkeypatch.setattr(servo_group(arm)._health_poller, "_read_registers", lambda *_: None)
     with pytest.raises(RefusedError, match=r"No status \(temperature, voltage, load\) from"):
         arm.move_joints({"shoulder_pan": 0.8})
+
+
+@pytest.mark.sample(1)
+@pytest.mark.parametrize(("for_s", "silent"), [(1e3, ""), (0.02, ""), (0.02, "4")])
+def test_power_cut_in_motion_is_named(either, for_s, silent):
+    world = line_of(either).world
+    servos = {servo.id: servo for servo in world.servos}
+
+    def restore():
+        for number, servo in servos.items():
+            if str(number) != silent:
+                servo.power_up()
+
+    def cut():
+        for servo in servos.values():
+            servo.power_down()
+        world.schedule(world.time_s + for_s, restore)
+
+    world.schedule(world.time_s + 0.5, cut)
+    expected = (ServoSilentError, ServoAlarmError)
+    with pytest.raises(expected, match=r"^The arm has .*lost its power, has fallen and") as caught:
+        swing(either)
+    assert isinstance(caught.value, ServoSilentError) == bool(silent or for_s > 1.0)
+    if silent:
+        assert joint_of(either, 4) in caught.value.message
+    assert "lost its power" in either.stopped_for

@@ -314,6 +314,7 @@ class AutoCalibration:
         names = frozenset(subject.name for subject in state.subjects)
         self.state = replace(state, known_signs=names, motor_driven=True)
         self.partial_limits: dict[str, Limits] = {}
+        self._place = ""  # of the joint whose stops are searched, among all
 
     def run(self) -> Dialogue[CalibrationState]:
         """Show each joint's direction, search the stops, and return the state for review.
@@ -339,7 +340,8 @@ class AutoCalibration:
             RefusedError: The guard stopped it; the arm holds.
         """
         with self.arm.runner.requested():
-            for subject in reversed(self.state.subjects):
+            for number, subject in enumerate(reversed(self.state.subjects), 1):
+                self._place = f"joint {number} of {len(self.state.subjects)}"
                 if can_probe(subject, self.state):
                     yield from self._sweep_joint(subject)
                 elif subject.known is not None:
@@ -399,7 +401,7 @@ class AutoCalibration:
         for posture in path:
             self._move_to_posture(posture)
         near = subject.joint_map.format(end.expected)
-        yield Notice(f"{end.joint}: searching its end stop near {near}.")
+        yield Notice(f"{end.joint}: searching its end stop near {near} ({self._place}).")
         found = self._press_against(end, subject, _TORQUE_FRACTIONS[0])
         for fraction in _TORQUE_FRACTIONS[1:]:
             if is_end_stop(found, end, subject):

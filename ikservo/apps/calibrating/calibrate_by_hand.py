@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Generator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 
 import typer
@@ -27,8 +28,8 @@ from ikservo.cli.quantities import parse_angle_rad, parse_length_m
 from ikservo.cli.terminal import print_json, print_lines, print_status
 from ikservo.cli.terminal_dialogue import Operator
 from ikservo.errors import BadValueError, StoppedError
-from ikservo.hardware.port_names import is_simulated
-from ikservo.maintenance.arm_sketch import ascii_sketch
+from ikservo.hardware.port_names import is_simulated, with_simulator_option
+from ikservo.maintenance.dialogue import ScriptedAnswers
 from ikservo.maintenance.direction_check import confirm_directions, directions_confirmed
 from ikservo.model import Model
 
@@ -41,8 +42,13 @@ def calibrate(
     *,
     json: bool,
 ) -> None:
-    """Run a calibration by hand, and save its result."""
+    """Run a calibration by hand, and save its result; a hand of the simulator moves its arm."""
     options.check(model)
+    if port is not None and is_simulated(port) and "?" not in port:
+        port = with_simulator_option(port, f"pose={options.pose}&hand=calibrate")
+        operator = replace(operator, script=operator.script or ScriptedAnswers(None), yes=True,
+                           interactive=False)  # fmt: skip
+        print_status("A simulated hand moves the joints of the simulated arm and answers.")
     with open_torque_off(model, port) as limp_arm:
         base = base_calibration(limp_arm, options.joints) if options.joints else None
         known = base is None or directions_confirmed(model, limp_arm.bus.port.name)
@@ -83,8 +89,22 @@ def print_servos(limp_arm: TorqueOffArm, pose: str) -> None:
     print_status(
         f"{limp_arm.model.title} on {limp_arm.bus.port.name}: {listed}, firmware {firmware}."
     )
-    for line in ascii_sketch(limp_arm.model, limp_arm.model.joints[-1].name, pose)[:-1]:
-        print_status(f"    {line}")
+    print_status(pose_description(limp_arm.model, pose))
+
+
+def pose_description(model: Model, pose: str) -> str:
+    """Describe where the tip is in a named pose.
+
+    Raises:
+        UnknownNameError: The arm has no such pose.
+    """
+    x, y, z = (1000.0 * model.chain.forward(model.chain_pose(pose))[:3, 3]).tolist()
+    ahead = f"{abs(x):.0f} mm {'in front of' if x >= 0.0 else 'behind'} the base"
+    aside = f", {abs(y):.0f} mm to its {'left' if y > 0.0 else 'right'}" if abs(y) >= 1.0 else ""
+    height_m = z - 1000.0 * (model.floor_m or 0.0)
+    return (
+        f'In the pose "{pose}", the tip is {ahead}{aside}, and {height_m:.0f} mm above the table.'
+    )
 
 
 def parse_limits(model: Model, texts: Sequence[str]) -> Mapping[str, Limits]:

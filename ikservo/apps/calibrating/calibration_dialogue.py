@@ -388,14 +388,16 @@ def check_zeros(
 ) -> Dialogue[None]:
     """Ask whether the arm was in its pose if a zero is implausible.
 
+    After a calibration by hand, a smaller shift of both ends is only told: a person held the pose.
+
     Raises:
         CalibrationError: It was not, or the user may not be asked; nothing was changed.
     """
     shifted = list(find_shifted_zeros(state, may_have_sagged=may_have_sagged))
+    for zero in find_shifted_zeros(state, may_have_sagged=True):
+        yield Notice(f"  {zero}")
     if not shifted:
         return
-    for zero in shifted:
-        yield Notice(f"  {zero}")
     names = ", ".join(zero.subject.name for zero in shifted)
     question = f'Was {names} exactly as in the pose "{pose}" at step 1?'
     if (yield Question(question, Unasked.NO, CalibrationStage.REVIEW)) != ACCEPT:

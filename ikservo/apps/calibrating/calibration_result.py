@@ -23,7 +23,9 @@ from ikservo.errors import CalibrationError
 from ikservo.registers import Family
 
 # The largest shift of the zero that is not doubted, by unit: where the range differs from the arm
-# file's, and where it is as wide, so that its stops are known to be those of the arm file.
+# file's, and where it is as wide, so that its stops are known to be those of the arm file. Less
+# than 5° is not doubted: a pose that is set by eye, and the stops of printed parts, differ by some
+# degrees, and good calibrations would be asked about.
 _MAX_SHIFT = {"rad": math.radians(10.0), "m": 0.004}
 _MAX_SHIFT_OF_SAME_WIDTH = {"rad": math.radians(5.0), "m": 0.002}
 _SAME_WIDTH = {"rad": math.radians(1.0), "m": 0.0005}

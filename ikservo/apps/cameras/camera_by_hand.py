@@ -18,7 +18,13 @@ from ikservo.apps.cameras.camera_calibration import (
 )
 from ikservo.apps.cameras.estimation import Extent
 from ikservo.apps.cameras.picture_folder import PictureFolder
-from ikservo.apps.cameras.pictures import BoardView, Picture, PictureSource, find_board
+from ikservo.apps.cameras.pictures import (
+    SAME_PICTURE,
+    BoardView,
+    Picture,
+    PictureSource,
+    find_board,
+)
 from ikservo.arm.arm import Arm
 from ikservo.errors import CalibrationError, PictureError
 from ikservo.kinematics.arrays import Vector
@@ -126,7 +132,7 @@ class HandCalibration:
         """
         picture = self._camera.take()
         if self._last is not None and np.array_equal(picture, self._last):
-            raise PictureError("The camera's picture stands still.", "Plug it in again.")
+            raise PictureError(*SAME_PICTURE)
         self._last = picture
         try:
             return picture, find_board(self._pictures.board, picture)

@@ -23,6 +23,7 @@ from ikservo.apps.cameras.estimation import (
 )
 from ikservo.apps.cameras.picture_folder import PictureFolder
 from ikservo.apps.cameras.pictures import (
+    SAME_PICTURE,
     BoardView,
     Intrinsics,
     Picture,
@@ -379,7 +380,7 @@ class CameraCalibration:
                 "The camera's brightness keeps changing.", "Switch its automatic exposure off."
             )
         if self._last is not None and np.array_equal(picture, self._last):
-            raise PictureError("The camera's picture stands still.", "Plug it in again.")
+            raise PictureError(*SAME_PICTURE)
         self._last = picture
         return picture
 

@@ -29,6 +29,13 @@ _LEAST_NOISE_PX = 0.05
 _STALE_PICTURES = 5  # that a driver may hold in its queue
 
 
+SAME_PICTURE = (
+    "The camera delivers the same picture again and again.",
+    "Unplug it and plug it in.",
+)
+"""Message and hint of a camera that hangs."""
+
+
 class PictureSource(Protocol):
     """Takes pictures.
 
@@ -173,7 +180,7 @@ def find_board(board: Board, picture: Picture) -> BoardView:
     if contrast > 5.0 and sharpness < _MIN_SHARPNESS:
         raise PictureError("The picture is blurred.", "Focus the camera; more light helps.")
     raise PictureError(f"The board {board.name} is not seen.",
-                       "Is it in front of the camera, flat and lit?")  # fmt: skip
+                       "Hold it flat and well lit where the camera sees it.")  # fmt: skip
 
 
 def guess_intrinsics(board: Board, views: Sequence[BoardView]) -> Intrinsics:

@@ -38,14 +38,17 @@ class Structure:
 
 
 def moving_joints(urdf: Urdf) -> dict[str, tuple[str, ...]]:
-    """Return for each link the joints that move it and follow no other, base to tip."""
+    """Return for each link, in file order, the joints that move it and follow no other.
+
+    Each link's joints are listed from base to tip.
+    """
     found = {urdf.root: tuple[str, ...]()}
     for joint in _joints_below(urdf, urdf.root):
         leader = joint.mimic.joint if joint.mimic else joint.name
         above = found[joint.parent]
         is_new = joint.kind.is_movable and leader not in above
         found[joint.child] = (*above, leader) if is_new else above
-    return found
+    return {link.name: found[link.name] for link in urdf.links if link.name in found}
 
 
 def _joints_below(urdf: Urdf, base: str) -> Iterator[UrdfJoint]:

@@ -99,8 +99,8 @@ def command(
         return
     print_lines([*map(_describe, changes), *_unknown_play(model, latest)])
     if not changes:
-        count = f"{len(records)} record{'s' * (len(records) != 1)}"
-        print_status(f"Nothing has risen beyond doubt in {count}, {path}")
+        count = f"{len(records)} record{'s' * (len(records) != 1)} so far"
+        print_status(f"No wear found ({count}), {path}")
 
 
 def _unknown_play(model: Model, latest: Iterable[JointHealth]) -> Iterator[str]:

@@ -21,9 +21,10 @@ from ikservo.arm.opening import open_own_arm
 from ikservo.cli.direction_prompt import check_directions_once
 from ikservo.cli.model_options import model_from_option
 from ikservo.cli.option_groups import Without
-from ikservo.cli.options import MotionOptions, NamedServoConnection
+from ikservo.cli.options import MotionOptions, NamedServoConnection, SceneOption
 from ikservo.cli.terminal import format_port, print_json, print_status
 from ikservo.errors import InputError
+from ikservo.model.scene_file import with_scene
 
 Listen = Annotated[
     str,
@@ -47,6 +48,7 @@ def command(
     listen: Listen = "tcp/127.0.0.1:7448",
     name: Name = None,
     rate: Rate = 50.0,
+    scene: SceneOption = None,
     options: Annotated[MotionOptions, Without("dry_run", "tip")],
 ) -> None:
     """Serve an arm to programs on other machines until Ctrl-C; see docs/network.md.
@@ -59,6 +61,8 @@ def command(
     """
     endpoint = parse_listen(listen)
     model = model_from_option(connection.arm)
+    if scene is not None:
+        model = with_scene(model, scene)
     served_as = check_arm_name(name or model.name)
     certificate = server_certificate(endpoint)
     if find_network(connection.port) is not None:

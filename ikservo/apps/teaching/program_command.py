@@ -18,7 +18,7 @@ from ikservo.cli.completion import complete_from
 from ikservo.cli.direction_prompt import check_directions_once
 from ikservo.cli.model_options import model_from_option
 from ikservo.cli.option_groups import Without
-from ikservo.cli.options import ArmConnection, MotionOptions, OverwriteOption
+from ikservo.cli.options import ArmConnection, MotionOptions, OverwriteOption, SceneOption
 from ikservo.cli.session import confirm_motion, motion_progress_bar, open_from_options
 from ikservo.cli.terminal import print_json, print_lines, print_status, wait_for_enter
 from ikservo.errors import IkservoError, InputError, UnknownNameError
@@ -46,6 +46,7 @@ def command(
     first: First = 1,
     step: EachStep = False,
     overwrite: OverwriteOption = False,
+    scene: SceneOption = None,
     options: Annotated[MotionOptions, Without("dry_run", "tip")],
 ) -> None:
     """Write, check or run a program: poses, points, lines, arcs, gripper, waits, recordings.
@@ -65,7 +66,7 @@ def command(
         raise InputError("Cannot wait for Enter: input is not a terminal.", "Leave out --step.")
     program = read_program(file)
     connection = replace(connection, arm=connection.arm or program.arm)
-    with open_from_options(connection, options) as machine:
+    with open_from_options(connection, options, scene) as machine:
         run = ProgramRun(require_own_port(machine), program, file.parent, machine.poses)
         checks = _check(run, program, file, first, quiet=options.json)
         if action == "check":

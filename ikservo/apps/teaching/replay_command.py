@@ -11,7 +11,7 @@ import typer
 
 from ikservo.cli.direction_prompt import check_directions_once
 from ikservo.cli.option_groups import Without
-from ikservo.cli.options import ArmConnection, MotionOptions, SpeedOption
+from ikservo.cli.options import ArmConnection, MotionOptions, SceneOption, SpeedOption
 from ikservo.cli.results import Field, Fields, print_fields
 from ikservo.cli.session import confirm_motion, motion_progress_bar, open_from_options
 from ikservo.cli.terminal import format_port, print_json, print_status
@@ -49,13 +49,14 @@ def command(
     *,
     connection: ArmConnection,
     speed: SpeedOption = "normal",
+    scene: SceneOption = None,
     options: Annotated[ReplayOptions, Without("tip")],
 ) -> None:
     """Move to the first pose of a recording, then repeat it, at most at the recorded speed.
 
     ikservo replay wave.jsonl --arm so101 --port sim
     """
-    with open_from_options(connection, options) as machine:
+    with open_from_options(connection, options, scene) as machine:
         recording, playback = machine.load_replay(file, speed=speed)
         slowdown = (
             f", {playback.slowdown:.1f} times slower than recorded" if playback.slowdown > 1 else ""

@@ -16,7 +16,6 @@ from ikservo.errors import IkservoError, UnknownNameError
 from ikservo.hardware.port import Port, open_port
 from ikservo.hardware.scan import FoundServo
 from ikservo.hardware.servo import ServoSpec
-from ikservo.maintenance.arm_sketch import ascii_sketch
 from ikservo.maintenance.dialogue import ACCEPT, Dialogue, Notice, Progress, Question, Unasked
 from ikservo.model import Model
 from ikservo.registers import control_table
@@ -95,8 +94,6 @@ def configure_servo(
     servo = settings.servo
     ids = [each.servo.id for each in planned_settings(model)]
     yield Notice("")
-    for row in ascii_sketch(model, servo.name):
-        yield Notice(f"    {row}")
     model_name = servo.table.model_name
     place = f"{ids.index(servo.id) + 1} of {len(ids)}"
     yield Notice(f"{place}: plug in only the {model_name} of {servo} …")

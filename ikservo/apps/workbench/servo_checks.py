@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter, defaultdict
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 
 from ikservo.apps.workbench.findings import Finding, failure, ok, warning
 from ikservo.apps.workbench.tried_values import read_former, restore_former, tried_differences
@@ -24,7 +24,7 @@ from ikservo.hardware.register_batches import RegisterRef
 from ikservo.hardware.servo import ServoSpec
 from ikservo.model import Model, ModelServo
 from ikservo.model.model import HealthLimits
-from ikservo.registers import RegisterName, control_table_for_number
+from ikservo.registers import Alarm, RegisterName, control_table_for_number
 
 _CALIBRATED_REGISTERS = {
     "homing_offset",
@@ -150,12 +150,13 @@ def check_servos(bus: ServoBus, model: Model | None) -> Iterator[Finding]:
         model: The expected arm, if one is given.
     """
     limits = model.health if model else _USUAL_HEALTH
+    wrong_supply = set[int]()
     checks: dict[str, Callable[[], Iterator[Finding]]] = {
         "models": lambda: _check_models(bus),
-        "supply": lambda: _check_supply(bus),
+        "supply": lambda: _check_supply(bus, wrong_supply),
         "heat": lambda: _check_temperature(bus, limits),
         "firmware": lambda: _check_firmware(bus),
-        "alarms": lambda: _check_alarms(bus),
+        "alarms": lambda: _check_alarms(bus, wrong_supply),
         "delay": lambda: _check_return_delay(bus),
         "lock": lambda: _check_locks(bus),
         "trial": lambda: _check_trials(bus),
@@ -184,24 +185,29 @@ def _check_models(bus: ServoBus) -> Iterator[Finding]:
         yield ok("models", _format_names(s.table.model_name for s in bus.servos.values()))
 
 
-def _check_supply(bus: ServoBus) -> Iterator[Finding]:
+def _check_supply(bus: ServoBus, wrong: set[int]) -> Iterator[Finding]:
+    """Check the supply, and add the ids of servos whose supply is wrong."""
     names = (
         RegisterName.PRESENT_VOLTAGE,
         RegisterName.MIN_VOLTAGE_LIMIT,
         RegisterName.MAX_VOLTAGE_LIMIT,
     )
     rows = bus.sync_read_many(bus.servos, names).require_all()
-    in_range = True
-    for servo in bus.servos.values():
-        volts, lower, upper = (rows[servo.id][name] for name in names)
+    outside: dict[tuple[float, float], dict[int, float]] = defaultdict(dict)
+    for servo_id, row in rows.items():
+        volts, lower, upper = (row[name] for name in names)
         if not lower <= volts <= upper:
-            in_range = False
-            yield failure(
-                "supply",
-                f"{servo} has a supply of {volts:.1f} V; allowed are {lower:.1f} to {upper:.1f} V",
-                "Check that the power supply is the right one; torque cannot be switched on.",
-            )
-    if in_range:
+            outside[lower, upper][servo_id] = volts
+            wrong.add(servo_id)
+    for (lower, upper), volts_by_id in outside.items():
+        yield failure(
+            "supply",
+            f"{_format_servos(bus, volts_by_id)} {'has' if len(volts_by_id) == 1 else 'have'} a "
+            f"supply of {_format_range(volts_by_id.values(), '.1f')} V; "
+            f"allowed are {lower:.1f} to {upper:.1f} V",
+            "Check that the power supply is the right one; torque cannot be switched on.",
+        )
+    if not outside:
         volts = [row[RegisterName.PRESENT_VOLTAGE] for row in rows.values()]
         yield ok("supply", f"{_format_range(volts, '.1f')} V, inside every servo's limits")
 
@@ -256,16 +262,17 @@ def _settings_apart(bus: ServoBus, groups: Sequence[Sequence[ServoSpec]]) -> str
     return ", ".join(apart)
 
 
-def _check_alarms(bus: ServoBus) -> Iterator[Finding]:
-    alarms_by_id = {i: bus.read_alarms(i) for i in bus.servos}
-    for servo_id, alarms in alarms_by_id.items():
-        if alarms:
-            text = ", ".join(sorted(str(alarm) for alarm in alarms))
-            yield failure(
-                "alarms",
-                f"{bus.servos[servo_id]}: {text}",
-                alarm_hint(alarms),
-            )
+def _check_alarms(bus: ServoBus, wrong_supply: Collection[int]) -> Iterator[Finding]:
+    """Check alarms; that of the voltage is told already of servos whose supply is wrong."""
+    known = frozenset({Alarm.VOLTAGE})
+    alarms_by_id = {
+        i: frozenset(bus.read_alarms(i)) - (known if i in wrong_supply else frozenset())
+        for i in bus.servos
+    }
+    for alarms in dict.fromkeys(filter(None, alarms_by_id.values())):
+        text = ", ".join(sorted(str(alarm) for alarm in alarms))
+        alike = [i for i, own in alarms_by_id.items() if own == alarms]
+        yield failure("alarms", f"{_format_servos(bus, alike)}: {text}", alarm_hint(alarms))
     if not any(alarms_by_id.values()):
         yield ok("alarms", "none")
 
@@ -288,14 +295,15 @@ def _check_return_delay(bus: ServoBus) -> Iterator[Finding]:
 
 
 def _check_locks(bus: ServoBus) -> Iterator[Finding]:
-    for servo in bus.servos.values():
-        lock = servo.table.eeprom_lock
-        if lock and not bus.read(servo.id, lock, raw=True):
-            yield warning(
-                "lock",
-                f"{servo} has its EEPROM unlocked",
-                "Every write wears it; lock it again: ikservo doctor --write-eeprom",
-            )
+    locks = {i: servo.table.eeprom_lock for i, servo in bus.servos.items()}
+    unlocked = [i for i, lock in locks.items() if lock and not bus.read(i, lock, raw=True)]
+    if unlocked:
+        yield warning(
+            "lock",
+            f"{_format_servos(bus, unlocked)} "
+            f"{'has its' if len(unlocked) == 1 else 'have their'} EEPROM unlocked",
+            "Every write wears it; lock it again: ikservo doctor --write-eeprom",
+        )
 
 
 def _check_trials(bus: ServoBus) -> Iterator[Finding]:
@@ -314,6 +322,13 @@ def _check_trials(bus: ServoBus) -> Iterator[Finding]:
                 "Switch its power off and on, or write the former ones: "
                 "ikservo doctor --write-eeprom",
             )
+
+
+def _format_servos(bus: ServoBus, servo_ids: Collection[int]) -> str:
+    """Name servos with one cause in common; all of several are only counted."""
+    if len(servo_ids) == len(bus.servos) > 1:
+        return f"all {len(servo_ids)} servos"
+    return ", ".join(str(bus.servos[i]) for i in servo_ids)
 
 
 def _format_names(names: Iterable[str]) -> str:

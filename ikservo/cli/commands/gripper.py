@@ -10,7 +10,7 @@ from ikservo.app_discovery import find_part
 from ikservo.arm import OpenArm
 from ikservo.cli.completion import complete_from
 from ikservo.cli.option_groups import Without
-from ikservo.cli.options import ArmConnection, MotionOptions
+from ikservo.cli.options import ArmConnection, MotionOptions, SceneOption
 from ikservo.cli.quantities import parse_length_m
 from ikservo.cli.results import Field, Fields, print_fields
 from ikservo.cli.session import confirm_motion, motion_progress_bar, open_from_options
@@ -47,6 +47,7 @@ def command(
     connection: ArmConnection,
     force: Force = None,
     weigh: Weigh = False,
+    scene: SceneOption = None,
     options: Annotated[MotionOptions, Without("collision", "dry_run", "no_wiggle", "tip")],
 ) -> None:
     """Open or close the gripper; it stops at an object between its jaws and holds it.
@@ -69,7 +70,7 @@ def command(
         return
     width_m = None if to.isalpha() else parse_length_m(to)
     motion = MoveGripper(to if width_m is None else None, width_m=width_m, force=force)
-    with open_from_options(connection, options) as machine:
+    with open_from_options(connection, options, scene) as machine:
         print_status(f"{machine.model.title} on {format_port(machine.port_name)}: gripper {to}.")
         confirm_motion(machine, yes=options.yes)
         with motion_progress_bar() as on_progress:

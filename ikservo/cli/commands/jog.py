@@ -16,7 +16,7 @@ from ikservo.arm.jogging import JOG_DIRECTIONS, NO_LONGER_REQUESTED, KeepGoing
 from ikservo.cli.completion import complete_jogs
 from ikservo.cli.direction_prompt import check_directions_once
 from ikservo.cli.option_groups import Without
-from ikservo.cli.options import ArmConnection, MotionOptions
+from ikservo.cli.options import ArmConnection, MotionOptions, SceneOption
 from ikservo.cli.quantities import parse_angle_rad, parse_length_m, parse_time_s
 from ikservo.cli.results import Field, Fields, print_fields
 from ikservo.cli.session import confirm_motion, open_from_options, warn_uncompiled
@@ -67,6 +67,7 @@ def command(
     connection: ArmConnection,
     speed: Speed = None,
     duration: Duration = None,
+    scene: SceneOption = None,
     options: Annotated[MotionOptions, Without("dry_run", "tip")],
 ) -> None:
     """Move a joint or the tip in one direction while the space bar is held.
@@ -81,7 +82,7 @@ def command(
         raise InputError(
             "Cannot read keys: input is not a terminal.", "Add --duration, as in --duration 1."
         )
-    with open_from_options(connection, options) as machine:
+    with open_from_options(connection, options, scene) as machine:
         requested_speed = _parse_speed(machine, what, speed)
         warn_uncompiled()
         if duration is not None:  # without a duration, the held key is the confirmation

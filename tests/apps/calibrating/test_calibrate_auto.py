@@ -4,7 +4,7 @@ import contextlib
 import math
 import re
 import signal
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor, wait
 
 import pytest
 
@@ -119,7 +119,7 @@ def test_what_was_measured_before_a_failure_is_kept_and_the_next_run_goes_on(arm
     back_to_the_pose(arm)
     done = auto(run_cli, narrow)
     assert (done.code, "joint2: searching" in done.err) == (0, False), done.err
-    assert "joint1: searching its end stop" in done.err
+    assert re.search(r"joint1: searching its end stop near .* \(joint 2 of 2\)", done.err)
     assert [joint.swept for joint in saved().joints] == ["by itself", "by itself"]
     low, high = saved().joint("joint2").recorded_range()
     assert 0.0 <= low - arm.stops["joint2"][0] <= math.radians(0.6)
@@ -174,6 +174,8 @@ def test_stop_reaches_calibration_against_stops(arm, narrow, run_cli, after_s):
 
         def ask():
             asked.append(other.submit(request_stop, PORT, "narrow"))
+            if after_s < 1.0:  # limp: the arm's time stands until the stop has come
+                wait(asked, timeout=60.0)
 
         arm.world.schedule(arm.world.time_s + after_s, ask)
         done = auto(run_cli, narrow)
@@ -181,7 +183,7 @@ def test_stop_reaches_calibration_against_stops(arm, narrow, run_cli, after_s):
     assert asked[0].result().arm == "narrow"
     assert "Stopped from another terminal" in done.err
     torques = {servo.drive.torque_on for servo in arm.line.servos.values()}
-    assert torques == {True} or after_s < 1.0  # how far it was then depends on the other thread
+    assert torques == {after_s > 1.0}  # a limp arm gets no torque
 
 
 def eeproms(arm):

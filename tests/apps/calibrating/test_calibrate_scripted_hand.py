@@ -38,6 +38,15 @@ def test_an_arm_is_calibrated_by_the_scripted_hands(run_cli, arm):
             assert found == pytest.approx(ends_deg, abs=1.0), joint["name"]
 
 
+@pytest.mark.full
+@pytest.mark.parametrize("pose", ["rest", "home"])
+def test_simulated_arm_is_calibrated_without_a_person(run_cli, pose):
+    done = run_cli(f"calibrate planar2 --port sim --pose {pose}")
+    assert done.code == 0, done.err
+    assert "A simulated hand moves the joints" in done.err
+    assert f'In the pose "{pose}", the tip is' in done.err
+
+
 @pytest.mark.campaign
 def test_an_arm_with_every_servo_mounted_the_other_way_is_calibrated_as_well(
     run_cli, monkeypatch, tmp_path

@@ -5,8 +5,10 @@ from dataclasses import replace
 
 import pytest
 
+from ikservo.apps.calibrating.calibration_dialogue import check_zeros
 from ikservo.apps.calibrating.calibration_result import find_shifted_zeros
 from ikservo.calibration import JointMap, Limits
+from ikservo.maintenance.dialogue import Notice, Question
 from tests.apps.calibrating.test_sweep import TURN, Hand, subject
 
 TICKS_PER_M = TURN / 0.1
@@ -68,3 +70,23 @@ def test_how_far_a_zero_seems_to_be_off_is_reported_without_a_sign(way):
 def test_a_joint_that_was_not_swept_has_no_ends_to_judge_its_zero_by():
     hand = Hand(subject("a", 1), subject("b", 2)).rest().accept().say("skip a").move(1500, 2)
     assert [found.subject.name for found in find_shifted_zeros(hand.state)] == ["b"]
+
+
+def test_smaller_shift_by_hand_is_a_notice():
+    hand = Hand(subject(), start=0).rest().accept()
+    ends = [round(7.0 / 360 * TURN + end / math.tau * TURN) for end in (-1.5, 1.5)]
+    tracks = {1: replace(hand.state.tracks[1], low=ends[0], high=ends[1])}
+    state = replace(hand.state, tracks=tracks)
+    (notice,) = check_zeros(state, "rest", "so101")
+    assert isinstance(notice, Notice)
+    assert "the zero seems to be off by 7.0°" in notice.text
+    after_drive = [*check_zeros_answers(state)]
+    assert isinstance(after_drive[-1], Question)
+
+
+def check_zeros_answers(state):
+    """Yield what is told and asked after a drive to the ends, up to the first question."""
+    for item in check_zeros(state, "rest", "so101", may_have_sagged=True):
+        yield item
+        if isinstance(item, Question):
+            return

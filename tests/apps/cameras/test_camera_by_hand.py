@@ -191,7 +191,7 @@ def test_no_picture_of_a_moving_arm_or_of_a_known_posture_is_used(monkeypatch):
             lambda picture, n: np.full_like(picture, 100 + n % 2),
             "0 of 12 so far. The board .* is not seen",
         ),
-        (lambda picture, _: np.full_like(picture, 100), "stands still"),
+        (lambda picture, _: np.full_like(picture, 100), "same picture"),
     ],
 )
 def test_without_the_board_it_ends(monkeypatch, spoil, message):

@@ -200,7 +200,7 @@ def test_two_tips_are_two_arms_on_one_bus(run_cli, tmp_path):
     command = f"arms new dual --from {tmp_path}/dual.urdf --folder {tmp_path}"
     refused = run_cli(command)
     assert refused.code == 2
-    assert "--tip right_2 --tip left_2" in refused.err
+    assert "--tip left_2 --tip right_2" in refused.err
     assert run_cli(f"{command} --tip left_2 --tip right_2").code == 0
     ids = [[joint.servo.id for joint in ikservo.load_model(tmp_path / name).joints]
            for name in ("dual_left_2", "dual_right_2")]  # fmt: skip

@@ -199,18 +199,18 @@ def test_a_drag_is_looked_at_straight_and_searched_for_once_it_is_released(sessi
 CHANGES = {
     "a thing": (
         lambda session: session.arm.scene.change("the post", size_m=(0.16, 0.04, 0.25)),
-        "what is around the arm has changed",
+        "What is around the arm has changed",
     ),
     "torque": (
         lambda session: (session.arm.disable_torque(), session.arm.enable()),
-        "its speed has changed",
+        "Its speed has changed",
     ),
 }
 
 
 @pytest.mark.parametrize(("change", "reason"), CHANGES.values(), ids=CHANGES)
 def test_what_has_changed_since_is_not_carried_out_but_planned_again(session, change, reason):
-    if reason == "its speed has changed":
+    if reason == "Its speed has changed":
         session.arm.move_joints({"wrist_roll": 0.1})  # the first motion, which is slow, is over
         session.arm_thread.step()
         session.send_message(page_messages.SetSpeed, name="fast")
@@ -221,9 +221,9 @@ def test_what_has_changed_since_is_not_carried_out_but_planned_again(session, ch
     change(session)
     assert len(run_job(session)) == 0
     said = session.arm_thread.snapshot.messages[-1].message
-    assert said.startswith(f"The path is planned again: {reason}.")
+    assert said.startswith(f"{reason}; planning again.")
     assert session.arm_thread.snapshot.stop_notice is None
-    if reason == "what is around the arm has changed":
+    if reason == "What is around the arm has changed":
         assert registers(session.arm, "goal_position") == before
     session.arm_thread.step()
     with pytest.raises(BadMessageError, match=reason):
@@ -285,11 +285,27 @@ def test_a_limp_arm_takes_the_path_that_is_shown_unless_a_hand_has_moved_it_sinc
         session.go_there()
         line_of(session.arm).world.place("wrist_roll", 0.2)
         assert len(run_job(session)) == 0
-        assert "the arm was moved" in session.arm_thread.snapshot.messages[-1].message
+        assert "The arm has moved since" in session.arm_thread.snapshot.messages[-1].message
         session.go_there()
         plan = session.interaction.path.plan
         assert plan.start[4] == pytest.approx(0.2, abs=0.01)
         expect_along(plan, run_job(session))
+
+
+def test_path_of_arm_that_sags_is_planned_again_and_carried_out():
+    with ViewSession() as session:
+        session.arm.disable_torque()
+        for _ in range(100):
+            session.arm_thread.step()
+        session.send_message(page_messages.GoToPose, name="home")
+        session.go_there()
+        for joint in ("shoulder_lift", "wrist_roll"):
+            place = line_of(session.arm).world.place
+            place(joint, true_joints(session.arm)[joint] + 0.06)
+        assert len(run_job(session)) > 0
+        home = session.arm.model.pose("home")
+        for joint, angle in true_joints(session.arm).items():
+            assert angle == pytest.approx(home[joint], abs=math.radians(2.0)), joint
 
 
 def expect_along(plan, setpoints):

@@ -100,7 +100,7 @@ def test_what_shows_no_zero_changes_nothing(session):
 
     refused("from every place where the tip can be", (90.0, -90.0))
     session.video.is_fresh = False
-    refused("The picture is not fresh")
+    refused("The camera picture is too old")
     session.video.is_fresh = True
     session.clock.sleep_until(session.clock.now_s() + 2.0)
     refused("The arm has moved")  # it was not read since

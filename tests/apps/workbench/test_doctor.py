@@ -283,3 +283,11 @@ def test_bad_input_is_one_clear_error(run_cli, words, message):
     assert result.code == 2
     assert message in result.err
     assert result.out == ""
+
+
+def test_wrong_supply_of_all_servos_is_one_finding(run_cli, tmp_path):
+    faults = tmp_path / "faults.toml"
+    faults.write_text('[[fault]]\nkind = "voltage"\nvolts = 12.0\nfor_s = 1000.0\n')
+    done = run_cli(f"doctor --arm so101 --port sim:?faults={faults}")
+    bad = [line for line in done.out.splitlines() if line.startswith("✗")]
+    assert bad == ["✗ supply    all 6 servos have a supply of 12.0 V; allowed are 4.0 to 8.0 V"]

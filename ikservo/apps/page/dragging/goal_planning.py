@@ -31,6 +31,7 @@ from ikservo.planning.motions import MoveJoints, MoveTo
 _PERIOD_S = 0.04  # between two plans during a drag, whose picture has to be drawn meanwhile
 _POSTURES = 25  # along a path as it is shown
 _NEAR_TICKS = 3.0
+_SAG_RAD = 0.15  # by which a joint of a limp arm may sink, or m, until its torque is on
 _STRAIGHT = 1.001  # longer, in proportion, is not straight
 _numbers = itertools.count(1)
 
@@ -68,7 +69,8 @@ class PlanRequest:
         servos = arm.context.servos
         self.goal, self.start, self.speed = goal, start, speed
         self.is_chosen, self.marker = is_chosen, marker
-        is_first = servos.torque.first_motion_due or not servos.torque.is_on
+        self.is_limp = not servos.torque.is_on
+        is_first = servos.torque.first_motion_due or self.is_limp
         self.allowed_speed = "slow" if is_first else speed
         ticks = [driven.joint_map.unit_per_tick for driven in servos.driven_joints]
         self.near = _NEAR_TICKS * np.array(ticks)  # where else a plan may begin
@@ -82,18 +84,29 @@ class PlanRequest:
         """Whether the arm is at the goal."""
         return bool((np.abs(self.goal - self.start) <= self.near).all())
 
+    def has_sagged_since(self, before: PlanRequest) -> bool:
+        """Return whether nothing has changed but that a limp arm sank a little."""
+        there = copy(self)
+        there.start = before.start
+        sunk = np.abs(self.start - before.start)
+        return (
+            before.is_limp
+            and bool((sunk > self.near).any() and (sunk <= _SAG_RAD).all())
+            and not there.change_since(before)
+        )
+
     def change_since(self, before: PlanRequest) -> str:
         """Say what has changed since another request; nothing where its plan may be carried out."""
         if self.goal is not before.goal:
-            return "another target was chosen"
+            return "Another target was chosen"
         if (np.abs(self.start - before.start) > self.near).any():
-            return "the arm was moved"
+            return "The arm has moved since"
         if self._around != before._around:
-            return "what is around the arm has changed"
+            return "What is around the arm has changed"
         is_too_fast = self.allowed_speed == "slow" != before.allowed_speed
         if self.speed != before.speed or is_too_fast:
-            return "its speed has changed"
-        return "" if self.stops == before.stops else "the arm was stopped"
+            return "Its speed has changed"
+        return "" if self.stops == before.stops else "The arm was stopped"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -117,15 +130,14 @@ class PlannedPath:
     number: int = field(default_factory=lambda: next(_numbers))
 
     def plan_for(self, now: PlanRequest) -> MotionPlan:
-        """Return the plan, as long as nothing has changed that it depends on.
+        """Return the plan, as long as nothing has changed that it depends on but a limp arm's sag.
 
         Raises:
             RefusedError: Something has, or there is no plan.
         """
         change = now.change_since(self.request)
-        if change:
-            message = f"The path is planned again: {change}."
-            raise RefusedError(message, "Nothing moves before that.")
+        if change and not now.has_sagged_since(self.request):
+            raise RefusedError(f"{change}; planning again.", "Then press Go there again.")
         if self.refusal is not None:
             raise RefusedError(self.refusal.reason, "Nothing moves. Choose another target.")
         if self.plan is None:
@@ -136,6 +148,51 @@ class PlannedPath:
         """Return whether it is what comes of another request; a free straight path always is."""
         is_same = not request.change_since(self.request)
         return is_same and (self.plan is not None or self.request.is_chosen >= request.is_chosen)
+
+
+def plan_path(arm: Arm, request: PlanRequest, withdrawn: Event | None = None) -> PlannedPath:
+    """Plan the path to a requested goal; it holds the refusal where there is none.
+
+    Args:
+        arm: The arm; nothing moves, and no servo is read.
+        request: The request.
+        withdrawn: Ends the search; it was not wanted any more.
+    """
+    index = arm.joint_index
+    start = PlannedStart(request.start, request.allowed_speed)
+    planner = PreflightPlanner(arm.context, start, arm.poses)
+    stop_request = arm.context.servos.stop_request
+    try:
+        with stop_request.requested(request.stops, withdrawn=withdrawn):
+            plan = _plan_to_goal(planner, arm, request)
+    except StoppedError:
+        return PlannedPath(request)
+    except IkservoError as error:
+        return PlannedPath(request, refusal=refusal_of(request.goal, error))
+    joints = sample_states(plan.trajectory)[0]
+    shown = joints[np.linspace(0, len(joints) - 1, _POSTURES).astype(int)]
+    postures = [(index.chain_joints(each), index.by_name(each)) for each in shown]
+    if not np.allclose(plan.goal, request.goal):
+        request = copy(request)
+        request.goal = plan.goal
+    length = float(np.linalg.norm(np.diff(joints, axis=0), axis=1).sum())
+    is_straight = length < _STRAIGHT * float(np.linalg.norm(plan.goal - plan.start))
+    return PlannedPath(request, plan, postures, is_straight)
+
+
+def _plan_to_goal(planner: PreflightPlanner, arm: Arm, request: PlanRequest) -> MotionPlan:
+    """Plan to the goal; where it is refused, to other joints with the tip at the target."""
+    index, marker, speed = arm.joint_index, request.marker, request.speed
+    goals = index.by_name(request.goal)
+    try:
+        return planner.plan(MoveJoints(goals, speed=speed, straight=not request.is_chosen))
+    except BlockedError:
+        moves = np.abs(request.goal - request.start) > request.near
+        has_more = request.is_chosen and not (moves & index.outside_chain()).any()
+        if has_more and marker is not None and marker.reached and marker.stance is not None:
+            with suppress(RefusedError, UnreachableError):
+                return planner.plan(MoveTo(marker.target_m, speed=speed, stance=marker.stance))
+        raise
 
 
 class GoalPlanner:
@@ -171,7 +228,8 @@ class GoalPlanner:
             return
         if self._busy is None and now_s - self._asked_s >= _PERIOD_S:
             self._asked_s, withdrawn = now_s, Event()
-            self._busy = request, withdrawn, self._worker.submit(self._plan, request, withdrawn)
+            future = self._worker.submit(plan_path, self._arm, request, withdrawn)
+            self._busy = request, withdrawn, future
 
     def close(self) -> None:
         """End the search that runs."""
@@ -193,42 +251,6 @@ class GoalPlanner:
                 error = future.exception()
                 self.path = future.result() if error is None else _failed_path(request, error)
         return self._busy is None and is_wanted
-
-    def _plan(self, request: PlanRequest, withdrawn: Event) -> PlannedPath:
-        arm, index = self._arm, self._arm.joint_index
-        start = PlannedStart(request.start, request.allowed_speed)
-        planner = PreflightPlanner(arm.context, start, arm.poses)
-        stop_request = arm.context.servos.stop_request
-        try:
-            with stop_request.requested(request.stops, withdrawn=withdrawn):
-                plan = self._plan_to_goal(planner, request)
-        except StoppedError:
-            return PlannedPath(request)
-        except IkservoError as error:
-            return PlannedPath(request, refusal=refusal_of(request.goal, error))
-        joints = sample_states(plan.trajectory)[0]
-        shown = joints[np.linspace(0, len(joints) - 1, _POSTURES).astype(int)]
-        postures = [(index.chain_joints(each), index.by_name(each)) for each in shown]
-        if not np.allclose(plan.goal, request.goal):
-            request = copy(request)
-            request.goal = plan.goal
-        length = float(np.linalg.norm(np.diff(joints, axis=0), axis=1).sum())
-        is_straight = length < _STRAIGHT * float(np.linalg.norm(plan.goal - plan.start))
-        return PlannedPath(request, plan, postures, is_straight)
-
-    def _plan_to_goal(self, planner: PreflightPlanner, request: PlanRequest) -> MotionPlan:
-        """Plan to the goal; where it is refused, to other joints with the tip at the target."""
-        index, marker, speed = self._arm.joint_index, request.marker, request.speed
-        goals = index.by_name(request.goal)
-        try:
-            return planner.plan(MoveJoints(goals, speed=speed, straight=not request.is_chosen))
-        except BlockedError:
-            moves = np.abs(request.goal - request.start) > request.near
-            has_more = request.is_chosen and not (moves & index.outside_chain()).any()
-            if has_more and marker is not None and marker.reached and marker.stance is not None:
-                with suppress(RefusedError, UnreachableError):
-                    return planner.plan(MoveTo(marker.target_m, speed=speed, stance=marker.stance))
-            raise
 
 
 def _failed_path(request: PlanRequest, error: BaseException) -> PlannedPath:

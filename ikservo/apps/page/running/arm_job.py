@@ -7,7 +7,7 @@ from dataclasses import replace
 from typing import Protocol
 
 from ikservo.apps.cameras.tip_click import TipZero, save_tip_zero
-from ikservo.apps.page.dragging.goal_planning import PlannedPath, PlanRequest
+from ikservo.apps.page.dragging.goal_planning import PlannedPath, PlanRequest, plan_path
 from ikservo.arm import Arm, MotionProgress
 from ikservo.errors import RefusedError
 from ikservo.kinematics.arrays import Vector
@@ -99,9 +99,13 @@ class ExecutePath:
                 servos.refresh_reference()
             else:
                 arm.enable()  # it may sink until then
-            now = PlanRequest(arm, before.goal, servos.reference(), before.speed)
+            now = PlanRequest(
+                arm, before.goal, servos.reference(), before.speed, marker=before.marker
+            )
+            has_sagged = now.has_sagged_since(before)
+            path = plan_path(arm, now) if has_sagged else self._path
             try:
-                plan = self._path.plan_for(now)
+                plan = path.plan_for(now)
             except RefusedError as error:
                 observer.log_message(f"{error.message} {error.command_hint}")
                 return
