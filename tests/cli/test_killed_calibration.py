@@ -1,4 +1,4 @@
-"""``calibrate --auto`` killed as a process: what it left in servos is told, and undone."""
+"""``calibrate --auto`` killed as a process: what it left in servos is said, and undone."""
 
 import contextlib
 import os
@@ -110,8 +110,8 @@ def test_killed_calibration_leaves_no_register_changed(
         assert code == (130 if how == signal.SIGTERM else -signal.SIGKILL), log.read_text()
         left = read_eeprom(arm, port)
         if how == signal.SIGTERM:
-            told = ("ikservo calibration revert", "settings of the servos were restored")
-            assert any(each in log.read_text() for each in told)
+            said = ("ikservo calibration revert", "settings of the servos were restored")
+            assert any(each in log.read_text() for each in said)
         opened = run_in_time(run_cli, where)
         if opened.code:  # torque is on, so that registers cannot be written
             assert opened.code == 6, opened.err
