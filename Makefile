@@ -7,10 +7,14 @@ export PIP_DISABLE_PIP_VERSION_CHECK := 1
 # Tests start hundreds of commands; without bytecode each would compile the program anew.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: demo test test-all test-oldest check check-release campaign mutate bench build docs sanitize pictures lerobot vendor clean
+.PHONY: demo test test-all test-interpreted test-oldest check check-release campaign mutate bench build docs sanitize pictures lerobot vendor clean
 
 demo: build  ## move the simulated SO-101 to a coordinate and print the report
 	@$(BIN)/ikservo move 0.25 0.05 0.15 --arm so101 --port sim --yes
+
+# What takes minutes, not hours, with interpreted kernels.
+INTERPRETED = tests/guard/test_way_search.py tests/guard/test_collision_kernel.py \
+	tests/guard/test_clear_space.py tests/arm/test_ways_around.py
 
 test: $(VENV)/tested build  ## for every save: the tests that take little time, on every core
 	$(BIN)/python -m pytest -n auto --dist worksteal
@@ -25,6 +29,9 @@ check: $(VENV)/checked  ## what a commit must pass besides the tests
 	$(BIN)/lint-imports
 	$(BIN)/codespell
 	$(BIN)/python tools/style_figures.py --check
+
+test-interpreted: $(VENV)/tested  ## kernels and ways around run as Python, as without a C compiler
+	IKSERVO_COMPILED=0 $(BIN)/python -m pytest -n auto $(INTERPRETED)
 
 test-oldest:  ## a part of the suite with every dependency at its lowest version; needs uv
 	tools/test_oldest.sh

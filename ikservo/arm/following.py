@@ -18,7 +18,7 @@ from ikservo.control.streamed_servos import STALL_S
 from ikservo.errors import RefusedError
 from ikservo.guard import DEAD_MAN_TIMEOUT_S, DeadManSwitch
 from ikservo.kinematics.arrays import Vector
-from ikservo.motion import KinematicLimits, OnlineTrajectory
+from ikservo.motion import KinematicLimits, OnlineTrajectory, RuckigMotion
 from ikservo.planning.context import ArmContext
 from ikservo.planning.reports import FollowResult, OnProgress
 from ikservo.settling.settling import settle_at
@@ -99,7 +99,7 @@ def check_followed_goal(context: ArmContext, start: Vector, goal: Vector, speed:
     lower, upper = context.limits()
     limits = context.planner.motion_limits(speed)
     trajectory = OnlineTrajectory(start, limits, lower=lower, upper=upper)
-    trajectory.retarget(goal, 0.0, context.check_trajectory)
+    trajectory.retarget(goal, 0.0, lambda move: context.check_trajectory(move, start))
 
 
 class _OnlineController:
@@ -126,6 +126,7 @@ class _OnlineController:
         self.stands = self.has_ended = False
         self._limited = allowed != speed
         self._trajectory: OnlineTrajectory | None = None
+        self._rest: Vector = np.zeros(0)
         self._requested: Vector = np.zeros(0)
         self._accepted: Vector = np.zeros(0)  # the last requested goal that the guard accepted
         self.error: Exception | None = None
@@ -135,6 +136,7 @@ class _OnlineController:
         lower, upper = self._context.limits()
         limits = self._motion_limits(self._first if self._limited else self._speed)
         self._trajectory = OnlineTrajectory(start, limits, lower=lower, upper=upper)
+        self._rest = start
         if not self.stands:
             self._requested = start
         return self._trajectory
@@ -174,11 +176,14 @@ class _OnlineController:
     def _retarget(self, trajectory: OnlineTrajectory, goal: Vector, cycle: ControlCycle) -> None:
         self._requested = goal
         try:
-            trajectory.retarget(goal, cycle.time_s, self._context.check_trajectory)
+            trajectory.retarget(goal, cycle.time_s, self._check)
         except RefusedError as error:
             self._source.on_rejected(error, trajectory.goal)
         else:
             self._accepted = goal
+
+    def _check(self, move: RuckigMotion) -> None:
+        self._context.check_trajectory(move, self._rest)
 
     def _stop_trajectory(self, trajectory: OnlineTrajectory, time_s: float) -> None:
         goal = trajectory.goal

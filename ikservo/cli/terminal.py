@@ -16,7 +16,11 @@ import sys
 from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, is_dataclass
-from typing import Any, TextIO
+from typing import TYPE_CHECKING, Any, TextIO
+
+if TYPE_CHECKING:
+    from rich.console import Console, ConsoleOptions, RenderableType
+    from rich.segment import Segment
 
 # A command starts at `ikservo` or another program's name and ends at punctuation.
 _COMMAND = re.compile(r"(?:ikservo|sudo|pip|xacro)\s")
@@ -172,6 +176,29 @@ def _count_fitting_columns(
     return len(columns)
 
 
+def open_console(*, stderr: bool = False) -> Console:
+    """Return a console of Rich that prints no control character of what it is given."""
+    from rich.console import Console  # noqa: PLC0415
+    from rich.segment import Segment  # noqa: PLC0415
+
+    class PrintableConsole(Console):
+        def render(
+            self, renderable: RenderableType, options: ConsoleOptions | None = None
+        ) -> Iterable[Segment]:
+            for segment in super().render(renderable, options):
+                yield (
+                    segment if segment.control else Segment(printable(segment.text), segment.style)
+                )
+
+    return PrintableConsole(stderr=stderr, highlight=False)
+
+
+def print_text(text: str) -> None:
+    """Print text byte for byte on stdout, but nothing unprintable on a terminal."""
+    sys.stdout.write(printable(text) if sys.stdout.isatty() else text)
+    sys.stdout.flush()
+
+
 def print_status(message: str) -> None:
     """Print a message for the user on stderr."""
     print(fold_for_stream(message, sys.stderr), file=sys.stderr)  # noqa: T201
@@ -203,12 +230,11 @@ def progress_bar() -> Generator[Show | None]:
     if not sys.stderr.isatty():
         yield None
         return
-    from rich.console import Console  # noqa: PLC0415
     from rich.progress import BarColumn, TextColumn, TimeRemainingColumn  # noqa: PLC0415
     from rich.progress import Progress as Bar  # noqa: PLC0415
 
     columns = (BarColumn(), TextColumn("{task.description}"), TimeRemainingColumn())
-    with Bar(*columns, console=Console(stderr=True), transient=True) as bar:
+    with Bar(*columns, console=open_console(stderr=True), transient=True) as bar:
         task = bar.add_task("", total=None)
 
         def show(what: str, done: float, total: float) -> None:

@@ -11,14 +11,22 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.console import Console, ConsoleDimensions, Group
+from rich.console import ConsoleDimensions, Group
 from rich.live import Live
 from rich.table import Table
 from rich.text import Text
 
 from ikservo.calibration.joint_map import JointUnit
 from ikservo.cli.options import YesOption
-from ikservo.cli.terminal import Keys, confirm, print_status, printable, read_answer, read_keys
+from ikservo.cli.terminal import (
+    Keys,
+    confirm,
+    open_console,
+    print_status,
+    printable,
+    read_answer,
+    read_keys,
+)
 from ikservo.errors import IkservoError, InputError
 from ikservo.maintenance.dialogue import (
     ACCEPT,
@@ -218,7 +226,7 @@ class _RequestScreen:
     def _draw(self, request: HandRequest, readings: tuple[JointReadout, ...]) -> None:
         """Draw a bar for each joint, and the keys below."""
         if self._live is None:
-            console = Console(stderr=True, highlight=False)
+            console = open_console(stderr=True)
             self._live = Live(console=console, refresh_per_second=15, transient=True)
             self._open.enter_context(self._live)
             self._size = console.size

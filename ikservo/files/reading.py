@@ -160,8 +160,11 @@ def _check_dot_count(path: Path, text: str) -> None:
     # tomllib needs time and memory in the square of the dots in a key: 128 KiB take gigabytes.
     for number, line in enumerate(text.split("\n"), start=1):
         if line.count(".") > MAX_DOTS and not line.lstrip().startswith("#"):
-            found = f"holds {line.count('.')} dots"
-            raise FileFormatError(path, f"line {number}", found, f"at most {MAX_DOTS} in a line")
+            found = f"holds {line.count('.')} dots, those of numbers included"
+            expected = (
+                f"at most {MAX_DOTS} in a line; write a long table or list over several lines"
+            )
+            raise FileFormatError(path, f"line {number}", found, expected)
 
 
 def _located_error(path: Path, message: str) -> FileFormatError:

@@ -176,7 +176,12 @@ class CollisionChecker:
         return self.body.dof
 
     def check_path(
-        self, path: Sequence[Vector] | Matrix, load: float = 1.0, *, may_touch_again: bool = False
+        self,
+        path: Sequence[Vector] | Matrix,
+        load: float = 1.0,
+        *,
+        may_touch_again: bool = False,
+        rest: Vector | None = None,
     ) -> float:
         """Check joint vectors (dof,) along a path, the first being the present posture.
 
@@ -191,6 +196,8 @@ class CollisionChecker:
             load: Multiple of gravity that acts on the arm: more than 1 while it brakes.
             may_touch_again: A pair in contact at the start may come back to that depth, and end
                 there, but to no box: a recording of an arm that was laid down.
+            rest: The posture (dof,) at rest from which the arm came to the first vector. No contact
+                may get deeper than from there, or the half millimetres of many checks would add up.
 
         Returns:
             The smallest distance on the path [m], without sag.
@@ -213,6 +220,12 @@ class CollisionChecker:
             allowed_m[-1, bodies] = np.maximum(
                 allowed_m[-1, bodies], start_m[bodies] - _DEEPER_AT_END_M
             )
+        if rest is not None:
+            rest_m = np.minimum(self.distances(rest[None])[0], 0.0)
+            allowed_m[:, bodies] = np.maximum(
+                allowed_m[:, bodies], np.minimum(rest_m - _DEEPER_M, gap_m[0, bodies])
+            )
+            allowed_m[-1, bodies] = np.maximum(allowed_m[-1, bodies], rest_m - _DEEPER_AT_END_M)
         touching = ~(gap_m - allowed_m >= -_TOUCH_M)
         if touching.any():
             column = int(touching[touching.any(axis=1).argmax()].argmax())

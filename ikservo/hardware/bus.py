@@ -25,6 +25,7 @@ from ikservo.hardware.register_batches import (
     resolve_register,
 )
 from ikservo.hardware.requester import silence_hint
+from ikservo.hardware.serial_ports import line_hint
 from ikservo.hardware.servo import Readings, ServoSpec
 from ikservo.registers import Family, Register, RegisterName
 
@@ -137,6 +138,7 @@ class ServoBus(RegisterAccess):
         for servo_id in errors:
             del values[servo_id]
         hint = silence_hint(self.servos.values(), values, errors) if errors else ""
+        hint = line_hint(self.port.name, hint) if hint else ""
         alarms = {i: found for i in values if (found := self._requester.alarms.get(i))}
         return Readings(values, errors, alarms, hint)
 

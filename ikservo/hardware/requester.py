@@ -10,6 +10,7 @@ from ikservo.hardware.packets import FaultKind, Reply, ReplyFault, Status
 from ikservo.hardware.port import Port
 from ikservo.hardware.protocols.driver import ProtocolDriver
 from ikservo.hardware.register_batches import ReadBatch, batch_read
+from ikservo.hardware.serial_ports import line_hint
 from ikservo.hardware.servo import ServoSpec, ServoStatistics
 from ikservo.registers import Alarm, Family
 
@@ -233,10 +234,12 @@ class Requester:
 
     def make_error(self, servo: ServoSpec, fault: ReplyFault, request: str) -> BusError:
         """Make the error that names servo, request and fault."""
-        silent = fault.kind is FaultKind.SILENT
+        hint = self._diagnose_silence() if fault.kind is FaultKind.SILENT else ""
+        if fault.kind is not FaultKind.REFUSED:
+            hint = line_hint(self.port.name, hint)
         return _ERRORS[fault.kind](
             fault.found,
-            self._diagnose_silence() if silent else "",
+            hint,
             servo=str(servo),
             servo_id=servo.id,
             port=self.port.name,

@@ -205,6 +205,16 @@ def is_pseudo_terminal(port_name: str) -> bool:
         return False
 
 
+def line_hint(port_name: str, hint: str) -> str:
+    """Return a hint about plugs and cables; another for a pseudo-terminal, which has none."""
+    if not is_pseudo_terminal(port_name):
+        return hint
+    return (
+        "A simulated bus has no plugs: reduce the computer's load, then check the ids and the "
+        "options of the simulator."
+    )
+
+
 _BUSY = {errno.EBUSY, errno.EAGAIN, errno.EWOULDBLOCK}
 _NO_TERMINAL = {errno.EISDIR, errno.ENOTTY, errno.EINVAL, errno.ENXIO, errno.ENODEV}
 _URL_FORMATS = "a network port is written like socket://192.168.1.5:4000"

@@ -80,7 +80,7 @@ class Chain:
         columns = {joint.name: i for i, joint in enumerate(moving)}
         by_name = {joint.name: joint for joint in joints}
         steps = {joint.name: make_chain_joint(joint, columns, by_name) for joint in joints}
-        limits = np.array([effective_limits(joint, joints) for joint in moving])
+        limits = np.array(effective_limits(moving, joints))
         return cls(
             base=base,
             tip=tip,

@@ -143,25 +143,27 @@ def make_chain_joint(
     return ChainJoint(joint, 0, 0.0, scale * _clamp_zero(leader) + shift)
 
 
-def effective_limits(moving: Joint, joints: Sequence[Joint]) -> tuple[float, float]:
-    """Compute the range of a joint that keeps it and all its mimics inside their limits.
+def effective_limits(moving: Sequence[Joint], joints: Sequence[Joint]) -> list[tuple[float, float]]:
+    """Compute the range of each joint that keeps it and all its mimics inside their limits.
 
     Raises:
-        InputError: A follower's limits leave it no value at all.
+        InputError: A follower's limits leave a joint no value at all.
     """
     by_name = {joint.name: joint for joint in joints}
-    low, high = moving.lower, moving.upper
+    ranges = {joint.name: (joint.lower, joint.upper) for joint in moving}
     for joint in joints:
         leader, scale, shift = _resolve_mimic(joint, by_name)
-        if leader is moving and joint is not moving and scale:
+        if leader.name in ranges and joint is not leader and scale:
+            low, high = ranges[leader.name]
             ends = sorted([(joint.lower - shift) / scale, (joint.upper - shift) / scale])
-            low, high = max(low, ends[0]), min(high, ends[1])
-    if low > high:
-        raise InputError(
-            f"{moving.name} has no value that keeps the joints that follow it in their limits.",
-            "Check the limits, multipliers and offsets of its mimic joints.",
-        )
-    return low, high
+            ranges[leader.name] = max(low, ends[0]), min(high, ends[1])
+    for name, (low, high) in ranges.items():
+        if low > high:
+            raise InputError(
+                f"{name} has no value that keeps the joints that follow it in their limits.",
+                "Check the limits, multipliers and offsets of its mimic joints.",
+            )
+    return list(ranges.values())
 
 
 def _resolve_mimic(joint: Joint, by_name: Mapping[str, Joint]) -> tuple[Joint, float, float]:

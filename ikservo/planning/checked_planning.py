@@ -392,6 +392,8 @@ class PreflightPlanner:
             if found is None and blocked is not None and touches:
                 found = self._plan_around(motion, start, goal, allowed, blocked)
             if found is None:
+                if blocked is not None and touches:
+                    blocked.command_hint += " Or first move the arm by hand until it is free."
                 raise
             return found
 

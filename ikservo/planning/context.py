@@ -208,14 +208,21 @@ class ArmContext:
         path = self.index.body_joints(self.planner.sample_trajectory(trajectory, speed))
         return self.checked_collision.check_path(path, self.planner.dynamic_load_factor(speed))
 
-    def check_trajectory(self, move: RuckigMotion) -> None:
+    def check_trajectory(self, move: RuckigMotion, rest: Vector) -> None:
         """Check the path of an online trajectory, braking and reversing included.
+
+        Args:
+            move: The motion from the present state on.
+            rest: The joints (n,) from which the trajectory began, at rest.
 
         Raises:
             RefusedError: Something would be touched.
         """
         if self.checked_collision is not None:
-            self._check_path(sample_path(move.at, move.duration_s, move.top_speed))
+            path = sample_path(move.at, move.duration_s, move.top_speed)
+            self.checked_collision.check_path(
+                self.index.body_joints(path), rest=self.index.body_joints(rest)
+            )
 
     def check_straight_path(self, start: Vector, goal: Vector) -> None:
         """Check the straight path of the joints (n,) between two positions.

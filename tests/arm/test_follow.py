@@ -9,6 +9,7 @@ import pytest
 
 import ikservo
 from ikservo.errors import BadValueError, InputError, RefusedError, UnknownNameError
+from ikservo.planning.context import ArmContext
 from servosim.joint import Hand, glide
 from tests.arm.audit import Auditor
 from tests.arm.simulated import (
@@ -98,6 +99,14 @@ def test_after_silence_it_holds_and_returns(arm):
     assert 0.3 <= times_s[-1] - times_s[0] <= 0.9
     assert all(registers(arm, "torque_enable").values())
     assert true_joints(arm)["shoulder_pan"] < 0.6
+
+
+def test_stream_is_checked_against_where_it_began(arm, monkeypatch):
+    began, rests = list(true_joints(arm).values()), []
+    monkeypatch.setattr(ArmContext, "check_trajectory", lambda *words: rests.append(words[2]))
+    arm.follow({"shoulder_pan": pan} for pan in np.linspace(0.0, 0.5, cycle_count(arm, 0.5)))
+    assert len(rests) > 10
+    np.testing.assert_allclose(rests, [began] * len(rests), atol=0.01)
 
 
 def test_a_stream_that_keeps_it_waiting_is_silence(arm):

@@ -1,13 +1,29 @@
 """Control characters of files and of the network are spelled out before a terminal sees them."""
 
 import json
+import re
+import sys
+from pathlib import Path
 
 import pytest
+from rich.console import Group
+from rich.table import Table
+from rich.text import Text
 
+import ikservo
 from ikservo.cli.entry_point import main
-from ikservo.cli.terminal import print_json, print_lines, print_status, print_table, printable
+from ikservo.cli.terminal import (
+    open_console,
+    print_json,
+    print_lines,
+    print_status,
+    print_table,
+    print_text,
+    printable,
+)
 from ikservo.errors import IkservoError
 
+PACKAGE = Path(ikservo.__file__).parent
 HOSTILE = "a\x1b[2Jb\rc\x07\x9b31m\x7f\u202ed"
 SHOWN = r"a\x1b[2Jb\rc\x07\x9b31m\x7f\u202ed"
 
@@ -50,3 +66,30 @@ def test_error_message_has_no_control_characters(capsys, monkeypatch):
     out, err = capsys.readouterr()
     assert json.loads(out)["hint"] == HOSTILE
     assert (out + err).replace("\n", "").isprintable()
+
+
+def test_screens_of_rich_show_no_control_characters(monkeypatch):
+    monkeypatch.setenv("FORCE_COLOR", "1")
+    console = open_console()
+    table = Table()
+    table.add_column("name")
+    table.add_row(Text("cup\x1b[2J\x07", "red"))
+    with console.capture() as capture:
+        console.print(Group("tip\x1b]0;title\x07\u202e", table))
+    shown = capture.get()
+    assert "cup\\x1" in shown  # cut at the width of its column
+    assert not re.search("\x1b(?!\\[[0-9;]*m)|\x07|\u202e", shown)
+
+
+@pytest.mark.parametrize("is_terminal", [True, False])
+def test_exported_text_is_printable_on_a_terminal_only(monkeypatch, capsys, is_terminal):
+    monkeypatch.setattr(sys.stdout, "isatty", lambda: is_terminal, raising=False)
+    print_text("time_s,cup\x1b[2J\n")
+    assert ("\x1b" in capsys.readouterr().out) is not is_terminal
+
+
+def test_terminals_are_written_at_one_border():
+    """Only the module of the terminal makes consoles of Rich and writes text as it is."""
+    written = re.compile(r"\bConsole\(|rich\.print|typer\.echo\((?!__version__)|sys\.stdout\.write")
+    files = [f for f in PACKAGE.rglob("*.py") if written.search(f.read_text())]
+    assert [f.relative_to(PACKAGE).as_posix() for f in files] == ["cli/terminal.py"]

@@ -1,5 +1,6 @@
 """The path of the body is checked for collisions before anything moves."""
 
+import contextlib
 import itertools
 import math
 
@@ -201,6 +202,39 @@ def test_an_arm_on_the_floor_may_stay_or_rise_but_not_sink(heights_m, refused):
             space_of_balls().check_path(way)
     else:
         space_of_balls().check_path(way)
+
+
+def sink_by_checks(height_m, checks, **kwargs):
+    """Return how high a ball is after checks of paths, each followed to where it is deepest."""
+    space = space_of_balls()
+    for _ in range(checks):
+        lower_m = height_m - 0.0004
+        with contextlib.suppress(RefusedError):
+            space.check_path([np.array([z, 1.0]) for z in (height_m, lower_m, 0.06)], **kwargs)
+            height_m = lower_m
+    return height_m
+
+
+def test_retargeted_paths_in_contact_do_not_add_up():
+    assert sink_by_checks(0.05, 50) < 0.04
+    assert sink_by_checks(0.05, 50, rest=np.array([0.05, 1.0])) >= 0.0495
+
+
+def test_retargeted_path_ends_no_deeper_than_at_rest():
+    way = [np.array([height_m, 1.0]) for height_m in (0.0497, 0.0497)]
+    space_of_balls().check_path(way)
+    with pytest.raises(RefusedError, match="the table"):
+        space_of_balls().check_path(way, rest=np.array([0.05, 1.0]))
+
+
+def test_small_accepted_paths_in_contact_do_not_add_up():
+    height_m, dice, space = 0.05, np.random.default_rng(5), space_of_balls()
+    for _ in range(50):
+        for end_m in height_m + dice.uniform(-6e-4, 1e-4, 20):
+            with contextlib.suppress(RefusedError):
+                space.check_path([np.array([z, 1.0]) for z in (height_m, end_m)])
+                height_m = min(height_m, end_m)
+    assert height_m >= 0.05 - 50 * 1e-6
 
 
 def test_the_smallest_distance_on_the_way_is_returned():

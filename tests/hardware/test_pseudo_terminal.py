@@ -5,7 +5,11 @@ import sys
 
 import pytest
 
-from ikservo.hardware.serial_ports import is_pseudo_terminal
+from ikservo.errors import ServoSilentError
+from ikservo.hardware import ServoBus, ServoSpec
+from ikservo.hardware.port import open_port
+from ikservo.hardware.serial_ports import is_pseudo_terminal, line_hint
+from ikservo.registers import MODELS
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="device numbers are Linux's")
 
@@ -33,3 +37,13 @@ def test_a_link_to_one_is_one(served, tmp_path):
 )
 def test_nothing_else_is_one(name):
     assert not is_pseudo_terminal(name)
+
+
+def test_hints_of_a_simulated_bus_name_no_plugs(served):
+    servo = ServoSpec(1, MODELS["STS3215"])
+    with (
+        ServoBus(open_port(served, 1_000_000), [servo]) as bus,
+        pytest.raises(ServoSilentError, match="no plugs: reduce the computer's load"),
+    ):
+        bus.read(1, servo.table.registers["homing_offset"])
+    assert line_hint("/dev/ttyUSB0", "Check the plugs.") == "Check the plugs."

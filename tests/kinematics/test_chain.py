@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ikservo.errors import BadValueError, UnknownNameError
-from ikservo.kinematics import Chain, JointType
+from ikservo.kinematics import Chain, JointType, joints
 from ikservo.kinematics.se3 import make_pose
 from tests.kinematics.chains import crane, joint, planar
 
@@ -166,3 +166,20 @@ def test_origins_of_unknown_joints_or_that_are_no_poses_are_refused():
 def test_a_chain_is_shown_without_the_tables_that_it_computes_with():
     assert "names=('turn', 'slide')" in repr(crane())
     assert "ChainJoint" not in repr(crane())
+
+
+def test_mimics_of_a_long_row_are_resolved_once(monkeypatch):
+    resolved, resolve = [], joints._resolve_mimic
+    monkeypatch.setattr(
+        joints, "_resolve_mimic", lambda *words: resolved.append(1) or resolve(*words)
+    )
+    counts = []
+    for count in (50, 100):
+        row = [
+            joint(f"j{i}", JointType.REVOLUTE, f"l{i}", f"l{i + 1}", lower=-1.0, upper=1.0)
+            for i in range(count)
+        ]
+        resolved.clear()
+        Chain.from_joints(row, "l0", f"l{count}")
+        counts.append(len(resolved))
+    assert counts[1] <= 2.1 * counts[0]

@@ -23,6 +23,7 @@ from ikservo.apps.calibrating.calibration_session import TorqueOffArm, open_torq
 from ikservo.cli.session import second_interrupt_lowers
 from ikservo.cli.terminal import print_status
 from ikservo.cli.terminal_dialogue import Operator
+from ikservo.control.stop_requests import exiting_on_signals
 from ikservo.errors import IkservoError
 from ikservo.maintenance.dialogue import ACCEPT, Dialogue, Notice, Question, Unasked
 from ikservo.maintenance.direction_check import confirm_directions
@@ -63,7 +64,11 @@ def calibrate_auto(
             record_ranges(limp_arm, options.begin(limp_arm), options.pose, pose_stage)
         )
         state = with_known_ranges(state, measured.travels)
-        with restore_encoders(limp_arm, print_status), _report_kept_joints(measured):
+        with (
+            exiting_on_signals(),
+            restore_encoders(limp_arm, print_status),
+            _report_kept_joints(measured),
+        ):
             auto = AutoCalibration(limp_arm, state, options.pose, measured)
             with second_interrupt_lowers(auto.arm):
                 state = operator.run(auto.run())

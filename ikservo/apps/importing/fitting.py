@@ -22,6 +22,7 @@ _SAMPLES = 40  # of the size: points of the surface are at most so far apart
 _MAX_FITTED = 30_000  # triangles: of a mesh with more, vertices farther apart become one
 _MAX_PIECES = 100_000  # into which triangles are cut: larger surfaces are sampled more coarsely
 _CUTS = (0.5, 0.35, 0.65)  # where a part is cut, of its extent
+_MAX_RATED = 6_000  # triangles that are cut to find the best plane
 _CIRCLE_STEPS = 60
 _DIRECTIONS = 192
 _MAX_SEARCHED = 6_000  # points: of more, some are searched in all directions, and all in few
@@ -398,14 +399,16 @@ def outermost(points: Matrix) -> Matrix:
 def _farthest_along(directions: Matrix, points: Matrix) -> Matrix:
     """Return the point (k, 3) that is the farthest along each direction (k, 3)."""
     most, which = np.full(len(directions), -np.inf), np.zeros(len(directions), dtype=np.intp)
-    across = np.ascontiguousarray(directions.T.astype(np.float32))
+    across, rows = directions.astype(np.float32), np.arange(len(directions))
     middle = points.mean(axis=0)
     for first in range(0, len(points), _BLOCK):  # what fits into a processor's cache
-        along = (points[first : first + _BLOCK] - middle).astype(np.float32) @ across
-        block_most = along.max(axis=0)
-        farther = block_most > most
-        which[farther] = first + along[:, farther].argmax(axis=0)
-        most[farther] = block_most[farther]
+        near = (points[first : first + _BLOCK] - middle).astype(np.float32)
+        x, y, z = near.T.copy()
+        along = across[:, :1] * x + across[:, 1:2] * y + across[:, 2:] * z
+        block = along.argmax(axis=1)
+        farther = along[rows, block] > most
+        which[farther] = first + block[farther]
+        most[farther] = along[rows, block][farther]
     return points[which]
 
 
@@ -449,21 +452,31 @@ def _capsule_along(
 def _best_cut(
     triangles: Triangles, surface: _SampledSurface, allowed_m: float
 ) -> list[_Part] | None:
-    """Return the two parts of the cut with the nearest capsules; None if nothing can be cut."""
+    """Return the two parts of the cut with the nearest capsules; None if nothing can be cut.
+
+    Of very many triangles some are cut everywhere, and all where that is best.
+    """
     points = triangles.reshape(-1, 3)
+    some = triangles[:: math.ceil(len(triangles) / _MAX_RATED)]
+    planes: list[tuple[Vector, float]] = []
     pieces: list[Triangles] = []
     for axis in (*np.eye(3), _main_axes(outermost(points))[0]):
         along = points @ axis
         low, high = float(along.min()), float(along.max())
         for fraction in _CUTS:
-            halves = _cut_by_plane(triangles, axis, low + fraction * (high - low))
+            plane = axis, low + fraction * (high - low)
+            halves = _cut_by_plane(some, *plane)
             if all(len(half) for half in halves):
+                planes.append(plane)
                 pieces += halves
     if not pieces:
         return None
     parts = _fit_parts(pieces)
     pairs = [parts[i : i + 2] for i in range(0, len(parts), 2)]
-    return min(pairs, key=lambda pair: surface.badness(pair, allowed_m))
+    best = min(range(len(pairs)), key=lambda i: surface.badness(pairs[i], allowed_m))
+    if len(some) == len(triangles):
+        return pairs[best]
+    return _fit_parts(_cut_by_plane(triangles, *planes[best]))
 
 
 def _cut_by_plane(triangles: Triangles, axis: Vector, at_m: float) -> tuple[Triangles, Triangles]:

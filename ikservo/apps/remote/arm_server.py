@@ -140,10 +140,12 @@ class ArmServer:
     def _requested(self, request: ServiceRequest) -> AbstractContextManager[None]:
         """Return the context of a request that arrives now: a later stop ends what it moves.
 
-        So does one that was made on the way, or while the request still waited in its program.
+        So does one that was made on the way, or while the request still waited in its program. A
+        count of stops that are still to come would make it survive them.
         """
         background, count = self._arm.background, request.stop_count
-        return background.requested(background.stop_count if count is None else count)
+        present = background.stop_count
+        return background.requested(present if count is None else min(count, present))
 
     def check(self, request: ServiceRequest, service: str) -> None:
         """Refuse a request of the operator at its arrival where the lease does.

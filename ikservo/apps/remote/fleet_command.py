@@ -9,7 +9,6 @@ from collections.abc import Iterable
 from typing import Annotated
 
 import typer
-from rich.console import Console
 from rich.live import Live
 from rich.table import Table
 
@@ -18,7 +17,7 @@ from ikservo.apps.remote.fleet import FleetArm, read_fleet
 from ikservo.apps.remote.zenoh_network import fleet_hosts
 from ikservo.cli.options import CountOption, JsonOption
 from ikservo.cli.quantities import parse_time_s
-from ikservo.cli.terminal import print_json, print_table
+from ikservo.cli.terminal import open_console, print_json, print_table
 from ikservo.clock import Clock, RealClock
 from ikservo.errors import PortError
 
@@ -63,7 +62,7 @@ def command(
 def _show(
     hosts: list[Endpoint], times: int | None, period_s: float, clock: Clock, *, json: bool
 ) -> None:
-    console = Console(highlight=False)
+    console = open_console()
     watched = console.is_terminal and times != 1
     live = Live(console=console, auto_refresh=False) if watched else None
     arms: list[FleetArm] = []

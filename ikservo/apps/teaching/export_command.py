@@ -16,7 +16,7 @@ from ikservo.calibration.paths import calibration_path, calibrations_of
 from ikservo.cli.completion import complete_from
 from ikservo.cli.model_options import model_from_option
 from ikservo.cli.options import ServoConnection
-from ikservo.cli.terminal import print_status
+from ikservo.cli.terminal import print_status, print_text
 from ikservo.errors import CalibrationError, InputError, UnknownNameError
 from ikservo.files.writing import write_atomic
 from ikservo.hardware.port_names import serial_number_of
@@ -94,7 +94,7 @@ def _write_output(text: str, to: Path | None) -> None:
     if to:
         write_atomic(to, text, keep_old=True)
     else:
-        typer.echo(text, nl=False)  # byte for byte as in a file
+        print_text(text)
 
 
 def _find_calibration_file(model: Model, port: str | None) -> Path:

@@ -25,6 +25,7 @@ from ikservo.hardware.serial_ports import (
     find_adapter,
     has_udev,
     installed_rules,
+    line_hint,
     read_rules,
 )
 from ikservo.hardware.servo import ServoSpec
@@ -213,7 +214,7 @@ def _check_presence(
     elif present:
         names = ", ".join(map(str, silent))
         hint = silence_hint(specs, [s.id for s in present], [s.id for s in silent])
-        yield failure("servos", f"no answer from {names}", hint)
+        yield failure("servos", f"no answer from {names}", line_hint(port.name, hint))
     else:
         rate = port.baudrate
         found = _scan_with_progress(port, on_progress)
@@ -243,9 +244,8 @@ def _check_quality(
         return
     counts = ", ".join(f"{bus.servos[i]}: {count}" for i, count in quality.lost.items())
     kind = failure if quality.lost_fraction > _MAX_LOSS_FRACTION else warning
-    yield kind(
-        "loss", f"{text} ({counts})", "Check for loose connectors, a weak supply, long cables."
-    )
+    hint = "Check for loose connectors, a weak supply, long cables."
+    yield kind("loss", f"{text} ({counts})", line_hint(bus.port.name, hint))
 
 
 def _latency_finding(quality: LineQuality, adapter: SerialAdapter | None) -> Finding:

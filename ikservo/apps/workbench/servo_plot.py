@@ -8,13 +8,12 @@ import sys
 from collections import deque
 from collections.abc import Iterator, Sequence
 
-from rich.console import Console
 from rich.live import Live
 from rich.table import Table
 
 from ikservo.apps.workbench.servo_samples import Sample, live_registers, sample_registers
 from ikservo.apps.workbench.servo_workbench import ServoLine, find_register, shown_unit
-from ikservo.cli.terminal import print_json, print_lines, print_status
+from ikservo.cli.terminal import open_console, print_json, print_lines, print_status
 from ikservo.hardware.register_batches import Register
 from ikservo.hardware.servo import ServoSpec
 
@@ -86,7 +85,7 @@ def _print_csv(samples: Iterator[Sample], curves: Sequence[Curve]) -> None:
 
 
 def _draw(samples: Iterator[Sample], curves: Sequence[Curve], period_s: float) -> None:
-    console = Console(highlight=False)
+    console = open_console()
     width = max(console.width - _OTHER_COLUMNS_CHARS, _SHORTEST_CURVE)
     rows = _TALL_ROWS if len(curves) <= _TALL_UP_TO else 1
     histories = [deque[float | None](maxlen=width) for _ in curves]

@@ -12,7 +12,7 @@ from typing import Annotated, Any
 
 import numpy as np
 import typer
-from rich.console import Console, Group
+from rich.console import Group
 from rich.live import Live
 from rich.table import Table
 from rich.text import Text
@@ -32,7 +32,7 @@ from ikservo.cli.options import (
 from ikservo.cli.posture_reports import posture_fields, posture_lines
 from ikservo.cli.quantities import parse_point_m, parse_time_s
 from ikservo.cli.session import open_from_options
-from ikservo.cli.terminal import print_json, print_lines, print_table
+from ikservo.cli.terminal import open_console, print_json, print_lines, print_table
 from ikservo.clock import Clock, RealClock
 from ikservo.errors import IkservoError, InputError, format_point
 from ikservo.kinematics.arrays import Vector
@@ -201,7 +201,7 @@ def watch_arm(
                 print_json("where", tip_m=here.tip_m, joints=here.joints)
                 sys.stdout.flush()
             return
-        console = Console(highlight=False)
+        console = open_console()
         with (
             Live(console=console, auto_refresh=False)
             if console.is_terminal

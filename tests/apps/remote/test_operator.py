@@ -7,7 +7,14 @@ import pytest
 import ikservo
 from ikservo.apps.remote import key_expressions as keys
 from ikservo.apps.remote.setpoint_inbox import SetpointInbox
-from ikservo.apps.remote.wire_messages import Announcement, Setpoint, encode, result_of
+from ikservo.apps.remote.wire_messages import (
+    SCHEMA,
+    Announcement,
+    ServiceRequest,
+    Setpoint,
+    encode,
+    result_of,
+)
 from ikservo.apps.remote.zenoh_session import ask
 from ikservo.errors import (
     IkservoError,
@@ -334,6 +341,56 @@ def test_a_goal_that_makes_no_sense_moves_nothing(served, service, goal):
     after = goals_sent(served.arm)
     assert all(abs(after[i] - before[i]) <= 2 for i in before)
     client.close()
+
+
+OPEN = {"move_gripper": {"to": "open"}}
+
+
+@pytest.mark.parametrize("ahead", [1, 2, 2**53])
+def test_queued_motion_with_later_stop_count_is_ended_by_stop(served, ahead):
+    before, count = goals_sent(served.arm), served.arm.background.stop_count + ahead
+    request = ServiceRequest(schema=SCHEMA, stop_count=min(count, 2**53))
+    arrived = served.server._requested(request)  # and waits for its turn
+    served.arm.stop("test")
+    served.arm.acknowledge()
+    with arrived, pytest.raises(StoppedError):
+        served.arm.gripper("open")
+    assert goals_sent(served.arm) == before
+
+
+def test_replayed_message_is_refused_and_moves_nothing(served):
+    client = served.connect()
+    lease = client.acquire()
+    number = next(client._numbers)
+    sent = client._request({"motion": OPEN}, lease=lease, number=number)
+    key = keys.drive("desk", "move")
+    first = client._send(key, sent, TIMEOUT_S)
+    until(lambda: first.done)
+    first.result()
+    before = goals_sent(served.arm)
+    again = [client._send(key, sent, TIMEOUT_S) for _ in range(20)]
+    for each in again:
+        until(lambda each=each: each.done)
+        with pytest.raises(IkservoError):
+            each.result()
+    assert goals_sent(served.arm) == before
+    client.close()
+
+
+@pytest.mark.full
+def test_flood_of_messages_does_not_hold_up_a_stop(served):
+    client, other = served.connect(), served.connect()
+    request = other._request({})
+    flood = [other._send(keys.watch("desk", "health"), request, TIMEOUT_S) for _ in range(500)]
+    for _ in range(500):
+        other._session.put(keys.setpoint("desk"), b"x" * 1000)
+    client.stop("test", "CLIENT")
+    assert served.arm.stop_reason is not None
+    until(lambda: all(each.done for each in flood))
+    assert other.watch("clock") > 0
+    served.arm.acknowledge()
+    client.close()
+    other.close()
 
 
 def test_a_motion_without_the_lease_is_refused(served):

@@ -11,6 +11,8 @@ from ikservo.apps.teaching.recorder import recording_header
 from ikservo.apps.teaching.recording import RecordingWriter
 from ikservo.errors import CollisionError
 from ikservo.guard import KeepOutBox
+from ikservo.model.catalogue import arm_names
+from tests.arm.seeds import log
 from tests.arm.simulated import clock_of, context_of, line_of, registers
 from tests.oracle import ARMS
 
@@ -88,33 +90,43 @@ def test_an_arm_that_was_set_down_is_not_led_into_the_table(name, degrees):
         assert_no_plan_goes_deeper(arm)
 
 
-def goes_home(name, seed):
-    """Return whether an arm that was dropped in a random posture is brought to its home pose."""
+def refusal_of_home(name, seed):
+    """Send an arm that was dropped in a random posture to its home pose; return why not, or None.
+
+    A refused one is put where the hint says, by hand, and goes home from there.
+    """
     with open_limp(name) as arm:
         lower, upper = arm.limits()
         postures = np.random.default_rng(seed).uniform(lower, upper, (500, len(lower)))
         joints = next(q for q in postures if distances_m(arm, q).min() > 0.0)
         set_down(arm, dict(zip(arm.joint_names, np.degrees(joints), strict=True)))
+        refused = None
         try:
-            return arm.pose("home").reached
-        except CollisionError:
-            return False
+            assert arm.pose("home").reached
+        except CollisionError as error:
+            refused = error
+        if refused is not None:
+            assert "by hand" in refused.command_hint
+            arm.relax()
+            for joint, position in arm.model.pose("home").items():
+                line_of(arm).world.place(joint, position)
+            assert arm.pose("home").reached
+        return refused
 
 
 @pytest.mark.full
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_a_limp_arm_leaves_the_table_for_its_home_pose(seed):
-    assert goes_home("koch", seed)
+    assert refusal_of_home("koch", seed) is None
 
 
 @pytest.mark.campaign
 @pytest.mark.timeout(900)
-@pytest.mark.parametrize(
-    "name", ["so101", "koch", "open_manipulator_x", "px100", "wx250s", "vx300s"]
-)
-def test_a_limp_arm_leaves_the_table_from_nearly_every_posture(name):
-    homes = [goes_home(name, seed) for seed in range(20)]
-    assert sum(homes) >= 19
+@pytest.mark.parametrize("name", arm_names())
+def test_limp_arm_goes_home_from_nearly_every_posture(name, capsys):
+    refused = list(filter(None, (refusal_of_home(name, seed) for seed in range(20))))
+    log(capsys, f"{name}: home from {20 - len(refused)} of 20 limp postures; refused: {refused}")
+    assert len(refused) <= 1
 
 
 @pytest.fixture
