@@ -12,7 +12,7 @@ from ikservo.apps.workbench.servo_workbench import ServoLine, plan_writes, write
 from ikservo.arm.opening import open_bus
 from ikservo.clock import RealClock
 from ikservo.errors import BusError
-from ikservo.files.folders import config_dir
+from ikservo.files.reading import config_dir
 from ikservo.model import load_model
 from tests.cli.test_over_a_pty import IKSERVO, served
 

@@ -105,7 +105,11 @@ class CameraView:
         if picture is not None and picture.shape[:2] != (height, width):
             seen = f"{picture.shape[1]} x {picture.shape[0]}"
             return f"The pictures are {seen}, not {width} x {height} as calibrated."
-        return "" if self._video.is_fresh else "The camera picture is too old. Is the camera connected?"
+        return (
+            ""
+            if self._video.is_fresh
+            else "The camera picture is too old. Is the camera connected?"
+        )
 
     def require_usable(self) -> None:
         """Refuse targets from a picture that is old, or of a camera that has moved.
