@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ikservo.errors import CollisionError
-from ikservo.guard.clear_space import ClearSpace
+from ikservo.guard.clear_space import ClearSpace, RigidBodies
 from ikservo.guard.sag import GravitySag, Sag
 from ikservo.kinematics.arrays import Matrix, Vector, finite_vectors
 from ikservo.kinematics.capsules import Capsule
@@ -250,8 +250,13 @@ class CollisionChecker:
         allowed_m, sampled_m = (self._allowed_of_capsules(each) for each in (near_m, sampled_m))
         sag = self.sag if isinstance(self.sag, GravitySag) and load > 0.0 else None
         return ClearSpace(
-            self.body, self.shapes, self.floor_m, allowed_m, sag, load, self.bends, sampled_m
-        )
+            self.body, self._rigid, self.shapes, self.floor_m, allowed_m, sag, load, self.bends,
+            sampled_m,
+        )  # fmt: skip
+
+    @cached_property
+    def _rigid(self) -> RigidBodies:
+        return RigidBodies(self.body)
 
     def _allowed_of_capsules(self, near_m: Vector) -> Matrix:
         """Return how near capsules may come (2, pairs), sagging below, of the pairs' distances."""
