@@ -33,6 +33,7 @@ _MOST_WAYS = 8
 _SEARCHED_AGAIN = 1
 _LEAST_AGAIN = 2500
 _SHORT = 1.4
+_SHORT_IN_TIME, _FOR_EVER = 1.02, 10**15  # the same for a search that takes its time
 _SHORTER = 0.75  # ways are looked for that are shorter by this factor
 _ROOM = 200  # rows for the corners that shortcuts add
 _SAME = 1e-9
@@ -80,6 +81,8 @@ class WaySearch:
         tool: What a tool keeps to on the way; None if it is free.
         columns: The column and unit of each joint of the tool's chain (dof of the chain, 2).
         seed: Where chance begins.
+        takes_time: Whether a way is made shorter until the search is to end, unless it is nearly
+            straight.
 
     Attributes:
         has_ended: Whether nothing more will be found: a way was, or there is no free end, or the
@@ -98,12 +101,14 @@ class WaySearch:
         tool: SearchedTool | None = None,
         columns: Matrix | None = None,
         seed: int = 1,
+        takes_time: bool = False,
     ) -> None:
         from ikservo.kernels import way_search as kernel  # noqa: PLC0415  # as the checker's
 
         n, self._kernel = len(start), kernel
         every = np.column_stack([np.arange(n, dtype=np.float64), np.ones(n), np.zeros(n)])
         self._space, self._tool, self._start = space, tool, start
+        self._takes_time = takes_time
         self._body = every if body is None else body
         self._moved = np.flatnonzero(self._body[:, 0] >= 0.0)
         self._moved_by = self._body[self._moved, 0].astype(np.intp)
@@ -137,18 +142,23 @@ class WaySearch:
             if self._is_proven(straight):
                 self.has_ended = True
                 return straight
-        at = self._kernel.LOOKED
-        until = self._state[at] + most
-        while self._state[at] < until and not (self.has_ended or is_over()):
-            before = self._state[at]
-            if self._grow_trees(self._step_m, min(until, before + self._chunk)):
-                way = self._proven_way(is_over)
-                if way is not None:
-                    self.has_ended = True
-                    return way
-            elif self._state[at] == before:  # a tree is full
+        until = int(self._state[self._kernel.LOOKED]) + most
+        while not self.has_ended and self._has_met(until, is_over):
+            way = self._proven_way(is_over)
+            if way is not None:
                 self.has_ended = True
+                return way
         return None
+
+    def _has_met(self, until: int, is_over: Callable[[], bool]) -> bool:
+        """Let the trees grow, up to so many postures, and return whether they have met."""
+        looked = self._kernel.LOOKED
+        while self._state[looked] < until and not (self.has_ended or is_over()):
+            before = self._state[looked]
+            if self._grow_trees(self._step_m, min(until, before + self._chunk)):
+                return True
+            self.has_ended = bool(self._state[looked] == before)  # a tree is full
+        return False
 
     def _bound(
         self, name: str, limits: Matrix, nodes: Matrix, parents: IntVector, state: IntVector
@@ -181,17 +191,20 @@ class WaySearch:
         """Search again from the beginning, with other chance, unless a way is short."""
         looked, before = self._kernel.LOOKED, (self._nodes, self._parents, self._grow_trees)
         until = self._state[looked] + max(_SEARCHED_AGAIN * int(self._state[looked]), _LEAST_AGAIN)
+        until = _FOR_EVER if self._takes_time else int(until)
         kept = self._state[self._kernel.SIZES : looked].copy()
-        enough = _SHORT * np.linalg.norm(self._goals - self._start, axis=1).min()
+        straight = np.linalg.norm(self._goals - self._start, axis=1).min()
+        enough = straight * (_SHORT_IN_TIME if self._takes_time else _SHORT)
+        shorter, most = (1.0, until) if self._takes_time else (_SHORTER, _MOST_WAYS)
         ways = [way]
         while (
-            len(ways) < _MOST_WAYS
+            len(ways) < most
             and self._state[looked] < until
             and min(map(path_length, ways)) > enough
             and not is_over()
         ):
-            self._plant(self._limits_of_ways(_SHORTER * min(map(path_length, ways))))
-            if self._grow_trees(self._step_m, until):
+            self._plant(self._limits_of_ways(shorter * min(map(path_length, ways))))
+            if self._has_met(until, is_over):
                 ways.append(self._shortened(self._way(*self._branches()), self._step_m))
         self._nodes, self._parents, self._grow_trees = before
         self._state[self._kernel.SIZES : looked] = kept

@@ -436,8 +436,9 @@ class PreflightPlanner:
         think_s = motion.think_s if isinstance(motion, MoveTo | MoveJoints) else THINK_S
         since_s = perf_counter()
         ways = self._ways_around(
-            start, np.array(goals), allowed, within, lambda: perf_counter() - since_s > think_s
-        )
+            start, np.array(goals), allowed, within, lambda: perf_counter() - since_s > think_s,
+            takes_time=think_s > THINK_S,
+        )  # fmt: skip
         for tried in ways:
             with suppress(RefusedError):
                 plan = self._check_clear(tried, motion.speed, within)
@@ -461,6 +462,8 @@ class PreflightPlanner:
         allowed: str,
         within: PathConstraint,
         is_over: Callable[[], bool],
+        *,
+        takes_time: bool,
     ) -> Iterator[MotionPlan]:
         """Yield plans around things to one of some goals (m, n), the roundest first, until it ends.
 
@@ -473,7 +476,9 @@ class PreflightPlanner:
             tool = self._planner.constrained_tool(within, start)
             if tool is not None:
                 tool.admit(self._context.index.chain_joints(goals))
-            ways = ways_around(self._context, begin, goals, load_factor, tool, is_over)
+            ways = ways_around(
+                self._context, begin, goals, load_factor, tool, is_over, takes_time=takes_time
+            )
             for way in ways:
                 for blend in BLENDS_RAD if len(way) > 2 else BLENDS_RAD[:1]:
                     plan = self._planner.plan_along(begin, list(way[1:]), allowed, blend)
