@@ -12,12 +12,102 @@ from numpy.typing import NDArray
 from ikservo.guard.sag import GravitySag
 from ikservo.kernels.compiled import bind
 from ikservo.kinematics.arrays import Matrix, Vector, finite_vectors
-from ikservo.kinematics.packed import CAPSULE_WIDTH, END, LINK, RADIUS, START, PackedBody
+from ikservo.kinematics.packed import (
+    CAPSULE_WIDTH,
+    CENTRE,
+    END,
+    HALF,
+    LINK,
+    LINK_POSE,
+    MIMIC_OFFSET,
+    MIMIC_SCALE,
+    PARENT,
+    RADIUS,
+    ROUNDING,
+    START,
+    PackedBody,
+)
 
 # The links of an arm that gives way are followed straight between postures so far apart. Torques
 # are sines of sums of joints: where three joints turn together and one gives way by 0.1 rad, the
 # links are at most about 0.001 rad beside that.
 _BENDING_STEP_RAD = 0.1
+
+
+class RigidBodies:
+    """What moves together: links without a joint between them have one frame.
+
+    Args:
+        body: The arm.
+
+    Attributes:
+        frames: A row for each, as those of links; see ``kinematics.packed``.
+        capsules: The capsules in these frames, whose numbers they have in place of links'.
+        spheres: The ball around each capsule, see ``first_contact``.
+        balls: The balls (links, 8) around the capsules of each link, with the numbers of frames.
+        pairs: The two links of each pair, and its number (pairs, 3).
+    """
+
+    def __init__(self, body: PackedBody) -> None:
+        frames, poses, numbers = list[Vector](), list[Matrix](), list[int]()
+        for link in body.links:
+            pose, parent = np.eye(4), int(link[PARENT])
+            pose[:3, :3], pose[:3, 3] = link[:9].reshape(3, 3), link[LINK_POSE : LINK_POSE + 3]
+            if parent >= 0:
+                pose = poses[parent] @ pose
+            is_fixed = parent >= 0 and link[MIMIC_SCALE] == 0.0 and link[MIMIC_OFFSET] == 0.0
+            if not is_fixed:
+                row = link.copy()
+                row[:9], row[LINK_POSE : LINK_POSE + 3] = pose[:3, :3].ravel(), pose[:3, 3]
+                row[PARENT] = numbers[parent] if parent >= 0 else -1
+                frames.append(row)
+            numbers.append(numbers[parent] if is_fixed else len(frames) - 1)
+            poses.append(pose if is_fixed else np.eye(4))
+        self.frames, self._poses, self._numbers = np.array(frames), np.array(poses), numbers
+        of = body.capsules[:, LINK].astype(int)
+        self.capsules = body.capsules.copy()
+        for at in (START, END):
+            points = body.capsules[:, at : at + 3, None]
+            self.capsules[:, at : at + 3] = (self._poses[of, :3, :3] @ points)[..., 0]
+            self.capsules[:, at : at + 3] += self._poses[of, :3, 3]
+        self.capsules[:, LINK] = np.array(numbers)[of]
+        self.spheres, self.balls = self._spheres(), self._balls(of)
+        _, first = np.unique(body.rows[:, 2], return_index=True)
+        rows = body.rows[first].astype(np.int64)
+        self.pairs = np.column_stack([of[rows[:, :2]].astype(np.int64), rows[:, 2]])
+
+    def masses(self, of_links: Matrix) -> Matrix:
+        """Return mass [kg] and centre [m] of each (n, 4) from those of the links (links, 4)."""
+        centres = (self._poses[:, :3, :3] @ of_links[:, 1:, None])[..., 0] + self._poses[:, :3, 3]
+        masses = np.zeros((len(self.frames), 4))
+        np.add.at(masses[:, 0], self._numbers, of_links[:, 0])
+        np.add.at(masses[:, 1:], self._numbers, of_links[:, :1] * centres)
+        masses[:, 1:] /= np.where(masses[:, :1] > 0.0, masses[:, :1], 1.0)
+        return masses
+
+    def _spheres(self) -> Matrix:
+        from ikservo.kernels.free_path import SPHERE_ROWS  # noqa: PLC0415  # as the checker's
+
+        starts, ends = self.capsules[:, START : START + 3], self.capsules[:, END : END + 3]
+        spheres = np.zeros((SPHERE_ROWS, len(starts)))
+        spheres[:3] = 0.5 * (starts + ends).T
+        spheres[3] = 0.5 * np.linalg.norm(ends - starts, axis=1) + self.capsules[:, RADIUS]
+        return spheres
+
+    def _balls(self, links: NDArray[np.intp]) -> Matrix:
+        from ikservo.kernels.free_path import FIRST_CAPSULE, LAST_CAPSULE  # noqa: PLC0415
+
+        balls = np.zeros((len(self._numbers), CAPSULE_WIDTH))
+        balls[:, LINK] = self._numbers
+        for link in np.unique(links):
+            own, ball = self.capsules[links == link], balls[link]
+            points = np.vstack([own[:, START : START + 3], own[:, END : END + 3]])
+            ball[START : START + 3] = 0.5 * (points.min(axis=0) + points.max(axis=0))
+            ball[FIRST_CAPSULE] = first = (links == link).argmax()  # those of a link stand together
+            ball[LAST_CAPSULE] = first + len(own)
+            apart_m = np.linalg.norm(points - ball[START : START + 3], axis=1)
+            ball[RADIUS] = (apart_m + np.tile(own[:, RADIUS], 2)).max()
+        return balls
 
 
 class ClearSpace:
@@ -28,6 +118,7 @@ class ClearSpace:
 
     Args:
         body: The arm.
+        rigid: Its rigid bodies.
         shapes: The things (k, 17) but the table; see ``kinematics.packed``.
         floor_m: The height of the table; minus infinity for none.
         allowed_m: The distances (2, pairs) to keep, of the capsules themselves; below, those of the
@@ -46,6 +137,7 @@ class ClearSpace:
     def __init__(
         self,
         body: PackedBody,
+        rigid: RigidBodies,
         shapes: Matrix,
         floor_m: float,
         allowed_m: Matrix,
@@ -58,23 +150,24 @@ class ClearSpace:
 
         self._bends = bends
         self._no_contact, self._dof, links = free_path_kernel.FREE, body.dof, len(body.names)
-        halves_m, balls = _balls(body)
-        rows = body.rows[np.argsort(body.rows[:, 2], kind="stable")]
-        after = np.searchsorted(rows[:, 2], rows[:, 2], side="right")
-        pairs = np.column_stack([rows, after])
+        boxes, watched = _boxes_around(shapes), allowed_m[0, : len(body.pairs)] > -np.inf
         arguments = (
-            body.links, body.capsules, halves_m, balls, pairs, shapes, floor_m,
+            rigid.frames, rigid.capsules, rigid.spheres, rigid.balls, rigid.pairs[watched], shapes,
+            boxes, floor_m,
             np.vstack([body.pair_reach_m, body.reach_m]),
-            np.zeros((links, 4)) if sag is None else sag.masses,
+            np.zeros((len(rigid.frames), 4)) if sag is None else rigid.masses(sag.masses),
             np.zeros((3, body.dof)) if sag is None else sag.bounds,
-            np.empty((links, 12)), np.empty((len(body.capsules), 6)), np.empty((links, 4)),
-            np.empty((3, body.dof)), np.zeros(len(body.pairs) + links), allowed_m,
-            0.0 if sag is None else load,
+            np.empty((len(rigid.frames), 12)), np.empty((len(body.capsules), 6)),
+            np.empty((links, 4)), np.empty((3, body.dof)), np.zeros(len(body.pairs) + links),
         )  # fmt: skip
         sampled_m = allowed_m if sampled_m is None else sampled_m
-        self.sampled = (*arguments[:-2], sampled_m, arguments[-1])
-        self._first_contact = bind("first_contact", *arguments)
-        self._free_postures = bind("free_postures", *arguments)
+        load = 0.0 if sag is None else load
+        kept_m, sampled_m = (
+            _with_largest(each, links, len(shapes)) for each in (allowed_m, sampled_m)
+        )
+        self.sampled = (*arguments, sampled_m, load)
+        self._first_contact = bind("first_contact", *arguments, kept_m, load)
+        self._free_postures = bind("free_postures", *arguments, kept_m, load)
 
     def is_free(self, path: Matrix) -> bool:
         """Tell whether the straight motions through postures (n, dof) keep the distances."""
@@ -100,21 +193,14 @@ def _close_postures(start: Vector, goal: Vector) -> Matrix:
     return np.linspace(start, goal, count + 1)[1:]
 
 
-def _balls(body: PackedBody) -> tuple[Vector, Matrix]:
-    """Compute half the length of each capsule, and a ball around those of each link."""
-    from ikservo.kernels.free_path import FIRST_CAPSULE, LAST_CAPSULE  # noqa: PLC0415
+def _with_largest(allowed_m: Matrix, links: int, shapes: int) -> Matrix:
+    """Add the largest distance that each link keeps from a thing to the allowed ones (2, pairs)."""
+    of_things = allowed_m[:, allowed_m.shape[1] - links * shapes :].reshape(2, shapes, links)
+    return np.hstack([allowed_m, of_things.max(axis=1, initial=-np.inf)])
 
-    starts, ends = body.capsules[:, START : START + 3], body.capsules[:, END : END + 3]
-    balls = np.zeros((len(body.names), CAPSULE_WIDTH))
-    balls[:, LINK] = np.arange(len(body.names))
-    for link, ball in enumerate(balls):
-        own = body.capsules[:, LINK] == link
-        if own.any():
-            points = np.vstack([starts[own], ends[own]])
-            centre = 0.5 * (points.min(axis=0) + points.max(axis=0))
-            ball[START : START + 3] = centre
-            ball[FIRST_CAPSULE] = first = own.argmax()  # those of a link stand together
-            ball[LAST_CAPSULE] = first + own.sum()
-            apart_m = np.linalg.norm(points - centre, axis=1)
-            ball[RADIUS] = (apart_m + np.tile(body.capsules[own, RADIUS], 2)).max()
-    return 0.5 * np.linalg.norm(ends - starts, axis=1), balls
+
+def _boxes_around(shapes: Matrix) -> Matrix:
+    """Compute a box along the base's axes around each thing: its centre, half its size (6, k)."""
+    half_m = np.abs(shapes[:, :9].reshape(-1, 3, 3)) @ shapes[:, HALF : HALF + 3, None]
+    grown_m = half_m[:, :, 0] + shapes[:, ROUNDING, None]
+    return np.ascontiguousarray(np.hstack([shapes[:, CENTRE : CENTRE + 3], grown_m]).T)

@@ -19,7 +19,7 @@ from ikservo.kinematics.packed import LINK, RADIUS, SHAPE_WIDTH
 from ikservo.model.model import Obstacle
 
 if TYPE_CHECKING:
-    from ikservo.guard.clear_space import ClearSpace
+    from ikservo.guard.clear_space import ClearSpace, RigidBodies
 
 MAX_SAMPLE_STEP_RAD = 0.05
 """No joint moves further than this between two samples of a path checked for collisions."""
@@ -268,8 +268,15 @@ class CollisionChecker:
         from ikservo.guard.clear_space import ClearSpace  # noqa: PLC0415  # only where asked
 
         return ClearSpace(
-            self.body, self.shapes, self.floor_m, allowed_m, sag, load, self.bends, sampled_m
-        )
+            self.body, self._rigid, self.shapes, self.floor_m, allowed_m, sag, load, self.bends,
+            sampled_m,
+        )  # fmt: skip
+
+    @cached_property
+    def _rigid(self) -> RigidBodies:
+        from ikservo.guard.clear_space import RigidBodies  # noqa: PLC0415
+
+        return RigidBodies(self.body)
 
     def _allowed_of_capsules(self, near_m: Vector) -> Matrix:
         """Return how near capsules may come (2, pairs), sagging below, of the pairs' distances."""

@@ -26,11 +26,15 @@ _NODES = 100000  # of a tree
 _STEP_M = 0.1
 _FINEST_M = 0.002  # a shortcut that closer samples find free is not refined any further
 _CHUNK, _CHUNK_IN_PYTHON = 2000, 20  # postures between two looks at whether the search is to end
-# After the first way others are searched, to find a shorter one: how many in all, and for how many
-# times the postures that the first one took, or at least how many.
-_MOST_WAYS = 5
+# After the first way others are searched, to find a shorter one: how many in all, how many times
+# the postures that the first one took, or at least how many, and down to which multiple of the
+# straight distance, below which no way can be.
+_MOST_WAYS = 8
 _SEARCHED_AGAIN = 1
-_LEAST_AGAIN = 1500
+_LEAST_AGAIN = 2500
+_SHORT = 1.4
+_SHORT_IN_TIME, _FOR_EVER = 1.02, 10**15  # the same for a search that takes its time
+_SHORTER = 0.75  # ways are looked for that are shorter by this factor
 _ROOM = 200  # rows for the corners that shortcuts add
 _SAME = 1e-9
 
@@ -77,6 +81,8 @@ class WaySearch:
         tool: The constraint of the tool on the way; None if it is free.
         columns: The column and unit of each joint of the tool's chain (dof of the chain, 2).
         seed: The seed of the random numbers.
+        takes_time: Whether a way is made shorter until the search is to end, unless it is nearly
+            straight.
 
     Attributes:
         has_ended: Whether nothing more will be found: a way was, or there is no free end, or the
@@ -95,12 +101,14 @@ class WaySearch:
         tool: SearchedTool | None = None,
         columns: Matrix | None = None,
         seed: int = 1,
+        takes_time: bool = False,
     ) -> None:
         from ikservo.kernels import way_search as kernel  # noqa: PLC0415  # as the checker's
 
         n, self._kernel = len(start), kernel
         every = np.column_stack([np.arange(n, dtype=np.float64), np.ones(n), np.zeros(n)])
         self._space, self._tool, self._start = space, tool, start
+        self._takes_time = takes_time
         self._body = every if body is None else body
         self._moved = np.flatnonzero(self._body[:, 0] >= 0.0)
         self._moved_by = self._body[self._moved, 0].astype(np.intp)
@@ -111,13 +119,10 @@ class WaySearch:
         self.has_ended = not (len(self._goals) and self._contains(start[None])[0])
         self._limits = np.array([np.minimum(lower, start), np.maximum(upper, start)])
         self._step_m, self._chunk = _STEP_M, _CHUNK if is_compiled() else _CHUNK_IN_PYTHON
-        self._nodes, self._parents = np.empty((2 * _NODES, n)), np.empty(2 * _NODES, np.int64)
         self._state = np.zeros(kernel.STATE_SIZE, np.int64)
-        self._grow_trees = self._bound("grow_trees", self._nodes, self._parents, self._state)
         chance = np.random.default_rng(seed).integers(1, kernel.CHANCES, 2)
         self._state[kernel.CHANCE : kernel.CHANCE + 2] = chance
-        if not self.has_ended:
-            self._plant()
+        self._plant(self._limits)
 
     def find(self, most: int, is_over: Callable[[], bool] = bool) -> Matrix | None:
         """Go on until a way is found that is proven free.
@@ -134,30 +139,35 @@ class WaySearch:
             return None
         for goal in self._goals if self._state[self._kernel.LOOKED] == 0 else ():
             straight = np.array([self._start, goal])
-            if self._first_unproven(straight) is None:
+            if self._is_proven(straight):
                 self.has_ended = True
                 return straight
-        at = self._kernel.LOOKED
-        until = self._state[at] + most
-        while self._state[at] < until and not (self.has_ended or is_over()):
-            before = self._state[at]
-            if self._grow_trees(self._step_m, min(until, before + self._chunk)):
-                way = self._proven_way()
-                if way is not None:
-                    self.has_ended = True
-                    return self._shortest(way, is_over)
-            elif self._state[at] == before:  # a tree is full
+        until = int(self._state[self._kernel.LOOKED]) + most
+        while not self.has_ended and self._has_met(until, is_over):
+            way = self._proven_way(is_over)
+            if way is not None:
                 self.has_ended = True
+                return way
         return None
 
+    def _has_met(self, until: int, is_over: Callable[[], bool]) -> bool:
+        """Let the trees grow, up to so many postures, and return whether they have met."""
+        looked = self._kernel.LOOKED
+        while self._state[looked] < until and not (self.has_ended or is_over()):
+            before = self._state[looked]
+            if self._grow_trees(self._step_m, min(until, before + self._chunk)):
+                return True
+            self.has_ended = bool(self._state[looked] == before)  # a tree is full
+        return False
+
     def _bound(
-        self, name: str, nodes: Matrix, parents: IntVector, state: IntVector
+        self, name: str, limits: Matrix, nodes: Matrix, parents: IntVector, state: IntVector
     ) -> Callable[..., object]:
         """Return an entry of the kernel that still takes the distance of samples and the bound."""
         tool, dof = self._tool, len(self._columns)
         nothing = np.zeros((0, 8))
         return bind(
-            name, *self._space.sampled, self._body, self._limits,
+            name, *self._space.sampled, self._body, limits,
             np.zeros((0, WIDTH)) if tool is None else tool.arm,
             nothing if tool is None else tool.projected,
             nothing if tool is None else tool.kept,
@@ -165,41 +175,64 @@ class WaySearch:
             np.zeros((self._kernel.BUFFER_ROWS, len(self._start))), nodes, parents, state,
         )  # fmt: skip
 
-    def _plant(self) -> None:
-        """Begin with the roots of both trees."""
-        kernel, goals = self._kernel, len(self._goals)
+    def _plant(self, limits: Matrix) -> None:
+        """Begin with the roots of both trees, in new arrays, and aims between limits (2, n)."""
+        kernel, n, goals = self._kernel, len(self._start), len(self._goals)
+        self._nodes, self._parents = np.empty((2 * _NODES, n)), np.empty(2 * _NODES, np.int64)
         self._nodes[0], self._nodes[_NODES : _NODES + goals] = self._start, self._goals
         self._parents[0] = self._parents[_NODES : _NODES + goals] = -1
         self._state[kernel.SIZES : kernel.SIZES + 2] = 1, goals
         self._state[kernel.MET : kernel.MET + 2] = -1
+        self._grow_trees = self._bound(
+            "grow_trees", limits, self._nodes, self._parents, self._state
+        )
 
-    def _shortest(self, way: Matrix, is_over: Callable[[], bool]) -> Matrix:
-        """Search again from the beginning, with other chance, and return the shortest way."""
-        looked = self._kernel.LOOKED
+    def _other_ways(self, way: Matrix, is_over: Callable[[], bool]) -> list[Matrix]:
+        """Search again from the beginning, with other chance, unless a way is short."""
+        looked, before = self._kernel.LOOKED, (self._nodes, self._parents, self._grow_trees)
         until = self._state[looked] + max(_SEARCHED_AGAIN * int(self._state[looked]), _LEAST_AGAIN)
+        until = _FOR_EVER if self._takes_time else int(until)
+        kept = self._state[self._kernel.SIZES : looked].copy()
+        straight = np.linalg.norm(self._goals - self._start, axis=1).min()
+        enough = straight * (_SHORT_IN_TIME if self._takes_time else _SHORT)
+        shorter, most = (1.0, until) if self._takes_time else (_SHORTER, _MOST_WAYS)
         ways = [way]
-        while self._state[looked] < until and len(ways) < _MOST_WAYS and not is_over():
-            self._plant()
-            if self._grow_trees(self._step_m, until):
-                out, home = self._branches()
-                found = self._nodes[out[::-1] + home[1:]]
-                ways.append(self._shortened(found, self._step_m))
-        for other in sorted(ways, key=path_length):
-            if other is way or self._first_unproven(other) is None:
-                return other
-        return way
+        while (
+            len(ways) < most
+            and self._state[looked] < until
+            and min(map(path_length, ways)) > enough
+            and not is_over()
+        ):
+            self._plant(self._limits_of_ways(shorter * min(map(path_length, ways))))
+            if self._has_met(until, is_over):
+                ways.append(self._shortened(self._way(*self._branches()), self._step_m))
+        self._nodes, self._parents, self._grow_trees = before
+        self._state[self._kernel.SIZES : looked] = kept
+        return ways[1:]
 
-    def _proven_way(self) -> Matrix | None:
-        """Shorten the way on which the trees met and prove it; take a motion that is not free out.
+    def _limits_of_ways(self, length: float) -> Matrix:
+        """Return the limits (2, n) of all ways that are not longer than a length, rad."""
+        apart = self._goals - self._start
+        aside2 = np.maximum(length**2 - (apart**2).sum(axis=1), 0.0)
+        half, middle = 0.5 * np.sqrt(apart**2 + aside2[:, None]), self._start + 0.5 * apart
+        low, high = (middle - half).min(axis=0), (middle + half).max(axis=0)
+        return np.clip([low, high], *self._limits)
+
+    def _proven_way(self, is_over: Callable[[], bool]) -> Matrix | None:
+        """Return the shortest way that is proven; take a motion that is not free out of the trees.
 
         Returns:
             None if a motion was taken out.
         """
         out, home = self._branches()
-        way, step_m = self._nodes[out[::-1] + home[1:]], self._step_m
+        way, step_m = self._way(out, home), self._step_m
         shorter = self._shortened(way, step_m)
-        if self._first_unproven(shorter) is None:
-            return shorter
+        # Others are not searched each time where proofs fail.
+        if step_m == _STEP_M or self._is_proven(shorter):
+            ways = [shorter, *self._other_ways(shorter, is_over)]
+            for shortest in sorted(ways, key=path_length):
+                if self._is_proven(shortest):
+                    return shortest
         at = self._first_unproven(way)
         if at is not None:
             ahead = at < len(out) - 1
@@ -212,7 +245,7 @@ class WaySearch:
         while step_m > _FINEST_M:
             step_m *= 0.5
             shorter = self._shortened(way, step_m)
-            if self._first_unproven(shorter) is None:
+            if self._is_proven(shorter):
                 return shorter
         return way
 
@@ -225,6 +258,10 @@ class WaySearch:
                 rows.append(row)
                 row = int(self._parents[row])
         return found
+
+    def _way(self, out: list[int], home: list[int]) -> Matrix:
+        """Return the postures (k, n) from the start to a goal on which the trees met."""
+        return self._nodes[out[::-1] + home[1:]]
 
     def _remove_branch(self, tree: int, row: int) -> None:
         """Remove a node and all that were reached from it."""
@@ -249,21 +286,27 @@ class WaySearch:
         nodes[: len(way)] = way
         sizes = self._kernel.SIZES
         state[sizes : sizes + 2] = len(way), 1
-        self._bound("shorten_way", nodes, np.zeros(2 * room, np.int64), state)(step_m, 0)
+        self._bound("shorten_way", self._limits, nodes, np.zeros(2 * room, np.int64), state)(
+            step_m, 0
+        )
         self._state[self._kernel.LOOKED] = state[self._kernel.LOOKED]
         return nodes[: state[sizes]].copy()
 
     def _first_unproven(self, way: Matrix) -> int | None:
         """Return the first motion of a way (k, n) that is not proven free; None if all are."""
-        for i, (a, b) in enumerate(itertools.pairwise(way)):
-            motion = np.array([a, b])
-            if not self._space.is_free(self._bodies(motion)):
-                return i
-            if self._tool is not None:
-                chains = motion[:, self._columns[:, 0].astype(int)] * self._columns[:, 1]
-                if not self._tool.keeps(sample_line(*chains)).all():
-                    return i
-        return None
+        motions = enumerate(itertools.pairwise(way))
+        return next((i for i, ends in motions if not self._is_proven(np.array(ends))), None)
+
+    def _is_proven(self, way: Matrix) -> bool:
+        """Check whether all motions of a way (k, n) are proven free."""
+        if not self._space.is_free(self._bodies(way)):
+            return False
+        if self._tool is None:
+            return True
+        chains = way[:, self._columns[:, 0].astype(int)] * self._columns[:, 1]
+        return all(
+            self._tool.keeps(sample_line(*ends)).all() for ends in itertools.pairwise(chains)
+        )
 
     def _contains(self, postures: Matrix) -> NDArray[np.bool_]:
         free = self._space.contains(self._bodies(postures))

@@ -15,7 +15,7 @@ import numpy as np
 from ikservo.kernels.compiled import entry
 from ikservo.kernels.free_path import free_fraction, path_fits
 from ikservo.kernels.tool_limits import keeps_limits, limits_fit, project_tool
-from ikservo.kinematics.arrays import IntVector, Matrix, Vector
+from ikservo.kinematics.arrays import IntMatrix, IntVector, Matrix, Vector
 
 # The entries of ``state``: two numbers of chance, the sizes of both trees, the nodes of both trees
 # at which they met (-1: not yet), and how many postures were looked at.
@@ -42,12 +42,12 @@ _FACTOR_B, CHANCES = 40692, 2147483399  # the latter: where chance may begin is 
 
 
 def search_fits(
-    links: Matrix, capsules: Matrix, halves_m: Vector, balls: Matrix, pairs: Matrix, shapes: Matrix,
-    floor_m: float, reach: Matrix, masses: Matrix, sag: Matrix, places: Matrix, ends: Matrix,
-    centres: Matrix, postures: Matrix, rates: Vector, allowed: Matrix, load: float, body: Matrix,
-    limits: Matrix, arm: Matrix, projected: Matrix, kept: Matrix, tool: Matrix, work: Matrix,
-    joints: Vector, buffer: Matrix, nodes: Matrix, parents: IntVector, state: IntVector,
-    step_m: float, most: int,
+    links: Matrix, capsules: Matrix, spheres: Matrix, balls: Matrix, pairs: IntMatrix,
+    shapes: Matrix, boxes: Matrix, floor_m: float, reach: Matrix, masses: Matrix, sag: Matrix,
+    places: Matrix, ends: Matrix, centres: Matrix, postures: Matrix, rates: Vector, allowed: Matrix,
+    load: float, body: Matrix, limits: Matrix, arm: Matrix, projected: Matrix, kept: Matrix,
+    tool: Matrix, work: Matrix, joints: Vector, buffer: Matrix, nodes: Matrix, parents: IntVector,
+    state: IntVector, step_m: float, most: int,
 ) -> bool:  # fmt: skip
     """Check whether arrays have the shapes that ``grow_trees`` needs, and indices exist."""
     n, half = nodes.shape[1], len(nodes) // 2
@@ -81,20 +81,20 @@ def search_fits(
         and len(parents) == len(nodes)
         and 1e-5 <= step_m < math.inf
         and path_fits(
-            links, capsules, halves_m, balls, pairs, shapes, floor_m, reach, masses, sag, places,
-            ends, centres, postures, rates, allowed, load, postures,
+            links, capsules, spheres, balls, pairs, shapes, boxes, floor_m, reach, masses, sag,
+            places, ends, centres, postures, rates, allowed, load, postures,
         )
     )  # fmt: skip
 
 
 @entry(search_fits)
 def grow_trees(
-    links: Matrix, capsules: Matrix, halves_m: Vector, balls: Matrix, pairs: Matrix, shapes: Matrix,
-    floor_m: float, reach: Matrix, masses: Matrix, sag: Matrix, places: Matrix, ends: Matrix,
-    centres: Matrix, postures: Matrix, rates: Vector, allowed: Matrix, load: float, body: Matrix,
-    limits: Matrix, arm: Matrix, projected: Matrix, kept: Matrix, tool: Matrix, work: Matrix,
-    joints: Vector, buffer: Matrix, nodes: Matrix, parents: IntVector, state: IntVector,
-    step_m: float, most: int,
+    links: Matrix, capsules: Matrix, spheres: Matrix, balls: Matrix, pairs: IntMatrix,
+    shapes: Matrix, boxes: Matrix, floor_m: float, reach: Matrix, masses: Matrix, sag: Matrix,
+    places: Matrix, ends: Matrix, centres: Matrix, postures: Matrix, rates: Vector, allowed: Matrix,
+    load: float, body: Matrix, limits: Matrix, arm: Matrix, projected: Matrix, kept: Matrix,
+    tool: Matrix, work: Matrix, joints: Vector, buffer: Matrix, nodes: Matrix, parents: IntVector,
+    state: IntVector, step_m: float, most: int,
 ) -> bool:  # fmt: skip
     """Let two trees grow until they meet.
 
@@ -132,16 +132,16 @@ def grow_trees(
             aim[j] = min(max(low + (part * (1.0 + 2.0 * wide) - wide) * (high - low), low), high)
         one = 0 if state[SIZES] <= state[SIZES + 1] else 1  # the smaller tree is next
         reached = _grow(
-            links, capsules, halves_m, balls, pairs, shapes, floor_m, reach, masses, sag, places,
-            ends, centres, postures, rates, allowed, load, body, limits, arm, projected, kept, tool,
-            work, joints, buffer, nodes, parents, state, step_m, most, one,
+            links, capsules, spheres, balls, pairs, shapes, boxes, floor_m, reach, masses, sag,
+            places, ends, centres, postures, rates, allowed, load, body, limits, arm, projected,
+            kept, tool, work, joints, buffer, nodes, parents, state, step_m, most, one,
         )  # fmt: skip
         for j in range(nodes.shape[1]):
             aim[j] = nodes[reached, j]
         met = _grow(
-            links, capsules, halves_m, balls, pairs, shapes, floor_m, reach, masses, sag, places,
-            ends, centres, postures, rates, allowed, load, body, limits, arm, projected, kept, tool,
-            work, joints, buffer, nodes, parents, state, step_m, most, 1 - one,
+            links, capsules, spheres, balls, pairs, shapes, boxes, floor_m, reach, masses, sag,
+            places, ends, centres, postures, rates, allowed, load, body, limits, arm, projected,
+            kept, tool, work, joints, buffer, nodes, parents, state, step_m, most, 1 - one,
         )  # fmt: skip
         if _distance(nodes[met], aim) == 0.0:
             state[MET + one], state[MET + 1 - one] = reached, met
@@ -149,12 +149,12 @@ def grow_trees(
 
 
 def _grow(
-    links: Matrix, capsules: Matrix, halves_m: Vector, balls: Matrix, pairs: Matrix, shapes: Matrix,
-    floor_m: float, reach: Matrix, masses: Matrix, sag: Matrix, places: Matrix, ends: Matrix,
-    centres: Matrix, postures: Matrix, rates: Vector, allowed: Matrix, load: float, body: Matrix,
-    limits: Matrix, arm: Matrix, projected: Matrix, kept: Matrix, tool: Matrix, work: Matrix,
-    joints: Vector, buffer: Matrix, nodes: Matrix, parents: IntVector, state: IntVector,
-    step_m: float, most: int, tree: int,
+    links: Matrix, capsules: Matrix, spheres: Matrix, balls: Matrix, pairs: IntMatrix,
+    shapes: Matrix, boxes: Matrix, floor_m: float, reach: Matrix, masses: Matrix, sag: Matrix,
+    places: Matrix, ends: Matrix, centres: Matrix, postures: Matrix, rates: Vector, allowed: Matrix,
+    load: float, body: Matrix, limits: Matrix, arm: Matrix, projected: Matrix, kept: Matrix,
+    tool: Matrix, work: Matrix, joints: Vector, buffer: Matrix, nodes: Matrix, parents: IntVector,
+    state: IntVector, step_m: float, most: int, tree: int,
 ) -> int:  # fmt: skip
     """Let a tree grow towards the aim as far as it is free; return the row that is reached."""
     aim, new, half = buffer[AIM], buffer[NEW], len(nodes) // 2
@@ -182,9 +182,9 @@ def _grow(
             if _distance(new, start) >= _FURTHEST * longest:
                 break
         if not _is_motion_free(
-            links, capsules, halves_m, balls, pairs, shapes, floor_m, reach, masses, sag, places,
-            ends, centres, postures, rates, allowed, load, body, limits, arm, projected, kept, tool,
-            work, joints, buffer, nodes, parents, state, step_m, most, start, new,
+            links, capsules, spheres, balls, pairs, shapes, boxes, floor_m, reach, masses, sag,
+            places, ends, centres, postures, rates, allowed, load, body, limits, arm, projected,
+            kept, tool, work, joints, buffer, nodes, parents, state, step_m, most, start, new,
         ):  # fmt: skip
             break
         row = first + state[SIZES + tree]
@@ -198,12 +198,12 @@ def _grow(
 
 @entry(search_fits)
 def shorten_way(
-    links: Matrix, capsules: Matrix, halves_m: Vector, balls: Matrix, pairs: Matrix, shapes: Matrix,
-    floor_m: float, reach: Matrix, masses: Matrix, sag: Matrix, places: Matrix, ends: Matrix,
-    centres: Matrix, postures: Matrix, rates: Vector, allowed: Matrix, load: float, body: Matrix,
-    limits: Matrix, arm: Matrix, projected: Matrix, kept: Matrix, tool: Matrix, work: Matrix,
-    joints: Vector, buffer: Matrix, nodes: Matrix, parents: IntVector, state: IntVector,
-    step_m: float, most: int,
+    links: Matrix, capsules: Matrix, spheres: Matrix, balls: Matrix, pairs: IntMatrix,
+    shapes: Matrix, boxes: Matrix, floor_m: float, reach: Matrix, masses: Matrix, sag: Matrix,
+    places: Matrix, ends: Matrix, centres: Matrix, postures: Matrix, rates: Vector, allowed: Matrix,
+    load: float, body: Matrix, limits: Matrix, arm: Matrix, projected: Matrix, kept: Matrix,
+    tool: Matrix, work: Matrix, joints: Vector, buffer: Matrix, nodes: Matrix, parents: IntVector,
+    state: IntVector, step_m: float, most: int,
 ) -> bool:  # fmt: skip
     """Shorten a way by straight motions between random points of it, and between its corners.
 
@@ -213,9 +213,9 @@ def shorten_way(
     for c in range(len(rates)):
         rates[c] = 0.0
     _cut_corners(
-        links, capsules, halves_m, balls, pairs, shapes, floor_m, reach, masses, sag, places, ends,
-        centres, postures, rates, allowed, load, body, limits, arm, projected, kept, tool, work,
-        joints, buffer, nodes, parents, state, step_m, most,
+        links, capsules, spheres, balls, pairs, shapes, boxes, floor_m, reach, masses, sag, places,
+        ends, centres, postures, rates, allowed, load, body, limits, arm, projected, kept, tool,
+        work, joints, buffer, nodes, parents, state, step_m, most,
     )  # fmt: skip
     one, other, failed = buffer[AIM], buffer[NEW], 0
     for _ in range(_CUTS):
@@ -230,29 +230,29 @@ def shorten_way(
         k = _point_along(nodes, total * max(first, second), other)
         failed += 1
         if i < k and state[SIZES] < len(nodes) and _is_motion_free(
-            links, capsules, halves_m, balls, pairs, shapes, floor_m, reach, masses, sag, places,
-            ends, centres, postures, rates, allowed, load, body, limits, arm, projected, kept, tool,
-            work, joints, buffer, nodes, parents, state, step_m, most, one, other,
+            links, capsules, spheres, balls, pairs, shapes, boxes, floor_m, reach, masses, sag,
+            places, ends, centres, postures, rates, allowed, load, body, limits, arm, projected,
+            kept, tool, work, joints, buffer, nodes, parents, state, step_m, most, one, other,
         ):  # fmt: skip
             failed = 0
             _move_rows(nodes, state, k + 1, i + 3)
             for j in range(nodes.shape[1]):
                 nodes[i + 1, j], nodes[i + 2, j] = one[j], other[j]
     _cut_corners(
-        links, capsules, halves_m, balls, pairs, shapes, floor_m, reach, masses, sag, places, ends,
-        centres, postures, rates, allowed, load, body, limits, arm, projected, kept, tool, work,
-        joints, buffer, nodes, parents, state, step_m, most,
+        links, capsules, spheres, balls, pairs, shapes, boxes, floor_m, reach, masses, sag, places,
+        ends, centres, postures, rates, allowed, load, body, limits, arm, projected, kept, tool,
+        work, joints, buffer, nodes, parents, state, step_m, most,
     )  # fmt: skip
     return True
 
 
 def _cut_corners(
-    links: Matrix, capsules: Matrix, halves_m: Vector, balls: Matrix, pairs: Matrix, shapes: Matrix,
-    floor_m: float, reach: Matrix, masses: Matrix, sag: Matrix, places: Matrix, ends: Matrix,
-    centres: Matrix, postures: Matrix, rates: Vector, allowed: Matrix, load: float, body: Matrix,
-    limits: Matrix, arm: Matrix, projected: Matrix, kept: Matrix, tool: Matrix, work: Matrix,
-    joints: Vector, buffer: Matrix, nodes: Matrix, parents: IntVector, state: IntVector,
-    step_m: float, most: int,
+    links: Matrix, capsules: Matrix, spheres: Matrix, balls: Matrix, pairs: IntMatrix,
+    shapes: Matrix, boxes: Matrix, floor_m: float, reach: Matrix, masses: Matrix, sag: Matrix,
+    places: Matrix, ends: Matrix, centres: Matrix, postures: Matrix, rates: Vector, allowed: Matrix,
+    load: float, body: Matrix, limits: Matrix, arm: Matrix, projected: Matrix, kept: Matrix,
+    tool: Matrix, work: Matrix, joints: Vector, buffer: Matrix, nodes: Matrix, parents: IntVector,
+    state: IntVector, step_m: float, most: int,
 ) -> None:  # fmt: skip
     """Remove the corners of a way that straight motions leave out."""
     i = 0
@@ -261,7 +261,7 @@ def _cut_corners(
         while k > i + 1:
             one, other = nodes[i], nodes[k]
             if _is_motion_free(
-                links, capsules, halves_m, balls, pairs, shapes, floor_m, reach, masses, sag,
+                links, capsules, spheres, balls, pairs, shapes, boxes, floor_m, reach, masses, sag,
                 places, ends, centres, postures, rates, allowed, load, body, limits, arm, projected,
                 kept, tool, work, joints, buffer, nodes, parents, state, step_m, most, one, other,
             ):  # fmt: skip
@@ -295,12 +295,12 @@ def _move_rows(nodes: Matrix, state: IntVector, first: int, to: int) -> None:
 
 
 def _is_motion_free(
-    links: Matrix, capsules: Matrix, halves_m: Vector, balls: Matrix, pairs: Matrix, shapes: Matrix,
-    floor_m: float, reach: Matrix, masses: Matrix, sag: Matrix, places: Matrix, ends: Matrix,
-    centres: Matrix, postures: Matrix, rates: Vector, allowed: Matrix, load: float, body: Matrix,
-    limits: Matrix, arm: Matrix, projected: Matrix, kept: Matrix, tool: Matrix, work: Matrix,
-    joints: Vector, buffer: Matrix, nodes: Matrix, parents: IntVector, state: IntVector,
-    step_m: float, most: int, start: Vector, end: Vector,
+    links: Matrix, capsules: Matrix, spheres: Matrix, balls: Matrix, pairs: IntMatrix,
+    shapes: Matrix, boxes: Matrix, floor_m: float, reach: Matrix, masses: Matrix, sag: Matrix,
+    places: Matrix, ends: Matrix, centres: Matrix, postures: Matrix, rates: Vector, allowed: Matrix,
+    load: float, body: Matrix, limits: Matrix, arm: Matrix, projected: Matrix, kept: Matrix,
+    tool: Matrix, work: Matrix, joints: Vector, buffer: Matrix, nodes: Matrix, parents: IntVector,
+    state: IntVector, step_m: float, most: int, start: Vector, end: Vector,
 ) -> bool:  # fmt: skip
     """Look at a straight motion: at its end, its middle, its quarters and so on."""
     count, gap = _sample_count(links, reach, body, projected, step_m, start, end), 2
@@ -319,8 +319,8 @@ def _is_motion_free(
                 moves = body[j, 0] >= 0.0
                 postures[0, j] = body[j, 1] * middle[int(body[j, 0])] if moves else body[j, 2]
             free = free_fraction(
-                links, capsules, halves_m, balls, pairs, shapes, floor_m, masses, sag, places, ends,
-                centres, postures, rates, allowed, load, 0.0,
+                links, capsules, spheres, balls, pairs, shapes, boxes, floor_m, masses, sag, places,
+                ends, centres, postures, rates, allowed, load, 0.0,
             )  # fmt: skip
             if free < 0.0:
                 return False

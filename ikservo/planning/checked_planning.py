@@ -54,7 +54,6 @@ from ikservo.planning.plan_by_kind import plan_motion
 from ikservo.planning.planner import PointGoal
 from ikservo.planning.poses import PoseLibrary
 from ikservo.planning.tool_orientation import KEEP_BEST_EFFORT
-from ikservo.planning.ways_around import BLENDS_RAD, postures_nearby, ways_around
 
 # A gripper's goal leads it by more than this at the horn where it presses on something.
 _PRESSING_LAG_RAD = 0.05
@@ -438,8 +437,9 @@ class PreflightPlanner:
         think_s = motion.think_s if isinstance(motion, MoveTo | MoveJoints) else THINK_S
         since_s = perf_counter()
         ways = self._ways_around(
-            start, np.array(goals), allowed, within, lambda: perf_counter() - since_s > think_s
-        )
+            start, np.array(goals), allowed, within, lambda: perf_counter() - since_s > think_s,
+            takes_time=think_s > THINK_S,
+        )  # fmt: skip
         for tried in ways:
             with suppress(RefusedError):
                 plan = self._check_clear(tried, motion.speed, within)
@@ -463,11 +463,15 @@ class PreflightPlanner:
         allowed: str,
         within: PathConstraint,
         is_over: Callable[[], bool],
+        *,
+        takes_time: bool,
     ) -> Iterator[MotionPlan]:
         """Yield plans around things to one of some goals (m, n), the roundest first, until it ends.
 
         An arm that touches something leaves that first.
         """
+        from ikservo.planning.ways_around import BLENDS_RAD, ways_around  # noqa: PLC0415
+
         load_factor = self._planner.dynamic_load_factor(allowed)
         exits = self._exits(start, allowed, load_factor)
         for first in chain([None], islice(exits, _EXITS)):
@@ -475,7 +479,9 @@ class PreflightPlanner:
             tool = self._planner.constrained_tool(within, start)
             if tool is not None:
                 tool.admit(self._context.index.chain_joints(goals))
-            ways = ways_around(self._context, begin, goals, load_factor, tool, is_over)
+            ways = ways_around(
+                self._context, begin, goals, load_factor, tool, is_over, takes_time=takes_time
+            )
             for way in ways:
                 for blend in BLENDS_RAD if len(way) > 2 else BLENDS_RAD[:1]:
                     plan = self._planner.plan_along(begin, list(way[1:]), allowed, blend)
@@ -485,6 +491,8 @@ class PreflightPlanner:
         """Yield short motions, whose paths are free, from a contact to where nothing is touched."""
         if not self._context.is_in_contact(start, load_factor, 0.0):
             return
+        from ikservo.planning.ways_around import postures_nearby  # noqa: PLC0415
+
         nearest = self._context.nearest_free_joints(start)
         nearby = postures_nearby(self._context, start, load_factor)
         for free in chain([] if nearest is None else [nearest], islice(nearby, _NEARBY)):

@@ -191,7 +191,8 @@ class MoveTo(MotionValue[MoveResult]):
         straight: Whether the joints move straight or not at all; else they go around what is in
             the way.
         within: The constraint of the tool all the way.
-        think_s: Time after which the search for a way around things gives up, s.
+        think_s: Time after which the search for a way around things gives up, s. If it is longer
+            than ``THINK_S``, the rest of it is used to make the way shorter.
     """
 
     position_m: TargetPoint

@@ -34,6 +34,8 @@ def ways_around(
     load_factor: float,
     tool: ConstrainedTool | None = None,
     is_over: Callable[[], bool] = bool,
+    *,
+    takes_time: bool = False,
 ) -> Iterator[Matrix]:
     """Find postures (k, n) through which straight motions of the joints reach a goal.
 
@@ -44,6 +46,7 @@ def ways_around(
         load_factor: Multiple of gravity while the arm brakes.
         tool: The constraint of the tool on the way.
         is_over: Whether the search is to end; asked often.
+        takes_time: Whether a way is made shorter until then.
 
     Yields:
         Ways that keep less and less distance, until the search ends.
@@ -82,6 +85,7 @@ def ways_around(
             body=body,
             tool=tool,
             columns=of_chain,
+            takes_time=takes_time,
         )
 
     searches = dict[float, WaySearch]()

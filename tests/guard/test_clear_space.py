@@ -154,7 +154,7 @@ def test_arrays_that_do_not_fit_together_are_refused(monkeypatch):
     for at, argument in enumerate(given):
         if isinstance(argument, np.ndarray):
             for axis in range(argument.ndim):
-                if (at, axis) in {(4, 0), (17, 0)}:  # fewer pairs, or postures, are fine
+                if (at, axis) in {(4, 0), (18, 0)}:  # fewer pairs, or postures, are fine
                     continue
                 cut = np.ascontiguousarray(np.delete(argument, 0, axis))
                 tried = [*given[:at], cut, *given[at + 1 :]]

@@ -89,6 +89,23 @@ def test_ways_after_the_first_make_it_shorter(monkeypatch):
     assert max(lengths) < 1.25 * min(lengths)
 
 
+def test_search_that_takes_time_shortens_its_way_until_the_end():
+    asked = []
+
+    def is_over():
+        asked.append(True)
+        return len(asked) > 40
+
+    space = maze(gap=0.6, half_m=0.06)
+    lengths = [path_length(search(space, seed=seed).find(20000)) for seed in range(1, 9)]
+    for seed in range(1, 4):
+        asked.clear()
+        way = search(space, seed=seed, takes_time=True).find(20000, is_over)
+        assert len(asked) > 40
+        assert space.is_free(way)
+        assert path_length(way) < 1.05 * min(lengths)
+
+
 @needs_extension
 @pytest.mark.parametrize("name", ["grow_trees", "shorten_way"])
 def test_compiled_search_gives_the_same_bits(monkeypatch, name):

@@ -58,6 +58,7 @@ _STEP_M = 0.001
 _MOST_S = 60.0  # other planners may take
 _WALK_RAD = 0.1
 _MOST = 1000000
+_ROUNDED_RAD = 1e-5  # files round the limits of joints that turn all around
 _ARMS = ("so101", "koch", "open_manipulator_x", "wx250s")
 
 
@@ -194,8 +195,11 @@ def problems(folder: Path, urdf: Path, tip: str, every: int, by: str, judged: bo
     """Solve MotionBenchMaker's problems of an arm by one of the planners."""
     yaml: Any = importlib.import_module("yaml")
     total: list[Judged] = []
-    fixed = Path(tempfile.mkdtemp()) / "panda.urdf"  # a fixed finger that mimics a fixed one
-    fixed.write_text(re.sub(r"<mimic[^>]*>(</mimic>)?", "", urdf.read_text()))
+    # Without a fixed finger that mimics a fixed one, and without what is only seen: a link that has
+    # nothing else would count as that.
+    fixed = Path(tempfile.mkdtemp()) / "arm.urdf"
+    unseen = r"<mimic[^>]*>(</mimic>)?|<visual>.*?</visual>"
+    fixed.write_text(re.sub(unseen, "", urdf.read_text(), flags=re.DOTALL))
     urdf, model = fixed, load_model(fixed, tip=tip)
     for kind in sorted(folder.iterdir()):
         found: list[Judged] = []
@@ -211,6 +215,8 @@ def problems(folder: Path, urdf: Path, tip: str, every: int, by: str, judged: bo
                 for each in request["goal_constraints"][0]["joint_constraints"]
             }
             goal = np.array([by_name[name] for name in model.chain.names])
+            inside = np.clip(goal, model.chain.lower_rad, model.chain.upper_rad)
+            goal = np.where(np.abs(goal - inside) < _ROUNDED_RAD, inside, goal)
             things, ignored = list(things_of(scene)), allowed_pairs(scene)
             body = CollisionBody(model.chain, capsules_of(model))
             checker = CollisionChecker(body, None, cast("Any", things))

@@ -11,14 +11,14 @@ from ikservo.cli.completion import complete_joints
 from ikservo.cli.direction_prompt import check_directions_once
 from ikservo.cli.motion_report import print_plan
 from ikservo.cli.option_groups import Without
-from ikservo.cli.options import ArmConnection, MotionOptions, PathOptions, SpeedOption
+from ikservo.cli.options import ArmConnection, MotionOptions, PathOptions, SpeedOption, ThinkOption
 from ikservo.cli.quantities import parse_angle_rad, parse_length_m
 from ikservo.cli.results import Field, Fields, print_fields
 from ikservo.cli.session import announce, motion_progress_bar, open_from_options, plan_motion
 from ikservo.cli.terminal import print_lines
 from ikservo.errors import BadValueError, ExitCode, InputError, format_point
 from ikservo.model import Model
-from ikservo.planning.motions import LookAt, MoveJoints
+from ikservo.planning.motions import THINK_S, LookAt, MoveJoints
 
 Goals = Annotated[
     list[str],
@@ -35,6 +35,7 @@ def command(
     *,
     connection: ArmConnection,
     speed: SpeedOption = "normal",
+    think: ThinkOption = THINK_S,
     path: PathOptions,
     options: Annotated[MotionOptions, Without("tip")],
 ) -> None:
@@ -44,7 +45,7 @@ def command(
     """
     with open_from_options(connection, options, path.scene) as machine:
         positions = _parse_positions(goals, machine.model)
-        motion = MoveJoints(positions, speed=speed, within=path.within())
+        motion = MoveJoints(positions, speed=speed, within=path.within(), think_s=think)
         report = make_joint_motion(machine, motion, options)
     print_report(report, machine.model, json=options.json)
 
