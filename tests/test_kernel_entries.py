@@ -8,9 +8,6 @@ import array
 import numpy as np
 import pytest
 
-from ikservo.apps.page.picking import pick_region, raycast
-from ikservo.apps.page.picking.link_poses import link_poses
-from ikservo.apps.page.picking.picking import Picker
 from ikservo.guard import CollisionChecker, clear_space, way_search
 from ikservo.guard.sag import GravitySag, Weight
 from ikservo.ik import Solver, solver
@@ -22,8 +19,6 @@ from ikservo.kernels import way_search as way_search_kernel
 from ikservo.kinematics.inertia import LinkMass
 from ikservo.model import load_model
 from ikservo.planning.path_constraint import ConstrainedTool, PathConstraint
-from tests.apps.page.test_view_pick import cloud, places, rays_at
-from tests.apps.page.view_fixtures import looked_at, model_of, picker
 from tests.both_ways import needs_extension
 from tests.guard.test_collision_kernel import BOXES, every_kind_of_joint
 from tests.ik.test_compiled import Search
@@ -100,25 +95,6 @@ def project_tool(_):
     tool.project(model.chain_pose("home") + 0.3, np.array([0.2, 0.0, 0.2]))
 
 
-def cast_rays(_):
-    random = np.random.default_rng(1)
-    shapes = {link: cloud(random, 30, "triangles") for link in ("a", "b")}
-    Picker(shapes).cast(*rays_at(random, 4), places(random, shapes))
-
-
-def raycast_brute_force(_):
-    random = np.random.default_rng(2)
-    (origin, *_), (direction, *_) = rays_at(random, 1)
-    raycast.raycast_brute_force(origin, direction, cloud(random, 20, "capsules"), np.empty(2))
-
-
-def find_in_square(_):
-    model = model_of("so101")
-    poses = link_poses(model.chain, model.chain.mid_range(), {})
-    camera = looked_at("so101", (30.0, 30.0))
-    picker("so101").pick_all_at(camera, poses, np.array([400.0, 300.0]), 40.0)
-
-
 ENTRIES = [
     (search, "solve_all", solve_all),
     (single, "solve_pose", solve_pose),
@@ -131,9 +107,6 @@ ENTRIES = [
     (free_path_kernel, "free_postures", first_contact),
     (way_search_kernel, "grow_trees", find_way),
     (way_search_kernel, "shorten_way", find_way),
-    (raycast, "raycast", cast_rays),
-    (raycast, "raycast_brute_force", raycast_brute_force),
-    (pick_region, "find_in_square", find_in_square),
 ]
 
 

@@ -43,7 +43,7 @@ from ikservo.kinematics.packed import PackedBody
 from ikservo.kinematics.se3 import exp_so3
 from ikservo.model import load_model
 from ikservo.model.collision_model import capsules_of
-from ikservo.planning import checked_planning, ways_around
+from ikservo.planning import ways_around
 from ikservo.planning.checked_planning import PreflightPlanner
 from ikservo.planning.context import ArmContext
 from ikservo.planning.motion_plan import MotionPlan
@@ -294,9 +294,9 @@ class Searches:
     def __init__(self) -> None:
         self._find, self.seconds = ways_around.ways_around, 0.0
 
-    def __call__(self, *asked: Any) -> Iterator[Array]:  # noqa: ANN401
+    def __call__(self, *asked: Any, **options: Any) -> Iterator[Array]:  # noqa: ANN401
         """Yield the ways of a search."""
-        ways = self._find(*asked)
+        ways = self._find(*asked, **options)
         while True:
             began = time.process_time()
             way = next(ways, None)
@@ -320,7 +320,7 @@ def arms(names: list[str], scenes: int, upright_deg: float | None, seeds: int, b
     """
     turned_rad = None if upright_deg is None else math.radians(upright_deg)
     within = PathConstraint(upright_rad=turned_rad)
-    searches = checked_planning.ways_around = Searches()
+    searches = ways_around.ways_around = Searches()
     for name in names:
         found, ratios, straight, searched_s = list[Judged](), list[float](), 0, list[float]()
         model = load_model(name)

@@ -37,8 +37,6 @@ _MODULES = [
     "ikservo.kernels.capsule_distances",
     "ikservo.kernels.free_path",
     "ikservo.kernels.way_search",
-    "ikservo.apps.page.picking.raycast",
-    "ikservo.apps.page.picking.pick_region",
 ]
 # As Python computes: no fused products, no other order. Errors set no errno and no trap. A call of
 # memset or memcpy for five numbers takes longer than a loop (clang warns that it has no such flag).

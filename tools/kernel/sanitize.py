@@ -22,8 +22,6 @@ _TESTS = [
     "tests/ik/test_bounded.py",
     "tests/guard/test_collision_kernel_compiled.py",
     "tests/guard/test_collision_kernel.py",
-    "tests/apps/page/test_compiled_picking.py",
-    "tests/apps/page/test_view_pick.py",
 ]
 
 

@@ -12,8 +12,8 @@ from scipy.linalg import null_space
 from ikservo.apps.page.dragging.drag import Drag
 from ikservo.apps.page.dragging.drag_commands import DragTarget, HoldCommand, JointTarget
 from ikservo.apps.page.dragging.drag_solver import MAX_STEP_RAD, DragSolver
-from ikservo.apps.page.picking.bvh import object_primitives
 from ikservo.apps.page.picking.picking import Picker, PointerContext
+from ikservo.apps.page.picking.raycast import thing_shapes
 from ikservo.errors import InputError, UnknownNameError
 from ikservo.ik import METHODS, Posture, Target
 from ikservo.kinematics import distance_to_limits
@@ -688,7 +688,7 @@ def with_a_cup(view):
     """Return the drag and the look of an arm beside a cup, and the pixel of the cup's middle."""
     model = replace(model_of("so101"), keep_out=(CUP,))
     view_state = sight("so101", view)
-    drag = Drag(model.chain, picker("so101"), Picker(object_primitives(model.keep_out)))
+    drag = Drag(model.chain, picker("so101"), Picker(thing_shapes(model.keep_out)))
     return drag, view_state, view_state.camera.project(np.array([0.2, 0.16, 0.05]))[0]
 
 
@@ -733,7 +733,7 @@ def test_a_second_click_on_a_box_sends_the_tip_there():
 def test_a_link_is_grabbed_before_the_box_around_it():
     model = replace(model_of("so101"), keep_out=(KeepOutBox("the cage", (-1, -1, 0), (1, 1, 1)),))
     view_state = sight("so101", "side")
-    drag = Drag(model.chain, picker("so101"), Picker(object_primitives(model.keep_out)))
+    drag = Drag(model.chain, picker("so101"), Picker(thing_shapes(model.keep_out)))
     assert (
         drag.press(pixel_on("so101", view_state, "forearm"), view_state).target.frame == "forearm"
     )

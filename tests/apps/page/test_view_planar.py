@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from ikservo.apps.page.dragging.solver_demo import SOLVERS, trace_method
-from ikservo.apps.page.picking.bvh import link_primitives
 from ikservo.apps.page.picking.link_poses import link_poses
 from ikservo.apps.page.picking.picking import Picker
 from ikservo.apps.page.picking.projection import Viewport
+from ikservo.apps.page.picking.raycast import link_shapes
 from ikservo.apps.page.picking.viewpoints import (
     Viewpoint,
     arm_extent,
@@ -20,6 +20,7 @@ from ikservo.errors import UnknownNameError
 from ikservo.kinematics import distance_to_limits
 from ikservo.model.collision_model import capsules_of
 from tests.apps.page.planar_arm import planar_model
+from tests.apps.page.view_fixtures import selected
 
 LENGTHS_M = [0.12, 0.10, 0.08]
 MODEL = planar_model(LENGTHS_M)
@@ -47,9 +48,10 @@ def test_it_is_seen_along_its_axes_only():
 
 def test_it_is_picked_like_any_arm():
     chain = MODEL.chain
-    picker, poses = Picker(link_primitives(capsules_of(MODEL))), link_poses(chain, START, {})
+    picker, poses = Picker(link_shapes(capsules_of(MODEL))), link_poses(chain, START, {})
     middle = chain.forward(START, "link2", (0.05, 0.0, 0.0))[:3, 3]
-    assert picker.pick_at(CAMERA, poses, CAMERA.project(middle)[0]).link == "link2"
+    hit = selected(picker.pick_all_at(CAMERA, poses, CAMERA.project(middle)[0]))
+    assert hit.link == "link2"
 
 
 @pytest.mark.parametrize("method", SOLVERS)

@@ -8,10 +8,12 @@ import pytest
 import ikservo
 from ikservo.apps.page.picking import visibility
 from ikservo.apps.page.picking.link_poses import link_poses
+from ikservo.apps.page.picking.raycast import cast_rays, link_shapes
 from ikservo.apps.page.picking.visibility import TABLE, VisibilityChecker
 from ikservo.errors import BadValueError, UnknownNameError
+from ikservo.model.collision_model import capsules_of
 from ikservo.model.model import KeepOutBox
-from tests.apps.page.view_fixtures import looked_at, model_of, picker, stage
+from tests.apps.page.view_fixtures import looked_at, model_of, stage
 from tests.apps.page.view_session import ViewSession
 
 HOME = model_of("so101").pose("home")
@@ -29,7 +31,7 @@ def test_the_share_in_sight_is_that_of_lines_of_sight_through_every_pixel(name, 
     model, home = model_of(name), stage(name).home
     poses, camera = link_poses(model.chain, home, {}), looked_at(name, view)
     grid = np.stack(np.meshgrid(np.arange(0, 800, 2.5), np.arange(0, 600, 2.5)), -1).reshape(-1, 2)
-    ways, _ = picker(name).cast(*camera.rays(grid), poses)
+    ways = cast_rays(link_shapes(capsules_of(model)), poses, *camera.rays(grid))
     first = np.argmin(ways, axis=1)
     floating = replace(model, floor_m=None)
     for i, each in enumerate(VisibilityChecker(floating).from_camera(poses, camera)):

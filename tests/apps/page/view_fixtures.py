@@ -9,10 +9,10 @@ from hypothesis import strategies as st
 
 from ikservo.apps.page.dragging.drag import Drag
 from ikservo.apps.page.drawing.scene_graph import SceneGraph
-from ikservo.apps.page.picking.bvh import link_primitives
 from ikservo.apps.page.picking.link_poses import link_poses
 from ikservo.apps.page.picking.picking import Picker, PointerContext
 from ikservo.apps.page.picking.projection import Camera, Viewport, view_rotation
+from ikservo.apps.page.picking.raycast import link_shapes
 from ikservo.apps.page.picking.viewpoints import Viewpoint, arm_extent, make_camera
 from ikservo.model import load_model
 from ikservo.model.collision_model import capsules_of
@@ -61,7 +61,12 @@ def graph_of(model, chain=None):
 
 @cache
 def picker(name):
-    return Picker(link_primitives(capsules_of(model_of(name))))
+    return Picker(link_shapes(capsules_of(model_of(name))))
+
+
+def selected(hits):
+    """Return the nearest hit right under the pointer, else the nearest beside it, else None."""
+    return min(hits, key=lambda hit: (hit.away_px > 0.0, hit.depth_m), default=None)
 
 
 def looked_at(name, view, q=None, viewport=VIEWPORT):
@@ -92,7 +97,7 @@ def pixel_on(name, view_state, link):
     for capsule in capsules_of(model_of(name)):
         if capsule.link == link:
             px, _ = view_state.camera.project(sum(capsule.ends(poses[link])) / 2)
-            hit = picker(name).pick_at(view_state.camera, poses, px, 1)
+            hit = selected(picker(name).pick_all_at(view_state.camera, poses, px, 1))
             if hit is not None and hit.link == link:
                 return px
     raise AssertionError(f"{link} is hidden")

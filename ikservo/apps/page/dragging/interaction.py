@@ -26,10 +26,10 @@ from ikservo.apps.page.dragging.tool_handles import ToolDrag
 from ikservo.apps.page.dragging.typed_targets import JointRanges, ToolTargets
 from ikservo.apps.page.messages import page_messages as msg
 from ikservo.apps.page.messages.page_messages import Message
-from ikservo.apps.page.picking.bvh import link_primitives, object_primitives
 from ikservo.apps.page.picking.lens_camera import PictureSurface
 from ikservo.apps.page.picking.picking import PickCandidate, Picker, PointerContext
 from ikservo.apps.page.picking.projection import Camera, Viewport
+from ikservo.apps.page.picking.raycast import link_shapes, thing_shapes
 from ikservo.apps.page.picking.viewpoints import (
     Viewpoint,
     arm_extent,
@@ -76,8 +76,8 @@ class Interaction:
         chain = arm.chain
         self._arm, self._chain, self._clock = arm, chain, clock
         self._index = arm.joint_index
-        picker = Picker(link_primitives(capsules_of(arm.model)))
-        self._drag = Drag(chain, picker, Picker(object_primitives(arm.scene.things)))
+        picker = Picker(link_shapes(capsules_of(arm.model)))
+        self._drag = Drag(chain, picker, Picker(thing_shapes(arm.scene.things)))
         self._tool_drag = ToolDrag(chain)
         self._solver, self._gamepad = DragSolver(chain), GamepadControl()
         self._gripper = gripper_control(arm)
@@ -346,7 +346,7 @@ class Interaction:
 
     def set_things(self, things: Sequence[Obstacle]) -> None:
         """Let these be the things around the arm that a press may grab."""
-        self._drag.set_objects(Picker(object_primitives(things)))
+        self._drag.set_objects(Picker(thing_shapes(things)))
         self._drag.moved_thing = None
 
     @property

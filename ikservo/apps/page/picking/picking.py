@@ -1,28 +1,28 @@
 """Picking: links, objects and joints near the pointer, the nearest first.
 
-The bounding box of each link moves with the arm; below it is a tree of boxes in link coordinates,
-which never changes: rays are transformed into the link. A pointer covers a small square of pixels;
-every link in it is a hit, however thin it is (see ``pick_region``)::
+A pointer covers a small square of pixels; every link that a line of sight through it meets is a
+hit. The lines are at most a pixel apart, so that they find whatever is a pixel wide::
 
-    picker = Picker(link_primitives(capsules_of(model)))
+    picker = Picker(link_shapes(capsules_of(model)))
     hits = picker.pick_all_at(camera, link_poses(chain, q, {}), px)     # by depth
-    hit = picker.pick_at(camera, link_poses(chain, q, {}), px)          # None over empty space
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cache
 from typing import Literal, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from ikservo.apps.page.picking.bvh import build_bvh
 from ikservo.apps.page.picking.joint_dials import JointDial, joint_dials
 from ikservo.apps.page.picking.lens_camera import PictureSurface
 from ikservo.apps.page.picking.link_poses import link_poses
 from ikservo.apps.page.picking.projection import Camera
+from ikservo.apps.page.picking.raycast import PickShape, cast_rays
 from ikservo.kinematics import Chain
 from ikservo.kinematics.arrays import Matrix, Vector
 
@@ -39,9 +39,8 @@ class Hit:
         offset_m: The hit point (3,), link coordinates, metres.
         point_m: The same point (3,), world coordinates.
         depth_m: Its depth.
-        away_px: Half the side of the smallest square around the pointer that contains the link; 0
-            if the pointer is right over it.
-        shape: Index of the hit shape of the link.
+        away_px: The larger of the two distances from the pointer, across and down; 0 if the
+            pointer is right over the link.
     """
 
     link: str
@@ -49,41 +48,22 @@ class Hit:
     point_m: Vector
     depth_m: float
     away_px: float
-    shape: int
 
 
 class Picker:
     """Finds links by pixels.
 
     Args:
-        shapes: The primitives (n, ROW_WIDTH) of each link, link coordinates; see ``bvh``.
-
-    Attributes:
-        tested: The number of shapes that the last search tested.
+        shapes: The shape of each link, or of each object of the scene.
     """
 
-    def __init__(self, shapes: Mapping[str, Matrix]) -> None:
-        self._forest = build_bvh(shapes)
-        roots = self._forest.boxes[self._forest.roots]
-        self._middles = 0.5 * (roots[:, :3] + roots[:, 3:])
-        self._halves = 0.5 * (roots[:, 3:] - roots[:, :3])
-        self.tested = 0
+    def __init__(self, shapes: Mapping[str, PickShape]) -> None:
+        self._shapes = shapes
 
     @property
     def names(self) -> tuple[str, ...]:
         """The names of the links."""
-        return self._forest.links
-
-    def pick_at(
-        self,
-        camera: Camera,
-        poses: Mapping[str, Matrix],
-        px: ArrayLike,
-        region_px: float = PICK_TOLERANCE_PX,
-    ) -> Hit | None:
-        """Pick the nearest link right under the pixel (2,), else the nearest close to it."""
-        hits = self.pick_all_at(camera, poses, px, region_px)
-        return min(hits, key=lambda hit: (hit.away_px > 0.0, hit.depth_m), default=None)
+        return tuple(self._shapes)
 
     def pick_all_at(
         self,
@@ -100,112 +80,28 @@ class Picker:
             px: Position of the pointer, CSS pixels.
             region_px: The side of the square; with 0 only what is right under the pointer.
         """
-        at = np.asarray(px, dtype=np.float64)
-        hits = self._hits_under(camera, poses, at)
-        hits |= {
-            link: hit
-            for link, hit in self._hits_beside(camera, poses, at, 0.5 * region_px).items()
-            if link not in hits
-        }
-        return tuple(sorted(hits.values(), key=lambda hit: hit.depth_m))
-
-    def _hits_under(
-        self, camera: Camera, poses: Mapping[str, Matrix], at: Vector
-    ) -> dict[str, Hit]:
-        """Return the hits of the line of sight through the pointer, by link."""
-        (origin,), (direction,) = origins, directions = camera.rays(at[None])
-        (distances,), (rows,) = self.cast(origins, directions, poses)
-        return {
-            link: self._make_hit(
-                camera, link, poses[link], origin + distance * direction, 0.0, int(row)
-            )
-            for link, distance, row in zip(self._forest.links, distances, rows, strict=True)
-            if np.isfinite(distance)
-        }
-
-    def _hits_beside(
-        self, camera: Camera, poses: Mapping[str, Matrix], at: Vector, half_px: float
-    ) -> dict[str, Hit]:
-        """Return the hits in the square around the pointer, by link."""
-        from ikservo.apps.page.picking.pick_region import (  # noqa: PLC0415  # loads when first used
-            DEPTH,
-            OFFSET,
-            RIGHT,
-            ROW,
-            UP,
-            find_in_square,
-        )
-
-        forest, hits = self._forest, dict[str, Hit]()
-        if half_px <= 0.0:
-            return hits
-        found = np.empty((len(forest.links), 5))
-        right_up = camera.across_px(at) * (1.0, -1.0) / camera.scale_px
-        pointer = np.array([*right_up, float(camera.perspective)])
-        T_view_link = _view_transforms(camera, [poses[link] for link in forest.links])
-        half = half_px / camera.scale_px
-        self.tested = find_in_square(
-            T_view_link, pointer, half, forest.roots, forest.boxes, forest.nodes, forest.rows, found
-        )
-        for link, nearest in zip(forest.links, found, strict=True):
-            if np.isfinite(nearest[OFFSET]):
-                away_px = camera.scale_px * nearest[[RIGHT, UP]] * (1.0, -1.0)
-                point = camera.unproject(at + away_px, nearest[DEPTH])
-                px = float(camera.scale_px * nearest[OFFSET])
-                hits[link] = self._make_hit(camera, link, poses[link], point, px, int(nearest[ROW]))
-        return hits
-
-    def cast(
-        self, origins: Matrix, directions: Matrix, poses: Mapping[str, Matrix]
-    ) -> tuple[Matrix, NDArray[np.int64]]:
-        """Compute the distances of rays (k, 3) to each link (k, links), and the rows they hit."""
-        from ikservo.apps.page.picking.raycast import raycast  # noqa: PLC0415  # loads when first used
-
-        forest = self._forest
-        T = np.array([poses[link] for link in forest.links]).reshape(-1, 4, 4)
-        R = np.ascontiguousarray(T[:, :3, :3])
-        origins_link = np.ascontiguousarray(T[:, :3, 3])
-        distances = np.empty((len(origins), len(forest.links)))
-        rows = np.empty(distances.shape, dtype=np.int64)
-        self.tested = raycast(
-            np.ascontiguousarray(origins), np.ascontiguousarray(directions), R.reshape(-1, 9),
-            origins_link, self._world_boxes(R, origins_link), forest.roots, forest.boxes,
-            forest.nodes, forest.rows, distances, rows,
-        )  # fmt: skip
-        return distances, rows
-
-    def _world_boxes(self, R: Matrix, origins_link: Matrix) -> Matrix:
-        """Compute the axis-aligned boxes (links, 6) of the links at their poses."""
-        middles = np.einsum("lij,lj->li", R, self._middles) + origins_link
-        halves = np.einsum("lij,lj->li", np.abs(R), self._halves)
-        return np.hstack([middles - halves, middles + halves])
-
-    def _make_hit(
-        self,
-        camera: Camera,
-        link: str,
-        T_world_link: Matrix,
-        point_m: Vector,
-        away_px: float,
-        row: int,
-    ) -> Hit:
-        return Hit(
-            link=link,
-            offset_m=T_world_link[:3, :3].T @ (point_m - T_world_link[:3, 3]),
-            point_m=point_m,
-            depth_m=float(camera.depth_of(point_m)),
-            away_px=away_px,
-            shape=int(self._forest.names[row]),
-        )
+        offsets_px = _square_offsets(region_px)
+        origins, directions = camera.rays(np.asarray(px, dtype=np.float64) + offsets_px)
+        distances = cast_rays(self._shapes, poses, origins, directions)
+        away_px, hits = np.abs(offsets_px).max(axis=1), list[Hit]()
+        for name, along_m in zip(self._shapes, distances.T, strict=True):
+            met = np.flatnonzero(np.isfinite(along_m))
+            if not len(met):
+                continue
+            ray = met[np.lexsort((along_m[met], away_px[met]))[0]]
+            point_m = origins[ray] + along_m[ray] * directions[ray]
+            offset_m = poses[name][:3, :3].T @ (point_m - poses[name][:3, 3])
+            depth_m = float(camera.depth_of(point_m))
+            hits.append(Hit(name, offset_m, point_m, depth_m, float(away_px[ray])))
+        return tuple(sorted(hits, key=lambda hit: hit.depth_m))
 
 
-def _view_transforms(camera: Camera, poses: Sequence[Matrix]) -> Matrix:
-    """Return rotations and origins (links, 12) of links: right, up and depth from the eye."""
-    T = np.array(poses).reshape(-1, 4, 4)
-    R_view = camera.R_world_view.T * [[1.0], [1.0], [-1.0]]
-    R = (R_view @ T[:, :3, :3]).reshape(-1, 9)
-    origins_link = (T[:, :3, 3] - camera.eye_m) @ R_view.T
-    return np.ascontiguousarray(np.hstack([R, origins_link]))
+@cache
+def _square_offsets(side_px: float) -> Matrix:
+    """Compute offsets (k, 2) all over a square, its middle included, at most a pixel apart."""
+    count = max(math.ceil(0.5 * side_px), 1)
+    line_px = 0.5 * side_px * np.arange(-count, count + 1) / count
+    return np.stack(np.meshgrid(line_px, line_px), axis=-1).reshape(-1, 2)
 
 
 _HUB_PX, _NEAR_PX = 10.0, 30.0

@@ -17,15 +17,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ikservo.apps.page.picking.bvh import (
-    bounding_boxes,
-    link_primitives,
-    object_primitives,
-    triangle_rows,
-)
 from ikservo.apps.page.picking.link_poses import link_poses
-from ikservo.apps.page.picking.picking import Picker
 from ikservo.apps.page.picking.projection import Camera, Viewport, view_rotation
+from ikservo.apps.page.picking.raycast import PickShape, cast_rays, link_shapes, thing_shapes
 from ikservo.clock import Clock
 from ikservo.errors import UnknownNameError
 from ikservo.kinematics import Chain, finite_vector
@@ -80,20 +74,14 @@ class VisibilityChecker:
     """
 
     def __init__(self, model: Model) -> None:
-        links, self._floor_m = link_primitives(capsules_of(model)), model.floor_m
-        self._obstacles = {
-            f"{name} (object)" if name in links else name: rows
-            for name, rows in object_primitives(model.keep_out).items()
+        self._links, self._floor_m = link_shapes(capsules_of(model)), model.floor_m
+        self._shapes = self._links | {
+            f"{name} (object)" if name in self._links else name: shape
+            for name, shape in thing_shapes(model.keep_out).items()
         }
         if model.floor_m is not None:
-            # Compute the table as two triangles (2, WIDTH)
-            a, b, c, d = [(_TABLE_M * x, _TABLE_M * y, model.floor_m) for x, y in _ROUND]
-            self._obstacles[TABLE] = triangle_rows(np.array([[a, b, c], [a, c, d]]))
-        self._picker = Picker({**links, **self._obstacles})
-        self._ends = {link: rows[:, 1:7].reshape(-1, 3) for link, rows in links.items()}
-        self._corners = {
-            link: _bounding_corners(bounding_boxes(rows)) for link, rows in links.items()
-        }
+            corner_m = np.array([_TABLE_M, _TABLE_M, model.floor_m])
+            self._shapes[TABLE] = PickShape(np.array([corner_m * (-1.0, -1.0, 1.0), corner_m]))
 
     def from_point(
         self, poses: Mapping[str, Matrix], eye_m: ArrayLike
@@ -106,35 +94,36 @@ class VisibilityChecker:
         """
         eye = finite_vector(eye_m, 3, "The point to look from")
         if self._floor_m is not None and eye[2] < self._floor_m:
-            return tuple(LinkVisibility(link, 0.0, (TABLE,)) for link in self._ends)
-
-        return tuple(
-            self._link_visibility(
-                link,
-                poses,
-                _camera_looking_at(eye, _transform_points(self._corners[link], poses[link])),
-            )
-            for link in self._ends
-        )
+            return tuple(LinkVisibility(link, 0.0, (TABLE,)) for link in self._links)
+        cameras = {
+            link: _camera_looking_at(eye, _transform_points(shape.corners_m, poses[link]))
+            for link, shape in self._links.items()
+        }
+        return tuple(self._link_visibility(link, poses, at) for link, at in cameras.items())
 
     def from_camera(
         self, poses: Mapping[str, Matrix], camera: Camera
     ) -> tuple[LinkVisibility, ...]:
         """Return the visibility of each link from a camera with an unbounded image."""
-        return tuple(self._link_visibility(link, poses, camera) for link in self._ends)
+        return tuple(self._link_visibility(link, poses, camera) for link in self._links)
 
     def _link_visibility(
         self, link: str, poses: Mapping[str, Matrix], camera: Camera
     ) -> LinkVisibility:
-        all_poses = {**poses, **dict.fromkeys(self._obstacles, np.eye(4))}
-        names = self._picker.names
+        names, shape = list(self._shapes), self._links[link]
         own = names.index(link)
-        corners_px, _ = camera.project(_transform_points(self._corners[link], poses[link]))
-        distances, _ = self._picker.cast(*camera.rays(_pixel_grid(corners_px, camera)), all_poses)
-        distances = distances[np.isfinite(distances[:, own])]
-        if len(distances) < _MIN_RAYS:  # a link thinner than the grid of rays
-            ends_px, _ = camera.project(_transform_points(self._ends[link], poses[link]))
-            distances, _ = self._picker.cast(*camera.rays(ends_px), all_poses)
+        corners_px, _ = camera.project(_transform_points(shape.corners_m, poses[link]))
+        origins, directions = camera.rays(_pixel_grid(corners_px, camera))
+        met = np.isfinite(cast_rays({link: shape}, poses, origins, directions)[:, 0])
+        if met.sum() >= _MIN_RAYS:
+            origins, directions = origins[met], directions[met]
+        else:  # the link is thinner than the grid of rays
+            ends_m = shape.capsules[:, :6].reshape(-1, 3)
+            ends_px, _ = camera.project(_transform_points(ends_m, poses[link]))
+            origins, directions = camera.rays(ends_px)
+        all_poses = dict.fromkeys(self._shapes, np.eye(4))
+        all_poses |= {name: poses[name] for name in self._links}
+        distances = cast_rays(self._shapes, all_poses, origins, directions)
         counts = np.bincount(np.argmin(distances, axis=1), minlength=len(names)) / len(distances)
         hiding = [
             (-float(fraction), i)
@@ -157,12 +146,6 @@ def _transform_points(points_m: Matrix, T_world_link: Matrix) -> Matrix:
     return points_m @ T_world_link[:3, :3].T + T_world_link[:3, 3]
 
 
-def _bounding_corners(boxes: Matrix) -> Matrix:
-    """Compute the corners (8, 3) of the box around boxes (n, 6)."""
-    low, high = boxes[:, :3].min(axis=0), boxes[:, 3:].max(axis=0)
-    return low + np.array(list(np.ndindex(2, 2, 2))) * (high - low)
-
-
 def _pixel_grid(corners_px: Matrix, camera: Camera) -> Matrix:
     """Compute a grid of pixels (n, 2) over the frame around others, at most 80° off the axis."""
     max_offset = _MAX_FIELD_RAD * camera.scale_px if camera.perspective else math.inf
@@ -172,9 +155,6 @@ def _pixel_grid(corners_px: Matrix, camera: Camera) -> Matrix:
     fractions = (np.arange(_LINES) + 0.5) / _LINES
     steps = low + fractions[:, None] * (high - low)
     return np.stack(np.meshgrid(steps[:, 0], steps[:, 1]), axis=-1).reshape(-1, 2)
-
-
-_ROUND = ((-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0))
 
 
 def visible_from(
