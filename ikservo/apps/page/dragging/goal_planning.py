@@ -31,7 +31,7 @@ from ikservo.planning.motions import MoveJoints, MoveTo
 _PERIOD_S = 0.04  # between two plans during a drag, whose picture has to be drawn meanwhile
 _POSTURES = 25  # along a path as it is shown
 _NEAR_TICKS = 3.0
-_SAG_RAD = 0.15  # by which a joint of a limp arm may sink, or m, until its torque is on
+_SAG_TICKS = 100.0  # a joint of a limp arm may sink so far until its torque is on
 _STRAIGHT = 1.001  # longer, in proportion, is not straight
 _numbers = itertools.count(1)
 
@@ -74,6 +74,7 @@ class PlanRequest:
         self.allowed_speed = "slow" if is_first else speed
         ticks = [driven.joint_map.unit_per_tick for driven in servos.driven_joints]
         self.near = _NEAR_TICKS * np.array(ticks)  # where else a plan may begin
+        self.sag = _SAG_TICKS * np.array(ticks)
         scene, here = arm.scene, arm.context.surroundings
         moving = [each.turn.is_of_other(here) for each in scene.arms]
         self._around = (scene.things, scene.held, scene.arms, moving)
@@ -91,7 +92,7 @@ class PlanRequest:
         sunk = np.abs(self.start - before.start)
         return (
             before.is_limp
-            and bool((sunk > self.near).any() and (sunk <= _SAG_RAD).all())
+            and bool((sunk > self.near).any() and (sunk <= self.sag).all())
             and not there.change_since(before)
         )
 
