@@ -32,7 +32,8 @@ READ = {
     ("import lerobot", "from_script"), ("import recording", "file"),
     ("import dataset", "folder"), ("replay", "file"),
     ("move", "scene"), ("pose", "scene"), ("setup", "restore"), ("test", "points"),
-    ("view", "scene"),
+    ("gripper", "scene"), ("jog", "scene"), ("program", "scene"), ("replay", "scene"),
+    ("serve", "scene"), ("view", "scene"),
 }  # fmt: skip
 # Those that name a file or folder which is written: command lines, and the file that is named in
 # the error. {} is the folder.

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from ikservo.apps.importing.draft import ArmDraft
-from ikservo.errors import BadValueError, InputError
+from ikservo.errors import BadValueError, FileFormatError, InputError
 from ikservo.files.writing import write_all_atomic, write_atomic
 from ikservo.model import Model, arm_names, load_model
 
@@ -46,7 +46,7 @@ def load_draft(draft: ArmDraft, folder: Path | None = None) -> Model:
         folder: The folder of its two files; a temporary folder if None.
 
     Raises:
-        FileFormatError: It cannot be loaded.
+        FileFormatError: It cannot be loaded; names the description that it was made from.
     """
     if folder is None:
         with tempfile.TemporaryDirectory() as name:
@@ -54,7 +54,11 @@ def load_draft(draft: ArmDraft, folder: Path | None = None) -> Model:
     for name, content in draft.files().items():
         if name in ("arm.toml", "arm.urdf"):
             write_atomic(folder / name, content)
-    return load_model(folder)
+    try:
+        return load_model(folder)
+    except FileFormatError as error:  # the user knows the description, not a temporary file
+        where = f"{error.path.name} of the new arm, {error.where}".rstrip(", ")
+        raise FileFormatError(draft.source, where, error.found, error.expected) from error
 
 
 def write_drafts(drafts: Sequence[ArmDraft], folder: Path) -> list[Path]:
