@@ -200,7 +200,7 @@ def known_camera(
     if not cameras:
         raise CalibrationError(
             f"{arm} has no calibrated camera.",
-            f"Fix a printed board to its gripper, then: ikservo calibrate {arm} --camera 0",
+            f"Fix a printed board to its gripper and calibrate the camera: ikservo calibrate {arm}",
         )
     if name and name not in cameras:
         raise UnknownNameError("camera", name, filter(None, cameras))

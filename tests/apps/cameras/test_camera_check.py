@@ -116,7 +116,7 @@ def test_look_prints_the_point_that_a_pixel_sees_and_moves_there(run_cli, camera
         (f"look 480 400 {LOOK} --dry-run", 2, "--move, which it would plan"),
         (f"look 480 400 {LOOK} --pitch -90", 2, "given without --move"),
         (f"look 480 400 {LOOK} --keep-above 0.02", 2, "given without --move"),
-        ("look 480 400 --arm koch --port sim", 6, "ikservo calibrate koch --camera 0"),
+        ("look 480 400 --arm koch --port sim", 6, "calibrate the camera: ikservo calibrate koch"),
         ("camera check koch --port sim --camera sim", 6, "koch has no calibrated camera"),
         (f"camera check {ARM}", 2, "Add: --camera 0"),
         (f"camera check {ARM} --camera 77", 2, "There is no camera 77"),
