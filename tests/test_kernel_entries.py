@@ -83,7 +83,7 @@ def find_way(monkeypatch):
         found = way_search.WaySearch(space, np.zeros(4), np.ones((1, 4)), -np.ones(4), np.ones(4))
         found.has_ended = False
         found._goals = np.ones((1, 4))
-        found._plant()
+        found._plant(found._limits)
         found._grow_trees(0.1, 200)
         found._shortened(np.array([np.zeros(4), 0.1 * np.ones(4), np.zeros(4)]), 0.1)
 

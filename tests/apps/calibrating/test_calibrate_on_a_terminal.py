@@ -51,7 +51,7 @@ def picture(monkeypatch):
         update(live, renderable, **more)
 
     monkeypatch.setattr(Live, "update", noted)
-    monkeypatch.setattr(dialogue, "Console", lambda **_: console)
+    monkeypatch.setattr(dialogue, "open_console", lambda **_: console)
     monkeypatch.setattr(sys.stderr, "isatty", lambda: True, raising=False)
     return drawn
 
