@@ -9,7 +9,7 @@ import pytest
 
 import ikservo
 from ikservo.clock import RealClock
-from ikservo.control import loop
+from ikservo.control import real_time
 from ikservo.control.real_time import allowed_priority, steady_timing
 from tests.arm.random_faults import seeded
 from tests.arm.short_motions import run_short_move
@@ -95,7 +95,7 @@ def test_every_cycle_of_a_motion_runs_inside_by_the_clock_of_the_arm(limit, monk
             yield
             clocks.append(None)
 
-    monkeypatch.setattr(loop, "steady_timing", note)
+    monkeypatch.setattr(real_time, "steady_timing", note)
     with ikservo.open_arm("so101", port="sim:?pose=home") as arm:
         arm.enable()
         run_short_move(arm, seeded(1), lambda _: inside.append((clocks[:], policy())))
