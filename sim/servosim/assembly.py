@@ -100,9 +100,7 @@ def make_arm_world(
         return World(joints, mover, rails, tip=tip, surroundings=around)
     others = [positions for name, positions in arm.poses.items() if name != "rest"]
     postures = [[positions.get(name, 0.0) for name in names] for positions in others]
-    lying = arm.poses.get("rest")
-    rest = None if lying is None else [lying.get(name, 0.0) for name in names]
-    contacts = body.contacts(arm.floor_m, postures, rest)
+    contacts = body.contacts(arm.floor_m, postures)
     return World(joints, body, rails, contacts, tip, surroundings=around)
 
 

@@ -19,9 +19,6 @@ _MAX_DEPTH_M = 0.006
 _MAX_PUSH_M_S = 1.0
 # Nearer to the axes of all limp joints a contact is hardly theirs to end: its force stays finite.
 _MIN_LEVER_M = 0.03
-# A limp arm lies in its rest pose. The boxes are smaller than the parts that carry it there, so the
-# weight is borne near that pose, wholly and then less and less, by the distance of its worst joint.
-_LIES_RAD, _SLIPS_RAD = 0.03, 0.15
 _HELD = 1e9  # kg m², or kg: a joint that a servo holds
 _TABLE = -1
 _BASE = np.eye(4)[None]
@@ -66,7 +63,6 @@ class Contacts:
         tree: Their frames.
         floor_m: Height of the table in the base frame; None for none.
         postures: Positions of the driven joints, free of contact.
-        rest: Positions in which the limp arm lies; None where that is not known.
     """
 
     def __init__(
@@ -77,9 +73,7 @@ class Contacts:
         tree: MassTree,
         floor_m: float | None,
         postures: Sequence[Sequence[float]],
-        rest: Sequence[float] | None = None,
     ) -> None:
-        self._rest = None if rest is None else np.array(rest)
         self._joints, self._driven, self._shapes, self._tree = joints, driven, list(shapes), tree
         self._floor_m = floor_m
         self._radii_m = np.array([float(np.linalg.norm(s.half_m)) for s in self._shapes])
@@ -116,10 +110,9 @@ class Contacts:
         """
         places, frames = self._world_frames(positions)
         found = self._find_contacts(places, frames, len(positions))
-        carried = self._carried_share(positions) if free.all() else 0.0
-        if not found and not carried:
+        if not found:
             return list(loads)
-        acting = (1.0 - carried) * np.array(loads)
+        acting = np.array(loads)
         # Joints that do not give way are as heavy as that by themselves.
         held = np.where(free, 0.0, _HELD)
         light = np.linalg.inv(mass * np.outer(free, free) + np.diag(held))
@@ -138,13 +131,6 @@ class Contacts:
             )
             acting += min(max(0.0, pushed_m_s), _MAX_PUSH_M_S) / (mobility * interval_s) * slope
         return acting.tolist()
-
-    def _carried_share(self, positions: Sequence[float]) -> float:
-        """Return the share of the arm's weight that is borne in its rest pose; 0 far from it."""
-        if self._rest is None:
-            return 0.0
-        away = float(np.abs(np.array(positions) - self._rest).max())
-        return min(1.0, max(0.0, (_SLIPS_RAD - away) / (_SLIPS_RAD - _LIES_RAD)))
 
     def _find_contacts(
         self, places: Matrix, frames: Matrix, count: int

@@ -273,21 +273,15 @@ class RigidArm:
         self._local = self._tree.expand(positions)
         return self._local
 
-    def contacts(
-        self,
-        floor_m: float | None,
-        postures: Sequence[Sequence[float]],
-        rest: Sequence[float] | None = None,
-    ) -> Contacts:
+    def contacts(self, floor_m: float | None, postures: Sequence[Sequence[float]]) -> Contacts:
         """Return the contacts of the arm where no servo holds it; see `Contacts`.
 
         Args:
             floor_m: Height of the table in the base frame; None for none.
             postures: Positions that are free of contact.
-            rest: Positions in which the limp arm lies; None where that is not known.
         """
         shapes = read_shapes(self._path, self._base)
-        return Contacts(self._joints, self._drivers, shapes, self._tree, floor_m, postures, rest)
+        return Contacts(self._joints, self._drivers, shapes, self._tree, floor_m, postures)
 
     def tip(self, link: str) -> Tip:
         """Return the tip, which is the origin of a link.
