@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Generator, Iterator, Sequence
 from contextlib import contextmanager
+from functools import cached_property
 from typing import TYPE_CHECKING, Any, Self, TypeVar
 
 from ikservo.arguments import OnExit, check_exit
@@ -84,7 +85,6 @@ class Arm(MotionMethods):
         self.zeros: ZeroSource = context.zeros
         self.joint_index: JointIndex = context.index
         self.poses = PoseLibrary(context.model, context.serial_number)
-        self._scene: Scene | None = None
         self.preflight = PreflightPlanner(context, runner, self.poses)
         self.background = Background(runner, context.servos.stop_request)
         runner.on_overheat = self._lower
@@ -107,11 +107,13 @@ class Arm(MotionMethods):
     @property
     def scene(self) -> Scene:
         """The things around the arm, and what its gripper holds."""
-        if self._scene is None:
-            from ikservo.arm.scene import Scene  # noqa: PLC0415  # few programs use it
-
-            self._scene = Scene(self._context, self._runner)
         return self._scene
+
+    @cached_property
+    def _scene(self) -> Scene:
+        from ikservo.arm.scene import Scene  # noqa: PLC0415  # few programs use it
+
+        return Scene(self._context, self._runner)
 
     @property
     def context(self) -> ArmContext:
@@ -349,7 +351,7 @@ class Arm(MotionMethods):
         lower(self)
 
     def _leave(self) -> None:
-        if self._scene is not None:
+        if "_scene" in vars(self):
             self._scene.close()
         listener = self._context.servos.bus.stop_listener
         if listener is not None:

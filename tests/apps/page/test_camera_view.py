@@ -72,7 +72,7 @@ def test_clicks_in_a_mirrored_picture_are_refused_until_it_is_as_before(arm, cam
 
 def test_clicks_in_an_old_picture_or_one_of_another_size_are_refused(arm, camera):
     view = CameraView(arm, video := Video(camera.take(), is_fresh=False), ManualClock())
-    with pytest.raises(BadMessageError, match="not fresh"):
+    with pytest.raises(BadMessageError, match="too old"):
         view.require_usable()
     video.newest, video.is_fresh = np.zeros((480, 640, 3), np.uint8), True
     with pytest.raises(BadMessageError, match="640 x 480, not 960 x 720"):
