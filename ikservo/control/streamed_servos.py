@@ -428,7 +428,7 @@ class StreamedServos:
         return torque_lost_error(limp) if limp else error
 
     def _find_power_loss(self, error: BaseException) -> IkservoError | None:
-        """Return the error to raise where no servo kept its torque and settings; else None."""
+        """Return the error to raise if every servo that answers was reset; else None."""
         if not isinstance(error, (ServoSilentError, ServoAlarmError)):
             return None
         with contextlib.suppress(Exception):
@@ -440,7 +440,8 @@ class StreamedServos:
         except IkservoError:  # the port is lost: nothing is known of the servos
             return None
         holds = {i for i, row in read.items() if row[on[i]]}
-        if any(read[i].items() >= markers[i].items() for i in holds):
+        telling = [i for i in read if markers[i] or i in holds]  # limp without markers: unknown
+        if any(read[i].items() >= markers[i].items() for i in telling):
             return None
         silent = [d.joint for d in self.driven_joints if d.servo_id not in read]
         return power_lost_error(self.names, silent, holds=bool(holds))
