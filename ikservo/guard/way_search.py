@@ -26,14 +26,13 @@ _NODES = 100000  # of a tree
 _STEP_M = 0.1
 _FINEST_M = 0.002  # a shortcut that closer samples find free is not refined any further
 _CHUNK, _CHUNK_IN_PYTHON = 2000, 20  # postures between two looks at whether the search is to end
-# After the first way others are searched, to find a shorter one: how many in all, how many times
-# the postures that the first one took, or at least how many, and down to which multiple of the
-# straight distance, below which no way can be.
-_MOST_WAYS = 8
-_SEARCHED_AGAIN = 1
-_LEAST_AGAIN = 2500
-_SHORT = 1.4
-_SHORT_IN_TIME, _FOR_EVER = 1.02, 10**15  # the same for a search that takes its time
+# After the first way others are searched, to find a shorter one.
+_MOST_WAYS = 8  # in all
+_SEARCHED_AGAIN = 1  # times the postures that the first one took
+_LEAST_AGAIN = 2500  # postures at least
+_SHORT = 1.4  # times the straight distance; a shorter way is not improved
+_SHORT_IN_TIME = 1.02  # the same for a search that takes its time
+_FOR_EVER = 10**15  # postures: only time ends the search
 _SHORTER = 0.75  # ways are looked for that are shorter by this factor
 _ROOM = 200  # rows for the corners that shortcuts add
 _SAME = 1e-9
@@ -188,7 +187,7 @@ class WaySearch:
         )
 
     def _other_ways(self, way: Matrix, is_over: Callable[[], bool]) -> list[Matrix]:
-        """Search again from the beginning, with other chance, unless a way is short."""
+        """Search again from the beginning, with other random numbers, unless a way is short."""
         looked, before = self._kernel.LOOKED, (self._nodes, self._parents, self._grow_trees)
         until = self._state[looked] + max(_SEARCHED_AGAIN * int(self._state[looked]), _LEAST_AGAIN)
         until = _FOR_EVER if self._takes_time else int(until)
