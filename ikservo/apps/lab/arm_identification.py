@@ -167,7 +167,7 @@ def nominal_priors(model: Model, names: Sequence[str]) -> list[JointPrior]:
         if torque is None:
             raise RefusedError(
                 f"The motor of {name} ({joint.servo.model}) is not known.",
-                "An arm can be identified whose servos are in docs/servosim-truth.md.",
+                "An arm can be identified whose servos are in docs/lab/motors.md.",
             )
         priors.append(
             JointPrior(
