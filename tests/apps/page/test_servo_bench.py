@@ -128,7 +128,7 @@ def test_mistakes_are_notes(session):
         ({"joint": "elbow_flex", "name": "goal_position", "value": "5"}, "not written here"),
         ({"joint": "elbow_flex", "name": "profile_velocity", "value": "5"}, "not written here"),
         ({"joint": "elbow_flex", "name": "id", "value": "5"}, "not written here"),
-        ({"joint": "elbow_flex", "name": "p_gain", "value": "x"}, "no value"),
+        ({"joint": "elbow_flex", "name": "p_gain", "value": "x"}, "not a value"),
         ({"joint": "elbow_flex", "name": "p_gain", "value": "255"}, "outside"),
     ):
         kind = "write_register" if "name" in fields else "read_servo"
