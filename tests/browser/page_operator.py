@@ -241,7 +241,7 @@ class Operator:
     def start_calibration(self):
         """Press Calibrate; a second time where the arm holds and is to go limp."""
         self.page.click("#calibrate")
-        if "sure" in self.page.inner_text("#calibrate"):
+        if "sure" in self.page.inner_text("#calibrate").lower():
             self.page.click("#calibrate")
         return self
 
