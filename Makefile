@@ -20,7 +20,8 @@ test: $(VENV)/tested build  ## for every save: the tests that take little time, 
 	$(BIN)/python -m pytest -n auto --dist worksteal
 
 test-all: $(VENV)/tested build  ## before a commit: all tests but the campaigns
-	$(BIN)/python -m pytest -n auto --dist worksteal --all
+	$(BIN)/python -m pytest -n auto --dist worksteal --all --ignore tests/browser
+	$(BIN)/python -m pytest -n auto --dist worksteal tests/browser
 
 check: $(VENV)/checked  ## what a commit must pass besides the tests
 	$(BIN)/ruff check .

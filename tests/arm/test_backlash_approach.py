@@ -43,7 +43,7 @@ def test_without_a_word_of_its_play_a_joint_rests_on_either_flank():
         assert len(set(flanks(arm))) == 2
 
 
-@pytest.mark.full
+@pytest.mark.campaign
 def test_a_joint_whose_play_is_known_rests_on_one_flank_from_wherever_it_comes(arm_file):
     with ikservo.open_arm(arm_file, port=PORT) as arm:
         assert set(flanks(arm)) == {False}

@@ -49,6 +49,7 @@ def true_tip_m(arm):
     return arm.world.tip.position_m([joint.position for joint in arm.world.joints])
 
 
+@pytest.mark.sample(1)
 @pytest.mark.full
 @pytest.mark.parametrize(
     ("known", "low_m", "high_m"),

@@ -28,6 +28,7 @@ PATHS = [
 ]
 
 
+@pytest.mark.sample(1)
 @pytest.mark.full
 @pytest.mark.parametrize(("name", "motion_from"), PATHS, ids=["so101", "koch", "so101-arc"])
 def test_first_path_of_limp_arm_begins_where_it_was_planned(name, motion_from):

@@ -46,6 +46,7 @@ def narrowed(name, **ranges_deg):
     return replace(model, joints=tuple(joints))
 
 
+@pytest.mark.sample(6)
 @pytest.mark.full
 @pytest.mark.parametrize("name", ARMS)
 def test_a_limp_arm_stays_in_its_rest_pose(name):

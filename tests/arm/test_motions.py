@@ -203,6 +203,7 @@ def test_plans_keep_their_motion_and_move_nothing(arm, motion):
     assert registers(arm, "goal_position") == before
 
 
+@pytest.mark.sample(5)
 @pytest.mark.full
 @pytest.mark.parametrize("motion", PLANNED, ids=str)
 def test_each_motion_is_made_as_a_step_of_a_program(arm, tmp_path, motion):

@@ -26,7 +26,7 @@ def arm():
         yield machine
 
 
-@pytest.mark.sample(4)
+@pytest.mark.sample(3)
 @pytest.mark.parametrize("name", ARMS)
 def test_every_arm_goes_where_it_is_sent_within_2_mm(name):
     model = ikservo.load_model(name)

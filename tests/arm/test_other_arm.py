@@ -158,7 +158,7 @@ def test_a_limp_arm_is_where_somebody_has_put_it(arms):
     assert "the koch's base_link" not in moved
 
 
-@pytest.mark.full
+@pytest.mark.campaign
 def test_an_arm_that_was_closed_is_where_it_was_left(arms):
     arm, other = arms
     other.close()
@@ -222,7 +222,7 @@ def test_a_scene_file_with_another_arm_is_not_loaded_without_it(arms, tmp_path):
     assert arms[0].scene.names == ("the koch",)
 
 
-@pytest.mark.full
+@pytest.mark.campaign
 def test_an_arm_that_cannot_be_measured_is_not_forgotten(arms):
     arm, other = arms
     inject(other, "unplug", after_s=0.0)
@@ -284,6 +284,7 @@ def near_goal(arm, others_links, random):
     return dict(zip(arm.chain.names, arm.joint_index.chain_joints(goal).tolist(), strict=True))
 
 
+@pytest.mark.sample(1)
 @pytest.mark.full
 @few_or_many(1, 25)
 @pytest.mark.parametrize("names", [("so101", "koch"), ("open_manipulator_x", "so101")])

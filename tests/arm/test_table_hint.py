@@ -13,6 +13,7 @@ from ikservo.planning.tool_orientation import ToolOrientation
 HINT = re.compile(r"Try: ikservo move (\S+) (\S+) (\S+)( --pitch -90)?")
 
 
+@pytest.mark.sample(3)
 @pytest.mark.full
 @pytest.mark.parametrize("z_m", [0.0, -0.05])
 @pytest.mark.parametrize("name", ["so101", "koch", "wx250s"])

@@ -212,6 +212,7 @@ def test_think_time_is_a_field_of_the_motion():
         MoveTo(LEFT, think_s=0.0)
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize(("name", "seed"), [("px100", 12), ("wx250s", 2)])
 def test_a_limp_arm_leaves_a_contact_for_its_home_pose(name, seed):
     assert refusal_of_home(name, seed) is None

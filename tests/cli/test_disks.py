@@ -191,6 +191,7 @@ def require_sentence(done, file, why, before, place):
     assert before.items() <= after.items()
 
 
+@pytest.mark.sample(5)
 @pytest.mark.full
 @pytest.mark.parametrize(("words", "file"), LINES, ids=NAMES)
 def test_a_full_disk_is_said_by(words, file, place, sources, tmp_path):

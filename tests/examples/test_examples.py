@@ -56,6 +56,7 @@ def test_an_example_runs(run, name, tmp_path):
     assert pictures == ({"workspace.png": b"\x89PNG"} if name == "plot_workspace" else {})
 
 
+@pytest.mark.campaign
 def test_from_the_printed_board_to_a_cube_that_is_lifted_by_the_camera_alone(
     run, monkeypatch, tmp_path
 ):

@@ -105,7 +105,7 @@ def test_a_chunk_of_an_mcap_is_inflated_to_what_it_states_at_most(compression, t
         tracemalloc.stop()
 
 
-@pytest.mark.full
+@pytest.mark.campaign
 @pytest.mark.parametrize(("count", "words"), [(1, "a chunk of it inflates"), (20, "too much")])
 def test_a_large_chunk_or_many_of_an_mcap_are_refused(count, words, tmp_path):
     zstandard = pytest.importorskip("zstandard")

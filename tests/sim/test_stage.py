@@ -83,6 +83,7 @@ def test_the_picture_follows_the_arm():
     assert moved[:, :200].mean() < 0.001  # the table far beside it
 
 
+@pytest.mark.sample(5)
 @pytest.mark.full
 @pytest.mark.parametrize("name", sorted(path.name for path in CONFIGS.iterdir() if path.is_dir()))
 def test_every_arm_is_drawn(name):

@@ -137,6 +137,7 @@ def back_to_the_pose(arm):
         arm.world.release(joint.name)
 
 
+@pytest.mark.sample(1)
 @pytest.mark.full
 @pytest.mark.parametrize(
     "text", ["no table", *(pytest.param(t, marks=pytest.mark.campaign) for t in ("", "format = 2"))]
@@ -342,6 +343,7 @@ def lifts(done):
 SHORT = {"so100": ("elbow_flex", "shoulder_lift"), "wx250s": ("elbow", "waist")}
 
 
+@pytest.mark.campaign
 @pytest.mark.parametrize("name", ["so100", pytest.param("wx250s", marks=pytest.mark.campaign)])
 def test_a_folded_arm_with_torque_off_first_makes_room_for_its_joints(run_cli, name):
     left_out = [joint.name for joint in load_model(name).joints if joint.name != "gripper"]
@@ -353,7 +355,7 @@ def test_a_folded_arm_with_torque_off_first_makes_room_for_its_joints(run_cli, n
     assert swept == {**dict.fromkeys(left_out, "not swept"), "gripper": "by itself"}
 
 
-@pytest.mark.full
+@pytest.mark.campaign
 def test_a_joint_is_not_driven_into_its_stop_to_show_its_direction(monkeypatch, run_cli):
     """The limp omx_f lies against the lower stops of its joint2, past the arm file's limit."""
     monkeypatch.setattr(

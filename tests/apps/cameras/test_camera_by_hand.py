@@ -152,7 +152,7 @@ def test_arms_whose_bending_is_known_are_right_whoever_carried_them(
     assert np.percentile(everywhere_m, 95) < 0.004
 
 
-@pytest.mark.full
+@pytest.mark.campaign
 @pytest.mark.timeout(600)
 @pytest.mark.parametrize("share", [0.0, 1.0])
 def test_known_bending_is_kept_whoever_carried_the_arm(monkeypatch, run_cli, share):

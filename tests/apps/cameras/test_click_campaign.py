@@ -96,7 +96,7 @@ def in_mm(errors_m):
     return f"{median:.2f} mm, 95 % {most:.2f}"
 
 
-@pytest.mark.full
+@pytest.mark.campaign
 @pytest.mark.timeout(600)
 def test_a_last_joint_that_no_board_shows_is_known_after_clicks_on_the_tip(tmp_path, monkeypatch):
     monkeypatch.setenv("IKSERVO_HOME", str(tmp_path))

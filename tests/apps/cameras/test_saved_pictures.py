@@ -25,7 +25,7 @@ def home(tmp_path, monkeypatch):
     monkeypatch.setenv("IKSERVO_HOME", str(tmp_path / "home"))
 
 
-@pytest.mark.full
+@pytest.mark.campaign
 @pytest.mark.timeout(600)
 def test_the_same_is_found_again_and_damage_is_reported(tmp_path, monkeypatch, run_cli):
     arm, camera = hidden_arm(monkeypatch, "so101", 0)

@@ -141,6 +141,7 @@ def hostile_triangles(name):
     return tiny
 
 
+@pytest.mark.sample(3)
 @pytest.mark.full
 @pytest.mark.parametrize(
     "name",

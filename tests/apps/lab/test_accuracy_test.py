@@ -59,7 +59,7 @@ def judge_markup(answer):
     assert not any("Not complete" in text for text in statements(answer))
 
 
-@pytest.mark.full
+@pytest.mark.campaign
 def test_the_table_says_what_is_shorter_than_in_the_standard(run_cli, folder):
     result = run_cli(f"test planar2 {SIM} --parts poses,drift --cycles 2 --drift 1s")
     assert result.code == 0

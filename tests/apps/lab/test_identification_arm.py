@@ -24,7 +24,7 @@ FAMILY = ("so101", "koch", "open_manipulator_x")
 SHORT = TourOptions(postures=4, slow_postures=0, swings=3)
 
 
-@pytest.mark.full
+@pytest.mark.campaign
 def test_a_short_tour_finds_an_arm_with_hidden_masses_payload_and_play():
     scale, payload_kg = 1.13, 0.08
     hidden = f"seed=3&mass_scale={scale}&payload_g={1000 * payload_kg}"

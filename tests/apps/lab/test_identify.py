@@ -94,7 +94,7 @@ def test_the_simulator_has_the_masses_and_motors_of_the_file(home, monkeypatch):
     assert motor.friction_nm == pytest.approx(joint.coulomb_nm)
 
 
-@pytest.mark.full
+@pytest.mark.campaign
 def test_the_jaws_weigh_what_they_hold(home):
     words = ["gripper", "--weigh", "--arm", ARM, "--json"]
     result = run_arguments([*words, "--port", "sim:?mass_scale=1.2&payload_g=80"])

@@ -106,7 +106,7 @@ OURS = [
 ]  # fmt: skip
 
 
-@pytest.mark.full
+@pytest.mark.campaign
 def test_rclpy_reads_each_of_our_messages(exchanged):
     for (kind, message), returned in zip(OURS, exchanged[1], strict=True):
         assert encode(kind, decode(kind, returned)) == encode(kind, message)
