@@ -39,26 +39,40 @@ def installed():
     return "" if done.returncode == 0 else f"Chromium cannot be installed: {done.stderr[-200:]}"
 
 
-@pytest.fixture(scope="package")
-def browser():
-    """Start Chromium for the tests of this folder.
+@pytest.fixture(scope="session")
+def chromium_path(tmp_path_factory):
+    """Return a program that starts Chromium with the rights of a user.
 
-    Playwright leaves an event loop running: others would fail in ``asyncio.run`` if it stayed.
+    Started by root it raises the priority of what draws, and an arm in real time waits for it.
     """
     reason = "" if found() else installed()
     if reason:
         pytest.skip(reason)
+    if shutil.which("setpriv") is None or os.geteuid() != 0:
+        return found()
+    program = tmp_path_factory.mktemp("chromium") / "chromium"
+    program.write_text(f'#!/bin/sh\nexec setpriv --bounding-set -sys_nice {found()} "$@"\n')
+    program.chmod(0o755)
+    return program
+
+
+@pytest.fixture(scope="package")
+def browser(chromium_path):
+    """Start Chromium for the tests of this folder.
+
+    Playwright leaves an event loop running: others would fail in ``asyncio.run`` if it stayed.
+    """
     with sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=found(), args=["--no-sandbox"])
+        browser = playwright.chromium.launch(executable_path=chromium_path, args=["--no-sandbox"])
         yield browser
         browser.close()
 
 
 @pytest.fixture(scope="module")
-def webgl_browser(browser):
+def webgl_browser(browser, chromium_path):
     """A Chromium whose WebGL is drawn in software: slow, but the same picture everywhere."""
     arguments = ["--no-sandbox", *SOFTWARE_WEBGL]
-    webgl = browser.browser_type.launch(executable_path=found(), args=arguments)
+    webgl = browser.browser_type.launch(executable_path=chromium_path, args=arguments)
     yield webgl
     webgl.close()
 
