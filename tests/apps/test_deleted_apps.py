@@ -49,7 +49,7 @@ def run(folder, *words):
                           text=True, check=False, timeout=100, cwd=folder)  # fmt: skip
 
 
-@pytest.mark.sample(4)
+@pytest.mark.sample(3)
 @pytest.mark.full
 def test_core_works_without_the_app(without):
     folder, app = without

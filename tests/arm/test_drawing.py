@@ -51,7 +51,7 @@ def test_the_commanded_tip_is_on_the_strokes_or_lifted(arm):
     assert tips[:, 2].max() < CORNER[2] + 0.016
 
 
-@pytest.mark.sample(1)
+@pytest.mark.campaign
 def test_a_drawing_is_executed_and_its_path_error_reported(arm):
     report = arm.draw([SQUARE, DASH], tool_speed_m_s=0.04)
     assert report.reached

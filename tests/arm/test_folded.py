@@ -42,7 +42,7 @@ def refusal(arm, pose):
     return None
 
 
-@pytest.mark.sample(2)
+@pytest.mark.sample(1)
 @pytest.mark.full
 @few_or_many(2, 100)
 @pytest.mark.parametrize("name", ["so101", "koch", "open_manipulator_x", "wx250s"])

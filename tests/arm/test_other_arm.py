@@ -284,8 +284,7 @@ def near_goal(arm, others_links, random):
     return dict(zip(arm.chain.names, arm.joint_index.chain_joints(goal).tolist(), strict=True))
 
 
-@pytest.mark.sample(1)
-@pytest.mark.full
+@pytest.mark.campaign
 @few_or_many(1, 25)
 @pytest.mark.parametrize("names", [("so101", "koch"), ("open_manipulator_x", "so101")])
 def test_two_arms_in_turn_touch_nowhere(capsys, names, seeds):

@@ -78,6 +78,7 @@ def carry(arm, random):
     return plan.around, plan.clearance_m, nearest_m[:own].min(), nearest_m[own:].min()
 
 
+@pytest.mark.sample(1)
 @pytest.mark.full
 @few_or_many(1, 25)
 @pytest.mark.parametrize("name", ["so101", "koch", "open_manipulator_x", "wx250s"])

@@ -93,7 +93,7 @@ def run_in_time(run_cli, words):
     return done
 
 
-@pytest.mark.sample(3)
+@pytest.mark.sample(2)
 @pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGTERM], ids=lambda how: how.name)
 @pytest.mark.parametrize("moment", MOMENTS)
 @pytest.mark.parametrize("arm", ["so101", "koch"])

@@ -74,8 +74,7 @@ def test_doctor_works_with_the_renamed_feetech_sdk(installed, package):
     assert result.returncode == 0, result.stderr
 
 
-@pytest.mark.sample(1)
-@pytest.mark.full
+@pytest.mark.campaign
 @pytest.mark.parametrize("release", ["3.7.31", "3.8.4", "4.0.5"])
 def test_a_dynamixel_arm_moves_with_an_older_release_over_the_newest(installed, release):
     result = moved(installed(NEWEST_DYNAMIXEL, f"dynamixel-sdk=={release}"), "koch")

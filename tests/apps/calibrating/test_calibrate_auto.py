@@ -137,8 +137,7 @@ def back_to_the_pose(arm):
         arm.world.release(joint.name)
 
 
-@pytest.mark.sample(1)
-@pytest.mark.full
+@pytest.mark.campaign
 @pytest.mark.parametrize(
     "text", ["no table", *(pytest.param(t, marks=pytest.mark.campaign) for t in ("", "format = 2"))]
 )
@@ -235,7 +234,7 @@ def test_killed_search_is_undone_once_arm_is_limp(arm, narrow, run_cli, killed):
     assert "interrupted" not in run_cli(f"doctor --arm {narrow} --port {PORT}").out
 
 
-@pytest.mark.full
+@pytest.mark.campaign
 def test_killed_search_is_over_once_arm_is_calibrated(arm, narrow, run_cli, killed, monkeypatch):
     back_to_the_pose(arm)
     for servo in arm.line.servos.values():

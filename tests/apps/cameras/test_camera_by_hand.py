@@ -172,7 +172,7 @@ def test_known_bending_is_kept_whoever_carried_the_arm(monkeypatch, run_cli, sha
     assert median_m < 0.002  # 8 mm where the hand carried it and the arm is taken to have done so
 
 
-@pytest.mark.full
+@pytest.mark.campaign
 def test_no_picture_of_a_moving_arm_or_of_a_known_posture_is_used(monkeypatch):
     result, said, *_ = run_by_hand(monkeypatch)
     assert result.pictures == 12

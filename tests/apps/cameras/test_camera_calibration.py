@@ -74,8 +74,7 @@ def test_a_picture_that_stands_still_ends_it(monkeypatch):
             session.run()
 
 
-@pytest.mark.sample(1)
-@pytest.mark.full
+@pytest.mark.campaign
 @pytest.mark.parametrize(("count", "suffices"), [(14, True), (40, False)])
 def test_fewer_pictures_than_asked_suffice_if_they_are_half(monkeypatch, count, suffices):
     _, camera = hidden_arm(monkeypatch, "so101", 1)

@@ -80,7 +80,7 @@ def test_a_folder_without_pictures_or_with_other_options_is_refused(tmp_path, ru
     assert "moves nothing" in run_cli(f"{REPEAT} {tmp_path} --touch").err
 
 
-@pytest.mark.full
+@pytest.mark.campaign
 @pytest.mark.timeout(600)
 def test_stopped_calibration_keeps_its_pictures(monkeypatch, run_cli):
     keep, taken = CameraCalibration._keep, []

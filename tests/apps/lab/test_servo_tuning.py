@@ -76,7 +76,7 @@ def raw_gains(arm, servo):
     return [arm.context.servos.bus.read(servo.id, r, raw=True) for r in gain_registers(servo)]
 
 
-@pytest.mark.full
+@pytest.mark.campaign
 def test_suggested_gains_follow_better_and_the_former_come_back(arm):
     servo, bus = servo_of(arm, "shoulder_lift"), arm.context.servos.bus
     before = raw_gains(arm, servo)

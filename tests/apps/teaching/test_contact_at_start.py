@@ -79,8 +79,7 @@ def test_a_motion_down_from_the_table_is_refused_and_sends_nothing():
         assert registers(arm, "goal_position") == before
 
 
-@pytest.mark.sample(1)
-@pytest.mark.full
+@pytest.mark.campaign
 @pytest.mark.parametrize("degrees", SET_DOWN)
 @pytest.mark.parametrize("name", ["so101", "so100"])
 def test_an_arm_that_was_set_down_is_not_led_into_the_table(name, degrees):

@@ -148,7 +148,7 @@ def test_tune_compares_gains_and_says_how_to_keep_the_best(run_cli, ports):
     assert held(ports, 2).read("position_p_gain") != 1500
 
 
-@pytest.mark.full
+@pytest.mark.campaign
 def test_tune_on_a_sine_prints_amplitude_and_phase(run_cli, ports):
     words = f"servo tune cw_dead_zone=3 --sine 2 --step 1 {ELBOW}".replace("sim", "sim:?pose=home")
     answer = run_cli(f"{words} --json").json
