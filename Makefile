@@ -19,9 +19,10 @@ INTERPRETED = tests/guard/test_way_search.py tests/guard/test_collision_kernel.p
 test: $(VENV)/tested build  ## for every save: the tests that take little time, on every core
 	$(BIN)/python -m pytest -n auto --dist worksteal
 
+# Arms of the browser tests move in real time beside the page that is drawn: one at a time.
 test-all: $(VENV)/tested build  ## before a commit: all tests but the campaigns
 	$(BIN)/python -m pytest -n auto --dist worksteal --all --ignore tests/browser
-	$(BIN)/python -m pytest -n auto --dist worksteal tests/browser
+	$(BIN)/python -m pytest -n 0 tests/browser
 
 check: $(VENV)/checked  ## what a commit must pass besides the tests
 	$(BIN)/ruff check .

@@ -65,13 +65,8 @@ def pytest_sessionstart():
 
 
 @pytest.hookimpl(optionalhook=True)  # of xdist, for ``-n auto``
-def pytest_xdist_auto_num_workers(config):
-    """Start a worker more than cores: a test in eight waits for a process, a thread or a socket.
-
-    The browser tests wait for nothing: each has a page to draw, and an arm in real time.
-    """
-    cores = os.cpu_count() or 1
-    return cores if config.args == ["tests/browser"] else cores + 1
+def pytest_xdist_auto_num_workers():
+    return (os.cpu_count() or 1) + 1  # a test in eight waits for a process, a thread or a socket
 
 
 @pytest.hookimpl(tryfirst=True)  # before the markers are looked at
