@@ -164,7 +164,7 @@ def tour(seed):
         return [text for text in warnings if "°C" not in text]
 
 
-@pytest.mark.campaign
+@pytest.mark.full
 def test_a_normal_tour_gives_no_warning():
     assert tour(0) == []
 

@@ -11,7 +11,7 @@ from tests.browser.page_operator import Operator, serve_view
 from tests.browser.test_browser_page import CONTRAST
 from tests.browser.test_browser_stop import TOUCHED
 
-pytestmark = [pytest.mark.browser, pytest.mark.campaign, pytest.mark.timeout(300)]
+pytestmark = [pytest.mark.browser, pytest.mark.timeout(300)]
 
 ARMS = ("so101", "koch", "wx250s", "planar3")
 WIDTHS = (390, 820, 1100, 1600)
@@ -107,7 +107,7 @@ def reset(pages):
 def brown_out(pages):
     pages.under_way()
     pages.add("brownout", for_s=0.4)
-    pages.expect_stop("was reset", "were reset", "does not answer", "supply")
+    pages.expect_stop("lost its power", "was reset", "does not answer", "supply")
 
 
 def low_supply(pages):

@@ -73,7 +73,6 @@ def read_ticks(port):
         return found.require_all()
 
 
-@pytest.mark.sample(2)
 @pytest.mark.timeout(180)
 @pytest.mark.parametrize("words", COMMANDS.values(), ids=COMMANDS)
 def test_stop_ends_command_of_other_process(port, tmp_path, monkeypatch, words):

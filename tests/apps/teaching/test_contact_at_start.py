@@ -79,7 +79,8 @@ def test_a_motion_down_from_the_table_is_refused_and_sends_nothing():
         assert registers(arm, "goal_position") == before
 
 
-@pytest.mark.campaign
+@pytest.mark.full
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("degrees", SET_DOWN)
 @pytest.mark.parametrize("name", ["so101", "so100"])
 def test_an_arm_that_was_set_down_is_not_led_into_the_table(name, degrees):

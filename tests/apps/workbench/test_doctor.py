@@ -126,7 +126,7 @@ def test_an_arm_at_another_rate_is_found_and_reported(run_cli, monkeypatch):
     )
 
 
-@pytest.mark.campaign
+@pytest.mark.full
 def test_a_dead_line_asks_for_the_power_supply(run_cli, monkeypatch):
     def change(line):
         for servo in line.world.servos:
