@@ -95,10 +95,12 @@ def _arm_from_arguments(args: Sequence[str]) -> str:
     if from_option or not args:
         return from_option
     if args[0] not in _ARM_AS_ARGUMENT:
-        from ikservo.cli.checked_command import names_arm  # noqa: PLC0415
-
         first = next((word for word in args[1:2] if not word.startswith("-")), "")
-        return first if args[0] in _ARM_AS_OPTION and first and names_arm(first) else ""
+        if args[0] not in _ARM_AS_OPTION or not first:
+            return ""
+        from ikservo.cli.checked_command import names_arm  # noqa: PLC0415  # loads typer
+
+        return first if names_arm(first) else ""
     place = _ARM_AS_ARGUMENT[args[0]] + 1
     positional = [arg for arg in args[: place + 1] if not arg.startswith("-")]
     return positional[place] if len(positional) > place else ""
