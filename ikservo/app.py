@@ -20,8 +20,8 @@ class Command:
     """A command, listed by ``--help`` before its module is imported.
 
     Attributes:
-        module: The module that defines ``command``; empty for a group of the commands below it,
-            whose names are "group command".
+        module: The module that defines ``command``, or the place ``package.module:name`` of another
+            function; empty for a group of the commands below it, whose names are "group command".
         help: One line for the list of commands.
         panel: The heading under which it is listed.
     """

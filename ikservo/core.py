@@ -28,8 +28,18 @@ CORE = App(
             "Without an arm",
         ),
         "scene": Command(
-            "ikservo.cli.commands.scene",
+            "",
             "List the things of a scene file, and what of an arm touches them.",
+            "Without an arm",
+        ),
+        "scene show": Command(
+            "ikservo.cli.commands.scene:show",
+            "List names, places and sizes.",
+            "Without an arm",
+        ),
+        "scene check": Command(
+            "ikservo.cli.commands.scene:check",
+            "Say which poses of an arm touch a thing.",
             "Without an arm",
         ),
         "workspace": Command(

@@ -78,6 +78,14 @@ class LazyCommandGroup(TyperGroup):
             return group
         return load_command(full_name, found)
 
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:  # noqa: ANN401
+        """Parse arguments; the arm or options may stand before the name of a sub-command."""
+        names = self.list_commands(ctx) if self.prefix else []
+        place = next((i for i, word in enumerate(args) if word in names), 0)
+        return super().parse_args(
+            ctx, [*args[place : place + 1], *args[:place], *args[place + 1 :]]
+        )
+
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:  # noqa: ANN401
         """Find the named command; suggest the closest name if there is none."""
         if len(args) > 1 and " ".join(args[:2]) in built_in_commands():  # such as "arms new"
@@ -101,8 +109,9 @@ def load_command(name: str, found: Command) -> Any:  # noqa: ANN401
     """Import the module of a command, and return the command as click runs it."""
     from ikservo.cli.option_groups import with_options_of_groups  # noqa: PLC0415
 
-    module = import_module(found.module)
-    command = with_options_of_groups(module.command)
+    place, _, function = found.module.partition(":")
+    module = import_module(place)
+    command = with_options_of_groups(getattr(module, function or "command"))
     single = typer.Typer(add_completion=False)
     settings: dict[str, Any] = getattr(module, "CONTEXT_SETTINGS", {})
     single.command(name, cls=CheckedCommand, context_settings=settings)(command)

@@ -6,16 +6,21 @@ from ikservo.cli.app import all_commands, load_command
 
 NEEDED = {
     "solve": "0.2 0 0.1", "move": "0.2 0 0.1", "arc": "0.2 0 0.1", "look": "3 4",
-    "scene": "check f.toml", "program": "check f.toml", "servo": "list", "bench": "bus",
+    "scene check": "f.toml", "scene show": "f.toml",
+    "program new": "f.toml", "program check": "f.toml", "program run": "f.toml",
+    "servo": "list", "bench": "bus",
     "import dataset": "d", "import lerobot": "my_arm", "import recording": "f.mcap",
     "export": "csv", "draw": "f.svg", "joints": "elbow_flex=3",
     "jog": "elbow_flex", "teach": "rest", "record": "f.jsonl", "replay": "f.jsonl",
-    "follow": "leader.toml", "calibration": "show", "camera": "check",
+    "follow": "leader.toml", "camera": "check",
 }  # fmt: skip
 NAMES = [name for name, each in all_commands().items() if each.module]
-WITHOUT_ARM = {"arms", "arms new", "ports", "fleet", "net"}
-AS_ARGUMENT = {"setup": "arm", "test": "arm", "calibrate": "arm", "calibration": "arm",
+WITHOUT_ARM = {"arms", "arms new", "ports", "fleet", "scene show", "net keys", "net acknowledge"}
+AS_ARGUMENT = {"setup": "arm", "test": "arm", "calibrate": "arm",
                "camera": "file", "serve": "arm", "ros": "arm", "sim": "arguments"}  # fmt: skip
+
+
+AS_ARGUMENT |= {name: "arm" for name in NAMES if name.startswith("calibration ")}
 
 
 def parsed(name, words):

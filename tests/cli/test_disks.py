@@ -25,14 +25,15 @@ RECORDING = f"record {{}} --duration 2 {SIM}"
 READ = {
     ("arms new", "source"), ("calibrate", "from_script"), ("calibrate", "points"),
     ("calibrate", "from_pictures"),
-    ("calibration", "source"),
+    ("calibration adopt", "source"),
     ("arc", "scene"), ("draw", "scene"), ("joints", "scene"), ("look", "scene"),
-    ("scene", "file"),
+    ("scene check", "file"), ("scene show", "file"),
     ("draw", "file"), ("export", "recordings"),
     ("import lerobot", "from_script"), ("import recording", "file"),
     ("import dataset", "folder"), ("replay", "file"),
     ("move", "scene"), ("pose", "scene"), ("setup", "restore"), ("test", "points"),
-    ("gripper", "scene"), ("jog", "scene"), ("program", "scene"), ("replay", "scene"),
+    ("gripper", "scene"), ("jog", "scene"), ("program check", "scene"), ("program run", "scene"),
+    ("program check", "file"), ("program run", "file"), ("replay", "scene"),
     ("serve", "scene"), ("view", "scene"),
 }  # fmt: skip
 # Those that name a file or folder which is written: command lines, and the file that is named in
@@ -50,11 +51,11 @@ WRITTEN = {
     ("import dataset", "to"): [
         ("import dataset {dataset} --arm so101 --to {}/a", "data-000.jsonl"),
     ],
-    ("net", "folder"): [
+    ("net keys", "folder"): [
         ("net keys --folder {}/a", "authority.pem"),
         ("net keys --folder {}/keys --new", "authority.pem"),
     ],
-    ("program", "file"): [("program new {}/a.toml --arm so101", "a.toml")],
+    ("program new", "file"): [("program new {}/a.toml --arm so101", "a.toml")],
     ("record", "file"): [
         (RECORDING.format("{}/a.jsonl"), "a.jsonl"),
         (RECORDING.format("{}/a.mcap"), "a.mcap"),
@@ -88,7 +89,8 @@ BYTES = 4096
 def file_parameters():
     """Yield command and name of each option and argument that is a path."""
     for name, each in all_commands().items():
-        command = import_module(each.module).command if each.module else None
+        place, _, function = each.module.partition(":")
+        command = getattr(import_module(place), function or "command") if place else None
         for parameter in path_parameters(command) if command else ():
             yield name, parameter
 

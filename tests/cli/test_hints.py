@@ -48,11 +48,16 @@ def mentions():
     )
 
 
+def full_name(name, arguments):
+    """Return the name of a command together with that of its sub-command."""
+    longer = " ".join([name, *arguments.split()[:1]])
+    return longer if longer in all_commands() else name
+
+
 def command_of(name):
     import typer
 
-    group = typer.main.get_command(app)
-    return group.get_command(None, name)
+    return typer.main.get_command(app).get_command(None, name)
 
 
 @pytest.mark.full
@@ -66,7 +71,8 @@ def test_options_of_commands_in_messages_exist():
     for file, name, arguments in mentions():
         if name == "sim":  # which passes its options to the simulator
             continue
-        options = {text for param in command_of(name).params for text in param.opts}
+        params = command_of(full_name(name, arguments)).params
+        options = {text for param in params for text in param.opts}
         named = {word.partition("=")[0] for word in arguments.split() if word.startswith("--")}
         wrong += [(file, name, option) for option in named - options - {"--help"}]
     assert wrong == []

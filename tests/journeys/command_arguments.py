@@ -16,6 +16,10 @@ SERVERS = ("view", "sim", "serve", "ros")  # end by Ctrl-C alone
 BY_HAND = ("calibrate", "setup", "import")  # wait for an operator
 FILED = ("calibration", "export", "replay")  # work on a file that has to be there
 
+_TESTED_APART = (
+    "arms new", "net acknowledge", "calibration adopt", "calibration restore", "calibration undo",
+    "calibration resume", "calibration revert",
+)  # fmt: skip
 # The value of each option, where the command has it. Left out: options that need more hardware
 # or have tests of their own.
 _OPTIONS = {
@@ -54,18 +58,18 @@ _OWN = {  # where one name means something else
     ("teach", "name"): ["cup"],
     ("jog", "what"): ["{joint}", "z"],
     ("gripper", "to"): ["open", "close"],
-    ("calibration", "action"): ["diff", "push", "pull", "show"],
-    ("program", "action"): ["check", "run"],
-    ("program", "file"): ["{folder}/program.toml"],
+    ("program new", "file"): ["{folder}/new.toml"],
+    ("program check", "file"): ["{folder}/program.toml"],
+    ("program run", "file"): ["{folder}/program.toml"],
     ("sim", "arguments"): ["{arm}"],
-    ("scene", "action"): ["check", "show"],
-    ("scene", "file"): ["{folder}/scene.toml"],
-    ("net", "action"): ["keys --new"],
+    ("scene check", "file"): ["{folder}/scene.toml"],
+    ("scene show", "file"): ["{folder}/scene.toml"],
     ("import dataset", "folder"): ["{folder}/set"],
 }
 _NEEDED = {  # options that a command cannot do without
     "arc": ("--via", "{via}"),
-    "net": ("--folder", "{folder}/keys"),
+    "net keys": ("--folder", "{folder}/keys"),
+    "program new": ("--overwrite",),
     "test": ("--parts", "poses", "--cycles", "2", "--html", "{folder}/test.html"),
     "draw": ("--origin", "{x},{y},{z}", "--lift", "0"),  # planar arms stay in their plane
 }
@@ -85,9 +89,11 @@ _WHOLE = {  # arguments that depend on each other: their names and the command l
 
 @cache
 def commands():
-    """Return the name of every command but `arms new`, which has journeys of its own."""
+    """Return the name of every command but those that have tests of their own."""
     return tuple(
-        name for name, each in app.all_commands().items() if each.module and name != "arms new"
+        name
+        for name, each in app.all_commands().items()
+        if each.module and name not in _TESTED_APART
     )
 
 

@@ -11,10 +11,24 @@ APP = App(
             "Set up",
         ),
         "calibration": Command(
-            "ikservo.apps.calibrating.calibration_command",
-            "Compare a calibration with the servos: diff, push, pull.",
-            "Set up",
+            "", "Compare a calibration with the servos: diff, push, pull.", "Set up"
         ),
+        **{
+            f"calibration {word}": Command(
+                f"ikservo.apps.calibrating.calibration_command:{function}", text, "Set up"
+            )
+            for word, function, text in (
+                ("show", "show", "Print zeros, signs and ranges."),
+                ("diff", "diff", "Compare the file with the servos."),
+                ("push", "push", "Write the file into the servos."),
+                ("pull", "pull", "Write the servos into the file."),
+                ("adopt", "adopt", "Use the calibration made with another adapter."),
+                ("restore", "restore", "Replace a damaged file by the one before."),
+                ("undo", "undo", "Go back to the calibration before the last one."),
+                ("resume", "complete_write", "Complete an interrupted write."),
+                ("revert", "revert", "Undo an interrupted write."),
+            )
+        },
         "import": Command("", "Import a calibration from LeRobot or a recording.", "Set up"),
         "import lerobot": Command(
             "ikservo.apps.calibrating.import_command",

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import Annotated
 
@@ -13,8 +15,8 @@ from ikservo.apps.calibrating.calibration_session import (
     adopt_calibration,
     find_adoptable,
     open_torque_off,
-    pull,
-    push,
+    pull_calibration,
+    push_calibration,
     register_differences,
 )
 from ikservo.apps.calibrating.calibration_table import COLUMNS, calibration_row
@@ -31,103 +33,29 @@ from ikservo.calibration.calibration_file import (
 from ikservo.calibration.paths import calibration_path, calibrations_of
 from ikservo.calibration.records import Calibration
 from ikservo.calibration.transaction import resume, roll_back
-from ikservo.cli.completion import complete_from
 from ikservo.cli.model_options import model_from_option
 from ikservo.cli.options import JsonOption, NamedServoConnection, YesOption
 from ikservo.cli.terminal import print_json, print_lines, print_status, print_table
 from ikservo.cli.terminal_dialogue import Operator
-from ikservo.errors import CalibrationError, ExitCode, IkservoError, InputError, UnknownNameError
+from ikservo.errors import CalibrationError, ExitCode, IkservoError, InputError
 from ikservo.files.writing import BACKUP_SUFFIX
+from ikservo.hardware.bus import ServoBus
 from ikservo.hardware.port_names import serial_number_of
 from ikservo.hardware.transport import refuse_other_machines
 from ikservo.maintenance.dialogue import Question, Unasked
 from ikservo.model import Model
 
-ACTIONS = ("show", "diff", "push", "pull", "adopt", "restore", "undo", "resume", "revert")
-Action = Annotated[
-    str,
-    typer.Argument(
-        metavar="show|diff|push|pull|adopt|restore|undo|resume|revert",
-        autocompletion=complete_from(*ACTIONS),
-        help="show: print it. diff: compare. push: file into servos. pull: servos into file. "
-        "adopt: use that of another adapter. restore: replace a damaged file by the previous one. "
-        "undo: back to the one before. resume, revert: complete or undo an interrupted write.",
-    ),
-]
 Source = Annotated[
     Path | None, typer.Option("--from", metavar="FILE", help="Calibration to adopt.")
 ]
 
 
-def command(
-    action: Action,
-    connection: NamedServoConnection,
-    *,
-    source: Source = None,
-    yes: YesOption = False,
-    json: JsonOption = False,
-) -> None:
-    """Compare an arm's calibration with its servos, or copy one to the other.
+def show(connection: NamedServoConnection, *, json: JsonOption = False) -> None:
+    """Print the zeros, signs and ranges of an arm; its servos need not be connected.
 
-    ikservo calibration show so101          zeros, signs, ranges
-
-    ikservo calibration diff so101          exit 6 if they differ
-
-    ikservo calibration push so101          write the file into the servos
-
-    ikservo calibration pull so101          write the servos into the file
-
-    ikservo calibration adopt so101         the arm is on another adapter than before
-
-    ikservo calibration restore so101       replace a damaged file by the one before
-
-    ikservo calibration undo so101          back to the one before the last camera or touch-off
+    ikservo calibration show so101
     """
-    if action not in ACTIONS:
-        raise UnknownNameError("action", action, ACTIONS)
-    if source and action != "adopt":
-        raise InputError(f"--from cannot be used with {action}.", "It belongs to: adopt")
-    model, port = model_from_option(connection.arm), connection.port
-    if action in ("show", "restore", "undo"):
-        _show_or_restore(model, port, action, json=json)
-        return
-    interrupted = action in ("resume", "revert")
-    with open_torque_off(model, port, settled=not interrupted) as limp_arm:
-        if action == "diff":
-            _print_differences(limp_arm, json=json)
-        elif interrupted:
-            _resolve_interrupted(limp_arm, action, yes=yes)
-        elif action == "adopt":
-            path, calibration = find_adoptable(limp_arm, source)
-            print_lines([f"Saved to {_confirm_adoption(limp_arm, path, calibration, yes=yes)}"])
-            print_status(f"Check each joint: ikservo calibrate {calibration.arm} --wiggle")
-        else:
-            _transfer_calibration(limp_arm, action, yes=yes)
-
-
-def _show_or_restore(model: Model, port: str | None, action: str, *, json: bool) -> None:
-    """Print or restore a calibration; the servos are not asked, and need not be connected."""
-    path = _find_file(model, port)
-    calibration = (
-        load_calibration_file(path, model.name)
-        if action == "show"
-        else (restore_calibration if action == "restore" else undo_calibration)(path)
-    )
-    if calibration is None:
-        raise CalibrationError(
-            f"There is no {path}.", f"Calibrate the arm: ikservo calibrate {model.name}"
-        )
-    if action != "show":
-        if json:
-            written = str(calibration.written)
-            if action == "undo":
-                print_json("calibration-undo", path=path, written=written)
-            else:
-                print_json("calibration-restore", path=path, written=written)
-            return
-        print_lines([f"Restored {path}, of {calibration.written:%Y-%m-%d}."])
-        print_status(f"Compare it with the servos: ikservo calibration diff {model.name}")
-        return
+    path, calibration = _of_file(connection, load_calibration_file)
     if json:
         tables = calibration.model_dump(mode="json")
         print_json("calibration-show", path=path, calibration=tables)
@@ -137,6 +65,126 @@ def _show_or_restore(model: Model, port: str | None, action: str, *, json: bool)
         [f"{path}", f"calibrated on {calibration.written:%Y-%m-%d %H:%M}, adapter {adapter}"]
     )
     print_table(COLUMNS, map(calibration_row, calibration.joints))
+
+
+def restore(connection: NamedServoConnection, *, json: JsonOption = False) -> None:
+    """Replace a damaged calibration file by the one before; the servos are not asked.
+
+    ikservo calibration restore so101
+    """
+    path, calibration = _of_file(connection, lambda path, _: restore_calibration(path))
+    if json:
+        print_json("calibration-restore", path=path, written=str(calibration.written))
+    else:
+        _report_restored(path, calibration)
+
+
+def undo(connection: NamedServoConnection, *, json: JsonOption = False) -> None:
+    """Go back to the calibration before the last one by camera or touch-off.
+
+    ikservo calibration undo so101
+    """
+    path, calibration = _of_file(connection, lambda path, _: undo_calibration(path))
+    if json:
+        print_json("calibration-undo", path=path, written=str(calibration.written))
+    else:
+        _report_restored(path, calibration)
+
+
+def diff(connection: NamedServoConnection, *, json: JsonOption = False) -> None:
+    """Compare the calibration file with the servos; exit code 6 if they differ.
+
+    ikservo calibration diff so101
+    """
+    with _opened(connection) as limp_arm:
+        found = register_differences(limp_arm)
+    if json:
+        print_json("calibration-diff", path=limp_arm.path, differences=found)
+    elif found:
+        rows = [[d.joint, str(d.servo_id), d.register, d.expected, d.found] for d in found]
+        print_table(["joint", "id", "register", "file", "servo"], rows)
+    else:
+        print_lines(["Servos and calibration file agree."])
+    if found:
+        raise typer.Exit(ExitCode.CALIBRATION)
+
+
+def push(connection: NamedServoConnection, *, yes: YesOption = False) -> None:
+    """Write the calibration file into the servos; their torque goes off.
+
+    ikservo calibration push so101
+    """
+    with _opened(connection) as limp_arm:
+        if _confirm_transfer(limp_arm, "the servos (torque goes off)", yes=yes):
+            print_lines([f"Servos and {push_calibration(limp_arm)} agree."])
+
+
+def pull(connection: NamedServoConnection, *, yes: YesOption = False) -> None:
+    """Write offsets and limits of the servos into the calibration file.
+
+    ikservo calibration pull so101
+    """
+    with _opened(connection) as limp_arm:
+        if _confirm_transfer(limp_arm, str(limp_arm.path), yes=yes):
+            print_lines([f"Servos and {pull_calibration(limp_arm)} agree."])
+
+
+def adopt(
+    connection: NamedServoConnection, *, source: Source = None, yes: YesOption = False
+) -> None:
+    """Use the calibration that was made with another adapter for this arm.
+
+    ikservo calibration adopt so101
+    """
+    with _opened(connection) as limp_arm:
+        path, calibration = find_adoptable(limp_arm, source)
+        print_lines([f"Saved to {_confirm_adoption(limp_arm, path, calibration, yes=yes)}"])
+        print_status(f"Check each joint: ikservo calibrate {calibration.arm} --wiggle")
+
+
+def complete_write(connection: NamedServoConnection, *, yes: YesOption = False) -> None:
+    """Complete a calibration whose writing into the servos was interrupted.
+
+    ikservo calibration resume so101
+    """
+    _end_interrupted_write(connection, resume, "completed", yes=yes)
+
+
+def revert(connection: NamedServoConnection, *, yes: YesOption = False) -> None:
+    """Undo a calibration whose writing into the servos was interrupted.
+
+    ikservo calibration revert so101
+    """
+    _end_interrupted_write(connection, roll_back, "reverted", yes=yes)
+
+
+def _opened(
+    connection: NamedServoConnection, *, settled: bool = True
+) -> AbstractContextManager[TorqueOffArm]:
+    return open_torque_off(model_from_option(connection.arm), connection.port, settled=settled)
+
+
+def _of_file(
+    connection: NamedServoConnection, read: Callable[[Path, str], Calibration | None]
+) -> tuple[Path, Calibration]:
+    """Find the calibration file of an arm, and read or restore it.
+
+    Raises:
+        CalibrationError: There is none.
+    """
+    model = model_from_option(connection.arm)
+    path = _find_file(model, connection.port)
+    calibration = read(path, model.name)
+    if calibration is None:
+        raise CalibrationError(
+            f"There is no {path}.", f"Calibrate the arm: ikservo calibrate {model.name}"
+        )
+    return path, calibration
+
+
+def _report_restored(path: Path, calibration: Calibration) -> None:
+    print_lines([f"Restored {path}, of {calibration.written:%Y-%m-%d}."])
+    print_status(f"Compare it with the servos: ikservo calibration diff {calibration.arm}")
 
 
 def _find_file(model: Model, port: str | None) -> Path:
@@ -153,32 +201,22 @@ def _find_file(model: Model, port: str | None) -> Path:
     return paths[0] if paths else calibration_path(model.name, "")
 
 
-def _print_differences(limp_arm: TorqueOffArm, *, json: bool) -> None:
-    found = register_differences(limp_arm)
-    if json:
-        print_json("calibration-diff", path=limp_arm.path, differences=found)
-    elif found:
-        rows = [[d.joint, str(d.servo_id), d.register, d.expected, d.found] for d in found]
-        print_table(["joint", "id", "register", "file", "servo"], rows)
-    else:
-        print_lines(["Servos and calibration file agree."])
-    if found:
-        raise typer.Exit(ExitCode.CALIBRATION)
+def _confirm_transfer(limp_arm: TorqueOffArm, target: str, *, yes: bool) -> bool:
+    """Print what differs and ask; returns whether there is a difference to write.
 
-
-def _transfer_calibration(limp_arm: TorqueOffArm, action: str, *, yes: bool) -> None:
+    Raises:
+        IkservoError: The user declines.
+    """
     found = register_differences(limp_arm)
     if not found:
         print_lines(["Servos and calibration file agree; nothing to do."])
-        return
+        return False
     for difference in found:
         print_status(str(difference))
-    target = "the servos (torque goes off)" if action == "push" else str(limp_arm.path)
     question = Question(f"Write this into {target}?", Unasked.NEEDS_YES)
     if not Operator.of(None, yes=yes).agrees(question):
         raise IkservoError("Cancelled; nothing was written.", "Without asking: --yes")
-    path = push(limp_arm) if action == "push" else pull(limp_arm)
-    print_lines([f"Servos and {path} agree."])
+    return True
 
 
 def import_recorded(model: Model, port: str | None, path: Path, *, yes: bool, json: bool) -> None:
@@ -211,12 +249,17 @@ def _confirm_adoption(
     return adopt_calibration(limp_arm, calibration)
 
 
-def _resolve_interrupted(limp_arm: TorqueOffArm, action: str, *, yes: bool) -> None:
-    if not limp_arm.journal_path.exists():
-        print_lines(["No interrupted write; nothing to do."])
-        return
-    Operator.of(None, yes=yes).run(switch_torque_off(limp_arm))
-    step = resume if action == "resume" else roll_back
-    step(limp_arm.bus, limp_arm.journal_path)
-    done = "completed" if action == "resume" else "reverted"
-    print_lines([f"The interrupted calibration was {done}."])
+def _end_interrupted_write(
+    connection: NamedServoConnection,
+    step: Callable[[ServoBus, Path], object],
+    done: str,
+    *,
+    yes: bool,
+) -> None:
+    with _opened(connection, settled=False) as limp_arm:
+        if not limp_arm.journal_path.exists():
+            print_lines(["No interrupted write; nothing to do."])
+            return
+        Operator.of(None, yes=yes).run(switch_torque_off(limp_arm))
+        step(limp_arm.bus, limp_arm.journal_path)
+        print_lines([f"The interrupted calibration was {done}."])

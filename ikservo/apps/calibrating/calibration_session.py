@@ -293,7 +293,7 @@ def lost_geometry_warning(loose: TorqueOffArm) -> Iterator[str]:
             )
 
 
-def push(loose: TorqueOffArm) -> Path:
+def push_calibration(loose: TorqueOffArm) -> Path:
     """Write the file's registers into the servos; torque is switched off first.
 
     Raises:
@@ -306,7 +306,7 @@ def push(loose: TorqueOffArm) -> Path:
     return loose.save(CalibrationResult(calibration, memory))
 
 
-def pull(loose: TorqueOffArm) -> Path:
+def pull_calibration(loose: TorqueOffArm) -> Path:
     """Write the servos' registers into the file; zeros and travels move with the offsets.
 
     Raises:

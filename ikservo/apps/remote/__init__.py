@@ -21,8 +21,16 @@ APP = App(
             "Other machines",
         ),
         "net": Command(
-            "ikservo.apps.remote.net_command",
-            "Make certificates for other machines; acknowledge a stop.",
+            "", "Make certificates for other machines; acknowledge a stop.", "Other machines"
+        ),
+        "net keys": Command(
+            "ikservo.apps.remote.net_command:keys",
+            "Make certificates for arms on other machines.",
+            "Other machines",
+        ),
+        "net acknowledge": Command(
+            "ikservo.apps.remote.net_command:acknowledge",
+            "Acknowledge a stop of an arm on another machine.",
             "Other machines",
         ),
     },

@@ -3,33 +3,18 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Literal, cast, get_args
+from typing import Annotated, cast
 
 import typer
 
 from ikservo.apps.remote.address import parse_address
 from ikservo.apps.remote.certificates import keys_folder, make_keys
 from ikservo.apps.remote.zenoh_network import connect
-from ikservo.cli.completion import complete_from
 from ikservo.cli.options import JsonOption, PortOption
 from ikservo.cli.terminal import print_json, print_lines, print_status
-from ikservo.errors import InputError, UnknownNameError
+from ikservo.errors import InputError
 
-Action = Literal["keys", "acknowledge"]
-ACTIONS: tuple[Action, ...] = get_args(Action)
-
-ActionArgument = Annotated[
-    str,
-    typer.Argument(
-        metavar="ACTION",
-        help="keys: make certificates; acknowledge: end a stop.",
-        autocompletion=complete_from(*ACTIONS),
-    ),
-]
-Folder = Annotated[
-    Path | None,
-    typer.Option("--folder", help="Folder of the keys; default: ./ikservo-keys."),
-]
+Folder = Annotated[Path, typer.Option("--folder", help="Folder of the keys.")]
 Host = Annotated[
     list[str] | None,
     typer.Option("--host", help="Name or address of the machine with the arm; repeatable."),
@@ -37,26 +22,32 @@ Host = Annotated[
 New = Annotated[bool, typer.Option("--new", help="Replace the keys; the old ones stop working.")]
 
 
-def command(
-    action: ActionArgument,
+def keys(
     *,
-    folder: Folder = None,
+    folder: Folder = Path("ikservo-keys"),
     host: Host = None,
     new: New = False,
-    port: PortOption = None,
     json: JsonOption = False,
 ) -> None:
-    """Make certificates for arms on other machines, or acknowledge a stop of such an arm.
+    """Make certificates with which other machines may watch or drive an arm.
 
     ikservo net keys --host lab-pi --host 192.168.1.7
-
-    ikservo net acknowledge --port zenoh:desk@lab-pi     the arm may move again; nothing moves yet
     """
-    if action not in ACTIONS:
-        raise UnknownNameError("action", action, ACTIONS)
-    if action == "keys":
-        _make_keys(folder or Path("ikservo-keys"), host or [], new=new, json=json)
+    made = make_keys(folder, host or [], overwrite=new)
+    if json:
+        print_json("net-keys", folders=[str(path) for path in made], hosts=host or [])
         return
+    print_lines([str(path) for path in made])
+    print_status(f"Copy the folder of its role to each machine, as {keys_folder()}:")
+    print_status("server beside the arm, operator where it is driven, watcher where it is watched.")
+    print_status("Keep the folder authority to yourself: who has it can make operators.")
+
+
+def acknowledge(*, port: PortOption = None, json: JsonOption = False) -> None:
+    """Acknowledge a stop of an arm on another machine: it may move again; nothing moves yet.
+
+    ikservo net acknowledge --port zenoh:desk@lab-pi
+    """
     if port is None:
         raise InputError("No address given.", "Add --port, as in --port zenoh:desk@lab-pi.")
     connection = connect(parse_address(port))
@@ -70,14 +61,3 @@ def command(
         print_json("net-acknowledge", arm=before["arm"], reason=reason)
     else:
         print_lines([f"acknowledged  {reason}" if reason else "it was not stopped"])
-
-
-def _make_keys(folder: Path, hosts: list[str], *, new: bool, json: bool) -> None:
-    made = make_keys(folder, hosts, overwrite=new)
-    if json:
-        print_json("net-keys", folders=[str(path) for path in made], hosts=hosts)
-        return
-    print_lines([str(path) for path in made])
-    print_status(f"Copy the folder of its role to each machine, as {keys_folder()}:")
-    print_status("server beside the arm, operator where it is driven, watcher where it is watched.")
-    print_status("Keep the folder authority to yourself: who has it can make operators.")

@@ -42,9 +42,20 @@ APP = App(
             "Replay a recorded motion.",
             "Teach and replay",
         ),
-        "program": Command(
-            "ikservo.apps.teaching.program_command",
-            "Write, check and run a file of steps.",
+        "program": Command("", "Write, check and run a file of steps.", "Teach and replay"),
+        "program new": Command(
+            "ikservo.apps.teaching.program_command:new",
+            "Write a first program.",
+            "Teach and replay",
+        ),
+        "program check": Command(
+            "ikservo.apps.teaching.program_command:check",
+            "Plan each step; nothing moves.",
+            "Teach and replay",
+        ),
+        "program run": Command(
+            "ikservo.apps.teaching.program_command:run",
+            "Check each step, then make them.",
             "Teach and replay",
         ),
         "follow": Command(

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Generator
+from contextlib import contextmanager
 from dataclasses import replace
 from itertools import islice
 from pathlib import Path
@@ -14,72 +16,105 @@ from ikservo.apps.teaching.program import Program, ProgramStep, read_program, wr
 from ikservo.apps.teaching.program_run import ProgramRun, StepCheck, StepResult
 from ikservo.arm import OpenArm
 from ikservo.arm.opening import require_own_port
-from ikservo.cli.completion import complete_from
 from ikservo.cli.direction_prompt import check_directions_once
 from ikservo.cli.model_options import model_from_option
 from ikservo.cli.option_groups import Without
-from ikservo.cli.options import ArmConnection, MotionOptions, OverwriteOption, SceneOption
+from ikservo.cli.options import (
+    ArmConnection,
+    ArmOption,
+    MotionOptions,
+    OverwriteOption,
+    SceneOption,
+)
 from ikservo.cli.session import confirm_motion, motion_progress_bar, open_from_options
 from ikservo.cli.terminal import print_json, print_lines, print_status, wait_for_enter
-from ikservo.errors import IkservoError, InputError, UnknownNameError
+from ikservo.errors import IkservoError, InputError
 from ikservo.model import Model
 
-ACTIONS = ("new", "check", "run")
-Action = Annotated[
-    str,
-    typer.Argument(
-        metavar="new|check|run",
-        autocompletion=complete_from(*ACTIONS),
-        help="new: write a first program. check: plan it; nothing moves. run: check, then run.",
-    ),
-]
 File = Annotated[Path, typer.Argument(metavar="FILE", help="The program, a TOML file.")]
 First = Annotated[int, typer.Option("--from", metavar="STEP", help="Begin with this step.")]
 EachStep = Annotated[bool, typer.Option("--step", help="Wait for Enter before each step.")]
 
 
-def command(
-    action: Action,
+def new(file: File, arm: ArmOption = None, *, overwrite: OverwriteOption = False) -> None:
+    """Write a program that any arm of this kind can make: each action that it has, once.
+
+    ikservo program new tea.toml --arm so101
+    """
+    model = model_from_option(arm)
+    if file.exists() and not overwrite:
+        raise IkservoError(f"File {file} exists.", "Replace it: --overwrite")
+    x, y, z = (round(float(value), 3) + 0.0 for value in _home_tip_m(model))  # no -0.0
+    steps = [
+        ProgramStep(name="begin", pose="home"),
+        ProgramStep(name="beside it", tip_m=(x, y, z), speed="slow"),
+        ProgramStep(wait_s=0.5),
+    ]
+    if model.gripper is not None:
+        steps += [ProgramStep(gripper="open"), ProgramStep(gripper="close")]
+    steps.append(ProgramStep(name="end", pose="home"))
+    write_program(file, Program(format=1, arm=model.name, steps=tuple(steps)))
+    print_lines([f"Saved: {file}"])
+    print_status(f"Edit it, then: ikservo program check {file} --port sim")
+
+
+def check(
+    file: File,
+    *,
+    connection: ArmConnection,
+    first: First = 1,
+    scene: SceneOption = None,
+    options: Annotated[MotionOptions, Without("dry_run", "tip")],
+) -> None:
+    """Plan each step of a program from where the one before it ends; nothing moves.
+
+    ikservo program check tea.toml --port sim
+    """
+    with _opened(file, connection, options, scene) as (_, program, steps):
+        checks = _check(steps, program, file, first, quiet=options.json)
+    if options.json:
+        print_json("program-check", steps=[_check_fields(each) for each in checks])
+
+
+def run(
     file: File,
     *,
     connection: ArmConnection,
     first: First = 1,
     step: EachStep = False,
-    overwrite: OverwriteOption = False,
     scene: SceneOption = None,
     options: Annotated[MotionOptions, Without("dry_run", "tip")],
 ) -> None:
-    """Write, check or run a program: poses, points, lines, arcs, gripper, waits, recordings.
-
-    ikservo program new tea.toml --arm so101
-
-    ikservo program check tea.toml --port sim
+    """Check a program, and run it: poses, points, lines, arcs, gripper, waits, recordings.
 
     ikservo program run tea.toml --port sim          Ctrl-C stops the arm
     """
-    if action not in ACTIONS:
-        raise UnknownNameError("action", action, ACTIONS)
-    if action == "new":
-        _write_first_program(model_from_option(connection.arm), file, overwrite=overwrite)
-        return
     if step and not sys.stdin.isatty():
         raise InputError("Cannot wait for Enter: input is not a terminal.", "Leave out --step.")
-    program = read_program(file)
-    connection = replace(connection, arm=connection.arm or program.arm)
-    with open_from_options(connection, options, scene) as machine:
-        run = ProgramRun(require_own_port(machine), program, file.parent, machine.poses)
-        checks = _check(run, program, file, first, quiet=options.json)
-        if action == "check":
-            if options.json:
-                print_json("program-check", steps=[_check_fields(each) for each in checks])
-            return
+    with _opened(file, connection, options, scene) as (machine, program, steps):
+        _check(steps, program, file, first, quiet=options.json)
         confirm_motion(machine, yes=options.yes)
         check_directions_once(machine, options)
-        results = _run(machine, run, program, first, wait=step)
+        results = _run(steps, program, first, wait=step)
     if options.json:
         print_json("program-run", steps=[_result_fields(each) for each in results])
     else:
         print_lines([f"steps     {len(results)} done"])
+
+
+@contextmanager
+def _opened(
+    file: Path, connection: ArmConnection, options: MotionOptions, scene: Path | None
+) -> Generator[tuple[OpenArm, Program, ProgramRun]]:
+    """Read a program, and open the arm that is given, or else the one that it names."""
+    program = read_program(file)
+    connection = replace(connection, arm=connection.arm or program.arm)
+    with open_from_options(connection, options, scene) as machine:
+        yield (
+            machine,
+            program,
+            ProgramRun(require_own_port(machine), program, file.parent, machine.poses),
+        )
 
 
 def _check(
@@ -114,9 +149,7 @@ def _check(
     return checks
 
 
-def _run(
-    machine: OpenArm, run: ProgramRun, program: Program, first: int, *, wait: bool
-) -> list[StepResult]:
+def _run(run: ProgramRun, program: Program, first: int, *, wait: bool) -> list[StepResult]:
     """Make the steps; say before each which it is, and after a failure where to go on."""
     total = program.repeat * len(program.steps) - (first - 1)
     done: list[StepResult] = []
@@ -151,28 +184,6 @@ def _result_fields(result: StepResult) -> dict[str, object]:
         "duration_s": getattr(result.report, "duration_s", None),
         "error_m": getattr(result.report, "error_m", None),
     }
-
-
-def _write_first_program(model: Model, file: Path, *, overwrite: bool) -> None:
-    """Write a program that any arm of this kind can make: each action that it has, once.
-
-    Raises:
-        IkservoError: The file exists.
-    """
-    if file.exists() and not overwrite:
-        raise IkservoError(f"File {file} exists.", "Replace it: --overwrite")
-    x, y, z = (round(float(value), 3) + 0.0 for value in _home_tip_m(model))  # no -0.0
-    steps = [
-        ProgramStep(name="begin", pose="home"),
-        ProgramStep(name="beside it", tip_m=(x, y, z), speed="slow"),
-        ProgramStep(wait_s=0.5),
-    ]
-    if model.gripper is not None:
-        steps += [ProgramStep(gripper="open"), ProgramStep(gripper="close")]
-    steps.append(ProgramStep(name="end", pose="home"))
-    write_program(file, Program(format=1, arm=model.name, steps=tuple(steps)))
-    print_lines([f"Saved: {file}"])
-    print_status(f"Edit it, then: ikservo program check {file} --port sim")
 
 
 def _home_tip_m(model: Model) -> tuple[float, float, float]:

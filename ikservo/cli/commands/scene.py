@@ -12,42 +12,42 @@ import typer
 from ikservo.cli.model_options import model_from_option
 from ikservo.cli.options import ArmOption, JsonOption
 from ikservo.cli.terminal import print_json, print_lines, print_status, print_table
-from ikservo.errors import BadValueError, ExitCode
-from ikservo.model.scene_file import (
-    KeepOutShape,
-    PlacedArm,
-    read_scene_with_arms,
-    with_scene_and_arms,
-)
+from ikservo.errors import ExitCode
+from ikservo.model.scene_file import read_scene_with_arms, with_scene_and_arms
 
 if TYPE_CHECKING:
     from ikservo.model import Model
 
-ACTIONS = ("check", "show")
-Action = Annotated[
-    str,
-    typer.Argument(
-        metavar="[check|show]",
-        help="check: which poses of the arm touch a thing. show: names, places and sizes.",
-    ),
-]
 SceneFile = Annotated[Path, typer.Argument(metavar="FILE", help="TOML file, as for --scene.")]
 
 
-def command(
-    action: Action, file: SceneFile, arm: ArmOption = None, *, json: JsonOption = False
-) -> None:
-    """Show the things of a scene file, or check an arm among them; nothing moves.
+def show(file: SceneFile, *, json: JsonOption = False) -> None:
+    """List the things of a scene file and the other arms in it: names, places and sizes.
 
     ikservo scene show table.toml
+    """
+    things, arms = read_scene_with_arms(file)
+    if json:
+        rows = [{"name": e.name, "low_m": e.low_m, "high_m": e.high_m} for e in things]
+        print_json("scene", things=rows, arms=[asdict(each) for each in arms])
+        return
+    if arms:
+        print_table(
+            ["arm", "base [m]", "roll, pitch, yaw [°]", "port"],
+            [[e.name, _triple(e.at_m), _triple(e.rpy_deg), e.port or "–"] for e in arms],
+        )
+    if not arms or things:
+        print_table(
+            ["thing", "from [m]", "to [m]"],
+            [[each.name, _triple(each.low_m), _triple(each.high_m)] for each in things],
+        )
+
+
+def check(file: SceneFile, arm: ArmOption = None, *, json: JsonOption = False) -> None:
+    """Say which poses of an arm touch a thing of a scene file; nothing moves.
 
     ikservo scene check table.toml --arm so101
     """
-    if action not in ACTIONS:
-        raise BadValueError("The action", action, "check or show")
-    if action == "show":
-        _show(*read_scene_with_arms(file), json=json)
-        return
     model, arms = with_scene_and_arms(model_from_option(arm), file)
     touched = list(_touched(model))
     if json:
@@ -86,23 +86,6 @@ def _touched(model: Model) -> Iterator[tuple[str, str, str, float]]:
         for (link, thing), gap_m in zip(checker.pairs, checker.distances([q])[0], strict=True):  # pyright: ignore[reportArgumentType]
             if thing in checker.things and gap_m < 0.0:
                 yield pose, link, thing, -float(gap_m)
-
-
-def _show(things: tuple[KeepOutShape, ...], arms: tuple[PlacedArm, ...], *, json: bool) -> None:
-    if json:
-        rows = [{"name": e.name, "low_m": e.low_m, "high_m": e.high_m} for e in things]
-        print_json("scene", things=rows, arms=[asdict(each) for each in arms])
-        return
-    if arms:
-        print_table(
-            ["arm", "base [m]", "roll, pitch, yaw [°]", "port"],
-            [[e.name, _triple(e.at_m), _triple(e.rpy_deg), e.port or "–"] for e in arms],
-        )
-    if not arms or things:
-        print_table(
-            ["thing", "from [m]", "to [m]"],
-            [[each.name, _triple(each.low_m), _triple(each.high_m)] for each in things],
-        )
 
 
 def _triple(at: tuple[float, float, float]) -> str:
