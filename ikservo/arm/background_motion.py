@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 import atexit
 import logging
 import math
@@ -168,6 +167,8 @@ class RunningMotion(Generic[T]):
             logging.getLogger("ikservo").error("A motion nobody waited for failed: %s", self._error)
 
     async def _result_or_raise(self) -> T:
+        import asyncio  # noqa: PLC0415  # 2.5 MB that only programs of asyncio need
+
         loop = asyncio.get_running_loop()
         try:
             return await loop.run_in_executor(None, self.wait)
