@@ -7,7 +7,7 @@ of ``ikservo.apps``; other distributions name theirs in the entry point group ``
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import Any
@@ -31,6 +31,19 @@ class Command:
     panel: str
 
 
+@dataclass(frozen=True, slots=True)
+class Panel:
+    """What a panel of the page shows now.
+
+    Attributes:
+        rows: Names and values, as text.
+        motions: Motions by the text of their buttons, made as a step of a program is.
+    """
+
+    rows: Sequence[tuple[str, str]] = ()
+    motions: Mapping[str, Any] = field(default_factory=lambda: _NONE)
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class App:
     """What an app adds to ikservo. Places are ``package.module:name``, imported when they are used.
@@ -43,6 +56,8 @@ class App:
         arm_values: Attributes of an open arm, by the place of a function that makes one of it.
         motions: Kinds of motions, by the place of the class: steps of programs, too.
         networks: Schemes of addresses, by the place of an ``ArmNetwork``.
+        panels: Panels of the page by heading, by the place of a function that returns a `Panel`
+            for the model of the arm and its measured positions (rad or m by joint).
         parts: Objects that commands of other apps look up by a name such as ``calibrate --camera``.
     """
 
@@ -53,4 +68,5 @@ class App:
     arm_values: Mapping[str, str] = field(default_factory=lambda: _NONE)
     motions: Mapping[str, str] = field(default_factory=lambda: _NONE)
     networks: Mapping[str, str] = field(default_factory=lambda: _NONE)
+    panels: Mapping[str, str] = field(default_factory=lambda: _NONE)
     parts: Mapping[str, str] = field(default_factory=lambda: _NONE)

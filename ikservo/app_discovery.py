@@ -135,7 +135,7 @@ def _problems(app: App, others: Sequence[App]) -> Iterator[str]:
             yield f"has a command {name!r} that is not a Command with a plain name"
         if any(name in other.commands for other in others):
             yield f"has a command {name!r}, which exists already"
-    for what in ("names", "arm_methods", "arm_values", "motions", "networks", "parts"):
+    for what in ("names", "arm_methods", "arm_values", "motions", "networks", "panels", "parts"):
         places: Mapping[str, str] = getattr(app, what)
         for name, place in places.items():
             if not re.fullmatch(r"[\w.]+:\w+", place):

@@ -1,6 +1,7 @@
 """Apps and arms of other distributions, found by entry points; broken ones harm no command."""
 
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -108,6 +109,19 @@ def test_motion_of_another_distribution_is_a_method_and_a_step(other):
         "    print(round(elbow_rad, 1), ikservo.nod_angle, 'nod' in dir(arm))\n"
     )
     assert run(other, "-c", script).stdout == "0.2 0.1 True\n"
+
+
+@pytest.mark.full
+def test_example_app_of_documents_runs(tmp_path):
+    page = (CONFIGS.parent / "docs" / "how-to" / "write-an-app.md").read_text("utf-8")
+    for name, text in re.findall(r"```python\n# (\S+)\n(.*?)```", page, re.DOTALL):
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).write_text(text)
+    install(tmp_path, "nod", "[ikservo.apps]\nnod = my_nod:APP\n")
+    done = command(tmp_path, "nod", "--arm", "so101", "--port", "sim", "--yes")
+    assert (done.returncode, done.stderr) == (0, ""), done.stderr
+    script = "from my_nod.motion import panel; print(panel(None, {'elbow_flex': 0.5}).rows)"
+    assert run(tmp_path, "-c", script).stdout == "[('elbow', '0.50 rad')]\n"
 
 
 BROKEN = {

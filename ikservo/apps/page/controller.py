@@ -20,6 +20,7 @@ from ikservo.apps.page.messages import page_messages as msg
 from ikservo.apps.page.messages.page_messages import BadMessageError, Message
 from ikservo.apps.page.messages.program_messages import ProgramMessage
 from ikservo.apps.page.messages.thing_messages import SaveThings, ThingMessage
+from ikservo.apps.page.panels.app_panels import AppPanels
 from ikservo.apps.page.panels.camera_view import CameraView
 from ikservo.apps.page.panels.follow_panel import FindArm, FollowPanel
 from ikservo.apps.page.panels.live_plots import PlotFeed
@@ -88,6 +89,7 @@ class SessionController:
         self._composer = FrameComposer(arm_thread, self._interaction, clock, self._camera_view)
         self._program = ProgramPanel(arm_thread)
         self._following = FollowPanel(arm_thread, clock, find_arm)
+        self._app_panels = AppPanels(arm_thread, clock)
         self._servos = ServoPanel(arm_thread)
         self._find_arm, self._add_other_arm = find_arm, add_other_arm
         self._things = self._things_panel()
@@ -123,6 +125,7 @@ class SessionController:
             msg.ArmAction: self._start_action,
             msg.MarkTip: self._mark_tip,
             msg.FollowArm: self._follow_arm,
+            msg.RunPanelMotion: self._run_panel_motion,
             msg.ChooseCamera: self._choose_camera,
             msg.ReadServo: self._read_servo,
             msg.WriteRegister: self._write_register,
@@ -173,6 +176,7 @@ class SessionController:
         frames += self._things.frames(client)
         frames += self._program.frames(client)
         frames += self._following.frames(client)
+        frames += self._app_panels.frames(client)
         frames += self._servos.frames(client)
         frames += self._plots.frames(client_id, self._arm_thread.history, self._clock.now_s())
         return frames + client.take_outbox()
@@ -426,6 +430,11 @@ class SessionController:
             return
         self._require_ready()
         self._following.start(message.leader)
+        self._interaction.reset()
+
+    def _run_panel_motion(self, message: msg.RunPanelMotion, _client: Client) -> None:
+        self._require_ready()
+        self._app_panels.start(message.heading, message.button)
         self._interaction.reset()
 
     def _require_ready(self) -> None:

@@ -44,6 +44,7 @@ WORDS = [
     {"kind": "program_file", "action": "new", "name": "tea"},
     {"kind": "run_program", "action": "play", "step": None},
     {"kind": "follow_arm", "leader": "koch"},
+    {"kind": "run_panel_motion", "heading": "Nod", "button": "Nod"},
 ]  # fmt: skip
 VALUES = [None, True, -1, 0, 1e308, -1e308, 2**63, "", "x" * 70, "../rest", [], {}, [[]], 1e-320,
           "NaN", "\u0000", "ArrowLeft", "side", 0.5]  # fmt: skip

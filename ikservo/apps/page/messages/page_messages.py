@@ -325,6 +325,14 @@ class FollowArm(PageMessage):
     leader: Name | None = None
 
 
+class RunPanelMotion(PageMessage):
+    """Start the motion of a button in the panel of an app."""
+
+    kind: Literal["run_panel_motion"]
+    heading: Annotated[str, Field(max_length=64)]
+    button: Annotated[str, Field(max_length=64)]
+
+
 class ReadServo(PageMessage):
     """Read the control table of a joint's servo."""
 
@@ -386,6 +394,7 @@ Message = (
     | ShowPlots
     | SaveHistory
     | FollowArm
+    | RunPanelMotion
     | ChooseCamera
     | ReadServo
     | WriteRegister

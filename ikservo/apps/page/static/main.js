@@ -2,6 +2,7 @@
 // sent to the server.
 
 import { Actions } from "./actions.js";
+import { AppPanels } from "./app_panels.js";
 import { Arms } from "./arms.js";
 import { Connection } from "./connection.js";
 import { Drawing } from "./drawing.js";
@@ -55,6 +56,7 @@ const connection = new Connection(key, {
   program(message) { program.setProgram(message); },
   program_state(message) { program.setState(message); },
   following(message) { leader.showFollowing(message); },
+  app_panels(message) { appPanels.show(message); },
   servo(message) { servos.receive(message); },
   graph(message) {
     picture.setGraph(message);
@@ -94,6 +96,7 @@ const poses = new Poses(send);
 const servos = new Servos(send);
 const things = new Things(send, (message) => panel.showRefusal({ message, hint: "" }));
 const actions = new Actions(send);
+const appPanels = new AppPanels(send);
 const leader = new Leader(key, send, () => sendViewport());
 const arms = new Arms(
   key,

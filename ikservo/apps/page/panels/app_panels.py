@@ -1,0 +1,98 @@
+"""Panels that other apps bring to the page: rows of text, and buttons for their motions."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from typing import Any, cast
+
+from ikservo.app import Panel
+from ikservo.app_discovery import all_apps, load_place
+from ikservo.apps.page.messages.page_messages import BadMessageError
+from ikservo.apps.page.running.arm_job import JobObserver
+from ikservo.apps.page.running.arm_thread import ArmThread
+from ikservo.apps.page.server.page_connection import Client
+from ikservo.apps.page.server.server import Frame
+from ikservo.arm import Arm
+from ikservo.clock import Clock
+from ikservo.model import Model
+from ikservo.planning.motions import MotionValue
+
+_PERIOD_S = 0.5  # between two texts that a person reads
+
+MakePanel = Callable[[Model, Mapping[str, float]], Panel]
+
+
+class RunMotion:
+    """Makes a motion of a panel (``ArmJob``).
+
+    Args:
+        title: The text of its button.
+        motion: The motion; it calls ``on_progress`` in each cycle, so that the page can stop it.
+    """
+
+    is_planned = True
+
+    def __init__(self, title: str, motion: MotionValue[Any]) -> None:
+        self.title, self._motion = title, motion
+
+    def run(self, arm: Arm, observer: JobObserver) -> None:
+        """Execute the motion.
+
+        Raises:
+            IkservoError: It failed; the arm holds until that is acknowledged.
+        """
+        arm.execute(self._motion, observer.on_progress)
+
+
+class AppPanels:
+    """Shows the panels of all apps; one that fails is reported in its place.
+
+    Args:
+        arm_thread: Owns the arm.
+        clock: The time of the page.
+    """
+
+    def __init__(self, arm_thread: ArmThread, clock: Clock) -> None:
+        self._arm_thread, self._clock = arm_thread, clock
+        self._places = {k: v for app in all_apps() for k, v in app.panels.items()}
+        self._panels: dict[str, Panel] = {}
+        self._updated_s = -math.inf
+
+    def frames(self, client: Client) -> list[Frame]:
+        """Return the panels if a client does not know them as they are."""
+        now_s = self._clock.now_s()
+        if self._places and now_s - self._updated_s >= _PERIOD_S:
+            self._updated_s = now_s
+            self._panels = {name: self._make(place) for name, place in self._places.items()}
+        shown = [
+            {"heading": name, "rows": list(panel.rows), "buttons": list(panel.motions)}
+            for name, panel in self._panels.items()
+        ]
+        if client.sent.get("app_panels", []) == shown:
+            return []
+        client.sent["app_panels"] = shown
+        return [{"kind": "app_panels", "panels": shown}]
+
+    def start(self, heading: str, button: str) -> None:
+        """Start the motion of a button.
+
+        Raises:
+            BadMessageError: There is no such button.
+            InputError: The arm is busy or was stopped.
+        """
+        panel = self._panels.get(heading, Panel())
+        motion: object = panel.motions.get(button)
+        if not isinstance(motion, MotionValue):
+            raise BadMessageError(f"{heading} has no button {button!r}.", "Reload the page.")
+        self._arm_thread.request_job(RunMotion(button, cast("MotionValue[Any]", motion)))
+
+    def _make(self, place: str) -> Panel:
+        arm = self._arm_thread.arm
+        states = zip(arm.joint_index.names, self._arm_thread.snapshot.states, strict=True)
+        try:
+            make: MakePanel = load_place(place)
+            panel = make(arm.model, {name: state.position_rad for name, state in states})
+            return Panel([(str(name), str(value)) for name, value in panel.rows], panel.motions)
+        except Exception as error:  # whatever the app of somebody else does
+            return Panel([("error", f"{type(error).__name__}: {error}")])

@@ -1,0 +1,33 @@
+// Panels that other apps bring: rows of text, and buttons for their motions.
+
+import { $, createElement, setText } from "./elements.js";
+
+export class AppPanels {
+  constructor(send) {
+    this.send = send;
+  }
+
+  show({ panels }) {
+    const shape = JSON.stringify(panels.map(({ heading, rows, buttons }) => [heading, rows.map(([name]) => name), buttons]));
+    if (shape !== this.shape) $("app-panels").replaceChildren(...panels.map((panel) => this.createCard(panel)));
+    this.shape = shape; // a button that is pressed stays while values change
+    const values = panels.flatMap(({ rows }) => rows.map(([, value]) => value));
+    $("app-panels").querySelectorAll("dd").forEach((element, i) => setText(element, values[i]));
+  }
+
+  createCard({ heading, rows, buttons }) {
+    const list = createElement("dl", { class: "leader-lag" });
+    list.append(...rows.flatMap(([name]) => [createElement("dt", {}, name), createElement("dd")]));
+    const row = createElement("div", { class: "row-buttons" });
+    row.append(...buttons.map((text) => this.createButton(heading, text)));
+    const card = createElement("section", { class: "card" });
+    card.append(createElement("h2", {}, heading), list, row);
+    return card;
+  }
+
+  createButton(heading, text) {
+    const button = createElement("button", { class: "ghost small", type: "button" }, text);
+    button.onclick = () => this.send("run_panel_motion", { heading, button: text });
+    return button;
+  }
+}
