@@ -176,13 +176,13 @@ class PreflightPlanner:
         self._context.require_zeros()
         start = self._runner.start_position()
         if not motion.starts_at_tip:
-            return self._plan_clear_or_via(motion, start)
+            return self._plan_clear(motion, start)
         allowed = self._runner.allowed_speed(motion.speed)
         plan = plan_motion(self._planner, motion, start, allowed)
         try:
             return self._check_clear(plan, motion.speed, _within(motion))
         except CollisionError as error:
-            self._plan_around(motion, start, plan.goal, allowed, error)
+            next(self._plans_around(motion, start, plan.goal, allowed, error), None)  # says it
             raise
 
     def _plan_to_point(self, motion: MoveTo) -> MotionPlan:
@@ -242,7 +242,7 @@ class PreflightPlanner:
             error.python_hint = self._ask_about_degrees(goals)
             raise
         if zeros.are_known and set(self._context.chain.names) <= set(goals):  # the whole arm
-            plan = self._plan_clear_or_via(motion, start, plan)
+            plan = self._plan_clear(motion, start, plan)
         else:
             plan = self._check_clear(plan, motion.speed, motion.within)
         return replace(plan, requested=goals)
@@ -291,11 +291,12 @@ class PreflightPlanner:
             plan = self._plan_joints(motion)
         except RefusedError as error:
             start = self._runner.start_position()
-            found = self._plan_via_pose(motion, start, "slow")
-            if found is None and isinstance(error, CollisionError):
+            tries = self._plans_via_pose(motion, start, "slow")
+            if isinstance(error, CollisionError):
                 goal = plan_motion(self._planner, motion, start, "slow").goal
                 around = replace(motion, straight=False)
-                found = self._plan_around(around, start, goal, "slow", error)
+                tries = chain(tries, self._plans_around(around, start, goal, "slow", error))
+            found = next(tries, None)
             if found is None:
                 raise
             plan = found
@@ -357,13 +358,13 @@ class PreflightPlanner:
             for joint in joints
         }
 
-    def _plan_clear_or_via(
+    def _plan_clear(
         self,
         motion: TipMotion | MoveJoints | LookAt,
         start: Vector,
         direct: MotionPlan | None = None,
     ) -> MotionPlan:
-        """Make a plan whose path is free: direct, or one that leaves a contact first.
+        """Make a plan whose path is free: the direct one, or the first of those tried instead.
 
         Args:
             motion: The motion.
@@ -382,58 +383,70 @@ class PreflightPlanner:
             goal = plan.goal
             return self._check_clear(plan, motion.speed, _within(motion))
         except RefusedError as error:
-            found, blocked = None, error if isinstance(error, BlockedError) else None
-            touches = self._context.clearance_m(start) < 0.0
-            if blocked is not None and not touches:
-                found = self._plan_around(motion, start, goal, allowed, blocked)
-            if found is None and self._context.is_in_contact(start):
-                found = self._plan_via_pose(motion, start, allowed)
-            if found is None and blocked is not None and touches:
-                found = self._plan_around(motion, start, goal, allowed, blocked)
+            found = next(self._tries(motion, start, goal, allowed, error), None)
             if found is None:
-                if blocked is not None and touches:
-                    blocked.command_hint += " Or first move the arm by hand until it is free."
                 raise
             return found
 
-    def _plan_via_pose(
+    def _tries(
+        self,
+        motion: TipMotion | MoveJoints | LookAt,
+        start: Vector,
+        goal: Vector,
+        allowed: str,
+        error: RefusedError,
+    ) -> Iterator[MotionPlan]:
+        """Yield free plans instead of a direct one: around what blocks it, or out of a contact.
+
+        An arm that touches something leaves that first. The error says what else can be done.
+        """
+        touches = self._context.clearance_m(start) < 0.0
+        blocked = error if isinstance(error, BlockedError) else None
+        if blocked is not None and not touches:
+            yield from self._plans_around(motion, start, goal, allowed, blocked)
+        if self._context.is_in_contact(start):
+            yield from self._plans_via_pose(motion, start, allowed)
+        if blocked is not None and touches:
+            yield from self._plans_around(motion, start, goal, allowed, blocked)
+            blocked.command_hint += " Or first move the arm by hand until it is free."
+
+    def _plans_via_pose(
         self, motion: TipMotion | MoveJoints | LookAt, start: Vector, allowed: str
-    ) -> MotionPlan | None:
-        """Make a plan that leaves a contact first; None where there is no free path."""
+    ) -> Iterator[MotionPlan]:
+        """Yield free plans that leave a contact first."""
         for pose, first in self._ways_out(start, allowed):
             with suppress(RefusedError):
                 then = plan_motion(self._planner, motion, first.goal, allowed)
                 joined = self._join(first, then, pose)
-                return self._check_clear(joined, motion.speed, _within(motion))
-        return None
+                yield self._check_clear(joined, motion.speed, _within(motion))
 
-    def _plan_around(
+    def _plans_around(
         self,
         motion: TipMotion | MoveJoints | LookAt,
         start: Vector,
         goal: Vector,
         allowed: str,
         blocked: BlockedError,
-    ) -> MotionPlan | None:
-        """Make a plan of the joints around what blocks the straight one; None without any.
+    ) -> Iterator[MotionPlan]:
+        """Yield free plans of the joints around what blocks the straight one.
 
-        For a line the error says that the joints can go around, where they can.
+        For a line the error says that the joints can go around, if they can.
         """
         within = _within(motion)
         if isinstance(motion, MoveTo | MoveJoints):
             if motion.straight:
-                return None
+                return
         elif isinstance(motion, Draw | LookAt) or (
             isinstance(motion, MoveThrough) and not motion.line
         ):
-            return None
+            return
         goals, points = [goal], list[PointGoal]()
         if isinstance(motion, MoveTo):
             tool = self._planner.constrained_tool(within, start)
             points = self._planner.goals_at(start, motion.position_m, motion.stance, tool)
             goals = [point.joints for point in points]
         if not goals:
-            return None
+            return
         think_s = motion.think_s if isinstance(motion, MoveTo | MoveJoints) else THINK_S
         since_s = perf_counter()
         ways = self._ways_around(
@@ -443,18 +456,17 @@ class PreflightPlanner:
         for tried in ways:
             with suppress(RefusedError):
                 plan = self._check_clear(tried, motion.speed, within)
-                if isinstance(motion, MoveTo | MoveJoints):
-                    for point in points:
-                        if np.allclose(point.joints, plan.goal):
-                            plan = point.reached_by(plan)
-                    return replace(plan, around=blocked.cause)
-                to = " ".join(f"{x:.3f}" for x in plan.tip_m.tolist())
-                blocked.command_hint += f" The joints can go around it: ikservo move {to}."
-                return None
+                if not isinstance(motion, MoveTo | MoveJoints):
+                    to = " ".join(f"{x:.3f}" for x in plan.tip_m.tolist())
+                    blocked.command_hint += f" The joints can go around it: ikservo move {to}."
+                    return
+                for point in points:
+                    if np.allclose(point.joints, plan.goal):
+                        plan = point.reached_by(plan)
+                yield replace(plan, around=blocked.cause)
         if perf_counter() - since_s > think_s:
             longer = f"--think {3.0 * think_s:g}s searches longer."
             blocked.command_hint += f" No way around it was found in {think_s:g} s; {longer}"
-        return None
 
     def _ways_around(
         self,
