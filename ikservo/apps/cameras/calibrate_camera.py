@@ -13,6 +13,7 @@ from pathlib import Path
 from ikservo.apps.cameras.board import Board, require_opencv
 from ikservo.apps.cameras.camera_by_hand import HandCalibration
 from ikservo.apps.cameras.camera_calibration import (
+    ESTIMATING,
     PRINTED_COMPLIANCE,
     ArmBefore,
     BoardPictures,
@@ -24,6 +25,7 @@ from ikservo.apps.cameras.camera_command import (
     check_camera_name,
     open_camera,
 )
+from ikservo.apps.cameras.estimation import MIN_SAMPLES
 from ikservo.apps.cameras.picture_folder import PictureFolder, PictureIndex, read_pictures
 from ikservo.apps.cameras.pictures import find_board
 from ikservo.arm.opening import require_own_port
@@ -84,7 +86,7 @@ def calibrate_by_camera(
             session = (HandCalibration if options.by_hand else CameraCalibration)(
                 arm, camera, board, options.pictures, print_status, extents, folder
             )
-            with _kept_at_failure(path, arm.model.name):
+            with _kept_at_failure(path, arm.model.name, chosen=options.save_pictures is not None):
                 result = session.run()
         if options.save_pictures is None:
             shutil.rmtree(path)
@@ -93,18 +95,27 @@ def calibrate_by_camera(
 
 
 @contextmanager
-def _kept_at_failure(folder: Path, arm: str) -> Generator[None]:
-    """Say where the pictures are if the calibration ends before its time."""
+def _kept_at_failure(folder: Path, arm: str, *, chosen: bool) -> Generator[None]:
+    """Say how to go on if the calibration ends before its time.
+
+    Args:
+        folder: The folder of the pictures; stays if they suffice for a calibration.
+        arm: The name of the arm.
+        chosen: Whether the user named the folder, which then stays in any case.
+    """
     try:
         yield
     except BaseException:
         taken = len(list(folder.glob("*.png")))
-        if taken:
+        if taken >= MIN_SAMPLES:
             again = (
                 f"ikservo calibrate {shlex.quote(arm)} --from-pictures {shlex.quote(str(folder))}"
             )
-            print_status(f"The {taken} pictures so far are kept. To calibrate by them: {again}")
-        else:
+            print_status(f"The {taken} pictures so far are kept. To calibrate with them: {again}")
+        elif taken:
+            needed = f"a calibration needs at least {MIN_SAMPLES}. Start it again."
+            print_status(f"Only {taken} pictures were taken; {needed}")
+        if taken < MIN_SAMPLES and not (taken and chosen):
             shutil.rmtree(folder, ignore_errors=True)
         raise
 
@@ -125,6 +136,7 @@ def calibrate_from_pictures(model: Model, folder: Path, operator: Operator, *, j
             pictures.add(picture, find_board(pictures.board, picture), q)
         except CalibrationError:
             missed += 1
+    print_status(ESTIMATING)
     index = saved.index
     extents = before.extents(index.camera_name, by_hand=index.by_hand)
     result = pictures.result(missed, 0.0, extents, by_hand=index.by_hand)
