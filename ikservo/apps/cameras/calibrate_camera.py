@@ -67,10 +67,10 @@ def calibrate_by_camera(
                 "Torque will be switched off: hold the arm. Then move it, and keep it still for a "
                 "second in about as many postures as pictures are asked for."
                 if options.by_hand
-                else "The arm will move with it in its whole reach there."
+                else "The arm will then show it from everywhere it can reach."
             )
         )
-        if not operator.agrees(Question("May it begin?", Unasked.ERROR)):
+        if not operator.agrees(Question("Begin?", Unasked.ERROR)):
             raise IkservoError("Nothing moved.")
         with second_interrupt_lowers(arm):
             before = ArmBefore.of(arm)
@@ -167,13 +167,15 @@ def _tell_and_save(
         path = save_camera_result(before, source, result, now, name)
         if before.calibration is None:
             print_status(f"A simulated arm has no calibration: its camera is in {path}.")
-            print_status("It stands before the pose at the start: use it with the same --port.")
+            print_status("It stands in front of the start pose: use it with the same --port.")
         else:
             undo = f"ikservo calibration undo {before.model.name}"
             print_status(f"Saved to {path}. To undo it: {undo}")
             if result.tip_shows:
                 command = f"ikservo camera tip {before.model.name} --at U,V"
-                print_status(f"Clicks on the tip show the zero of {result.tip_shows}: {command}")
+                print_status(
+                    f"To find the zero of {result.tip_shows} by clicks on the tip: {command}"
+                )
     if json:
         print_json("calibrate-camera", path=path, **_fields(result))
 
@@ -199,21 +201,21 @@ def _describe(result: CameraResult) -> Iterator[str]:
             yield f"{parameter.name}: {said}"
     if result.carried is not None:
         yield (
-            "By how its links give way, as it was calibrated before, the arm carried about "
+            "By the bending of its links that was calibrated before, the arm carried about "
             f"{result.carried:.0%} of its weight in the pictures, and the hand the rest."
         )
     if result.sag_m is not None:
         yield (
-            "How its links give way is not known, and a hand hides it. Where the arm carries "
-            "itself its tip is further off than these figures say: in these postures by about "
-            f"{_mm(result.sag_m)} if each joint gives way by {PRINTED_COMPLIANCE} rad for each "
-            "N m, as printed ones do. Without --by-hand the arm learns that."
+            "How far its links bend is not known, and a hand that carries the arm hides it. "
+            "When the arm carries itself, its tip is further off than these figures say: here by "
+            f"about {_mm(result.sag_m)} if each joint bends by {PRINTED_COMPLIANCE} rad per N m, "
+            "as printed ones do. A calibration without --by-hand measures it."
         )
     unknown = [each.name for each in fit.parameters if not each.is_determined]
     if unknown:
-        yield f"Not shown by these pictures, and kept: {', '.join(unknown)}."
+        yield f"Not determined by these pictures, so unchanged: {', '.join(unknown)}."
     if abs(fit.scale) > 0.01:
-        yield f"The board seems to be {1.0 + fit.scale:.1%} of the size that its name says."
+        yield f"The board seems to have {1.0 + fit.scale:.1%} of the size in its name."
 
 
 def _mm(metres: float) -> str:

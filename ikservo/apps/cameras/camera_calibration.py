@@ -305,8 +305,8 @@ class CameraCalibration:
             pass
         if len(self._pictures) < LEAST_SHARE * self._count:
             raise PictureError(
-                f"The board is seen in no more postures than {len(self._pictures)}.",
-                "Put the camera further away, or the board more into its middle.",
+                f"The board was seen in only {len(self._pictures)} postures.",
+                "Put the camera further away, or the board nearer to the middle of its picture.",
             )
         with suppress(RefusedError):
             self._move(home)

@@ -71,7 +71,7 @@ def test_a_folder_whose_pictures_are_none_is_refused(tmp_path, run_cli):
                          by_hand=True, joints=load_model("so101").chain.names)  # fmt: skip
     PictureFolder(tmp_path / "pictures", index, None)
     done = run_cli(f"{REPEAT} {tmp_path / 'pictures'}")
-    assert (done.code, "is in no picture" in done.err) == (6, True)
+    assert (done.code, "No picture shows the board" in done.err) == (6, True)
 
 
 def test_a_folder_without_pictures_or_with_other_options_is_refused(tmp_path, run_cli):
