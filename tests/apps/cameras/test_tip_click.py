@@ -171,7 +171,7 @@ def test_a_click_that_disagrees_with_the_others_is_named_and_does_not_count(mist
     assert two.error_deg > 1.0
     three = clicked(arm, camera)
     assert (three.counts, three.are_apart) == ((True, False, True), False)
-    assert f"Click 2 says {three.others_deg[1]:+.1f}° besides" in str(three)
+    assert f"Click 2 differs by {three.others_deg[1]:+.1f}°, more" in str(three)
     assert zero_error_deg(arm) == pytest.approx(0.0, abs=0.5)
     assert len(load_calibration(ARM, SERIAL).camera.tip_clicks) == 3
 
