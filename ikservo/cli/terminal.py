@@ -233,7 +233,8 @@ def progress_bar() -> Generator[Show | None]:
     from rich.progress import BarColumn, TextColumn, TimeRemainingColumn  # noqa: PLC0415
     from rich.progress import Progress as Bar  # noqa: PLC0415
 
-    columns = (BarColumn(), TextColumn("{task.description}"), TimeRemainingColumn())
+    left = (TimeRemainingColumn(), TextColumn("left"))
+    columns = (BarColumn(), TextColumn("{task.description}"), *left)
     with Bar(*columns, console=open_console(stderr=True), transient=True) as bar:
         task = bar.add_task("", total=None)
 

@@ -90,7 +90,7 @@ def test_a_picture_that_is_not_fresh_takes_no_click(operator, monkeypatch):
     operator.click(lens_of(operator).project([0.25, 0.08, 0.03])[0])
     operator.until_drawn()
     assert operator.page.evaluate("window.ikservo.scene.goal") is None
-    assert "is it unplugged" in operator.page.inner_text("#camera-note")
+    assert "is it plugged in" in operator.page.inner_text("#camera-note")
 
 
 def test_the_click_after_its_button_is_one_on_the_tip_and_no_target(operator):

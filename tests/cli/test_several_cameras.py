@@ -53,6 +53,15 @@ def test_look_and_check_choose_by_name(arm, run_cli):
     assert run_cli(f"look 480 500 --arm {ARM}").code == 0
 
 
+def test_look_chooses_camera_by_source(arm, run_cli):
+    arm.close()
+    named = run_cli(f"look 480 500 --arm {ARM} --camera-name left --json").json["point_m"]
+    assert run_cli(f"look 480 500 --arm {ARM} --camera 1 --json").json["point_m"] == named
+    other = run_cli(f"look 480 500 --arm {ARM} --camera rtsp://me:secret@host/x")
+    assert (other.code, "secret" in other.err) == (6, False)
+    assert "calibrated with camera sim, not rtsp://" in other.err
+
+
 def test_an_unknown_name_is_refused_and_the_known_ones_are_named(arm, run_cli):
     with pytest.raises(UnknownNameError, match="no camera named 'right'") as refused:
         arm.camera.named("right")

@@ -53,7 +53,7 @@ def calibrate_auto(
     check_auto_allowed(model)
     options.check(model)
     print_status(_WARNING)
-    if not operator.agrees(Question("May it begin?", Unasked.ERROR)):
+    if not operator.agrees(Question("Begin?", Unasked.ERROR)):
         raise IkservoError("Nothing moved.")
     with open_torque_off(model, port) as limp_arm:
         operator.run(switch_torque_off(limp_arm))

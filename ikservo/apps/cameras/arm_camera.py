@@ -67,14 +67,21 @@ class ArmCamera:
         """Show the arm's name."""
         return f"ArmCamera(of {self._context.model.name!r})"
 
-    def named(self, name: str) -> ArmCamera:
-        """Return the camera of that name, where an arm was calibrated with several.
+    def named(self, name: str, source: str | None = None) -> ArmCamera:
+        """Return the camera of that name or source, where an arm was calibrated with several.
 
         Raises:
             UnknownNameError: It was not calibrated with one of that name.
+            CalibrationError: It was not calibrated with the camera of that source.
             FileFormatError: A file about it is damaged.
         """
-        known_camera(self._context, name)
+        camera, _, name = known_camera(self._context, name, source)
+        if source is not None and public_source(camera.source) != public_source(source):
+            raise CalibrationError(
+                f"{self._context.model.name} was calibrated with camera "
+                f"{public_source(camera.source)}, not {public_source(source)}.",
+                "Name that camera, or calibrate this one with another name: --camera-name",
+            )
         return ArmCamera(self._context, self._scene, name)
 
     def model(self) -> CameraModel:

@@ -13,6 +13,7 @@ from pathlib import Path
 from ikservo.apps.cameras.board import Board, require_opencv
 from ikservo.apps.cameras.camera_by_hand import HandCalibration
 from ikservo.apps.cameras.camera_calibration import (
+    ESTIMATING,
     PRINTED_COMPLIANCE,
     ArmBefore,
     BoardPictures,
@@ -24,6 +25,7 @@ from ikservo.apps.cameras.camera_command import (
     check_camera_name,
     open_camera,
 )
+from ikservo.apps.cameras.estimation import MIN_SAMPLES
 from ikservo.apps.cameras.picture_folder import PictureFolder, PictureIndex, read_pictures
 from ikservo.apps.cameras.pictures import find_board
 from ikservo.arm.opening import require_own_port
@@ -65,10 +67,10 @@ def calibrate_by_camera(
                 "Torque will be switched off: hold the arm. Then move it, and keep it still for a "
                 "second in about as many postures as pictures are asked for."
                 if options.by_hand
-                else "The arm will move with it in its whole reach there."
+                else "The arm will then show it from everywhere it can reach."
             )
         )
-        if not operator.agrees(Question("May it begin?", Unasked.ERROR)):
+        if not operator.agrees(Question("Begin?", Unasked.ERROR)):
             raise IkservoError("Nothing moved.")
         with second_interrupt_lowers(arm):
             before = ArmBefore.of(arm)
@@ -84,7 +86,7 @@ def calibrate_by_camera(
             session = (HandCalibration if options.by_hand else CameraCalibration)(
                 arm, camera, board, options.pictures, print_status, extents, folder
             )
-            with _kept_at_failure(path, arm.model.name):
+            with _kept_at_failure(path, arm.model.name, chosen=options.save_pictures is not None):
                 result = session.run()
         if options.save_pictures is None:
             shutil.rmtree(path)
@@ -93,18 +95,27 @@ def calibrate_by_camera(
 
 
 @contextmanager
-def _kept_at_failure(folder: Path, arm: str) -> Generator[None]:
-    """Say where the pictures are if the calibration ends before its time."""
+def _kept_at_failure(folder: Path, arm: str, *, chosen: bool) -> Generator[None]:
+    """Say how to go on if the calibration ends before its time.
+
+    Args:
+        folder: The folder of the pictures; stays if they suffice for a calibration.
+        arm: The name of the arm.
+        chosen: Whether the user named the folder, which then stays in any case.
+    """
     try:
         yield
     except BaseException:
         taken = len(list(folder.glob("*.png")))
-        if taken:
+        if taken >= MIN_SAMPLES:
             again = (
                 f"ikservo calibrate {shlex.quote(arm)} --from-pictures {shlex.quote(str(folder))}"
             )
-            print_status(f"The {taken} pictures so far are kept. To calibrate by them: {again}")
-        else:
+            print_status(f"The {taken} pictures so far are kept. To calibrate with them: {again}")
+        elif taken:
+            needed = f"a calibration needs at least {MIN_SAMPLES}. Start it again."
+            print_status(f"Only {taken} pictures were taken; {needed}")
+        if taken < MIN_SAMPLES and not (taken and chosen):
             shutil.rmtree(folder, ignore_errors=True)
         raise
 
@@ -125,6 +136,7 @@ def calibrate_from_pictures(model: Model, folder: Path, operator: Operator, *, j
             pictures.add(picture, find_board(pictures.board, picture), q)
         except CalibrationError:
             missed += 1
+    print_status(ESTIMATING)
     index = saved.index
     extents = before.extents(index.camera_name, by_hand=index.by_hand)
     result = pictures.result(missed, 0.0, extents, by_hand=index.by_hand)
@@ -155,13 +167,15 @@ def _tell_and_save(
         path = save_camera_result(before, source, result, now, name)
         if before.calibration is None:
             print_status(f"A simulated arm has no calibration: its camera is in {path}.")
-            print_status("It stands before the pose at the start: use it with the same --port.")
+            print_status("It stands in front of the start pose: use it with the same --port.")
         else:
             undo = f"ikservo calibration undo {before.model.name}"
             print_status(f"Saved to {path}. To undo it: {undo}")
             if result.tip_shows:
                 command = f"ikservo camera tip {before.model.name} --at U,V"
-                print_status(f"Clicks on the tip show the zero of {result.tip_shows}: {command}")
+                print_status(
+                    f"To find the zero of {result.tip_shows} by clicks on the tip: {command}"
+                )
     if json:
         print_json("calibrate-camera", path=path, **_fields(result))
 
@@ -187,21 +201,21 @@ def _describe(result: CameraResult) -> Iterator[str]:
             yield f"{parameter.name}: {said}"
     if result.carried is not None:
         yield (
-            "By how its links give way, as it was calibrated before, the arm carried about "
+            "By the bending of its links that was calibrated before, the arm carried about "
             f"{result.carried:.0%} of its weight in the pictures, and the hand the rest."
         )
     if result.sag_m is not None:
         yield (
-            "How its links give way is not known, and a hand hides it. Where the arm carries "
-            "itself its tip is further off than these figures say: in these postures by about "
-            f"{_mm(result.sag_m)} if each joint gives way by {PRINTED_COMPLIANCE} rad for each "
-            "N m, as printed ones do. Without --by-hand the arm learns that."
+            "How far its links bend is not known, and a hand that carries the arm hides it. "
+            "When the arm carries itself, its tip is further off than these figures say: here by "
+            f"about {_mm(result.sag_m)} if each joint bends by {PRINTED_COMPLIANCE} rad per N m, "
+            "as printed ones do. A calibration without --by-hand measures it."
         )
     unknown = [each.name for each in fit.parameters if not each.is_determined]
     if unknown:
-        yield f"Not shown by these pictures, and kept: {', '.join(unknown)}."
+        yield f"Not determined by these pictures, so unchanged: {', '.join(unknown)}."
     if abs(fit.scale) > 0.01:
-        yield f"The board seems to be {1.0 + fit.scale:.1%} of the size that its name says."
+        yield f"The board seems to have {1.0 + fit.scale:.1%} of the size in its name."
 
 
 def _mm(metres: float) -> str:

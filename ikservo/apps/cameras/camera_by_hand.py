@@ -9,6 +9,7 @@ import numpy as np
 
 from ikservo.apps.cameras.board import Board
 from ikservo.apps.cameras.camera_calibration import (
+    ESTIMATING,
     HAND_EXTENTS,
     LEAST_SHARE,
     ArmBefore,
@@ -87,6 +88,7 @@ class HandCalibration:
                 f"so far. {self._last_error}".rstrip(),
                 "Show the board in postures that differ, and keep the arm still for a second.",
             )
+        self._report(ESTIMATING)
         duration_s = used_s - began_s
         return self._pictures.result(self._missed, duration_s, self._extents, by_hand=True)
 

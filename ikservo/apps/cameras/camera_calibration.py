@@ -57,6 +57,8 @@ PRINTED_COMPLIANCE = 0.05
 LEAST_SHARE = 0.5
 """Of the pictures that were asked for: with fewer nothing is estimated."""
 
+ESTIMATING = "Estimating the camera and the arm from the pictures; this takes some seconds."
+
 _FIRST_STEP_RAD = math.radians(9.0)  # of each joint, before anything is known of the camera
 _REACH_RAD = math.radians(75.0)  # how far joints go from where the arm was put
 _CANDIDATES, _AT_ONCE, _MAX_MISSED = 1500, 4, 8
@@ -303,11 +305,12 @@ class CameraCalibration:
             pass
         if len(self._pictures) < LEAST_SHARE * self._count:
             raise PictureError(
-                f"The board is seen in no more postures than {len(self._pictures)}.",
-                "Put the camera further away, or the board more into its middle.",
+                f"The board was seen in only {len(self._pictures)} postures.",
+                "Put the camera further away, or the board nearer to the middle of its picture.",
             )
         with suppress(RefusedError):
             self._move(home)
+        self._report(ESTIMATING)
         duration_s = self._arm.clock.now_s() - self._began_s
         return self._pictures.result(self._missed, duration_s, self._extents)
 

@@ -110,8 +110,8 @@ def remember_board(arm: Arm, source: PictureSource, board: Board, name: str = ""
         check = compare_place(model, gripper, _tip_pose(arm), view, known.calibrated)
         if check.off_mm < _ON_GRIPPER_MM and check.turned_deg < _ON_GRIPPER_DEG:
             raise PictureError(
-                "The board is where it was on the gripper: it would move with the arm.",
-                "Take it off, and lay it on the table where the camera sees it.",
+                "The board is still on the gripper, where it would move with the arm.",
+                "Take it off, and lay it on the table in front of the camera.",
             )
     T = model.T_base_camera @ _seen(model, board, view)
     stored = seen_board(board.name, T, 1.0)

@@ -61,7 +61,7 @@ Within = Annotated[
         "--within",
         parser=parse_length_m,
         metavar="LENGTH",
-        help="How far off the board may be seen; default: 3mm and what the arm is wrong.",
+        help="Tolerated error of the board's place; default: 3mm plus that of the arm.",
     ),
 ]
 At = Annotated[
@@ -234,8 +234,8 @@ def _compare(
         where = "on the table" if place.on_table else "on the gripper"
         stands = "has moved" if check.has_moved else "stands where it was calibrated"
         print_lines([
-            f"The camera {stands}: by the board {where}, {check.moved_mm:.1f} mm and "
-            f"{check.turned_deg:.2f}° away; the board is seen {check.off_mm:.1f} mm off."
+            f"The camera {stands}. The board {where} shows it {check.moved_mm:.1f} mm and "
+            f"{check.turned_deg:.2f}° away; the board is {check.off_mm:.1f} mm from where it was."
         ])  # fmt: skip
     if check.has_moved:
         print_status("Put it back and check again, or calibrate again.")

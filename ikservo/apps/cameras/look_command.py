@@ -36,6 +36,14 @@ Height = Annotated[
         help="Of the level plane above the table; default: the table, or the first thing.",
     ),
 ]
+Camera = Annotated[
+    str | None,
+    typer.Option(
+        "--camera",
+        metavar="SOURCE",
+        help="The camera, as in its calibration: a number, a device or an address.",
+    ),
+]
 Move = Annotated[bool, typer.Option("--move", help="Move the tip there.")]
 
 
@@ -45,6 +53,7 @@ def command(
     *,
     connection: ServoConnection,
     height: Height = None,
+    camera: Camera = None,
     camera_name: CameraNameOption = "",
     move: Move = False,
     speed: SpeedOption = "normal",
@@ -70,12 +79,12 @@ def command(
         raise BadValueError("An option of the motion", "given without --move", "--move")
     with open_from_options(connection, options, path.scene) as machine:
         arm = require_own_port(machine)
-        camera = arm.camera.named(camera_name)
+        seeing = arm.camera.named(camera_name, camera)
         if height is None:
-            seen = camera.point_seen(u, v)
+            seen = seeing.point_seen(u, v)
             point_m, thing = seen.point_m, seen.thing
         else:
-            point_m, thing = camera.point_on_table(u, v, height), None
+            point_m, thing = seeing.point_on_table(u, v, height), None
         x, y, z = point_m.tolist()
         if not move:
             if options.json:

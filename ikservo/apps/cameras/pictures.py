@@ -86,7 +86,7 @@ class LiveCamera:
             taken, picture = self._capture.read()
         if not taken:
             raise PictureError(
-                f"Camera {self._name} gives no picture any more.", "Is it still plugged in?"
+                f"Camera {self._name} no longer delivers pictures.", "Is it still plugged in?"
             )
         return np.asarray(picture, dtype=np.uint8)
 
@@ -193,7 +193,9 @@ def guess_intrinsics(board: Board, views: Sequence[BoardView]) -> Intrinsics:
 
     cv = cast("Any", cv2)  # not all of it is in its stubs
     if not views:
-        raise CalibrationError(f"The board {board.name} is in no picture.", "Take some with it.")
+        raise CalibrationError(
+            f"No picture shows the board {board.name}.", "Take pictures that show it."
+        )
     points = [board.corners_m()[view.ids].astype(np.float32) for view in views]
     pixels = [view.pixels.astype(np.float32) for view in views]
     size = views[0].size
@@ -215,7 +217,7 @@ def guess_intrinsics(board: Board, views: Sequence[BoardView]) -> Intrinsics:
         rms, matrix = np.inf, start
     if not rms < _MAX_FIRST_PX or not 0.2 < matrix[0, 0] / size[0] < 10.0:
         raise CalibrationError(
-            "The pictures do not say how the camera projects.",
+            "The pictures do not determine the lens of the camera.",
             "Show the board near and far, and tilted, all over the picture.",
         )
     return Intrinsics(np.asarray(matrix), np.zeros(5), size)

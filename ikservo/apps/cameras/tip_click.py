@@ -83,15 +83,15 @@ class TipZero:
             f" mm at the tip. The tip is then {1000.0 * self.off_m:.1f} mm beside the click."
         ]
         said += [
-            f"Click {i} says {by:+.1f}° besides, more than clicks err: it does not count."
+            f"Click {i} differs by {by:+.1f}°, more than clicks err, so it does not count."
             for i, (by, does) in enumerate(zip(self.others_deg, self.counts, strict=True), start=1)
             if not does
         ]
         if self.are_apart:
-            said.append("The two that count are further apart than clicks err: click again.")
+            said.append("The two clicks that count differ by more than clicks err: click again.")
         elif 2 * count <= clicks:
             said.append(
-                "No more clicks count than do not; those may be the good ones: click again."
+                "Half of the clicks or more do not count, and may be the right ones: click again."
             )
         return " ".join(said)
 
@@ -128,8 +128,8 @@ def find_tip_zero(
         raise CalibrationError("A simulated arm's zeros are right; none is set by a click.")
     if camera.tip_shows != joint:
         raise CalibrationError(
-            f"The zero of {joint} is not left to a click on the tip.",
-            "The pictures of the board have shown it, or it hardly moves the tip.",
+            f"A click on the tip cannot set the zero of {joint}.",
+            "The pictures of the board have determined it, or it hardly moves the tip.",
         )
     _require_same(arm, calibration)
     joints = _resting_joints(arm) if joints is None else joints
@@ -155,7 +155,7 @@ def find_tip_zero(
         are_apart,
         error_deg,
         error_mm / 1000.0,
-        "" if is_known else f"More make it surer. {_next_posture(arm, model, joints)}".rstrip(),
+        "" if is_known else f"More clicks are better. {_next_posture(arm, model, joints)}".rstrip(),
         calibration,
         _with_last_zero(arm, calibration.with_cameras(cameras), q, moved, written),
     )

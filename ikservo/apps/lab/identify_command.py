@@ -12,6 +12,7 @@ from typing import Annotated
 import typer
 
 from ikservo.apps.lab.arm_identification import QUICK_TOUR, IdentificationRun
+from ikservo.apps.lab.drive_recording import DriveRecording
 from ikservo.apps.lab.duty_model import JOINT_PARAMETERS
 from ikservo.apps.lab.health_log import (
     HealthRecord,
@@ -33,9 +34,11 @@ from ikservo.cli.terminal import (
     print_lines,
     print_status,
     print_table,
+    progress_bar,
 )
 from ikservo.files.writing import check_writable
 from ikservo.model.identified_drives import body_joints
+from ikservo.planning.reports import MotionProgress
 
 Quick = Annotated[
     bool, typer.Option("--quick", help="Use three postures instead of eight; determines less.")
@@ -69,9 +72,7 @@ def command(
             check_writable(run.path.parent)
             read_records(health_path(machine.model.name, run.arm.context.serial_number))
         announce_tour(run, options)
-        with motion_progress_bar() as on_progress:
-            recording = run.record(on_progress)
-        found = run.identify(recording)
+        found = run.identify(record_tour(run))
         now = datetime.now(UTC)
         path = None if options.dry_run else save_identified(run.file(found, now))
         if path is not None:
@@ -102,6 +103,21 @@ def announce_tour(run: IdentificationRun, options: MotionOptions) -> None:
     check_directions_once(machine, options)
     with motion_progress_bar() as on_progress:
         run.go_to_start(on_progress)
+
+
+def record_tour(run: IdentificationRun) -> DriveRecording:
+    """Make the tour; a terminal shows which motion of how many it is, and the time left."""
+    tour = run.excitation
+    with progress_bar() as show:
+
+        def draw(progress: MotionProgress) -> None:
+            if show:
+                motion = f"motion {tour.leg_at(progress.elapsed_s) + 1} of {len(tour.legs)}"
+                show(motion, progress.elapsed_s, progress.duration_s)
+
+        recording = run.record(draw)
+    print_status("Measured. The estimation takes some seconds.")
+    return recording
 
 
 def _print_report(found: Identification, carried: dict[str, str], path: Path | None) -> None:

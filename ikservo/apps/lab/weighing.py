@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from ikservo.apps.lab.arm_identification import IdentificationRun
-from ikservo.apps.lab.identify_command import announce_tour
+from ikservo.apps.lab.identify_command import announce_tour, record_tour
 from ikservo.arm.opening import require_own_port
 from ikservo.cli.options import ArmConnection, MotionOptions
-from ikservo.cli.session import motion_progress_bar, open_from_options
+from ikservo.cli.session import open_from_options
 from ikservo.cli.terminal import print_json, print_lines, print_status
 
 
@@ -19,9 +19,7 @@ def weigh_held_object(connection: ArmConnection, options: MotionOptions) -> None
     with open_from_options(connection) as machine:
         run = IdentificationRun.plan_weighing(require_own_port(machine))
         announce_tour(run, options)
-        with motion_progress_bar() as on_progress:
-            recording = run.record(on_progress)
-        result = run.weigh(recording)
+        result = run.weigh(record_tour(run))
     payload = result.payload
     if options.json:
         print_json(

@@ -593,6 +593,4 @@ class SessionController:
 
 def _check_may_control(client: Client) -> None:
     if client.permission is not Permission.CONTROL:
-        raise BadMessageError(
-            "This page is for watching only.", "Open the address to control the arm."
-        )
+        raise BadMessageError("This page can only watch.", "Open the address to control the arm.")

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from ikservo.apps.teaching.program import Program, ProgramStep
-from ikservo.apps.teaching.replaying import Replay
+from ikservo.apps.teaching.replaying import Replay, position_at_rest
 from ikservo.arm.arm_parts import ArmParts
 from ikservo.arm.run_by_kind import end_of_motion, run_motion, wait
 from ikservo.errors import BadValueError, IkservoError
@@ -104,7 +104,7 @@ class ProgramRun:
         """
         begin = self._index_of(first)
         self._arm.context.require_zeros()
-        start = PlannedStart(self._arm.runner.start_position())
+        start = PlannedStart(position_at_rest(self._arm))
         numbers = list(range(begin, len(self._program.steps)))
         if self._program.repeat > 1:
             numbers += range(begin + 1)

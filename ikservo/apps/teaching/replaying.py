@@ -19,7 +19,7 @@ from ikservo.arm.arm_protocol import OpenArm
 from ikservo.arm.background_motion import RunningMotion
 from ikservo.arm.opening import require_own_port
 from ikservo.arm.own_motion import OwnMotion
-from ikservo.errors import BadValueError, FileFormatError, RefusedError
+from ikservo.errors import BadValueError, CollisionError, FileFormatError, RefusedError
 from ikservo.guard import thin_path
 from ikservo.kinematics.arrays import Matrix, Vector
 from ikservo.motion import JointMove, KinematicLimits, TrajectoryPoint
@@ -154,6 +154,26 @@ def _parse_file(value: object) -> str:
 
 # By hand, joints are pushed a little beyond their limits.
 _LIMIT_TOLERANCE_RAD = math.radians(3.0)
+# A limp arm that turns no joint by more than this in one period lies; it falls no longer than that.
+_LIES_RAD, _LIES_PERIOD_S, _MAX_FALL_S = math.radians(0.1), 0.2, 3.0
+
+
+def position_at_rest(arm: ArmParts) -> Vector:
+    """Return where a motion would start (n,), rad or m; waits for a limp arm that falls.
+
+    A recording may come back only to what the arm touches at its start. A limp arm, such as a
+    simulated one that has just been opened, does not touch it before it lies.
+    """
+    context, start = arm.context, arm.runner.start_position()
+    if context.servos.torque.is_on:
+        return start
+    end_s = context.now_s() + _MAX_FALL_S
+    while context.now_s() < end_s:
+        context.servos.clock.sleep_until(context.now_s() + _LIES_PERIOD_S)
+        before, start = start, arm.runner.start_position()
+        if (np.abs(start - before) < _LIES_RAD * context.units_per_rad()).all():
+            break
+    return start
 
 
 def _load(
@@ -166,8 +186,30 @@ def _load(
     lower, upper = context.limits()
     limits = context.planner.motion_limits(motion.speed)
     trajectory = RecordedTrajectory(recording.times_s, recording.joints, limits, lower, upper)
-    context.check_recorded_path(start, trajectory.sample_path())
+    path = trajectory.sample_path()
+    try:
+        context.check_recorded_path(start, path)
+    except CollisionError as error:
+        _explain_contact(context, error, path)
+        raise
     return recording, trajectory
+
+
+def _explain_contact(context: ArmContext, error: CollisionError, path: Matrix) -> None:
+    """Say in a refusal whether the recorded path (k, n) may be replayed by an arm that lies.
+
+    What it touches there, it may touch again.
+    """
+    for place, lying in (("beginning", path[0]), ("end", path[-1])):
+        try:
+            context.check_recorded_path(lying, path)
+        except CollisionError:
+            continue
+        error.command_hint = (
+            f"Switch torque off, lay the arm down by hand as at the {place} of the recording, and "
+            "replay it again: what the arm touches at the start, it may touch again."
+        )
+        break
 
 
 @dataclass(frozen=True)
@@ -189,7 +231,7 @@ class Replay(OwnMotion[ReplayResult]):
     def run(self, arm: ArmParts, on_progress: OnProgress | None) -> ReplayResult:
         """Move to the first pose of the recording, then along it; see `replay`."""
         context, runner, speed = arm.context, arm.runner, self.speed
-        recording, trajectory = _load(context, self, runner.start_position())
+        recording, trajectory = _load(context, self, position_at_rest(arm))
         approach_speed = runner.allowed_speed(speed)
         limits = context.planner.motion_limits(approach_speed)
         started_s = context.now_s()
@@ -255,7 +297,7 @@ def load_replay(
             here.
     """
     motion, own = Replay(fspath(parse_path(path)), speed=speed), require_own_port(arm)
-    return _load(own.context, motion, own.runner.start_position())
+    return _load(own.context, motion, position_at_rest(own))
 
 
 def _of_this_arm(context: ArmContext, recording: Recording, path: Path) -> Recording:

@@ -13,7 +13,7 @@ import typer
 
 from ikservo.apps.workbench.eeprom_restore import Restoration, plan_restoration, restore
 from ikservo.apps.workbench.packet_decoding import decode_packets
-from ikservo.apps.workbench.servo_plot import plot
+from ikservo.apps.workbench.servo_plot import plot, read_joint_maps
 from ikservo.apps.workbench.servo_tune import tune
 from ikservo.apps.workbench.servo_workbench import (
     RegisterReading,
@@ -92,10 +92,11 @@ def _complete_registers(ctx: Any, incomplete: str) -> list[str]:  # noqa: ANN401
 Words = Annotated[
     list[str] | None,
     typer.Argument(
-        metavar="[REGISTER[=VALUE]...|FILE]",
+        metavar="[REGISTER[=VALUE]...|JOINT...|FILE]",
         autocompletion=_complete_registers,
         help="A plain integer is the raw value of the sheet; with a unit it is a quantity: "
-        "90deg, 7.4V, 500mA, 20ms, 60%. With restore and packets: the file.",
+        "90deg, 7.4V, 500mA, 20ms, 60%. With plot also a joint: its angle in degrees. "
+        "With restore and packets: the file.",
     ),
 ]
 ServoId = Annotated[
@@ -177,6 +178,8 @@ def command(
 
     ikservo servo tune --suggest --arm so101 --id elbow_flex
 
+    ikservo servo plot elbow_flex --arm so101          the angle of the joint
+
     ikservo servo plot --arm so101 --id elbow_flex,wrist_flex
 
     ikservo servo packets log.pcapng --arm so101       recorded by IKSERVO_PACKETS=log.pcapng
@@ -210,8 +213,10 @@ def command(
         ids = list(dict.fromkeys(servo_id.split(","))) if servo_id else []
         only = servo_id if len(ids) == 1 else None
         with _open_line(arm, real_time_port(port), only, servo_model, baud) as line:
-            servos = list(dict.fromkeys(map(line.find, ids)) or line.bus.servos.values())
-            plot(line, servos, given, 0.1 if period is None else period, duration, json=json)
+            maps = read_joint_maps(line, model_from_option(arm), given) if arm else {}
+            servos = [*map(line.find, ids), *(line.bus.servos[i] for i in maps)]
+            chosen = list(dict.fromkeys(servos) or line.bus.servos.values())
+            plot(line, chosen, given, maps, 0.1 if period is None else period, duration, json=json)
         return
     backup = read_backup(Path(given[0])) if action == "restore" else None
     with _open_line(arm, port, servo_id, servo_model, baud) as line:

@@ -1,4 +1,4 @@
-"""``ikservo servo plot``: registers of servos over time, as curves, CSV or lines of JSON."""
+"""``ikservo servo plot``: registers and angles over time, as curves, CSV or lines of JSON."""
 
 from __future__ import annotations
 
@@ -6,29 +6,77 @@ import contextlib
 import math
 import sys
 from collections import deque
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 
 from rich.live import Live
 from rich.table import Table
 
 from ikservo.apps.workbench.servo_samples import Sample, live_registers, sample_registers
 from ikservo.apps.workbench.servo_workbench import ServoLine, find_register, shown_unit
+from ikservo.calibration.joint_map import JointMap
 from ikservo.cli.terminal import open_console, print_json, print_lines, print_status
 from ikservo.hardware.register_batches import Register
 from ikservo.hardware.servo import ServoSpec
+from ikservo.model import Model
+from ikservo.planning.calibrated_arm import load_calibration_for
+from ikservo.registers import RegisterName
 
 _COLUMNS = ("servo", "register", "now", "lowest", "highest", "")
 _BLOCKS = " ▁▂▃▄▅▆▇█"
 _SHORTEST_CURVE, _OTHER_COLUMNS_CHARS = 10, 60
 _TALL_ROWS, _TALL_UP_TO = 3, 6  # curves of three lines, for few of them
 
-Curve = tuple[ServoSpec, Register]
+
+@dataclass(frozen=True, slots=True)
+class _Curve:
+    """A register of a servo over time, or the position of its joint.
+
+    Attributes:
+        servo: The servo.
+        register: The register that is read.
+        joint: Converts its ticks to the position of the joint; None for the register itself.
+    """
+
+    servo: ServoSpec
+    register: Register
+    joint: JointMap | None = None
+
+    def name_and_unit(self) -> tuple[str, str]:
+        """Return the quantity and the unit of ``value``."""
+        if self.joint is None:
+            return str(self.register), self.register.unit.symbol
+        return ("angle", "deg") if self.joint.unit == "rad" else ("position", "mm")
+
+    def value(self, sample: Sample) -> float | None:
+        """Return the value in a sample; None if the servo did not reply."""
+        value = sample.values.get(self.servo.id, {}).get(self.register)
+        if value is None or self.joint is None:
+            return value
+        position = self.joint.position_clamped(self.register.to_raw(value))
+        return math.degrees(position) if self.joint.unit == "rad" else 1000.0 * position
+
+
+def read_joint_maps(line: ServoLine, model: Model, words: Sequence[str]) -> dict[int, JointMap]:
+    """Return by servo id how ticks become positions, for the joints of an arm among the words.
+
+    Raises:
+        CalibrationError: The arm's calibration contradicts its servos or its arm file.
+    """
+    joints = [joint for joint in model.joints if joint.name in words]
+    if not joints:
+        return {}
+    own = load_calibration_for(line.bus, model)
+    if not own.zeros.are_known:
+        print_status(f"{model.name} is not calibrated: its arm file's nominal zeros are used.")
+    return {joint.servo.id: own.joint_map(joint) for joint in joints}
 
 
 def plot(
     line: ServoLine,
     servos: Sequence[ServoSpec],
     names: Sequence[str],
+    joints: Mapping[int, JointMap],
     period_s: float,
     duration_s: float | None,
     *,
@@ -39,7 +87,9 @@ def plot(
     Args:
         line: The servos of the line.
         servos: Those that are plotted.
-        names: The registers, by the vendor's or the common names; those of motion if empty.
+        names: The registers, by the vendor's or the common names, and the joints; the registers of
+            motion if there are none.
+        joints: See `read_joint_maps`.
         period_s: Between two readings.
         duration_s: Ends after this time; None for none.
         json: Whether to print lines of JSON.
@@ -48,20 +98,31 @@ def plot(
         UnknownNameError: A model has no such register.
         BusError: A servo does not reply.
     """
+    named = {each.joint for each in joints.values()}
+    registers = [name for name in names if name not in named]
+    curves: list[_Curve] = []
+    for servo in servos:
+        watched_too = [find_register(servo.table, name) for name in registers]
+        if servo.id in joints:
+            present = servo.table.find(RegisterName.PRESENT_POSITION)
+            curves.append(_Curve(servo, present, joints[servo.id]))
+        elif not registers:
+            watched_too = live_registers(servo.table)
+        curves += [_Curve(servo, register) for register in watched_too]
     watched = {
-        servo.id: [find_register(servo.table, name) for name in names]
-        or live_registers(servo.table)
+        servo.id: list(dict.fromkeys(each.register for each in curves if each.servo == servo))
         for servo in servos
     }
-    curves = [(servo, register) for servo in servos for register in watched[servo.id]]
     ends_s = math.inf if duration_s is None else duration_s
     samples = sample_registers(line.bus, watched, period_s, ends_s)
     with contextlib.suppress(KeyboardInterrupt):  # the user ends it this way
         if json:
             for sample in samples:
-                values = {
-                    i: {r.name: x for r, x in row.items()} for i, row in sample.values.items()
-                }
+                values: dict[int, dict[str, float | None]] = {i: {} for i in sample.values}
+                for each in curves:
+                    if each.servo.id in values:
+                        key = "_".join(each.name_and_unit()) if each.joint else str(each.register)
+                        values[each.servo.id][key] = each.value(sample)
                 rows = [{"id": each.id, "joint": each.name, "values": values[each.id]}
                         for each in servos if each.id in values]  # fmt: skip
                 print_json("servo-sample", time_s=round(sample.time_s, 6), servos=rows)
@@ -71,20 +132,22 @@ def plot(
             _print_csv(samples, curves)
 
 
-def _print_csv(samples: Iterator[Sample], curves: Sequence[Curve]) -> None:
+def _print_csv(samples: Iterator[Sample], curves: Sequence[_Curve]) -> None:
     """Print a line for each sample; a servo that did not reply has empty cells."""
-    units = [register.unit.symbol for _, register in curves]
-    names = [f"{servo.name or servo.id}.{register}" for servo, register in curves]
-    heads = [f"{name} [{unit}]" if unit else name for name, unit in zip(names, units, strict=True)]
+    heads: list[str] = []
+    for each in curves:
+        name, unit = each.name_and_unit()
+        head = f"{each.servo.name or each.servo.id}.{name}"
+        heads.append(f"{head} [{unit}]" if unit else head)
     print_lines([f"time_s,{','.join(heads)}"])
     for sample in samples:
-        values = (sample.values.get(servo.id, {}).get(register) for servo, register in curves)
+        values = (each.value(sample) for each in curves)
         cells = ("" if value is None else f"{value:.6g}" for value in values)
         print_lines([f"{sample.time_s:.4f},{','.join(cells)}"])
         sys.stdout.flush()
 
 
-def _draw(samples: Iterator[Sample], curves: Sequence[Curve], period_s: float) -> None:
+def _draw(samples: Iterator[Sample], curves: Sequence[_Curve], period_s: float) -> None:
     console = open_console()
     width = max(console.width - _OTHER_COLUMNS_CHARS, _SHORTEST_CURVE)
     rows = _TALL_ROWS if len(curves) <= _TALL_UP_TO else 1
@@ -93,15 +156,17 @@ def _draw(samples: Iterator[Sample], curves: Sequence[Curve], period_s: float) -
     with Live(console=console, auto_refresh=False) as live:
         for sample in samples:
             table = Table(*_COLUMNS, box=None, pad_edge=False)
-            for (servo, register), history in zip(curves, histories, strict=True):
-                unit, factor = shown_unit(register)
-                value = sample.values.get(servo.id, {}).get(register)
+            for each, history in zip(curves, histories, strict=True):
+                name, unit = each.name_and_unit()
+                unit, factor = (unit, 1.0) if each.joint else shown_unit(each.register)
+                value = each.value(sample)
                 history.append(None if value is None else value * factor)
-                known = [each for each in history if each is not None]
+                known = [value for value in history if value is not None]
                 shown = (history[-1], min(known, default=None), max(known, default=None))
-                now, low, high = ("–" if each is None else f"{each:.4g}" for each in shown)
-                owner, curve = servo.name or str(servo.id), "\n".join(block_curve(history, rows))
-                table.add_row(owner, str(register), f"{now} {unit}", low, high, curve)
+                now, low, high = ("–" if value is None else f"{value:.4g}" for value in shown)
+                owner = each.servo.name or str(each.servo.id)
+                curve = "\n".join(block_curve(history, rows))
+                table.add_row(owner, name, f"{now} {unit}", low, high, curve)
             live.update(table, refresh=True)
 
 

@@ -40,13 +40,13 @@ def hunt():
 
 
 def vanish(_):
-    raise CalibrationError("Camera 0 gives no picture any more.", "")
+    raise CalibrationError("Camera 0 no longer delivers pictures.", "")
 
 
 @pytest.mark.parametrize(
     ("spoil", "message"),
     [
-        (vanish, "gives no picture any more"),
+        (vanish, "no longer delivers pictures"),
         (lambda picture: np.full_like(picture, 100), "is not seen"),
         (lambda picture: picture[:, ::-1].copy(), "is mirrored"),
         (hunt(), "brightness keeps changing"),

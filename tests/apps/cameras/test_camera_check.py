@@ -82,7 +82,7 @@ def test_a_board_that_is_still_on_the_gripper_is_not_remembered(run_cli, move_ca
     for by_m in (0.0, 0.01):  # pushed on the gripper since
         move_camera([by_m, 0.0, 0.0])
         refused = run_cli(f"camera check {ARM} --camera sim --remember")
-        assert (refused.code, "is where it was on the gripper" in refused.err) == (1, True)
+        assert (refused.code, "is still on the gripper" in refused.err) == (1, True)
     move_camera([-0.01, 0.0, 0.0])
     found = run_cli(f"camera check {ARM} --camera sim --json")
     assert (found.code, found.json["board"]) == (0, "gripper")

@@ -72,7 +72,9 @@ def test_errors_of_a_camera_hide_its_password(monkeypatch):
     with pytest.raises(InputError, match=r"password of rtsp://…@127.0.0.1:1/live is not stored"):
         pictures.LiveCamera(public_source(address))
     monkeypatch.setattr(pictures, "open_capture", lambda _: SilentCamera())
-    with pytest.raises(PictureError, match=r"rtsp://…@127.0.0.1:1/live gives no picture"):
+    with pytest.raises(
+        PictureError, match=r"rtsp://…@127.0.0.1:1/live no longer delivers pictures"
+    ):
         pictures.LiveCamera(address).take()
 
 

@@ -4,6 +4,7 @@ import re
 
 import pytest
 
+from ikservo.apps.cameras.calibrate_camera import _kept_at_failure
 from ikservo.apps.cameras.camera_calibration import CameraCalibration
 from ikservo.apps.cameras.picture_folder import PictureFolder, PictureIndex
 from ikservo.calibration.calibration_file import read_calibration
@@ -70,7 +71,7 @@ def test_a_folder_whose_pictures_are_none_is_refused(tmp_path, run_cli):
                          by_hand=True, joints=load_model("so101").chain.names)  # fmt: skip
     PictureFolder(tmp_path / "pictures", index, None)
     done = run_cli(f"{REPEAT} {tmp_path / 'pictures'}")
-    assert (done.code, "is in no picture" in done.err) == (6, True)
+    assert (done.code, "No picture shows the board" in done.err) == (6, True)
 
 
 def test_a_folder_without_pictures_or_with_other_options_is_refused(tmp_path, run_cli):
@@ -96,7 +97,28 @@ def test_stopped_calibration_keeps_its_pictures(monkeypatch, run_cli):
     stopped = run_cli(words)
     assert stopped.code == 130
     assert re.search(r"picture 9 of 13, about \d+ s left", stopped.err)
-    (again,) = re.findall(r"To calibrate by them: ikservo (.*)", stopped.err)
+    (again,) = re.findall(r"To calibrate with them: ikservo (.*)", stopped.err)
     (folder,) = (config_dir() / "pictures").iterdir()
     assert again == f"calibrate so101 --from-pictures {folder}"
     assert run_cli(f"{again} --yes").code == 0
+
+
+@pytest.mark.parametrize(
+    ("taken", "chosen", "said", "stays"),
+    [
+        (6, False, "--from-pictures", True),
+        (5, False, "at least 6. Start it again", False),
+        (5, True, "at least 6. Start it again", True),
+        (0, True, "", False),
+    ],
+)
+def test_stopped_calibration_says_how_to_go_on(tmp_path, capsys, taken, chosen, said, stays):
+    folder = tmp_path / "pictures"
+    folder.mkdir()
+    for number in range(taken):
+        (folder / f"picture-{number}.png").touch()
+    with pytest.raises(KeyboardInterrupt), _kept_at_failure(folder, "so101", chosen=chosen):
+        raise KeyboardInterrupt
+    words = capsys.readouterr().err
+    assert (said in words, bool(words)) == (True, taken > 0)
+    assert folder.exists() is stays

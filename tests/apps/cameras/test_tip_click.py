@@ -167,11 +167,11 @@ def test_a_click_that_disagrees_with_the_others_is_named_and_does_not_count(mist
     clicked(arm, camera)
     two = clicked(arm, camera, wrong_deg=4.0)
     assert (two.counts, two.are_apart) == ((True, True), True)
-    assert "further apart than clicks err" in str(two)
+    assert "differ by more than clicks err" in str(two)
     assert two.error_deg > 1.0
     three = clicked(arm, camera)
     assert (three.counts, three.are_apart) == ((True, False, True), False)
-    assert f"Click 2 says {three.others_deg[1]:+.1f}° besides" in str(three)
+    assert f"Click 2 differs by {three.others_deg[1]:+.1f}°, more" in str(three)
     assert zero_error_deg(arm) == pytest.approx(0.0, abs=0.5)
     assert len(load_calibration(ARM, SERIAL).camera.tip_clicks) == 3
 
@@ -183,7 +183,7 @@ def test_clicks_of_which_half_do_not_count_are_doubted(mistaken):
     assert "No more clicks count" not in str(clicked(arm, camera, wrong_deg=4.0))
     four = clicked(arm, camera, wrong_deg=4.0)
     assert sum(four.counts) == 2
-    assert "No more clicks count than do not" in str(four)
+    assert "Half of the clicks or more do not count" in str(four)
 
 
 def test_several_clicks_of_one_picture_count_as_such(mistaken, opened):
@@ -200,7 +200,7 @@ def test_what_the_calibration_has_determined_is_left(mistaken, opened):
     known = load_calibration(ARM, SERIAL)
     shown = known.camera.model_copy(update={"tip_shows": None})
     save_calibration(known.with_cameras({"": shown}))
-    with pytest.raises(CalibrationError, match="joint4 is not left to a click"):
+    with pytest.raises(CalibrationError, match="cannot set the zero of joint4"):
         click(opened, tip_pixel(*mistaken))
 
 

@@ -2,12 +2,15 @@
 
 import json
 import signal
+from contextlib import contextmanager
 
+import numpy as np
 import pytest
 
 import ikservo
 import servosim
 from ikservo.apps.lab.arm_identification import IdentificationRun
+from ikservo.apps.lab.identify_command import record_tour
 from ikservo.calibration.identified_file import load_identified, read_identified, save_identified
 from ikservo.calibration.paths import identified_path
 from ikservo.cli.commands import sim
@@ -21,6 +24,7 @@ from ikservo.errors import (
 from ikservo.model import find_arm, load_model
 from ikservo.model.identified_drives import identified_parameters
 from ikservo.model.joint_drive import nominal_parameters
+from ikservo.planning.reports import MotionProgress
 from tests.arm.simulated import servo_group
 from tests.cli.fixtures_mounted_arm import PORT, connect_arm
 from tests.cli.fixtures_ports import run_arguments
@@ -193,3 +197,23 @@ def test_a_damaged_file_stops_every_command_with_one_clear_error(home):
         assert str(path) in result.err
     finally:
         path.write_text(before)
+
+
+def test_tour_shows_which_motion_of_how_many_and_time(monkeypatch):
+    shown = []
+    bar = contextmanager(lambda: iter([lambda *given: shown.append(given)]))
+    monkeypatch.setattr("ikservo.apps.lab.identify_command.progress_bar", bar)
+
+    def pass_time(run, on_progress):
+        for time_s in (0.0, run.duration_s):
+            on_progress(MotionProgress(time_s, run.duration_s, np.zeros(3)))
+
+    monkeypatch.setattr(IdentificationRun, "record", pass_time)
+    with ikservo.open_arm("planar2", port="sim") as arm:
+        run = IdentificationRun.plan_weighing(arm)
+        record_tour(run)
+    count, total_s = len(run.excitation.legs), run.duration_s
+    assert shown == [
+        (f"motion 1 of {count}", 0.0, total_s),
+        (f"motion {count} of {count}", total_s, total_s),
+    ]

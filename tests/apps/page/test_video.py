@@ -97,7 +97,7 @@ def test_a_camera_is_read_only_while_somebody_looks_and_says_when_it_is_unplugge
 @pytest.mark.parametrize(
     ("error", "said"),
     [
-        (PictureError("Camera 0 gives no picture any more."), "gives no picture any more"),
+        (PictureError("Camera 0 no longer delivers pictures."), "no longer delivers pictures"),
         (RuntimeError("a driver"), "it has failed: RuntimeError('a driver')"),
     ],
 )

@@ -196,3 +196,52 @@ def test_a_recording_does_not_come_back_into_a_box_that_the_arm_has_left(name, t
         with pytest.raises(CollisionError, match="the cup"):
             arm.replay(path)
         assert registers(arm, "goal_position") == before
+
+
+@pytest.fixture
+def recording_of_falling_arm(tmp_path):
+    """Record an arm that was just opened and falls onto its table; return a function of its name.
+
+    It returns the file, and the joints (n,) in which the arm lay at the end.
+    """
+
+    def record(name):
+        path = tmp_path / f"{name}.jsonl"
+        with ikservo.open_arm(name, port="sim") as arm:
+            arm.record(path, duration_s=1.0)
+            return path, measured_joints(arm)
+
+    return record
+
+
+@pytest.mark.parametrize(
+    "name",
+    ["koch", *(pytest.param(n, marks=pytest.mark.full) for n in ("so100", "so101", "wx250s"))],
+)
+def test_first_recording_is_replayed_by_fresh_arm(recording_of_falling_arm, name):
+    path, lying = recording_of_falling_arm(name)
+    with ikservo.open_arm(name, port="sim") as fresh:
+        assert fresh.load_replay(path)[0].joints.shape[1] == len(lying)
+        fresh.replay(path)
+        reached = np.array([joint.position for joint in line_of(fresh).world.joints])
+        depth_m = np.minimum(distances_m(fresh, lying), 0.0)
+        assert (distances_m(fresh, reached) >= depth_m - 0.0015).all()
+        lower, upper = fresh.limits()
+        within_limits = np.clip(lying[: len(lower)], lower, upper)
+    np.testing.assert_allclose(reached[: len(within_limits)], within_limits, atol=math.radians(1.5))
+
+
+@pytest.mark.full
+@pytest.mark.parametrize("name", ["so101", "koch"])
+def test_refused_replay_names_the_posture_that_may_touch_again(recording_of_falling_arm, name):
+    path, lying = recording_of_falling_arm(name)
+    with ikservo.open_arm(name, port="sim") as arm:
+        arm.pose("home")
+        with pytest.raises(CollisionError) as refused:
+            arm.replay(path)
+        assert "as at the end of the recording" in refused.value.command_hint
+        arm.disable_torque()
+        set_down(arm, dict(zip(arm.joint_names, np.degrees(lying), strict=True)))
+        arm.replay(path)
+        reached = np.array([joint.position for joint in line_of(arm).world.joints])
+    np.testing.assert_allclose(reached, lying, atol=math.radians(1.5))

@@ -1,6 +1,7 @@
 """``ikservo servo``: registers of an arm's servos, and of servos of no arm, on the command line."""
 
 import json
+import math
 
 import pytest
 
@@ -202,6 +203,23 @@ def test_plot_prints_csv_for_programs(run_cli):
     assert len(rows) == 21
     assert [float(row.split(",")[0]) for row in rows][-1] == pytest.approx(1.0, abs=1e-3)
     assert float(rows[-1].split(",")[columns.index("wrist_roll.present_voltage [V]")]) == 7.4
+
+
+def test_plot_of_joint_prints_its_angle_in_degrees(run_cli, ports):
+    words = f"servo plot elbow_flex present_position --arm so101 {FAST} --duration 2"
+    head, *rows = run_cli(words).out.splitlines()
+    assert head == "time_s,elbow_flex.angle [deg],elbow_flex.present_position [rad]"
+    joint = next(each for each in ports[-1].line.world.joints if each.name == "elbow_flex")
+    assert float(rows[-1].split(",")[1]) == pytest.approx(math.degrees(joint.position), abs=0.2)
+
+
+@pytest.mark.parametrize(
+    ("name", "key"), [("so101", "angle_deg"), ("open_manipulator_x", "position_mm")]
+)
+def test_plot_of_joint_names_the_unit_in_json(run_cli, name, key):
+    words = f"servo plot gripper --arm {name} {FAST} --duration 50ms --json"
+    (servo,) = json.loads(run_cli(words).out)["servos"]
+    assert list(servo["values"]) == [key]
 
 
 def test_a_servo_that_is_named_twice_is_plotted_once(run_cli):

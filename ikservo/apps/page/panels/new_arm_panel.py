@@ -105,10 +105,13 @@ class NewArmPanel:
         """
         if not self._is_local:
             raise BadMessageError(
-                "A page of another machine makes no arm.", "In a terminal there: ikservo arms new"
+                "A page on another machine cannot create an arm.",
+                "In a terminal there: ikservo arms new",
             )
         if self.is_running:
-            raise BadMessageError("An arm is being made already.", "Finish or leave it first.")
+            raise BadMessageError(
+                "An arm is already being created.", "Finish or cancel that first."
+            )
         self._reset()
         source = Path(message.source.strip()).expanduser() if message.source.strip() else None
         context = get_context("spawn")
@@ -167,7 +170,7 @@ class NewArmPanel:
                     break
                 item = self._line.recv()
             except (EOFError, OSError):
-                item = _Ended(error="The conversion ended; the terminal says why.")
+                item = _Ended(error="The conversion failed; the terminal says why.")
             match item:
                 case Notice(text):
                     self._lines = [*self._lines, text][-_MAX_LINES:]

@@ -83,7 +83,7 @@ class ServoPanel:
         """
         if not _is_written_here(name):
             hint = _ELSEWHERE.get(name, "Move the joint by its slider.")
-            raise InputError(f"{name} is not written here.", hint)
+            raise InputError(f"The page cannot write {name}.", hint)
         self._start(joint, name, text)
 
     def _start(self, joint: str, name: str, text: str) -> None:
@@ -133,7 +133,7 @@ class _ServoJob:
     def _write(self, line: ServoLine, servo: ServoSpec) -> str:
         register = find_register(servo.table, self._name)
         if not _is_written_here(register.name):  # a name that all families have is another's alias
-            raise InputError(f"{register.name} is not written here.")
+            raise InputError(f"The page cannot write {register.name}.")
         try:
             return write_limp(line, servo, {register: parse_register_value(register, self._text)})
         except OSError as error:  # no room for the copy of the EEPROM

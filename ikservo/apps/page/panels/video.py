@@ -120,7 +120,7 @@ class VideoSource:
         now_s = self._clock.now_s()
         if not self._watchers or now_s - max(self._read_s, self._watched_s) < _OLD_S:
             return ""
-        return self._error or f"No picture from {self.name}: is it unplugged?"
+        return self._error or f"No picture from {self.name}: is it plugged in?"
 
     @property
     def is_fresh(self) -> bool:

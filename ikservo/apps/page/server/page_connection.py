@@ -127,7 +127,7 @@ def _stale_error(message: PageMessage) -> StaleMessageError:
     if is_movement or isinstance(message, _STREAMED):
         return StaleMessageError("The message is too old to act on.", "Nothing has changed.")
     return StalePressError(
-        f"What you saw was more than {MAX_MESSAGE_AGE_S:.0f} s old: nothing was done.",
+        f"The picture on this page was more than {MAX_MESSAGE_AGE_S:.0f} s old: nothing was done.",
         "Do it again. If it goes on, this computer draws too slowly: switch 3D off.",
     )
 
