@@ -150,6 +150,8 @@ class MotionRunner:
         with self.lock:
             self._servos.torque.check_idle()
             self._servos.stop_request.check_request()
+            if self._servos.torque.is_off:
+                self._context.surroundings.contacts = None
             self._servos.enable(self._context.model.speed("slow").rad_s)
             self.loop.measure_cycle_time_s()  # after torque-on: a limp arm would sink
 
@@ -286,6 +288,7 @@ class MotionRunner:
                 self.enable()
             else:
                 self._servos.refresh_reference()
+            self._context.note_contacts(self._servos.reference())
             if self.caches_states or current_thread() is not main_thread():
                 self._states = self._servos.read_states()
             with self._stop_on_error():

@@ -67,6 +67,11 @@ class TorqueStateMachine:
         return self._at_rest in _ON
 
     @property
+    def is_off(self) -> bool:
+        """Whether torque of every servo is known to be off."""
+        return self._at_rest is TorqueState.OFF
+
+    @property
     def first_motion_due(self) -> bool:
         """Whether no motion has completed since torque came on, as far as is known."""
         return self._first_motion_due

@@ -182,6 +182,7 @@ class CollisionChecker:
         *,
         may_touch_again: bool = False,
         rest: Vector | None = None,
+        began_m: Vector | None = None,
     ) -> float:
         """Check joint vectors (dof,) along a path, the first being the present posture.
 
@@ -198,6 +199,9 @@ class CollisionChecker:
                 there, but to no box: a recording of an arm that was laid down.
             rest: The posture (dof,) at rest from which the arm came to the first vector. No contact
                 may get deeper than from there, or the half millimetres of many checks would add up.
+            began_m: How deep each contact was when the arm came into it (pairs,), as negative
+                distances [m]; -inf where that is not known. Half a millimetre more is the most on
+                the way, however many motions were stopped there.
 
         Returns:
             The smallest distance on the path [m], without sag.
@@ -226,6 +230,9 @@ class CollisionChecker:
                 allowed_m[:, bodies], np.minimum(rest_m - _DEEPER_M, gap_m[0, bodies])
             )
             allowed_m[-1, bodies] = np.maximum(allowed_m[-1, bodies], rest_m - _DEEPER_AT_END_M)
+        if began_m is not None:
+            most_m = np.minimum(began_m - _DEEPER_M, gap_m[0, bodies])
+            allowed_m[:, bodies] = np.maximum(allowed_m[:, bodies], most_m)
         touching = ~(gap_m - allowed_m >= -_TOUCH_M)
         if touching.any():
             column = int(touching[touching.any(axis=1).argmax()].argmax())

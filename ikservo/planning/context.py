@@ -88,7 +88,8 @@ class ArmContext:
             RefusedError: Another arm that it can reach moves, or where that is is not known.
         """
         self.surroundings.look()
-        return replace(self, surroundings=Surroundings(self.collision))
+        around = self.surroundings
+        return replace(self, surroundings=Surroundings(around.checker, contacts=around.contacts))
 
     @property
     def collision(self) -> CollisionChecker | None:
@@ -206,7 +207,9 @@ class ArmContext:
         if self.checked_collision is None:
             return math.inf
         path = self.index.body_joints(self.planner.sample_trajectory(trajectory, speed))
-        return self.checked_collision.check_path(path, self.planner.dynamic_load_factor(speed))
+        return self.checked_collision.check_path(
+            path, self.planner.dynamic_load_factor(speed), began_m=self._contacts_began_m()
+        )
 
     def check_trajectory(self, move: RuckigMotion, rest: Vector) -> None:
         """Check the path of an online trajectory, braking and reversing included.
@@ -221,7 +224,9 @@ class ArmContext:
         if self.checked_collision is not None:
             path = sample_path(move.at, move.duration_s, move.top_speed)
             self.checked_collision.check_path(
-                self.index.body_joints(path), rest=self.index.body_joints(rest)
+                self.index.body_joints(path),
+                rest=self.index.body_joints(rest),
+                began_m=self._contacts_began_m(),
             )
 
     def check_straight_path(self, start: Vector, goal: Vector) -> None:
@@ -231,7 +236,10 @@ class ArmContext:
             RefusedError: Something would be touched.
         """
         if self.checked_collision is not None:
-            self._check_path(self.interpolate_joints(start, goal))
+            self.checked_collision.check_path(
+                self.index.body_joints(self.interpolate_joints(start, goal)),
+                began_m=self._contacts_began_m(),
+            )
 
     def check_gripper_path(self, start: Vector, goal: Vector) -> None:
         """Check the straight path of the jaws alone between two positions of the joints (n,).
@@ -278,8 +286,15 @@ class ArmContext:
             if pair[1] in checker.things and gap_m < 0.0:
                 raise CollisionError(pair, -gap_m, 0.0)
         path = np.vstack([self.interpolate_joints(start, recorded[0]), recorded[1:]])
-        checker.check_path(self.index.body_joints(path), may_touch_again=True)
+        checker.check_path(
+            self.index.body_joints(path), may_touch_again=True, began_m=self._contacts_began_m()
+        )
 
-    def _check_path(self, path: Matrix) -> None:
+    def note_contacts(self, joints: Vector) -> None:
+        """Note what the body touches at joints (n,) where it rests, before a motion."""
         if self.checked_collision is not None:
-            self.checked_collision.check_path(self.index.body_joints(path))
+            self.surroundings.note_contacts(self.index.body_joints(joints))
+
+    def _contacts_began_m(self) -> Vector | None:
+        """Return how deep contacts were when the arm came into them; a limp arm begins anew."""
+        return None if self.servos.torque.is_off else self.surroundings.contacts_began_m()

@@ -8,9 +8,12 @@ from dataclasses import dataclass
 from threading import Lock
 from typing import Protocol
 
+import numpy as np
+
 from ikservo.errors import RefusedError
 from ikservo.guard import CollisionChecker
 from ikservo.guard.sag import Sag
+from ikservo.kinematics.arrays import Vector
 from ikservo.kinematics.collision_body import CollisionBody
 from ikservo.model.model import Obstacle
 
@@ -89,10 +92,13 @@ class Surroundings:
         checker: Checks paths among it; a change puts another one here, and leaves those alone that
             somebody plans with. None where paths are not checked.
         others: The other arms that it can reach.
+        contacts: The pairs of the checker, and how deep each of them was when the arm came into
+            contact (pairs,), as negative distances [m], -inf for no contact; None: not known.
     """
 
     checker: CollisionChecker | None
     others: tuple[AnotherArm, ...] = ()
+    contacts: tuple[Sequence[tuple[str, str]], Vector] | None = None
     _body: CollisionBody | None = None
     _things: tuple[Obstacle, ...] = ()
     _sag: Sag | None = None
@@ -102,6 +108,22 @@ class Surroundings:
         """Put the arm's body among things; other arms are where they were seen last."""
         self._body, self._things, self._sag = body, tuple(things), sag
         self._put_among(self._seen)
+
+    def contacts_began_m(self) -> Vector | None:
+        """Return how deep each pair of the checker was when it came into contact (pairs,), or None.
+
+        Contacts begin anew where there are other things.
+        """
+        if self.contacts is None or self.checker is None or self.contacts[0] != self.checker.pairs:
+            return None
+        return self.contacts[1]
+
+    def note_contacts(self, q: Vector) -> None:
+        """Note which contacts an arm at rest (dof,) has come into, and which have ended."""
+        if self.checker is not None:
+            gap_m, known_m = self.checker.distances(q[None])[0], self.contacts_began_m()
+            began_m = gap_m if known_m is None else np.where(np.isinf(known_m), gap_m, known_m)
+            self.contacts = self.checker.pairs, np.where(gap_m < 0.0, began_m, -np.inf)
 
     def look(self) -> None:
         """Look where the other arms are now.

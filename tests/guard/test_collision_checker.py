@@ -220,6 +220,13 @@ def test_retargeted_paths_in_contact_do_not_add_up():
     assert sink_by_checks(0.05, 50, rest=np.array([0.05, 1.0])) >= 0.0495
 
 
+def test_paths_stopped_in_contact_do_not_add_up():
+    began_m = np.minimum(space_of_balls().distances([np.array([0.05, 1.0])])[0], 0.0)
+    assert sink_by_checks(0.05, 50, began_m=began_m) >= 0.0495
+    unknown_m = np.full(len(began_m), -np.inf)
+    assert sink_by_checks(0.05, 50, began_m=unknown_m) < 0.04
+
+
 def test_retargeted_path_ends_no_deeper_than_at_rest():
     way = [np.array([height_m, 1.0]) for height_m in (0.0497, 0.0497)]
     space_of_balls().check_path(way)

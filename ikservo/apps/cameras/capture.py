@@ -2,18 +2,35 @@
 
 from __future__ import annotations
 
+import contextlib
+import math
 import os
-from typing import TYPE_CHECKING, Any, Protocol, cast
+import signal
+import struct
+import subprocess
+import sys
+import threading
+import time
+from pathlib import Path
+from types import ModuleType
+from typing import IO, TYPE_CHECKING, Any, Protocol, cast
+
+import numpy as np
 
 from ikservo.errors import InputError
 from ikservo.files.public_source import HIDDEN
 
 if TYPE_CHECKING:
-    import numpy as np
     from numpy.typing import NDArray
 
 _URL_TIMEOUT_MS = 3000
 _LARGEST = 2**31 - 1  # number that OpenCV takes; no camera has it
+_MAX_REQUEST_S = 10.0  # FFmpeg gives up a silent address after one or two of its time-outs
+_MAX_MEMORY_BYTES = 1024 * 1024 * 1024  # of a reader; that of 8K video needs less
+_WATCH_S = 0.01  # between two looks at the memory and time of a reader
+_END_S = 2.0  # time in which a reader ends its session with the camera
+_ANSWER = struct.Struct("<?III")  # success; height, width, channels of the picture that follows
+_GRAB, _READ = b"g", b"r"
 
 
 class Capture(Protocol):
@@ -46,15 +63,126 @@ def open_capture(source: str) -> Capture:
         raise InputError(
             f"The password of {source} is not stored.", "Give the whole address of the camera."
         )
-    os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")  # nor does FFmpeg
+    cv2 = _silent_opencv()
+    if source.isdecimal():
+        return cv2.VideoCapture(min(int(source[:10]), _LARGEST))
+    if "://" not in source and os.path.exists(source):  # noqa: PTH110  # never raises
+        return cv2.VideoCapture(source)
+    return AddressCapture(source)
+
+
+class AddressCapture:
+    """A camera at an address, read by a process whose time and memory are bounded.
+
+    FFmpeg holds a picture in memory until it ends, and makes room for what a picture says it needs.
+
+    Args:
+        source: The address. It may hold a password, so the command of the process does not.
+    """
+
+    def __init__(self, source: str) -> None:
+        self._reader = subprocess.Popen(  # noqa: S603  # this Python and this module
+            [sys.executable, "-P", "-m", __name__],
+            stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL,
+        )  # fmt: skip
+        self._requests = cast("IO[bytes]", self._reader.stdin)
+        self._answers = cast("IO[bytes]", self._reader.stdout)
+        self._is_opened, _ = self._ask(source.encode(errors="replace") + b"\n")
+
+    def __del__(self) -> None:
+        """Close it, as OpenCV does."""
+        self.release()
+
+    def isOpened(self) -> bool:  # noqa: N802  # OpenCV's name
+        """Check whether pictures can be read."""
+        return self._is_opened
+
+    def read(self) -> tuple[bool, NDArray[np.uint8] | None]:
+        """Check whether there is a next picture, and the picture (h, w, 3)."""
+        return self._ask(_READ)
+
+    def grab(self) -> bool:
+        """Throw the next picture away; check whether there was one."""
+        return self._ask(_GRAB)[0]
+
+    def release(self) -> None:
+        """Close it; the process ends."""
+        for pipe in (self._requests, self._answers):
+            with contextlib.suppress(OSError):  # the process has ended before
+                pipe.close()
+        try:
+            self._reader.wait(_END_S)
+        except subprocess.TimeoutExpired:
+            self._reader.kill()
+            self._reader.wait()
+
+    def _ask(self, request: bytes) -> tuple[bool, NDArray[np.uint8] | None]:
+        """Return the answer to a request; a process that has ended has no picture."""
+        try:
+            self._requests.write(request)
+            self._requests.flush()
+            success, *shape = _ANSWER.unpack(self._answers.read(_ANSWER.size))
+            pixels = np.frombuffer(self._answers.read(math.prod(shape)), np.uint8)
+            return success, pixels.reshape(shape) if pixels.size else None
+        except (OSError, ValueError, struct.error):
+            return False, None
+
+
+def _silent_opencv() -> ModuleType:
+    """Return OpenCV, which prints nothing; neither does its FFmpeg."""
+    os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
     import cv2  # noqa: PLC0415  # of the extra `camera`
 
     logging = cast("Any", cv2).utils.logging  # missing in its stubs
     logging.setLogLevel(logging.LOG_LEVEL_SILENT)
-    if source.isdecimal():
-        return cv2.VideoCapture(min(int(source[:10]), _LARGEST))
-    if "://" in source:
-        timeouts = [cv2.CAP_PROP_OPEN_TIMEOUT_MSEC, _URL_TIMEOUT_MS,
-                    cv2.CAP_PROP_READ_TIMEOUT_MSEC, _URL_TIMEOUT_MS]  # fmt: skip
-        return cv2.VideoCapture(source, cv2.CAP_FFMPEG, timeouts)
-    return cv2.VideoCapture(source)
+    return cv2
+
+
+def _serve_pictures() -> None:
+    """Answer the requests of an ``AddressCapture`` until it closes its end of the pipe."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is meant for the process that asks
+    cv2 = _silent_opencv()
+    source = sys.stdin.buffer.readline().decode().rstrip("\n")
+    asked_s = [time.monotonic()]
+    threading.Thread(target=_end_at_bounds, args=(asked_s,), daemon=True).start()
+    timeouts = [cv2.CAP_PROP_OPEN_TIMEOUT_MSEC, _URL_TIMEOUT_MS,
+                cv2.CAP_PROP_READ_TIMEOUT_MSEC, _URL_TIMEOUT_MS]  # fmt: skip
+    capture = cv2.VideoCapture(source, cv2.CAP_FFMPEG, timeouts)
+    success, picture = capture.isOpened(), None
+    while True:
+        asked_s[0] = math.inf
+        shape = (0, 0, 0) if picture is None else picture.shape
+        sys.stdout.buffer.write(_ANSWER.pack(success, *shape))
+        sys.stdout.buffer.write(b"" if picture is None else picture.tobytes())
+        sys.stdout.buffer.flush()
+        request = sys.stdin.buffer.read(1)
+        asked_s[0] = time.monotonic()
+        if not request:
+            return capture.release()
+        success, picture = capture.read() if request == _READ else (capture.grab(), None)
+
+
+def _end_at_bounds(asked_s: list[float]) -> None:
+    """End this process when a request takes too long or its memory is too large.
+
+    Args:
+        asked_s: Time of the request, s; infinite while there is none.
+    """
+    while time.monotonic() - asked_s[0] < _MAX_REQUEST_S and _used_bytes() < _MAX_MEMORY_BYTES:
+        time.sleep(_WATCH_S)
+    os._exit(1)
+
+
+def _used_bytes() -> int:
+    """Return the memory of this process: now on Linux, at most on macOS, 0 on Windows."""
+    if sys.platform == "win32":
+        return 0
+    with contextlib.suppress(OSError):
+        return int(Path("/proc/self/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE")
+    import resource  # noqa: PLC0415  # not on Windows
+
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+
+
+if __name__ == "__main__":
+    _serve_pictures()

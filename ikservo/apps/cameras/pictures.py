@@ -78,8 +78,8 @@ class LiveCamera:
         Raises:
             PictureError: The camera gives none any more.
         """
-        for _ in range(0 if self._file else _STALE_PICTURES):
-            self._capture.grab()
+        stale = 0 if self._file else _STALE_PICTURES
+        all(self._capture.grab() for _ in range(stale))  # each failure may take a time-out
         taken, picture = self._capture.read()
         if self._file and not taken:  # a picture, or the end of a film: it is repeated
             self._capture = open_capture(self._file)
