@@ -100,6 +100,7 @@ class GoalOptions(JointOptions, total=False):
     straight: bool
     within: PathConstraint
     think_s: float
+    replan: bool
 
 
 class TipOptions(JointOptions, total=False):
@@ -119,6 +120,7 @@ class PointOptions(TipOptions, total=False):
 
     straight: bool
     think_s: float
+    replan: bool
 
 
 class LineOptions(TipOptions, total=False):
@@ -583,10 +585,12 @@ class MotionMethods(Protocol):
         straight: bool = False,
         within: PathConstraint = UNCONSTRAINED,
         think_s: float = THINK_S,
+        replan: bool = False,
     ) -> MotionPlan:
         """Plan a motion of some joints; see ``move_joints``."""
         goals = parse_all_positions(positions, self.joint_names)
-        motion = MoveJoints(goals, speed=speed, straight=straight, within=within, think_s=think_s)
+        motion = MoveJoints(goals, speed=speed, straight=straight, within=within, think_s=think_s,
+                            replan=replan)  # fmt: skip
         return self.plan(motion)
 
     def plan_look(self, point_m: ArrayLike, *, speed: str = "normal") -> MotionPlan:

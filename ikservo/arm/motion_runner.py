@@ -69,6 +69,7 @@ class MotionRunner:
 
     Attributes:
         loop: Streams trajectories to the servos.
+        watches_scene: Whether things may change: the running motion checks its path again.
         caches_states: Whether joint states are read before each motion, for ``last_state``, also
             when the motion runs in the main thread.
         on_overheat: Called where a motion failed and a servo is too hot to hold on; switches
@@ -83,7 +84,7 @@ class MotionRunner:
         self._closed = False
         self._states: tuple[JointState, ...] = ()
         self.loop = ControlLoop(context.servos)
-        self.caches_states = False
+        self.caches_states = self.watches_scene = False
         self.on_overheat: Callable[[], object] = self.disable_torque
 
     @property
@@ -295,6 +296,15 @@ class MotionRunner:
                 yield
             torque.motion_completed()
             self._servos.acknowledge_ended()
+
+    @contextmanager
+    def watching_scene(self) -> Generator[None]:
+        """Let other threads change what is around the arm while a motion runs in the block."""
+        self.watches_scene = True
+        try:
+            yield
+        finally:
+            self.watches_scene = False
 
     def run(
         self,

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from math import degrees, radians
@@ -15,12 +17,14 @@ from ikservo.arm.motion_runner import MotionRunner
 from ikservo.control.loop import ControlCycle, OnCycle
 from ikservo.errors import (
     BadValueError,
+    CollisionError,
     IkservoError,
     NotSettledError,
     PortError,
     RefusedError,
     StoppedError,
 )
+from ikservo.guard import StopKind, StopReason
 from ikservo.kinematics.arrays import Vector
 from ikservo.motion import Trajectory
 from ikservo.planning.context import ArmContext
@@ -37,6 +41,9 @@ from ikservo.settling.tick_rounding import SettlingTarget, backlash_approach
 _POSITION_TOLERANCE_M = 0.002
 _JOINT_TOLERANCE_RAD = radians(0.5)
 _SAME_GOAL = 1e-6  # rad or m
+# Of a path that is checked again in one control cycle. While an arm brakes, half of `BRAKE_S` of
+# its path passes.
+_PIECE_S = 0.3
 
 MoveReport = MoveResult | JointMoveResult
 """How a plan of the tip, or of joints, has ended."""
@@ -61,7 +68,8 @@ class ExecutedMotion:
 
 def execute(arm: ArmParts, plan: MotionPlan, on_progress: OnProgress | None) -> MoveReport:
     """Execute a plan and report how it ended; see ``Arm.execute``."""
-    executed = run_plan(arm, plan, on_progress)
+    check_plan(plan)
+    executed = _run_around(arm, plan.motion, plan, on_progress)
     plan = executed.plan
     ends = zip(plan.names, plan.start.tolist(), plan.goal.tolist(), strict=True)
     moved = {name: goal for name, start, goal in ends if goal != start}
@@ -72,8 +80,41 @@ def plan_and_execute(
     arm: ArmParts, motion: MotionValue[Any], on_progress: OnProgress | None
 ) -> MoveReport:
     """Plan a motion of the tip or of joints from where the arm holds, execute it, report on it."""
-    executed = run_plan(arm, arm.preflight.plan_from_held(motion), on_progress)
+    executed = _run_around(arm, motion, None, on_progress)
     return _make_report(arm.context, executed, executed.plan.requested)
+
+
+def _run_around(
+    arm: ArmParts,
+    motion: MotionValue[Any] | None,
+    plan: MotionPlan | None,
+    on_progress: OnProgress | None,
+) -> ExecutedMotion:
+    """Execute a motion by its plan; plan again each time that something came into its path.
+
+    The stop that this takes is acknowledged. Any other stop, also one meanwhile, ends the request.
+
+    Args:
+        arm: The arm.
+        motion: The motion; None if only its plan is known.
+        plan: The first plan; None if it is to be made.
+        on_progress: Called in every control cycle.
+    """
+    stops, replans = arm.context.servos.stop_request, getattr(motion, "replan", False)
+    count = stops.count_at_request
+    for tries in itertools.count():
+        with stops.requested(count + tries, anew=tries > 0):
+            try:
+                if motion is not None and (plan is None or tries):
+                    plan = arm.preflight.plan_from_held(motion)
+                return run_plan(arm, cast("MotionPlan", plan), on_progress)
+            except StoppedError:
+                reason = arm.runner.stop_reason
+                is_blocked = reason is not None and reason.kind is StopKind.OBSTACLE
+                if not (replans and is_blocked) or stops.count != count + tries + 1:
+                    raise
+        arm.runner.acknowledge()
+    raise AssertionError("unreachable")
 
 
 def run_plan(arm: ArmParts, plan: MotionPlan, on_progress: OnProgress | None) -> ExecutedMotion:
@@ -110,7 +151,7 @@ def _run_motion(
     context: ArmContext, runner: MotionRunner, plan: MotionPlan, on_progress: OnProgress | None
 ) -> ExecutedMotion:
     servos, limits = context.servos, context.planner.motion_limits(plan.speed)
-    horn_rad_s = context.model.speed(plan.speed).rad_s
+    horn_rad_s, watch = context.model.speed(plan.speed).rad_s, _PathWatch(context)
     trajectory = _checked_trajectory(context, plan, servos.reference())
     if plan.cartesian_s >= plan.duration_s > 0.0:
         lift_to_start(context, runner.loop, servos.reference(), horn_rad_s)
@@ -121,7 +162,13 @@ def _run_motion(
     recorder = PathRecorder(trajectory, plan.cartesian_s)
     swings = MotionSwings(servos.driven_joints)
     reporter = _recording(recorder, swings, context.progress_reporter(on_progress))
-    runner.loop.run(trajectory, reporter, speed_rad_s=horn_rad_s)
+
+    def on_cycle(cycle: ControlCycle) -> None:
+        watch.check(trajectory, plan.speed, cycle.time_s)
+        reporter(cycle)
+
+    with runner.watching_scene():
+        runner.loop.run(trajectory, on_cycle, speed_rad_s=horn_rad_s)
     motion_s = context.now_s() - started_s
     below = _backlash_goals(context, plan)
     settled = settle(runner.loop, servos, target, limits, horn_rad_s, motion_s, below)
@@ -158,6 +205,34 @@ def _recording(recorder: PathRecorder, swings: MotionSwings, reporter: OnCycle |
             reporter(cycle)
 
     return on_cycle
+
+
+class _PathWatch:
+    """Stops a motion before what came into the rest of its path.
+
+    Whenever the scene has changed, the rest is checked again, a piece in each cycle. The first
+    piece is longer than what the arm needs to stop.
+
+    Args:
+        context: The arm; the path is free of what is around it now.
+    """
+
+    def __init__(self, context: ArmContext) -> None:
+        self._context, self._checked, self._next_s = context, context.collision, math.inf
+
+    def check(self, trajectory: Trajectory, speed: str, time_s: float) -> None:
+        """Check the next piece of a trajectory, of which a time has passed; request a stop."""
+        servos = self._context.servos
+        if self._context.collision is not self._checked:
+            self._checked, self._next_s = self._context.collision, time_s
+        if self._next_s >= trajectory.duration_s or servos.stop_request:
+            return
+        from_s, self._next_s = self._next_s, self._next_s + _PIECE_S
+        try:
+            self._context.check_piece(trajectory, from_s, self._next_s, speed)
+        except CollisionError as error:
+            reason = StopReason(StopKind.OBSTACLE, f"The scene was changed: {error.cause}.")
+            servos.request_stop(reason)
 
 
 def _backlash_goals(context: ArmContext, plan: MotionPlan) -> Vector | None:

@@ -16,8 +16,9 @@ from ikservo.arguments import parse_name
 from ikservo.arm.motion_runner import MotionRunner
 from ikservo.arm.other_arm import OtherArm
 from ikservo.errors import BadValueError, RefusedError, UnknownNameError
-from ikservo.guard.sag import arm_sag
+from ikservo.guard.sag import Sag, arm_sag
 from ikservo.kinematics.arrays import Matrix, bounded_vector, finite_vector
+from ikservo.kinematics.collision_body import CollisionBody
 from ikservo.kinematics.se3 import make_pose, rotation_rpy
 from ikservo.model.collision_model import collision_body_with_gripper
 from ikservo.model.model import Obstacle
@@ -36,6 +37,7 @@ from ikservo.planning.surroundings import Turn
 _LARGEST_M = 0.5  # half the size of what a gripper holds, in each direction
 _NAME = "The name of the thing"
 _WAIT_S = 2.0  # for a reading to end, not for a motion
+_POLL_S = 0.02  # how soon a change notices that a motion has begun
 _others_lock = threading.RLock()  # which arms can reach each other is said in both their scenes
 
 
@@ -52,7 +54,8 @@ class Scene:
     """What stands around an arm, in its base frame, and what its gripper holds.
 
     It begins with the things of the arm file and of the scene file. Motions that are planned from
-    then on keep out of it; a plan that was begun before is checked again when it is executed.
+    then on keep out of it; a plan that was begun before is checked again when it is executed. The
+    things may change while a planned motion runs: the arm stops before what came into its path.
 
     Args:
         context: The arm.
@@ -61,8 +64,10 @@ class Scene:
 
     def __init__(self, context: ArmContext, runner: MotionRunner) -> None:
         self._context, self._runner = context, runner
+        self._things_lock = threading.RLock()
         self._things: dict[str, Obstacle] = {each.name: each for each in context.model.keep_out}
         self._held: dict[str, KeepOutShape] = {}
+        self._body: tuple[CollisionBody, Sag | None] | None = None  # with what is held
         self._others: dict[Scene, OtherArm] = {}
 
     @property
@@ -113,7 +118,7 @@ class Scene:
             FileFormatError: A value is missing, unknown or of another type; names the key.
             RefusedError: A motion is running.
         """
-        with self._changing():
+        with self._changing_things():
             self._check_new(name)
             self._change({**self._things, name: make_shape(kind, name, sizes)}, self._held)
 
@@ -134,7 +139,7 @@ class Scene:
         if other is not None:
             self._place_arm(other, sizes)
             return
-        with self._changing():
+        with self._changing_things():
             if name not in self._things:
                 raise UnknownNameError("thing", name, self._things)
             kind, present = describe_thing(self._things[name])
@@ -162,7 +167,7 @@ class Scene:
             RefusedError: A motion is running, or the file has another arm; see ``add_arm``.
         """
         added = {each.name: each for each in read_scene(path)}
-        with self._changing():
+        with self._changing_things():
             for name in added:
                 self._check_new(name)
             self._change({**self._things, **added}, self._held)
@@ -270,7 +275,7 @@ class Scene:
         if other is not None:
             self._remove_arm(other)
             return
-        with self._changing():
+        with self._changing() if name in self._held else self._changing_things():
             if name not in self._things and name not in self._held:
                 raise UnknownNameError("thing", name, [*self.names, *self._held])
             things, held = dict(self._things), dict(self._held)
@@ -363,9 +368,25 @@ class Scene:
             )
         try:
             check_idle()
-            yield
+            with self._things_lock:
+                yield
         finally:
             lock.release()
+
+    @contextmanager
+    def _changing_things(self) -> Generator[None]:
+        """Let nobody else change the things in the block; a running motion looks at them again."""
+        locked = False
+        while not (self._runner.watches_scene or locked):
+            locked = self._runner.lock.acquire(timeout=_POLL_S)
+        try:
+            if locked:
+                self._context.servos.torque.check_idle()
+            with self._things_lock:
+                yield
+        finally:
+            if locked:
+                self._runner.lock.release()
 
     def _change(self, things: dict[str, Obstacle], held: dict[str, KeepOutShape]) -> None:
         model = self._context.model
@@ -373,12 +394,13 @@ class Scene:
             raise RefusedError(
                 "This arm was opened without collision checks.", "Open it with them to use a scene."
             )
-        body = collision_body_with_gripper(model)
-        for name, thing in held.items():
-            body = body.with_attached(name, self._context.chain.tip, thing.capsules(name))
-        self._context.surroundings.place(
-            body, list(things.values()), arm_sag(model, body, list(held.values()))
-        )
+        if self._body is None or held is not self._held:
+            body = collision_body_with_gripper(model)
+            for name, thing in held.items():
+                body = body.with_attached(name, self._context.chain.tip, thing.capsules(name))
+            self._body = body, arm_sag(model, body, list(held.values()))
+        body, sag = self._body
+        self._context.surroundings.place(body, list(things.values()), sag)
         self._things, self._held = things, held
 
 

@@ -99,6 +99,10 @@ ThinkOption = Annotated[
     float,
     typer.Option("--think", parser=parse_time_s, help="Longest search for a way around things."),
 ]
+ReplanOption = Annotated[
+    bool,
+    typer.Option("--replan", help="Go on another way if something comes into the path."),
+]
 OverwriteOption = Annotated[bool, typer.Option("--overwrite", help="Replace an existing file.")]
 UncalibratedOption = Annotated[
     bool,

@@ -72,7 +72,7 @@ class RigidBodies:
             self.capsules[:, at : at + 3] += self._poses[of, :3, 3]
         self.capsules[:, LINK] = np.array(numbers)[of]
         self.spheres, self.balls = self._spheres(), self._balls(of)
-        _, first = np.unique(body.rows[:, 2], return_index=True)
+        first = np.flatnonzero(np.diff(body.rows[:, 2], prepend=-1.0))
         rows = body.rows[first].astype(np.int64)
         self.pairs = np.column_stack([of[rows[:, :2]].astype(np.int64), rows[:, 2]])
 
@@ -99,14 +99,17 @@ class RigidBodies:
 
         balls = np.zeros((len(self._numbers), CAPSULE_WIDTH))
         balls[:, LINK] = self._numbers
-        for link in np.unique(links):
-            own, ball = self.capsules[links == link], balls[link]
-            points = np.vstack([own[:, START : START + 3], own[:, END : END + 3]])
-            ball[START : START + 3] = 0.5 * (points.min(axis=0) + points.max(axis=0))
-            ball[FIRST_CAPSULE] = first = (links == link).argmax()  # those of a link stand together
-            ball[LAST_CAPSULE] = first + len(own)
-            apart_m = np.linalg.norm(points - ball[START : START + 3], axis=1)
-            ball[RADIUS] = (apart_m + np.tile(own[:, RADIUS], 2)).max()
+        first = np.flatnonzero(np.diff(links, prepend=-1))  # those of a link stand together
+        own, count = links[first], np.diff(first, append=len(links))
+        starts, ends = self.capsules[:, START : START + 3], self.capsules[:, END : END + 3]
+        low = np.minimum.reduceat(np.minimum(starts, ends), first)
+        high = np.maximum.reduceat(np.maximum(starts, ends), first)
+        balls[own, START : START + 3] = 0.5 * (low + high)
+        balls[own, FIRST_CAPSULE], balls[own, LAST_CAPSULE] = first, first + count
+        centres = np.repeat(0.5 * (low + high), count, axis=0)
+        apart_m = [np.linalg.norm(points - centres, axis=1) for points in (starts, ends)]
+        radii = np.maximum(*apart_m) + self.capsules[:, RADIUS]
+        balls[own, RADIUS] = np.maximum.reduceat(radii, first)
         return balls
 
 

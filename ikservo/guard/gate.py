@@ -35,6 +35,8 @@ class StopKind(Enum):
     """Torque was switched off."""
     UNPLUGGED = auto()
     """The port was lost."""
+    OBSTACLE = auto()
+    """Something came into the path of a motion."""
     FAULT = auto()
     """An error ended the motion."""
 

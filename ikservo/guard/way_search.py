@@ -121,6 +121,7 @@ class WaySearch:
         self._state = np.zeros(kernel.STATE_SIZE, np.int64)
         chance = np.random.default_rng(seed).integers(1, kernel.CHANCES, 2)
         self._state[kernel.CHANCE : kernel.CHANCE + 2] = chance
+        self._state[kernel.HIT] = -1
         self._plant(self._limits)
 
     def find(self, most: int, is_over: Callable[[], bool] = bool) -> Matrix | None:
@@ -316,6 +317,7 @@ class WaySearch:
 
     def _bodies(self, postures: Matrix) -> Matrix:
         """Return the joints of the body (k, dof) in postures (k, n)."""
-        bodies = np.tile(self._body[:, 2], (len(postures), 1))
+        bodies = np.empty((len(postures), len(self._body)))
+        bodies[:] = self._body[:, 2]
         bodies[:, self._moved] = postures[:, self._moved_by] * self._body[self._moved, 1]
         return bodies

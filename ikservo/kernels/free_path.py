@@ -141,7 +141,7 @@ def first_contact(
                 postures[0, j] = path[n + end, j]
             stack[0, 1 + 2 * end] = free_fraction(
                 links, capsules, spheres, balls, pairs, shapes, boxes, floor_m, masses, sag, places,
-                ends, centres, postures, rates, allowed, load, 1.0,
+                ends, centres, postures, rates, allowed, load, 1.0, -1,
             )  # fmt: skip
             stack[0, 2 * end] = 1.0 * end
             if stack[0, 1 + 2 * end] < 0.0:
@@ -159,7 +159,7 @@ def first_contact(
                 postures[0, j] = path[n, j] + middle * (path[n + 1, j] - path[n, j])
             free = free_fraction(
                 links, capsules, spheres, balls, pairs, shapes, boxes, floor_m, masses, sag, places,
-                ends, centres, postures, rates, allowed, load, 1.0,
+                ends, centres, postures, rates, allowed, load, 1.0, -1,
             )  # fmt: skip
             seen += 1
             if free < 0.0 or depth > _STACK - 2 or seen > _MOST:
@@ -203,7 +203,7 @@ def free_postures(
             postures[0, j] = path[n, j]
         found = free_fraction(
             links, capsules, spheres, balls, pairs, shapes, boxes, floor_m, masses, sag, places,
-            ends, centres, postures, rates, allowed, load, 0.0,
+            ends, centres, postures, rates, allowed, load, 0.0, -1,
         )  # fmt: skip
         free[n] = 1 if found >= 0.0 else 0
 
@@ -222,23 +222,29 @@ def free_fraction(
     links: Matrix, capsules: Matrix, spheres: Matrix, balls: Matrix, pairs: IntMatrix,
     shapes: Matrix, boxes: Matrix, floor_m: float, masses: Matrix, sag: Matrix, places: Matrix,
     ends: Matrix, centres: Matrix, postures: Matrix, rates: Vector, allowed: Matrix, load: float,
-    most: float,
+    most: float, hit: int,
 ) -> float:  # fmt: skip
     """Return which part of the way is free to both sides of the first posture, up to ``most``.
 
-    Negative where something is nearer than allowed.
+    If something is nearer than allowed: the number -1 - ``hit`` of the row of ``pairs``, or, after
+    those, of the link that is too near a thing. What is given as ``hit`` is looked at first.
     """
     place_links(links, postures[0], places)
     _place_balls(balls, places, centres)
-    free = _free_of_things(
-        capsules, spheres, balls, shapes, boxes, floor_m, places, ends, centres, rates, allowed, 0,
-        most,
-    )  # fmt: skip
-    if free < 0.0:
-        return free
-    free = _free_of_itself(
-        capsules, spheres, balls, pairs, places, ends, centres, rates, allowed, free
-    )
+    free, hits_itself = most, hit >= 0 and hit < len(pairs)
+    if hits_itself:
+        free = _free_of_itself(
+            capsules, spheres, balls, pairs, places, ends, centres, rates, allowed, hit, free
+        )
+    if free >= 0.0:
+        free = _free_of_things(
+            capsules, spheres, balls, shapes, boxes, floor_m, pairs, places, ends, centres, rates,
+            allowed, 0, hit, free,
+        )  # fmt: skip
+    if free >= 0.0 and not hits_itself:
+        free = _free_of_itself(
+            capsules, spheres, balls, pairs, places, ends, centres, rates, allowed, 0, free
+        )
     if free < 0.0 or load <= 0.0:
         return free
     for j in range(postures.shape[1]):
@@ -252,19 +258,21 @@ def free_fraction(
     place_links(links, postures[2], places)
     _place_balls(balls, places, centres)
     return _free_of_things(
-        capsules, spheres, balls, shapes, boxes, floor_m, places, ends, centres, rates, allowed, 1,
-        free,
+        capsules, spheres, balls, shapes, boxes, floor_m, pairs, places, ends, centres, rates,
+        allowed, 1, hit, free,
     )  # fmt: skip
 
 
 def _free_of_things(
     capsules: Matrix, spheres: Matrix, balls: Matrix, shapes: Matrix, boxes: Matrix, floor_m: float,
-    places: Matrix, ends: Matrix, centres: Matrix, rates: Vector, allowed: Matrix, row: int,
-    free: float,
+    pairs: IntMatrix, places: Matrix, ends: Matrix, centres: Matrix, rates: Vector, allowed: Matrix,
+    row: int, hit: int, free: float,
 ) -> float:  # fmt: skip
     count = len(balls)
     between = int(allowed.shape[1]) - count * (2 + len(shapes))
-    for link in range(count - 1, -1, -1):
+    first = hit - len(pairs) if hit >= len(pairs) else count - 1
+    for k in range(count):
+        link = first - k if k <= first else first - k + count
         radius, rate = balls[link, RADIUS], rates[between + link]
         if radius <= 0.0:
             continue
@@ -277,7 +285,7 @@ def _free_of_things(
                     slack_m = min(ends[i, 2], ends[i, 5]) - capsules[i, RADIUS] - rest_m
                     free = _shortened(free, slack_m, rate)
                     if free < 0.0:
-                        return free
+                        return -1.0 - len(pairs) - link
         near_m = allowed[row, between + count * (1 + len(shapes)) + link] + radius + free * rate
         if near_m > 0.0 and _is_near_box(boxes, centres, link, near_m):
             free = _free_of_shapes(
@@ -285,7 +293,7 @@ def _free_of_things(
                 rate, free,
             )  # fmt: skip
             if free < 0.0:
-                return free
+                return -1.0 - len(pairs) - link
     return free
 
 
@@ -371,9 +379,10 @@ def _place_spheres(
 
 def _free_of_itself(
     capsules: Matrix, spheres: Matrix, balls: Matrix, pairs: IntMatrix, places: Matrix,
-    ends: Matrix, centres: Matrix, rates: Vector, allowed: Matrix, free: float,
+    ends: Matrix, centres: Matrix, rates: Vector, allowed: Matrix, hit: int, free: float,
 ) -> float:  # fmt: skip
-    for k in range(len(pairs)):
+    for i in range(len(pairs)):
+        k = hit + i if hit + i < len(pairs) else hit + i - len(pairs)
         a, b, column = int(pairs[k, 0]), int(pairs[k, 1]), int(pairs[k, 2])
         near_m = balls[a, RADIUS] + balls[b, RADIUS] + allowed[0, column] + free * rates[column]
         if near_m > 0.0 and _distance2(
@@ -387,7 +396,7 @@ def _free_of_itself(
                 allowed[0, column], free,
             )  # fmt: skip
             if free < 0.0:
-                return free
+                return -1.0 - k
     return free
 
 

@@ -18,8 +18,9 @@ from ikservo.kernels.tool_limits import keeps_limits, limits_fit, project_tool
 from ikservo.kinematics.arrays import IntMatrix, IntVector, Matrix, Vector
 
 # The entries of ``state``: two numbers of chance, the sizes of both trees, the nodes of both trees
-# at which they met (-1: not yet), and how many postures were looked at.
-CHANCE, SIZES, MET, LOOKED, STATE_SIZE = 0, 2, 4, 6, 7
+# at which they met (-1: not yet), how many postures were looked at, and what the last one that was
+# not free touched (see ``free_fraction``; -1: nothing yet): the next ones often touch the same.
+CHANCE, SIZES, MET, LOOKED, HIT, STATE_SIZE = 0, 2, 4, 6, 7, 8
 # The rows of ``buffer``: the aim, the end of a motion, and a posture on it.
 AIM, NEW, MIDDLE, BUFFER_ROWS = 0, 1, 2, 3
 
@@ -54,6 +55,7 @@ def search_fits(
     point = np.empty(3)
     if len(buffer) != BUFFER_ROWS or buffer.shape[1] != n or len(state) != STATE_SIZE:
         return False
+    hit = state[HIT]
     if body.shape[1] != 3 or tool.shape[1] != 2 or kept.shape[1] != projected.shape[1]:
         return False
     for j in range(len(body)):
@@ -76,6 +78,7 @@ def search_fits(
         return False
     return (
         len(body) == postures.shape[1]
+        and -1 <= hit < len(pairs) + len(balls)
         and len(limits) == 2
         and limits.shape[1] == n
         and len(parents) == len(nodes)
@@ -112,7 +115,7 @@ def grow_trees(
     buffer: (3, n), work array.
     nodes: (2 m, n) the postures of the first tree, and from row m on those of the second.
     parents: (2 m,) the row from which each was reached; -1 for a root.
-    state: (7,) where the search is; see above. What it was before is where it goes on.
+    state: (8,) where the search is; see above. What it was before is where it goes on.
     step_m: No point of the arm moves further than this between two samples of a motion.
     most: The number of postures after which it returns, at the end of a turn.
 
@@ -320,9 +323,10 @@ def _is_motion_free(
                 postures[0, j] = body[j, 1] * middle[int(body[j, 0])] if moves else body[j, 2]
             free = free_fraction(
                 links, capsules, spheres, balls, pairs, shapes, boxes, floor_m, masses, sag, places,
-                ends, centres, postures, rates, allowed, load, 0.0,
+                ends, centres, postures, rates, allowed, load, 0.0, int(state[HIT]),
             )  # fmt: skip
             if free < 0.0:
+                state[HIT] = int(-1.0 - free)
                 return False
             at += gap
         gap = gap // 2

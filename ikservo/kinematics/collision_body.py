@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -184,7 +185,11 @@ class CollisionBody:
         )
 
     def pack(self) -> PackedBody:
-        """Pack the body into arrays of numbers."""
+        """Pack the body into arrays of numbers, which are shared: nobody may change them."""
+        return self._packed
+
+    @cached_property
+    def _packed(self) -> PackedBody:
         names, links = pack_links(self._chain)
         reach = LinkTravelBounds(self._chain, self._capsules)
         pair = np.searchsorted(self._first, np.arange(len(self._ones)), side="right") - 1

@@ -211,6 +211,17 @@ class ArmContext:
             path, self.planner.dynamic_load_factor(speed), began_m=self._contacts_began_m()
         )
 
+    def check_piece(self, running: Trajectory, from_s: float, until_s: float, speed: str) -> None:
+        """Check a piece of the path of a running trajectory among what is around the arm now.
+
+        Raises:
+            CollisionError: Something would be touched.
+        """
+        if self.checked_collision is not None:
+            path = self.planner.sample_trajectory(running, speed, from_s, until_s)
+            load_factor = self.planner.dynamic_load_factor(speed)
+            self.checked_collision.check_path(self.index.body_joints(path), load_factor)
+
     def check_trajectory(self, move: RuckigMotion, rest: Vector) -> None:
         """Check the path of an online trajectory, braking and reversing included.
 

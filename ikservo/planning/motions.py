@@ -125,6 +125,7 @@ Stance = Annotated[ToolOrientation, check_orientation]
 Straight = Annotated[bool, _flag("straight")]
 Within = Annotated[PathConstraint, _parse_constraint]
 Think = Annotated[float, _parse_think_time]
+Replan = Annotated[bool, _flag("replan")]
 
 
 @dataclass(frozen=True)
@@ -193,6 +194,8 @@ class MoveTo(MotionValue[MoveResult]):
         within: The constraint of the tool all the way.
         think_s: Time after which the search for a way around things gives up, s. If it is longer
             than ``THINK_S``, the rest of it is used to make the way shorter.
+        replan: Whether the arm goes on by another way if something comes into its path. It stops
+            before that in any case.
     """
 
     position_m: TargetPoint
@@ -202,6 +205,7 @@ class MoveTo(MotionValue[MoveResult]):
     straight: Straight = False
     within: Within = UNCONSTRAINED
     think_s: Think = THINK_S
+    replan: Replan = False
 
     def _words(self) -> str:
         return f"joints to {_format_point(self.position_m)}"
@@ -392,6 +396,7 @@ class MoveJoints(MotionValue[JointMoveResult]):
         straight: See ``MoveTo``; if joints of the chain stay, they always move straight.
         within: See ``MoveTo``.
         think_s: See ``MoveTo``.
+        replan: See ``MoveTo``.
     """
 
     positions: Annotated[Mapping[str, float], parse_joint_positions]
@@ -400,11 +405,19 @@ class MoveJoints(MotionValue[JointMoveResult]):
     straight: Straight = False
     within: Within = UNCONSTRAINED
     think_s: Think = THINK_S
+    replan: Replan = False
 
     def __hash__(self) -> int:
         """Return a hash; a mapping has none of its own."""
         return hash(
-            (tuple(self.positions.items()), self.speed, self.straight, self.within, self.think_s)
+            (
+                tuple(self.positions.items()),
+                self.speed,
+                self.straight,
+                self.within,
+                self.think_s,
+                self.replan,
+            )
         )
 
     def _words(self) -> str:
@@ -421,6 +434,7 @@ class MovePose(MotionValue[JointMoveResult]):
         straight: See ``MoveTo``.
         within: See ``MoveTo``.
         think_s: See ``MoveTo``.
+        replan: See ``MoveTo``.
     """
 
     name: Annotated[str, _parse_name]
@@ -429,6 +443,7 @@ class MovePose(MotionValue[JointMoveResult]):
     straight: Straight = False
     within: Within = UNCONSTRAINED
     think_s: Think = THINK_S
+    replan: Replan = False
 
     def _words(self) -> str:
         return f"pose {self.name}"

@@ -352,11 +352,14 @@ class Planner:
         goals = dict(zip(self._chain.names, sight.q.tolist(), strict=True))
         return self.plan_to_joints(start, goals, speed)
 
-    def sample_trajectory(self, trajectory: Trajectory, speed: str) -> Matrix:
+    def sample_trajectory(
+        self, trajectory: Trajectory, speed: str, from_s: float = 0.0, until_s: float = math.inf
+    ) -> Matrix:
         """Sample all joints (k, n) along a trajectory, close enough for collision checks."""
         fastest = max(limits.speed_rad_s for limits in self.motion_limits(speed))
+        piece_s = max(min(until_s, trajectory.duration_s) - from_s, 0.0)
         return sample_path(
-            lambda time_s: trajectory.state(time_s).position, trajectory.duration_s, fastest
+            lambda time_s: trajectory.state(from_s + time_s).position, piece_s, fastest
         )
 
     def dynamic_load_factor(self, speed: str) -> float:

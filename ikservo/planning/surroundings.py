@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Generator, Sequence
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass
-from threading import Lock
+from dataclasses import dataclass, field
+from threading import Lock, RLock
 from typing import Protocol
 
 import numpy as np
@@ -103,11 +103,13 @@ class Surroundings:
     _things: tuple[Obstacle, ...] = ()
     _sag: Sag | None = None
     _seen: tuple[Obstacle, ...] = ()
+    _lock: RLock = field(default_factory=RLock, repr=False)
 
     def place(self, body: CollisionBody, things: Sequence[Obstacle], sag: Sag | None) -> None:
         """Put the arm's body among things; other arms are where they were seen last."""
-        self._body, self._things, self._sag = body, tuple(things), sag
-        self._put_among(self._seen)
+        with self._lock:
+            self._body, self._things, self._sag = body, tuple(things), sag
+            self._put_among(self._seen)
 
     def contacts_began_m(self) -> Vector | None:
         """Return how deep each pair of the checker was when it came into contact (pairs,), or None.
@@ -140,9 +142,10 @@ class Surroundings:
         self._put_among([])
 
     def _put_among(self, seen: Sequence[Obstacle]) -> None:
-        self._seen = tuple(seen)
-        if self.checker is not None and self._body is not None:
-            self.checker = self.checker.in_scene(self._body, [*self._things, *seen], self._sag)
+        with self._lock:
+            self._seen = tuple(seen)
+            if self.checker is not None and self._body is not None:
+                self.checker = self.checker.in_scene(self._body, [*self._things, *seen], self._sag)
 
     @contextmanager
     def in_turn(self) -> Generator[None]:

@@ -19,9 +19,9 @@ BLENDS_RAD = (0.3, 0.1, 0.03, 0.01, 0.003)
 MARGINS_M = (0.01, 0.003, 0.0003)
 """The distances that ways keep from everything, the widest first."""
 
-# How many postures are looked at for a distance before the next one is tried. In the rounds after
-# the first, which leave the widest distance out, they are twice as many each time.
-_EFFORT = 4000
+# The postures that are looked at for a distance before the next one is tried. They are twice as
+# many in each round; from the third round on, the widest distance is left out.
+_EFFORT, _WIDE_ROUNDS = 1000, 2
 
 # Postures tried around one in contact, up to so far in any joint; the fraction of joints that move.
 _TRIED, _AROUND_RAD, _MOVING = 20000, 2.5, 0.6
@@ -89,10 +89,10 @@ def ways_around(
         )
 
     searches = dict[float, WaySearch]()
-    for effort in (_EFFORT * 2**n for n in count()):
-        for margin_m in MARGINS_M if effort == _EFFORT else MARGINS_M[1:]:
+    for n in count():
+        for margin_m in MARGINS_M if n < _WIDE_ROUNDS else MARGINS_M[1:]:
             search = searches[margin_m] = searches.get(margin_m) or search_at(margin_m)
-            way = search.find(effort, lambda: stop.is_request_over() or is_over())
+            way = search.find(_EFFORT * 2**n, lambda: stop.is_request_over() or is_over())
             stop.check_request()
             if way is not None:
                 joints = np.tile(start, (len(way), 1))

@@ -138,3 +138,11 @@ def test_compiled_search_gives_the_same_bits(monkeypatch, name):
     monkeypatch.setattr(way_search, "_MOST_WAYS", 1)
     assert search(maze(gap=0.8, half_m=0.1)).find(500) is not None
     assert pairs
+
+
+@pytest.mark.parametrize("hit", range(3))
+def test_search_is_the_same_whatever_was_hit_last(hit):
+    others = search(maze())
+    others._state[others._kernel.HIT] = hit  # the numbers of its three links
+    np.testing.assert_array_equal(others.find(20000), search(maze()).find(20000))
+    assert others._state[others._kernel.HIT] == 2  # only the ball can touch the walls

@@ -1,13 +1,14 @@
 """Ways around things: how many are found, how soon, and whether other programs find them free.
 
     python tools/bench/planning.py panda FOLDER --urdf FILE     # MotionBenchMaker's problems
-    python tools/bench/planning.py panda FOLDER --urdf FILE --by ompl     # or sscbirrt
+    python tools/bench/planning.py panda FOLDER --urdf FILE --by ikservo ompl sscbirrt  # in turn
     python tools/bench/planning.py arms                         # random scenes of four arms
     python tools/bench/planning.py arms --upright 10 --best-of 20
     python tools/bench/planning.py arms --by ompl               # asked for what is not solved
 
 FOLDER holds folders with request*.yaml and scene*.yaml. Every path is checked by Coal (through
-Pinocchio) and by MuJoCo, at samples between which nothing moves by more than a millimetre.
+Pinocchio) and by MuJoCo, at samples between which nothing moves by more than a millimetre. Coal
+also judges the ends of problems that have no free end for ikservo.
 """
 
 from __future__ import annotations
@@ -147,9 +148,12 @@ class Coal:
 
     def is_free(self, q: Array) -> bool:
         """Return whether a posture touches nothing."""
-        q = np.concatenate([q, np.zeros(self._model.nq - len(q))])
+        full = self._pin.neutral(self._model)
+        for joint, value in zip(list(self._model.joints)[1 : 1 + len(q)], q, strict=True):
+            at, size = joint.idx_q, joint.nq
+            full[at : at + size] = value if size == 1 else (math.cos(value), math.sin(value))
         return not self._pin.computeCollisions(
-            self._model, self._data, self._shapes, self._placed, q, True
+            self._model, self._data, self._shapes, self._placed, full, True
         )
 
 
@@ -191,10 +195,11 @@ class MuJoCo:
         return True
 
 
-def problems(folder: Path, urdf: Path, tip: str, every: int, by: str, judged: bool) -> None:
-    """Solve MotionBenchMaker's problems of an arm by one of the planners."""
+def problems(folder: Path, urdf: Path, tip: str, every: int, by: list[str], judged: bool) -> None:
+    """Solve MotionBenchMaker's problems of an arm by some planners, each in turn."""
     yaml: Any = importlib.import_module("yaml")
-    total: list[Judged] = []
+    total = {each: list[Judged]() for each in by}
+    touching, confirmed = 0, 0
     # Without a fixed finger that mimics a fixed one, and without what is only seen: a link that has
     # nothing else would count as that.
     fixed = Path(tempfile.mkdtemp()) / "arm.urdf"
@@ -202,7 +207,7 @@ def problems(folder: Path, urdf: Path, tip: str, every: int, by: str, judged: bo
     fixed.write_text(re.sub(unseen, "", urdf.read_text(), flags=re.DOTALL))
     urdf, model = fixed, load_model(fixed, tip=tip)
     for kind in sorted(folder.iterdir()):
-        found: list[Judged] = []
+        found = {each: list[Judged]() for each in by}
         for request_file in sorted(kind.glob("request*.yaml"))[::every]:
             request = yaml.load(request_file.read_text(), Loader=yaml.CSafeLoader)
             scene_file = kind / request_file.name.replace("request", "scene")
@@ -224,20 +229,29 @@ def problems(folder: Path, urdf: Path, tip: str, every: int, by: str, judged: bo
                 pair not in ignored and (pair[0] != model.chain.base or pair in body.pairs)
                 for pair in checker.pairs
             ]
-            began = time.process_time()
-            space = checker.clear_space(_SETTLED_MARGIN_M, np.array([start_q, goal]), load=0.0)
-            question = (space, start_q, goal, model.chain.lower_rad, model.chain.upper_rad)
-            path = PLANNERS[by](*question)
-            seconds, free = time.process_time() - began, dict[str, bool]()
-            if path is not None:
-                samples = dense(checker.body, path)
-                for judge in (Coal, MuJoCo) if judged else ():
-                    posture = judge(urdf, ignored, things)
-                    free[judge.__name__] = all(posture.is_free(q) for q in samples)
-            found.append(Judged(seconds, path, free))
-        report(kind.name, found)
-        total += found
-    report("all", total)
+            judges = [judge(urdf, ignored, things) for judge in ((Coal, MuJoCo) if judged else ())]
+            ends = np.array([start_q, goal])
+            if (checker.distances(ends) < 0.0).any():
+                touching += 1
+                confirmed += bool(judges) and not all(judges[0].is_free(q) for q in ends)
+                continue
+            for planner in by:
+                began = time.process_time()
+                space = checker.clear_space(_SETTLED_MARGIN_M, ends, load=0.0)
+                limits = model.chain.lower_rad, model.chain.upper_rad
+                path = PLANNERS[planner](space, start_q, goal, *limits)
+                seconds, free = time.process_time() - began, dict[str, bool]()
+                if path is not None:
+                    samples = dense(checker.body, path)
+                    for judge in judges:
+                        free[type(judge).__name__] = all(judge.is_free(q) for q in samples)
+                found[planner].append(Judged(seconds, path, free))
+        for planner in by:
+            report(f"{kind.name} {planner}", found[planner])
+            total[planner] += found[planner]
+    for planner in by:
+        report(f"all {planner}", total[planner])
+    print(f"left out, as an end touches something: {touching}, Coal confirms {confirmed}")
 
 
 def find_by_ikservo(
@@ -263,7 +277,7 @@ def report(name: str, found: list[Judged]) -> None:
     }
     lengths = [path_length(each.path) for each in solved if each.path is not None]
     print(
-        f"{name:24} {len(solved):4} of {len(found):4}  median {np.median(times_ms):7.1f} ms"
+        f"{name:34} {len(solved):4} of {len(found):4}  median {np.median(times_ms):7.1f} ms"
         f"  p95 {np.percentile(times_ms, 95):8.1f} ms"
         f"  length {np.median(lengths or [0.0]):.2f} rad  free: {judged}",
         flush=True,
@@ -469,7 +483,7 @@ def main() -> None:
     parser.add_argument("--tip", default="panda_hand", help="the last link of the chain")
     parser.add_argument("--unjudged", action="store_true", help="no check by Coal and MuJoCo")
     parser.add_argument("--every", type=int, default=1, help="take each n-th problem")
-    parser.add_argument("--by", choices=PLANNERS, default="ikservo", help="whose planner")
+    parser.add_argument("--by", choices=PLANNERS, nargs="+", default=["ikservo"])
     parser.add_argument("--scenes", type=int, default=200)
     parser.add_argument("--arms", nargs="+", default=_ARMS)
     parser.add_argument("--upright", type=float, help="degrees that the tool may tilt")
@@ -478,7 +492,7 @@ def main() -> None:
     if given.part == "panda":
         problems(given.folder, given.urdf, given.tip, given.every, given.by, not given.unjudged)
     else:
-        arms(given.arms, given.scenes, given.upright, given.best_of, given.by)
+        arms(given.arms, given.scenes, given.upright, given.best_of, given.by[0])
 
 
 if __name__ == "__main__":
