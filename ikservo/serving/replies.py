@@ -49,13 +49,26 @@ def error_of(fields: Mapping[str, Any]) -> IkservoError:
     details = cast("dict[str, object]", fields["details"])
     error = kind.__new__(kind)  # its own __init__ builds the message from parts that it has not
     IkservoError.__init__(error, message, hint)
-    for detail, value in details.items():
-        if _is_detail(kind, detail):
-            listed = isinstance(value, list)
-            setattr(error, detail, tuple(cast("list[object]", value)) if listed else value)
+    try:
+        for detail, value in details.items():
+            if _is_detail(kind, detail):
+                setattr(error, detail, _from_json(value))
+        str(error)
+    except (TypeError, ValueError, AttributeError):  # another version, or somebody hostile
+        return other_version_error()
     if code in list(ExitCode):
         error.exit_code = ExitCode(code)
     return error
+
+
+def _from_json(value: object) -> object:
+    match value:
+        case list():
+            return tuple(cast("list[object]", value))
+        case {"bytes": str(digits)}:
+            return bytes.fromhex(digits)
+        case _:
+            return value
 
 
 def result_in(reply: Mapping[str, Any]) -> object:
@@ -85,8 +98,9 @@ def _details_of(error: IkservoError) -> Iterator[tuple[str, object]]:
     for name, value in vars(error).items():
         if _is_detail(type(error), name):
             try:
-                text = json.dumps(value, allow_nan=False)
-            except (TypeError, ValueError):  # bytes of a packet, a path
+                plain = {"bytes": value.hex()} if isinstance(value, bytes) else value
+                text = json.dumps(plain, allow_nan=False)
+            except (TypeError, ValueError):  # such as a path
                 text = json.dumps(str(value))
             if len(text) <= _MAX_CHARS:
                 yield name, json.loads(text)

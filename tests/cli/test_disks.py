@@ -25,7 +25,7 @@ RECORDING = f"record {{}} --duration 2 {SIM}"
 READ = {
     ("arms new", "source"), ("calibrate", "from_script"), ("calibrate", "points"),
     ("calibrate", "from_pictures"),
-    ("calibration adopt", "source"),
+    ("calibration adopt", "source"), ("servo restore", "file"), ("servo packets", "file"),
     ("arc", "scene"), ("draw", "scene"), ("joints", "scene"), ("look", "scene"),
     ("scene check", "file"), ("scene show", "file"),
     ("draw", "file"), ("export", "recordings"),
@@ -62,7 +62,7 @@ WRITTEN = {
         (f"{RECORDING.format('{}/old.jsonl')} --overwrite", "old.jsonl"),
         (f"{RECORDING.format('{}/old.mcap')} --overwrite", "old.mcap"),
     ],
-    ("servo", "to"): [
+    ("servo backup", "to"): [
         ("servo backup --arm so101 --port sim --id 3 --to {}/a.toml", "a.toml"),
         ("servo backup --arm so101 --port sim --id 3 --to {}/old.toml --overwrite", "old.toml"),
     ],

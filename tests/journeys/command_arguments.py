@@ -18,7 +18,8 @@ FILED = ("calibration", "export", "replay")  # work on a file that has to be the
 
 _TESTED_APART = (
     "arms new", "net acknowledge", "calibration adopt", "calibration restore", "calibration undo",
-    "calibration resume", "calibration revert",
+    "calibration resume", "calibration revert", "servo read", "servo write", "servo reboot",
+    "servo reset", "servo backup", "servo restore", "servo packets", "servo tune",
 )  # fmt: skip
 # The value of each option, where the command has it. Left out: options that need more hardware
 # or have tests of their own.
@@ -61,6 +62,7 @@ _OWN = {  # where one name means something else
     ("program new", "file"): ["{folder}/new.toml"],
     ("program check", "file"): ["{folder}/program.toml"],
     ("program run", "file"): ["{folder}/program.toml"],
+    ("servo plot", "plotted"): [""],
     ("sim", "arguments"): ["{arm}"],
     ("scene check", "file"): ["{folder}/scene.toml"],
     ("scene show", "file"): ["{folder}/scene.toml"],
@@ -70,16 +72,12 @@ _NEEDED = {  # options that a command cannot do without
     "arc": ("--via", "{via}"),
     "net keys": ("--folder", "{folder}/keys"),
     "program new": ("--overwrite",),
+    "servo table": ("--id", "{joint}"),
     "test": ("--parts", "poses", "--cycles", "2", "--html", "{folder}/test.html"),
     "draw": ("--origin", "{x},{y},{z}", "--lift", "0"),  # planar arms stay in their plane
 }
-_OF_ONE_ACTION = {("servo", "--duration")}  # typed in the line of that action
 _WHOLE = {  # arguments that depend on each other: their names and the command line
     "camera": (("action", "file"), ["board {folder}/board.pdf"]),  # check, tip: tests/cli
-    "servo": (
-        ("action", "words"),
-        ["ping", "table --id {joint}", "plot --duration 0.3"],
-    ),  # tune has tests of its own
     "export": (
         ("kind", "recordings"),
         ["lerobot", "csv {folder}/wave.jsonl", "dataset {folder}/wave.jsonl --to {folder}/set"],
@@ -111,8 +109,7 @@ def lines_of(command):
     else:
         lines = list(itertools.product(*(_values(command, name) for name in names)))
     options = list(_NEEDED.get(command, ()))
-    own = (p for p in parameters if not {(command, word) for word in p.opts} & _OF_ONE_ACTION)
-    options += [w for p in own for w in _typed(p) if p.param_type_name == "option"]
+    options += [w for p in parameters for w in _typed(p) if p.param_type_name == "option"]
     return [" ".join((command, *line, *options)) for line in lines]
 
 

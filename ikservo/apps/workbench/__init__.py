@@ -16,10 +16,24 @@ APP = App(
             "Set up",
         ),
         "servo": Command(
-            "ikservo.apps.workbench.servo_command",
-            "Read and write registers of single servos; back up, restore.",
-            "Set up",
+            "", "Read and write registers of single servos; back up, restore.", "Set up"
         ),
+        **{
+            f"servo {word}": Command(f"ikservo.apps.workbench.servo_command:{word}", text, "Set up")
+            for word, text in (
+                ("table", "Print every register of a servo."),
+                ("read", "Read registers."),
+                ("write", "Write registers."),
+                ("ping", "Print model and firmware."),
+                ("reboot", "Restart a servo; torque goes off."),
+                ("reset", "Give a servo its factory settings."),
+                ("backup", "Copy the EEPROM to a file."),
+                ("restore", "Write a backup into a servo."),
+                ("packets", "Print a file of recorded packets."),
+                ("plot", "Plot registers or angles over time."),
+                ("tune", "Measure how the servo of a joint follows."),
+            )
+        },
         "doctor": Command(
             "ikservo.apps.workbench.doctor_command",
             "Check adapter, bus and servos and report faults.",

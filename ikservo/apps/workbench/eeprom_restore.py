@@ -75,7 +75,7 @@ def plan_restoration(
     return Restoration(servo, backup, changes, tuple(each for each in found if each not in changes))
 
 
-def restore(bus: ServoBus, restoration: Restoration) -> list[RegisterDifference]:
+def write_restoration(bus: ServoBus, restoration: Restoration) -> list[RegisterDifference]:
     """Write the changes, verify them and lock the EEPROM; return them.
 
     Raises:

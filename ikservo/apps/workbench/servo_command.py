@@ -3,18 +3,18 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
-from ikservo.apps.workbench.eeprom_restore import Restoration, plan_restoration, restore
+from ikservo.apps.workbench.eeprom_restore import Restoration, plan_restoration, write_restoration
 from ikservo.apps.workbench.packet_decoding import decode_packets
-from ikservo.apps.workbench.servo_plot import plot, read_joint_maps
-from ikservo.apps.workbench.servo_tune import tune
+from ikservo.apps.workbench.servo_plot import read_joint_maps, show_plot
+from ikservo.apps.workbench.servo_tune import tune_joint
 from ikservo.apps.workbench.servo_workbench import (
     RegisterReading,
     ServoLine,
@@ -31,14 +31,13 @@ from ikservo.apps.workbench.servo_workbench import (
     write_registers,
 )
 from ikservo.arm.opening import servo_specs
-from ikservo.cli.completion import complete_from
 from ikservo.cli.model_options import model_from_option
 from ikservo.cli.options import (
-    ArmConnection,
     ArmOption,
     DurationOption,
     JsonOption,
     OverwriteOption,
+    ServoConnection,
     ServoPortOption,
     YesOption,
 )
@@ -54,58 +53,52 @@ from ikservo.hardware.port_names import real_time_port
 from ikservo.hardware.servo import ServoSpec
 from ikservo.maintenance.dialogue import Question, Unasked
 
-ACTIONS = (
-    "table",
-    "read",
-    "write",
-    "ping",
-    "reboot",
-    "reset",
-    "backup",
-    "restore",
-    "packets",
-    "plot",
-    "tune",
-)
-Action = Annotated[
-    str,
-    typer.Argument(
-        metavar="ACTION",
-        autocompletion=complete_from(*ACTIONS),
-        help="table: every register. read, write: some. ping: identity. reboot: restart, torque "
-        "goes off. reset: factory settings. backup, restore: the EEPROM to and from a file. "
-        "packets: print a file of recorded packets. plot: values over time. "
-        "tune: how the servo of a joint follows.",
-    ),
-]
-
 
 def _complete_registers(ctx: Any, incomplete: str) -> list[str]:  # noqa: ANN401  # typer hides click's types
     """Complete a prefix to registers of the model, or of all models."""
     from ikservo.apps.workbench.servo_workbench import register_names  # noqa: PLC0415
 
-    ending = "=" if ctx.params.get("action") == "write" else ""
+    ending = "=" if ctx.command.name.endswith("write") else ""
     names = register_names(ctx.params.get("servo_model"))
     return [f"{name}{ending}" for name in names if name.startswith(incomplete)]
 
 
-Words = Annotated[
-    list[str] | None,
+Registers = Annotated[
+    list[str],
+    typer.Argument(metavar="REGISTER...", autocompletion=_complete_registers, help="Registers."),
+]
+Values = Annotated[
+    list[str],
     typer.Argument(
-        metavar="[REGISTER[=VALUE]...|JOINT...|FILE]",
+        metavar="REGISTER=VALUE...",
         autocompletion=_complete_registers,
         help="A plain integer is the raw value of the sheet; with a unit it is a quantity: "
-        "90deg, 7.4V, 500mA, 20ms, 60%. With plot also a joint: its angle in degrees. "
-        "With restore and packets: the file.",
+        "90deg, 7.4V, 500mA, 20ms, 60%.",
     ),
 ]
+Plotted = Annotated[
+    list[str] | None,
+    typer.Argument(
+        metavar="[REGISTER...|JOINT...]",
+        autocompletion=_complete_registers,
+        help="Registers; of a joint its angle in degrees.",
+    ),
+]
+Gains = Annotated[
+    list[str] | None,
+    typer.Argument(
+        metavar="[REGISTER=VALUE...]", autocompletion=_complete_registers, help="Gains to try."
+    ),
+]
+BackupFile = Annotated[Path, typer.Argument(metavar="FILE", help="A backup, a TOML file.")]
+PacketFile = Annotated[Path, typer.Argument(metavar="FILE", help="A file of recorded packets.")]
 ServoId = Annotated[
     str | None,
-    typer.Option(
-        "--id",
-        metavar="ID",
-        help="The servo: its id, or its joint with --arm. With plot also several: 2,3.",
-    ),
+    typer.Option("--id", metavar="ID", help="The servo: its id, or its joint with --arm."),
+]
+ServoIds = Annotated[
+    str | None,
+    typer.Option("--id", metavar="ID[,ID...]", help="Servos: ids, or joints with --arm."),
 ]
 ServoModel = Annotated[
     str | None, typer.Option("--model", help="Without --arm: its model, if it is not recognized.")
@@ -114,24 +107,19 @@ BaudRate = Annotated[
     int | None,
     typer.Option("--baud", min=1_200, max=12_000_000, help="Without --arm: try only this rate."),
 ]
-Errors = Annotated[bool, typer.Option("--errors", help="With packets: only faulty ones.")]
+Errors = Annotated[bool, typer.Option("--errors", help="Print only faulty packets.")]
 Period = Annotated[
-    float | None,
-    typer.Option("--period", parser=parse_time_s, help="With plot: of reading; default: 100ms."),
+    float, typer.Option("--period", parser=parse_time_s, help="Time between two readings.")
 ]
 Step = Annotated[
     float | None,
-    typer.Option(
-        "--step", parser=parse_angle_rad, help="With tune: how far; default: 10deg, a sine 2deg."
-    ),
+    typer.Option("--step", parser=parse_angle_rad, help="How far; default: 10deg, a sine 2deg."),
 ]
 Sine = Annotated[
     str | None,
-    typer.Option(
-        "--sine", metavar="HZ[,HZ]", help="With tune: a sine, between two frequencies a chirp."
-    ),
+    typer.Option("--sine", metavar="HZ[,HZ]", help="A sine, between two frequencies a chirp."),
 ]
-Suggest = Annotated[bool, typer.Option("--suggest", help="With tune: try gains, some ten.")]
+Suggest = Annotated[bool, typer.Option("--suggest", help="Try gains, some ten.")]
 DryRun = Annotated[bool, typer.Option("--dry-run", help="Print what would be written.")]
 To = Annotated[
     Path | None,
@@ -142,123 +130,220 @@ OtherModel = Annotated[
 ]
 
 
-def command(
-    action: Action,
-    words: Words = None,
+@dataclass(frozen=True, kw_only=True)
+class ServoLineOptions:
+    """The line on which servos are: that of an arm, or of servos that belong to no arm."""
+
+    arm: ArmOption = None
+    port: ServoPortOption = None
+    servo_model: ServoModel = None
+    baud: BaudRate = None
+
+    def open(self, servo_id: str | None = None) -> AbstractContextManager[ServoLine]:
+        """Open the line; without an arm only this servo, if one is given.
+
+        Raises:
+            InputError: The options contradict each other.
+        """
+        if self.arm:
+            if self.servo_model or self.baud:
+                raise InputError("--model and --baud belong to servos of no arm.", "Omit --arm.")
+            return open_servos(model_from_option(self.arm), self.port)
+        if servo_id is not None and not servo_id.isdecimal():
+            raise InputError(
+                f"{servo_id!r} is not an id.", "Name its joint with --arm, or give an id."
+            )
+        number = None if servo_id is None else int(servo_id)
+        table = find_table(self.servo_model) if self.servo_model else None
+        return open_servos(None, self.port, servo_id=number, table=table, baud_rate=self.baud)
+
+
+def table(servo_id: ServoId = None, *, options: ServoLineOptions, json: JsonOption = False) -> None:
+    """Print every register of a servo.
+
+    ikservo servo table --port /dev/ttyACM0 --id 3
+    """
+    with options.open(servo_id) as line:
+        _print_registers(line, line.find(servo_id), [], json=json)
+
+
+def read(
+    registers: Registers,
     *,
-    arm: ArmOption = None,
-    port: ServoPortOption = None,
     servo_id: ServoId = None,
-    servo_model: ServoModel = None,
-    baud: BaudRate = None,
-    to: To = None,
-    overwrite: OverwriteOption = False,
-    other_model: OtherModel = False,
-    errors: Errors = False,
-    period: Period = None,
-    duration: DurationOption = None,
-    step: Step = None,
-    sine: Sine = None,
-    suggest: Suggest = False,
+    options: ServoLineOptions,
+    json: JsonOption = False,
+) -> None:
+    """Read registers of a servo.
+
+    ikservo servo read present_voltage p_gain --arm so101 --id elbow_flex
+    """
+    with options.open(servo_id) as line:
+        _print_registers(line, line.find(servo_id), registers, json=json)
+
+
+def write(
+    values: Values,
+    *,
+    servo_id: ServoId = None,
+    options: ServoLineOptions,
     dry_run: DryRun = False,
     yes: YesOption = False,
     json: JsonOption = False,
 ) -> None:
-    """Read and write the registers of a servo; nothing moves unless a goal is written.
-
-    ikservo servo table --port /dev/ttyACM0 --id 3
-
-    ikservo servo read present_voltage p_gain --arm so101 --id elbow_flex
+    """Write registers of a servo; nothing moves unless a goal is written.
 
     ikservo servo write p_gain=16 max_temperature_limit=65C --arm so101 --id 3
+    """
+    with options.open(servo_id) as line:
+        _write(line, line.find(servo_id), values, dry_run=dry_run, yes=yes, json=json)
+
+
+def ping(servo_id: ServoId = None, *, options: ServoLineOptions, json: JsonOption = False) -> None:
+    """Print model and firmware of servos.
+
+    ikservo servo ping --arm so101
+    """
+    with options.open(servo_id) as line:
+        chosen = line.bus.servos.values() if servo_id is None else [line.find(servo_id)]
+        rows = [_Identity(servo, *identify_servo(line, servo)) for servo in chosen]
+        print_records("servo-ping", "servos", rows, _IDENTITIES, json=json)
+
+
+def reboot(
+    servo_id: ServoId = None,
+    *,
+    options: ServoLineOptions,
+    yes: YesOption = False,
+    json: JsonOption = False,
+) -> None:
+    """Restart a servo; its torque goes off.
+
+    ikservo servo reboot --arm so101 --id 3
+    """
+    with options.open(servo_id) as line:
+        _restart(line, line.find(servo_id), restart_servo, "restarted", "", yes=yes, json=json)
+
+
+def reset(
+    servo_id: ServoId = None,
+    *,
+    options: ServoLineOptions,
+    yes: YesOption = False,
+    json: JsonOption = False,
+) -> None:
+    """Give a servo its factory settings; its torque goes off.
+
+    ikservo servo reset --port /dev/ttyACM0 --id 3
+    """
+    done, lost = "reset to factory settings", " Its calibration and settings are lost."
+    with options.open(servo_id) as line:
+        _restart(line, line.find(servo_id), reset_servo, done, lost, yes=yes, json=json)
+
+
+def backup(
+    servo_id: ServoId = None,
+    *,
+    options: ServoLineOptions,
+    to: To = None,
+    overwrite: OverwriteOption = False,
+    json: JsonOption = False,
+) -> None:
+    """Copy the EEPROM of a servo to a file.
 
     ikservo servo backup --arm so101 --id 3
+    """
+    with options.open(servo_id) as line:
+        servo = line.find(servo_id)
+        path = to or Path(f"{servo.id:03}_{servo.table.model_name}.toml")
+        if path.exists() and not overwrite:
+            raise InputError(f"{path} exists.", "Choose another file, or add --overwrite.")
+        write_backup(line.bus, servo.id, path)
+    if json:
+        print_json("servo-backup", id=servo.id, joint=servo.name, path=path)
+        return
+    print_lines([f"✓ {servo}: EEPROM copied to {path}"])
 
-    ikservo servo restore FILE --arm so101
 
-    ikservo servo tune --suggest --arm so101 --id elbow_flex
+def restore(
+    file: BackupFile,
+    *,
+    servo_id: ServoId = None,
+    options: ServoLineOptions,
+    other_model: OtherModel = False,
+    dry_run: DryRun = False,
+    yes: YesOption = False,
+    json: JsonOption = False,
+) -> None:
+    """Write a backup of the EEPROM into a servo.
+
+    ikservo servo restore 003_sts3215.toml --arm so101
+    """
+    copy = read_backup(file)
+    with options.open(servo_id) as line:
+        plan = plan_restoration(line.bus, copy, servo_id, other_model=other_model)
+        restore_backup(line, plan, dry_run=dry_run, yes=yes, json=json)
+
+
+def plot(
+    plotted: Plotted = None,
+    *,
+    servo_ids: ServoIds = None,
+    options: ServoLineOptions,
+    period: Period = 0.1,
+    duration: DurationOption = None,
+    json: JsonOption = False,
+) -> None:
+    """Plot registers of servos, or angles of joints, over time.
 
     ikservo servo plot elbow_flex --arm so101          the angle of the joint
 
     ikservo servo plot --arm so101 --id elbow_flex,wrist_flex
-
-    ikservo servo packets log.pcapng --arm so101       recorded by IKSERVO_PACKETS=log.pcapng
     """
-    given = words or []
-    _check_words(action, given)
-    _check_options(
-        action,
-        {
-            "--to": to is not None,
-            "--overwrite": overwrite,
-            "--other-model": other_model,
-            "--errors": errors,
-            "--period": period is not None,
-            "--duration": duration is not None,
-            "--step": step is not None,
-            "--sine": sine is not None,
-            "--suggest": suggest,
-            "--dry-run": dry_run,
-        },
+    words, ids = plotted or [], list(dict.fromkeys(servo_ids.split(","))) if servo_ids else []
+    options = replace(options, port=real_time_port(options.port))
+    with options.open(servo_ids if len(ids) == 1 else None) as line:
+        maps = read_joint_maps(line, model_from_option(options.arm), words) if options.arm else {}
+        servos = [*map(line.find, ids), *(line.bus.servos[i] for i in maps)]
+        chosen = list(dict.fromkeys(servos) or line.bus.servos.values())
+        show_plot(line, chosen, words, maps, period, duration, json=json)
+
+
+def tune(
+    gains: Gains = None,
+    *,
+    connection: ServoConnection,
+    servo_id: ServoId = None,
+    step: Step = None,
+    sine: Sine = None,
+    suggest: Suggest = False,
+    yes: YesOption = False,
+    json: JsonOption = False,
+) -> None:
+    """Move a joint quickly with its gains, with others, or with several, and compare.
+
+    ikservo servo tune --suggest --arm so101 --id elbow_flex
+    """
+    frequencies_hz = _parse_frequencies(sine)
+    tune_joint(
+        connection, servo_id, gains or [], step, frequencies_hz, suggest=suggest, yes=yes, json=json
     )
-    if action == "packets":
-        path = Path(given[0])
-        _print_packets(path, arm, servo_id, servo_model, faulty=errors, json=json)
-        return
-    if action == "tune":
-        tune(ArmConnection(arm=arm, port=port), servo_id, given, step, _parse_frequencies(sine),
-             suggest=suggest, yes=yes, json=json)  # fmt: skip
-        return
-    if action == "plot":
-        ids = list(dict.fromkeys(servo_id.split(","))) if servo_id else []
-        only = servo_id if len(ids) == 1 else None
-        with _open_line(arm, real_time_port(port), only, servo_model, baud) as line:
-            maps = read_joint_maps(line, model_from_option(arm), given) if arm else {}
-            servos = [*map(line.find, ids), *(line.bus.servos[i] for i in maps)]
-            chosen = list(dict.fromkeys(servos) or line.bus.servos.values())
-            plot(line, chosen, given, maps, 0.1 if period is None else period, duration, json=json)
-        return
-    backup = read_backup(Path(given[0])) if action == "restore" else None
-    with _open_line(arm, port, servo_id, servo_model, baud) as line:
-        if backup is not None:
-            plan = plan_restoration(line.bus, backup, servo_id, other_model=other_model)
-            restore_backup(line, plan, dry_run=dry_run, yes=yes, json=json)
-        elif action in ("table", "read"):
-            _print_registers(line, line.find(servo_id), given, json=json)
-        elif action == "ping":
-            _print_identities(line, servo_id, json=json)
-        elif action == "write":
-            _write(line, line.find(servo_id), given, dry_run=dry_run, yes=yes, json=json)
-        elif action == "backup":
-            _back_up(line, line.find(servo_id), to, overwrite=overwrite, json=json)
-        else:
-            _restart(line, line.find(servo_id), action, yes=yes, json=json)
 
 
-def _check_words(action: str, words: Sequence[str]) -> None:
-    if action not in ACTIONS:
-        raise UnknownNameError("action", action, ACTIONS)
-    if action in ("read", "write") and not words:
-        example = "p_gain" if action == "read" else "p_gain=16"
-        raise InputError("No register is named.", f"As in: ikservo servo {action} {example}")
-    if action in ("restore", "packets") and len(words) != 1:
-        raise InputError(f"{action} needs one file.", f"As in: ikservo servo {action} FILE")
-    if action not in ("read", "write", "restore", "packets", "plot", "tune") and words:
-        raise InputError(f"{action} takes no {words[0]!r}.", f"Try: ikservo servo {action}")
+def packets(
+    file: PacketFile,
+    *,
+    servo_id: ServoId = None,
+    arm: ArmOption = None,
+    servo_model: ServoModel = None,
+    errors: Errors = False,
+    json: JsonOption = False,
+) -> None:
+    """Print a file of packets, recorded by IKSERVO_PACKETS=log.pcapng or another program.
 
-
-_OPTION_OF: Mapping[str, tuple[str, ...]] = {
-    "--to": ("backup",),
-    "--overwrite": ("backup",),
-    "--other-model": ("restore",),
-    "--errors": ("packets",),
-    "--period": ("plot",),
-    "--duration": ("plot",),
-    "--step": ("tune",),
-    "--sine": ("tune",),
-    "--suggest": ("tune",),
-    "--dry-run": ("write", "restore"),
-}
+    ikservo servo packets log.pcapng --arm so101
+    """
+    _print_packets(file, arm, servo_id, servo_model, faulty=errors, json=json)
 
 
 def _parse_frequencies(text: str | None) -> tuple[float, float] | None:
@@ -269,33 +354,6 @@ def _parse_frequencies(text: str | None) -> tuple[float, float] | None:
     if match is None:
         raise InputError(f"{text!r} is not a frequency.", "As in: --sine 2, or --sine 0.5,5")
     return float(match[1]), float(match[2] or match[1])
-
-
-def _check_options(action: str, given: Mapping[str, bool]) -> None:
-    """Refuse an option that the action would ignore."""
-    for option, actions in _OPTION_OF.items():
-        if given[option] and action not in actions:
-            raise InputError(
-                f"{option} cannot be given with {action}.", f"It belongs to: {', '.join(actions)}"
-            )
-
-
-def _open_line(
-    arm: str | None,
-    port: str | None,
-    servo_id: str | None,
-    servo_model: str | None,
-    baud: int | None,
-) -> AbstractContextManager[ServoLine]:
-    if arm:
-        if servo_model or baud:
-            raise InputError("--model and --baud belong to servos of no arm.", "Omit --arm.")
-        return open_servos(model_from_option(arm), port)
-    if servo_id is not None and not servo_id.isdecimal():
-        raise InputError(f"{servo_id!r} is not an id.", "Name its joint with --arm, or give an id.")
-    number = None if servo_id is None else int(servo_id)
-    table = find_table(servo_model) if servo_model else None
-    return open_servos(None, port, servo_id=number, table=table, baud_rate=baud)
 
 
 def _format_first(reading: RegisterReading) -> str:
@@ -361,12 +419,6 @@ _IDENTITIES: Fields[_Identity] = (
 )
 
 
-def _print_identities(line: ServoLine, servo_id: str | None, *, json: bool) -> None:
-    chosen = line.bus.servos.values() if servo_id is None else [line.find(servo_id)]
-    rows = [_Identity(servo, *identify_servo(line, servo)) for servo in chosen]
-    print_records("servo-ping", "servos", rows, _IDENTITIES, json=json)
-
-
 def _write(
     line: ServoLine,
     servo: ServoSpec,
@@ -410,30 +462,24 @@ def _write(
     print_lines([f"{mark} {servo}: {', '.join(texts) or 'nothing to change'}"])
 
 
-def _back_up(
-    line: ServoLine, servo: ServoSpec, to: Path | None, *, overwrite: bool, json: bool
+def _restart(
+    line: ServoLine,
+    servo: ServoSpec,
+    restart: Callable[[ServoLine, ServoSpec], object],
+    done: str,
+    lost: str,
+    *,
+    yes: bool,
+    json: bool,
 ) -> None:
-    path = to or Path(f"{servo.id:03}_{servo.table.model_name}.toml")
-    if path.exists() and not overwrite:
-        raise InputError(f"{path} exists.", "Choose another file, or add --overwrite.")
-    write_backup(line.bus, servo.id, path)
-    if json:
-        print_json("servo-backup", id=servo.id, joint=servo.name, path=path)
-        return
-    print_lines([f"✓ {servo}: EEPROM copied to {path}"])
-
-
-def _restart(line: ServoLine, servo: ServoSpec, action: str, *, yes: bool, json: bool) -> None:
-    result = "restarted" if action == "reboot" else "reset to factory settings"
-    lost = "" if action == "reboot" else " Its calibration and settings are lost."
     text = f"{servo}: torque goes off, support the arm.{lost} Go on?"
     if not Operator.of(None, yes=yes).agrees(Question(text, Unasked.ERROR)):
         raise IkservoError("Cancelled; nothing was changed.")
-    (restart_servo if action == "reboot" else reset_servo)(line, servo)
+    restart(line, servo)
     if json:
-        print_json("servo-restart", id=servo.id, joint=servo.name, done=result)
+        print_json("servo-restart", id=servo.id, joint=servo.name, done=done)
         return
-    print_lines([f"✓ {servo}: {result}; torque {'on' if holds_torque(line, servo) else 'off'}"])
+    print_lines([f"✓ {servo}: {done}; torque {'on' if holds_torque(line, servo) else 'off'}"])
 
 
 def _print_packets(
@@ -494,7 +540,7 @@ def restore_backup(
         question = Question(f"Write these to {plan.servo}?", Unasked.ERROR)
         if plan.changes and not Operator.of(None, yes=yes).agrees(question):
             raise IkservoError("Cancelled; the servo was not changed.")
-        restore(line.bus, plan)
+        write_restoration(line.bus, plan)
     if json:
         print_json(
             "setup", joint=plan.servo.name, id=plan.servo.id, model=plan.servo.table.model_name,

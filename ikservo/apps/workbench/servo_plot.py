@@ -72,7 +72,7 @@ def read_joint_maps(line: ServoLine, model: Model, words: Sequence[str]) -> dict
     return {joint.servo.id: own.joint_map(joint) for joint in joints}
 
 
-def plot(
+def show_plot(
     line: ServoLine,
     servos: Sequence[ServoSpec],
     names: Sequence[str],

@@ -95,7 +95,7 @@ def _format_degrees(angle_rad: float) -> str:
     return f"{math.degrees(angle_rad):.2f}°"
 
 
-def tune(
+def tune_joint(
     connection: ArmConnection,
     joint: str | None,
     settings: Sequence[str],

@@ -68,14 +68,14 @@ def test_a_dry_run_writes_nothing(run_cli, ports):
         (f"servo write id=4 {ELBOW} --yes", ExitCode.USAGE, "belongs to another servo"),
         (f"servo write goal_position=2048 {ELBOW} --yes", ExitCode.FAILED, "torque is off"),
         (f"servo read p_gian {ELBOW}", ExitCode.USAGE, "p_gain"),
-        (f"servo read {ELBOW}", ExitCode.USAGE, "No register is named"),
-        (f"servo table p_gain {ELBOW}", ExitCode.USAGE, "takes no"),
+        (f"servo read {ELBOW}", ExitCode.USAGE, "Missing argument 'REGISTER...'"),
+        (f"servo table p_gain {ELBOW}", ExitCode.USAGE, "unexpected extra argument"),
         ("servo table --arm so101 --port sim", ExitCode.USAGE, "Name one by its id"),
         ("servo table --arm so101 --port sim --id 9", ExitCode.USAGE, "9"),
         ("servo table --port sim --id 3", ExitCode.USAGE, "--arm"),
         (f"servo table {ELBOW} --model STS3215", ExitCode.USAGE, "Omit --arm"),
         ("servo restore nothing.toml --arm so101 --port sim", ExitCode.USAGE, "nothing.toml"),
-        (f"servo table {ELBOW} --dry-run", ExitCode.USAGE, "cannot be given with table"),
+        (f"servo table {ELBOW} --dry-run", ExitCode.USAGE, "No such option: --dry-run"),
         (f"servo reboot {ELBOW} --yes", ExitCode.SILENT, "does not support reboot"),
     ],
 )
@@ -254,7 +254,7 @@ def test_a_servo_that_falls_silent_has_empty_cells(run_cli, monkeypatch):
         ("servo plot --arm so101 {fast} --id 3,9", "named '9'"),
         ("servo plot --arm so101 {fast} --id 3,,4", "named ''"),
         ("servo plot --arm so101 {fast} --period 0", "above 0"),
-        ("servo read id --arm so101 {fast} --id 3 --duration 3", "cannot be given with read"),
+        ("servo read id --arm so101 {fast} --id 3 --duration 3", "No such option: --duration"),
     ],
 )
 def test_a_plot_of_nothing_is_refused(run_cli, words, said):

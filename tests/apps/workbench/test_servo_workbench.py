@@ -2,7 +2,7 @@
 
 import pytest
 
-from ikservo.apps.workbench.eeprom_restore import plan_restoration, restore
+from ikservo.apps.workbench.eeprom_restore import plan_restoration, write_restoration
 from ikservo.apps.workbench.servo_workbench import (
     ServoLine,
     find_register,
@@ -171,11 +171,11 @@ def test_backup_restore_backup_are_the_same_wherever_a_restore_was_killed(model,
         killed = ServoBus(Port(dying, "dying", 1_000_000), [servo_of(line)], retries=0)
         done = True
         try:
-            restore(killed, plan_restoration(killed, read_backup(first)))
+            write_restoration(killed, plan_restoration(killed, read_backup(first)))
         except (PortError, BusError):
             done = False
         line.bus.port.clock.sleep_until(line.bus.port.clock.now_s() + 1.0)
-        restore(line.bus, plan_restoration(line.bus, read_backup(first)))
+        write_restoration(line.bus, plan_restoration(line.bus, read_backup(first)))
         write_backup(line.bus, ID, second)
         assert second.read_text() == first.read_text()
         if done:

@@ -34,7 +34,7 @@ from ikservo.apps.page.panels.servo_trial import (
 from ikservo.apps.page.server.auth import Permission
 from ikservo.apps.page.server.downloads import Download, DownloadOffers
 from ikservo.apps.page.server.server import Frame
-from ikservo.apps.workbench.eeprom_restore import plan_restoration, restore
+from ikservo.apps.workbench.eeprom_restore import plan_restoration, write_restoration
 from ikservo.apps.workbench.servo_samples import Sample, live_registers, sample_registers
 from ikservo.apps.workbench.servo_workbench import (
     ServoLine,
@@ -419,7 +419,7 @@ def _restore(line: ServoLine, servo: ServoSpec, text: str) -> str:
     """Write a backup and return what was written, and what was left out."""
     backup = parse_backup(Path("backup.toml"), text)
     plan = plan_restoration(line.bus, backup, str(servo.id))
-    restore(line.bus, plan)
+    write_restoration(line.bus, plan)
     written = ", ".join(map(str, plan.changes))
     kept = ", ".join(str(each.register) for each in plan.kept)
     left = f"; left as it is: {kept}" if kept else ""
