@@ -199,9 +199,9 @@ class CollisionChecker:
                 there, but to no box: a recording of an arm that was laid down.
             rest: The posture (dof,) at rest from which the arm came to the first vector. No contact
                 may get deeper than from there, or the half millimetres of many checks would add up.
-            began_m: How deep each contact was when the arm came into it (pairs,), as negative
-                distances [m]; -inf where that is not known. Half a millimetre more is the most on
-                the way, however many motions were stopped there.
+            began_m: Distances (pairs,) [m], negative, at which the arm came into each contact; -inf
+                where that is not known. Half a millimetre more is the most on the way, however many
+                motions were stopped there.
 
         Returns:
             The smallest distance on the path [m], without sag.

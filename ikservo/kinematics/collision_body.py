@@ -130,8 +130,9 @@ class CollisionBody:
         self._capsules = sorted(capsules, key=lambda capsule: capsule.link)
         self._radii_m = np.array([capsule.radius_m for capsule in self._capsules])
         self._links = list(dict.fromkeys(capsule.link for capsule in self._capsules))
+        moving = {link: _moving_joints(chain, link) for link in self._links}
         pairs = itertools.combinations(self._links, 2)
-        self.pairs = tuple(pair for pair in pairs if not _are_neighbours(chain, *pair))
+        self.pairs = tuple((a, b) for a, b in pairs if len(moving[a] ^ moving[b]) > 1)
         self._ones, self._others, self._first = self._capsule_pairs()
         self._overlap_m = np.zeros(len(self.pairs))
         if len(postures):
@@ -210,7 +211,7 @@ class CollisionBody:
 
     def _capsule_ends(self, q: ArrayLike) -> tuple[Matrix, Matrix]:
         """Return both ends (n, capsules, 3) of every capsule in world coordinates."""
-        poses = {link: self._chain.forward(q, link) for link in self._links}
+        poses = self._chain.link_poses(q)
         ends = [capsule.ends(poses[capsule.link]) for capsule in self._capsules]
         return np.stack([a for a, _ in ends], axis=1), np.stack([b for _, b in ends], axis=1)
 
@@ -238,9 +239,7 @@ class CollisionBody:
         return ones, others, first
 
 
-def _are_neighbours(chain: Chain, a: str, b: str) -> bool:
-    """Check whether at most one moving joint is between two links."""
-    paths = [{step.joint.name: step.joint for step in chain.joints_to(link)} for link in (a, b)]
-    between = [*(paths[0].keys() ^ paths[1].keys())]
-    joints = paths[0] | paths[1]
-    return sum(joints[name].kind is not JointType.FIXED for name in between) <= 1
+def _moving_joints(chain: Chain, link: str) -> frozenset[str]:
+    """Return the moving joints between the base and a link; links beside it differ by one."""
+    joints = [step.joint for step in chain.joints_to(link)]
+    return frozenset(joint.name for joint in joints if joint.kind is not JointType.FIXED)

@@ -64,8 +64,12 @@ def _chain_joint(joint: UrdfJoint) -> Joint:
     )
 
 
-MAX_LINKS, MAX_MOVING_JOINTS = 1_000, 100
-"""Of a description: matrices grow with the square of its joints, those of masses with the cube."""
+MAX_LINKS, MAX_MOVING_JOINTS = 200, 100
+"""Of a description: matrices grow with the square of its joints, those of masses with the cube.
+
+Pairs of links that are checked for collisions grow with the square of its links, and the joints
+between the links of a pair add to that.
+"""
 
 
 def read_description(path: Path, folder: Path | None = None) -> Urdf:

@@ -293,6 +293,14 @@ def _ended(reached: bool, off: str, duration_s: float, binding: Sequence[str]) -
     return f"{'reached' if reached else 'not reached'}: {off}{held}; {duration_s:.1f} s"
 
 
+def describe_alarms(states: Sequence[JointState]) -> list[tuple[str, str]]:
+    """Return which servos report alarms, and which: one pair for all that report the same."""
+    by_alarms: dict[str, list[str]] = {}
+    for state in states:
+        by_alarms.setdefault(", ".join(state.alarms), []).append(state.name)
+    return [(", ".join(names), each) for each, names in by_alarms.items() if each]
+
+
 def describe_torque(states: Sequence[JointState]) -> str:
     """Say ``torque stays on``, or which servos are limp."""
     limp = [state.name for state in states if not state.torque]

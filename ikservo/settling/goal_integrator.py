@@ -161,8 +161,14 @@ class GoalIntegrator:
         return still_s < _AT_REST_S or last_s < _MIN_WAIT_S or self._swing.may_swing(still_s)
 
     def goal_at(self, after_s: float) -> float:
-        """Compute the goal's tick a time after the last update."""
-        return self._inside(self.goal + self._rate * after_s + self._along - self._brake)
+        """Compute the goal's tick a time after the last update.
+
+        A goal outside the limits that has come nearer to them does not go back out.
+        """
+        goal = self._inside(self.goal + self._rate * after_s + self._along - self._brake)
+        low, high = self.driven.tick_range
+        self._low, self._high = min(low, max(self._low, goal)), max(high, min(self._high, goal))
+        return goal
 
     def update(
         self, tick: int, time_s: float, elapsed_s: float, *, correcting: bool = True

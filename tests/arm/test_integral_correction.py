@@ -30,6 +30,17 @@ def feed(joint, ticks, start_s=0.0):
     return goals
 
 
+def test_goal_outside_the_limits_comes_back_and_not_out_again():
+    joint = creep(lower=-1.0, upper=-0.1)  # up to tick 1982
+    sent = []
+    for cycle, tick in enumerate([2000, 2000, 2012, 2012, 2012, 1990, 1990, *[2000] * 20]):
+        joint.update(tick, cycle * CYCLE_S, CYCLE_S)
+        sent.append(joint.goal_at(CYCLE_S))
+    outside = [max(goal, 1982.0) for goal in sent]
+    assert outside == sorted(outside, reverse=True)
+    assert outside[-1] < 2000.0
+
+
 def test_a_joint_that_sags_is_led_on():
     goals = feed(creep(), [1980] * 20)
     assert goals == sorted(goals)

@@ -38,6 +38,7 @@ from ikservo.errors import IkservoError, InputError, format_point
 from ikservo.kinematics.arrays import Vector
 from ikservo.model import Model
 from ikservo.model.model import HealthLimits, limit_distance, near_limit
+from ikservo.planning.reports import describe_alarms
 
 Watch = Annotated[bool, typer.Option("--watch", help="Repeat until Ctrl-C, with joints as bars.")]
 Period = Annotated[
@@ -147,7 +148,7 @@ def _limit_lines(here: ArmState) -> list[str]:
 
 
 def _alarm_lines(here: ArmState) -> list[str]:
-    return [f"alarm: {s.name}: {', '.join(s.alarms)}" for s in here.joints if s.alarms]
+    return [f"alarm: {names}: {alarms}" for names, alarms in describe_alarms(here.joints)]
 
 
 def _chain_joints(here: ArmState, model: Model) -> Vector:

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from ikservo.apps.page.dragging.labels import (
+    condition_rows,
     describe_target,
     format_solve_time,
     format_supply,
@@ -78,3 +79,16 @@ def test_joint_at_its_limit_is_near_and_only_one_beyond_is_wrong():
         return _joint_meter_fields(model, state, at, at)["state"]
 
     assert [nearness(at) for at in (0.0, -1.0, 1.0, -1.2)] == ["", "near", "near", "beyond"]
+
+
+def test_one_cause_of_alarms_is_one_row():
+    state = JointState("pan", 0.0, -1.0, 1.0, "arm file", 31.0, 12.1, 4.0, torque=True)
+    alarms = {
+        "pan": ("input voltage",),
+        "lift": ("input voltage",),
+        "elbow": ("too hot",),
+        "roll": (),
+    }
+    states = [replace(state, name=name, alarms=each) for name, each in alarms.items()]
+    rows = condition_rows(states, None, HealthLimits())
+    assert rows[-2:] == [("pan, lift", "input voltage", "bad"), ("elbow", "too hot", "bad")]

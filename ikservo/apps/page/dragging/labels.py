@@ -13,7 +13,7 @@ from ikservo.apps.page.picking.picking import PickCandidate
 from ikservo.apps.page.picking.visibility import LinkVisibility, PostureAnalysis
 from ikservo.errors import format_point
 from ikservo.kinematics.conditioning import Conditioning
-from ikservo.planning.reports import describe_torque
+from ikservo.planning.reports import describe_alarms, describe_torque
 
 if TYPE_CHECKING:
     from ikservo.arm import JointState
@@ -119,7 +119,7 @@ def condition_rows(
         supply_v: The nominal supply of the arm; None where the arm file does not say.
         limits: The limits of the supply that the arm file gives.
     """
-    rows = [(state.name, ", ".join(state.alarms), "bad") for state in states if state.alarms]
+    rows = [(names, alarms, "bad") for names, alarms in describe_alarms(states)]
     limp = [state.name for state in states if not state.torque]
     if limp and len(limp) < len(states):
         rows.append(("limp", ", ".join(limp), "warn"))

@@ -45,6 +45,7 @@ from ikservo.errors import (
     StoppedError,
 )
 from ikservo.kinematics.arrays import Vector
+from ikservo.planning.reports import describe_alarms
 from ikservo.remedies import in_page
 from ikservo.serving.lease import ArmLease
 
@@ -367,10 +368,8 @@ class ArmThread:
         """Log which servos are limp that held at the reading before: nobody asked for that."""
         pairs = zip(before, self.snapshot.states, strict=True)
         lost = [now for then, now in pairs if then.torque and not now.torque]
-        for state in lost:
-            if state.alarms:
-                alarms = ", ".join(state.alarms)
-                self.log_message(f"{state.name} switched its torque off by its alarm: {alarms}.")
+        for names, alarms in describe_alarms(lost):
+            self.log_message(f"Torque switched off by an alarm: {names}: {alarms}.")
         unexplained = [state.name for state in lost if not state.alarms]
         if unexplained:
             self.log_message(_TORQUE_LOST_TEXT.format(", ".join(unexplained)))
