@@ -182,7 +182,7 @@ def __getattr__(name: str) -> Any:  # noqa: ANN401  # apps add names
         value = getattr(import_module(f"ikservo.{_HOMES[name]}"), name)
     else:
         value = _find_in_apps(name)
-    globals()[name] = value  # from now on found without this function
+    globals()[name] = value  # later look-ups do not come here
     return value
 
 

@@ -1,4 +1,4 @@
-"""The value that says what an app adds to ikservo.
+"""The value with which an app says what it adds to ikservo.
 
 An app is a folder with commands and whatever they need, and one `App`. The core finds that value
 and imports the rest when it is used; it never imports an app itself. Built-in apps are the folders
@@ -20,10 +20,10 @@ class Command:
     """A command, listed by ``--help`` before its module is imported.
 
     Attributes:
-        module: The module that defines ``command``, or the place ``package.module:name`` of another
-            function; empty for a group of the commands below it, whose names are "group command".
+        module: Module that defines ``command``, or the place ``package.module:name`` of another
+            function; empty for a group, whose commands are named "group command".
         help: One line for the list of commands.
-        panel: The heading under which it is listed.
+        panel: Heading under which the command is listed.
     """
 
     module: str
@@ -33,11 +33,11 @@ class Command:
 
 @dataclass(frozen=True, slots=True)
 class Panel:
-    """What a panel of the page shows now.
+    """Content of a panel of the page.
 
     Attributes:
         rows: Names and values, as text.
-        motions: Motions by the text of their buttons, made as a step of a program is.
+        motions: Motions by the text of their buttons, built like steps of a program.
     """
 
     rows: Sequence[tuple[str, str]] = ()
@@ -49,16 +49,16 @@ class App:
     """What an app adds to ikservo. Places are ``package.module:name``, imported when they are used.
 
     Attributes:
-        name: Its name; that of its folder, its page in the documents, and its extra.
+        name: Name of the app; also of its folder, its page in the documents, and its extra.
         commands: Its commands by name; "arms new" is ``new`` below ``arms``.
         names: Names of the package ``ikservo``, by place.
         arm_methods: Methods of an open arm, by the place of a function that takes the arm first.
-        arm_values: Attributes of an open arm, by the place of a function that makes one of it.
-        motions: Kinds of motions, by the place of the class: steps of programs, too.
+        arm_values: Attributes of an open arm, by the place of a function of the arm.
+        motions: Kinds of motions by the place of their class; also steps of programs.
         networks: Schemes of addresses, by the place of an ``ArmNetwork``.
         panels: Panels of the page by heading, by the place of a function that returns a `Panel`
             for the model of the arm and its measured positions (rad or m by joint).
-        parts: Objects that commands of other apps look up by a name such as ``calibrate --camera``.
+        parts: Objects that other apps' commands look up by name, such as ``calibrate --camera``.
     """
 
     name: str

@@ -39,7 +39,7 @@ def built_in_apps() -> tuple[App, ...]:
 def installed_apps() -> tuple[tuple[App, ...], tuple[str, ...]]:
     """Return the apps of other distributions, and one sentence for each that cannot be used.
 
-    An app that fails or prints while it is imported, or that takes a name of another one, is left
+    An app that fails or prints while it is imported, or that uses a name of another app, is left
     out and does not affect the others.
     """
     if not other_packages_have(APP_GROUP):
@@ -54,7 +54,7 @@ def installed_apps() -> tuple[tuple[App, ...], tuple[str, ...]]:
         try:
             with contextlib.redirect_stdout(printed), contextlib.redirect_stderr(printed):
                 app: object = point.load()
-        except (Exception, SystemExit) as error:  # whatever it does at import
+        except (Exception, SystemExit) as error:  # an import can raise anything
             problems.append(f"{source} cannot be imported: {type(error).__name__}: {error}")
             continue
         problem = _find_problem(app, (*built_in_apps(), *found))
@@ -79,7 +79,7 @@ def load_place(place: str) -> Any:  # noqa: ANN401  # whatever an app offers
 
 
 def offered_part(name: str) -> Any | None:  # noqa: ANN401  # whatever an app offers
-    """Return what an app offers to the commands of others under a name; None if none does."""
+    """Return what an app offers to other apps' commands under a name; None if no app has it."""
     for app in all_apps():
         if name in app.parts:
             return load_place(app.parts[name])
@@ -87,10 +87,10 @@ def offered_part(name: str) -> Any | None:  # noqa: ANN401  # whatever an app of
 
 
 def find_part(name: str) -> Any:  # noqa: ANN401  # whatever an app offers
-    """Return what an app offers to the commands of others under a name.
+    """Return what an app offers to other apps' commands under a name.
 
     Raises:
-        InputError: No app that is installed has it.
+        InputError: No installed app offers it.
     """
     found = offered_part(name)
     if found is None:
@@ -101,7 +101,7 @@ def find_part(name: str) -> Any:  # noqa: ANN401  # whatever an app offers
 def other_packages_have(group: str) -> bool:
     """Check whether another distribution has entry points of a group.
 
-    ``importlib.metadata`` would say so, but takes longer to load than an arm takes to brake.
+    ``importlib.metadata`` would tell, but it loads more slowly than an arm brakes.
     """
     return f"[{group}]" in _entry_points_of_others()
 
@@ -145,15 +145,15 @@ def _problems(app: App, others: Sequence[App]) -> Iterator[str]:
 
 
 def member_of_arms(arm: object, name: str) -> Any:  # noqa: ANN401  # whatever an app offers
-    """Return a method or an attribute that an app gives to every open arm.
+    """Return a method or an attribute that an app adds to every open arm.
 
     Raises:
-        AttributeError: No app has one of this name.
+        AttributeError: No app adds this name.
     """
     for app in all_apps():
         if name in app.arm_values:
             value = load_place(app.arm_values[name])(arm)
-            vars(arm)[name] = value  # from now on found without this function
+            vars(arm)[name] = value  # later look-ups do not come here
             return value
         if name in app.arm_methods:
             return load_place(app.arm_methods[name]).__get__(arm)
@@ -162,5 +162,5 @@ def member_of_arms(arm: object, name: str) -> Any:  # noqa: ANN401  # whatever a
 
 
 def member_names() -> list[str]:
-    """Return the names of all methods and attributes that apps give to open arms."""
+    """Return the names of all methods and attributes that apps add to open arms."""
     return [name for app in all_apps() for name in (*app.arm_methods, *app.arm_values)]

@@ -34,7 +34,7 @@ __all__ = [
 T = TypeVar("T")
 
 OnExit = Literal["hold", "relax"]
-"""What becomes of an arm that is closed."""
+"""State in which ``close`` leaves an arm."""
 
 _MIN_RATE_HZ, _MAX_RATE_HZ = 5.0, 1000.0  # a lower rate exceeds the dead-man timeout
 
@@ -43,7 +43,7 @@ def parse_all_positions(positions: object, names: Sequence[str]) -> dict[str, fl
     """Read joint positions by name, given by name or as an array of all joints (n,).
 
     Raises:
-        BadValueError: They are neither.
+        BadValueError: ``positions`` is neither.
     """
     if isinstance(positions, np.ndarray | list | tuple):
         array = finite_vector(cast("ArrayLike", positions), len(names), "The goal of all joints")
@@ -52,7 +52,7 @@ def parse_all_positions(positions: object, names: Sequence[str]) -> dict[str, fl
 
 
 def check_callable(what: str, value: object) -> None:
-    """Refuse what is neither None nor callable, before anything moves.
+    """Refuse a value that is neither None nor callable, before anything moves.
 
     Raises:
         BadValueError: It is not callable.
@@ -62,41 +62,41 @@ def check_callable(what: str, value: object) -> None:
 
 
 def check_choice(what: str, value: T, choices: Sequence[T]) -> T:
-    """Check that a value is one of a few, and return it.
+    """Check that a value is one of several choices, and return it.
 
     Raises:
-        UnknownNameError: It is none of them.
+        UnknownNameError: The value is not one of them.
     """
-    # Of an array ``in`` makes another array, which is neither true nor false.
+    # ``in`` with an array returns an array, which has no truth value.
     if isinstance(cast("object", value), np.ndarray) or value not in choices:
         raise UnknownNameError(what, value, [str(choice) for choice in choices])
     return value
 
 
 def check_exit(on_exit: OnExit) -> OnExit:
-    """Check what is to become of an arm that is closed.
+    """Check the state in which an arm is to be closed.
 
     Raises:
         UnknownNameError: It is neither ``hold`` nor ``relax``.
     """
-    return check_choice("way to exit", on_exit, ("hold", "relax"))
+    return check_choice("exit state", on_exit, ("hold", "relax"))
 
 
 def check_iterable(what: str, value: object, expected: str) -> None:
-    """Refuse what cannot be iterated over.
+    """Refuse a value that is not iterable.
 
     Raises:
-        BadValueError: It cannot.
+        BadValueError: It is not iterable.
     """
     if not isinstance(value, Iterable):
         raise BadValueError(what, repr(value), expected)
 
 
 def parse_points(values: object) -> list[ArrayLike]:
-    """Parse points one after another, from any iterable.
+    """Parse a sequence of points, from any iterable.
 
     Raises:
-        BadValueError: It is none.
+        BadValueError: An item is not a point.
     """
     try:
         if not isinstance(values, str | Mapping):
@@ -125,7 +125,7 @@ def parse_number(what: str, value: object) -> float:
     """Parse a number as a float.
 
     Raises:
-        BadValueError: It is none; text that reads like one is none either, nor is a truth.
+        BadValueError: It is not a number; text and booleans are not accepted.
     """
     try:
         if isinstance(value, str | bytes | bytearray | bool | np.bool_):
@@ -139,10 +139,10 @@ def parse_number(what: str, value: object) -> float:
 
 
 def parse_period_s(rate_hz: object) -> float | None:
-    """Parse the time between two setpoints of a stream [s]; None for one without a rate.
+    """Parse the time between two setpoints of a stream [s]; None for a stream without a rate.
 
     Raises:
-        BadValueError: The rate is not a number, or out of its range [Hz].
+        BadValueError: The rate [Hz] is not a number, or out of range.
     """
     if rate_hz is None:
         return None
@@ -154,7 +154,7 @@ def parse_period_s(rate_hz: object) -> float | None:
 
 
 def parse_port(port: object) -> str | None:
-    """Parse the name of a port, or None where none is given.
+    """Parse the name of a port, or None if none is given.
 
     Raises:
         BadValueError: It is neither a name nor a path.

@@ -8,7 +8,7 @@ from typing import Protocol
 
 
 class Clock(Protocol):
-    """The clock of all code that waits; a simulated bus has its own virtual one."""
+    """The clock of all code that waits; a simulated bus has a virtual one."""
 
     def now_s(self) -> float:
         """Return seconds since an arbitrary start; monotonic."""

@@ -1,4 +1,4 @@
-"""The core, described by the same value as an app: the commands that a first motion needs."""
+"""The core, described like an app: the commands for a first motion."""
 
 from __future__ import annotations
 

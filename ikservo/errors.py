@@ -153,7 +153,7 @@ class InputError(IkservoError, ValueError):
 
 
 class UnknownNameError(InputError, LookupError):
-    """A name that is not among the known ones; the closest is offered."""
+    """A name that is not among the known ones; the closest is suggested."""
 
     def __init__(self, kind: str, name: object, known: Iterable[str]) -> None:
         self.kind, self.name, self.known = kind, name, sorted(known)
@@ -165,7 +165,7 @@ class UnknownNameError(InputError, LookupError):
 
 
 class BadValueError(InputError):
-    """A number or text that cannot be used, with what was expected."""
+    """A number or text that cannot be used, with the expected value."""
 
     def __init__(self, what: str, found: object, expected: str) -> None:
         self.what, self.found, self.expected = what, found, expected
@@ -191,7 +191,7 @@ class PortError(IkservoError, OSError):
 
 
 class NoPortError(PortError):
-    """No such port, or none given and none to choose; the ports that exist are listed."""
+    """No such port, or none given and none to choose from; the existing ports are listed."""
 
     def __init__(self, name: str, found: Iterable[str] = (), why: str = "") -> None:
         self.name, self.found, self.why = name, list(found), why
@@ -323,7 +323,7 @@ class CalibrationError(IkservoError):
 
 
 class PictureError(CalibrationError):
-    """A camera gives no picture, or one that does not show the board: nothing is known by it."""
+    """A camera gives no picture, or a picture without the board: it cannot be used."""
 
     exit_code = ExitCode.FAILED
 
@@ -392,7 +392,7 @@ class OrientationError(UnreachableError):
         asked: The requested orientation, as text.
         instead: The closest possible one, as text.
         left_rad: The angle between the two.
-        freedom: The joint that the arm lacks for it, as text; empty if it lacks none.
+        freedom: The joint that the arm would need, as text; empty if none is missing.
     """
 
     def __init__(
@@ -432,7 +432,7 @@ class AimError(UnreachableError):
         held = f" ({', '.join(self.binding)})" if self.binding else ""
         self.command_message = (
             f"The tip cannot point at {format_point(point_m)}; "
-            f"closest is {math.degrees(left_rad):.1f}° beside it{held}."
+            f"closest is {math.degrees(left_rad):.1f}° off{held}."
         )
         self.command_hint = "Nothing moved. Choose another point."
 
@@ -447,7 +447,7 @@ class BlockedError(RefusedError):
     """A path cannot be taken, though another one perhaps can; nothing was sent.
 
     Attributes:
-        cause: The obstacle, without the place on the path.
+        cause: The obstacle, without its place on the path.
     """
 
     def __init__(self, cause: str, message: str, hint: str) -> None:
@@ -470,12 +470,12 @@ class CollisionError(BlockedError):
         super().__init__(
             cause,
             f"{cause}: {depth_m * 1e3:.1f} mm {where}.",
-            "Choose another target, go by way of another pose, or correct the obstacles.",
+            "Choose another target, go through another pose, or correct the obstacles.",
         )
 
 
 class ConstraintError(BlockedError):
-    """The tool would break a constraint on its path; nothing was sent.
+    """The tool would violate a constraint on its path; nothing was sent.
 
     Attributes:
         beyond: The excess, rad or m.
@@ -485,7 +485,7 @@ class ConstraintError(BlockedError):
         self.beyond = beyond
         if unit == "°":
             found, allowed = math.degrees(most + beyond), math.degrees(most)
-            cause = f"{what} would be {found:.1f}° where {allowed:.1f}° are allowed"
+            cause = f"{what} would be {found:.1f}°, more than the allowed {allowed:.1f}°"
         else:
             cause = f"the tip would be {beyond * 1e3:.1f} mm outside the {what}"
         message = f"{cause}: at {fraction * 100:.0f} % of the path."
@@ -497,11 +497,11 @@ class ConstraintError(BlockedError):
 
 
 class HeldUpError(RefusedError):
-    """The program was stalled in a motion for so long that servos stopped themselves."""
+    """The program was delayed in a motion for so long that servos stopped themselves."""
 
 
 class LatchedStopError(RefusedError):
-    """The arm was stopped, and that is not acknowledged yet."""
+    """The arm was stopped, and the stop is not acknowledged yet."""
 
     def __init__(self, reason: str) -> None:
         super().__init__(
@@ -510,11 +510,11 @@ class LatchedStopError(RefusedError):
 
 
 class LeaseLostError(RefusedError):
-    """A program does not control the arm, or no longer; nothing was sent."""
+    """A program does not control the arm, or not any longer; nothing was sent."""
 
     def __init__(self) -> None:
         super().__init__(
-            "This program does not control the arm, or no longer.",
+            "This program does not control the arm, or not any longer.",
             "Nothing was sent. Look at the arm, then try again.",
         )
 
@@ -523,8 +523,8 @@ class NotSettledError(IkservoError, TimeoutError):
     """The arm did not come to rest near its goal in time.
 
     Attributes:
-        result: The report of the motion, as ``move_to`` or ``move_joints`` return it; None where
-            the motion has not ended.
+        result: The report of the motion, as ``move_to`` or ``move_joints`` return it; None if the
+            motion has not ended.
     """
 
     def __init__(self, message: str, hint: str = "", result: object = None) -> None:

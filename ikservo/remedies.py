@@ -1,7 +1,7 @@
-"""Remedies for each interface: the command line has commands, a program methods, a page buttons.
+"""Remedies for each interface: the command line has commands, programs methods, pages buttons.
 
-Hints are written once, as a user at a terminal would type them; the texts for programs and pages
-are derived from that. Commands that nothing replaces there (``ikservo setup``) stay.
+Hints are written once, as a user at a terminal would type them; texts for programs and pages are
+derived from that. Commands without a replacement there (``ikservo setup``) stay.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ _NUMBER = r"-?(?:\d*\.)?\d+(?:m|cm|mm)?\b"
 
 
 def _move_in_python(command: re.Match[str]) -> str:
-    """Return the method of a command whose coordinates may have units."""
+    """Return the Python method for a command whose coordinates may have units."""
     found = re.findall(r"(-?[\d.]*\d)([a-z]*)", command[1])
     coordinates = (f"{float(number) * _METRES[unit]:.6g}" for number, unit in found)
     return f"arm.move_to(({', '.join(coordinates)}))"
@@ -65,27 +65,27 @@ _REMEDIES = [(re.compile(pattern), replacement) for pattern, replacement in _REP
 
 
 def in_page(hint: str) -> str:
-    """Word a hint with the buttons of the page in place of commands."""
+    """Rewrite a hint with the buttons of the page instead of commands."""
     return _replace(hint, _PAGE_REMEDIES)
 
 
 def in_python(hint: str) -> str:
-    """Word a hint with methods and arguments in place of commands and their options."""
+    """Rewrite a hint with methods and arguments instead of commands and their options."""
     return _replace(hint, _REMEDIES)
 
 
 def install_command(extra: str = "") -> str:
-    """Return the command that installs this copy of ikservo again, with one more extra.
+    """Return the command that reinstalls this copy of ikservo with one more extra.
 
-    It names what the copy was installed from, because ``pip install ikservo`` finds nothing that
-    is not published, and the installer that made the environment.
+    It names the source of the copy, because ``pip install ikservo`` finds nothing that is not
+    published, and uses the installer that made the environment.
 
     Args:
         extra: An optional dependency, such as ``view``; empty for none.
     """
     receipt = Path(sys.prefix) / "uv-receipt.toml"
     extras = {extra} - {""}
-    if receipt.is_file():  # a tool loses the extras that are not named again
+    if receipt.is_file():  # a tool loses extras that are not named again
         needs: list[dict[str, Any]] = tomllib.loads(receipt.read_text("utf-8"))["tool"][
             "requirements"
         ]
@@ -101,13 +101,13 @@ def install_command(extra: str = "") -> str:
 
 
 def install_hint(message: str) -> str:
-    """Return how to install the extra that a message of the simulator asks for, or nothing."""
+    """Return how to install the extra that a simulator message asks for, or nothing."""
     needed = _NEEDED_EXTRA.search(message)
     return f"Install it: {install_command(needed[1])}" if needed else ""
 
 
 def pip_command(verb: str) -> str:
-    """Return the words with which pip does something in the environment of this copy.
+    """Return the pip command for an action in the environment of this copy.
 
     Args:
         verb: ``install`` or ``uninstall``.
@@ -124,7 +124,7 @@ def pip_command(verb: str) -> str:
 
 
 def _source(extras: str) -> tuple[str, bool]:
-    """Return what an installer takes for this copy, and whether it is editable."""
+    """Return the installer's source argument for this copy, and whether it is editable."""
     from importlib.metadata import PackageNotFoundError, distribution  # noqa: PLC0415  # as above
     from urllib.parse import urlsplit  # noqa: PLC0415
     from urllib.request import url2pathname  # noqa: PLC0415

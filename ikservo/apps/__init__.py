@@ -1,1 +1,1 @@
-"""What is built on the core: each folder is one app, and can be deleted."""
+"""Apps built on the core; each folder is one app and can be deleted."""

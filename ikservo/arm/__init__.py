@@ -1,7 +1,7 @@
 """An arm on its servos: open it, move it, read its state, switch its torque off.
 
-Names are imported when they are first used: ``ikservo stop`` imports a module of this package, and
-NumPy may not delay it.
+Names are imported when they are first used, because ``ikservo stop`` imports a module of this
+package and must not wait for NumPy.
 """
 
 from importlib import import_module
@@ -74,7 +74,7 @@ def __getattr__(name: str) -> object:
     if name not in _HOMES:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}", name=name)
     value = globals()[name] = getattr(import_module(f"ikservo.{_HOMES[name]}"), name)
-    return value  # from now on found without this function
+    return value  # later look-ups do not come here
 
 
 def __dir__() -> list[str]:

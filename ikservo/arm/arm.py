@@ -43,10 +43,9 @@ class Arm(MotionMethods):
     ``on_exit`` is ``relax``: an arm never drops because a program ended.
 
     Motions (``move_to``, ``gripper``, …) block until the arm is at rest. With ``wait=False`` they
-    run in the background, after the ones before, and return a ``RunningMotion`` with ``done``,
+    run in the background, after earlier ones, and return a ``RunningMotion`` with ``done``,
     ``wait`` and ``cancel``; its ``wait`` returns the result and raises the errors. Closing the arm
-    cancels it. Each makes a motion of its arguments (``ikservo.planning.motions`` explains the
-    options), which ``plan``, ``execute`` and ``start`` take as well. Apps add methods such as
+    cancels it. Each method makes a motion (``ikservo.planning.motions`` explains the
     ``record`` and ``replay``, and the attribute ``camera``.
 
     Args:
@@ -58,19 +57,18 @@ class Arm(MotionMethods):
         model: The arm's model.
         chain: Base to tool, inside this arm's limits in whole ticks.
         zeros: The source of the zeros of its joints.
-        poses: The poses of its arm file, and the taught ones.
+        poses: Poses of its arm file, and taught poses.
         joint_index: The columns of the joints in vectors of all joints (n,).
-        preflight: Plans its motions, and checks them; for functions of this package.
+        preflight: Plans and checks its motions; for functions of this package.
         background: Runs the motions that the program does not wait for; for functions of this
             package.
 
     Raises:
         CalibrationError: Every motion of an arm that is not calibrated, except small steps of
             single joints; nothing has moved.
-        RefusedError: Every motion with something in its way; nothing has moved. Or the guard
-            stopped the motion, and the arm holds.
-        StoppedError: Every motion that ``stop``, called here or by another process, has ended; the
-            arm holds.
+        RefusedError: Something is in the way of a motion; nothing has moved. Or the guard stopped
+            the motion, and the arm holds.
+        StoppedError: ``stop``, called here or by another process, ended a motion; the arm holds.
         KeyboardInterrupt: Ctrl-C; the arm was braked and holds.
     """
 
@@ -90,7 +88,7 @@ class Arm(MotionMethods):
         runner.on_overheat = self._lower
 
     def __repr__(self) -> str:
-        """Show arm, port and why it is stopped; reads no servo."""
+        """Show arm, port and the reason of a stop; reads no servo."""
         state = "open" if self._port.is_open else "closed"
         stopped = f", stopped: {self.stopped_for}" if self.stopped_for else ""
         return f"Arm({self.model.name!r} on {self.port_name!r}, {state}{stopped})"
@@ -99,7 +97,7 @@ class Arm(MotionMethods):
         """Return the arm; leaving the block closes it.
 
         Raises:
-            PortError: It was closed before.
+            PortError: The arm was closed before.
         """
         self._runner.check_open()
         return self
@@ -147,15 +145,15 @@ class Arm(MotionMethods):
     def clearance_m(self, positions: Positions) -> float:
         """Return the smallest distance of the body [m] to itself, the table and the boxes.
 
-        ``positions`` are by joint, rad or m, the others as measured; or of all joints (n,). It is
-        infinite where the arm is not calibrated or was opened without collision checks.
+        ``positions`` are by joint, rad or m, with measured values for the others; or of all joints
+        (n,). The distance is infinite if the arm is not calibrated or has no collision checks.
         """
         return self.preflight.clearance_m(positions)
 
     def where(self) -> ArmState:
         """Measure tip, joints and health.
 
-        While another thread moves the arm, they are those of its last control cycle.
+        While another thread moves the arm, the values are those of its last control cycle.
         """
         return self._runner.state()
 
@@ -163,7 +161,7 @@ class Arm(MotionMethods):
         """Return the state of the last control cycle; reads no servo and is safe in any thread.
 
         Raises:
-            IkservoError: There was none yet.
+            IkservoError: There is no state yet.
         """
         return self._runner.last_state()
 
@@ -174,7 +172,7 @@ class Arm(MotionMethods):
         ``on_exit`` is ``hold`` or ``relax``, or as given to ``open_arm`` if None.
 
         Raises:
-            UnknownNameError: It is neither; the arm stays open.
+            UnknownNameError: ``on_exit`` is neither; the arm stays open.
             RefusedError: The arm is to be relaxed, and a callback of its motion closes it.
         """
         chosen = check_exit(on_exit or self._on_exit)
@@ -185,7 +183,7 @@ class Arm(MotionMethods):
     def listen(self) -> None:
         """Accept stop, state and relax commands of this user's other processes.
 
-        Where one of them has stopped this program already, the arm is stopped.
+        If one of them has stopped this program already, the arm is stopped.
         """
         listener = self._context.servos.bus.stop_listener
         if not isinstance(listener, StopListener) or not listener.is_served:
@@ -209,8 +207,8 @@ class Arm(MotionMethods):
     def relax(self, on_progress: OnProgress | None = None) -> JointMoveResult:
         """Lower the arm to its rest pose, slowly, then switch every servo's torque off.
 
-        The rest pose is clamped to the limits. Where the arm cannot be lowered, for something is in
-        the way or a servo has a fault, torque is switched off at once; the result then has
+        The rest pose is clamped to the limits. If the arm cannot be lowered, because something is
+        in the way or a servo has a fault, torque is switched off at once; the result then has
         ``reached`` False and the reason in ``binding``.
 
         Raises:
@@ -257,12 +255,12 @@ class Arm(MotionMethods):
 
     @property
     def stop_requests(self) -> int:
-        """How often a stop was requested since the last ``acknowledge``."""
+        """Number of stop requests since the last ``acknowledge``."""
         return self._runner.stop_requests
 
     @property
     def stop_reason(self) -> StopReason | None:
-        """Why the arm was stopped, until ``acknowledge``; None where it is not stopped."""
+        """Reason of the stop, until ``acknowledge``; None if the arm is not stopped."""
         return self._runner.stop_reason
 
     def acknowledge(self) -> None:
@@ -276,9 +274,9 @@ class Arm(MotionMethods):
     def pose_within_limits(self, pose: str, start: Vector | None = None) -> PoseWithinLimits:
         """Clamp a named pose to this arm's limits, which may be narrower than the pose.
 
-        The rest pose is clamped however far it is beyond them: an arm must always be able to come
-        down. Another pose is where its joints are on their end stops, just beyond a limit.
-        ``start`` are the present joints (n,); measured if None.
+        The rest pose is clamped however far it is outside: an arm must always be able to come down.
+        Other poses are clamped only if joints are on end stops, just outside a limit. ``start``
+        holds the present joints (n,); measured if None.
 
         Raises:
             UnknownNameError: No such pose.
@@ -298,7 +296,7 @@ class Arm(MotionMethods):
 
         return run_motion(self, motion, on_progress)
 
-    # These are functions of an arm, in the modules of what they do.
+    # Methods that are functions of an arm, defined in the modules of their subjects.
     if TYPE_CHECKING:
         jog = jogging.jog
         follow = following.follow
@@ -318,9 +316,9 @@ class Arm(MotionMethods):
         """Save the measured joints as a pose of this arm; return them, rad or m by name.
 
         Args:
-            name: 1 to 64 of A-Z a-z 0-9 _ -, and no pose of the arm file.
-            until: Returns once the arm, relaxed before if it holds, has been moved by hand. Without
-                it nothing is relaxed.
+            name: 1 to 64 of A-Z a-z 0-9 _ -; not a pose of the arm file.
+            until: Returns once the arm has been moved by hand; an arm that holds is relaxed before.
+                If None, nothing is relaxed.
             hold: Whether torque is switched on afterwards.
 
         Raises:
@@ -340,7 +338,7 @@ class Arm(MotionMethods):
     def leader_positions(
         self, joints: Sequence[str], period_s: float, until: Callable[[], bool] | None
     ) -> Generator[Iterator[dict[str, float] | None]]:
-        """Yield what measures joints in every period; for ``follow_arm``."""
+        """Yield an iterator that measures joints in every period; for ``follow_arm``."""
         from ikservo.arm.leader_following import leader_positions  # noqa: PLC0415
 
         yield leader_positions(self._context, joints, period_s, until)

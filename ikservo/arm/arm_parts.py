@@ -1,4 +1,4 @@
-"""What the methods of ``Arm`` that move it need of an arm."""
+"""The parts of an arm that the motion methods of ``Arm`` use."""
 
 from __future__ import annotations
 
@@ -23,27 +23,27 @@ class ArmParts(Protocol):
 
     @property
     def context(self) -> ArmContext:
-        """What the arm is made of."""
+        """Context: servos, model, calibration and checks of the arm."""
         ...
 
     @property
     def runner(self) -> MotionRunner:
-        """What runs its motions."""
+        """Runner of its motions."""
         ...
 
     @property
     def preflight(self) -> PreflightPlanner:
-        """What plans and checks them."""
+        """Planner and checker of its motions."""
         ...
 
     @property
     def scene(self) -> Scene:
-        """What stands around it, and what its gripper holds."""
+        """Things around the arm, and things that its gripper holds."""
         ...
 
     @property
     def background(self) -> Background:
-        """What runs those that the program does not wait for."""
+        """Runner of motions that the program does not wait for."""
         ...
 
 

@@ -1,4 +1,4 @@
-"""What every open arm can do, with its servos on a port of this machine or on another machine.
+"""Common interface of open arms, with their servos on a port of this machine or of another one.
 
 ``Arm`` and ``RemoteArm`` (``ikservo.apps.remote``) implement it. Code that takes either names it as
 the type; code that needs the servos takes an ``Arm``, see ``require_own_port`` in
@@ -42,9 +42,9 @@ class GoalStream(Protocol):
 
     Attributes:
         unreached: The number of setpoints that were out of reach; the arm went as near as it could.
-        refused: The number that the guard refused; the arm kept the one before.
-        reason: Why the last of those was refused.
-        kept: The goal (n,) that the arm kept then, rad or m; None before, or where the arm is on
+        refused: The number that the guard refused; the arm kept the setpoint before.
+        reason: Why the guard refused the last of them.
+        kept: The goal (n,) that the arm kept then, rad or m; None before, or if the arm is on
             another machine.
     """
 
@@ -73,26 +73,26 @@ class GoalStream(Protocol):
 
     @property
     def sent(self) -> int:
-        """How many setpoints were sent."""
+        """Number of setpoints sent."""
         ...
 
     @property
     def progress(self) -> MotionProgress | None:
-        """The last control cycle; None before the first, or where it runs on another machine."""
+        """The last control cycle; None before the first, or if it runs on another machine."""
         ...
 
     def send(self, setpoint: Mapping[str, float] | ArrayLike | Target) -> None:
-        """Send a setpoint; it replaces the one before."""
+        """Send a setpoint; it replaces the previous one."""
 
 
 class OpenArm(MotionMethods, Protocol):
-    """An open arm, wherever its servos are. What each method does is explained with ``Arm``.
+    """An open arm, wherever its servos are. ``Arm`` explains each method.
 
     Attributes:
         model: The arm's model.
         chain: Base to tool, inside this arm's limits in whole ticks.
         zeros: The source of the zeros of its joints.
-        poses: The poses of its arm file, and the taught ones.
+        poses: Poses of its arm file, and taught poses.
         joint_index: The columns of the joints in vectors of all joints (n,).
     """
 
@@ -106,7 +106,7 @@ class OpenArm(MotionMethods, Protocol):
         """Return the arm; leaving the block closes it.
 
         Raises:
-            PortError: It was closed before.
+            PortError: The arm was closed before.
         """
         ...
 
@@ -158,7 +158,7 @@ class OpenArm(MotionMethods, Protocol):
 
     @property
     def stop_requests(self) -> int:
-        """How often a stop was requested since the last ``acknowledge``."""
+        """Number of stop requests since the last ``acknowledge``."""
         ...
 
     def acknowledge(self) -> None:
@@ -214,8 +214,8 @@ class OpenArm(MotionMethods, Protocol):
 
         Args:
             joints: The joints that the follower has, too.
-            period_s: Between two items; one is None where nothing newer is known.
-            until: Ends them by returning True.
+            period_s: Time between two items; an item is None if nothing newer is known.
+            until: Ends the measurements by returning True.
         """
         ...
 

@@ -1,4 +1,4 @@
-"""Motions in a background thread: the handle to wait for or cancel one, and their runner."""
+"""Motions in a background thread: a handle to wait for or cancel a motion, and their runner."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ from ikservo.guard import StopKind, StopReason
 CANCELLED = StopReason(StopKind.CANCELLED, "Cancelled by the program; torque stays on.")
 # Braking takes 0.3 s; a busy machine is given more.
 _BRAKE_TIMEOUT_S = 5.0
-_SIGNALS_S = 0.05  # between two looks for signals
+_SIGNALS_S = 0.05  # time between two checks for signals
 
 P = ParamSpec("P")
 T = TypeVar("T")
 
 
 class Stoppable(Protocol):
-    """What a background motion needs of its arm; ``MotionRunner`` has it."""
+    """Methods of an arm that a background motion needs; ``MotionRunner`` has them."""
 
     def request_stop(self, reason: StopReason) -> None:
         """Brake the running motion and hold."""
@@ -39,12 +39,12 @@ class Stoppable(Protocol):
 
     @property
     def stop_reason(self) -> StopReason | None:
-        """Why the arm was stopped; None where it is not stopped."""
+        """Reason of the stop; None if the arm is not stopped."""
         ...
 
     @property
     def stop_requests(self) -> int:
-        """How often a stop was requested since the last ``acknowledge``."""
+        """Number of stop requests since the last ``acknowledge``."""
         ...
 
 
@@ -57,7 +57,7 @@ class RunningMotion(Generic[T]):
     Args:
         work: Plans and executes the motion, and returns its result.
         arm: The arm that it moves.
-        queue: Held by one motion at a time.
+        queue: Lock that one motion at a time holds.
     """
 
     def __init__(self, work: Callable[[], T], arm: Stoppable, queue: threading.RLock) -> None:
@@ -87,10 +87,10 @@ class RunningMotion(Generic[T]):
         """Wait for the motion's end and return its result.
 
         Args:
-            timeout_s: For how long, by the computer's clock; for as long as it takes if None.
+            timeout_s: Longest wait, by the computer's clock; None waits without limit.
 
         Raises:
-            NotSettledError: It has not ended after that time; a ``TimeoutError``. It continues.
+            NotSettledError: The motion has not ended by then; a ``TimeoutError``. It continues.
             StoppedError: It was cancelled or stopped; the arm holds.
             KeyboardInterrupt: Ctrl-C; the arm was braked and holds.
             IkservoError: Whatever the blocking call would have raised.
@@ -107,7 +107,7 @@ class RunningMotion(Generic[T]):
             raise
         if not over:
             raise NotSettledError(
-                f"The motion is not over after {timeout_s:g} s.",
+                f"The motion has not ended after {timeout_s:g} s.",
                 "The motion continues: wait again, or cancel it.",
             )
         self._raised = True
@@ -116,9 +116,9 @@ class RunningMotion(Generic[T]):
         return cast("T", self._report)
 
     def _ends_within(self, timeout_s: float) -> bool:
-        """Wait for the end, and look for signals meanwhile.
+        """Wait for the end, and check for signals meanwhile.
 
-        A wait is not ended by a signal that arrives just before it, or in another thread.
+        A signal that arrives just before a wait, or in another thread, does not end the wait.
         """
         end_s = time.monotonic() + timeout_s
         while not self._finished.wait(min(_SIGNALS_S, max(0.0, end_s - time.monotonic()))):
@@ -127,13 +127,13 @@ class RunningMotion(Generic[T]):
         return True
 
     def cancel(self) -> None:
-        """Brake within 0.3 s and hold; a motion that has not started never does. Never waits.
+        """Brake within 0.3 s and hold; a motion that has not started never starts. Never waits.
 
-        ``wait`` then raises ``StoppedError``. The next motion needs no ``acknowledge``. Nothing
-        happens where the motion has ended.
+        ``wait`` then raises ``StoppedError``. The next motion needs no ``acknowledge``. A motion
+        that has ended is not changed.
 
         Raises:
-            RefusedError: This is a fork of the process that moves the arm.
+            RefusedError: This process is a fork of the one that moves the arm.
         """
         check_not_forked(self._process_id)
         with self._state:
@@ -144,7 +144,7 @@ class RunningMotion(Generic[T]):
                 self._arm.request_stop(CANCELLED)
 
     def join(self, timeout_s: float = _BRAKE_TIMEOUT_S) -> bool:
-        """Wait for the end without raising the motion's error; return whether it is over."""
+        """Wait for the end without raising the motion's error; return whether it has ended."""
         if threading.current_thread() is not self._thread:
             self._finished.wait(timeout_s)
         return self.done
@@ -161,7 +161,7 @@ class RunningMotion(Generic[T]):
         return f"RunningMotion(done, {f'error {self._error!r}' if failed else repr(self._report)})"
 
     def __del__(self) -> None:
-        """Log an error that no ``wait`` has raised; a signal was raised where the program was."""
+        """Log an error that ``wait`` has not raised. Signals were already raised."""
         unraised = isinstance(self._error, Exception) and not self._raised
         if unraised and not self._cancelled:
             logging.getLogger("ikservo").error("A motion nobody waited for failed: %s", self._error)
@@ -198,7 +198,7 @@ class RunningMotion(Generic[T]):
             self._moving = True
 
     def _mark_ended(self) -> None:
-        """Acknowledge the stop that a cancel was, unless another one was requested, too."""
+        """Acknowledge the stop of a cancellation, unless another stop was requested too."""
         with self._state:
             self._moving = False
             if self._cancelled and self._is_only_stop():
@@ -210,7 +210,7 @@ class RunningMotion(Generic[T]):
         return ours and self._arm.stop_requests <= 1
 
     def _as_cancelled(self, error: BaseException) -> BaseException:
-        """Return the error of a motion; a cancelled one was stopped, whatever it raised."""
+        """Return a motion's error; ``StoppedError`` for a cancelled motion, whatever it raised."""
         stopped = self._arm.stop_reason is not None
         if not self._cancelled or stopped or not isinstance(error, IkservoError):
             return error
@@ -218,24 +218,24 @@ class RunningMotion(Generic[T]):
 
 
 Motion = RunningMotion
-"""Its name in version 0.1."""
+"""Name of ``RunningMotion`` in version 0.1."""
 
 _running_motions: weakref.WeakSet[RunningMotion[object]] = weakref.WeakSet()
 
 
 class Background:
-    """The motions of one arm, one after the other.
+    """The motions of one arm, executed one after the other.
 
     Args:
         arm: The arm.
-        stop_request: Ends the running motion, for signals; knows which motions were requested
-            before a stop.
+        stop_request: Ends the running motion when a signal arrives; knows which motions were
+            requested before a stop.
     """
 
     def __init__(self, arm: Stoppable, stop_request: StopRequest) -> None:
         self._arm, self._stop_request = arm, stop_request
         self._queue = threading.RLock()
-        # A motion lives as long as its thread or its handle: an error that nobody waits for is
+        # Only its thread and its handle keep a motion alive: an error that nobody waits for is
         # logged when the handle is dropped, not when the arm is.
         self._motions: weakref.WeakSet[RunningMotion[object]] = weakref.WeakSet()
         self._stream: RunningMotion[object] | None = None
@@ -243,7 +243,7 @@ class Background:
 
     @contextmanager
     def turn(self) -> Generator[None]:
-        """Wait for the motions before, and mark the block as a motion that was requested now.
+        """Wait for earlier motions, and mark the block as a motion that is requested now.
 
         Raises:
             RefusedError: A stream of setpoints is open, or this process is a fork of the one that
@@ -255,7 +255,7 @@ class Background:
             yield
 
     def start(self, work: Callable[P, T], *args: P.args, **kwargs: P.kwargs) -> RunningMotion[T]:
-        """Start a motion that was requested now, in a thread, after the ones before it.
+        """Start a motion that is requested now, in a thread, after earlier ones.
 
         Args:
             work: Plans and executes the motion, and returns its result.
@@ -270,14 +270,14 @@ class Background:
 
     @property
     def stop_count(self) -> int:
-        """How often the arm had been stopped when what this thread does was requested."""
+        """Number of stops when the present action of this thread was requested."""
         return self._stop_request.count_at_request
 
     def requested(self, stop_count: int | None = None) -> AbstractContextManager[None]:
-        """Mark the motions of this thread in the block as one request: a stop ends them all.
+        """Mark the motions of this thread in the block as one request: a stop ends all of them.
 
         Args:
-            stop_count: The ``stop_count`` when they were requested; the present one if None.
+            stop_count: The ``stop_count`` at the request; the present one if None.
         """
         return self._stop_request.requested(stop_count)
 
@@ -285,15 +285,15 @@ class Background:
         """Start a stream of setpoints; other motions are refused until it has ended.
 
         Raises:
-            RefusedError: Another one is open.
+            RefusedError: Another stream is open.
         """
         self._check_no_stream()
         motion = self._start_thread(work, self._stop_request.count_at_request)
-        self._stream = motion  # pyright: ignore[reportAttributeAccessIssue]  # of whatever result
+        self._stream = motion  # pyright: ignore[reportAttributeAccessIssue]  # any result
         return motion
 
     def close(self) -> None:
-        """Cancel what still runs or waits, and return once it is over."""
+        """Cancel running and waiting motions, and return once they have ended."""
         if os.getpid() != self._process_id:  # the threads run in the parent only
             return
         motions = list(self._motions)
@@ -308,7 +308,7 @@ class Background:
                 return work()
 
         motion = RunningMotion(requested_work, self._arm, self._queue)
-        self._motions.add(motion)  # pyright: ignore[reportArgumentType]  # of whatever result
+        self._motions.add(motion)  # pyright: ignore[reportArgumentType]  # any result
         _running_motions.add(motion)  # pyright: ignore[reportArgumentType]
         stop_on_signals(self._stop_request, lambda: not motion.done)
         motion.start()
@@ -323,13 +323,13 @@ class Background:
 
 
 def check_not_forked(process_id: int) -> None:
-    """Raise in a forked child: the locks that its parent's threads held are never released there.
+    """Raise in a forked child: locks held by its parent's threads are never released there.
 
     Args:
         process_id: The process that opened the arm.
 
     Raises:
-        RefusedError: This is another one.
+        RefusedError: This process is not that one.
     """
     if os.getpid() != process_id:
         raise RefusedError(
@@ -340,7 +340,7 @@ def check_not_forked(process_id: int) -> None:
 
 
 def _cancel_all() -> None:
-    """Brake running motions when the program ends: their threads would end in mid-motion."""
+    """Brake running motions when the program ends, before their threads end in mid-motion."""
     motions = list(_running_motions)
     for motion in motions:
         motion.cancel()

@@ -39,10 +39,10 @@ def serve(device: str, handler: RequestHandler, arm: str = "") -> ControlServer 
     Args:
         device: The port.
         handler: Executes requests.
-        arm: The arm's name; it listens there where another arm of the device listens already.
+        arm: Name of the arm; used for the socket if another arm of the device listens already.
 
     Returns:
-        The server, or None where no safe socket can be made: an arm works without.
+        The server; None if no safe socket can be made, because an arm works without it.
     """
     try:
         listening = open_socket(socket_path(device)) or open_socket(socket_path(device, arm))
@@ -52,7 +52,7 @@ def serve(device: str, handler: RequestHandler, arm: str = "") -> ControlServer 
 
 
 class ControlServer:
-    """Serves clients until it is closed; each one in a thread, a few at a time.
+    """Serves clients until it is closed: one thread per client, a few at a time.
 
     Args:
         listening: The socket.
@@ -121,7 +121,7 @@ class ControlServer:
 
 
 def _receive_line(connection: socket.socket) -> bytes:
-    """Receive the first line, or the part of it that came in time."""
+    """Receive the first line, or the part of it that arrived in time."""
     deadline_s, line = time.monotonic() + _REQUEST_TIMEOUT_S, b""
     while not line.endswith(b"\n") and len(line) <= MAX_REQUEST_BYTES:
         connection.settimeout(max(1e-3, deadline_s - time.monotonic()))
@@ -140,7 +140,7 @@ _RELAXED = StopReason(StopKind.RELEASED, "Torque switched off from another termi
 
 
 def command_handler(service: ArmService) -> RequestHandler:
-    """Return what executes the commands of other processes on an arm."""
+    """Return a function that executes other processes' commands on an arm."""
 
     def handle(request: Request) -> object:
         match request.do:

@@ -23,10 +23,10 @@ from ikservo.planning.context import ArmContext
 from ikservo.planning.reports import FollowResult, OnProgress
 from ikservo.settling.settling import settle_at
 
-# The first motion after torque comes on is slow until it is as near as this to its goal.
+# The first motion after torque comes on is slow until it is this close to its goal.
 _TOLERANCE_RAD = 0.05
 
-OnRefused = Callable[[RefusedError, Vector], None]  # takes the goal (n,) that the arm keeps too
+OnRefused = Callable[[RefusedError, Vector], None]  # also takes the kept goal (n,)
 
 
 class GoalSource(Protocol):
@@ -37,7 +37,7 @@ class GoalSource(Protocol):
         ...
 
     def on_rejected(self, error: RefusedError, kept: Vector, /) -> None:
-        """Take note that a goal was refused; the arm keeps the one before, ``kept`` (n,)."""
+        """Handle the refusal of a goal; the arm keeps the previous one, ``kept`` (n,)."""
         ...
 
 
@@ -56,16 +56,15 @@ def follow_goals(
         arm: The arm.
         source: Gives the goals.
         speed: The speed class.
-        jerk_factor: The factor of the jerk of the speed class; above 1 short motions take less
-            time, at the same largest speed and acceleration.
-        settle_after_s: The time that the arm has to stand at its goal until the joints are
-            corrected by their measured positions, as at the end of a motion; another goal ends
-            that.
+        jerk_factor: Factor of the jerk of the speed class. Values above 1 shorten brief motions;
+            the largest speed and acceleration stay.
+        settle_after_s: Time at the goal after which joints are corrected by their measured
+            positions, as at the end of a motion; another goal ends the correction.
         by_tip: Returns whether the goal is one of the tip; see ``settle_at``.
 
     Returns:
-        Where the joints should be (n,): the last goal that was accepted, or as far short of it as
-        braking came to rest; None where none was accepted.
+        Reference of the joints (n,) at the end: the last accepted goal, or where braking ended
+        before it; None if no goal was accepted.
 
     Raises:
         CalibrationError: The arm is not calibrated.
@@ -91,10 +90,10 @@ def follow_goals(
 
 
 def check_followed_goal(context: ArmContext, start: Vector, goal: Vector, speed: str) -> None:
-    """Check a goal (n,) as ``follow_goals`` would from rest at ``start`` (n,); moves nothing.
+    """Check a goal (n,) as ``follow_goals`` would from rest at ``start`` (n,), without motion.
 
     Raises:
-        RefusedError: Something would be touched on the way.
+        RefusedError: The arm would touch something on its path.
     """
     lower, upper = context.limits()
     limits = context.planner.motion_limits(speed)
@@ -106,10 +105,10 @@ class _OnlineController:
     """Retargets an online trajectory to new goals.
 
     Attributes:
-        error: The error of the source, raised once the arm has been braked.
+        error: Error of the source, raised once the arm has braked.
         settled_goal: See ``follow_goals``.
-        stands: Whether the arm has stood at its goal for so long that the joints are corrected.
-        has_ended: Whether the source ended meanwhile.
+        stands: Whether the arm has been at its goal for long enough to correct the joints.
+        has_ended: Whether the source has ended.
     """
 
     def __init__(
@@ -160,7 +159,7 @@ class _OnlineController:
             self._apply_speed(trajectory, cycle.time_s)
 
     def is_settling_over(self, cycle: ControlCycle) -> bool:
-        """Check whether settling is to end: there is another goal, or none any more."""
+        """Check whether settling must end, because the goal has changed or the source ended."""
         goal = self._next_goal(replace(cycle, reference=self._accepted))
         if goal is None:
             self.has_ended = True
@@ -205,7 +204,7 @@ class _OnlineController:
 
 
 class _TargetFollower:
-    """Turns a stream of targets into goals of the joints, one in every control cycle."""
+    """Turns a stream of targets into joint goals, one per control cycle."""
 
     def __init__(
         self,
@@ -225,7 +224,7 @@ class _TargetFollower:
         self.reason = self.ended = ""
 
     def next_goal(self, cycle: ControlCycle) -> Vector | None:
-        """Compute the goal (n,); None once targets have ceased for too long."""
+        """Compute the goal (n,); None once no target has come for too long."""
         if self._goal is None:
             self._goal = self._context.servos.reference()
             self._dead_man.refresh(self._context.now_s())
@@ -235,19 +234,19 @@ class _TargetFollower:
         return self._solve_target(self._next_target(), self._goal)
 
     def on_rejected(self, error: RefusedError, kept: Vector) -> None:
-        """Count a target that the guard refused."""
+        """Count a refused target."""
         self.refusals += 1
         self.reason = error.message
         if self._report_refusal:
             self._report_refusal(error, kept)
 
     def _allow_delay(self, now_s: float) -> None:
-        """Extend the dead man after a delay of our own, which is not a silence of the stream."""
+        """Extend the dead-man time-out after a delay of this program instead of the stream."""
         if now_s - self._asked_s > STALL_S:
             self._dead_man.postpone(now_s - self._asked_s)
 
     def _next_target(self) -> CartesianOrJointTarget | None:
-        """Return the next target; after the end of the stream None in every cycle."""
+        """Return the next target; None in every cycle after the end of the stream."""
         try:
             return next(self._targets)
         except StopIteration:

@@ -18,22 +18,22 @@ from ikservo.planning.motions import MoveGripper
 from ikservo.planning.reports import GraspResult, OnProgress
 
 _SPEED_FRACTION = 0.65  # of the speed class
-# A jaw that has not moved for this time while its goal is ahead is blocked.
+# A jaw is blocked if it has not moved for this time while its goal is ahead.
 _AT_REST_S = 0.08
 _AT_REST_TICKS = 3.0
-# With its goal ahead and its force on, a jaw that is not blocked moves on within this time.
+# A jaw that is not blocked moves within this time if its goal is ahead and its force is on.
 _PRESSED_S = 0.5
 _MIN_LAG_RAD = 0.03  # of the horn, behind the goal
-_SQUEEZE_RAD = 0.10  # how far the goal leads a jaw that presses; the torque limit sets its force
+_SQUEEZE_RAD = 0.10  # lead of the goal while a jaw presses; the torque limit sets the force
 _MAX_LAG_RAD = 0.12  # at this lead the goal waits for a jaw that moves slowly for lack of force
-# A blocked jaw may slip on by some ticks: its goal must not start out for the end then, as it could
-# not come back before the joint counts as one that does not follow.
+# A blocked jaw may slip by some ticks. Its goal must not start towards the end then, because it
+# could not come back before the joint counts as not following.
 _MOST_AHEAD_RAD = 0.15
 _ARRIVED_RAD = 0.05
 
 
 class GripperMotion:
-    """Moves the gripper's joint to its goal, and stops pressing where something blocks it.
+    """Moves the gripper's joint to its goal, and stops pressing if something blocks it.
 
     Args:
         context: The arm.
@@ -43,7 +43,7 @@ class GripperMotion:
 
     Attributes:
         speed: slow, normal or fast.
-        blocked: Whether something keeps the joint from going on.
+        blocked: Whether something blocks the joint.
     """
 
     def __init__(self, context: ArmContext, speed: str, joint: str, goal: float) -> None:
@@ -66,13 +66,13 @@ class GripperMotion:
         return self._trajectory
 
     def on_cycle(self, cycle: ControlCycle) -> None:
-        """Retarget by where the joint is; end the trajectory where it is at rest."""
+        """Retarget to match the measured joint; end the trajectory once the joint rests."""
         trajectory = self._trajectory
         if trajectory is None or math.isfinite(trajectory.duration_s):
             return
         at, goal = float(cycle.measured[self._column]), float(cycle.goals[self._column])
         if self.blocked and abs(at - self._blocked_at) > self._tolerance:
-            self.blocked = False  # it moved on, or the object yielded
+            self.blocked = False  # the jaw moved on, or the object yielded
             self._blocking = self._blocking.restarted()
         if not self.blocked:
             self._update_contact(at, goal)
@@ -90,7 +90,7 @@ class GripperMotion:
         self._pressing = self._pressing.restarted()
 
     def _update_rest(self, at: float) -> bool:
-        """Check whether the joint is at rest, and where it presses has been for longer."""
+        """Check whether the joint rests, and has pressed for long enough if it presses."""
         now_s = self._context.now_s()
         if self.blocked:
             self._pressing = self._pressing.add_reading(now_s, {0: at})
@@ -99,7 +99,7 @@ class GripperMotion:
         return self._resting.is_at_rest()
 
     def _gripper_limits(self) -> list[KinematicLimits]:
-        """Return limits at which the goal reverses soon enough when the jaws meet something."""
+        """Return limits with which the goal reverses soon enough when the jaws meet something."""
         usual, fast = (self._context.planner.motion_limits(speed) for speed in (self.speed, "fast"))
         return [
             replace(quick, speed_rad_s=_SPEED_FRACTION * limit.speed_rad_s)
@@ -107,7 +107,7 @@ class GripperMotion:
         ]
 
     def _choose_goal(self, at: float, goal: float) -> float:
-        """Choose the next goal: no further ahead of a jaw than it can follow."""
+        """Choose the next goal, not further ahead of the jaw than the jaw can follow."""
         is_free = not self.blocked and abs(goal - at) <= _MAX_LAG_RAD * self._per_horn
         if not is_free:
             return at + math.copysign(_SQUEEZE_RAD * self._per_horn, goal - at)
@@ -115,7 +115,7 @@ class GripperMotion:
         return at + min(max(self._goal - at, -most), most)
 
     def _update_blocking(self, at: float, goal: float) -> bool:
-        """Check whether the jaw has not moved while its goal was well ahead of it."""
+        """Check whether the jaw stands although its goal is well ahead."""
         ahead = (goal - at) * math.copysign(1.0, self._goal - at)
         if ahead <= _MIN_LAG_RAD * self._per_horn:
             self._blocking = self._blocking.restarted()
@@ -127,10 +127,10 @@ class GripperMotion:
         return self._context.index.with_position(joints, self._joint, position)
 
 
-_DEFAULT_FORCE = 0.3  # of a servo's torque: holds a full cup, for an hour without overheating
-# Jaws with less creep so slowly that they look blocked.
+_DEFAULT_FORCE = 0.3  # of a servo's torque: holds a full cup for an hour without overheating
+# Jaws with less force creep so slowly that they look blocked.
 _MIN_FORCE = 0.05
-# Friction differs by 32 % from servo to servo, and jaws that just move have to arrive as well.
+# Friction differs by 32 % between servos, and jaws that barely move must arrive as well.
 _FRICTION_MARGIN = 1.5
 # Jaws that stop within this fraction of their travel from open were too weak to close.
 _OPEN_FRACTION = 0.05
@@ -140,7 +140,7 @@ def run_gripper(arm: ArmParts, motion: MoveGripper, on_progress: OnProgress | No
     """Move the jaws; see ``Arm.gripper``."""
     context, runner = arm.context, arm.runner
     gripper, fraction = _require_gripper(context), _torque_fraction(context, motion.force)
-    goal = _goal_position(context, gripper, motion)  # a refusal asks no servo anything
+    goal = _goal_position(context, gripper, motion)  # refuses before any servo is read
     start = context.servos.measure_positions()
     context.check_gripper_path(start, context.index.with_position(start, gripper.joint, goal))
     jaws = GripperMotion(context, runner.allowed_speed("normal"), gripper.joint, goal)
@@ -178,7 +178,7 @@ def run_gripper(arm: ArmParts, motion: MoveGripper, on_progress: OnProgress | No
 
 
 def plan_gripper(context: ArmContext, motion: MoveGripper, start: Vector) -> Vector:
-    """Compute all joints (n,) after a motion of the gripper from ``start`` (n,); nothing moves.
+    """Compute all joints (n,) after a gripper motion from ``start`` (n,); nothing moves.
 
     Raises:
         IkservoError: The errors of ``run_gripper``.
@@ -223,15 +223,15 @@ def _torque_fraction(context: ArmContext, force: float | None) -> float:
     fraction = _DEFAULT_FORCE if force is None else force
     least = _least_force(context.model)
     if not least <= fraction <= 1.0:
-        servo = "" if least == _MIN_FORCE else ": less does not move its jaws"
+        servo = "" if least == _MIN_FORCE else "; less does not move its jaws"
         raise BadValueError(
-            "The force", f"{fraction:g}", f"a share from {least:g} to 1 on this arm{servo}"
+            "The force", f"{fraction:g}", f"a fraction from {least:g} to 1 on this arm{servo}"
         )
     return fraction
 
 
 def _least_force(model: Model) -> float:
-    """Compute the share of its torque that moves an arm's gripper, in whole percent."""
+    """Return the smallest fraction of torque that moves an arm's gripper, in whole percent."""
     joint = next(joint for joint in model.joints if joint.role == "gripper")
     torque = find_servo_torque(joint.servo.model, model.supply_v)
     friction = torque.friction_share if torque else 0.0

@@ -31,13 +31,13 @@ KeepGoing = Callable[[], bool | None]
 """Polled in every cycle: True continues, False ends the jog, None decides nothing."""
 
 NO_LONGER_REQUESTED = "no longer requested"
-"""Why a jog ended that its caller ended."""
+"""Reason of the end of a jog that its caller ended."""
 
 _MAX_DURATION_S = 60.0
 _MAX_M_S = 0.5
-_MAX_SPEED_FACTOR = 100.0  # of a joint: it goes as fast as its speed class allows
+_MAX_SPEED_FACTOR = 100.0  # of a joint; its speed class limits it further
 _DEFAULT_M_S = 0.05
-# The target of the tip is where it will be after this time.
+# The target of the tip is its position after this time.
 _AHEAD_S = 0.2
 
 
@@ -45,7 +45,7 @@ class _JogTarget(Protocol):
     """Chooses the next goal of a jog."""
 
     def next_target(self, trajectory: OnlineTrajectory, time_s: float) -> Vector | str:
-        """Return the next goal (n,) of the joints, or why it cannot go on."""
+        """Return the next goal (n,) of the joints, or the reason why the jog ends."""
         ...
 
 
@@ -68,7 +68,7 @@ class _JointJog:
 
 
 class _CartesianJog:
-    """Moves the tip along a line from its start; joints are solved from the last ones."""
+    """Moves the tip along a line from its start; each solution starts at the previous joints."""
 
     def __init__(self, context: ArmContext, direction: Vector, speed_m_s: float) -> None:
         self._context, self._velocity = context, direction * speed_m_s
@@ -126,11 +126,11 @@ class _JogController:
             return goal
         try:
             trajectory.retarget(goal, time_s)
-            # What is travelled until a later check could brake it; nothing of it has been sent yet.
+            # Include the travel until a later check could brake; none of it has been sent yet.
             times_s = (time_s, time_s + self._braking_s)
             start, end = (trajectory.state(at_s).position for at_s in times_s)
             self._context.check_straight_path(start, end)
-        except CollisionError as error:  # its place on the braking distance tells nothing
+        except CollisionError as error:  # its place on the braking path means nothing to users
             return f"{error.cause}."
         except RefusedError as error:
             return error.message
@@ -146,10 +146,10 @@ def jog(arm: ArmParts, what: str, speed: float | None = None, *, wanted: KeepGoi
         speed: rad/s of a joint (m/s of a slide) or m/s of the tip; negative the other way. The
             arm file's slow speed, or 0.05 m/s, if None.
         wanted: Called in every control cycle: True goes on, False brakes and holds, None
-            decides nothing; after 0.3 s of None the arm brakes and holds, too.
+            decides nothing; after 0.3 s of None the arm also brakes and holds.
 
     Returns:
-        Where it ended, and why: no longer requested, a limit, or the guard.
+        The final position and the reason: no longer requested, a limit, or the guard.
 
     Raises:
         UnknownNameError: No such joint or direction.

@@ -24,10 +24,10 @@ def follow_arm(
     """Follow another arm, guided by hand, joint by joint of the same name.
 
     ``leader`` is an open arm on another port or another machine; its torque is left as it is,
-    its gripper leads the gripper. This arm keeps its own limits, and brakes where the leader does
-    not answer for 0.3 s. It ends when ``until``, called in every control cycle, returns True.
+    its gripper leads the gripper. This arm keeps its own limits, and brakes if the leader does not
+    answer for 0.3 s. It ends when ``until``, called in every control cycle, returns True.
 
-    ``speed`` is the speed class: fast keeps closest. ``on_progress`` is called with a
+    ``speed`` is the speed class; fast follows most closely. ``on_progress`` is called with a
     ``MotionProgress`` in every cycle.
 
     Raises:
@@ -48,7 +48,7 @@ def shared_joints(leader: Model, follower: Model) -> list[str]:
     """Return the joints that both arms have by name and kind.
 
     Raises:
-        InputError: There is none, or a joint is prismatic on one of them and revolute on the other.
+        InputError: There is none, or a joint is prismatic on one arm and revolute on the other.
     """
     units = {joint.name: joint.joint_map.unit for joint in follower.joints}
     own = {joint.name: joint.joint_map.unit for joint in leader.joints}
@@ -76,10 +76,10 @@ def published_positions(
     """Yield the newest positions of shared joints, or None, in real time.
 
     Args:
-        newest: Takes the newest positions by joint once.
+        newest: Returns the newest positions by joint, each of them once.
         shared: The joints that the leader has in common with the follower.
-        cycle_time_s: Between two items.
-        until: Ends it by returning True.
+        cycle_time_s: Time between two items.
+        until: Ends the generator by returning True.
     """
     for _ in Rate(RealClock(), cycle_time_s):
         if until and until():
@@ -99,8 +99,8 @@ def leader_positions(
     Args:
         leader: The arm that is guided by hand; its torque is left as it is.
         shared: The joints that it has in common with the follower.
-        cycle_time_s: Between two readings of the leader.
-        until: Ends it by returning True.
+        cycle_time_s: Time between two readings of the leader.
+        until: Ends the generator by returning True.
     """
     for _ in Rate(leader.servos.clock, cycle_time_s):
         if until and until():
@@ -108,6 +108,6 @@ def leader_positions(
         try:
             measured = leader.index.by_name(leader.servos.measure_positions())
         except BusError:
-            yield None  # the follower waits a little, then holds
+            yield None  # the follower waits briefly, then holds
         else:
             yield {name: measured[name] for name in shared}

@@ -23,7 +23,7 @@ def with_options(
     Args:
         kind: The motion that the method makes; its fields have the defaults.
         options: The ``TypedDict`` of the options.
-        takes_point: The method takes a point (3,), also as three numbers.
+        takes_point: Whether the method takes a point (3,), also as three numbers.
     """
     names = inspect.get_annotations(cast("Any", options))
     defaults = {each.name: each.default for each in fields(cast("Any", kind))}
@@ -52,7 +52,7 @@ def with_options(
 
 
 def _point(numbers: tuple[object, ...]) -> tuple[object, ...]:
-    """Return the point of three numbers.
+    """Return the point given by three numbers.
 
     Raises:
         BadValueError: They are not three numbers.

@@ -1,7 +1,7 @@
-"""The methods of an arm that move it or plan, each by a motion of its arguments; and its stop.
+"""Methods of an arm that move it or plan, each by building a motion; and the stop of an arm.
 
-They are a part of ``OpenArm`` (``arm_protocol``): an arm on a port and an arm on another machine
-share them, and each has its own way to plan, to execute a plan and to make a motion.
+Both kinds of ``OpenArm`` (``arm_protocol``) share them: an arm on a port and an arm on another
+machine. Each plans, executes plans and makes motions in its own way.
 """
 
 from __future__ import annotations
@@ -84,11 +84,11 @@ _PARTS = frozenset(
         "target_period_s",
     ]
 )
-"""Attributes that the package itself uses; ``dir`` of an arm lists what a program needs."""
+"""Attributes that the package itself uses; ``dir`` of an arm leaves them out."""
 
 
 class JointOptions(TypedDict, total=False):
-    """Options of motions of joints; methods that plan take no ``on_progress``."""
+    """Options of joint motions; methods that plan take no ``on_progress``."""
 
     speed: str
     on_progress: OnProgress | None
@@ -107,7 +107,7 @@ class TipOptions(JointOptions, total=False):
     """Options of every motion of the tip; see ``MoveTo``.
 
     ``orientation`` is the whole orientation R_base_tip (3, 3) instead of a stance. Arms with fewer
-    than six joints have it at few points; they take a direction or a pitch.
+    than six joints reach it at few points; they take a direction or a pitch.
     """
 
     stance: ToolOrientation
@@ -160,7 +160,7 @@ class GripperOptions(TypedDict, total=False):
 
 
 class MotionMethods(Protocol):
-    """What moves, plans and stops; options that are not given have their defaults.
+    """Methods that move, plan and stop; options that are not given have their defaults.
 
     Methods that move the arm block until it is at rest. With ``wait=False`` the motion runs in the
     background, and they return a ``RunningMotion``. ``on_progress`` is called with a
@@ -204,11 +204,11 @@ class MotionMethods(Protocol):
     @property
     @abstractmethod
     def stop_reason(self) -> StopReason | None:
-        """Why the arm was stopped, until ``acknowledge``; None where it is not stopped."""
+        """Reason of the stop, until ``acknowledge``; None if the arm is not stopped."""
 
     @property
     def stopped_for(self) -> str:
-        """The text of ``stop_reason``; empty where the arm is not stopped."""
+        """Text of ``stop_reason``; empty if the arm is not stopped."""
         reason = self.stop_reason
         return "" if reason is None else reason.text
 
@@ -225,7 +225,7 @@ class MotionMethods(Protocol):
             UnreachableError: A point is out of reach.
             RefusedError: Something is in the way, or a joint would leave its limits.
             CalibrationError: The arm is not calibrated.
-            BadValueError: It is a motion without a plan: of the gripper, a replay, a wait.
+            BadValueError: The motion has no plan: a gripper motion, a replay or a wait.
         """
 
     @overload
@@ -241,14 +241,14 @@ class MotionMethods(Protocol):
     ) -> object:
         """Execute a plan or a motion, block until the arm is at rest, and return the result.
 
-        A motion is planned from where the arm holds once those before it have ended.
+        A motion is planned from where the arm holds once earlier motions have ended.
 
         Returns:
-            For a plan of the tip a ``MoveResult``; for a plan of joints a ``JointMoveResult`` of
-            those that it moves; for a motion its result.
+            A ``MoveResult`` for a plan of the tip; a ``JointMoveResult`` of the moved joints for a
+            plan of joints; the motion's own result for a motion.
 
         Raises:
-            RefusedError: The arm has moved since it was planned, or the guard stopped it.
+            RefusedError: The arm has moved since the plan was made, or the guard stopped it.
         """
         check_callable("on_progress", on_progress)
         if not isinstance(plan, MotionValue):
@@ -260,9 +260,9 @@ class MotionMethods(Protocol):
     def start(
         self, motion: MotionValue[R], on_progress: OnProgress | None = None
     ) -> RunningMotion[R]:
-        """Start a motion in the background, after the ones before it.
+        """Start a motion in the background, after earlier ones.
 
-        It is requested now: a stop from now on ends it, even before it has begun to move.
+        It counts as requested now: a later stop ends it, even before it has begun to move.
         """
         check_callable("on_progress", on_progress)
         check_motion(motion)
@@ -270,7 +270,7 @@ class MotionMethods(Protocol):
 
     @property
     def _own_stops(self) -> int:
-        """How often this program has stopped the arm, where its servos do not know that at once."""
+        """Number of stops by this program, if the servos do not know of them at once."""
         return 0
 
     @abstractmethod
@@ -281,7 +281,7 @@ class MotionMethods(Protocol):
 
     @abstractmethod
     def _make(self, motion: MotionValue[R], on_progress: OnProgress | None, own_stops: int) -> R:
-        """Make a motion, which was requested when ``own_stops`` was what it is here."""
+        """Make a motion that was requested when ``own_stops`` had the given value."""
 
     @overload
     def move_to(
@@ -302,7 +302,7 @@ class MotionMethods(Protocol):
         Raises:
             UnreachableError: No joint positions within the limits reach it; nothing has moved.
             OrientationError: The tool cannot have the orientation there; nothing has moved.
-            IkservoError: Those of every motion; see ``Arm``.
+            IkservoError: The errors of every motion; see ``Arm``.
         """
         on_progress = options.pop("on_progress", None)
         motion = MoveTo(position_m, **_fields(MoveTo, options))
@@ -425,7 +425,7 @@ class MotionMethods(Protocol):
         ``ikservo.read_drawing`` reads strokes from SVG and CSV files.
 
         Raises:
-            UnreachableError: A point is out of reach; names the first one. Nothing has moved.
+            UnreachableError: A point is out of reach; the first one is named. Nothing has moved.
                 Others as for ``move_to``.
         """
         on_progress = options.pop("on_progress", None)
@@ -450,7 +450,7 @@ class MotionMethods(Protocol):
     def move_joints(
         self, positions: Positions, *, wait: bool = True, **options: Unpack[GoalOptions]
     ) -> JointMoveResult | RunningMotion[JointMoveResult]:
-        """Move some joints, given by name [rad or m]; the others stay. Or all of them (n,).
+        """Move some joints, given by name [rad or m]; the others stay. Or move all of them (n,).
 
         Raises:
             UnknownNameError: No such joint.
@@ -477,14 +477,14 @@ class MotionMethods(Protocol):
     def pose(
         self, name: str, *, wait: bool = True, **options: Unpack[GoalOptions]
     ) -> JointMoveResult | RunningMotion[JointMoveResult]:
-        """Move to a pose of the arm file, or to a taught one, clamped to the limits.
+        """Move to a pose of the arm file, or to a taught pose, clamped to the limits.
 
         Returns:
             The result; ``binding`` names the joints that were clamped.
 
         Raises:
-            UnknownNameError: No such pose; suggests the closest.
-            RefusedError: It is outside this arm's limits, or something is in the way.
+            UnknownNameError: No such pose; the closest name is suggested.
+            RefusedError: The pose is outside this arm's limits, or something is in the way.
         """
         on_progress = options.pop("on_progress", None)
         motion = MovePose(name, **_fields(MovePose, options))
@@ -504,7 +504,7 @@ class MotionMethods(Protocol):
     def look_at(
         self, point_m: ArrayLike, *, wait: bool = True, **options: Unpack[JointOptions]
     ) -> JointMoveResult | RunningMotion[JointMoveResult]:
-        """Point the tool axis at a point (3,) [m], wherever the tip is then.
+        """Point the tool axis at a point (3,) [m]; the tip may move.
 
         Raises:
             AimError: The limits do not allow it; nothing has moved. Others as for ``move_to``.
@@ -529,8 +529,8 @@ class MotionMethods(Protocol):
     ) -> GraspResult | RunningMotion[GraspResult]:
         """Open or close the gripper, or move its jaws to a width; options: see ``MoveGripper``.
 
-        ``to`` is open, close, or a width [m] where the arm file has widths. Where an object blocks
-        the jaws they stop, and hold it with no more than the given force.
+        ``to`` is open, close, or a width [m] if the arm file has widths. If an object blocks the
+        jaws they stop, and hold it with at most the given force.
 
         Raises:
             IkservoError: The arm has no gripper.
@@ -546,7 +546,7 @@ class MotionMethods(Protocol):
         """Plan a motion of the tip to a point (3,) [m]; see ``move_to``.
 
         Raises:
-            UnreachableError: It is out of reach; carries the nearest point.
+            UnreachableError: The point is out of reach; carries the nearest one.
         """
         return self.plan(MoveTo(position_m, **_fields(MoveTo, options)))
 
@@ -598,18 +598,18 @@ class MotionMethods(Protocol):
         return self.plan(LookAt(point_m, speed=speed))
 
     def plan_rest(self) -> MotionPlan:
-        """Plan the slow motion to the rest pose, by another pose where the path is not free."""
+        """Plan the slow motion to the rest pose, through another pose if necessary."""
         return self.plan(MoveToRest())
 
     def plan_lowering(self) -> MotionPlan:
-        """Plan the slow motion to the rest pose, or as much of it as is free."""
+        """Plan the slow motion to the rest pose, or the free part of it."""
         return self.plan(Lower())
 
     def __getattr__(self, name: str) -> Any:  # noqa: ANN401  # whatever an app offers
-        """Return a method or an attribute that an app gives to open arms.
+        """Return a method or an attribute that an app adds to open arms.
 
         Raises:
-            AttributeError: No app has one of this name.
+            AttributeError: No app adds this name.
         """
         return member_of_arms(self, name)
 
@@ -619,7 +619,7 @@ class MotionMethods(Protocol):
         """Execute a motion, or start it.
 
         Raises:
-            BadValueError: ``wait`` is not a truth value.
+            BadValueError: ``wait`` is not a boolean.
         """
         if not isinstance(cast("object", wait), bool):
             raise BadValueError("wait", repr(wait), "True or False")
@@ -627,10 +627,10 @@ class MotionMethods(Protocol):
 
 
 def _fields(kind: type[MotionValue[Any]], options: Mapping[str, Any]) -> dict[str, Any]:
-    """Return options as fields of a kind of motion: an orientation is a part of the stance.
+    """Return options as fields of a kind of motion; an orientation becomes part of the stance.
 
     Raises:
-        TypeError: There is no such option; suggests the closest.
+        TypeError: There is no such option; the closest is suggested.
     """
     names = [each.name for each in fields(kind) if each.kw_only]
     names += ["orientation"] if "stance" in names else []
@@ -647,10 +647,10 @@ def _fields(kind: type[MotionValue[Any]], options: Mapping[str, Any]) -> dict[st
 
 
 def _grip(to: JawGoal, options: Mapping[str, Any]) -> MoveGripper:
-    """Return the motion of the gripper of the arguments of ``gripper``.
+    """Return the gripper motion for the arguments of ``gripper``.
 
     Raises:
-        BadValueError: Neither a motion nor a width is given, or both.
+        BadValueError: Neither a motion nor a width is given, or both are.
     """
     if to is None or isinstance(to, str):
         return MoveGripper(to, **options)

@@ -1,4 +1,4 @@
-"""Runs motions: one at a time, torque enabled safely, stops latched, states cached for others."""
+"""Runner of motions: one at a time, torque on safely, stops latched, states kept for threads."""
 
 from __future__ import annotations
 
@@ -48,32 +48,30 @@ _RELEASED = (
 )
 _STOP_TIMEOUT_S = 1.0
 
-# A limp arm sinks this far past a limit: stops are 2° outside the limits that a calibration finds.
+# A limp arm sinks this far past a limit: end stops are 2° outside the calibrated limits.
 _MAX_RETURN_RAD = math.radians(5.0)
 _RETURN_HINT = "Nothing was sent. Move it back by hand, or request that motion: ikservo pose home."
 
-_POLL_PERIOD_S = 0.02  # how soon ``state`` in another thread notices that a motion has begun
+_POLL_PERIOD_S = 0.02  # within it ``state`` in another thread notices a motion
 
 TrajectoryFactory = Callable[[Vector], Trajectory]
 """Makes a trajectory that starts where the joints are (n,), rad or m."""
 
 
 class MotionRunner:
-    """Every motion of an arm runs here, one at a time under ``lock``.
+    """Runs every motion of an arm, one at a time under ``lock``.
 
-    A motion that does not end well leaves the arm stopped; the first one after torque came on is
-    slow.
+    A motion that fails leaves the arm stopped; the first motion after torque comes on is slow.
 
     Args:
         context: The arm.
 
     Attributes:
         loop: Streams trajectories to the servos.
-        watches_scene: Whether things may change: the running motion checks its path again.
+        watches_scene: Whether things may change, because the running motion checks its path.
         caches_states: Whether joint states are read before each motion, for ``last_state``, also
             when the motion runs in the main thread.
-        on_overheat: Called where a motion failed and a servo is too hot to hold on; switches
-            torque off.
+        on_overheat: Called if a motion failed and a servo is too hot to hold; switches torque off.
     """
 
     def __init__(self, context: ArmContext) -> None:
@@ -95,28 +93,28 @@ class MotionRunner:
 
     @property
     def motion_running(self) -> bool:
-        """Whether a motion runs, of one control loop or several."""
+        """Whether a motion runs, in one control loop or several."""
         return self._servos.stop_request.motion_running
 
     @property
     def stop_requests(self) -> int:
-        """How often a stop was requested since the last ``acknowledge``."""
+        """Number of stop requests since the last ``acknowledge``."""
         return self._servos.stop_request.times
 
     @property
     def stop_reason(self) -> StopReason | None:
-        """Why the arm was stopped, until that is acknowledged; None where it is not stopped."""
+        """Reason of the stop, until it is acknowledged; None if the arm is not stopped."""
         return self._servos.stop_reason
 
     @property
     def stop_text(self) -> str:
-        """The text of ``stop_reason``; empty where the arm is not stopped."""
+        """Text of ``stop_reason``; empty if the arm is not stopped."""
         return "" if self.stop_reason is None else self.stop_reason.text
 
     def state(self) -> ArmState:
         """Measure joints, tip and health.
 
-        While another thread moves the arm, they are those of its last control cycle.
+        While another thread moves the arm, the values are those of its last control cycle.
         """
         locked = self.lock.acquire(blocking=False)
         while not locked:
@@ -133,7 +131,7 @@ class MotionRunner:
         """Return the state of the last control cycle; reads no servo and is safe in any thread.
 
         Raises:
-            IkservoError: There was none yet.
+            IkservoError: There is no state yet.
         """
         cycle, states = self.loop.last_cycle, self._states
         if cycle is None or not states:
@@ -183,21 +181,21 @@ class MotionRunner:
                 self._servos.disable_joint(joint)
 
     def requested(self) -> AbstractContextManager[None]:
-        """Mark what this thread does in the block as one request: a stop ends all of it.
+        """Mark the actions of this thread in the block as one request: a stop ends all of them.
 
-        That is so whether or not the stop is acknowledged before the block has ended.
+        This also holds if the stop is acknowledged before the block has ended.
         """
         check_not_forked(self._process_id)
         return self._servos.stop_request.requested()
 
     @contextmanager
     def undisturbed(self) -> Generator[None]:
-        """Let no other thread move the arm, change its scene or move another arm that it can reach.
+        """Keep other threads from moving this arm or an arm in reach, and from changing the scene.
 
-        What is done in the block is one request.
+        The actions in the block are one request.
 
         Raises:
-            RefusedError: Another arm moves that it can reach.
+            RefusedError: Another arm in reach is moving.
         """
         with self.requested(), self.lock, self._context.surroundings.undisturbed():
             yield
@@ -232,10 +230,10 @@ class MotionRunner:
             self._servos.reconnect(adapter, within_s)
 
     def check_open(self) -> None:
-        """Raise once the arm was closed.
+        """Raise if the arm was closed.
 
         Raises:
-            PortError: It was.
+            PortError: The arm was closed.
         """
         if self._closed:
             raise PortError(
@@ -249,7 +247,7 @@ class MotionRunner:
 
         Args:
             relax: Lowers the arm before that; None leaves torque as it is.
-            leave: Tells other arms where this one is left, and ends what serves other processes.
+            leave: Tells other arms where this one stays, and ends services for other processes.
 
         Raises:
             RefusedError: The arm is to be relaxed, and a callback of its motion closes it.
@@ -276,8 +274,8 @@ class MotionRunner:
         """Hold the lock for one motion: torque on, signals handled, faults latched.
 
         Raises:
-            RefusedError: Another motion is running, of this arm or of one that it can reach, or a
-                stop was not acknowledged.
+            RefusedError: Another motion is running, of this arm or of one in reach, or a stop was
+                not acknowledged.
             StoppedError: The arm was stopped after the motion was requested.
         """
         with self.undisturbed():
@@ -318,11 +316,11 @@ class MotionRunner:
         """Run one trajectory as a motion.
 
         Args:
-            make: Makes the trajectory from where the joints are, torque being on.
+            make: Makes the trajectory from the joints' position, with torque on.
             on_cycle: Called in every control cycle.
             speed: slow, normal or fast.
             profile_rad_s: See ``ControlLoop.run``.
-            compensated: See ``ControlLoop.run``; if not, it is made from the servos' goals.
+            compensated: See ``ControlLoop.run``; if False, it starts at the servos' goals.
 
         Returns:
             The measured joints (n,) of the last control cycle, rad or m.
@@ -342,11 +340,11 @@ class MotionRunner:
         """Move joints that are a little outside their limits back inside, slowly.
 
         A limp arm sinks there. Online trajectories must start inside: the guard lets a joint come
-        back, and not out again by a single tick.
+        back, and not a single tick out again.
 
         Raises:
-            RefusedError: A joint is more than 5° outside at its horn, or something would be touched
-                on the way back.
+            RefusedError: A joint is more than 5° outside at its horn, or the arm would touch
+                something on its path back.
         """
         lower, upper = self._context.limits()
         check_not_forked(self._process_id)
@@ -357,7 +355,7 @@ class MotionRunner:
         self.run(self._plan_return, None, "slow")
 
     def _plan_return(self, start: Vector) -> Trajectory:
-        """Plan the motion from joints (n,) back inside their limits, and check it."""
+        """Plan and check the motion of joints (n,) back inside their limits."""
         goal = np.clip(start, *self._context.limits())
         trajectory = JointMove(start, goal, self._context.planner.motion_limits("slow"))
         turned_rad = np.abs(goal - start) / self._context.units_per_rad()
@@ -370,7 +368,7 @@ class MotionRunner:
                 self._context.check_streamed_path(trajectory, "slow")
         except CollisionError as error:
             raise RefusedError(
-                f"{outside}, and on the way back {error.cause}.", _RETURN_HINT
+                f"{outside}, and on its path back {error.cause}.", _RETURN_HINT
             ) from None
         return trajectory
 
@@ -382,7 +380,7 @@ class MotionRunner:
         return self._servos.measured_hold_positions()
 
     def allowed_speed(self, speed: str) -> str:
-        """Return the speed class of a motion that starts now: the first one is slow.
+        """Return the speed class of a motion that starts now; the first motion is slow.
 
         Raises:
             UnknownNameError: No such speed.
@@ -391,7 +389,7 @@ class MotionRunner:
         return "slow" if self._read_first_motion() else speed
 
     def check_speed(self, speed: str) -> None:
-        """Raise where a planned speed class is no longer allowed.
+        """Raise if a planned speed class is no longer allowed.
 
         Raises:
             RefusedError: Torque was switched off after the motion was planned.
@@ -405,17 +403,17 @@ class MotionRunner:
     def _read_first_motion(self) -> bool:
         """Check whether no motion has completed since torque came on, or torque is off.
 
-        Where that is not known the servos are read.
+        Servos are read if this is not known.
         """
         torque = self._servos.torque
         return torque.first_motion_due or not (torque.is_on or self._servos.read_torque_on())
 
     @contextmanager
     def _after_motion(self, reason: StopReason, hint: str) -> Generator[None]:
-        """Hold the lock, a running motion having been ended without braking.
+        """Hold the lock, after ending a running motion without braking.
 
-        The motion's own callback may call this and holds the lock already; a motion that does not
-        end is waited for a second at most.
+        The motion's own callback may call this and holds the lock already. The wait for a motion
+        that does not end is at most one second.
         """
         servos = self._servos
         if servos.torque.is_moving:
@@ -457,7 +455,7 @@ class MotionRunner:
             raise
 
     def _lower_overheated(self, reason: StopReason) -> None:
-        """Lower the arm and switch torque off where a servo is too hot to hold any longer."""
+        """Lower the arm and switch torque off if a servo is too hot to hold any longer."""
         servos = self._servos
         if not servos.overheated or servos.torque.state is TorqueState.LOWERING:
             return

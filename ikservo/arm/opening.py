@@ -69,7 +69,7 @@ def open_bus(model: Model, port: str | None = None, *, retries: int = 2) -> Serv
 
     Raises:
         InputError: The model names no servos.
-        PortError: No such port, none to choose, or it cannot be opened.
+        PortError: No such port, none to choose from, or it cannot be opened.
     """
     specs = servo_specs(model)
     url, ids = resolve_port(model, port), [spec.id for spec in specs]
@@ -78,7 +78,7 @@ def open_bus(model: Model, port: str | None = None, *, retries: int = 2) -> Serv
 
 
 def disable_torque_unchecked(model: Model, port: str | None) -> None:
-    """Switch off every servo of an arm that cannot be opened; neither models nor zeros are checked.
+    """Switch off every servo of an arm that cannot be opened; models and zeros are not checked.
 
     Raises:
         PortError: The port cannot be opened.
@@ -90,11 +90,11 @@ def disable_torque_unchecked(model: Model, port: str | None) -> None:
 
 
 def resolve_port(model: Model, port: str | None) -> str:
-    """Return the port's name for the transport; a simulated arm is built from the same description.
+    """Return the port's name for the transport; ``sim`` is resolved to a simulated copy of the arm.
 
     Raises:
-        NoPortError: There is none to choose.
-        BadValueError: It is not a name of a port.
+        NoPortError: There is no port to choose from.
+        BadValueError: It is not the name of a port.
     """
     name = choose_port(parse_port(port), model.name)
     if not is_simulator(name):
@@ -103,7 +103,7 @@ def resolve_port(model: Model, port: str | None) -> str:
 
 
 def servo_specs(model: Model) -> list[ServoSpec]:
-    """Return every servo of an arm; further servos of a joint follow its first.
+    """Return every servo of an arm; further servos of a joint follow its first one.
 
     Raises:
         InputError: The model names no servos.
@@ -124,7 +124,7 @@ def _make_spec(servo: ModelServo, joint: str) -> ServoSpec:
     return ServoSpec(servo.id, control_table(servo.model), joint)
 
 
-# A cycle that a busy machine delays is followed by a longer step.
+# After a cycle that a busy machine delays, the next step is longer.
 _SPEED_MARGIN = 1.2
 
 
@@ -144,21 +144,21 @@ def open_arm(
         arm: A name in the catalogue, a path to an arm file, or a loaded model.
         port: A serial port, ``sim`` for the simulated bus, ``zenoh:NAME@HOST`` for an arm that
             another machine serves, or None for the only adapter.
-        on_exit: The way in which ``close`` leaves the arm: ``hold`` leaves torque as it is,
-            ``relax`` lowers the arm to its rest pose and releases it.
-        collisions: Whether paths of the body are checked before it moves: the arm against itself,
-            the table and the boxes of its arm file.
-        uncalibrated: Whether the user accepts the arm file's zeros, so that an arm without a
-            calibration moves freely.
+        on_exit: State after ``close``: ``hold`` leaves torque as it is, ``relax`` lowers the arm to
+            its rest pose and switches torque off.
+        collisions: Whether paths are checked before the body moves: against the arm itself, the
+            table and the boxes of its arm file.
+        uncalibrated: Whether the user accepts the arm file's zeros, so that an arm without
+            calibration can move freely.
 
     Raises:
         UnknownNameError: No such arm.
-        NoPortError: No such port, or none to choose.
+        NoPortError: No such port, or none to choose from.
         PortBusyError: Another process holds the port.
-        ServoSilentError: A servo does not reply; names all that do not, and unexpected ones.
+        ServoSilentError: Servos do not reply; they and unexpected ones are named.
         BadReplyError: Two servos have one id.
-        CalibrationError: A servo is of another model than in the arm file, or its registers
-            have changed since the arm was calibrated; says which.
+        CalibrationError: A servo's model differs from the arm file, or registers have changed since
+            the calibration; they are named.
         FileFormatError: The arm's calibration is malformed.
     """
     model = arm if isinstance(arm, Model) else load_model(arm)
@@ -185,7 +185,7 @@ def open_own_arm(
     """Open an arm on a port of this machine; see ``open_arm``.
 
     Raises:
-        PortError: The arm is on another machine; besides the errors of ``open_arm``.
+        PortError: The arm is on another machine. Other errors are those of ``open_arm``.
     """
     bus = open_bus(model, port)
     opened_port = bus.port
@@ -209,7 +209,7 @@ def open_own_arm(
 
 
 def _read_calibrated_arm(bus: ServoBus, model: Model, *, uncalibrated: bool) -> CalibratedArm:
-    """Check the servos on a bus and load their calibration; explain what fails."""
+    """Check the servos on a bus and load their calibration, with explained errors."""
     try:
         check_servo_models(bus)
         remember_port(model.name, bus.port.name)
@@ -229,10 +229,10 @@ def _read_calibrated_arm(bus: ServoBus, model: Model, *, uncalibrated: bool) -> 
 
 
 def require_own_port(arm: OpenArm) -> Arm:
-    """Return an open arm as what it is, for code that needs its servos.
+    """Return an open arm as an ``Arm``, for code that needs its servos.
 
     Raises:
-        RefusedError: They are on another machine.
+        RefusedError: The servos are on another machine.
     """
     if isinstance(arm, Arm):
         return arm
@@ -267,7 +267,7 @@ def _open_remote(
 
 
 def _back_up_eeproms(bus: ServoBus, model: Model, own: CalibratedArm) -> None:
-    """Copy every servo's EEPROM to a file when it is first used, where one can be written."""
+    """Copy every servo's EEPROM to a file before its first use, if such a file can be written."""
     if own.zeros is not ZeroSource.SIMULATED:
         with contextlib.suppress(FileWriteError):
             back_up_once(bus, f"{model.name}-{serial_number_of(bus.port.name)}")
@@ -295,11 +295,11 @@ def _make_joint_limits(
 
 
 def make_collision_checker(model: Model, own_chain: Chain | None = None) -> CollisionChecker:
-    """Make the checker of an arm with its gripper, which yields to its weight.
+    """Make the collision checker of an arm with its gripper; the arm may sag under its weight.
 
     Args:
         model: The arm.
-        own_chain: Its calibrated chain, which may give way behind its sensors.
+        own_chain: Its calibrated chain, whose links may deviate from what its sensors show.
     """
     body = collision_body_with_gripper(model)
     checker = CollisionChecker(body, model.floor_m, model.keep_out, arm_sag(model, body))
@@ -323,7 +323,7 @@ def _make_compensator(
     driven_joints: Sequence[DrivenJoint],
     serial_number: str,
 ) -> GoalCompensator:
-    """Make the compensator of goals: by masses only where the posture is known, identified first.
+    """Make the goal compensator; with masses only if the posture is known, identified first.
 
     Raises:
         FileFormatError: The arm's identification is malformed.
@@ -346,7 +346,7 @@ def _arm_parameters(model: Model, chain: Chain, serial_number: str) -> ArmParame
 
 
 def make_collision_filter(model: Model) -> Callable[[Matrix], NDArray[np.bool_]]:
-    """Make a function from configurations (n, dof) to whether each is collision-free (n,)."""
+    """Return a function that checks configurations (n, dof) for collisions; True (n,) is free."""
     return CollisionChecker(collision_body(model), model.floor_m, model.keep_out).collision_free
 
 

@@ -1,4 +1,4 @@
-"""Another arm that an arm can reach: where its links are now."""
+"""Another arm that an arm can reach: the present position of its links."""
 
 from __future__ import annotations
 
@@ -14,21 +14,21 @@ from ikservo.model.scene_file import KeepOutShape, PlacedArm, capsule_shape, tur
 from ikservo.planning.context import ArmContext
 from ikservo.planning.surroundings import Turn, other_moves
 
-# Play and bent links, which its sensors do not see, and how far it drifts while this arm moves.
+# Backlash and bent links, which its sensors do not show, and its drift while this arm moves.
 _ROOM_M = 0.02
-_ANSWER_S = 1.0  # reading an arm takes milliseconds, and so does what else may hold its lock
+_ANSWER_S = 1.0  # reading an arm takes milliseconds, as do other uses of its lock
 
 
 @dataclass(slots=True, eq=False)
 class OtherArm:
-    """Another arm, as it is around this one.
+    """Another arm near this one.
 
     Attributes:
         name: For messages.
         context: The parts of the arm.
         runner: Its motions.
         T_base_other: Its base frame (4, 4) in that of this arm.
-        turn: The turns of the two arms: one moves at a time.
+        turn: Lock with which only one of the two arms moves at a time.
         left: Its things when it was closed, as ``things`` returns them; None while it is open, or
             if they could not be measured.
     """
@@ -41,20 +41,20 @@ class OtherArm:
     left: list[KeepOutShape] | None = None
 
     def close(self) -> None:
-        """Remember where it is: from then on nothing can be measured."""
+        """Remember its position, because nothing can be measured once it is closed."""
         with suppress(IkservoError), self.runner.lock:
             self.left = self.links_at(self.context.servos.measure_positions())
 
     def things(self, arm: object) -> list[KeepOutShape]:
-        """Measure where its links, and what it holds, are now: rounded rods in the base frame.
+        """Measure its links and what it holds: rounded rods in the base frame.
 
-        An arm that was closed is where it was then.
+        A closed arm stays where it was when it was closed.
 
         Args:
-            arm: This arm, as it takes turns.
+            arm: This arm, which takes turns with the other one.
 
         Raises:
-            RefusedError: It moves, or where it is cannot be measured.
+            RefusedError: The other arm moves, or its position cannot be measured.
         """
         if self.turn.is_of_other(arm):
             raise other_moves(self.name)
@@ -62,7 +62,7 @@ class OtherArm:
 
     @property
     def placed(self) -> PlacedArm:
-        """Where it stands, as a scene file says it."""
+        """Its placement, in the keys of a scene file."""
         (x, y, z), R = self.T_base_other[:3, 3].tolist(), self.T_base_other[:3, :3]
         path, port = self.context.model.path, self.context.port.name
         arm = catalogue_name(path) or str(path.absolute())
@@ -75,16 +75,16 @@ class OtherArm:
         )
 
     def links_at(self, joints: Vector) -> list[KeepOutShape]:
-        """Return where its links are at joints (n,), as ``things`` does.
+        """Return its links at joints (n,), as ``things`` does.
 
         Raises:
-            RefusedError: It was opened without collision checks.
+            RefusedError: The arm was opened without collision checks.
         """
         checker = self.context.collision
         if checker is None:
             raise RefusedError(
                 f"{self.name} was opened without collision checks.",
-                "Open both arms with them to use them on one table.",
+                "Open both arms with collision checks.",
             )
         capsules = checker.capsules_at(self.context.index.body_joints(joints))
         return [
@@ -106,6 +106,6 @@ class OtherArm:
             raise
         except IkservoError as error:
             raise RefusedError(
-                f"Where {self.name} is, which this arm can reach, is not known: {error.message}",
-                "Open it again and add it to the scene, or remove it from there.",
+                f"The position of {self.name}, which is in reach, is unknown: {error.message}",
+                "Open it again and add it to the scene, or remove it from the scene.",
             ) from error

@@ -27,20 +27,20 @@ from ikservo.serving.control_client import (
 )
 
 _RELAX_TIMEOUT_S = 120.0
-# Between opening a port and listening a program reads all of its servos.
+# A program reads all of its servos between opening a port and listening.
 _START_TIMEOUT_S, _RETRY_PERIOD_S = 3.0, 0.02
 
 
 def stop_arm(model: Model, port: str | None, clock: Clock | None = None) -> StopResult:
-    """Stop an arm: by a command to the program that has its port open, else on the port itself.
+    """Stop an arm: by a command to the program that has its port open, or else on the port itself.
 
     Args:
         model: The arm.
-        port: Its port; chosen as for every command if None.
-        clock: Measures how long to wait for a program that does not listen yet.
+        port: Its port; None chooses it as for every command.
+        clock: Measures the wait for a program that does not listen yet.
 
     Raises:
-        IkservoError: That program cannot, or the port cannot be opened.
+        IkservoError: That program cannot stop it, or the port cannot be opened.
     """
     network_address = find_network(port)
     if network_address is not None:
@@ -55,7 +55,7 @@ def stop_arm(model: Model, port: str | None, clock: Clock | None = None) -> Stop
             return stopped
         try:
             outcome = halt_line(model, port)
-        except PortBusyError:  # a program that has just opened it, and does not listen yet
+        except PortBusyError:  # a program that has just opened it does not listen yet
             if clock.now_s() > until_s:
                 raise
             clock.sleep_until(clock.now_s() + _RETRY_PERIOD_S)
@@ -66,7 +66,7 @@ def stop_arm(model: Model, port: str | None, clock: Clock | None = None) -> Stop
 
 def stop_remote_arms() -> StopAllResult:
     """Stop the arm at the address in ``IKSERVO_PORT`` and the arms of listed machines."""
-    with ThreadPoolExecutor() as pool:  # one without a reply must not delay the others
+    with ThreadPoolExecutor() as pool:  # an arm without a reply must not delay the others
         return StopAllResult.joined(pool.map(_attempt, _remote_stops()))
 
 
@@ -87,12 +87,12 @@ def _remote_stops() -> Iterator[Callable[[], StopAllResult]]:
 
 
 def query_state(model: Model, port: str | None) -> ArmState | None:
-    """Request an arm's state from the program that has its port open; None where none has.
+    """Request an arm's state from the program that has its port open; None if no program has.
 
-    Also for an arm on another machine: it is opened there without taking control of it.
+    An arm on another machine is opened there without taking control of it.
 
     Raises:
-        IkservoError: That program cannot.
+        IkservoError: That program cannot tell the state.
     """
     if find_network(port) is not None:
         return None
@@ -103,10 +103,10 @@ def query_state(model: Model, port: str | None) -> ArmState | None:
 
 
 def request_relax(model: Model, port: str | None) -> JointMoveResult | None:
-    """Let the program that has an arm's port open relax it; return None where none has.
+    """Let the program that has an arm's port open relax it; None if no program has.
 
     Raises:
-        IkservoError: That program cannot.
+        IkservoError: That program cannot relax it.
     """
     if find_network(port) is not None:
         return None
@@ -123,7 +123,7 @@ def _request(model: Model, device: str, command: ControlCommand, timeout_s: floa
 def halt_line(model: Model, port: str | None) -> StopOutcome:
     """Open the port of an arm that no program has open, and hold every joint that has torque.
 
-    Neither models nor calibration are checked: whatever moves is stopped.
+    Neither models nor calibration are checked: anything that moves is stopped.
 
     Raises:
         PortError: The port cannot be opened.
@@ -133,7 +133,7 @@ def halt_line(model: Model, port: str | None) -> StopOutcome:
 
 
 def _nominal_limits(model: Model) -> list[DrivenJoint]:
-    """Return the limits of an arm's servos by its arm file alone, at a speed of 1 rad/s or m/s."""
+    """Return the servo limits from the arm file alone, at a speed of 1 rad/s or m/s."""
     lags = load_lags(model, model.chain, model.payload_kg)
     return [
         DrivenJoint(

@@ -17,7 +17,7 @@ R = TypeVar("R")
 class OwnMotion(MotionValue[R]):
     """A motion of an app: a step of programs, and an argument of ``Arm.execute`` and ``start``.
 
-    It has no plan that could be shown before it is run, and is run beside the arm only.
+    It has no plan to show before it runs, and runs only on the machine of the servos.
     """
 
     @abstractmethod
@@ -25,7 +25,7 @@ class OwnMotion(MotionValue[R]):
         """Make the motion from where the arm holds, and return its result.
 
         Raises:
-            IkservoError: It cannot be made; the arm holds.
+            IkservoError: The motion cannot be made; the arm holds.
         """
 
     @abstractmethod
@@ -33,5 +33,5 @@ class OwnMotion(MotionValue[R]):
         """Compute the joints (n,), rad or m, after the motion from ``start`` (n,); nothing moves.
 
         Raises:
-            IkservoError: It cannot be made from there.
+            IkservoError: The motion cannot be made from there.
         """

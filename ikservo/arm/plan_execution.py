@@ -41,12 +41,12 @@ from ikservo.settling.tick_rounding import SettlingTarget, backlash_approach
 _POSITION_TOLERANCE_M = 0.002
 _JOINT_TOLERANCE_RAD = radians(0.5)
 _SAME_GOAL = 1e-6  # rad or m
-# Of a path that is checked again in one control cycle. While an arm brakes, half of `BRAKE_S` of
-# its path passes.
+# Piece of a path, in time, that is checked again in one control cycle. A braking arm covers half
+# of `BRAKE_S` of its path.
 _PIECE_S = 0.3
 
 MoveReport = MoveResult | JointMoveResult
-"""How a plan of the tip, or of joints, has ended."""
+"""Report on the end of a plan of the tip or of joints."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -54,10 +54,10 @@ class ExecutedMotion:
     """A plan that was executed.
 
     Attributes:
-        plan: The plan, made again where a limp arm has sunk since.
+        plan: The plan; replanned if a limp arm has sunk since.
         settled: The joints at the end of the motion.
         path_error: The distance of the tip from its path; None if there was none.
-        swung: The joints that swung on the way, and by how much.
+        swung: The joints that swung during the motion, and how far.
     """
 
     plan: MotionPlan
@@ -79,7 +79,7 @@ def execute(arm: ArmParts, plan: MotionPlan, on_progress: OnProgress | None) -> 
 def plan_and_execute(
     arm: ArmParts, motion: MotionValue[Any], on_progress: OnProgress | None
 ) -> MoveReport:
-    """Plan a motion of the tip or of joints from where the arm holds, execute it, report on it."""
+    """Plan a motion of the tip or of joints from where the arm holds, execute it, and report."""
     executed = _run_around(arm, motion, None, on_progress)
     return _make_report(arm.context, executed, executed.plan.requested)
 
@@ -90,9 +90,9 @@ def _run_around(
     plan: MotionPlan | None,
     on_progress: OnProgress | None,
 ) -> ExecutedMotion:
-    """Execute a motion by its plan; plan again each time that something came into its path.
+    """Execute a motion by its plan; replan each time an obstacle comes into its path.
 
-    The stop that this takes is acknowledged. Any other stop, also one meanwhile, ends the request.
+    Its own stop for that is acknowledged. Any other stop, even in the meantime, ends the request.
 
     Args:
         arm: The arm.
@@ -121,7 +121,7 @@ def run_plan(arm: ArmParts, plan: MotionPlan, on_progress: OnProgress | None) ->
     """Execute a plan.
 
     Raises:
-        RefusedError: The arm has moved since it was planned, or the guard stopped it.
+        RefusedError: The arm has moved since the plan was made, or the guard stopped it.
     """
     check_plan(plan)
     check_callable("on_progress", on_progress)
@@ -136,10 +136,10 @@ def run_plan(arm: ArmParts, plan: MotionPlan, on_progress: OnProgress | None) ->
 
 
 def _replan_if_moved(arm: ArmParts, plan: MotionPlan) -> MotionPlan:
-    """Return a plan, made again where a limp arm has sunk since; its servos hold by now.
+    """Return a plan, replanned if a limp arm has sunk since; its servos hold by now.
 
     Raises:
-        RefusedError: No path is free from there.
+        RefusedError: There is no free path from there.
     """
     servos, limits = arm.context.servos, arm.context.planner.motion_limits(plan.speed)
     if plan.motion is None or plan.limp_arm is not arm.context:
@@ -176,18 +176,18 @@ def _run_motion(
 
 
 def _checked_trajectory(context: ArmContext, plan: MotionPlan, start: Vector) -> Trajectory:
-    """Compute a plan's trajectory from where the arm is (n,).
+    """Compute a plan's trajectory from the arm's position (n,).
 
     Raises:
-        RefusedError: The arm has moved since it was planned, something is in the way, a constraint
-            would be broken, or the plan's goal, where the arm settles, is not the end of its
-            trajectory.
+        RefusedError: The arm has moved since the plan was made, something is in the way, a
+            constraint would be violated, or the trajectory does not end at the plan's goal, where
+            the arm settles.
     """
     end = plan.trajectory.state(plan.trajectory.duration_s).position
     if np.abs(end - plan.goal).max() > _SAME_GOAL:
         raise RefusedError(
-            "The plan's goal is not where its trajectory ends.",
-            "Nothing was sent. Plan the motion to the other goal.",
+            "The plan's goal differs from the end of its trajectory.",
+            "Nothing was sent. Plan a motion to that goal.",
         )
     limits = context.planner.motion_limits(plan.speed)
     trajectory = rebase_trajectory(plan, start, limits, context.servos.names)
@@ -208,20 +208,20 @@ def _recording(recorder: PathRecorder, swings: MotionSwings, reporter: OnCycle |
 
 
 class _PathWatch:
-    """Stops a motion before what came into the rest of its path.
+    """Stops a motion before an obstacle that has come into the rest of its path.
 
     Whenever the scene has changed, the rest is checked again, a piece in each cycle. The first
-    piece is longer than what the arm needs to stop.
+    piece is longer than the stopping distance of the arm.
 
     Args:
-        context: The arm; the path is free of what is around it now.
+        context: The arm; its path is free in the present scene.
     """
 
     def __init__(self, context: ArmContext) -> None:
         self._context, self._checked, self._next_s = context, context.collision, math.inf
 
     def check(self, trajectory: Trajectory, speed: str, time_s: float) -> None:
-        """Check the next piece of a trajectory, of which a time has passed; request a stop."""
+        """Check the next piece of a trajectory after a time; request a stop if it is blocked."""
         servos = self._context.servos
         if self._context.collision is not self._checked:
             self._checked, self._next_s = self._context.collision, time_s
@@ -236,9 +236,9 @@ class _PathWatch:
 
 
 def _backlash_goals(context: ArmContext, plan: MotionPlan) -> Vector | None:
-    """Compute the goals (n,) from which joints with known backlash approach theirs from below.
+    """Compute goals (n,) from which joints with known backlash approach their own from below.
 
-    None on a line, on which the tool stays, and where something is in the way of that.
+    None for a line, which the tool must not leave, and if something is in the way.
     """
     goals, driven_joints = context.servos.goals(), context.servos.driven_joints
     backlash = np.array([context.model.joint(name).backlash for name in context.servos.names])
@@ -258,7 +258,7 @@ def _backlash_goals(context: ArmContext, plan: MotionPlan) -> Vector | None:
 def _make_report(
     context: ArmContext, executed: ExecutedMotion, joints: Mapping[str, float]
 ) -> MoveReport:
-    """Make the report of a motion of the tip, or of joints: on the goals ``joints``."""
+    """Make the report of a motion of the tip or of joints, for the goals ``joints``."""
     plan, result, path_error = executed.plan, executed.settled, executed.path_error
     if plan.target_m is None or plan.solution is None:
         return _make_joint_report(context, joints, executed)
@@ -308,7 +308,7 @@ def _make_joint_report(
 
 
 def _require_settled(result: SettlingResult, report: MoveResult | JointMoveResult) -> None:
-    """Raise with the report where joints still move by more than the play of gears explains."""
+    """Raise, with the report, if joints still move by more than their backlash explains."""
     if not result.unsettled:
         return
     names = ", ".join(result.unsettled)
@@ -325,7 +325,7 @@ def _describe_errors(report: MoveResult | JointMoveResult) -> str:
     tip = f"the tip is {1000 * report.error_m:.1f} mm off"
     if report.path_error_max_m is None:
         return tip
-    return f"{tip}, and was {1000 * report.path_error_max_m:.1f} mm beside its path at most"
+    return f"{tip}, and was up to {1000 * report.path_error_max_m:.1f} mm off its path"
 
 
 def relax(arm: ArmParts, on_progress: OnProgress | None = None) -> JointMoveResult:
@@ -335,7 +335,7 @@ def relax(arm: ArmParts, on_progress: OnProgress | None = None) -> JointMoveResu
     with runner.requested(), runner.lock:
         context.servos.torque.check_idle()
         context.servos.check_stop()
-        context.servos.torque.invalidated()  # enabled again with limits that let it come down
+        context.servos.torque.invalidated()  # the next torque-on sets limits that let it come down
         report = _try_lower(arm, on_progress)
         runner.disable_torque()
         if isinstance(report, IkservoError):
@@ -350,7 +350,7 @@ def lower(arm: ArmParts, on_progress: OnProgress | None = None) -> JointMoveResu
 
 
 def _try_lower(arm: ArmParts, on_progress: OnProgress | None) -> JointMoveResult | IkservoError:
-    """Lower the arm; return the error where it could not be lowered."""
+    """Lower the arm; return the error if that fails."""
     try:
         return lower(arm, on_progress)
     except (StoppedError, PortError):
@@ -364,7 +364,7 @@ def _try_lower(arm: ArmParts, on_progress: OnProgress | None) -> JointMoveResult
 def _make_released_report(
     context: ArmContext, runner: MotionRunner, error: IkservoError
 ) -> JointMoveResult:
-    """Make the report of an arm whose torque was switched off without lowering it."""
+    """Make the report of an arm whose torque was switched off before it was lowered."""
     rest, state = dict(context.model.pose("rest")), runner.state()
     measured = {name: state.positions[name] for name in rest}
     return JointMoveResult(
@@ -383,10 +383,10 @@ def _max_error(measured: Mapping[str, float], goals: Mapping[str, float]) -> flo
 
 
 def check_plan(plan: object) -> None:
-    """Refuse what is not a plan.
+    """Refuse a value that is not a plan.
 
     Raises:
-        BadValueError: It is none.
+        BadValueError: It is not a plan.
     """
     if not isinstance(plan, MotionPlan):
         raise BadValueError(

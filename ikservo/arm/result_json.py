@@ -1,4 +1,4 @@
-"""Results of a served arm as JSON and back: dataclasses of a fixed table, arrays as lists."""
+"""Results of a served arm as JSON and back: listed dataclasses, arrays as lists."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ RESULT_TYPES: Mapping[str, type] = {
         StopResult,
     )
 }
-"""What can be a result of a service, by the name that the message has."""
+"""Types that a service may return, by their name in a message."""
 
 _KIND, _VALUE = "kind", "value"
 
@@ -55,10 +55,10 @@ T = TypeVar("T")
 
 
 def _parse_array(value: object) -> NDArray[np.float64]:
-    """Parse an array from nested lists; text is refused but for numbers that are not finite."""
+    """Parse an array from nested lists; the only text allowed are non-finite numbers."""
     try:
         return np.array(value, dtype=np.float64)
-    except (TypeError, ValueError, OverflowError):  # the last: of an integer of 400 digits
+    except (TypeError, ValueError, OverflowError):  # OverflowError: an integer of 400 digits
         raise ValueError("expected numbers, or lists of them of equal length") from None
 
 
@@ -79,14 +79,14 @@ FloatArray = Annotated[
     BeforeValidator(_parse_array),
     PlainSerializer(_list_array),
 ]
-"""An array of a message: lists of numbers; ``nan`` and ``inf`` are text."""
+"""Array in a message: lists of numbers; ``nan`` and ``inf`` are text."""
 
 _CONFIG = ConfigDict(extra="forbid", arbitrary_types_allowed=True, ser_json_inf_nan="strings")
 
 
 @cache
 def _schema_of(kind: type, left_out: frozenset[str]) -> type[BaseModel]:
-    """Return the schema of a dataclass, in which arrays are lists."""
+    """Return the schema of a dataclass, with arrays as lists."""
     hints = get_type_hints(kind)
     fields: dict[str, Any] = {}
     for field in dataclasses.fields(kind):
@@ -104,24 +104,24 @@ def _with_arrays(hint: Any) -> Any:  # noqa: ANN401  # an annotation is anything
 
 
 def _is_array(hint: object) -> bool:
-    """Check whether an annotation is that of an array (of NumPy 2.5 an alias, its own origin)."""
+    """Check whether an annotation is an array's (in NumPy 2.5 an alias with its own origin)."""
     return get_origin(hint) in (np.ndarray, NDArray)
 
 
 def encode_fields(value: Any, left_out: Iterable[str] = ()) -> dict[str, JsonValue]:  # noqa: ANN401
-    """Encode a dataclass as JSON values by field, some of them left out."""
+    """Encode a dataclass as JSON values by field, without the fields to leave out."""
     schema = _schema_of(type(value), frozenset(left_out))  # pyright: ignore[reportUnknownArgumentType]
     given = {name: getattr(value, name) for name in schema.model_fields}
     return schema.model_construct(**given).model_dump(mode="json")
 
 
 def decode_fields(kind: type[T], fields: object, left_out: Mapping[str, object] | None = None) -> T:
-    """Decode a dataclass from what ``encode_fields`` made of it.
+    """Decode a dataclass from the result of ``encode_fields``.
 
     Args:
         kind: The dataclass.
         fields: JSON values.
-        left_out: The fields that were left out, and their values here.
+        left_out: The fields that were left out, with the values to use.
 
     Raises:
         IkservoError: A field is missing, unknown, or of another type.
@@ -139,7 +139,7 @@ def encode_value(value: object) -> JsonValue:
     """Encode a result as a JSON value: plain ones as they are, others with their type's name.
 
     Raises:
-        TypeError: It is of no type that a service may return.
+        TypeError: A service may not return its type.
     """
     name = type(value).__name__
     if RESULT_TYPES.get(name) is type(value):
@@ -155,10 +155,10 @@ def encode_value(value: object) -> JsonValue:
 
 
 def decode_value(value: JsonValue) -> Any:  # noqa: ANN401
-    """Decode what ``encode_value`` made a JSON value of.
+    """Decode a JSON value from ``encode_value``.
 
     Raises:
-        IkservoError: It is of an unknown type, or a field is missing, unknown, or of another type.
+        IkservoError: The type is unknown, or a field is missing, unknown, or of another type.
     """
     if isinstance(value, list):
         return [decode_value(each) for each in value]
@@ -176,7 +176,7 @@ def decode_as(kind: type[T], value: JsonValue) -> T:
     """Decode a value of one type.
 
     Raises:
-        IkservoError: It is of another one.
+        IkservoError: The value has another type.
     """
     found = decode_value(value)
     if not isinstance(found, kind):

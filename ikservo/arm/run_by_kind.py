@@ -1,4 +1,4 @@
-"""What makes which motion, and where it would end."""
+"""Runs a motion according to its kind, and computes where it would end."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ def end_of_motion(
         start: All joints, rad or m.
 
     Raises:
-        IkservoError: It cannot be made from there.
+        IkservoError: The motion cannot be made from there.
     """
     match motion:
         case Wait():
@@ -77,14 +77,14 @@ def wait(
 
     Args:
         context: The arm.
-        motion: For how long.
-        on_wait: Called now and then.
+        motion: The wait, with its duration.
+        on_wait: Called repeatedly meanwhile.
         watch_health: Whether servos are read meanwhile.
 
     Raises:
         StoppedError, RefusedError: The arm was stopped.
         BusError: A servo does not answer.
-        ServoAlarmError: One reports a fault, has a wrong supply, or was reset.
+        ServoAlarmError: A servo reports a fault, has a wrong supply, or was reset.
     """
     end_s = context.now_s() + motion.duration_s
     while (left_s := end_s - context.now_s()) > 0.0:

@@ -36,9 +36,9 @@ from ikservo.planning.surroundings import Turn
 
 _LARGEST_M = 0.5  # half the size of what a gripper holds, in each direction
 _NAME = "The name of the thing"
-_WAIT_S = 2.0  # for a reading to end, not for a motion
-_POLL_S = 0.02  # how soon a change notices that a motion has begun
-_others_lock = threading.RLock()  # which arms can reach each other is said in both their scenes
+_WAIT_S = 2.0  # enough for a reading to end, not for a motion
+_POLL_S = 0.02  # within it a change notices that a motion has begun
+_others_lock = threading.RLock()  # both scenes name arms in reach of each other
 
 
 class InScene(Protocol):
@@ -46,16 +46,16 @@ class InScene(Protocol):
 
     @property
     def scene(self) -> Scene:
-        """What is around it."""
+        """Things around the arm."""
         ...
 
 
 class Scene:
-    """What stands around an arm, in its base frame, and what its gripper holds.
+    """Things around an arm, in its base frame, and things that its gripper holds.
 
-    It begins with the things of the arm file and of the scene file. Motions that are planned from
-    then on keep out of it; a plan that was begun before is checked again when it is executed. The
-    things may change while a planned motion runs: the arm stops before what came into its path.
+    It begins with the things of the arm file and of the scene file. Motions that are planned
+    later avoid them; a plan that was begun before is checked again when it is executed. Things may
+    change while a planned motion runs: the arm stops before an obstacle in its path.
 
     Args:
         context: The arm.
@@ -72,22 +72,22 @@ class Scene:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """The things that stand around it, and the other arms."""
+        """Names of the things around the arm, and of the other arms."""
         return (*self._things, *(other.name for other in self._others.values()))
 
     @property
     def held(self) -> tuple[str, ...]:
-        """The things that the gripper holds."""
+        """Names of the things that the gripper holds."""
         return tuple(self._held)
 
     @property
     def arms(self) -> tuple[OtherArm, ...]:
-        """The other arms that it can reach."""
+        """Names of the other arms in reach."""
         return tuple(self._others.values())
 
     @property
     def things(self) -> tuple[Obstacle, ...]:
-        """The things that stand around it, with names and extents."""
+        """The things around the arm, with names and extents."""
         return tuple(self._things.values())
 
     if not TYPE_CHECKING:  # a type checker reports an unknown name itself
@@ -109,7 +109,7 @@ class Scene:
 
         Args:
             kind: box, cylinder, sphere or half_space.
-            name: For messages; no other thing or link has it.
+            name: Name for messages; unique among things and links.
             sizes: Its other keys.
 
         Raises:
@@ -127,7 +127,7 @@ class Scene:
 
         ``arm.scene.change("the shelf", center_m=(0.3, 0.25, 0.1))``
 
-        Of another arm, its place: ``at_m`` and ``rpy_deg``, as for ``add_arm``.
+        For another arm, its place: ``at_m`` and ``rpy_deg``, as for ``add_arm``.
 
         Raises:
             UnknownNameError: There is no such thing.
@@ -173,7 +173,7 @@ class Scene:
             self._change({**self._things, **added}, self._held)
 
     def is_of_same_arm(self, other: Scene) -> bool:
-        """Tell whether a scene is of this arm: of one file and one adapter, or simulated port."""
+        """Check whether a scene is of the same arm: same file and same adapter or port."""
         one, another = (
             (each.model.path, each.serial_number or each.port.name)
             for each in (self._context, other._context)
@@ -181,10 +181,10 @@ class Scene:
         return one == another
 
     def take_over(self, before: Scene) -> None:
-        """Have the things and other arms of a scene of the same arm, which was open before.
+        """Take over the things and other arms of a scene of the same arm, which was open before.
 
         Raises:
-            RefusedError: A motion is running, or it was opened without collision checks.
+            RefusedError: A motion is running, or that arm was opened without collision checks.
         """
         with self._changing(), _others_lock:
             if before._things != self._things or before._held or before._others:
@@ -193,7 +193,7 @@ class Scene:
                 here = replace(
                     scene._others[before], context=self._context, runner=self._runner, left=None
                 )
-                # Where this arm was seen last stays until it is looked at again: it may be moving.
+                # This arm's last seen position stays until the next look, as it may be moving.
                 scene._others = {
                     **{k: v for k, v in scene._others.items() if k is not before},
                     self: here,
@@ -214,25 +214,24 @@ class Scene:
     ) -> None:
         """Add another arm of this program, and this arm to its scene.
 
-        From then on one of the two moves at a time, around where the other one is. An arm that a
-        person moves by hand is where it was when the motion of the other one began, and one that
-        was closed is where it was then.
+        From then on only one of the two moves at a time, and avoids the other one. The other one
+        counts as standing where it was when the motion began, also if a person moves it by hand; a
+        closed arm stays where it was when it was closed.
 
         ``left.scene.add_arm(right, "right", at_m=(0.0, -0.4, 0.0))``
 
         Args:
             other: The other arm, open and calibrated.
-            name: For messages; no other thing or link has it.
+            name: Name for messages; unique among things and links.
             at_m: The origin of its base frame (3,) in that of this arm.
             rpy_deg: Roll, pitch and yaw of its base frame (3,) in that of this arm.
-            own_name: The name of this arm in the scene of the other one; the name of its model if
-                None.
+            own_name: Name of this arm in the other scene; None uses the name of its model.
 
         Raises:
-            BadValueError: The name is taken, the place is none or that of this arm, or it is no
-                other arm.
-            RefusedError: A motion of one of them is running, where one of them is is not known, or
-                its paths are not checked.
+            BadValueError: The name is taken, the place is not valid or that of this arm, or
+                ``other`` is not another arm.
+            RefusedError: A motion of one of them is running, a position is unknown, or paths of one
+                of them are not checked.
         """
         scene = getattr(other, "scene", None)
         if not isinstance(scene, Scene) or scene is self or scene in self._others:
@@ -247,7 +246,7 @@ class Scene:
             there = OtherArm(name, scene._context, scene._runner, T, turn)
             here = OtherArm(own_name, self._context, self._runner, _inverse(T), turn)
             for each in (there, here):
-                each.things(self)  # where it is has to be known
+                each.things(self)  # raises if its position is unknown
             self._change_others({**self._others, scene: there})
             scene._change_others({**scene._others, self: here})
 
@@ -284,14 +283,14 @@ class Scene:
             self._change(things, held)
 
     def attach(self, name: str) -> None:
-        """Let the gripper hold a thing where both are now: it moves with the tip.
+        """Let the gripper hold a thing at its present place; it then moves with the tip.
 
-        It is checked as a part of the arm until it is released, also by opening the gripper. What
-        is held counts as heavy as the arm file's payload: so far the arm is kept from sagging.
+        It is checked as a part of the arm until it is released, also by opening the gripper. Its
+        weight counts as the arm file's payload, for which sag is compensated.
 
         Raises:
             UnknownNameError: There is no such thing.
-            BadValueError: It is not of the scene, but a box of the arm file or a half-space.
+            BadValueError: It is a box of the arm file or a half-space, or too large.
             RefusedError: A motion is running.
         """
         parse_name(_NAME, name)
@@ -300,16 +299,16 @@ class Scene:
                 raise UnknownNameError("thing", name, self._things)
             thing, things = self._things[name], dict(self._things)
             if not isinstance(thing, KeepOutShape) or thing.half_size_m.max() > _LARGEST_M:
-                expected = f"one of the scene, at most {2.0 * _LARGEST_M:g} m long, wide and high"
+                expected = f"a scene thing, at most {2.0 * _LARGEST_M:g} m long, wide and high"
                 raise BadValueError("The thing to hold", name, expected)
             del things[name]
             self._change(things, {**self._held, name: thing.moved(_inverse(self._tip_pose()))})
 
     def release(self, name: str | None = None) -> None:
-        """Let a thing stand where it is now; all that are held if None.
+        """Leave a held thing where it is now; None releases all of them.
 
         Raises:
-            UnknownNameError: It is not held.
+            UnknownNameError: The gripper does not hold it.
             RefusedError: A motion is running.
         """
         if not self._held and name is None:
@@ -325,7 +324,7 @@ class Scene:
             self._change(things, held)
 
     def close(self) -> None:
-        """Tell the scenes of other arms where this one is left; its port is about to be closed."""
+        """Tell the scenes of other arms where this one stays; its port is about to be closed."""
         for scene in self._others:
             scene._others[self].close()
 
@@ -344,7 +343,7 @@ class Scene:
 
     @contextmanager
     def _changing_both(self, other: Scene) -> Generator[None]:
-        """Let nothing move in the block, nor its scene change, of both arms; one order for both."""
+        """Keep both arms and their scenes unchanged in the block; locks are taken in one order."""
         first, second = sorted((self, other), key=id)
         with _others_lock, first._changing(_WAIT_S), second._changing(_WAIT_S):
             yield
@@ -352,14 +351,14 @@ class Scene:
     def _check_new(self, name: str) -> None:
         taken = {*self.names, *self._held, "the table", *self._context.chain.frames}
         if parse_name(_NAME, name) in taken:
-            raise BadValueError(_NAME, repr(name), "one that is not taken")
+            raise BadValueError(_NAME, repr(name), "an unused name")
 
     def _tip_pose(self) -> Matrix:
         return self._context.planner.tip_pose(self._context.servos.measure_positions())
 
     @contextmanager
     def _changing(self, wait_s: float = -1.0) -> Generator[None]:
-        """Let nothing move, and nobody else change it, in the block; below 0 it waits for that."""
+        """Keep the arm at rest and its scene unchanged; ``wait_s`` < 0 waits without limit."""
         lock, check_idle = self._runner.lock, self._context.servos.torque.check_idle
         if not lock.acquire(timeout=wait_s):  # another thread moves it
             raise RefusedError(
@@ -375,7 +374,7 @@ class Scene:
 
     @contextmanager
     def _changing_things(self) -> Generator[None]:
-        """Let nobody else change the things in the block; a running motion looks at them again."""
+        """Keep others from changing the things in the block; a running motion checks them again."""
         locked = False
         while not (self._runner.watches_scene or locked):
             locked = self._runner.lock.acquire(timeout=_POLL_S)
@@ -392,7 +391,7 @@ class Scene:
         model = self._context.model
         if self._context.collision is None:
             raise RefusedError(
-                "This arm was opened without collision checks.", "Open it with them to use a scene."
+                "This arm was opened without collision checks.", "A scene needs them."
             )
         if self._body is None or held is not self._held:
             body = collision_body_with_gripper(model)
@@ -408,11 +407,11 @@ def _pose_of_base(at_m: ArrayLike, rpy_deg: ArrayLike) -> Matrix:
     """Return the base frame (4, 4) of another arm.
 
     Raises:
-        BadValueError: It is nowhere on the same table, or where this arm stands.
+        BadValueError: The place is too far away, not valid, or where this arm stands.
     """
     at = bounded_vector(at_m, 3, FURTHEST_BASE_M, "at_m", "metres of the same table")
     if np.linalg.norm(at) < NEAREST_BASE_M:
-        raise BadValueError("The place of the other arm", at.tolist(), "not where this one stands")
+        raise BadValueError("The place of the other arm", at.tolist(), "away from this arm's base")
     return make_pose(at, rotation_rpy(*np.radians(finite_vector(rpy_deg, 3, "rpy_deg")).tolist()))
 
 

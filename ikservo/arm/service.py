@@ -1,10 +1,10 @@
-"""An open arm as other programs use it, whatever transport they come by.
+"""An open arm as other programs use it, independent of their transport.
 
-Anybody may stop the arm and read its state. One operator at a time moves it, under the lease; an
-operator who is not heard any more loses it, and the arm holds until somebody acknowledges that.
+Anybody may stop the arm and read its state. One operator at a time moves it, under the lease. An
+operator who falls silent loses it, and the arm holds until somebody acknowledges that.
 
-A transport (``control_server`` for this machine, ``apps/remote/arm_server.py`` for others) knows
-who comes, parses what they send, calls this, and encodes what it returns.
+A transport (``control_server`` for this machine, ``apps/remote/arm_server.py`` for others)
+identifies clients, parses their requests, calls this class, and encodes the results.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ _WATCH_PERIOD_S = 0.05
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ArmDescription:
-    """What an arm is, as another program has to know it besides its model.
+    """Description of an arm, which another program needs besides its model.
 
     Attributes:
         version: The version of ikservo.
@@ -40,12 +40,12 @@ class ArmDescription:
         port: The port it is on.
         zeros: The name of the ``ZeroSource`` of its joints.
         joints: All joints, in the order of vectors (n,).
-        lower: Their lower limits (n,), rad or m.
-        upper: Their upper limits.
+        lower: Lower limits (n,), rad or m.
+        upper: Upper limits (n,), rad or m.
         chain: The joints from base to tip.
-        chain_lower: Their lower limits (dof,).
-        chain_upper: Their upper limits.
-        origins: The calibrated origin of each of them, T_parent_joint row by row (16,).
+        chain_lower: Lower limits of the chain (dof,).
+        chain_upper: Upper limits of the chain (dof,).
+        origins: The calibrated origin of each of its joints, T_parent_joint row by row (16,).
     """
 
     version: str
@@ -69,17 +69,17 @@ class ServableArm(OpenArm, Protocol):
 
     @property
     def runner(self) -> MotionRunner:
-        """What runs its motions."""
+        """Runner of its motions."""
         ...
 
 
 class ArmService:
-    """What the clients of an open arm may do; every method is safe in any thread.
+    """Requests of the clients of an open arm; every method is safe in any thread.
 
     Args:
         arm: The arm.
         clock: The clock of the lease.
-        on_lost: Called where a running motion is ended because its operator is gone.
+        on_lost: Called after a running motion ended because its operator fell silent.
 
     Attributes:
         arm: The arm that was given.
@@ -108,14 +108,14 @@ class ArmService:
     def stop(
         self, reason: StopReason, at_rest: StopReason | None = None, lease: str = ""
     ) -> StopResult:
-        """Stop the arm, whoever moves it, and return what each joint does once it stands.
+        """Stop the arm, whoever moves it, and return the state of each joint once it stands.
 
-        The operator's stop of its own motion, which reports the end itself, is not waited for.
+        An operator's stop of its own motion returns at once, because the motion reports its end.
 
         Args:
-            reason: Why.
-            at_rest: Why, where no motion runs; as ``reason`` if None.
-            lease: The lease of who asks.
+            reason: Reason of the stop.
+            at_rest: Reason if no motion runs; ``reason`` if None.
+            lease: The lease of the client that asks.
 
         Raises:
             IkservoError: The arm has not come to rest, or its servos cannot be told to hold.
@@ -127,16 +127,16 @@ class ArmService:
             runner.request_stop(reason)
             return StopResult(arm.model.name, self.port, True, arm.joint_names, (), ())
         reason = StopReason(StopKind.CLIENT, reason.text)
-        if is_operated:  # also where the motion is still planned: nothing holds the lock then
+        if is_operated:  # a motion that is still planned does not hold the lock
             runner.request_stop(reason)
         moving = False
-        if not runner.lock.acquire(blocking=False):  # a motion, or a thread that reads servos
+        if not runner.lock.acquire(blocking=False):  # a motion or a reading
             if not is_operated:
                 runner.request_stop(reason if runner.motion_running else at_rest or reason)
             moving = runner.motion_running
             self._wait_for_lock()
         try:
-            outcome = StopOutcome(arm.joint_names, (), ())  # a motion that ended holds
+            outcome = StopOutcome(arm.joint_names, (), ())  # the arm holds after a motion
             if not moving:
                 outcome = runner.stop_servos(at_rest or reason)
         finally:
@@ -147,11 +147,11 @@ class ArmService:
         """Stop the arm, lower it and switch torque off; it then stays stopped.
 
         Args:
-            stopped: Why a running motion ends.
-            relaxed: Why the arm does not move afterwards.
+            stopped: Reason that ends a running motion.
+            relaxed: Reason why the arm does not move afterwards.
 
         Raises:
-            IkservoError: It does not come to rest, or cannot be lowered.
+            IkservoError: The arm does not come to rest, or cannot be lowered.
         """
         self.stop(stopped)
         with self._locked():
@@ -182,7 +182,7 @@ class ArmService:
         )
 
     def health(self) -> dict[str, object]:
-        """Return how the arm is, as plain values: state, stop, operator, temperature, alarms."""
+        """Return the arm's health as plain values: state, stop, operator, temperature, alarms."""
         arm, holder, reason = self.arm, self.lease.holder, self.arm.stop_reason
         state = arm.where()
         torque = any(joint.torque for joint in state.joints)
@@ -203,14 +203,14 @@ class ArmService:
     # the operator
 
     def release(self, lease: str) -> bool:
-        """Take the lease back from an operator who gives it back; a running motion ends."""
+        """Take back the lease that an operator returns; a running motion ends."""
         holder = self.lease.holder
         if holder is None or holder.lease != lease:
             return False
         return self.lose(holder, f"{holder.operator} gave back control; the arm holds.")
 
     def lose(self, holder: Holder, text: str) -> bool:
-        """Take the lease, and stop the motion that runs under it; return whether it was theirs."""
+        """Take the lease, and stop the motion that runs under it; return whether it was held."""
         if not self.lease.release(holder.lease):
             return False
         if self.lease.moving == holder:
@@ -218,15 +218,15 @@ class ArmService:
         return True
 
     def end_motion(self, text: str) -> None:
-        """Stop the motion that an operator has requested; text says why."""
+        """Stop the motion that an operator has requested; ``text`` is the reason."""
         if self.lease.moving is not None:
             self.arm.request_stop(StopReason(StopKind.CLIENT, text))
         self._on_lost()
 
     def watch_operator(self, closing: threading.Event) -> None:
-        """Take the lease from an operator who is not heard any more, until closing.
+        """Take the lease from an operator who falls silent, until closing.
 
-        While a motion runs that is after the dead-man timeout, else after 3 s.
+        The limit is the dead-man time-out during a motion, otherwise 3 s.
         """
         while not closing.is_set():
             limit_s = self.lease.timeout_s if self.lease.moving is not None else IDLE_TIMEOUT_S
@@ -239,7 +239,7 @@ class ArmService:
             closing.wait(min(max(left_s, 0.001), _WATCH_PERIOD_S))
 
     def close(self, text: str) -> None:
-        """Give control to nobody any more, and stop the motion of an operator; text says why."""
+        """Give control to nobody from now on, and stop an operator's motion; ``text`` says why."""
         self.lease.close()
         self.end_motion(text)
 

@@ -1,4 +1,4 @@
-"""Setpoints that a program sends at its own rate; the control loop shapes them to the limits."""
+"""Setpoints that a program sends at its own rate; the control loop keeps them within the limits."""
 
 from __future__ import annotations
 
@@ -22,18 +22,18 @@ from ikservo.ik import Target
 from ikservo.kinematics.arrays import Vector
 from ikservo.planning.reports import MotionProgress
 
-_POLL_PERIOD_S = 0.1  # how soon a waiting sender notices that the control loop has ended
+_POLL_PERIOD_S = 0.1  # within it a waiting sender notices the loop's end
 
 
 class SetpointMailbox:
     """Holds the newest setpoint, from the program to the control loop.
 
-    Simulated time would run far ahead of the program. So it waits for the next setpoint of a sender
-    with a fixed rate, and follows the computer's time for one without.
+    Simulated time could run far ahead of the program. It therefore waits for the next setpoint of a
+    sender with a fixed rate, and follows the computer's time for a sender without one.
 
     Args:
-        clock: The arm's.
-        period_s: Between two setpoints of a sender with a fixed rate; None for one without.
+        clock: The clock of the arm.
+        period_s: Time between two setpoints of a sender with a fixed rate; None for one without.
         ended: Whether the control loop has ended.
     """
 
@@ -48,7 +48,7 @@ class SetpointMailbox:
         self._taken_count = 0
 
     def put(self, setpoint: CartesianOrJointTarget) -> None:
-        """Replace the setpoint; return when the next is due, without a period at once."""
+        """Replace the setpoint; return when the next one is due, or at once without a period."""
         with self._changed:
             self._setpoint, self._late = setpoint, False
             self.put_count += 1
@@ -84,7 +84,7 @@ class SetpointMailbox:
     def _take_setpoint(self, now_s: float) -> CartesianOrJointTarget | None:
         with self._changed:
             if self._pauses_clock(now_s):
-                self._changed.notify_all()  # to a sender that waits for this instant
+                self._changed.notify_all()  # wakes a sender that waits for this instant
                 updated = self._changed.wait_for(self._has_update, timeout=DEAD_MAN_TIMEOUT_S)
                 self._late = not updated
             setpoint, self._setpoint = self._setpoint, None
@@ -129,8 +129,8 @@ class SetpointStream:
 
     Attributes:
         unreached: The number of setpoints that were out of reach; the arm went as near as it could.
-        refused: The number that the guard refused; the arm kept the one before.
-        reason: Why the last of those was refused.
+        refused: The number that the guard refused; the arm kept the setpoint before.
+        reason: Why the guard refused the last of them.
         kept: The goal (n,) that the arm kept then, rad or m; None before.
     """
 
@@ -154,7 +154,7 @@ class SetpointStream:
         """Start to take setpoints; the arm moves with the first one.
 
         Raises:
-            RefusedError: It was used before, or another stream is open.
+            RefusedError: The stream was used before, or another one is open.
         """
         if self._motion is not None:
             raise RefusedError("This stream was used before.", "Open another: arm.stream().")
@@ -167,7 +167,7 @@ class SetpointStream:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        """Brake and hold; raise the stream's error, unless the block raised one itself."""
+        """Brake and hold; raise the stream's error, unless the block itself raised one."""
         self._mailbox.close()
         motion = self._require_motion()
         if error is None and not self._raised:
@@ -177,7 +177,7 @@ class SetpointStream:
             motion.join()
 
     def send(self, setpoint: Mapping[str, float] | ArrayLike | Target) -> None:
-        """Send a setpoint; it replaces the one before.
+        """Send a setpoint; it replaces the previous one.
 
         It returns at once; with ``rate_hz``, once the next setpoint is due.
 
@@ -187,7 +187,7 @@ class SetpointStream:
                 ``Target((0.25, 0.0, 0.15))``. Positions outside the limits mean the limit.
 
         Raises:
-            BadValueError: It is none of these, or a number is not finite.
+            BadValueError: The setpoint has none of these forms, or a number is not finite.
             UnknownNameError: No such joint.
             StoppedError: The arm was stopped; it holds.
             IkservoError: The error that ended the stream; the arm holds.
@@ -209,12 +209,12 @@ class SetpointStream:
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What was warned of since the first setpoint: heat, a servo that soon protects itself."""
+        """Warnings since the first setpoint: heat, a servo that will soon protect itself."""
         return tuple(self._context.servos.warnings)
 
     @property
     def sent(self) -> int:
-        """How many setpoints were sent."""
+        """Number of setpoints sent."""
         return self._mailbox.put_count
 
     def __repr__(self) -> str:
@@ -241,7 +241,7 @@ class SetpointStream:
 
     def _store_refusal(self, error: RefusedError, kept: Vector) -> None:
         self.reason, self.kept = error.message, kept
-        self.refused += 1  # last: a sender that sees it reads the others
+        self.refused += 1  # changes last: a sender that sees it reads the others
 
     def _require_motion(self) -> Motion[None]:
         if self._motion is None:
@@ -251,7 +251,7 @@ class SetpointStream:
     def _check_running(self) -> None:
         motion = self._require_motion()
         if motion.done:
-            self._raised = True  # not again at the end of the block
+            self._raised = True  # the end of the block does not raise it again
             motion.wait()
             raise RefusedError("The stream is closed.", "Open another: arm.stream().")
 
@@ -268,10 +268,10 @@ def open_stream(
                 stream.send(q)
 
     The arm follows the newest setpoint as fast as the speed class (slow, normal or fast, which
-    keeps closest) allows and without a jump, through the guard. After 0.3 s without one, and at
-    the end of the block, it brakes and holds. An error ends the stream and is raised by the
-    next ``send``, or at the end of the block. With ``rate_hz``, 5 to 1000 setpoints a second,
-    ``send`` returns when the next is due; else at once, and the program keeps its own time.
+    follows most closely) allows, without jumps, through the guard. After 0.3 s without a setpoint,
+    and at the end of the block, it brakes and holds. An error ends the stream and is raised by the
+    next ``send``, or at the end of the block. With ``rate_hz``, 5 to 1000 setpoints per second,
+    ``send`` returns when the next one is due; otherwise it returns at once.
 
     Raises:
         CalibrationError: The arm is not calibrated.

@@ -19,25 +19,25 @@ _STOPPED = "Stopped from another terminal."
 
 
 def stoppable(bus: ServoBus, arm: str = "") -> ServoBus:
-    """Let the user's other programs stop what this one does with a bus; return the bus.
+    """Let the user's other programs stop this program's use of a bus; return the bus.
 
     Args:
         bus: The bus, which may switch torque on.
-        arm: The name of the arm; empty if the servos are of none.
+        arm: The name of the arm; empty if the servos belong to none.
     """
     bus.stop_listener = StopListener(bus, arm)
     return bus
 
 
 class StopListener:
-    """Hears the stops of other programs for a bus; see ``stoppable``.
+    """Receives stops from other programs for a bus; see ``stoppable``.
 
-    From a stop on no servo gets torque. Once an ``Arm`` has the bus, the requests go to that arm.
+    After a stop no servo gets torque. Once an ``Arm`` has the bus, requests go to that arm.
     The simulated bus of this process has no socket, because no other program can know it.
 
     Args:
         bus: The bus.
-        arm: The name of the arm; empty if the servos are of none.
+        arm: The name of the arm; empty if the servos belong to none.
     """
 
     def __init__(self, bus: ServoBus, arm: str) -> None:
@@ -62,7 +62,7 @@ class StopListener:
         """Let an arm handle all further requests.
 
         Returns:
-            Why the program was stopped before; empty if it was not.
+            The reason why the program was stopped before; empty if it was not.
         """
         with self._turn:
             self._arm_handler = handler
@@ -70,10 +70,10 @@ class StopListener:
         return text
 
     def check_may_move(self) -> None:
-        """Raise once another program has stopped this one.
+        """Raise if another program has stopped this one.
 
         Raises:
-            StoppedError: One has.
+            StoppedError: Another program has stopped this one.
         """
         if self._stop_text:
             raise StoppedError(self._stop_text, REQUEST_HINT)
@@ -83,7 +83,7 @@ class StopListener:
         if self._server is not None:
             self._server.close()
             self._server = None
-            if not self._stop_text:  # else what is opened next has to know
+            if not self._stop_text:  # an arm that is opened next must know of a stop
                 from ikservo.serving.stop_marks import forget_marks  # noqa: PLC0415
 
                 forget_marks()

@@ -21,9 +21,9 @@ _MAX_POSITION = 1000.0
 
 
 class TargetTracker:
-    """Solves targets one after the other, each from the last solution, so that the branch stays.
+    """Solves targets in sequence, each from the last solution, so that the branch stays.
 
-    Where a limit is in the way the joints go as near as they can.
+    If a limit is in the way the joints go as near as they can.
 
     Args:
         chain: Base to tip.
@@ -35,7 +35,7 @@ class TargetTracker:
         self._solvers: dict[tuple[object, ...], Solver] = {}
 
     def solve_joints(self, target: CartesianOrJointTarget, last: Vector) -> tuple[Vector, bool]:
-        """Find the joints (n,) for a target, from the last ones, and whether they reach it.
+        """Find the joints (n,) for a target from the last ones, and whether they reach the target.
 
         Raises:
             BadValueError: It is not a target, or a number in it is not finite.
@@ -88,7 +88,7 @@ def parse_target(target: CartesianOrJointTarget, names: Sequence[str]) -> Target
         names: All joints.
 
     Raises:
-        BadValueError: It is none of these, or a number is not finite.
+        BadValueError: The target has none of these forms, or a number is not finite.
         UnknownNameError: No such joint.
     """
     if isinstance(target, Target):
@@ -113,7 +113,7 @@ def parse_setpoint(
         names: All joints.
 
     Raises:
-        BadValueError: It is none of these, or a number is not finite.
+        BadValueError: The setpoint has none of these forms, or a number is not finite.
         UnknownNameError: No such joint.
     """
     if isinstance(setpoint, Target):

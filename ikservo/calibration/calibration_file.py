@@ -46,14 +46,14 @@ def _check_geometry(calibration: Calibration) -> Iterator[ValidationIssue]:
     for i, name in enumerate(names):
         if name in names[:i]:
             where = ("geometry", "origins", i, "joint")
-            yield ValidationIssue(where, f"is {quote(name)} a second time", "each joint once")
+            yield ValidationIssue(where, f"repeats {quote(name)}", "each joint once")
 
 
 def _find_repeated_names(calibration: Calibration) -> Iterator[ValidationIssue]:
     seen: set[str] = set()
     for i, joint in enumerate(calibration.joints):
         if joint.name in seen:
-            found = f"is {quote(joint.name)} a second time"
+            found = f"repeats {quote(joint.name)}"
             yield ValidationIssue(("joints", i, "name"), found, "a unique name")
         seen.add(joint.name)
 
@@ -63,7 +63,7 @@ def _find_repeated_ids(calibration: Calibration) -> Iterator[ValidationIssue]:
     for i, joint in enumerate(calibration.joints):
         for servo in joint.servos:
             if servo.id in seen:
-                found = f"is {servo.id} a second time"
+                found = f"repeats {servo.id}"
                 yield ValidationIssue(("joints", i, "servo", "id"), found, "a unique id")
             seen.add(servo.id)
 
@@ -85,7 +85,7 @@ def _check_servo(where: Location, servo: CalibratedServo, family: str) -> Iterat
     for register in calibration_registers(table):
         if register.name not in servo.holds:
             yield ValidationIssue(
-                (*where, "holds", register.name), "is missing", "what the servo held"
+                (*where, "holds", register.name), "is missing", "the number that the servo held"
             )
 
 
@@ -142,10 +142,10 @@ def dump_calibration(calibration: Calibration) -> str:
     import tomli_w  # noqa: PLC0415  # noqa: PLC0415  # needed for writing only
 
     tables = _plain_tables(calibration.model_dump(mode="python", exclude_none=True))
-    for joint in tables["joints"]:  # a rigid joint is written as before there were others
+    for joint in tables["joints"]:  # a rigid joint keeps the format of old files
         for name in [name for name in ("compliance", "play_deg") if joint[name] == 0.0]:
             del joint[name]
-    if not tables["cameras"]:  # as before there were several
+    if not tables["cameras"]:  # keeps the format of old files
         del tables["cameras"]
     return with_checksum(_HEADER + tomli_w.dumps(tables))
 
@@ -194,7 +194,7 @@ def load_calibration(arm: str, usb_serial_number: str) -> Calibration | None:
     """Load the calibration of an arm on an adapter, or None if there is none.
 
     Raises:
-        FileFormatError: It is damaged; names the ways out.
+        FileFormatError: It is damaged; the message says what can be done.
     """
     return load_calibration_file(calibration_path(arm, usb_serial_number), arm)
 
@@ -203,7 +203,7 @@ def load_calibration_file(path: Path, arm: str) -> Calibration | None:
     """Load the calibration in a file of an arm, or None if there is none.
 
     Raises:
-        FileFormatError: It is damaged; names the ways out.
+        FileFormatError: It is damaged; the message says what can be done.
     """
     if not path.exists():
         return None
@@ -215,19 +215,19 @@ def load_calibration_file(path: Path, arm: str) -> Calibration | None:
 
 
 def ways_out(path: Path, arm: str) -> str:
-    """Return what can be done about a calibration that cannot be used."""
+    """Return advice for a calibration that cannot be used."""
     restore = f"Restore the previous one: ikservo calibration restore {arm}. Or c"
     again = f"alibrate again: ikservo calibrate {arm}. To switch torque off: ikservo relax"
     return f"{restore if backup_path(path).is_file() else 'C'}{again} --arm {arm}"
 
 
 def backup_path(path: Path) -> Path:
-    """Return where the previous content of a calibration is kept."""
+    """Return the file that keeps the previous content of a calibration."""
     return path.with_name(path.name + BACKUP_SUFFIX)
 
 
 def restore_calibration(path: Path) -> Calibration:
-    """Put the previous calibration in place of a damaged one, which is kept beside it as .damaged.
+    """Restore the previous calibration in place of a damaged one, which is kept as .damaged.
 
     Raises:
         FileFormatError: There is no previous one, or it cannot be used either.
@@ -250,11 +250,11 @@ def restore_calibration(path: Path) -> Calibration:
 
 
 def undo_calibration(path: Path) -> Calibration:
-    """Put the previous calibration in place of the present one, which becomes the previous one.
+    """Restore the previous calibration; the present one becomes the previous one.
 
     Raises:
         FileFormatError: There is no previous one, or one of them is damaged.
-        InputError: Their servos hold other registers, which no file brings back.
+        InputError: Registers in the servos differ between the two, and a file cannot restore them.
         FileWriteError: They cannot be written.
     """
     backup = backup_path(path)
@@ -262,8 +262,8 @@ def undo_calibration(path: Path) -> Calibration:
     held = [[servo for joint in each.joints for servo in joint.servos] for each in (before, now)]
     if held[0] != held[1]:
         raise InputError(
-            f"{backup} is of other registers in the servos.",
-            f"Put the servos right with it: ikservo calibration push {now.arm}",
+            f"{backup} was made with other register values than now.",
+            f"Write this file's values into the servos: ikservo calibration push {now.arm}",
         )
     write_atomic(path, dump_calibration(before), keep_old=True)
     return before

@@ -21,7 +21,7 @@ from ikservo.registers import Family
 
 MAX_STS_OFFSET = 2047  # sign and 11 bits
 MAX_X_OFFSET = 1024  # more is ignored in position mode (e-manual, Homing Offset(20))
-_MIN_CLEARANCE = 64  # ticks between the wrap-around and the travel, if possible
+_MIN_CLEARANCE = 64  # preferred distance of wrap-around and travel, ticks
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,8 +42,8 @@ class Homing:
     """Homing settings of a servo.
 
     Attributes:
-        offset: For its homing offset register.
-        extended: Whether it must count beyond one revolution.
+        offset: Value for its homing offset register.
+        extended: Whether the servo must count beyond one revolution.
         shift: Reported tick = unwrapped bare tick - shift.
     """
 
@@ -104,7 +104,7 @@ def _choose_sts_homing(travel: TickRange, offset: int, ticks_per_turn: int) -> H
     highest = ticks_per_turn - 1 - travel.width - clear
     if abs(offset) > MAX_STS_OFFSET or not clear <= low <= highest:
         centred = wrapped_difference(0, travel.low - margin, ticks_per_turn)
-        # -2048 and 2048 are equivalent, and neither is possible: use a tick beside them.
+        # -2048 and 2048 are equivalent, and neither is possible: use a tick next to them.
         offset = MAX_STS_OFFSET if centred < -MAX_STS_OFFSET else centred
         low = (travel.low - offset) % ticks_per_turn
     return Homing(offset, False, travel.low - low)

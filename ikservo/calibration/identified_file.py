@@ -32,18 +32,18 @@ class IdentifiedJoint(StrictModel):
 
     name: Name = Field(description="1 to 64 of the characters A-Z a-z 0-9 _ -")
     mass_scale: float = Field(gt=0, le=10, description="a factor of the arm file's mass")
-    stiffness_nm_rad: Torque = Field(description="N m for each rad, above zero")
-    p_gain: int | None = Field(default=None, ge=0, description="the register when identified")
-    full_duty_nm: Torque = Field(description="N m at the nominal supply, above zero")
-    back_emf_nm_s: Torque = Field(description="N m for each rad/s, above zero")
-    viscous_nm_s: Friction = Field(description="N m for each rad/s, zero or more")
+    stiffness_nm_rad: Torque = Field(description="N m per rad, above zero")
+    p_gain: int | None = Field(default=None, ge=0, description="the register at identification")
+    full_duty_nm: Torque = Field(description="N m at nominal supply, above zero")
+    back_emf_nm_s: Torque = Field(description="N m per rad/s, above zero")
+    viscous_nm_s: Friction = Field(description="N m per rad/s, zero or more")
     coulomb_nm: Friction = Field(description=_FRICTION)
     load: Share = Field(description=_SHARE)
     slow_nm: Friction = Field(description=_FRICTION)
     slow_load: Share = Field(description=_SHARE)
     slow_rad_s: Annotated[float, Field(gt=0, le=100)] = Field(description="rad/s, above zero")
     backlash_rad: Annotated[float, Field(ge=0, le=0.2)] | None = Field(
-        default=None, description="rad, where it was measured"
+        default=None, description="rad, if it was measured"
     )
     errors: Mapping[Name, Friction] = Field(description="standard errors, by key")
 
@@ -55,7 +55,7 @@ class IdentifiedArm(StrictModel):
     arm: Name = Field(description="an arm's name")
     written: datetime = Field(description="a date and time with its offset")
     tool_version: Text = Field(description="the version of ikservo")
-    usb_serial_number: Text = Field(description="the adapter's, or nothing")
+    usb_serial_number: Text = Field(description="the adapter's serial number, or empty")
     joints: tuple[IdentifiedJoint, ...] = Field(
         strict=False, min_length=1, description="tables [[joints]]"
     )
@@ -77,7 +77,7 @@ def read_identified(path: Path) -> IdentifiedArm:
     """Read and check the file of an identified arm.
 
     Raises:
-        FileFormatError: It is damaged, or not one.
+        FileFormatError: It is damaged, or of another kind.
     """
     tables = parse_toml(path, strip_checksum(path, read_text(path, MAX_BYTES)))
     try:
@@ -88,12 +88,12 @@ def read_identified(path: Path) -> IdentifiedArm:
     for i, name in enumerate(names):
         if name in names[:i]:
             where = f"joints[{i}].name"
-            raise FileFormatError(path, where, f"is {quote(name)} a second time", "a unique name")
+            raise FileFormatError(path, where, f"repeats {quote(name)}", "a unique name")
     return identified
 
 
 def load_identified(arm: str, usb_serial_number: str) -> IdentifiedArm | None:
-    """Load what is known of an arm on an adapter, or None if it was not identified.
+    """Load the identification of an arm on an adapter, or None if it was not identified.
 
     Raises:
         FileFormatError: The file is damaged.

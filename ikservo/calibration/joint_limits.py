@@ -8,7 +8,7 @@ from ikservo.calibration.joint_map import JointUnit, format_position
 from ikservo.errors import CalibrationError
 
 MIN_RANGE_TICKS = 50
-"""The smallest range of a calibrated joint [tick]; a joint that moves less was not moved."""
+"""Smallest range of a calibrated joint [tick]; with less travel the joint was not moved."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,14 +46,14 @@ class Limits:
     def of(
         cls, joint: str, lower: float, upper: float, source: str, unit: JointUnit = "rad"
     ) -> Limits:
-        """Return limits whose two ends have one source."""
+        """Return limits with the same source at both ends."""
         return cls(joint, Limit(lower, source), Limit(upper, source), unit)
 
     def intersect(self, other: Limits) -> Limits:
-        """Return the range inside both; on equal values the first source stays.
+        """Return the range inside both; if values are equal the first source stays.
 
         Raises:
-            CalibrationError: The intersection is empty; names the two limits.
+            CalibrationError: The intersection is empty; both limits are named.
         """
         return Limits(
             self.joint,

@@ -18,8 +18,8 @@ class Crank:
     φ = π and has one inverse in between: ``cos φ = (x² + r² - l²) / (2 r x)``.
 
     Attributes:
-        radius_m: From the horn's axis to the pin.
-        rod_m: From the pin to the slider; longer than the radius.
+        radius_m: Distance from the horn's axis to the pin.
+        rod_m: Distance from the pin to the slider; longer than the radius.
         zero_rad: φ at the joint's position zero, between 0 and π.
     """
 
@@ -89,11 +89,10 @@ class JointMap:
         servo_id: Id of the servo on the bus.
         sign: +1 if the joint position increases with the ticks, else -1.
         zero_tick: The tick at position zero; may be between two ticks.
-        unit_per_tick: Radians (metres for a prismatic joint) a tick, positive; with a crank the
-            maximum.
+        unit_per_tick: Radians (metres for a prismatic joint) per tick, positive; with a crank the
         unit: The unit of positions.
-        crank: Between the horn and the joint, if any.
-        horn_rad_per_tick: Rotation of the horn for a tick.
+        crank: The crank between the horn and the joint, if any.
+        horn_rad_per_tick: Rotation of the horn per tick.
     """
 
     joint: str
@@ -115,7 +114,7 @@ class JointMap:
         ticks_per_turn: float,
         gear: float = 1.0,
     ) -> JointMap:
-        """Compute the map of a revolute joint; its servo's horn makes ``gear`` turns for one."""
+        """Compute the map of a revolute joint; the horn makes ``gear`` turns per turn of it."""
         horn = math.tau / ticks_per_turn
         return cls(joint, servo_id, sign, zero_tick, horn / gear, horn_rad_per_tick=horn)
 
@@ -154,12 +153,12 @@ class JointMap:
 
     @property
     def unit_per_horn_rad(self) -> float:
-        """The travel [rad or m] for each radian of the horn, with a crank the most of it."""
+        """Travel [rad or m] per radian of the horn; the maximum with a crank."""
         return self.unit_per_tick / self.horn_rad_per_tick
 
     @property
     def gear(self) -> float:
-        """The horn's turns for one of a revolute joint; 1 for a prismatic one."""
+        """Turns of the horn per turn of a revolute joint; 1 for a prismatic one."""
         return self.horn_rad_per_tick / self.unit_per_tick if self.unit == "rad" else 1.0
 
     def position(self, tick: float) -> float:
@@ -206,7 +205,7 @@ class JointMap:
             BadValueError: There is no tick inside.
         """
         a, b = sorted((self.exact_tick(lower), self.exact_tick(upper)))
-        # A limit that is a tick itself must not be lost by rounding.
+        # Rounding must not exclude a limit that is exactly a tick.
         low, high = math.ceil(a - 1e-6), math.floor(b + 1e-6)
         if low > high:
             raise BadValueError(f"The range of {self.joint}", f"[{lower}, {upper}]", "a tick in it")
@@ -223,7 +222,7 @@ class Encoder:
 
     Attributes:
         ticks: The number of ticks; they are numbered from 0.
-        ticks_per_turn: Ticks of a full revolution of the horn.
+        ticks_per_turn: Ticks per full revolution of the horn.
     """
 
     ticks: int
@@ -255,5 +254,5 @@ def unwrap(last: int, reading: int, ticks_per_turn: int) -> int:
 
 
 def unwrap_near(middle: int, reading: int, ticks_per_turn: int) -> int:
-    """Return the reading moved by full revolutions to within half a revolution of ``middle``."""
+    """Return the reading shifted by full revolutions to within half a revolution of ``middle``."""
     return unwrap(middle, reading, ticks_per_turn)

@@ -1,8 +1,8 @@
 """LeRobot's calibration JSON: read, write, and where LeRobot stores it.
 
 Ranges are in *homed* ticks, as the servo reports them with its offset. LeRobot's degrees are
-``(tick - (min + max) / 2) * 360 / 4095``: its zero is the middle of the recorded range, not that
-of the geometry, so an import gives ids and ranges, and the user sets the zero.
+``(tick - (min + max) / 2) * 360 / 4095``: zero is the middle of the recorded range, not the zero of
+the geometry. An import therefore gives ids and ranges, and the user sets the zero.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ def read_lerobot(path: Path) -> tuple[LerobotJoint, ...]:
     """Read a LeRobot calibration.
 
     Raises:
-        FileFormatError: It is not one.
+        FileFormatError: It is not a LeRobot calibration.
     """
     return parse_lerobot(path, read_text(path, _MAX_BYTES))
 
@@ -73,12 +73,12 @@ def dump_lerobot(joints: Sequence[LerobotJoint]) -> str:
 
 
 def lerobot_joints(calibration: Calibration) -> tuple[LerobotJoint, ...]:
-    """Return a calibration as LeRobot joints; see ``lost_in_lerobot`` for what is left out."""
+    """Return a calibration as LeRobot joints; ``lost_in_lerobot`` lists what is left out."""
     return tuple(_to_lerobot_joint(joint) for joint in calibration.joints)
 
 
 def lost_in_lerobot(calibration: Calibration) -> Iterator[str]:
-    """Yield what LeRobot's file cannot represent of a calibration, one line each."""
+    """Yield the parts of a calibration that LeRobot's file cannot represent, one line each."""
     yield "LeRobot takes the middle of each range for zero; these zeros are not in its file."
     for joint in calibration.joints:
         if joint.sign == -1:
@@ -86,13 +86,13 @@ def lost_in_lerobot(calibration: Calibration) -> Iterator[str]:
         if joint.swept == "not swept":
             yield f"{joint.name} was not swept; LeRobot gets a whole turn."
         if joint.extended and joint.swept != "not swept":
-            yield f"{joint.name} counts on beyond a turn, which LeRobot's range does not tell."
+            yield f"{joint.name} counts beyond one turn, which LeRobot's range does not show."
         if any(end is not None for end in joint.user_range()):
-            yield f"{joint.name} has limits of your own, which LeRobot does not get."
+            yield f"LeRobot does not get your own limits of {joint.name}."
         for shadow in joint.shadows:
-            yield f"Servo {shadow.id} of {joint.name} is not in it; LeRobot gets one servo a joint."
+            yield f"Servo {shadow.id} of {joint.name} is left out: LeRobot has one servo per joint."
     if calibration.geometry:
-        yield "The links and the base that a touch-off found are not in it."
+        yield "The links and the base from a touch-off are left out."
 
 
 def _to_lerobot_joint(joint: CalibratedJoint) -> LerobotJoint:
@@ -158,7 +158,7 @@ def _check_ids(path: Path, joints: Sequence[LerobotJoint]) -> None:
     ids = [joint.id for joint in joints]
     for joint in joints:
         if ids.count(joint.id) > 1:
-            found = f"is {joint.id} a second time"
+            found = f"repeats {joint.id}"
             raise FileFormatError(path, f"{_printable_name(joint.name)}.id", found, "a unique id")
 
 
@@ -169,8 +169,8 @@ _KINDS = ("robots", "teleoperators")
 def find_lerobot(id_or_path: str) -> Path:
     """Find the file of an id or a path.
 
-    Ids are searched below ``robots/<type>`` and ``teleoperators/<type>`` for every type, for
-    LeRobot has renamed them: so100_follower, so101_follower, today so_follower.
+    Ids are searched below ``robots/<type>`` and ``teleoperators/<type>`` for every type, because
+    LeRobot has renamed them: so100_follower, so101_follower, now so_follower.
 
     Raises:
         UnknownNameError: No such id; those that exist are listed.

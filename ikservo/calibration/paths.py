@@ -1,4 +1,4 @@
-"""Where an arm's calibration and what belongs to it are stored, for its adapter."""
+"""Storage places of an arm's calibration and related files, by adapter."""
 
 from __future__ import annotations
 
@@ -23,9 +23,9 @@ def identified_path(arm: str, usb_serial_number: str) -> Path:
 
 
 def camera_path(arm: str, usb_serial_number: str, name: str = "") -> Path:
-    """Return the file of a camera before an arm: ``cameras/so101-58FA083.toml``.
+    """Return the file of a camera that sees an arm: ``cameras/so101-58FA083.toml``.
 
-    That of a camera with a name: ``cameras/so101-58FA083.left.toml``.
+    A camera with a name has its own file: ``cameras/so101-58FA083.left.toml``.
     """
     stem = _file_stem(arm, usb_serial_number)
     return config_dir() / "cameras" / (f"{stem}.{name}.toml" if name else f"{stem}.toml")
@@ -37,7 +37,7 @@ def journal_path(arm: str, usb_serial_number: str) -> Path:
 
 
 def confirmation_path(arm: str, usb_serial_number: str) -> Path:
-    """Return the file of the calibrations that the arm's joints were last confirmed with."""
+    """Return the file of the calibrations with which the arm's joints were last confirmed."""
     return config_dir() / "confirmed" / f"{_file_stem(arm, usb_serial_number)}.txt"
 
 

@@ -19,22 +19,22 @@ from ikservo.kinematics.arrays import Vector
 
 RangeSource = Literal["by hand", "by LeRobot", "by itself", "not swept"]
 
-_HEADER = "# What `ikservo calibrate --auto` has measured so far. The next run goes on from here.\n"
+_HEADER = "# Measurements of `ikservo calibrate --auto`. The next run continues from here.\n"
 
 
 def _require_integer(value: object) -> object:
-    if type(value) is not int:  # a Literal alone lets true and 1.0 pass for 1
+    if type(value) is not int:  # a Literal alone accepts true and 1.0 as 1
         raise ValueError
     return value
 
 
-# Each description is also the expectation in error messages.
+# Error messages also use each description as the expected value.
 Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9_-]{1,64}$")]
 Text = Annotated[str, Field(pattern=r"^[^\p{Cc}]{0,200}$")]
 Register = Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]{0,63}$")]
 RegisterValue = Annotated[int, Field(ge=-(2**31), le=2**32 - 1)]
 Tick = Annotated[int, Field(ge=-(2**20), le=2**20)]
-# Larger corrections mean another arm, not tolerances.
+# Larger corrections mean another arm instead of tolerances.
 Move = Annotated[float, Field(ge=-50.0, le=50.0)]
 Rotation = Annotated[float, Field(ge=-20.0, le=20.0)]
 _MOVE, _ROTATION = "[x, y, z] in mm, none beyond 50", "[x, y, z] in degrees, none beyond 20"
@@ -45,7 +45,7 @@ class CalibratedServo(StrictModel):
 
     id: int = Field(ge=0, le=252, description="a whole number from 0 to 252")
     model: Name = Field(description='a servo model, such as "STS3215"')
-    firmware: Text = Field(description="what the servo says, or nothing")
+    firmware: Text = Field(description="the version that the servo reports, or empty")
     holds: Mapping[Register, RegisterValue] = Field(description="register = raw number")
 
 
@@ -58,11 +58,11 @@ class CalibratedJoint(StrictModel):
     )
     sign_from: Literal["by hand", "arm file"] = Field(description="by hand or arm file")
     zero_tick: float = Field(ge=-(2**20), le=2**20, description="a tick, such as 2047.5")
-    gear: float = Field(gt=0, description="turns of the horn for one of the joint")
-    extended: bool = Field(description="true where the servo counts on beyond one turn")
+    gear: float = Field(gt=0, description="turns of the horn per turn of the joint")
+    extended: bool = Field(description="true if the servo counts beyond one turn")
     swept: RangeSource = Field(description="by hand, by LeRobot, by itself or not swept")
     travel_ticks: tuple[Tick, Tick] = Field(
-        strict=False, description="[lowest, highest] tick, as reported and counted on"
+        strict=False, description="[lowest, highest] tick, as reported, turns included"
     )
     lower_deg: float | None = Field(default=None, description="degrees, inside the swept end")
     upper_deg: float | None = Field(default=None, description="degrees, inside the swept end")
@@ -73,7 +73,7 @@ class CalibratedJoint(StrictModel):
     user_lower_m: float | None = Field(default=None, description="metres")
     user_upper_m: float | None = Field(default=None, description="metres")
     compliance: float = Field(
-        default=0.0, ge=0.0, le=1.0, description="rad for each N m behind the encoder, 0 to 1"
+        default=0.0, ge=0.0, le=1.0, description="rad per N m behind the encoder, 0 to 1"
     )
     play_deg: float = Field(default=0.0, ge=0.0, le=5.0, description="degrees behind the encoder")
     servo: CalibratedServo = Field(description="a table [joints.servo]")
@@ -103,7 +103,7 @@ class CalibratedJoint(StrictModel):
 class CalibratedOrigin(StrictModel):
     """The corrected origin of a joint: a link of another length."""
 
-    joint: Name = Field(description="a joint of the way to the tip")
+    joint: Name = Field(description="a joint between base and tip")
     moved_mm: tuple[Move, Move, Move] = Field(strict=False, description=_MOVE)
 
 
@@ -113,8 +113,8 @@ class CalibratedGeometry(StrictModel):
     touched: datetime = Field(description="a date and time with its offset")
     touches: int = Field(ge=1, le=10_000, description="a whole number")
     left_out: int = Field(ge=0, le=10_000, description="a whole number")
-    before_mm: float = Field(ge=0, description="millimetres, on touches kept aside")
-    after_mm: float = Field(ge=0, description="millimetres, on touches kept aside")
+    before_mm: float = Field(ge=0, description="millimetres, on touches left out")
+    after_mm: float = Field(ge=0, description="millimetres, on touches left out")
     base_moved_mm: tuple[Move, Move, Move] = Field(strict=False, description=_MOVE)
     base_turned_deg: tuple[Rotation, Rotation, Rotation] = Field(
         strict=False, description=_ROTATION
@@ -128,7 +128,7 @@ class SeenBoard(StrictModel):
     """A board, and where it is fixed: on the tip, or in the base frame."""
 
     name: Text = Field(description="COLUMNSxROWS-SQUAREmm-FAMILY")
-    scale: float = Field(default=1.0, gt=0.5, lt=2.0, description="of its size, by its name")
+    scale: float = Field(default=1.0, gt=0.5, lt=2.0, description="factor on the size in its name")
     at_mm: tuple[float, float, float] = Field(strict=False, description="[x, y, z] in mm")
     turned_deg: tuple[float, float, float] = Field(
         strict=False, description="a rotation vector in degrees"
@@ -136,13 +136,11 @@ class SeenBoard(StrictModel):
 
 
 class TipClick(StrictModel):
-    """What one click on the tip says of the zero of the last joint, and how sure that is."""
+    """Zero of the last joint according to one click on the tip, with its standard errors."""
 
-    off_deg: float = Field(
-        ge=-90.0, le=90.0, description="degrees by which the joint is further than it measures"
-    )
-    click_deg: float = Field(ge=1e-4, description="degrees, the standard error by the click")
-    camera_deg: float = Field(ge=0.0, description="degrees, the standard error by the camera")
+    off_deg: float = Field(ge=-90.0, le=90.0, description="degrees, true minus measured position")
+    click_deg: float = Field(ge=1e-4, description="degrees, standard error of the click")
+    camera_deg: float = Field(ge=0.0, description="degrees, standard error of the camera")
 
 
 _Pixels = Annotated[int, Field(ge=1, le=100_000)]
@@ -150,7 +148,7 @@ _FocalLength = Annotated[float, Field(gt=0)]  # a negative one would mirror each
 
 
 class CalibratedCamera(StrictModel):
-    """``[camera]``: a camera that has seen the arm, and where it stands."""
+    """``[camera]``: a camera that has seen the arm, and its position."""
 
     source: Text = Field(description="a number, device or address")
     seen: datetime = Field(description="a date and time with its offset")
@@ -187,7 +185,7 @@ class Calibration(StrictModel):
     arm: Name = Field(description="an arm's name")
     written: datetime = Field(description="a date and time with its offset")
     tool_version: Text = Field(description="the version of ikservo")
-    usb_serial_number: Text = Field(description="the adapter's, or nothing")
+    usb_serial_number: Text = Field(description="the adapter's serial number, or empty")
     family: Name = Field(description="feetech_sts, dynamixel_2 …")
     anchor_pose: Name = Field(description="a pose of the arm file")
     margin_deg: float = Field(ge=0, lt=45, description="degrees inside each swept end")
@@ -202,11 +200,11 @@ class Calibration(StrictModel):
 
     @property
     def cameras_by_name(self) -> dict[str, CalibratedCamera]:
-        """All cameras; that of ``[camera]`` has an empty name."""
+        """All cameras by name; the camera of ``[camera]`` has an empty name."""
         return ({"": self.camera} if self.camera else {}) | self.cameras
 
     def with_cameras(self, cameras: Mapping[str, CalibratedCamera]) -> Calibration:
-        """Return a calibration with other cameras, as ``cameras_by_name``."""
+        """Return a calibration with other cameras, in the form of ``cameras_by_name``."""
         named = {name: camera for name, camera in cameras.items() if name}
         return self.model_copy(update={"camera": cameras.get(""), "cameras": named})
 
@@ -218,7 +216,7 @@ class Calibration(StrictModel):
         """Return limits restricted to the recorded range and the user's limits of a joint.
 
         Raises:
-            CalibrationError: The intersection is empty; names the two limits.
+            CalibrationError: The intersection is empty; both limits are named.
         """
         swept = joint.recorded_range()
         if swept:
@@ -249,7 +247,7 @@ def _range_in_si(
 
 
 class StoredJointMeasurement(StrictModel):
-    """The travel of one joint between its stops, in ticks of the bare encoder."""
+    """Travel of one joint between its end stops, in bare encoder ticks."""
 
     name: str = Field(max_length=64, description="a joint")
     servo_id: int = Field(ge=0, le=252, description="a whole number from 0 to 252")
@@ -294,7 +292,7 @@ def read_partial(path: Path) -> PartialCalibration | None:
 def shift_zeros(
     joints: Sequence[CalibratedJoint], maps: Sequence[JointMap], zeros: Vector
 ) -> tuple[CalibratedJoint, ...]:
-    """Return joints with positions that are larger by ``zeros`` (dof,) where there is a map."""
+    """Return joints whose positions are larger by ``zeros`` (dof,) if they have a map."""
     shifts = {m.joint: float(z) for m, z in zip(maps, zeros, strict=True)}
     return tuple(_shift_joint(joint, shifts, maps) for joint in joints)
 
@@ -302,9 +300,9 @@ def shift_zeros(
 def _shift_joint(
     joint: CalibratedJoint, shifts: dict[str, float], maps: Sequence[JointMap]
 ) -> CalibratedJoint:
-    """Compute a joint whose positions are shifted; its stops do not move.
+    """Shift the positions of a joint; its end stops do not move.
 
-    Limits of the user are positions of the geometry and do not move.
+    The user's limits are positions of the geometry and do not move.
     """
     if joint.name not in shifts:
         return joint

@@ -26,7 +26,7 @@ _ROLES = (
     RegisterName.MAX_POSITION_LIMIT,
 )
 _NAMES = {Family.FEETECH_STS: "phase", Family.DYNAMIXEL_2: "drive_mode"}
-# Bits that reverse or shift the count; the others of these registers are tuning.
+# Bits that reverse or shift the count; the other bits of these registers are for tuning.
 _BITS = {"phase": 0b1001_0001, "drive_mode": 0b0001}
 
 MULTI_TURN_BIT = 0b0001_0000  # of phase: a multi-turn STS loses its count without power
@@ -67,7 +67,7 @@ class ServoConfig:
 def same_direction(config: ServoConfig, held: Mapping[str, int]) -> bool:
     """Check whether a servo counts in the direction of ``held``, in a position mode.
 
-    An offset that the servo ignores makes the result False, too.
+    An offset that the servo ignores also makes the result False.
     """
     mode = config.registers.get("operating_mode")
     turned = (name for name in _BITS if name in held and name in config.registers)
@@ -114,7 +114,7 @@ def expected_registers(
     """Compute the expected registers of a servo.
 
     Args:
-        config: Its present configuration; kept where possible.
+        config: Its present configuration; values are kept if possible.
         offset: Its homing offset.
         limits: Position limits, raw; None opens them if the present ones no longer mean the
             same positions, and keeps them if they do.
@@ -133,7 +133,7 @@ def expected_registers(
 
 def _choose_x_mode(mode: int, extended: bool) -> int:
     if mode == OperatingMode.CURRENT_BASED_POSITION:
-        return mode  # a gripper that yields; it counts on like the extended mode
+        return mode  # a gripper that yields; it counts like the extended mode
     return OperatingMode.EXTENDED_POSITION if extended else OperatingMode.POSITION
 
 
@@ -208,7 +208,7 @@ def raise_on_mismatch(contradictions: Iterable[RegisterMismatch]) -> None:
     """Raise if there are mismatches.
 
     Raises:
-        CalibrationError: Names the first, with both values, and what to do.
+        CalibrationError: Registers differ; the first is named with both values, and what to do.
     """
     first, *more = [*contradictions, None]
     if first is None:

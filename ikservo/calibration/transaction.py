@@ -1,8 +1,8 @@
 """Write calibration to servos and file as one journaled transaction: all of it, or nothing.
 
 The journal is on disk before the first servo is written and is removed after the file is. It
-contains both states, so that a later run reads from the servos how far the writing came, and can
-finish it or undo it.
+contains both states, so that a later run can read from the servos how far the writing came, and
+finish or undo it.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from ikservo.hardware.eeprom import register_differences, update_eeprom
 from ikservo.hardware.register_batches import RegisterRef
 from ikservo.registers import RegisterName
 
-_HEADER = "# What ikservo is writing into servos. It goes away when that is done.\n"
+_HEADER = "# Values that ikservo is writing into servos. This file is removed afterwards.\n"
 _Memory = Mapping[Annotated[str, Field(max_length=64)], int]
 
 
@@ -50,7 +50,7 @@ class Journal(StrictModel):
         old_text: Its old content; empty if there was none.
         new_text: Its new content.
         changes: The changes by servo, in the order of writing.
-        temporary: Whether the new numbers serve a search of end stops only, and are never kept.
+        temporary: Whether the new numbers serve only a search of end stops, and are never kept.
     """
 
     format: Literal[1] = Field(description="1")
@@ -83,7 +83,7 @@ def read_journal(path: Path) -> Journal | None:
     except ValidationError as error:
         raise first_issue(validation_issues(error, Journal), path) from None
     except FileFormatError as error:
-        expected = "a whole one. Remove it, then compare the servos: ikservo calibration diff"
+        expected = "an intact journal. Remove it, then compare the servos: ikservo calibration diff"
         raise FileFormatError(path, error.where, error.found, expected) from error
 
 
@@ -122,20 +122,20 @@ def commit(
 ) -> None:
     """Write servos and file as one; after a failure both are restored.
 
-    What a temporary transaction has changed is restored, too, if a later one fails.
+    Changes of a temporary transaction are restored, too, if a later one fails.
 
     Args:
         bus: The servos, torque off.
         journal_path: The journal during the transaction.
         path: The calibration file.
-        text: Its new content; empty for no file, and of no effect if temporary.
+        text: Its new content; empty for no file; ignored if temporary.
         changes: The new registers of the servos.
-        temporary: Whether they are for a search of end stops only. The journal then stays until
+        temporary: Whether they serve only a search of end stops. The journal then stays until
             ``roll_back`` or the next ``commit``.
 
     Raises:
-        CalibrationError: It failed and could not be undone; tells how to continue.
-        IkservoError: It failed; nothing is changed.
+        CalibrationError: Writing failed and could not be undone; the message says how to continue.
+        IkservoError: Writing failed; nothing is changed.
     """
     old_text = path.read_text("utf-8") if path.exists() else ""
     journal = Journal(
@@ -159,7 +159,7 @@ def commit(
 def _join_changes(
     earlier: Journal | None, changes: Sequence[EepromChange]
 ) -> tuple[EepromChange, ...]:
-    """Join changes to those of a temporary transaction, whose old numbers are the true ones."""
+    """Join changes to those of a temporary transaction, whose old numbers are the original ones."""
     joined = {each.id: each for each in changes}
     for each in earlier.changes if earlier is not None and earlier.temporary else ():
         later = joined.get(each.id, EepromChange(id=each.id, old={}, new={}))
@@ -185,7 +185,7 @@ def progress(bus: ServoBus, journal: Journal) -> TransactionProgress:
 def recover(bus: ServoBus, journal_path: Path, *, calibrating: bool = False) -> str:
     """Recover an interrupted transaction if that needs no servo to be written.
 
-    A temporary one is undone where the servos are limp.
+    A temporary one is undone if the servos are limp.
 
     Args:
         bus: The servos.
@@ -196,8 +196,8 @@ def recover(bus: ServoBus, journal_path: Path, *, calibrating: bool = False) -> 
         What was done, for the user; empty if there was nothing to do.
 
     Raises:
-        CalibrationError: Some servos are changed and some are not, or servos with torque are
-            changed for a search; tells how to continue.
+        CalibrationError: Only some servos are changed, or servos with torque are changed for a
+            search; the message says how to continue.
     """
     journal = _find_interrupted(bus, journal_path)
     if journal is None:
@@ -234,17 +234,17 @@ def _undo_search(bus: ServoBus, journal: Journal, journal_path: Path, *, calibra
 
 
 def resume(bus: ServoBus, journal_path: Path) -> bool:
-    """Finish an interrupted writing; return whether there was one.
+    """Finish an interrupted write; return whether there was one.
 
     Raises:
-        CalibrationError: It was temporary, so that it can only be undone.
+        CalibrationError: The write was temporary, and can only be undone.
         IkservoError: A servo still cannot be written; the journal stays.
     """
     return _end_interrupted(bus, journal_path, _write_servos)
 
 
 def roll_back(bus: ServoBus, journal_path: Path) -> bool:
-    """Undo an interrupted writing; return whether there was one.
+    """Undo an interrupted write; return whether there was one.
 
     Raises:
         IkservoError: A servo still cannot be written; the journal stays.
@@ -255,7 +255,7 @@ def roll_back(bus: ServoBus, journal_path: Path) -> bool:
 def _end_interrupted(
     bus: ServoBus, journal_path: Path, write: Callable[[ServoBus, Journal], None]
 ) -> bool:
-    """Write what an interrupted transaction left, if there was one; return whether there was."""
+    """Write the rest of an interrupted transaction, or undo it; return whether there was one."""
     journal = _find_interrupted(bus, journal_path)
     if journal:
         if journal.temporary and write is _write_servos:
@@ -272,7 +272,7 @@ def _find_interrupted(bus: ServoBus, journal_path: Path) -> Journal | None:
     """Find the interrupted transaction on this port's servos.
 
     Raises:
-        CalibrationError: It is of a servo that the arm file does not have, or has as another.
+        CalibrationError: The journal's servo is not in the arm file, or belongs to another joint.
         FileFormatError: The journal is damaged.
     """
     journal = read_journal(journal_path)
@@ -281,7 +281,7 @@ def _find_interrupted(bus: ServoBus, journal_path: Path) -> Journal | None:
         names = change.old.keys() | change.new.keys()
         if servo is None or names - servo.table.registers.keys():
             raise CalibrationError(
-                f"{journal_path}: interrupted write to servo {change.id}, which is another now.",
+                f"{journal_path}: interrupted write to servo {change.id}, which has changed since.",
                 "Has the arm file changed? Use the earlier one, or remove this journal "
                 "and compare: ikservo calibration diff",
             )

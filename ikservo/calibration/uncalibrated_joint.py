@@ -1,4 +1,4 @@
-"""What is known of a joint before its calibration."""
+"""Data about a joint before its calibration."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ _MIN_MOTION_DEG = 15.0
 
 @dataclass(frozen=True, slots=True)
 class JointUnderCalibration:
-    """What is known of a joint before its calibration.
+    """Data about a joint before its calibration.
 
     Attributes:
         joint_map: Scale and sign of the arm file; its zero tick is not used.
@@ -21,7 +21,7 @@ class JointUnderCalibration:
         expected: The arm file's range.
         pose: Its position in the reference pose, rad or m.
         shadow_ids: Servos that drive the joint together with the first.
-        known: Its travel in bare ticks if that was measured before; it is then not recorded.
+        known: Its travel in bare ticks if that was measured before; it is then not recorded again.
     """
 
     joint_map: JointMap
@@ -49,13 +49,13 @@ class JointUnderCalibration:
 
     @property
     def expected_ticks(self) -> float:
-        """How many ticks wide the arm file's range is."""
+        """Width of the arm file's range in ticks."""
         low, high = self.expected.lower.value, self.expected.upper.value
         return abs(self.joint_map.ticks_from_zero(high) - self.joint_map.ticks_from_zero(low))
 
     @property
     def min_motion_ticks(self) -> float:
-        """How far the joint must move to show its direction."""
+        """Distance in ticks that the joint must move to show its direction."""
         return min(
             _MIN_MOTION_DEG / 360.0 * (self.ticks_per_turn or 1229), 0.25 * self.expected_ticks
         )

@@ -27,9 +27,9 @@ def built_in_commands() -> Mapping[str, Command]:
 
 @cache
 def all_commands() -> Mapping[str, Command]:
-    """Return the commands of all apps, those of other distributions too; see ``built_in_commands``.
+    """Return the commands of all apps, including other distributions; see ``built_in_commands``.
 
-    What is wrong with an app of another distribution is reported on the terminal, once.
+    Problems with an app of another distribution are reported on the terminal, once.
     """
     apps, problems = installed_apps()
     for problem in problems:
@@ -39,7 +39,7 @@ def all_commands() -> Mapping[str, Command]:
 
 
 def find_command(name: str) -> Command | None:
-    """Find a command; those of other distributions are looked for only if no other has the name."""
+    """Find a command; other distributions are searched only if no built-in command has the name."""
     return built_in_commands().get(name) or all_commands().get(name)
 
 

@@ -16,13 +16,13 @@ BoardOption = Annotated[
 ]
 CameraNameOption = Annotated[
     str,
-    typer.Option("--camera-name", metavar="NAME", help="Which, where an arm has several cameras."),
+    typer.Option("--camera-name", metavar="NAME", help="Name of the camera, if there are several."),
 ]
 
 
 @dataclass(frozen=True, kw_only=True)
 class CameraOptions:
-    """The camera of a calibration, and the board before it."""
+    """The camera of a calibration, and the board that it sees."""
 
     camera: Annotated[
         str | None,
@@ -56,6 +56,6 @@ class CameraOptions:
     by_hand: Annotated[
         bool,
         typer.Option(
-            "--by-hand", help="With --camera: move the limp arm by hand where the camera sees it."
+            "--by-hand", help="With --camera: move the limp arm by hand in view of the camera."
         ),
     ] = False

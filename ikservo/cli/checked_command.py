@@ -1,4 +1,4 @@
-"""How every command reads its arguments: the arm by its bare name, and only finite numbers."""
+"""How every command reads its arguments: the arm by its bare name, and finite numbers only."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable
 
 _LARGEST_NUMBER = 1e9  # products of such numbers are still finite
-_FREE_WORDS = ("FILE", "LEADER", "NAME")  # metavars of words that may be those of arms by chance
+_FREE_WORDS = ("FILE", "LEADER", "NAME")  # metavars of words that may equal an arm's name
 
 
 def names_arm(word: str) -> bool:
@@ -27,7 +27,7 @@ def names_arm(word: str) -> bool:
 
 
 class CheckedCommand(TyperCommand):
-    """Accepts the arm by ``--arm`` or by its bare name, and only finite numbers of usual size."""
+    """Accepts the arm as ``--arm`` or as a bare name, and only finite numbers of usual size."""
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:  # noqa: ANN401
         """Parse arguments and check their numbers."""
@@ -54,7 +54,7 @@ class CheckedCommand(TyperCommand):
         return [each for each in self.params if each.param_type_name == "argument"]
 
     def _with_arm_as_option(self, ctx: Any, args: list[str]) -> list[str]:  # noqa: ANN401
-        """Return arguments in which a bare arm at the front of the others stands after --arm."""
+        """Return arguments with a bare arm name moved behind --arm."""
         arguments = self._arguments()
         takes_arms = bool(arguments) and "ARM" in str(arguments[0].metavar)
         if takes_arms or _split_arm_option(args)[0] or "--help" in args:
@@ -74,7 +74,7 @@ class CheckedCommand(TyperCommand):
 
 
 def _check_numbers(ctx: Any, parameter: Any, value: object) -> None:  # noqa: ANN401
-    """Refuse numbers whose products overflow, and those that are not finite."""
+    """Refuse numbers that are not finite or whose products overflow."""
     if isinstance(value, list | tuple):
         for each in cast("Iterable[object]", value):
             _check_numbers(ctx, parameter, each)

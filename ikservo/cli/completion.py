@@ -1,4 +1,4 @@
-"""What the Tab key completes: arms, poses, joints, and other names."""
+"""Completions for the Tab key: arms, poses, joints, and other names."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def complete_joints(ctx: Any, incomplete: str) -> list[str]:  # noqa: ANN401
 
 
 def complete_jogs(ctx: Any, incomplete: str) -> list[str]:  # noqa: ANN401
-    """Complete what can be jogged: the joints of the chosen arm, and directions of the tip."""
+    """Complete the object of a jog: joints of the chosen arm, and directions of the tip."""
     model = _model_from_context(ctx)
     names = [] if model is None else [joint.name for joint in model.joints]
     return _filter_by_prefix([*names, *_DIRECTIONS], incomplete)

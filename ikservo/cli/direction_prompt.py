@@ -21,21 +21,21 @@ from ikservo.model import Model
 
 
 def check_directions_once(machine: OpenArm, options: MotionOptions) -> bool:
-    """Run the test motion of all joints if the present files were never confirmed with it.
+    """Run the test motion of all joints if the present files were not yet confirmed with it.
 
-    Returns whether it ran: the arm may then hold elsewhere than where a plan starts.
+    Returns whether it ran; the arm may then hold at another position than the plan's start.
 
-    An arm with unknown zeros moves in small steps that are each confirmed, without this.
+    An arm with unknown zeros moves in small steps that are each confirmed; it needs no test.
 
     Args:
         machine: The arm, before it moves.
-        options: Whether to skip it, or the questions to the user.
+        options: Whether to skip the test, or the questions to the user.
 
     Raises:
         CalibrationError: A joint is not the expected one.
-        InputError: No user is there to observe.
+        InputError: No user is there to watch.
     """
-    if options.no_wiggle or not isinstance(machine, Arm):  # the program beside the arm has done it
+    if options.no_wiggle or not isinstance(machine, Arm):  # done by the program beside the arm
         return False
     if machine.zeros in (ZeroSource.SIMULATED, ZeroSource.UNKNOWN):
         return False
@@ -49,9 +49,9 @@ def check_directions_once(machine: OpenArm, options: MotionOptions) -> bool:
 def check_new_signs(
     model: Model, port: str | None, names: Sequence[str], operator: Operator
 ) -> bool:
-    """Offer the test motion for joints whose sign is not the arm file's; return whether it ran.
+    """Offer the test motion for joints whose sign differs from the arm file; return whether it ran.
 
-    Until it was confirmed, the first motion of the arm starts with it.
+    If it is not confirmed now, the first motion of the arm starts with it.
 
     Raises:
         CalibrationError: The user saw a joint move in the wrong direction.
@@ -64,7 +64,7 @@ def check_new_signs(
     print_status("torque comes on and each of them moves 5° and back.")
     if not operator.agrees(Question("Make the test motion now?", Unasked.NO)):
         print_status(
-            f"The first motion begins with it. By itself: ikservo calibrate {model.name} --wiggle"
+            f"The first motion begins with it. To run it: ikservo calibrate {model.name} --wiggle"
         )
         return False
     connection = ArmConnection(arm=str(model.path), port=port)

@@ -49,7 +49,7 @@ _ARM_AS_OPTION = frozenset(
 _ARM_AS_ARGUMENT = {"calibrate": 0, "setup": 0, "calibration": 1}
 """Index of the arm among the positional arguments of a command."""
 _BLAS_THREADS = ("OPENBLAS_NUM_THREADS", "GOTO_NUM_THREADS", "OMP_NUM_THREADS")
-"""What OpenBLAS reads, the first first."""
+"""Variables that OpenBLAS reads, in its order."""
 _NO_PORT = frozenset(("arms", "ports", "sim", "solve", "workspace"))
 
 
@@ -151,10 +151,10 @@ def console() -> NoReturn:
 
 
 def _limit_threads_of_blas() -> None:
-    """Let BLAS use one thread, unless its user has set how many; it reads that when NumPy loads.
+    """Let BLAS use one thread, unless the user has set a number. NumPy reads it when it loads.
 
-    Its threads spin while they wait for each other. On busy cores a decomposition of a small matrix
-    took a hundred times the processor time, and that of the control loop.
+    Its threads spin while they wait for each other. On busy cores, decomposing a small matrix took
+    a hundred times the processor time, and slowed the control loop.
     """
     if not any(name in os.environ for name in _BLAS_THREADS):
         os.environ[_BLAS_THREADS[0]] = "1"
@@ -198,7 +198,7 @@ def _run_reporting_failures(args: list[str]) -> _Outcome:
 
 
 def _broken_pipe(error: BaseException) -> BrokenPipeError | None:
-    """Return the broken pipe for which typer has raised ``SystemExit``; None for another error."""
+    """Return the broken pipe that made typer raise ``SystemExit``; None for another error."""
     cause = error.__context__ if isinstance(error, SystemExit) else None
     return cause if isinstance(cause, BrokenPipeError) else None
 
@@ -209,16 +209,16 @@ def _report_failure(error: BaseException, args: Sequence[str]) -> int:
     if isinstance(error, IkservoError):
         hint = with_connection_options(error.command_hint, args)
         return _report_error(error.command_message, hint, error.exit_code, as_json=as_json)
-    if not isinstance(error, OSError):  # Ctrl-C; after a motion its text is that the arm holds
+    if not isinstance(error, OSError):  # Ctrl-C; after a motion the text says that the arm holds
         message = str(error) if isinstance(error, KeyboardInterrupt) else ""
         return _report_error(message or "Stopped.", "", ExitCode.STOPPED, as_json=as_json)
-    # Stdout is on a full disk, or its reader has exited: it cannot take what is buffered.
+    # Stdout is on a full disk, or its reader has exited: the buffer cannot be written.
     with contextlib.suppress(OSError, ValueError):
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-    # The error before this one has not been reported.
+    # The previous error has not been reported yet.
     chain = _error_chain(error.__context__)
     reason = next((e for e in chain if isinstance(e, IkservoError | KeyboardInterrupt)), None)
-    if reason is not None:  # such as a full disk that cannot take the rest of a file either
+    if reason is not None:  # such as a full disk
         return _report_failure(reason, args)
     if isinstance(error, BrokenPipeError):  # such as `| head`: the reader has what it wanted
         return ExitCode.FAILED
@@ -275,7 +275,7 @@ def _run_command(args: list[str]) -> int:
     except typer.Abort:
         raise KeyboardInterrupt from None
     except Exception as error:
-        # typer carries click inside and does not name its errors: they are what can format itself.
+        # typer vendors click without naming its errors; they are the ones with a format method.
         explain = getattr(error, "format_message", None)
         if explain is None:
             raise

@@ -25,20 +25,19 @@ _ARM_FILE = "arm file"
 _RANK_M = 1e-9  # metres per radian below which a joint does not move the tip in a direction
 
 LEANING = ("auto", "pseudo_inverse")
-"""The methods that use a preferred posture; the others have no null space."""
+"""Methods that use a preferred posture; the other methods have no null space."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class PostureOptions:
-    """The posture that is preferred where the target leaves freedom."""
+    """The posture that is preferred if the target leaves freedom."""
 
     prefer: Annotated[
         list[str] | None,
         typer.Option(
             "--prefer",
             metavar="JOINT=POSITION",
-            help="Preferred joint position or pose, used where the target leaves freedom; "
-            "repeatable.",
+            help="Preferred joint position or pose, used if the target leaves freedom; repeatable.",
         ),
     ] = None
     weight: Annotated[
@@ -89,7 +88,7 @@ def model_from_option(arm: str | None, tip: str | None = None) -> Model:
     """Return the model of ``--arm``, as its arm file has it.
 
     Raises:
-        InputError: No arm was given; lists them.
+        InputError: No arm was given; known arms are listed.
     """
     if not arm:
         known = ", ".join(arm_names())
@@ -98,12 +97,12 @@ def model_from_option(arm: str | None, tip: str | None = None) -> Model:
 
 
 def calibrated_model_from_option(arm: str | None, tip: str | None = None) -> Model:
-    """Return the model of ``--arm`` with the limits of its calibration; print which one, if any.
+    """Return the model of ``--arm`` with its calibration's limits; print the calibration's name.
 
     Raises:
-        InputError: No arm was given; lists them.
+        InputError: No arm was given; known arms are listed.
         FileFormatError: Its calibration is damaged.
-        CalibrationError: Its calibration is of another arm.
+        CalibrationError: Its calibration belongs to another arm.
     """
     model = model_from_option(arm, tip)
     if not (model.joints and calibrations_of(model.name)):
@@ -171,7 +170,7 @@ def _parse_pairs(
         if name not in chain.names:
             raise UnknownNameError("joint", name, chain.names)
         if name in named:
-            raise BadValueError(f"{option} for {name}", "given twice", "one value a joint")
+            raise BadValueError(f"{option} for {name}", "given twice", "one value per joint")
         named.add(name)
         pairs.append((chain.names.index(name), text))
     return pairs

@@ -1,4 +1,4 @@
-"""Print the plan of a motion; execute one of the tip, and print its result."""
+"""Print the plan of a motion; execute a motion of the tip, and print its result."""
 
 from __future__ import annotations
 
@@ -100,9 +100,9 @@ def _finite_clearance_m(plan: MotionPlan) -> float | None:
 def make_tip_motion(
     machine: OpenArm, plan: MotionPlan, options: MotionOptions
 ) -> MoveResult | None:
-    """Announce and execute a plan of the tip; a dry run prints it instead, and returns None.
+    """Announce and execute a plan of the tip; a dry run prints it and returns None.
 
-    It is made again where the directions of joints were tried first.
+    The plan is made again if the directions of joints were tested first.
     """
     announce(plan, machine, options)
     if options.dry_run:
@@ -152,7 +152,7 @@ _RESULT_LINES = (
 
 
 def print_move_report(report: MoveResult | None, *, json: bool) -> None:
-    """Print how a motion of the tip ended, if one was made; exit 1 if it is beside its goal."""
+    """Print the result of a tip motion, if one was made; exit 1 if the tip is off its target."""
     if report is None:
         return
     print_fields("move", report, _RESULT, json=json, order=_RESULT_LINES, width=11)

@@ -1,4 +1,4 @@
-"""Groups of options: a dataclass whose fields are options of a command, which takes it whole."""
+"""Groups of options: a dataclass whose fields are options, passed to a command as one parameter."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Annotated, Any, get_args, get_origin, get_type_hints
 
 
 class Without:
-    """Says which options of a group a command does not offer: they keep their defaults.
+    """Names the options of a group that a command does not offer; they keep their defaults.
 
     ``Annotated[MotionOptions, Without("tip")]`` is the type of the command's parameter.
     """
@@ -21,10 +21,10 @@ class Without:
 def with_options_of_groups(command: Callable[..., None]) -> Callable[..., None]:
     """Return a command as typer reads it, with a parameter for each option of its groups.
 
-    The options of a group come where the group is, so that the help lists them in this order.
+    The options of a group take its place among the parameters, so the help lists them in order.
 
     Raises:
-        TypeError: A group has no option of a name in ``Without``.
+        TypeError: ``Without`` names an option that the group does not have.
     """
     groups: dict[str, tuple[type, list[str]]] = {}
     parameters: list[inspect.Parameter] = []

@@ -93,15 +93,15 @@ CountOption = Annotated[
 ]
 StraightOption = Annotated[
     bool,
-    typer.Option("--straight", help="Do not move around what is in the way: refuse."),
+    typer.Option("--straight", help="Refuse a motion instead of moving around obstacles."),
 ]
 ThinkOption = Annotated[
     float,
-    typer.Option("--think", parser=parse_time_s, help="Longest search for a way around things."),
+    typer.Option("--think", parser=parse_time_s, help="Longest search for a path around things."),
 ]
 ReplanOption = Annotated[
     bool,
-    typer.Option("--replan", help="Go on another way if something comes into the path."),
+    typer.Option("--replan", help="Take another path if an obstacle comes into the path."),
 ]
 OverwriteOption = Annotated[bool, typer.Option("--overwrite", help="Replace an existing file.")]
 UncalibratedOption = Annotated[
@@ -136,7 +136,7 @@ class NamedArmConnection(ArmConnection):
 
 @dataclass(frozen=True, kw_only=True)
 class NamedServoConnection(ArmConnection):
-    """The arm as an argument, with its servos at a port of this machine."""
+    """The arm as the first argument, with its servos at a port of this machine."""
 
     arm: ArmArgument = None
     port: ServoPortOption = None
@@ -210,7 +210,7 @@ class ToolOptions:
             "--within",
             parser=parse_angle_rad,
             metavar="DEG",
-            help="How far the tool may be from that pitch, roll or direction; 0.5 if not given.",
+            help="Largest error of pitch, roll or direction; default: 0.5.",
         ),
     ] = None
 
@@ -235,7 +235,7 @@ SceneOption = Annotated[
 
 @dataclass(frozen=True, kw_only=True)
 class PathOptions:
-    """What stands around the arm, and what the tool keeps to all the way."""
+    """Things around the arm, and constraints on the tool during the whole motion."""
 
     scene: SceneOption = None
     upright_rad: Annotated[
@@ -244,7 +244,7 @@ class PathOptions:
             "--upright",
             parser=parse_angle_rad,
             metavar="DEG",
-            help="Largest tilt, on the way, of what points up in the gripper now: a cup.",
+            help="Largest tilt during the motion of what now points up in the gripper: a cup.",
         ),
     ] = None
     keep_axis: Annotated[
@@ -252,7 +252,7 @@ class PathOptions:
         typer.Option(
             "--keep-axis",
             metavar="X,Y,Z:DEG",
-            help="Direction near which the tool axis stays on the way, and the largest angle.",
+            help="Direction of the tool axis during the motion, and its largest error.",
         ),
     ] = None
     keep_in: Annotated[
@@ -260,7 +260,7 @@ class PathOptions:
         typer.Option(
             "--keep-in",
             metavar="X,Y,Z:X,Y,Z",
-            help="Lowest and highest corner of a box that the tip stays in on the way.",
+            help="Lowest and highest corner of a box in which the tip stays.",
         ),
     ] = None
     keep_above: Annotated[
@@ -268,12 +268,12 @@ class PathOptions:
         typer.Option(
             "--keep-above",
             metavar="Z",
-            help="Height above which the tip stays; or a point and what is above: X,Y,Z:X,Y,Z.",
+            help="Height above which the tip stays; or a point and an upward direction.",
         ),
     ] = None
 
     def within(self) -> PathConstraint:
-        """Return what the tool keeps to.
+        """Return the constraints on the tool during the motion.
 
         Raises:
             BadValueError: A corner is not below the other, or a number out of its range.

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 # pyright: reportUnknownMemberType=false, reportUnknownVariableType=false
 
 
-# Distinguishable by colour-blind users, too (Okabe and Ito, Color Universal Design, 2008).
+# Also distinguishable by colour-blind users (Okabe and Ito, Color Universal Design, 2008).
 _COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00")
 _DASHES = ("-", "--", "-.", ":")
 
@@ -43,7 +43,7 @@ def check_plot_file(file: Path) -> None:
 
     Raises:
         InputError: The file is neither .svg nor .png, or its folder does not exist.
-        IkservoError: matplotlib is not installed; names the extra.
+        IkservoError: matplotlib is not installed; the extra is named.
     """
     if file.suffix.lower() not in (".svg", ".png"):
         raise InputError(f"{file} is neither .svg nor .png.", "Give --plot FILE.svg or FILE.png.")
@@ -79,7 +79,7 @@ def save_figure(figure: Figure, file: Path) -> None:
 
 
 def line_styles(names: Sequence[str]) -> list[tuple[str, str]]:
-    """Return colour and dashes of each line; a method has the same in every figure."""
+    """Return colour and dashes of each line; a method looks the same in every figure."""
     known = list(METHODS)
     places = [known.index(name) if name in known else i for i, name in enumerate(names)]
     return [(_COLOURS[i % 6], _DASHES[i // 6 % 4]) for i in places]
@@ -121,7 +121,7 @@ def label_length_axes(axes: Axes, across: str, up: str) -> None:
 # pyright: reportUnknownMemberType=false
 
 
-# Smaller values are drawn at this one, because of the logarithmic axis.
+# Smaller values are drawn at this one, because the axis is logarithmic.
 _FLOOR = 1e-6
 # The tolerance line is drawn only if a curve comes within this factor of it.
 _NEAR_FACTOR = 100.0
@@ -134,7 +134,7 @@ def plot_error_curves(
     target: Target,
     solutions: Sequence[tuple[str, Result]],
 ) -> None:
-    """Draw position error, and orientation error if requested, at every iterate."""
+    """Draw the position error, and the orientation error if requested, at every iterate."""
     errors_by_solution = [np.array(trace_errors(chain, target, result)) for _, result in solutions]
     tolerance = Tolerance()
     rows = place.subgridspec(1 if target.only_position else 2, 1)
@@ -166,7 +166,7 @@ def _draw_curves(
     axes.set_yscale("log")
     if min(float(curve.min()) for curve in curves) < _NEAR_FACTOR * tolerance:
         _draw_tolerance(axes, tolerance)
-    else:  # within a decade or two plain numbers are easier to read than powers
+    else:  # over a few decades plain numbers are easier to read
         axes.yaxis.set_major_formatter(_format_number)
         axes.yaxis.set_minor_formatter(_format_number)
     axes.set_xscale("symlog", linthresh=1.0)
@@ -194,7 +194,7 @@ def _draw_tolerance(axes: Axes, tolerance: float) -> None:
 
 _START_STYLE, _JOINT, _GROUND = "#9a9a9a", "#303030", "#6b6b6b"
 _PANEL_IN, _LEGEND_IN = 5.0, 0.9
-# An arm that stays within this height [m] gets no side view.
+# An arm that stays below this height [m] gets no side view.
 _FLAT_M = 1e-3
 
 

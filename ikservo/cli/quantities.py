@@ -19,18 +19,18 @@ _RADIANS = {"": math.pi / 180, "deg": math.pi / 180, "°": math.pi / 180, "rad":
 def parse_length_m(text: str | float) -> float:
     """Parse metres from ``0.25``, ``0.25m``, ``25cm`` or ``250mm``.
 
-    A number of at least 1 needs its unit: around an arm on a table it is seldom metres.
+    A number of at least 1 needs its unit, because it is rarely metres on a table.
     """
     length_m = parse_coordinate_m(text)
     bare = str(text).strip()
     if abs(length_m) >= 1.0 and not bare[-1].isalpha():
         bare = bare.replace("\N{MINUS SIGN}", "-")
-        raise typer.BadParameter(f"{bare} would be metres. Did you mean {bare}mm? Else: {bare}m")
+        raise typer.BadParameter(f"{bare} would be metres. Did you mean {bare}mm? If not: {bare}m")
     return length_m
 
 
 def parse_coordinate_m(text: str | float) -> float:
-    """Parse metres as ``parse_length_m``; the reach of the arm then tells millimetres."""
+    """Parse metres like ``parse_length_m``; the arm's reach later reveals millimetres."""
     return _parse_quantity(str(text), _METRES, "a length like 0.25, 250mm or 25cm")
 
 
@@ -63,7 +63,7 @@ def parse_tool_speed_m_s(text: str) -> float:
 
 
 def parse_pixels(text: str | float) -> float:
-    """Parse a pixel's place across or down a picture; it may be beside the picture."""
+    """Parse a horizontal or vertical pixel coordinate, which may be outside the picture."""
     try:
         return float(str(text).replace("\N{MINUS SIGN}", "-"))
     except ValueError:

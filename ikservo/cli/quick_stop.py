@@ -1,6 +1,6 @@
-"""``ikservo stop`` without the modules of the other commands, which take longer than a brake.
+"""``ikservo stop`` without the modules of other commands, which load more slowly than it brakes.
 
-Nothing here imports typer, NumPy, pydantic or pyserial where a program of the user, or of another
+Nothing here imports typer, NumPy, pydantic or pyserial if a program of the user, or of another
 machine, answers.
 """
 
@@ -28,21 +28,21 @@ _VALUES, _FLAGS = ("--arm", "--port"), ("--all", "--json")
 _ARM_NAME = re.compile(r"[A-Za-z0-9_-]{1,64}")
 _MAX_ARM_FILE_BYTES = 1_000_000
 _NETWORKS = "ikservo.networks"
-"""The entry points of ``ikservo.hardware.transport.NETWORK_GROUP``."""
+"""The entry point group ``ikservo.hardware.transport.NETWORK_GROUP``."""
 
 
 def quick_stop(args: Sequence[str]) -> int | None:
-    """Stop what a program of this user has open.
+    """Stop the arms that programs of this user have open.
 
     Args:
         args: The command line after ``ikservo stop``.
 
     Returns:
-        The exit code; None where only the whole command can do it or say why not: no program has
-        the port of the arm open, or an argument is unknown.
+        The exit code; None if the complete command is needed to stop the arm or explain an error:
+        no program has the arm's port open, or an argument is unknown.
 
     Raises:
-        IkservoError: That program cannot stop, or none has an arm open.
+        IkservoError: That program cannot stop, or no program has an arm open.
     """
     options = _read_options(args)
     if options is None:
@@ -56,11 +56,11 @@ def quick_stop(args: Sequence[str]) -> int | None:
 
 
 def _stop_one(arm: str, port: str) -> StopAllResult:
-    """Stop one arm; the result is empty where only the whole command can do it.
+    """Stop one arm; the result is empty if the complete command is needed.
 
     Args:
-        arm: Its name; empty where it is not known.
-        port: The port that was given; empty if none was.
+        arm: Its name; empty if unknown.
+        port: The given port; empty if none was given.
     """
     remote = offered_part("stop")
     if remote is not None and port.startswith(f"{remote.scheme}:"):
@@ -74,7 +74,7 @@ def _stop_one(arm: str, port: str) -> StopAllResult:
 
 
 def _name_of(arm: str) -> str:
-    """Find the name of an arm that is given by name or arm file; empty where it is not known."""
+    """Return the name of an arm from its name or arm file; empty if it cannot be read."""
     if _ARM_NAME.fullmatch(arm):
         return arm
     path = Path(arm)
@@ -84,7 +84,7 @@ def _name_of(arm: str) -> str:
         if path.suffix != ".toml" or path.stat().st_size > _MAX_ARM_FILE_BYTES:
             return ""
         name: object = tomllib.loads(path.read_text("utf-8")).get("name")
-    except (OSError, ValueError, RecursionError):  # the whole command says what is wrong
+    except (OSError, ValueError, RecursionError):  # the complete command says what is wrong
         return ""
     return name if isinstance(name, str) and _ARM_NAME.fullmatch(name) else ""
 
@@ -92,12 +92,12 @@ def _name_of(arm: str) -> str:
 def stop_every_arm() -> StopAllResult:
     """Stop every arm whose port a program of this user has open, and those on other machines.
 
-    Those are the arm at the address in ``IKSERVO_PORT`` and the arms of listed machines.
+    The latter are the arm at the address in ``IKSERVO_PORT`` and the arms of listed machines.
 
     Raises:
-        InputError: There is none.
+        InputError: There is no such arm.
     """
-    with ThreadPoolExecutor(1) as pool:  # one without a reply must not delay the others
+    with ThreadPoolExecutor(1) as pool:  # an arm without a reply must not delay the others
         own = pool.submit(stop_own_programs)
         found = [_stop_others()] if _others_may_be_open() else []
         found.insert(0, own.result())
@@ -128,7 +128,7 @@ def report_stop(found: StopAllResult, *, as_json: bool) -> int:
 
 
 def _read_options(args: Sequence[str]) -> Mapping[str, str] | None:
-    """Read the options of a command line; None where the whole command has to read it."""
+    """Read the options of a command line; None if the complete command has to read it."""
     options, rest = dict[str, str](), list(args)
     while rest:
         name, equals, value = rest.pop(0).partition("=")
@@ -142,7 +142,7 @@ def _read_options(args: Sequence[str]) -> Mapping[str, str] | None:
 
 
 def _others_may_be_open() -> bool:
-    """Check whether a machine is listed, or an arm served here, perhaps by another user."""
+    """Check whether a machine is listed, or an arm is served here, perhaps by another user."""
     remote = offered_part("stop")
     on_other_machine = ":" in os.environ.get("IKSERVO_PORT", "")
     return on_other_machine or (remote is not None and remote.may_find_arms())
@@ -164,7 +164,7 @@ def _stop_others() -> StopAllResult:
         except IkservoError as error:
             return StopAllResult(errors=(error,))
 
-    with ThreadPoolExecutor(1) as pool:  # one without a reply must not delay the others
+    with ThreadPoolExecutor(1) as pool:  # an arm without a reply must not delay the others
         first = pool.submit(stop_own)
         others = remote.stop_listed_machines()
         return StopAllResult.joined((first.result(), others))

@@ -19,8 +19,8 @@ class Field(Generic[Record]):
     Attributes:
         key: Its key with ``--json``; empty if it is not printed there.
         label: Begins its line or heads its column; empty if it is printed with ``--json`` only.
-        text: Its text, or one for each of its lines; that of its value if None.
-        value: Its value with ``--json``; the attribute of the key's name if None.
+        text: Formats its text, or one text per line; None uses the value's text.
+        value: Returns its value for ``--json``; None uses the attribute named like the key.
     """
 
     key: str
@@ -60,7 +60,7 @@ def print_fields(
         result: The result.
         fields: Its fields.
         json: Whether to print JSON.
-        order: The keys of the lines; if empty, those with a label, in their order.
+        order: Keys of the lines; if empty, all with a label, in their order.
         width: Columns of the labels.
     """
     if json:
@@ -92,7 +92,7 @@ def print_records(
         records: The results.
         fields: The fields of each.
         json: Whether to print JSON.
-        order: The keys of the columns; if empty, those with a label, in their order.
+        order: Keys of the columns; if empty, all with a label, in their order.
         more: Further fields of the JSON object.
     """
     if json:
@@ -116,7 +116,7 @@ def _shown(fields: Fields[Record], order: str) -> Fields[Record]:
 
 
 def _format_value(value: object) -> str:
-    value = getattr(value, "tolist", lambda: value)()  # NumPy has a bool of its own
+    value = getattr(value, "tolist", lambda: value)()  # NumPy has its own bool
     if isinstance(value, bool):
         return "yes" if value else "no"
     return "" if value is None else str(value)

@@ -24,9 +24,9 @@ from ikservo.model import load_model
 from ikservo.model.scene_file import PlacedArm, with_scene_and_arms
 from ikservo.planning.motions import MotionValue
 
-# How long to wait for a second Ctrl-C: longer for a user than for a script.
+# Time to wait for a second Ctrl-C: longer for a user than for a script.
 _KEY_TIMEOUT_S, _SIGNAL_TIMEOUT_S = 2.0, 1.0
-_SLOW_PLAN_S = 1.0  # after this time the user is told what takes so long
+_SLOW_PLAN_S = 1.0  # after this time the user is told what takes long
 
 _REPEATABLE = (StopKind.CTRL_C, StopKind.TERMINATED)
 
@@ -39,8 +39,8 @@ def second_interrupt_lowers(machine: OpenArm, clock: Clock | None = None) -> Gen
 
     Args:
         machine: The arm that the command moves.
-        clock: Measures the wait for the second signal. The computer's if None, on simulated arms
-            too, because a user is waited for.
+        clock: Measures the wait for the second signal; None uses the computer's clock, for
+            simulated arms too, because the user acts in real time.
     """
     clock = clock or RealClock()
     try:
@@ -75,7 +75,7 @@ def _is_interrupted_again(machine: OpenArm, clock: Clock) -> bool:
 
 
 def _lower_arm(machine: OpenArm) -> str:
-    """Lower the arm, switch torque off, and return what was done."""
+    """Lower the arm, switch torque off, and return a sentence about the result."""
     print_status("Lowering the arm to its rest pose, then torque off. Ctrl-C stops it.")
     machine.acknowledge()
     report = machine.relax()
@@ -88,7 +88,7 @@ def _lower_arm(machine: OpenArm) -> str:
 def open_from_options(
     connection: ArmConnection, options: MotionOptions | None = None, scene: Path | None = None
 ) -> Generator[OpenArm]:
-    """Open the arm of a command among the things of a scene; it keeps holding afterwards."""
+    """Open the arm of a command with the things of a scene; it keeps holding afterwards."""
     options = options or MotionOptions()
     model, other_arms = model_from_option(connection.arm, options.tip), ()
     if scene is not None:
@@ -121,23 +121,22 @@ def _require_ports(scene: Path, arms: Sequence[PlacedArm]) -> None:
     """Check that the other arms of a scene file can be opened.
 
     Raises:
-        InputError: One has no port.
+        InputError: An arm has no port.
     """
     for each in arms:
         if not each.port:
             raise InputError(
-                f"{scene} does not say at which port {each.name} is.",
-                'Write it below its place, as in: port = "/dev/ttyUSB1". Arms that are open on '
-                "one page need none.",
+                f"{scene} does not name the port of {each.name}.",
+                'Add it to its table, as in: port = "/dev/ttyUSB1". Arms on one page need no port.',
             )
 
 
 @contextmanager
 def _opened_beside(machine: OpenArm, placed: Sequence[PlacedArm]) -> Generator[None]:
-    """Open the other arms of a scene, which are measured only, and keep out of where they are.
+    """Open the other arms of a scene; they are only measured, and their positions avoided.
 
     Raises:
-        RefusedError: The arm of the command is on another machine, or one cannot be measured.
+        RefusedError: The command's arm is on another machine, or another one cannot be measured.
     """
     with ExitStack() as opened:
         for each in placed:
@@ -149,8 +148,8 @@ def _opened_beside(machine: OpenArm, placed: Sequence[PlacedArm]) -> Generator[N
 
 
 def plan_motion(machine: OpenArm, motion: MotionValue[Any]) -> MotionPlan:
-    """Return the plan of a motion; if that takes more than a second, say what is done."""
-    words = "Looking for a way around what is in the path; Ctrl-C ends it."
+    """Return the plan of a motion; tell the user if planning takes more than a second."""
+    words = "Searching for a path around obstacles; Ctrl-C ends the search."
     timer = threading.Timer(_SLOW_PLAN_S, print_status, [words])
     timer.daemon = True
     timer.start()
@@ -175,7 +174,7 @@ def announce(plan: MotionPlan, machine: OpenArm, options: MotionOptions) -> None
     if plan.via_pose:
         print_status(f'Direct path would collide; moving via pose "{plan.via_pose}".')
     if plan.around:
-        print_status(f"On the straight path {plan.around}; moving another way.")
+        print_status(f"On the straight path {plan.around}; moving around it.")
     if plan.speed_reduced:
         print_status("First motion after torque-on: slow speed.")
     if plan.tool_speed is not None and not plan.tool_speed.is_constant:
@@ -184,7 +183,7 @@ def announce(plan: MotionPlan, machine: OpenArm, options: MotionOptions) -> None
 
 
 def announce_lowering(machine: OpenArm, options: MotionOptions) -> None:
-    """Print that the arm will be lowered and relaxed, and ask for confirmation as ``announce``.
+    """Announce that the arm will be lowered and relaxed, and confirm it like ``announce``.
 
     Raises:
         IkservoError: The user declined.
@@ -233,7 +232,7 @@ def motion_progress_bar() -> Generator[Callable[[MotionProgress], None] | None]:
 
 
 def warn_uncompiled() -> None:
-    """Say, before goals are streamed, that the solver is slow because it is not compiled."""
+    """Warn, before goals are streamed, that the solver is slow because it is not compiled."""
     if not is_compiled():
         print_status("The solver is not compiled: goals are late. Install a C compiler, then")
         print_status("reinstall ikservo; in a clone run: make build.")

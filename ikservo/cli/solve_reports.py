@@ -1,4 +1,4 @@
-"""Print solutions of ``ikservo solve``: one, all, a comparison of methods, why there is none."""
+"""Print the results of ``ikservo solve``: solutions, a comparison, or why none exists."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def explain_unreachable(chain: Chain, target: Target) -> str:
 
 
 def ask_about_millimetres(chain: Chain, position_m: Sequence[float], command: str) -> None:
-    """Suggest millimetres on stderr if the arm could reach the point in them.
+    """Suggest millimetres on stderr if the arm could reach the point in millimetres.
 
     Args:
         chain: The arm.
@@ -175,7 +175,7 @@ def print_result(
 ) -> None:
     """Print joints, error, active limits and conditioning of a solution.
 
-    With a force (3,) at the tip also the resulting joint torques.
+    With a force (3,) at the tip the resulting joint torques are printed, too.
     """
     torques = None if force_n is None else joint_torques(model.chain, result.q, force_n)
     if json:
@@ -234,7 +234,7 @@ def _format_error_left(target: Target, result: Result, digits: int = 4) -> str:
     return f"{error_text} and {math.degrees(result.orientation_error_rad):.{digits}f}°"
 
 
-# The minimum of several runs, as long as these take less than this in total.
+# The minimum of several runs, as long as they take less than this in total.
 _RUNS, _ENOUGH_S = 5, 0.1
 
 
@@ -318,7 +318,7 @@ def _min_duration_s(run: Callable[[], object]) -> float:
 
 
 def _method_label(entry: MethodResult) -> str:
-    """Return the method's name, with that of the method it delegated to, if any."""
+    """Return the method's name, with the name of the method it delegated to, if any."""
     other = entry.result.method
     return entry.method if other == entry.method else f"{entry.method} (by {other})"
 

@@ -35,7 +35,7 @@ _MAX_ANSWER_BYTES = 4096
 
 
 def terminal_width(stream: TextIO) -> int | None:
-    """Return the columns of a terminal; None if the stream is none, because nothing is folded."""
+    """Return the columns of a terminal; None for other streams, which are not folded."""
     if not stream.isatty():
         return None
     columns = os.environ.get("COLUMNS", "")
@@ -47,7 +47,7 @@ def terminal_width(stream: TextIO) -> int | None:
         return shutil.get_terminal_size().columns
 
 
-# Control characters besides tab and new line, and those that reverse the direction of what follows.
+# Control characters except tab and new line, and characters that reverse the text direction.
 _CONTROL = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u061c\u200e\u200f\u202a-\u202e\u2066-\u2069]")
 
 
@@ -66,7 +66,7 @@ def _printable_json(value: object) -> str:
 
 
 def fold_for_stream(text: str, stream: TextIO = sys.stderr, indent: int = 0) -> str:
-    """Return printable text, folded for a stream if that is a terminal; see `fold`."""
+    """Return printable text, folded if the stream is a terminal; see `fold`."""
     text, width = printable(text), terminal_width(stream)
     if width is None:
         return text
@@ -110,7 +110,7 @@ def _split_words(text: str, width: int) -> Iterator[str]:
 
 
 def _end_of_command(words: list[str], start: int) -> int:
-    """Return the end index of a command that starts at ``start``; one word if it is none."""
+    """Return the end index of a command that starts at ``start``; of one word if there is none."""
     if not _COMMAND.match(words[start].lstrip("('") + " "):
         return start + 1
     for at in range(start, len(words)):
@@ -177,7 +177,7 @@ def _count_fitting_columns(
 
 
 def open_console(*, stderr: bool = False) -> Console:
-    """Return a console of Rich that prints no control character of what it is given."""
+    """Return a Rich console that prints no control characters of its input."""
     from rich.console import Console  # noqa: PLC0415
     from rich.segment import Segment  # noqa: PLC0415
 
@@ -194,7 +194,7 @@ def open_console(*, stderr: bool = False) -> Console:
 
 
 def print_text(text: str) -> None:
-    """Print text byte for byte on stdout, but nothing unprintable on a terminal."""
+    """Print text byte for byte on stdout, but without unprintable characters on a terminal."""
     sys.stdout.write(printable(text) if sys.stdout.isatty() else text)
     sys.stdout.flush()
 
@@ -205,7 +205,7 @@ def print_status(message: str) -> None:
 
 
 def format_port(port: str) -> str:
-    """Format a port's name as the user gave it; a simulated one without its arm file."""
+    """Format a port's name as the user gave it; a simulated port without its arm file."""
     return "sim" if port.startswith("sim:") else port
 
 
@@ -221,7 +221,7 @@ def _to_json_value(value: Any) -> object:  # noqa: ANN401
 
 
 Show = Callable[[str, float, float], None]
-"""Takes a description, the completed amount and the total, infinite where it is not known."""
+"""Takes a description, the completed amount and the total, infinite if unknown."""
 
 
 @contextmanager

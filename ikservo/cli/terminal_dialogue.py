@@ -44,7 +44,7 @@ from ikservo.maintenance.dialogue import (
 )
 
 _MAX_BAR_CHARS, _MIN_BAR_CHARS = 24, 8
-_OTHER_COLUMNS = 64  # characters of a row without its bar
+_OTHER_COLUMNS = 64  # characters in a row besides its bar
 _NARROW = _OTHER_COLUMNS + _MIN_BAR_CHARS  # below this width the arm file's range is omitted
 _REFRESH_STEPS = 4  # readings per screen update
 
@@ -54,8 +54,8 @@ class Operator:
     """Who answers a dialogue: a user, a script, or nobody.
 
     Attributes:
-        script: Answers the requests; None for keys.
-        yes: Whether everything is agreed to beforehand.
+        script: Answers the requests; None reads keys.
+        yes: Whether the user has agreed to everything beforehand.
         interactive: Whether the user may be asked.
     """
 
@@ -69,7 +69,7 @@ class Operator:
 
         Args:
             entries: The answers of a script; None if there is none.
-            yes: Whether everything is agreed to beforehand.
+            yes: Whether the user has agreed to everything beforehand.
             no_input: Whether nothing may be asked.
         """
         scripted = entries is not None
@@ -83,7 +83,7 @@ class Operator:
         """Run a dialogue to its end, and return its result.
 
         Raises:
-            InputError: There is no script, and no user; names the options to use instead.
+            InputError: There is neither a script nor a user; the options to use instead are named.
             CalibrationError: An answer of the script is not possible.
             IkservoError: The errors that the dialogue raises.
         """
@@ -109,10 +109,10 @@ class Operator:
                         answer = ACCEPT
 
     def ask(self, entry: Entry) -> str:
-        """Ask for a word or value, until it is a possible one; its default if nobody can be asked.
+        """Ask for a word or value until it is valid; its default if nobody can be asked.
 
         Raises:
-            InputError: Nobody can be asked, and it has no default; names the option.
+            InputError: Nobody can be asked, and there is no default; the option is named.
         """
         while self.interactive:
             default = f" [{entry.default}]" if entry.default else ""
@@ -141,7 +141,7 @@ class Operator:
 
 @dataclass(frozen=True, kw_only=True)
 class AnswerOptions:
-    """Who answers the questions of a calibration."""
+    """Options that say who answers the questions of a calibration."""
 
     from_script: Annotated[
         Path | None,
@@ -153,7 +153,7 @@ class AnswerOptions:
     ] = False
 
     def operator(self, read_script: Callable[[Path], Sequence[str]]) -> Operator:
-        """Return who answers; ``read_script`` reads the answers in a file."""
+        """Return who answers; ``read_script`` reads answers from a file."""
         entries = None if self.from_script is None else read_script(self.from_script)
         return Operator.of(entries, yes=self.yes, no_input=self.no_input)
 
@@ -173,7 +173,7 @@ class _RequestScreen:
         self._size: ConsoleDimensions | None = None
 
     def close(self) -> None:
-        """Leave the keyboard and the screen to others until the next request."""
+        """Free the keyboard and the screen until the next request."""
         self._open.close()
         self._keys = self._live = None
         if self._overwrites:
@@ -181,7 +181,7 @@ class _RequestScreen:
             print("\r\x1b[2K", end="", file=sys.stderr, flush=True)  # noqa: T201
 
     def overwrite(self, text: str) -> None:
-        """Show what is being done in a line of its own; nothing where stderr is not a terminal."""
+        """Show the present action in its own line, if stderr is a terminal."""
         if sys.stderr.isatty():
             self._overwrites = True
             print(f"\r\x1b[2K{printable(text)} …", end="", file=sys.stderr, flush=True)  # noqa: T201
@@ -211,7 +211,7 @@ class _RequestScreen:
         return f"{choice.answer} {choice.joint}".strip()
 
     def _print(self, request: HandRequest) -> None:
-        """Print the request once, and why an answer was refused."""
+        """Print the request once, and the reason if an answer was refused."""
         if request.error is not self._error:
             self._error = request.error
             if request.error:

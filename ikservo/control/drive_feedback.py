@@ -31,7 +31,7 @@ class DriveReader:
         self._keys = {i: _drive_registers(bus.servos[i]) for ids in self._ids for i in ids}
 
     def p_gains(self) -> list[int | None]:
-        """Read the P gain of each joint's leading servo; None where it has no such register.
+        """Read the P gain of each joint's leading servo; None if it has no such register.
 
         Raises:
             BusError: A servo does not answer.
@@ -46,10 +46,10 @@ class DriveReader:
     def read(self) -> Matrix | None:
         """Return duty, current [A], supply [V] and position of the servos (joints, most, 4).
 
-        Duty and current are positive towards larger positions; a current whose direction the servo
-        does not measure is its size. What is not measured is NaN, and so are the rows of joints
-        with fewer servos than others. A further servo has the direction of its joint's first one.
-        Positions are the joint's, rad or m, by its first servo. None where a reply is missing.
+        Duty and current are positive towards larger positions; a current without a measured
+        direction is given by its size. Values that are not measured are NaN, as are unused rows of
+        joints with fewer servos. A further servo has the direction of its joint's first one.
+        Positions are the joint's, rad or m, by its first servo. None if a reply is missing.
         """
         readings = self._bus.bulk_read(
             {servo_id: list(keys.values()) for servo_id, keys in self._keys.items()}, raw=True

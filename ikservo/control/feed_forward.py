@@ -1,7 +1,7 @@
-"""Feed-forward: how far goals must lead a moving reference so that the joints are on it.
+"""Feed-forward: the lead of goals with which joints follow a moving reference exactly.
 
-A position servo is a spring to its goal: it gives torque only while its joint lags. What a motion
-needs is known before, from masses and motors, so the goal leads the reference by the lag::
+A position servo is a spring to its goal: it gives torque only while its joint lags. The torque that
+a motion needs is known from masses and motors, so the goal leads the reference by the lag::
 
     L = tau(q, qd, qdd) + d                    gravity and inertia of the links, unmodelled load d
     M = L + J qdd + f                          motor torque, with rotor inertia J and friction f
@@ -24,13 +24,13 @@ from ikservo.model.joint_drive import ArmParameters, JointDrive
 from ikservo.model.servo_torque import GearFriction
 from ikservo.motion import TrajectoryPoint
 
-# Weight of more than so many times the dry friction presses the gears, whatever part of that is on
-# the output, and although masses are not known well; of twice that for sure.
+# Weight of more than this multiple of the dry friction presses the gears, even though masses and
+# its share at the output are uncertain; twice that certainly does.
 _PRESSING, _TINY_NM = 3.0, 1e-6
 
 
 class FeedForward:
-    """Computes by how much the goals of an arm's joints lead its reference; pure.
+    """Computes the lead of goals over an arm's reference; pure.
 
     Args:
         parameters: The parameters of the arm; joints without a drive have no offset.
@@ -39,7 +39,7 @@ class FeedForward:
     Attributes:
         parameters: The parameters of the arm.
         columns: The columns of the chain's joints among all joints.
-        dry_lag: The lag of each joint (dof,) behind its goal by dry friction, rad or m.
+        dry_lag: Lag of each joint (dof,) behind its goal because of dry friction, rad or m.
     """
 
     def __init__(self, parameters: ArmParameters, columns: Sequence[int]) -> None:
@@ -59,7 +59,7 @@ class FeedForward:
         self.dry_lag = self._dry_friction / self._stiffness
 
     def with_gains(self, shares: Sequence[float]) -> FeedForward:
-        """Return the same at other P gains (dof,), as shares of those of the parameters."""
+        """Return a copy for other P gains (dof,), as fractions of those of the parameters."""
         pairs = zip(self.parameters.drives, shares, strict=True)
         drives = tuple(drive and drive.with_gain(share) for drive, share in pairs)
         return FeedForward(replace(self.parameters, drives=drives), self.columns)
@@ -67,7 +67,7 @@ class FeedForward:
     def inertia_s2(self, positions: Vector) -> Vector:
         """Compute the inertia of each joint with its motor over its stiffness (dof,), s².
 
-        0 where a motor is not known.
+        0 if a motor is not known.
 
         Args:
             positions: The positions of all joints (n,), rad or m.
@@ -77,7 +77,7 @@ class FeedForward:
         return np.where(self._known, inertia / self._stiffness, 0.0)
 
     def pressed(self, positions: Vector) -> Vector:
-        """Compute how surely weight keeps the gears of each joint on one flank (dof,), 0 to 1.
+        """Compute how certainly weight keeps each joint's gears on one flank (dof,), 0 to 1.
 
         Args:
             positions: The positions of all joints (n,), rad or m.
@@ -100,16 +100,15 @@ class FeedForward:
         held_s: float = 0.0,
         unmodelled: Vector | None = None,
     ) -> Vector:
-        """Compute by how much goals lead the positions of a reference (n,), rad or m.
+        """Compute the lead of goals over the positions of a reference (n,), rad or m.
 
         Args:
             point: The reference: positions, velocities and accelerations (n,) of all joints.
             direction: The direction of the friction (n,), -1 to 1: the direction in which each
                 joint moves, 0 at rest.
-            held_s: The time for which a goal is held until the next one: its mean age is half of
-                that.
-            unmodelled: Load of the joints (..., n) besides the links', as the lag, rad or m, that
-                it would cause without friction; none if None.
+            held_s: Time for which a goal is held until the next one; its mean age is half of it.
+            unmodelled: Additional load of the joints (..., n), given as the lag, rad or m, that it
+                would cause without friction; None: no load.
 
         Returns:
             The offsets (..., n), like the unmodelled load.
@@ -144,16 +143,16 @@ class _FrictionArrays:
         self._square = np.array([each.square_per_nm for each in gears])
 
     def torque(self, direction: Vector, qd: Vector, frictionless: Vector) -> Vector:
-        """Compute the motor torque that friction takes (dof,), in the direction of the motion.
+        """Compute the motor torque against friction (dof,), in the direction of the motion.
 
-        The gears' load g holds the friction itself: ``g = |a + d f|, f = c + l g + s g^2`` with
+        The gears' load g includes the friction itself: ``g = |a + d f|, f = c + l g + s g^2`` with
         the load a without friction and the direction d.
         """
         slow = np.exp(-np.abs(qd) / self._slow_rad_s)
         coulomb = self._coulomb + slow * self._slow
         load = self._load + slow * self._slow_load
         side = np.sign(frictionless + direction * coulomb)
-        along = side * direction  # 1 where friction adds to the load, -1 where it takes from it
+        along = side * direction  # 1 if friction adds to the load, -1 if it relieves it
         held, rest = side * frictionless + along * coulomb, 1.0 - along * load
         root = np.sqrt(np.maximum(rest**2 - 4.0 * along * self._square * held, 0.0))
         gears = 2.0 * held / (rest + root)

@@ -18,7 +18,7 @@ from ikservo.kinematics.arrays import Vector
 from ikservo.registers import Register, RegisterName
 
 _ATTEMPTS = 4
-# A busy machine or a disturbed adapter is given this much more time after each attempt.
+# Extra time after each attempt for a busy machine or a disturbed adapter.
 _PAUSE_S = 0.02
 
 _Key = TypeVar("_Key", bound=Register | RegisterName)
@@ -28,7 +28,7 @@ def read_register(bus: ServoBus, servo_ids: Iterable[int], name: RegisterName) -
     """Read a raw register of every servo.
 
     Raises:
-        BusError: A servo does not reply in any attempt; names all such.
+        BusError: Servos do not reply in any attempt; all of them are named.
     """
     rows = read_registers(bus, dict.fromkeys(servo_ids, (name,)))
     return {servo_id: row[name] for servo_id, row in rows.items()}
@@ -37,10 +37,10 @@ def read_register(bus: ServoBus, servo_ids: Iterable[int], name: RegisterName) -
 def read_registers(
     bus: ServoBus, keys_by_id: Mapping[int, Sequence[_Key]]
 ) -> dict[int, Mapping[_Key, int]]:
-    """Read raw registers, of each servo its own.
+    """Read raw registers, individually chosen for each servo.
 
     Raises:
-        BusError: A servo does not reply in any attempt; names all such.
+        BusError: Servos do not reply in any attempt; all of them are named.
     """
     known: dict[int, Mapping[_Key, int]] = {}
     for attempt in range(1, _ATTEMPTS + 1):
@@ -56,7 +56,7 @@ def read_registers(
 
 
 def with_retries(clock: Clock, access: Callable[[], None]) -> None:
-    """Access a servo at rest; retry after a pause where that fails.
+    """Access a servo at rest; retry after a pause if that fails.
 
     Raises:
         BusError: The last attempt failed.
@@ -91,7 +91,7 @@ class Feedback:
         self.reset_losses()
 
     def reset_losses(self) -> None:
-        """Start counting losses again: the arm was at rest."""
+        """Restart counting losses: the arm was at rest."""
         self._losses = CommunicationMonitor(
             [driven.joint for driven in self._driven_joints], max_lost=_MAX_LOST
         )
@@ -122,7 +122,7 @@ class Feedback:
         """Read the joints (n,); one without a reply keeps its last position.
 
         Raises:
-            ServoSilentError: A servo did not reply in three cycles in a row; names it.
+            ServoSilentError: A servo did not reply in three consecutive cycles; it is named.
         """
         readings = self._bus.sync_read(self._ids, RegisterName.PRESENT_POSITION, raw=True)
         ticks = dict(readings.values)
@@ -135,12 +135,12 @@ class Feedback:
         return self._latest_positions()
 
     def _retry_silent(self, readings: Readings[int]) -> dict[int, int]:
-        """Read one silent servo with all retries: the machine may just be busy.
+        """Read one silent servo with all retries, because the machine may just be busy.
 
-        Once it has replied the others are read again, too.
+        Once it has replied, the other silent servos are read again, too.
 
         Raises:
-            ServoSilentError: It does not reply; names all that do not.
+            ServoSilentError: Servos do not reply; all of them are named.
         """
         servo_id, *others = readings.errors
         try:
@@ -192,8 +192,8 @@ class JointState:
             the maximum current.
         torque: Whether torque is on.
         alarms: The servo's alarms.
-        current_a: The current of the motor, if the servo measures it; a Feetech's has no sign.
-            While the arm moves it may be older than the rest.
+        current_a: Current of the motor, if the servo measures it; without sign on a Feetech. While
+            the arm moves it may be older than other values.
         goal_rad: The goal that was last sent, same unit as the position; None without torque.
     """
 
@@ -256,7 +256,7 @@ def read_joint_states(
 
 
 def read_alarm_names(bus: ServoBus, servo_id: int) -> tuple[str, ...]:
-    """Read a servo's alarms; they are read where its replies only flag that it has some."""
+    """Read a servo's alarms; they must be read if its replies only flag that there are some."""
     if not bus.alarms.get(servo_id):
         return ()
     with contextlib.suppress(BusError):
@@ -276,7 +276,7 @@ def _available_registers(bus: ServoBus, servo_id: int) -> list[Register | Regist
 
 
 def _current_a(servo: ServoSpec, row: Mapping[Register | RegisterName, int]) -> float | None:
-    """Return the motor's current; None where the servo does not measure it."""
+    """Return the motor's current; None if the servo does not measure it."""
     current = servo.table.registers.get("present_current")
     if current is None:
         return None

@@ -1,4 +1,4 @@
-"""Goals that keep the joints on their reference: feed-forward, feedback, soft beginnings."""
+"""Goals that keep joints on their reference: feed-forward, feedback, and soft starts."""
 
 from __future__ import annotations
 
@@ -14,42 +14,41 @@ from ikservo.guard import DrivenJoint
 from ikservo.kinematics.arrays import Matrix, Vector
 from ikservo.motion import TrajectoryPoint
 
-# The offset that is in force when a motion begins fades to the computed one in this time.
+# The offset in force when a motion begins fades to the computed one in this time.
 _FADE_S = 0.2
 _TINY = 1e-9
-# A horn further off its reference when a motion begins has sagged, or was lifted: friction already
+# A horn further off its reference when a motion begins has sagged or was lifted: friction then
 # presses it the other way.
 _SAG_RAD = 0.01
-# A cycle that comes late counts as this long: goals must not leap after a stall.
+# A late cycle counts as at most this long, so that goals do not jump after a stall.
 _MAX_STEP_S = 0.02
-# Friction turns to the direction of a motion on some multiple of this way at the horn (Dahl 1968),
-# and in no less than the second number, for goals must not leap.
+# Friction reverses over some multiple of this distance at the horn (Dahl 1968), and in no less than
+# the second number of seconds, so that goals do not jump.
 _DIRECTION_RAD, _DIRECTION_S = 0.0005, 0.05
-# Where the reference of a horn rests, errors within so many ticks are left, for stiction would make
-# the joint jump over its target again and again; up to the first number fewer of them.
+# While the reference of a horn rests, errors up to so many ticks are ignored: stiction would make
+# the joint jump over its target repeatedly. The first number is the width of the transition.
 _AT_REST_RAD_S, _REST_TICKS = 0.003, 4.5
-# By how much a load that feedback has taken up moves goals, friction included, at the horn.
+# Largest change of goals by learned load, including friction, at the horn.
 _MAX_LOAD_OFFSET_RAD = 0.08
-# Step of the load by which the slope of the feed-forward is taken, at the horn, and what its slope
-# may be: the firmware's start-up force makes it flat around zero.
+# Step of the load for the slope of the feed-forward, at the horn, and limits of this slope: the
+# firmware's start-up force makes the feed-forward flat around zero.
 _LOAD_STEP_RAD, _SLOPE_RANGE = 0.001, (0.3, 3.0)
-# How often gains follow the inertia of the posture.
+# Time after which gains are adapted to the inertia of the posture.
 _INERTIA_PERIOD_S = 0.1
-# What a joint carries less than, as a multiple of its dry friction, that may rest anywhere in its
-# play; one that presses by more than this share of its friction to where it will move is there.
+# A joint that carries less than this multiple of its dry friction may rest anywhere in its
+# backlash; one that presses by more than this fraction of its friction has crossed it.
 _UNLOADED, _PUSHED = 1.0, 0.3
-# How fast the speed of a motion seems to change where its time is slowed down.
+# Time in which the speed of a motion seems to change when its time is slowed down.
 _RATE_FILTER_S = 0.03
 
 
 class GoalCompensator:
     """Turns the references of an arm's joints into the goals of their servos.
 
-    The goal of a joint is its reference plus an offset: the feed-forward, the feedback of how far
-    the joint is off its reference, and at the beginning of a motion the difference to the offset
-    that was in force, which fades. The load that feedback has taken up is a part of the
-    feed-forward, for friction grows with it. Other joints than those of the chain have no offset:
-    a gripper may press on something.
+    The goal of a joint is its reference plus an offset: the feed-forward, the feedback of the
+    joint's error, and at the beginning of a motion the difference to the previous offset, which
+    fades. The load learned by feedback is part of the feed-forward, because friction grows with it.
+    Only joints of the chain have an offset: a gripper may press on something.
 
     Args:
         driven_joints: The joints, each with its servo, limits and speed.
@@ -88,14 +87,14 @@ class GoalCompensator:
 
     @property
     def corrects(self) -> NDArray[np.bool_]:
-        """Which joints (n,) have an offset."""
+        """Mask of the joints (n,) that have an offset."""
         return self._chain
 
     def start(self, gain_shares: Sequence[float]) -> None:
-        """Discard what feedback has taken up: torque was off.
+        """Discard what feedback has learned, because torque was off.
 
         Args:
-            gain_shares: P gains of all servos (n,), as shares of those of the parameters.
+            gain_shares: P gains of all servos (n,), as fractions of those of the parameters.
         """
         self._feedback.reset()
         if self._nominal is not None:
@@ -109,13 +108,13 @@ class GoalCompensator:
         cycle_time_s: float | None = None,
         measured: Vector | None = None,
     ) -> None:
-        """Begin a motion at a reference (n,) that the servos hold with some goals (n,).
+        """Begin a motion at a reference (n,) that the servos hold with given goals (n,).
 
         Args:
             reference: The reference of the joints.
             goals: The goals that their servos hold.
-            cycle_time_s: The time for which a goal is held until the next one; None: the same as
-                before.
+            cycle_time_s: Time for which a goal is held until the next one; None keeps the previous
+                one.
             measured: The measured positions; the reference if None.
         """
         self._held_s = self._held_s if cycle_time_s is None else cycle_time_s
@@ -136,12 +135,12 @@ class GoalCompensator:
     def preload(self, ahead: Vector, measured: Vector, elapsed_s: float) -> bool:
         """Press rotors to the flanks that will push; return whether the motion may begin.
 
-        Called in each cycle before that, with the goals of the reference at its start in between.
+        Called in each cycle until then; goals of the reference at its start are sent in between.
 
         Args:
             ahead: The first displacement of the reference (n,), rad or m.
             measured: The joints (n,).
-            elapsed_s: Since the last cycle.
+            elapsed_s: Time since the last cycle.
         """
         if self._preload is None:
             sides = self._unloaded_sides(ahead)
@@ -152,7 +151,7 @@ class GoalCompensator:
         return direction is None
 
     def _unloaded_sides(self, ahead: Vector) -> Vector:
-        """Compute which way joints (n,) will move that no weight keeps on the flank for that."""
+        """Compute the directions of joints (n,) that weight does not press to the driving flank."""
         if self.feed_forward is None:
             return np.zeros_like(ahead)
         weight = np.full_like(ahead, np.inf)
@@ -181,7 +180,7 @@ class GoalCompensator:
 
         Args:
             point: The reference (n,), by the time of the motion.
-            elapsed_s: Since the last call, by the clock.
+            elapsed_s: Time since the last call, by the clock.
             rate: Seconds of the motion per second of the clock.
             ease: The rate at which offsets change (n,), 0 to 1: they wait for joints that lag.
         """
@@ -194,7 +193,7 @@ class GoalCompensator:
         self._adapted_s += elapsed_s
         if self._adapted_s >= _INERTIA_PERIOD_S:
             self._adapt_gains(point.position)
-        # A joint that stays where it is keeps the offset that friction lets it have there.
+        # A joint that stays at rest keeps the offset that friction allows there.
         begun = (self._faded_s > 0.0) | (np.abs(self._last.velocity) > _TINY)
         self._faded_s = np.minimum(self._faded_s + begun * ease * elapsed_s, _FADE_S)
         rows = self._feed_forwards(self._last, self._direction)
@@ -216,24 +215,24 @@ class GoalCompensator:
         fresh: NDArray[np.bool_] | bool = True,
         grow: Vector | float,
     ) -> None:
-        """Feed back how far the joints (n,) are off the reference of the last goals.
+        """Feed back the error of the joints (n,) against the reference of the last goals.
 
         Args:
             measured: The joints.
-            since_s: From the last goals to the measurement.
-            elapsed_s: From one measurement to the next.
+            since_s: Time from the last goals to the measurement.
+            elapsed_s: Time between two measurements.
             fresh: Whether each joint (n,) replied.
-            grow: The rate at which feedback may move goals (n,) further away, 0 to 1: not at all
-                for goals that were cut, or that are at a limit.
+            grow: Rate at which feedback may move goals (n,) further away, 0 to 1; 0 for goals that
+                were cut or are at a limit.
         """
-        if self._waits:  # what is off before a motion has begun is not learned
+        if self._waits:  # errors before the motion begins are not learned
             return
         last = self._last
         error = np.where(self._chain, last.position + since_s * last.velocity - measured, 0.0)
         moving = np.abs(last.velocity) / (_AT_REST_RAD_S * self._per_horn_rad)
         left = _REST_TICKS * self._tick * np.maximum(1.0 - moving, 0.0)
         preloaded = False if self._preload is None else self._preload.joints
-        ahead = preloaded & (self._fade_share > 0.0)  # as it was pushed: no friction is less
+        ahead = preloaded & (self._fade_share > 0.0)  # it was pushed there: friction is not smaller
         growing = np.where(self._clamped | self._is_load_bounded, 0.0, grow)
         self._feedback.update(
             error,
@@ -260,23 +259,23 @@ class GoalCompensator:
         return 1.0 - share * share * (3.0 - 2.0 * share)
 
     def _modelled(self, point: TrajectoryPoint, direction: Vector | float) -> Vector:
-        """Return the feed-forward (n,) with load and friction that feedback has taken up."""
+        """Return the feed-forward (n,) with the load and friction learned by feedback."""
         return self._offset(self._feed_forwards(point, direction), direction)
 
     def _offset(self, rows: Matrix, direction: Vector | float) -> Vector:
-        """Compute the feed-forward (n,), the load within its bound, with the friction learned."""
+        """Compute the feed-forward (n,) with bounded load and learned friction."""
         nominal, loaded, _ = rows
         load = np.clip(loaded - nominal, -self._max_load_offset, self._max_load_offset)
         return nominal + load + direction * self._feedback.friction
 
     def _keep_slope(self, rows: Matrix) -> None:
-        """Keep how goals depend on the load, and where it moves them by no more."""
+        """Store how goals depend on the load, and the load beyond which they no longer change."""
         nominal, loaded, more = rows
         self._slope = np.clip((more - loaded) / self._load_step, *_SLOPE_RANGE)
         self._is_load_bounded = np.abs(loaded - nominal) >= self._max_load_offset
 
     def _feed_forwards(self, point: TrajectoryPoint, direction: Vector | float) -> Matrix:
-        """Compute the feed-forward (3, n) without the load, with it and with a little more."""
+        """Compute the feed-forward (3, n) without load, with load, and with slightly more load."""
         load = self._feedback.integral
         loads = np.stack([np.zeros_like(load), load, load + self._load_step])
         if self.feed_forward is None:
@@ -285,7 +284,7 @@ class GoalCompensator:
         return self.feed_forward.offsets(point, directions, self._held_s, loads)
 
     def _resting_direction(self, offset: Vector) -> Vector:
-        """Compute the share of its friction (n,), signed, that each resting joint presses against.
+        """Return the signed fraction of friction (n,) that holds each resting joint.
 
         Args:
             offset: The offset of the goals in force.
@@ -296,21 +295,21 @@ class GoalCompensator:
         return np.clip(share, -1.0, 1.0)
 
     def _sag(self, reference: Vector, measured: Vector | None) -> Vector:
-        """Compute how far joints (n,) are behind their reference where they are far from it."""
+        """Compute the distance of joints (n,) behind their reference if they are far from it."""
         if measured is None:
             return np.zeros_like(reference)
         lag = np.where(self._chain, reference - measured, 0.0)
         return np.where(np.abs(lag) > _SAG_RAD * self._per_horn_rad, lag, 0.0)
 
     def _turn_direction(self, elapsed_s: Vector | float) -> None:
-        """Turn friction to the direction of the motion, within a short way and no faster."""
+        """Turn friction to the direction of the motion, over a short distance at limited speed."""
         way = self._last.velocity * elapsed_s / (_DIRECTION_RAD * self._per_horn_rad)
         change = way - self._direction * np.abs(way)
         most = 2.0 * elapsed_s / _DIRECTION_S
         self._direction = np.clip(self._direction + np.clip(change, -most, most), -1.0, 1.0)
 
     def _inside(self, reference: Vector, offset: Vector) -> Vector:
-        """Return goals inside the limits, or no further outside than ever in this motion.
+        """Return goals inside the limits, or not further outside than before in this motion.
 
         A reference that leaves the limits is passed on, for the guard to refuse it.
         """

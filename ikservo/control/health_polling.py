@@ -1,4 +1,4 @@
-"""Poll temperature, voltage, load and alarms of one servo in every cycle."""
+"""Poll temperature, voltage, load and alarms of one servo per cycle."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ from ikservo.hardware.register_batches import contiguous_runs
 from ikservo.hardware.servo import ServoSpec
 from ikservo.registers import Register, RegisterName
 
-# Between two reads; where cycles are shorter than this, not every cycle has one.
+# Time between two reads; if cycles are shorter, not every cycle has a read.
 _PERIOD_S = 0.008
-# No more of a cycle counts towards the age of telemetry: a delayed program could read nothing.
+# Longest time of a cycle that ages telemetry: a delayed program could not read anything.
 _MAX_AGE_S = 0.025
 
 _NUMBERS = (
@@ -34,16 +34,16 @@ _NUMBERS = (
 
 
 class HealthPoller:
-    """Reads the telemetry of one servo after the other for the guard's health monitor.
+    """Reads the telemetry of one servo after another for the guard's health monitor.
 
     Alarms are part of every reply and are checked in every cycle.
 
     Args:
         bus: The servos' bus.
-        names: The name of each servo, by id: its joint, or which further servo of it.
+        names: Names of the servos by id: the joint, and which further servo of it.
         limits: The expected limits in the servos' RAM.
         health: Checks the telemetry.
-        overload: Told of each load, or of each current where the servo counts that.
+        overload: Receives each load, or each current if the servo's protection uses that.
         on_warning: Called with each new warning.
     """
 
@@ -67,7 +67,7 @@ class HealthPoller:
 
     @property
     def is_overheated(self) -> bool:
-        """Whether a servo was too hot to hold any longer."""
+        """Whether a servo was too hot to hold."""
         return self._health.release
 
     def poll_all(self) -> None:
@@ -75,8 +75,8 @@ class HealthPoller:
 
         Raises:
             BusError: A servo does not answer.
-            ServoAlarmError: One reports a fault; see ``HealthMonitor``.
-            RefusedError: The watchdog of one has tripped.
+            ServoAlarmError: A servo reports a fault; see ``HealthMonitor``.
+            RefusedError: The watchdog of a servo has tripped.
         """
         self._cycle_s = self._bus.clock.now_s()
         registers = {i: self._telemetry_registers(i) for i in self._names}
@@ -92,7 +92,7 @@ class HealthPoller:
 
         Raises:
             ServoAlarmError: A servo reports a fault, or was reset; see ``HealthMonitor``.
-            RefusedError: The telemetry of one is too old, or its watchdog has tripped.
+            RefusedError: The telemetry of a servo is too old, or its watchdog has tripped.
         """
         now_s = self._bus.clock.now_s()
         self._watched_s += min(now_s - self._cycle_s, _MAX_AGE_S)
@@ -107,11 +107,11 @@ class HealthPoller:
         self._health.check_telemetry_age(self._watched_s)
 
     def poll_round(self) -> None:
-        """Read all telemetry of all servos once; what is lost stays as it was.
+        """Read all telemetry of all servos once; lost replies leave old values.
 
         Raises:
             ServoAlarmError: A servo reports a fault, or was reset; see ``HealthMonitor``.
-            RefusedError: The watchdog of one has tripped.
+            RefusedError: The watchdog of a servo has tripped.
         """
         for servo_id, registers in self._requests:
             self._read_registers(servo_id, registers)
@@ -187,7 +187,7 @@ class HealthPoller:
         return [*registers, *self._limits.reset_markers(servo_id)]
 
     def _counted_current(self, servo_id: int) -> Register | None:
-        """Return the register of the current of a servo that protects itself by that."""
+        """Return the current register of a servo whose protection uses the current."""
         rule = self._overload.rules.get(self._names[servo_id])
         registers = self._bus.servos[servo_id].table.registers
         return registers.get("present_current") if rule and rule.full_a else None

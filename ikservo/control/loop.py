@@ -15,19 +15,19 @@ from ikservo.kinematics.arrays import Vector, freeze_arrays
 from ikservo.motion import Rate, Trajectory, TrajectoryPoint
 
 BRAKE_S = 0.25
-"""How long a motion takes from full speed to a stop, and from a stop to full speed."""
+"""Duration of braking from full speed to a stop, and of accelerating back to full speed [s]."""
 
-# Up to this gap a late cycle advances the motion by the time that has passed.
+# Up to this gap a late cycle advances the motion by the elapsed time.
 _MAX_STEP_S = 0.02
-# A cycle later than this counts as late; this many more late cycles than good ones are too many.
+# A cycle later than this is late; this many more late cycles than good ones are too many.
 _LATE_S, _LATE_CYCLES = 0.025, 50
 
 
 _CYCLE_TIMES_S = (0.002, 0.0025, 0.004, 0.005, 0.008, 0.01)
 _READINGS = 5
-# Which way joints move at first is seen in this time.
+# The first direction of joints is determined over this time.
 _SOON_S = 0.1
-# The bus is busy for a quarter of each cycle; the rest is for computing and for retries.
+# The bus is busy for a quarter of each cycle; the rest is for computing and retries.
 _TIME_MARGIN = 4.0
 _MIN_TIME_MARGIN = 1.25  # a slow bus may be busy for most of the cycle
 
@@ -61,8 +61,8 @@ def _reading_s(servos: ServoGroup) -> float:
 class TimeScaler:
     """Turns the time of the clock into the time of a motion.
 
-    A motion whose time passes slower stays on its path and inside every limit: so it is braked,
-    and so it starts again after the program was delayed.
+    A motion whose time passes more slowly stays on its path and inside every limit. This is how it
+    brakes, and how it starts again after a delay of the program.
 
     Args:
         cycle_time_s: The nominal time between two goals.
@@ -82,13 +82,13 @@ class TimeScaler:
         return self.rate <= 0.0
 
     def step(self, elapsed_s: float, *, braking: bool) -> float:
-        """Count one control cycle, adapt the rate to it, and return how far the motion advances.
+        """Count one control cycle, adapt the rate, and return how far the motion advances.
 
-        Called once a cycle, before the lag of the joints is checked.
+        Called once per cycle, before the lag of the joints is checked.
 
         Args:
-            elapsed_s: Since the last cycle, by the clock.
-            braking: A stop was requested.
+            elapsed_s: Time since the last cycle, by the clock.
+            braking: Whether a stop was requested.
 
         Returns:
             The time by which the motion may advance, seconds.
@@ -104,10 +104,10 @@ class TimeScaler:
         return self.rate * gap_s
 
     def raise_if_too_slow(self) -> None:
-        """Raise once a machine that is too slow has braked the motion to a stop.
+        """Raise if a machine that is too slow has braked the motion to a stop.
 
         Raises:
-            RefusedError: It is.
+            RefusedError: The machine is too slow.
         """
         if self._late_count > _LATE_CYCLES and self.stopped:
             cycle_ms = 1000.0 * self._cycle_time_s
@@ -148,15 +148,15 @@ class ControlCycle:
         freeze_arrays(self)
 
 
-# Servos that their watchdogs stopped lag the trajectory: they return to it in this time.
+# Servos that their watchdogs stopped lag behind; they return to the trajectory in this time.
 _RETURN_S = 0.5
 
 
 class SetpointSampler:
     """Turns the time by which a motion advances into positions of its trajectory.
 
-    After `restart_from` the trajectory is paused, and setpoints go straight from where the joints
-    were stopped to its position; then it continues.
+    After `restart_from` the trajectory pauses, and setpoints go straight from where the joints were
+    stopped to its position; then it continues.
 
     Args:
         trajectory: The motion of the joints.
@@ -177,7 +177,7 @@ class SetpointSampler:
         return self._start is None and self.time_s >= self._trajectory.duration_s
 
     def restart_from(self, position: Vector) -> None:
-        """Start again at a position (n,), rad or m, where the servos were stopped."""
+        """Start again from a position (n,), rad or m, where the servos were stopped."""
         self._start, self._returned_s = position, 0.0
 
     def next_setpoint(self, gap_s: float) -> TrajectoryPoint:
@@ -202,7 +202,7 @@ class ControlLoop:
 
     Args:
         servos: The servos, torque on.
-        cycle_time_s: Between two goals; measured by what the bus allows if None.
+        cycle_time_s: Time between two goals; None measures what the bus allows.
     """
 
     def __init__(self, servos: ServoGroup, cycle_time_s: float | None = None) -> None:
@@ -214,7 +214,7 @@ class ControlLoop:
         """The time between two goals, seconds; reads no servo.
 
         Raises:
-            RefusedError: None was given, and that of the bus was not measured yet.
+            RefusedError: It was neither given nor measured yet.
         """
         if self._cycle_time_s is None:
             raise RefusedError(
@@ -224,7 +224,7 @@ class ControlLoop:
         return self._cycle_time_s
 
     def measure_cycle_time_s(self) -> float:
-        """Return the time between two goals; measure it first where that was not done.
+        """Return the time between two goals; measure it first if necessary.
 
         Raises:
             BusError: A servo does not answer.
@@ -235,14 +235,14 @@ class ControlLoop:
 
     @property
     def last_cycle(self) -> ControlCycle | None:
-        """The last cycle of the running motion, or of the last one."""
+        """The last cycle of the running motion, or of the previous one."""
         return self._last_cycle
 
     def request_stop(self, reason: StopReason) -> None:
         """Brake the running motion and end it with ``StoppedError``; safe from anywhere.
 
         A signal, another thread or a callback may call it. The stop is latched until acknowledged;
-        where nothing moves, the next motion is refused.
+        if nothing moves, the next motion is refused.
         """
         self._servos.request_stop(reason)
 
@@ -263,15 +263,15 @@ class ControlLoop:
             speed_rad_s: The top speed of the motion at the horns, to which the servos are limited;
                 the arm's maximum if None.
             profile_rad_s: The profile speed of the servos; None: the speed of the motion.
-            compensated: Whether the trajectory is where the joints should be; else it is the goals
-                of their servos, and starts at these.
+            compensated: Whether the trajectory is the reference of the joints; otherwise it
+                consists of servo goals, and starts at the present goals.
 
         Returns:
             The measured joints (n,) of the last cycle, rad or m.
 
         Raises:
             StoppedError: A stop was requested; the arm was braked and holds.
-            ServoSilentError: A joint did not reply in three cycles in a row; the others hold.
+            ServoSilentError: A joint did not reply in three consecutive cycles; the others hold.
             ServoAlarmError: A servo reports a fault, or was reset; the arm holds.
             RefusedError: The guard stopped it, or a joint does not follow; the arm holds.
             PortLostError: The port is gone.
@@ -299,7 +299,7 @@ class ControlLoop:
                 setpoints.restart_from(servos.goals())
                 if compensated:
                     servos.begin_compensation(cycle_time_s)
-            # One reading of the clock for the setpoint and for the guard that checks its step.
+            # The setpoint, and the guard that checks its step, use the same reading of the clock.
             now_s, before_s = servos.clock.now_s(), sent_s
             gap_s = scaler.step(now_s - before_s, braking=bool(servos.stop_request))
             sent_s = now_s
@@ -326,7 +326,7 @@ class ControlLoop:
         raise AssertionError("the rate never ends")
 
     def _way_to_preload(self, ahead: Vector, measured: Vector, gap_s: float) -> Vector | None:
-        """Preload joints for a cycle; return which way they will move (n,), None once that is done.
+        """Preload joints for a cycle; return their directions (n,), or None when done.
 
         A motion that is to stop does not begin.
         """
@@ -344,7 +344,7 @@ class ControlLoop:
 
 
 def _first_way(trajectory: Trajectory) -> Vector | None:
-    """Compute how far joints go at first (n,), rad or m; None where that may change yet."""
+    """Compute the first displacement of joints (n,), rad or m; None if it may still change."""
     if math.isinf(trajectory.duration_s):
         return None
     return trajectory.state(_SOON_S).position - trajectory.state(0.0).position

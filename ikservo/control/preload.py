@@ -1,4 +1,4 @@
-"""Presses rotors to the flanks of their gears that will push, before a motion begins."""
+"""Presses rotors to the driving flanks of their gears before a motion begins."""
 
 from __future__ import annotations
 
@@ -6,32 +6,32 @@ import numpy as np
 
 from ikservo.kinematics.arrays import Vector
 
-# By so much more than friction goals lead at the horn, and how fast that comes: inside its play a
-# rotor then turns slowly enough for its link to stay with it when they meet.
+# Extra lead beyond friction at the horn, and its rate: slow enough that, inside the backlash, the
+# link stays with the rotor when they meet.
 _LEAD_RAD, _LEAD_RAD_S = 0.002, 0.04
-# Friction turns to the other side in this time: goals must not leap.
+# Friction reverses in this time, so that goals do not jump.
 _TURN_S = 0.05
-# A joint that has moved by a tick is pushed. All wait no longer than this: 1° of play of an STS3215
-# takes 0.3 s.
+# A joint that has moved by a tick is pushed. The wait is never longer than this: 1° of backlash of
+# an STS3215 takes 0.3 s.
 _MOVED_TICKS, _MAX_S = 0.9, 0.2
 
 
 class Preload:
-    """Leads the goals of resting joints until their rotors have crossed the play of their gears.
+    """Leads the goals of resting joints until their rotors have crossed the backlash of the gears.
 
-    A rotor that has to cross it when the motion begins is late by that: links of 1.7° of play were
-    7 mm beside their lines at first, and swung.
+    A rotor that crosses it only when the motion begins is late: links with 1.7° of backlash were 7
+    mm off their lines at first, and swung.
 
     Args:
         sides: The direction in which each joint (n,) will move: -1 or 1; 0 for joints that are left
             alone.
         start: The joints at rest (n,), rad or m.
-        per_horn_rad: Motion of each joint for one radian of its horn (n,), rad or m.
-        tick: Motion of each joint for one tick (n,).
+        per_horn_rad: Motion of each joint per radian of its horn (n,), rad or m.
+        tick: Motion of each joint per tick (n,).
 
     Attributes:
         joints: The joints (n,) that are preloaded.
-        lead: The lead of the goals (n,), rad or m, besides friction.
+        lead: Lead of the goals (n,), rad or m, in addition to friction.
     """
 
     def __init__(self, sides: Vector, start: Vector, per_horn_rad: Vector, tick: Vector) -> None:
@@ -42,12 +42,12 @@ class Preload:
         self._for_s = 0.0
 
     def update(self, measured: Vector, direction: Vector, elapsed_s: float) -> Vector | None:
-        """Take one cycle; return the direction of friction (n,), None where all are pushed.
+        """Take one cycle; return the direction of friction (n,), or None when all are pushed.
 
         Args:
             measured: The joints (n,), rad or m.
             direction: The direction of their friction so far, -1 to 1.
-            elapsed_s: Since the last cycle.
+            elapsed_s: Time since the last cycle.
         """
         self._for_s += elapsed_s
         moved = self._sides * (measured - self._start)

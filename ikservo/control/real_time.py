@@ -1,9 +1,9 @@
-"""Steady timing of a control loop: real-time priority where it is allowed, short collections.
+"""Steady timing of a control loop: real-time priority if allowed, short garbage collections.
 
-On a busy machine an ordinary thread is woken by tens of milliseconds too late; one of real-time
-priority by tenths of a millisecond. It is used where the user was given a limit above zero on Linux
-(``ulimit -r``, ``rtprio`` in ``limits.conf``, ``LimitRTPRIO=`` of a systemd unit), and only there:
-root may always take it, without that anybody has asked for it.
+On a busy machine an ordinary thread wakes tens of milliseconds late; a thread of real-time priority
+tenths of a millisecond. Real-time priority is used only if the user was given a limit above zero on
+Linux (``ulimit -r``, ``rtprio`` in ``limits.conf``, ``LimitRTPRIO=`` of a systemd unit): root may
+always take it, although nobody has asked for it.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ _PRIORITY = 20
 
 
 def allowed_priority() -> int:
-    """Return the real-time priority that control loops get, 1 to 20; 0 where none is allowed."""
+    """Return the real-time priority that control loops get, 1 to 20; 0 if none is allowed."""
     if sys.platform != "linux":
         return 0
     import resource  # noqa: PLC0415  # there is none on Windows
@@ -32,11 +32,11 @@ def allowed_priority() -> int:
 
 @contextmanager
 def steady_timing(clock: Clock) -> Generator[None]:
-    """Run the block, a control loop, undisturbed by other programs and by old objects.
+    """Run a control loop in the block, undisturbed by other programs and by old objects.
 
     This thread gets the allowed real-time priority; programs that it starts do not. The garbage
-    collector leaves aside what exists already, so that no pause grows with the size of the program.
-    In virtual time nothing is changed.
+    collector skips existing objects, so that no pause grows with the size of the program. With
+    virtual time nothing changes.
 
     Args:
         clock: The clock of the loop.
@@ -50,7 +50,7 @@ def steady_timing(clock: Clock) -> Generator[None]:
 
 @contextmanager
 def _short_collections() -> Generator[None]:
-    if gc.get_freeze_count():  # the program has done so itself, or another arm moves
+    if gc.get_freeze_count():  # done by the program itself, or by another moving arm
         yield
         return
     gc.freeze()

@@ -1,4 +1,4 @@
-"""Gains of servos in RAM: raised where those delivered are too low, and read for the model."""
+"""Gains of servos in RAM: raised if the factory values are too low, and read for the model."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from ikservo.hardware.servo import ServoSpec
 from ikservo.model.servo_torque import GRIPPER_P_GAINS, find_servo_torque
 from ikservo.registers import Register
 
-# The XL330's P gain is in use for the elbows of Koch and OMX arms, and needs a D gain. The XL430
-# has one as delivered; its P gain is the one that ROBOTIS sets in the OMX-F.
+# The XL330's P gain is used for the elbows of Koch and OMX arms, and needs a D gain. The XL430 has
+# one by default; its P gain is the value that ROBOTIS sets in the OMX-F.
 _XL330_GAINS: Mapping[str, int] = MappingProxyType(
     {"position_d_gain": 600, "position_p_gain": 1500}
 )
@@ -21,7 +21,7 @@ _XL430_GAINS: Mapping[str, int] = MappingProxyType({"position_p_gain": 1000})
 _ARM_GAINS: Mapping[str, Mapping[str, int]] = MappingProxyType(
     {"XL330-M288": _XL330_GAINS, "XL330-M077": _XL330_GAINS, "XL430-W250": _XL430_GAINS}
 )
-# A gripper is a little softer.
+# A gripper is slightly softer.
 _GRIPPER_GAINS: Mapping[str, Mapping[str, int]] = MappingProxyType(
     {name: {"position_p_gain": gain} for name, gain in GRIPPER_P_GAINS.items()}
 )
@@ -45,9 +45,9 @@ _GAIN_NAMES = ("position_p_gain", "p_gain")
 
 
 def read_gain_shares(bus: ServoBus, driven_joints: Sequence[DrivenJoint]) -> list[float]:
-    """Read each joint's P gain, as a share of the one that the table of motors is for.
+    """Read each joint's P gain as a fraction of the gain for which the table of motors is valid.
 
-    1 where that, or the register, is not known.
+    1 if the gain or the register is not known.
 
     Raises:
         BusError: A servo does not answer.

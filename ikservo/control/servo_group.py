@@ -50,9 +50,9 @@ from ikservo.hardware.torque import (
 from ikservo.kinematics.arrays import Vector
 from ikservo.registers import RegisterName
 
-# How long an arm may sink, in all, before a motion is planned.
+# Longest time, in all, that an arm may sink before a motion is planned.
 _SINK_TIME_S = 0.5
-# How often an arm that fell past its hold positions gets new ones.
+# Number of times that an arm which fell past its hold positions gets new ones.
 _MAX_CATCHES = 3
 
 
@@ -86,15 +86,15 @@ class ServoGroup(StreamedServos):
     def enable(self, speed_rad_s: float) -> None:
         """Set each servo's goal to its position, then switch torque on: nothing moves.
 
-        A servo that already holds keeps its goal, for its load has pulled it a little below. Where
-        it fails, servos that were limp are limp again.
+        A servo that already holds keeps its goal, because its load has pulled it slightly below. If
+        enabling fails, servos that were limp are limp again.
 
         Args:
             speed_rad_s: The speed limit of each servo's horn.
 
         Raises:
             ServoAlarmError: A servo's supply is outside its own limits; no torque was switched.
-            RefusedError: A joint is far outside its servo's limits, its servo is in no position
+            RefusedError: A joint is far outside its servo's limits, its servo is not in a position
                 mode, or a stop was not acknowledged; no torque was switched.
             ServoRejectedError: A servo keeps an old goal; no torque was switched.
         """
@@ -121,7 +121,7 @@ class ServoGroup(StreamedServos):
         self.torque.enabled()
 
     def enable_joint(self, joint: str, speed_rad_s: float) -> None:
-        """Switch one joint's torque on as ``enable`` does for all, the others being as they are.
+        """Switch one joint's torque on like ``enable``; the other joints stay as they are.
 
         Raises:
             ServoAlarmError, RefusedError, ServoRejectedError: The errors of ``enable``.
@@ -134,7 +134,7 @@ class ServoGroup(StreamedServos):
         self._switch_on((driven,))
 
     def disable_joint(self, joint: str) -> None:
-        """Switch one joint's torque off; what it carries falls.
+        """Switch one joint's torque off; its load falls.
 
         Raises:
             BusError: Its servo does not answer.
@@ -148,7 +148,7 @@ class ServoGroup(StreamedServos):
     def tolerate_heat(self) -> Generator[None]:
         """Allow motions of an overheated arm within the block.
 
-        Torque of a servo that is too hot must be switched off, and before that the arm lowered.
+        An overheated arm must be lowered, and the torque of its servos then switched off.
         """
         usual, self._health = self._health, replace(self._health, hold_c=math.inf)
         try:
@@ -163,14 +163,14 @@ class ServoGroup(StreamedServos):
 
     @property
     def overheated(self) -> bool:
-        """Whether a servo was too hot in the last motion to hold any longer."""
+        """Whether a servo was too hot in the last motion to hold."""
         return self._health_poller is not None and self._health_poller.is_overheated
 
     def measured_hold_positions(self) -> Vector:
-        """Read where a motion would start if ``enable`` were called (n,), rad or m; writes nothing.
+        """Read the start (n,) of a motion after ``enable``, rad or m; writes nothing.
 
-        That is where the joints are; a gripper that holds already keeps its goal, for it may press
-        on something. Waits for an arm that sinks.
+        It is where the joints are; a gripper that holds already keeps its goal, because it may
+        press on something. Waits for an arm that sinks.
 
         Raises:
             BusError: A servo does not answer.
@@ -188,10 +188,10 @@ class ServoGroup(StreamedServos):
         return all(read_register(self._bus, self._ids, RegisterName.TORQUE_ENABLE).values())
 
     def disable_torque(self) -> None:
-        """Switch torque off on every servo, also when some fail.
+        """Switch torque off on every servo, even if some fail.
 
         Raises:
-            BusError: The first failure, after all were tried.
+            BusError: The first failure; all servos were tried.
         """
         self._sink_time_s = _SINK_TIME_S
         self.torque.releasing()
@@ -208,9 +208,9 @@ class ServoGroup(StreamedServos):
         self._feedback.measure_ticks()
 
     def hold_measured(self, reason: StopReason) -> StopOutcome:
-        """Latch a stop and hold where the joints are measured, while no control loop runs.
+        """Latch a stop and hold the measured positions, while no control loop runs.
 
-        Servos that another program has set in motion stop; torque is not switched.
+        Servos that another program has moved stop; torque is not switched.
         """
         self.latch_stop(reason)
         return hold_servos(self._bus, self.driven_joints, self.clock)
@@ -245,10 +245,10 @@ class ServoGroup(StreamedServos):
         return LinkStatistics.of(self._bus.statistics.values())
 
     def profile_speeds(self, horn_rad_s: float) -> Vector:
-        """Return with which speeds the joints (n,) go to each goal, rad/s or m/s.
+        """Return the speeds at which the joints (n,) move to each goal, rad/s or m/s.
 
         Args:
-            horn_rad_s: Top speed of the motion, or of the profile that was asked for, at the horns.
+            horn_rad_s: Top speed of the motion, or of the requested profile, at the horns.
         """
         return np.array([
             driven.joint_map.unit_per_horn_rad
@@ -257,7 +257,7 @@ class ServoGroup(StreamedServos):
         ])  # fmt: skip
 
     def drive_reader(self, names: Sequence[str]) -> DriveReader:
-        """Return what reads the duty, the current and the supply of the servos of some joints."""
+        """Return a reader of duty, current and supply of the servos of given joints."""
         driven_joints = {driven.joint: driven for driven in self.driven_joints}
         return DriveReader(
             self._bus, [(driven_joints[n], self._shadow_ids.get(n, ())) for n in names]
@@ -274,7 +274,7 @@ class ServoGroup(StreamedServos):
         return states
 
     def check_health(self) -> None:
-        """Raise where a motion that starts now would end at once by what the servos report.
+        """Raise if servos report a state that would end a motion at once.
 
         Raises:
             ServoAlarmError: A servo reports an alarm, is too hot, or its supply is out of range.
@@ -310,7 +310,7 @@ class ServoGroup(StreamedServos):
         self.overload.rules = {name: rule for name, rule in rules.items() if rule is not None}
 
     def _catch_falling_joints(self, start: dict[str, int]) -> None:
-        """Wait until all joints are near their goals; where one fell past, it holds there."""
+        """Wait until all joints are near their goals; a joint that fell past holds there."""
         for _ in range(_MAX_CATCHES):
             if wait_until_settled(self.driven_joints, start, self._feedback, self.clock):
                 return
@@ -336,15 +336,15 @@ class ServoGroup(StreamedServos):
         return start
 
     def _prepare_servo(self, driven: DrivenJoint, *, gripping: bool) -> None:
-        """Prepare one servo to hold; one that may hold something keeps its torque limit."""
+        """Prepare one servo to hold; a servo that may grip something keeps its torque limit."""
         check_supply_voltage(self._bus, driven.servo_id)
         self._limits.prepare(driven.servo_id, keep_torque=gripping)
         raise_gains(self._bus, driven.servo_id, gripper=driven.joint == self._gripper)
 
     def _measure_hold_ticks(self) -> tuple[dict[str, int], dict[str, tuple[int, int]]]:
-        """Read the hold position of each servo, and before that the goals that it accepts.
+        """Read the goals that each servo accepts, then its hold position.
 
-        Joints are measured last, for limp ones fall.
+        Positions are measured last, because limp joints fall.
         """
         servos = {driven.joint: self._bus.servos[driven.servo_id] for driven in self.driven_joints}
         keys = {servo.id: goal_range_registers(servo.table) for servo in servos.values()}
@@ -358,21 +358,21 @@ class ServoGroup(StreamedServos):
         return {joint: nearest_goal(joint, tick, ranges[joint]) for joint, tick in ticks.items()}
 
 
-# An arm whose torque comes on while it falls swings: it is at rest when no joint moves by more
-# between two readings. After the last number waiting ends.
+# An arm whose torque comes on while it falls swings. It is at rest when no joint moves by more
+# between two readings; the last number limits the wait.
 _POLL_PERIOD_S, _AT_REST_TICKS, _MAX_WAIT_S = 0.03, 2, 1.0
-# A limp arm is at rest when no joint moves by more than one tick between two readings. It falls
-# where a horn turns by more than the last number meanwhile.
+# A limp arm is at rest when no joint moves by more than one tick between two readings. It falls if
+# a horn turns by more than the last number meanwhile.
 _SINK_POLL_PERIOD_S, _NOISE_TICKS, _FALLS_RAD = 0.05, 1, 0.01
 
 
 def hold_ticks(
     bus: ServoBus, driven_joints: Sequence[DrivenJoint], feedback: Feedback
 ) -> dict[str, int]:
-    """Read the tick at which each joint holds, or would if its torque came on.
+    """Read the tick at which each joint holds, or would hold when its torque comes on.
 
-    A servo that already holds keeps its goal, for its load has pulled it a little below; unless
-    the goal is an old one, far from where the joint is.
+    A servo that already holds keeps its goal, because its load has pulled it slightly below; unless
+    the goal is an old one, far from the joint.
 
     Raises:
         BusError: A servo does not answer.
@@ -380,7 +380,7 @@ def hold_ticks(
     ids = [driven.servo_id for driven in driven_joints]
     torque = read_register(bus, ids, RegisterName.TORQUE_ENABLE)
     goals = read_register(bus, ids, RegisterName.GOAL_POSITION)
-    present = feedback.measure_ticks()  # last, for limp joints fall
+    present = feedback.measure_ticks()  # last, because limp joints fall
     return {
         driven.joint: _held_tick(
             driven, torque[driven.servo_id] != 0, present[driven.joint], goals[driven.servo_id]
@@ -395,7 +395,7 @@ def wait_until_settled(
     """Wait until the joints are at rest near their goals after torque came on.
 
     Returns:
-        Whether they are; False where a second was not enough.
+        Whether they are at rest; False if one second was not enough.
     """
     present = feedback.measure_ticks()
     for _ in range(int(_MAX_WAIT_S / _POLL_PERIOD_S)):
@@ -417,15 +417,15 @@ def wait_until_settled(
 def wait_until_still(
     driven_joints: Sequence[DrivenJoint], feedback: Feedback, clock: Clock, timeout_s: float
 ) -> None:
-    """Wait until a limp arm that sinks is at rest, so that plans start there.
+    """Wait until a sinking limp arm is at rest, so that plans start there.
 
-    Returns at once where the arm falls: torque must come on.
+    Returns at once if the arm falls: torque must come on.
 
     Args:
         driven_joints: One for each joint.
         feedback: Measures them.
         clock: The bus's clock.
-        timeout_s: Waits no longer: a hand may be moving the arm.
+        timeout_s: Longest wait, because a hand may be moving the arm.
 
     Raises:
         BusError: A servo does not answer.
@@ -449,12 +449,12 @@ def wait_until_still(
 def _held_tick(driven: DrivenJoint, torque: bool, present: int, goal: int) -> int:
     if not torque or abs(goal - present) > driven.max_lead_ticks(0.0):
         return present
-    low, high = driven.tick_range  # a goal of another program may be outside, and further out
+    low, high = driven.tick_range  # a goal of another program may be further outside
     return min(max(goal, min(low, present)), max(high, present))
 
 
 def verify_goals(bus: ServoBus, expected: Mapping[int, int]) -> None:
-    """Read goals back before torque comes on: the joint would jump to a stale one.
+    """Read goals back before torque comes on: a stale goal would make the joint jump.
 
     Raises:
         ServoRejectedError: A servo keeps another goal; torque stays off.

@@ -1,4 +1,4 @@
-"""Limits in servo RAM: profile, torque, watchdog; their loss shows that a servo was reset."""
+"""Limits in servo RAM: profile, torque, watchdog; losing them shows that a servo was reset."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from ikservo.registers import Alarm, OperatingMode, Register, RegisterName
 
 
 def limit_torque(bus: ServoBus, servo_id: int, fraction: float) -> None:
-    """Limit a servo's torque to a fraction (0 to 1) of the maximum of its own settings.
+    """Limit a servo's torque to a fraction (0 to 1) of the maximum in its settings.
 
     Raises:
         RegisterAccessError: The model has no such limit.
@@ -32,11 +32,11 @@ def limit_torque(bus: ServoBus, servo_id: int, fraction: float) -> None:
 
 
 def torque_limit_registers(bus: ServoBus, servo_id: int) -> tuple[Register, Register] | None:
-    """Return the RAM register that limits a servo's torque, and the one with its maximum.
+    """Return the RAM register that limits a servo's torque, and the register of its maximum.
 
     Feetech STS and older Dynamixel have a torque limit in RAM. Dynamixel X limits its current by
-    the goal current where it is in current-based position mode, else its duty by the goal PWM.
-    None where the model has no such register.
+    the goal current in current-based position mode, otherwise its duty by the goal PWM. None if the
+    model has no such register.
 
     Raises:
         BusError: The servo's mode cannot be read.
@@ -54,7 +54,7 @@ def torque_limit_registers(bus: ServoBus, servo_id: int) -> tuple[Register, Regi
 
 
 def read_torque_share(bus: ServoBus, servo_id: int) -> float:
-    """Read the largest share of its whole torque that a servo's limits in force let it give.
+    """Read the largest fraction of its torque that a servo's present limits allow.
 
     Raises:
         BusError: It does not answer.
@@ -66,17 +66,17 @@ def read_torque_share(bus: ServoBus, servo_id: int) -> float:
     return min(abs(bus.read(servo_id, limit, raw=True)) / limit.range[1], 1.0)
 
 
-# Sheets of Dynamixel call an overload "persistent" and give no figures: those of the simulator.
+# Dynamixel's data sheets call an overload "persistent" without figures; these are the simulator's.
 _DYNAMIXEL_OUTPUT, _DYNAMIXEL_TIME_S = 0.9, 2.0
 
 
 def read_overload_rule(bus: ServoBus, servo_id: int, gain_share: float) -> OverloadRule | None:
-    """Read when a servo protects itself from overload; None where it does not.
+    """Read the overload protection of a servo; None if it has none.
 
     Args:
         bus: The servos' bus.
         servo_id: The servo.
-        gain_share: Its P gain as a share of the one in the table of motors.
+        gain_share: Its P gain as a fraction of the gain in the table of motors.
 
     Raises:
         BusError: It does not answer.
@@ -101,7 +101,7 @@ def read_overload_rule(bus: ServoBus, servo_id: int, gain_share: float) -> Overl
 
 
 def _read_current_limit(bus: ServoBus, servo_id: int) -> tuple[float, float]:
-    """Read the current [A] and the time [s] of Feetech's protection; 0 A where there is none."""
+    """Read current [A] and time [s] of Feetech's protection; 0 A if there is none."""
     registers = bus.servos[servo_id].table.registers
     limit = registers.get("protection_current")
     if limit is None or limit.unit.symbol != "A" or "over_current_time" not in registers:
@@ -110,10 +110,10 @@ def _read_current_limit(bus: ServoBus, servo_id: int) -> tuple[float, float]:
 
 
 _TIME_BASED_PROFILE = 0b100  # drive mode of Dynamixel X
-_COARSE_SPEED = 50  # ticks a second in one count, where the table's fine_speed_bit is clear
+_COARSE_SPEED = 50  # ticks/s per count if the table's fine_speed_bit is clear
 
-# No ramps of the servo's own: with them it would brake for each goal of a stream, and lag it by
-# v² / 2a; what it runs on after the last goal would be longer by that.
+# Servos use no ramps of their own: they would brake for each goal of a stream, lag it by v² / 2a,
+# and run on longer by that distance after the last goal.
 _NO_RAMP = 0
 _SPEED_MARGIN = 1.2  # a joint that lags may catch up
 
@@ -122,13 +122,13 @@ _WATCHDOG_S = 0.020 * _WATCHDOG_COUNTS
 
 
 class ServoRamLimits:
-    """Speed, acceleration and torque limits in RAM, and the watchdog where there is one.
+    """Speed, acceleration and torque limits in RAM, and the watchdog if there is one.
 
     Args:
         bus: The servos' bus.
         servo_ids: The servos that goals are sent to.
-        unwatched: Those that get no watchdog. A tripped one makes the servo's goal where it stands,
-            and a joint under load sinks from there further than it would go on to its last goal.
+        unwatched: Servos without watchdog. A tripped one sets the servo's goal to its position, and
+            a joint under load sinks from there further than it would move to its last goal.
     """
 
     def __init__(
@@ -143,17 +143,17 @@ class ServoRamLimits:
 
     @property
     def watchdog_ids(self) -> list[int]:
-        """The servos whose bus watchdog is used."""
+        """Ids of the servos whose bus watchdog is used."""
         return [i for i in self._watched if "bus_watchdog" in self._limit_registers(i)]
 
     def invalidate(self) -> None:
-        """Write everything again next time: the servos may have lost their RAM."""
+        """Write everything again next time, because the servos may have lost their RAM."""
         self._speed_rad_s = None
 
     def prepare(self, servo_id: int, *, keep_torque: bool = False) -> None:
         """Clear the watchdog and set full torque, before torque comes on.
 
-        A watchdog that has tripped keeps goals from being written until it is cleared.
+        A tripped watchdog blocks goals until it is cleared.
 
         Args:
             servo_id: The servo.
@@ -170,7 +170,7 @@ class ServoRamLimits:
         if limit is not None:
             own, maximum = limit
             self._bus.write(servo_id, own, self._bus.read(servo_id, maximum, raw=True), raw=True)
-        if "goal_torque" in registers:  # an HLS: 0, as STS programs write there, means no current
+        if "goal_torque" in registers:  # an HLS; programs for STS write 0, which means no current
             most = self._bus.read(servo_id, registers["protection_current"], raw=True)
             self._bus.write(servo_id, registers["goal_torque"], most, raw=True)
 
@@ -191,14 +191,14 @@ class ServoRamLimits:
         self._speed_rad_s = speed_rad_s
 
     def profile_speed_rad_s(self, servo_id: int, speed_rad_s: float) -> float:
-        """Compute the speed of a servo on its way to a goal in a motion of some top speed, rad/s.
+        """Compute a servo's speed towards a goal in a motion with the given top speed, rad/s.
 
-        Infinite where its profile is a time: it has none then.
+        Infinite if its profile is a time, because it then has no speed.
         """
         return math.inf if self._time_based[servo_id] else _SPEED_MARGIN * speed_rad_s
 
     def arm_watchdog(self) -> None:
-        """Arm the servos' watchdogs: they stop after a tenth second without packets.
+        """Arm the servos' watchdogs: they stop after a tenth of a second without packets.
 
         Raises:
             BusError: A servo cannot be written.
@@ -223,14 +223,14 @@ class ServoRamLimits:
         self._armed = False
 
     def may_have_tripped(self, elapsed_s: float) -> bool:
-        """Check whether a watchdog stops its servo after so long without packets."""
+        """Check whether a gap without packets is long enough for a watchdog to stop its servo."""
         return elapsed_s > _WATCHDOG_S and bool(self.watchdog_ids)
 
     def check_watchdog_gap(self, elapsed_s: float) -> None:
         """Read the watchdogs after a gap in which they may have tripped.
 
         Raises:
-            HeldUpError: One has, or cannot be read; the servos hold.
+            HeldUpError: A watchdog has tripped or cannot be read; the servos hold.
         """
         if self._armed and self.may_have_tripped(elapsed_s):
             for servo_id in self.watchdog_ids:
@@ -241,13 +241,13 @@ class ServoRamLimits:
         """Read whether a servo's watchdog has tripped.
 
         Raises:
-            HeldUpError: It has, or cannot be read; the servo holds.
+            HeldUpError: The watchdog has tripped or cannot be read; the servo holds.
         """
         if self._read_tripped(servo_id) is not False:
             raise _pause_error()
 
     def reset_markers(self, servo_id: int, *, watchdog: bool = True) -> Mapping[Register, int]:
-        """Compute the RAM registers of a servo, and their values unless it was reset.
+        """Compute the RAM registers that a reset would change, with their present values.
 
         Args:
             servo_id: The servo.
@@ -261,7 +261,7 @@ class ServoRamLimits:
         return expected
 
     def _read_tripped(self, servo_id: int) -> bool | None:
-        """Read whether a servo's watchdog has tripped; None where it does not reply."""
+        """Read whether a servo's watchdog has tripped; None if it does not reply."""
         watchdog = self._limit_registers(servo_id).get("bus_watchdog")
         if watchdog is None:
             return False
@@ -271,7 +271,7 @@ class ServoRamLimits:
             return None
 
     def _write_watchdogs(self, counts: int) -> None:
-        """Write each and confirm it: a lost write would later look like a reset."""
+        """Write each watchdog and confirm it: a lost write would later look like a reset."""
         for servo_id in self.watchdog_ids:
             register = self._limit_registers(servo_id)["bus_watchdog"]
             write = partial(self._bus.write, servo_id, register, counts, raw=True)
@@ -300,7 +300,7 @@ class ServoRamLimits:
             fine = phase & table.fine_speed_bit
             counts = counts if fine else -(-counts // _COARSE_SPEED)
         elif register.to_value(counts) * _SPEED_MARGIN < speed_rad_s:
-            counts += 1  # a coarse unit must not make it slower than the motion
+            counts += 1  # a coarse unit must not slow the motion
         return min(max(1, counts), register.range[1])
 
     def _read_time_based(self, servo_id: int) -> bool:

@@ -9,20 +9,20 @@ from ikservo.control.health_polling import HealthPoller
 from ikservo.control.servo_limits import ServoRamLimits
 from ikservo.errors import HeldUpError
 
-# Watchdogs are armed in less than this, or armed again this many times.
+# Longest time to arm the watchdogs, and how many times arming is repeated if it takes longer.
 _WATCHDOG_DELAY_S, _ATTEMPTS = 0.08, 10
 
 
 def prepare_servos(
     limits: ServoRamLimits, health_poller: HealthPoller | None, clock: Clock, horn_rad_s: float
 ) -> float:
-    """Set limits, arm watchdogs and read all telemetry; again where that took too long.
+    """Set limits, arm watchdogs and read all telemetry; repeat if that took too long.
 
     A watchdog that trips meanwhile resets the limits.
 
     Args:
         limits: The limits of the servos.
-        health_poller: Reads their telemetry; None before torque was ever switched on.
+        health_poller: Reads their telemetry; None before torque was first switched on.
         clock: The bus's clock.
         horn_rad_s: The top speed of the motion.
 
@@ -44,11 +44,11 @@ def prepare_servos(
         return since_s
 
     for _ in range(_ATTEMPTS):
-        with contextlib.suppress(HeldUpError):  # one has tripped already
+        with contextlib.suppress(HeldUpError):  # a watchdog has tripped already
             since_s = arm_watchdogs()
             if clock.now_s() - since_s < _WATCHDOG_DELAY_S or not limits.watchdog_ids:
                 return since_s
         limits.disarm_watchdog()
         limits.invalidate()
     arm_watchdogs()
-    return clock.now_s()  # the bus is too slow for that
+    return clock.now_s()  # the bus is too slow for the watchdogs

@@ -5,16 +5,16 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
-_WINDOW_S = 0.5  # a hand that pauses for less has not let go
+_WINDOW_S = 0.5  # a hand that pauses for a shorter time has not let go
 _NOISE_TICKS = 4  # noise of the encoders at rest
 
 
 @dataclass(frozen=True, slots=True)
 class StillnessDetector:
-    """The positions of the last while, by servo or joint: unwrapped ticks, rad or m.
+    """Recent positions by servo or joint: unwrapped ticks, rad or m.
 
     Attributes:
-        window_s: For how long nothing may move.
+        window_s: Time in which nothing may move.
         tolerance: The variation of positions that counts as rest.
         readings: Times and positions within the window, and the last ones before it.
     """
@@ -24,14 +24,14 @@ class StillnessDetector:
     readings: tuple[tuple[float, Mapping[int, float]], ...] = ()
 
     def add_reading(self, at_s: float, positions: Mapping[int, float]) -> StillnessDetector:
-        """Add one more reading, without those that are too old."""
+        """Add a reading and drop outdated ones."""
         start_s = at_s - self.window_s
         recent = [row for row in self.readings if row[0] > start_s]
         before = [row for row in self.readings if row[0] <= start_s][-1:]
         return replace(self, readings=(*before, *recent, (at_s, positions)))
 
     def restarted(self) -> StillnessDetector:
-        """Return it without readings."""
+        """Return a detector without readings."""
         return replace(self, readings=())
 
     def is_at_rest(self) -> bool:

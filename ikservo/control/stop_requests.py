@@ -46,16 +46,16 @@ RELAX_HINT = "Switch torque off with: ikservo relax"
 
 
 class StopRequest:
-    """A request to stop the arm: its reason, and how often it was made.
+    """A request to stop the arm: its reason and the number of requests.
 
-    Setting it is a few assignments, safe from signals and other threads. The control loop checks
-    it in every cycle. A stop also ends what was requested before it and has not begun to move:
-    ``requested`` marks the code that belongs to a request, ``check_request`` ends it.
+    Setting it is a few assignments, safe from signals and other threads. The control loop checks it
+    in every cycle. A stop also ends earlier requests that have not begun to move: ``requested``
+    marks the code that belongs to a request, ``check_request`` ends it.
 
     Attributes:
         times: The number of stop requests since the last one was acknowledged.
-        acknowledged: Whether the stop was acknowledged before its motion has ended.
-        signal: The signal that requested first; 0 where none did.
+        acknowledged: Whether the stop was acknowledged before its motion ended.
+        signal: The signal that requested first; 0 if no signal did.
     """
 
     def __init__(self) -> None:
@@ -71,17 +71,17 @@ class StopRequest:
 
     @property
     def reason(self) -> StopReason | None:
-        """The reason of the first request; None where there was none."""
+        """Reason of the first request; None if there was none."""
         return self._reason
 
     @property
     def count(self) -> int:
-        """How often the arm was stopped since it was opened, cancelled motions aside."""
+        """Number of stops since the arm was opened, without cancelled motions."""
         return self._count
 
     @property
     def motion_running(self) -> bool:
-        """Whether a motion runs, of one control loop or several: see ``motion``."""
+        """Whether a motion runs, in one control loop or several; see ``motion``."""
         return self._motion_running
 
     def set(self, reason: StopReason, signal: int = 0) -> None:
@@ -93,7 +93,7 @@ class StopRequest:
         self.count_stop(reason)
 
     def count_stop(self, reason: StopReason) -> None:
-        """Count a stop that ends what was requested before it; a cancelled motion ends alone."""
+        """Count a stop that ends earlier requests; cancelling a motion ends only that motion."""
         if reason.kind is not StopKind.CANCELLED:
             self._count += 1
 
@@ -105,13 +105,13 @@ class StopRequest:
         anew: bool = False,
         withdrawn: threading.Event | None = None,
     ) -> Generator[None]:
-        """Mark what this thread does in the block as one request.
+        """Mark the actions of this thread in the block as one request.
 
         Args:
             count: The ``count`` of stops when it was requested; the present one if None.
-            anew: Whether it is not a part of the request that this thread may be at already.
-            withdrawn: Set by who requested it once it is not wanted any more: a plan for it then
-                ends, as by a stop.
+            anew: Whether it is independent of a request that this thread may be executing already.
+            withdrawn: Set by the requester when the request is withdrawn: its planning then ends,
+            as by a stop.
         """
         outer = self._marked
         if outer is not None and not anew:
@@ -129,33 +129,33 @@ class StopRequest:
 
     @property
     def marked_count(self) -> int | None:
-        """The ``count`` when what this thread does was requested; None where that is not marked."""
+        """The ``count`` when this thread's present request was made; None if it is not marked."""
         return None if self._marked is None else self._marked[0]
 
     @property
     def count_at_request(self) -> int:
-        """The ``count`` when what this thread does was requested; the present one by default."""
+        """The ``count`` when this thread's present request was made; the present one by default."""
         marked = self.marked_count
         return self.count if marked is None else marked
 
     def is_request_over(self) -> bool:
-        """Return whether the arm was stopped after this thread's request, or that is withdrawn."""
+        """Return whether the arm was stopped after this thread's request, or that was withdrawn."""
         if self._marked is None:
             return False
         count, withdrawn = self._marked
         return count != self.count or (withdrawn is not None and withdrawn.is_set())
 
     def check_request(self) -> None:
-        """Raise where the arm was stopped after this thread's request was made, or it is withdrawn.
+        """Raise if the arm was stopped after this thread's request, or that was withdrawn.
 
         Raises:
-            StoppedError: It was, whether or not the stop has been acknowledged since.
+            StoppedError: It was, even if the stop has been acknowledged since.
         """
         if self.is_request_over():
             raise StoppedError((self._reason or STOPPED_AFTER_REQUEST).text, REQUEST_HINT)
 
     def set_without_braking(self, reason: StopReason, hint: str) -> None:
-        """Request that the motion ends at once, without sending anything more."""
+        """Request that the motion ends at once, without sending anything else."""
         self._without_braking, self._hint = True, hint
         self.set(reason)
 
@@ -169,28 +169,28 @@ class StopRequest:
             self._motion_running = before
 
     def raise_if_without_braking(self) -> None:
-        """Raise where the motion must end without braking.
+        """Raise if the motion must end without braking.
 
         Raises:
-            StoppedError: It must; carries the reason.
+            StoppedError: The motion must end; carries the reason.
         """
         if self._without_braking:
             self.raise_if_set()
 
     def raise_if_set(self, hint: str = "") -> None:
-        """Raise where a stop was requested.
+        """Raise if a stop was requested.
 
         Args:
             hint: The next step for the user; the usual hint if empty.
 
         Raises:
-            StoppedError: It was; carries the reason.
+            StoppedError: A stop was requested; carries the reason.
         """
         if self:
             raise StoppedError((self._reason or STOPPED_BY_PROGRAM).text, hint or self._hint)
 
     def clear(self) -> None:
-        """Clear the request: the arm holds, or may be moved again."""
+        """Clear the request, because the arm holds or may be moved again."""
         self._reason, self.times, self.signal = None, 0, 0
         self._without_braking, self._hint, self.acknowledged = False, RELAX_HINT, False
 
@@ -200,10 +200,10 @@ _MAX_PAUSE_S = 10.0
 
 
 def check_pause(elapsed_s: float) -> None:
-    """Refuse to continue after a pause in which a person may have come near the arm.
+    """Refuse to continue after a pause in which a person may have approached the arm.
 
     Raises:
-        RefusedError: It was too long.
+        RefusedError: The pause was too long.
     """
     if elapsed_s > _MAX_PAUSE_S:
         raise RefusedError(
@@ -248,7 +248,7 @@ def exit_exception(number: int, text: str) -> BaseException:
     pressed Ctrl-C does not go on to its next motion.
 
     Args:
-        number: The signal; 0 where the program raised ``KeyboardInterrupt`` itself.
+        number: The signal; 0 if the program raised ``KeyboardInterrupt`` itself.
         text: The effect on the arm.
     """
     if number in (0, signal.SIGINT):
@@ -258,9 +258,9 @@ def exit_exception(number: int, text: str) -> BaseException:
 
 @contextmanager
 def exiting_on_signals() -> Generator[None]:
-    """Turn SIGTERM and SIGHUP into ``SystemExit`` within the block, so that it is left in order.
+    """Turn SIGTERM and SIGHUP into ``SystemExit`` within the block, so that cleanup runs.
 
-    A motion in the block brakes first. In threads other than the main one nothing is changed.
+    A motion in the block brakes first. In threads other than the main one nothing changes.
     """
     if threading.current_thread() is not threading.main_thread():
         yield
@@ -283,8 +283,8 @@ _watched_stops: list[tuple[StopRequest, Callable[[], bool]]] = []
 def stop_on_signals(stop_request: StopRequest, running: Callable[[], bool]) -> None:
     """Stop a motion of another thread on Ctrl-C, SIGTERM and SIGHUP, which also end the program.
 
-    Once no such motion runs, signals have their default effect again. Handlers of the program
-    itself are kept; only the main thread can set any.
+    Once no such motion runs, signals have their default effect again. The program's own handlers
+    are kept; only the main thread can set handlers.
 
     Args:
         stop_request: Set by the signal.
@@ -325,9 +325,9 @@ def _signal_numbers() -> list[int]:
 def handle_signals(stop_request: StopRequest, loop_running: Callable[[], bool]) -> Generator[None]:
     """Turn Ctrl-C, SIGTERM and SIGHUP into a stop request within the block.
 
-    Where no control loop runs, the arm holds: ``KeyboardInterrupt`` is raised at once. Handlers of
-    the program itself are kept. In threads other than the main one, which receives all signals,
-    nothing is changed.
+    If no control loop runs, the arm holds and ``KeyboardInterrupt`` is raised at once. The
+    program's own handlers are kept. In threads other than the main one, which receives all signals,
+    nothing changes.
 
     Args:
         stop_request: Set by the signal.
@@ -354,8 +354,8 @@ def handle_signals(stop_request: StopRequest, loop_running: Callable[[], bool]) 
             signal.signal(number, handler)
 
 
-# A joint that moves by more in this time was moving; one at rest keeps its goal, for its load has
-# pulled it below, and a goal at its position would let it sink further at every stop.
+# A joint that moves by more in this time was moving. A resting joint keeps its goal, because its
+# load has pulled it below: a goal at its position would let it sink further at every stop.
 _POLL_PERIOD_S = 0.06
 _MOVED_TICKS = 2
 _ATTEMPTS = 3
@@ -366,9 +366,9 @@ class StopOutcome:
     """The outcome of a stop for each joint.
 
     Attributes:
-        held: Those that hold.
-        limp: Those without torque; nothing was changed there.
-        silent: Those that did not answer.
+        held: Joints that hold.
+        limp: Joints without torque; nothing was changed there.
+        silent: Joints that did not answer.
     """
 
     held: tuple[str, ...]
@@ -418,7 +418,7 @@ def _send_goals(
         write_goals(bus, goals, ranges, reached=lambda servo_id: (measured[servo_id],))
 
     pending = dict(ticks)
-    for _ in range(_ATTEMPTS):  # a sync write has no reply: goals are read back
+    for _ in range(_ATTEMPTS):  # a sync write has no reply, so goals are read back
         if pending:
             Gate(driven_joints, send, clock).reset_goals(pending)
             goals = bus.sync_read(

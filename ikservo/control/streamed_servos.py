@@ -46,15 +46,15 @@ _PRESSING_LAG_RAD = math.radians(8.0)  # at the horn
 # A resting joint further from its reference, at the horn, was moved by something else.
 _REFERENCE_TOLERANCE_RAD = 0.01
 STALL_S = 0.1
-"""After a gap this long between two cycles joints are read again where a reply was lost, and the
-motion is not advanced: it accelerates again from a stop."""
+"""Gap between two cycles [s] after which joints with lost replies are read again and the motion
+does not advance: it accelerates again from a stop."""
 # After more restarts than this a motion does not continue by itself.
 _MAX_RESTARTS = 10
 _KEPT_WARNINGS = 50
 
 
 class StreamedServos:
-    """Reads joints and sends goals through the guard; ``ServoGroup`` adds what is done at rest.
+    """Reads joints and sends goals through the guard; ``ServoGroup`` adds actions at rest.
 
     Args:
         bus: The servos' bus.
@@ -67,11 +67,11 @@ class StreamedServos:
         names: The joints, in the order of the vectors.
         stop_request: Requests that the running motion ends.
         torque: Whether the servos hold, and whether a control loop runs.
-        restarts: The number of times in this motion that the servos' watchdogs stopped them,
-            because the program was delayed, and they were started again.
+        restarts: Number of times in this motion that the servos were started again after their
+            watchdogs stopped them, because the program was delayed.
         overload: Predicts when a servo protects itself, and relaxes a joint that presses before.
         warnings: The last warnings for the user, the oldest first.
-        warn: Called with each of them; ignores them by default.
+        warn: Called with each warning; ignores them by default.
     """
 
     def __init__(self, bus: ServoBus, driven_joints: Sequence[DrivenJoint], clock: Clock) -> None:
@@ -114,7 +114,7 @@ class StreamedServos:
 
         Raises:
             StoppedError: A stop was acknowledged since this thread's motion was requested.
-            RefusedError: None was sent since torque was off.
+            RefusedError: No goals were sent since torque was off.
         """
         known = self._gate.goals
         if len(known) < len(self.driven_joints):  # another thread acknowledged a stop in between
@@ -123,22 +123,22 @@ class StreamedServos:
         return self._to_positions(known)
 
     def reference(self) -> Vector:
-        """Compute where the joints are, or should be (n,), rad or m; motions start there.
+        """Compute the reference of the joints (n,), rad or m; motions start there.
 
-        Goals lead it by what load and friction take. A joint besides the chain, such as a gripper,
-        is referred to by its goal: it may press on something.
+        Goals lead it by the effect of load and friction. The reference of a joint outside the
+        chain, such as a gripper, is its goal, because it may press on something.
         """
         return np.where(self.compensator.corrects, self._reference, self.goals())
 
     def set_reference(self, positions: Vector) -> None:
-        """Set where the joints (n,) are, rad or m, while their goals stay."""
+        """Set the reference of the joints (n,), rad or m; their goals stay."""
         self._reference = positions
 
     def refresh_reference(self) -> Vector:
-        """Measure the joints at rest, and let the reference be where they are far from it.
+        """Measure the joints at rest, and move the reference of a joint that is far from it.
 
-        An arm that was limp sags when its torque comes on, by as much as its load explains: the
-        next motion begins with lifting it, and its reference stays.
+        A limp arm sags when its torque comes on, by as much as its load explains: the next motion
+        begins by lifting it, and its reference stays.
 
         Returns:
             The reference (n,), rad or m.
@@ -155,7 +155,7 @@ class StreamedServos:
         return self.reference()
 
     def begin_compensation(self, cycle_time_s: float) -> None:
-        """Begin a motion at the reference with the goals that are in force.
+        """Begin a motion at the reference with the present goals.
 
         Args:
             cycle_time_s: The time between two goals.
@@ -188,7 +188,7 @@ class StreamedServos:
 
     @property
     def goals_wire_s(self) -> float:
-        """How long the goals of all servos are on the wire; they have no replies."""
+        """Transmission time of the goals of all servos; they have no replies."""
         header = 14
         each = 1 + next(iter(self._bus.servos.values())).table.goal_position.size
         return self._bus.port.wire_s(header + each * len(self._bus.servos))
@@ -200,14 +200,14 @@ class StreamedServos:
 
     @property
     def stop_reason(self) -> StopReason | None:
-        """Why the arm was stopped, until that is acknowledged; None where it is not stopped."""
+        """Reason of the stop, until it is acknowledged; None if the arm is not stopped."""
         return self._gate.stop_reason
 
     def check_stop(self) -> None:
-        """Raise while a stop was not acknowledged.
+        """Raise if a stop was not acknowledged.
 
         Raises:
-            RefusedError: The arm was stopped; says why.
+            RefusedError: The arm was stopped; the message says why.
         """
         self._gate.check_stop()
 
@@ -219,14 +219,14 @@ class StreamedServos:
 
     def latch_stop(self, reason: StopReason) -> None:
         """Refuse motions until ``acknowledge``; sends the servos nothing."""
-        if reason is not self.stop_request.reason:  # counted when it was requested
+        if reason is not self.stop_request.reason:  # was counted when requested
             self.stop_request.count_stop(reason)
         self._gate.latch_stop(reason)
 
     def acknowledge(self) -> None:
         """Allow motions again after a stop; torque is checked and set again first.
 
-        A stopped motion ends nevertheless: while it runs, this takes effect at its end.
+        A stopped motion still ends: while it runs, this takes effect at its end.
         """
         if self.stop_request.motion_running:
             self.stop_request.acknowledged = bool(self.stop_request)
@@ -236,7 +236,7 @@ class StreamedServos:
         self.torque.acknowledged()
 
     def acknowledge_ended(self) -> None:
-        """Acknowledge a stop that was acknowledged before the motion it stopped had ended."""
+        """Acknowledge a stop whose acknowledgement came before the stopped motion had ended."""
         if self.stop_request.acknowledged:
             self.acknowledge()
 
@@ -247,14 +247,14 @@ class StreamedServos:
         """Prepare the servos for goals in every cycle; an error in the block stops the arm.
 
         Args:
-            speed_rad_s: The top speed of the motion at the horns; the driven_joints' if None.
+            speed_rad_s: The top speed of the motion at the horns; None uses the joints' own.
             profile_rad_s: The profile speed of the servos; None: the speed of the motion.
 
         Raises:
             BusError: A servo does not answer.
             ServoAlarmError: A servo reports a fault.
             RefusedError: The arm was stopped, its torque was never switched on, or it moves
-                already; that motion continues.
+                already; the present motion continues.
             StoppedError: A stop was requested between two control loops.
         """
         self.torque.check_idle()
@@ -283,11 +283,11 @@ class StreamedServos:
     def update(self) -> Vector:
         """Read the joints (n,), rad or m, and the telemetry of one servo.
 
-        Servos that their watchdogs stopped while the program was delayed are started again at
-        their positions, where goals then start, too; ``restarts`` counts that.
+        Servos that their watchdogs stopped while the program was delayed are started again at their
+        positions, where goals then also start; ``restarts`` counts this.
 
         Raises:
-            ServoSilentError: A joint did not reply in three cycles in a row.
+            ServoSilentError: A joint did not reply in three consecutive cycles.
             ServoAlarmError: A servo reports a fault, or was reset.
             RefusedError: A joint does not follow its goal.
             HeldUpError: The program was delayed too long, or too often.
@@ -307,12 +307,12 @@ class StreamedServos:
         self._cycle_at_s = now_s
         check_pause(now_s - before_s)
         measured = self._feedback.read()
-        if self.lost_joints and now_s - before_s > STALL_S:  # not read for long
+        if self.lost_joints and now_s - before_s > STALL_S:  # not read for a long time
             now_s = self.clock.now_s()
             measured = self._feedback.read()
-        # Measured since the cycle before began: whether its goals arrived is not known.
+        # Measured since the previous cycle began: it is unknown whether its goals arrived.
         self._limits.check_watchdog_gap(self.clock.now_s() - before_s)
-        self._gate.update_measured(self._feedback.latest, now_s)  # measured no earlier than that
+        self._gate.update_measured(self._feedback.latest, now_s)  # not measured earlier than now_s
         self._check_following(measured)
         self._measured = measured
         if self._health_poller:
@@ -323,7 +323,7 @@ class StreamedServos:
         """Check that the joints follow; a servo without torque or supply cannot.
 
         Raises:
-            ServoAlarmError: Servos have lost their torque, or one reports a fault.
+            ServoAlarmError: Servos have lost their torque, or a servo reports a fault.
             RefusedError: A joint does not follow its goal.
         """
         try:
@@ -348,11 +348,11 @@ class StreamedServos:
             self._health_poller.poll()
 
     def _restart_servos(self) -> None:
-        """Start servos again, at their positions, that their watchdogs have stopped.
+        """Restart the servos that their watchdogs have stopped, at their positions.
 
         Raises:
             BusError: A servo does not answer.
-            ServoAlarmError: One reports a fault, or was reset.
+            ServoAlarmError: A servo reports a fault, or was reset.
         """
         self.restarts += 1
         self._limits.disarm_watchdog()
@@ -368,18 +368,18 @@ class StreamedServos:
         )
 
     def allowed_advance_s(self, elapsed_s: float) -> float:
-        """Return by how much a motion may advance, so that its goals stay near the joints."""
+        """Return how far a motion may advance so that its goals stay near the joints."""
         return self._gate.allowed_advance_s(elapsed_s)
 
     def send_goals(self, positions: Vector, now_s: float, reference: Vector | None = None) -> bool:
         """Send goals (n,), rad or m, through the guard, with steps cut to what is allowed now.
 
-        While a joint has no recent position reading nothing is sent: the arm holds.
+        If a joint has no recent position reading, nothing is sent and the arm holds.
 
         Args:
             positions: The goals.
             now_s: The clock's time for which they were computed.
-            reference: The reference of the joints (n,); None: the positions that were held.
+            reference: The reference of the joints (n,); None: the held positions.
 
         Returns:
             Whether they were sent uncut.
@@ -404,20 +404,20 @@ class StreamedServos:
         return goals == requested
 
     def log_warning(self, text: str) -> None:
-        """Keep a warning for the user, and tell it."""
+        """Keep a warning for the user, and pass it on."""
         self.warnings.append(text)
         self.warn(text)
 
     def _undrawn_goals(self) -> Vector:
-        """Return the goals (n,) in force, of joints that are relaxed those that were asked for.
+        """Return the present goals (n,); for relaxed joints the requested ones.
 
-        A joint that presses further and further has to end the motion although it is relaxed.
+        A joint that presses further and further must end the motion although it is relaxed.
         """
         relaxed = {name: self._undrawn[name] for name in self.overload.relaxed_joints}
         return self._to_positions({**self._gate.goals, **relaxed}) if relaxed else self.goals()
 
     def _relax_pressing(self) -> None:
-        """Draw back the goals of joints that press too hard: nothing is read while they hold."""
+        """Draw back the goals of joints that press too hard; nothing is read while they hold."""
         if self.overload.relaxes:
             goals = self.overload.relaxed_goals(self._gate.goals, self._feedback.latest)
             if goals:
@@ -428,16 +428,16 @@ class StreamedServos:
         return torque_lost_error(limp) if limp else error
 
     def _find_power_loss(self, error: BaseException) -> IkservoError | None:
-        """Return the error to raise if every servo that answers was reset; else None."""
+        """Return the error to raise if every answering servo was reset; otherwise None."""
         if not isinstance(error, (ServoSilentError, ServoAlarmError)):
             return None
         with contextlib.suppress(Exception):
-            self._hold_goals()  # those that are well do not wait for what follows
+            self._hold_goals()  # healthy servos hold before the checks below
         on = {i: servo.table.torque_enable for i, servo in self._bus.servos.items()}
         markers = {i: self._limits.reset_markers(i, watchdog=False) for i in on}
         try:
             read = self._bus.bulk_read({i: [on[i], *markers[i]] for i in on}, raw=True).values
-        except IkservoError:  # the port is lost: nothing is known of the servos
+        except IkservoError:  # the port is lost, so servo states are unknown
             return None
         holds = {i for i, row in read.items() if row[on[i]]}
         telling = [i for i in read if markers[i] or i in holds]  # limp without markers: unknown
@@ -456,14 +456,14 @@ class StreamedServos:
     def hold(self, reason: StopReason) -> None:
         """Latch a stop and hold, until ``acknowledge``; never raises.
 
-        Every joint keeps its goal, a little ahead of it; the goal of one that has an alarm or
-        cannot follow is set to its position, so that it does not press on.
+        Every joint keeps its goal, slightly ahead of it; a joint that has an alarm or cannot follow
+        gets its position as goal, so that it stops pressing.
         """
         self.latch_stop(reason)
         self._reference = self._measured
-        # These packets have no reply: the first is sent twice, for one may be lost.
+        # These packets have no reply. The first one is sent twice, because one may be lost.
         for step in (self._hold_goals, self._hold_goals, self._limits.broadcast_watchdog_off):
-            with contextlib.suppress(Exception):  # each is tried, even if another fails
+            with contextlib.suppress(Exception):  # each is tried even if another fails
                 step()
 
     def _prepare_streaming(self, speed_rad_s: float | None, profile_rad_s: float | None) -> None:
@@ -483,7 +483,7 @@ class StreamedServos:
     def _disarm_watchdog(self) -> None:
         """Disarm the watchdogs after the last cycle.
 
-        Servos that they stopped since then have lost their goals and limits, and get them again.
+        Servos that they stopped meanwhile have lost their goals and limits, and get them again.
         """
         self._limits.disarm_watchdog()
         if self._limits.may_have_tripped(self.clock.now_s() - self._cycle_at_s):
@@ -492,7 +492,7 @@ class StreamedServos:
             self._hold_goals()
 
     def _hold_goals(self) -> None:
-        """Send hold goals to the servos with torque: those without it stay limp."""
+        """Send hold goals to the servos with torque; the others stay limp."""
         on = {
             driven.joint for driven in self.driven_joints if self._bus.is_torque_on(driven.servo_id)
         }
@@ -515,7 +515,7 @@ class StreamedServos:
         """Write goals, each within its limits or where its joint was measured or sent before.
 
         Raises:
-            RefusedError: One is not; nothing was sent.
+            RefusedError: A goal is not; nothing was sent.
         """
         write_goals(
             self._bus,

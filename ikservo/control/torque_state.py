@@ -1,4 +1,4 @@
-"""The torque state of an arm: one state machine with a transition for each event.
+"""The torque state of an arm: a state machine with one transition per event.
 
 ::
 
@@ -23,11 +23,11 @@ class TorqueState(Enum):
     """The torque of an arm's servos, as far as it is known."""
 
     UNKNOWN = auto()
-    """Not read since the arm was opened, or since a fault, a reconnect or an acknowledge."""
+    """Not read since the arm was opened, or since a fault, reconnection or acknowledgement."""
     OFF = auto()
     """Switched off by this program."""
     FIRST_MOTION = auto()
-    """On, and no motion has completed since it came on: the next one is slow."""
+    """On, but no motion has completed since it came on: the next one is slow."""
     HOLDING = auto()
     """On, each servo at its goal."""
     MOVING = auto()
@@ -42,9 +42,9 @@ _ON = (TorqueState.FIRST_MOTION, TorqueState.HOLDING, TorqueState.LOWERING)
 class TorqueStateMachine:
     """The torque state of one arm.
 
-    Transitions are made by the thread that holds the runner's lock; signals and other threads only
-    read. Besides the state it keeps whether a first motion is due: a fault makes the state UNKNOWN,
-    but completes no motion, so that the next one is still slow.
+    The thread that holds the runner's lock makes transitions; signals and other threads only read.
+    The state machine also remembers that a first motion is due: a fault makes the state UNKNOWN but
+    completes no motion, so that the next one is still slow.
     """
 
     def __init__(self) -> None:
@@ -53,17 +53,17 @@ class TorqueStateMachine:
 
     @property
     def state(self) -> TorqueState:
-        """The state now."""
+        """The present state."""
         return TorqueState.MOVING if self._loop_running else self._at_rest
 
     @property
     def is_moving(self) -> bool:
-        """Whether a control loop runs, and so will handle a stop request in its next cycle."""
+        """Whether a control loop runs, which will handle a stop request in its next cycle."""
         return self._loop_running
 
     @property
     def is_on(self) -> bool:
-        """Whether torque is known to be on and goals are known to be where the joints are."""
+        """Whether torque is known to be on and goals are known to match the joints."""
         return self._at_rest in _ON
 
     @property
@@ -73,14 +73,14 @@ class TorqueStateMachine:
 
     @property
     def first_motion_due(self) -> bool:
-        """Whether no motion has completed since torque came on, as far as is known."""
+        """Whether no motion has completed since torque came on, as far as known."""
         return self._first_motion_due
 
     def check_idle(self) -> None:
-        """Raise while a control loop runs.
+        """Raise if a control loop runs.
 
         Raises:
-            RefusedError: One does.
+            RefusedError: A control loop runs.
         """
         if self._loop_running:
             raise RefusedError(
@@ -88,7 +88,7 @@ class TorqueStateMachine:
             )
 
     def enabling(self, *, was_on: bool) -> None:
-        """Torque is about to be switched on: until all servos have it, the state is unknown.
+        """Torque is about to be switched on; until all servos have it, the state is unknown.
 
         Args:
             was_on: Whether every servo had its torque on already.
@@ -97,7 +97,7 @@ class TorqueStateMachine:
         self._at_rest = TorqueState.UNKNOWN
 
     def enabled(self) -> None:
-        """Every servo has its torque on, with its goal where it is."""
+        """Every servo has torque, with its goal at its position."""
         due = self._first_motion_due
         self._at_rest = TorqueState.FIRST_MOTION if due else TorqueState.HOLDING
 
@@ -105,7 +105,7 @@ class TorqueStateMachine:
         """A control loop starts to send goals.
 
         Raises:
-            RefusedError: One runs already, or torque is not known to be on.
+            RefusedError: A loop runs already, or torque is not known to be on.
         """
         self.check_idle()
         if not self.is_on:
@@ -117,14 +117,14 @@ class TorqueStateMachine:
         self._loop_running = False
 
     def motion_completed(self) -> None:
-        """A motion has completed, after one control loop or several."""
+        """A motion has completed, after one or several control loops."""
         if self._at_rest in (TorqueState.FIRST_MOTION, TorqueState.HOLDING):
             self._at_rest, self._first_motion_due = TorqueState.HOLDING, False
 
     def faulted(self) -> None:
-        """A motion has failed or was stopped: goals and torque are read before the next one.
+        """A motion has failed or was stopped; goals and torque are read before the next one.
 
-        Torque that was switched off in that motion is off, and a lowering continues to its end.
+        If torque was switched off in that motion it stays off, and a lowering continues to its end.
         """
         if self._at_rest not in (TorqueState.OFF, TorqueState.LOWERING):
             self._at_rest = TorqueState.UNKNOWN
@@ -142,7 +142,7 @@ class TorqueStateMachine:
         self._at_rest, self._first_motion_due = TorqueState.UNKNOWN, True
 
     def releasing(self) -> None:
-        """Torque is about to be switched off: a servo that does not reply is unknown."""
+        """Torque is about to be switched off; a servo without a reply has an unknown state."""
         self._at_rest = TorqueState.UNKNOWN
 
     def released(self) -> None:

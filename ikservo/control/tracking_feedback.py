@@ -8,54 +8,54 @@ from numpy.typing import NDArray
 from ikservo.control.turn_counter import TurnCounter
 from ikservo.kinematics.arrays import Vector
 
-# A servo is a spring to its goal, so these two act like a stiffness and a damping of the joint. A
-# light joint is softened and a heavy one stiffened, so that each would swing at the first number
-# without damping [rad/s], and its damping takes the second number of its speed [1/s]. The ranges
-# are for joints whose inertia is not known well: those of the proportional part, and of the
-# derivative, s. docs/decisions/0020 says why that drives no swing in the play of gears.
+# A servo is a spring to its goal, so proportional and derivative parts act like stiffness and
+# damping of the joint. Light joints are softened and heavy ones stiffened, so that each would swing
+# at the first number without damping [rad/s]; damping reduces its speed at the second number [1/s].
+# The ranges limit both parts [-, s] for joints of uncertain inertia. docs/decisions/0020 says why
+# this drives no swing in the backlash.
 _SWING_RAD_S, _BRAKING_PER_S = 18.0, 28.0
 _PROPORTIONAL_RANGE, _DERIVATIVE_RANGE_S = (-0.5, 0.5), (0.03, 0.12)
-# What a joint has more of all that whose gears are pressed by the weight of the links.
+# Factor on all of these for a joint whose gears are pressed by the weight of the links.
 _PRESSED_RAD_S, _PRESSED_PER_S, _PRESSED_PROPORTIONAL = 12.0, 12.0, 1.0
-# A tick more in one cycle looks like a high speed; the derivative is that of this filter.
+# One tick in one cycle looks like a high speed; the derivative uses this filter time.
 _FILTER_S = 0.015
-# At the horn, what these two may add together, and how fast: swings need less, and goals must not
-# leap after lost replies or where a joint sagged before its motion began.
+# Limits at the horn of the sum of both parts and of its rate: swings need less, and goals must not
+# jump after lost replies or if a joint sagged before its motion began.
 _MAX_FAST_RAD, _MAX_FAST_RAD_S = 0.04, 1.0
-# After so long without a reply both fade.
+# After this time without a reply both fade.
 _STALE_S = 0.03
-# Integral action takes up what masses, payload and servos differ by from the model; slower than
+# Integral action learns differences of masses, payload and servos from the model; it is slower than
 # any arm swings. Its limit is the sag of a joint at its torque limit, at the horn.
 _INTEGRAL_PER_S, _MAX_INTEGRAL_RAD = 3.0, 0.08
-# What friction takes more, or less, than modelled, by wear, by the spread of servos, and behind the
-# play of the gears. Its limits are at the horn.
+# Friction that differs from the model: wear, variation between servos, and friction behind the
+# backlash. Limits are at the horn.
 _FRICTION_PER_S, _FRICTION_RAD = 2.0, (-0.01, 0.03)
-# Goals act some milliseconds after the measurement: the derivative would drive a swing of more than
-# 8 Hz. It is an error that turns round by so much, at the horn, again and again within this time.
+# Goals act some milliseconds after the measurement, so the derivative would drive a swing of more
+# than 8 Hz: an error that reverses by this much, at the horn, repeatedly within this time.
 _SWING_RAD, _SWING_S, _MIN_TURNS = 0.007, 0.06, 2
-# Each further turn leaves so much of the fast feedback; it comes back in so long without one.
+# Each further reversal leaves this fraction of the fast feedback; it returns in this time.
 _SWING_SHARE, _RECOVERY_S = 0.5, 20.0
-# A cycle that comes late counts as this long: goals must not leap after a stall.
+# A late cycle counts as at most this long, so that goals do not jump after a stall.
 _MAX_STEP_S = 0.02
 
 
 class TrackingFeedback:
-    """Computes by how much goals change for how far joints are off their reference.
+    """Computes the change of goals from the error of joints against their reference.
 
     ``fast = kp e + kd de/dt`` is added to the goals, with ``de/dt`` of the filtered error; it and
-    its rate of change are bounded, and it fades where a joint swings. The integral is a load that
-    the model does not know: goals lead by it and by the friction of the gears under it, so that
-    what is taken up while a joint sinks also lifts it. It grows so that goals move by ``ki e`` a
-    second. Friction beyond the model's is learned while joints move, from the error along their
-    motion (Friedland and Park 1992, "On adaptive friction compensation").
+    its rate of change are bounded, and it fades if a joint swings. The integral is a load that the
+    model does not know: goals lead by it and by the friction of the gears under it, so that what is
+    learned while a joint sinks also lifts it. It grows so that goals move by ``ki e`` per second.
+    Friction beyond the model's is learned while joints move, from the error along their motion
+    (Friedland and Park 1992, "On adaptive friction compensation").
 
     Args:
-        per_horn_rad: Motion of each joint for one radian of its horn (n,), rad or m.
+        per_horn_rad: Motion of each joint per radian of its horn (n,), rad or m.
 
     Attributes:
-        integral: The load (n,), as the lag that it would cause without friction, rad or m; it
-            outlasts a motion.
-        friction: The lag (n,) by which friction exceeds the model's, rad or m; outlasts a motion.
+        integral: The load (n,), as the lag that it would cause without friction, rad or m; kept
+            after a motion.
+        friction: The lag (n,) by which friction exceeds the model's, rad or m; kept after a motion.
         fast: Proportional and derivative part together (n,).
     """
 
@@ -69,14 +69,14 @@ class TrackingFeedback:
         self.reset()
 
     def reset(self) -> None:
-        """Discard everything: torque was off."""
+        """Discard everything, because torque was off."""
         self.integral = np.zeros_like(self._max_integral)
         self.friction = np.zeros_like(self._max_integral)
         self._fast_share = np.ones_like(self._max_integral)
         self.begin()
 
     def begin(self) -> None:
-        """Discard all but load, friction and what swings: a motion begins."""
+        """Discard all but load, friction and swing counts at the beginning of a motion."""
         self.fast = np.zeros_like(self.integral)
         self._filtered = np.full_like(self.integral, np.nan)
         self._age_s = np.zeros_like(self.integral)
@@ -86,7 +86,7 @@ class TrackingFeedback:
         """Choose the gains.
 
         Args:
-            inertia_s2: The inertia of each joint over its stiffness (n,), s²; 0: not known.
+            inertia_s2: The inertia of each joint over its stiffness (n,), s²; 0 if not known.
             pressed: The certainty that weight keeps its gears on one flank (n,), 0 to 1.
         """
         low, high = (end + _PRESSED_PROPORTIONAL * pressed for end in _PROPORTIONAL_RANGE)
@@ -110,8 +110,8 @@ class TrackingFeedback:
 
         Args:
             error: Reference minus joint.
-            left: Errors within this (n,), to both sides, are left.
-            elapsed_s: Since the last one.
+            left: Errors up to this size (n,), in both directions, are ignored.
+            elapsed_s: Time since the last cycle.
             fresh: Whether each joint (n,) was read; the errors of the others are unknown.
             grow: The rate at which the parts of each goal (n,) may move it further away, 0 to 1.
             slope: The displacement of goals (n,) per rad of the integral.
@@ -131,7 +131,7 @@ class TrackingFeedback:
         change = _INTEGRAL_PER_S * step_s * beyond / slope
         load = self.integral
         back = np.clip(load + change, np.minimum(load, 0.0), np.maximum(load, 0.0))
-        on = load + change - back  # what is left of the change once the load is gone
+        on = load + change - back  # rest of the change once the load is zero
         self.integral = np.clip(back + grow * on, -self._max_integral, self._max_integral)
         learned = self.friction + _FRICTION_PER_S * step_s * np.where(fresh, error * direction, 0.0)
         inward = np.minimum(learned, self.friction)
@@ -140,7 +140,7 @@ class TrackingFeedback:
         self._age_s = np.where(fresh, 0.0, self._age_s)
 
     def _next_fast(self, error: Vector, beyond: Vector, fresh: NDArray[np.bool_] | bool) -> Vector:
-        """Return proportional and derivative part (n,); that of joints without a reply is kept."""
+        """Return the sum of both parts (n,); joints without a reply keep theirs."""
         first = np.isnan(self._filtered)
         self._filtered = np.where(first & fresh, error, self._filtered)
         rate = (error - self._filtered) / (self._age_s + _FILTER_S)

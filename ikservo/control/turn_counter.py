@@ -1,4 +1,4 @@
-"""Counts how often the errors of joints turn round."""
+"""Counts how often the errors of joints reverse."""
 
 from __future__ import annotations
 
@@ -9,15 +9,15 @@ from ikservo.kinematics.arrays import Vector
 
 
 class TurnCounter:
-    """Counts turns of errors in quick succession: a joint that swings has many.
+    """Counts reversals of errors in quick succession: a joint that swings has many.
 
     Args:
-        least: Turns by less than this (n,) are noise and stiction, rad or m.
-        within_s: A turn later than this after the one before is the first again.
+        least: Reversals by less than this (n,) are noise and stiction, rad or m.
+        within_s: A reversal later than this after the previous one counts as the first again.
 
     Attributes:
-        count: The turns of each joint (n,) in quick succession.
-        width: The width of the error (n,) between the last two turns, rad or m.
+        count: Reversals of each joint (n,) in quick succession.
+        width: Width of the error (n,) between the last two reversals, rad or m.
     """
 
     def __init__(self, least: Vector, within_s: float) -> None:
@@ -25,7 +25,7 @@ class TurnCounter:
         self.begin()
 
     def begin(self) -> None:
-        """Begin anew: a motion begins."""
+        """Discard everything but the settings: a motion begins."""
         self._extreme = np.zeros_like(self._least)
         self._grows = np.ones(len(self._least), dtype=bool)
         self._since_s = np.full_like(self._least, np.inf)
@@ -36,11 +36,11 @@ class TurnCounter:
     def update(
         self, error: Vector, elapsed_s: float, *, fresh: NDArray[np.bool_] | bool
     ) -> NDArray[np.bool_]:
-        """Take the errors (n,) of one cycle; return which have just turned round.
+        """Take the errors (n,) of one cycle; return which have just reversed.
 
         Args:
             error: The error of the joints, rad or m.
-            elapsed_s: Since the last one.
+            elapsed_s: Time since the last cycle.
             fresh: Whether each joint (n,) was read.
         """
         self._since_s = self._since_s + elapsed_s

@@ -25,19 +25,19 @@ Matrix = NDArray[np.float64]
 
 _MAX_BYTES = 4 * 1024 * 1024
 _MAX_POINTS = 20_000
-# A command and two numbers give a point at least, so that more make too many points; they are
-# counted before an SVG is read, as often as it uses them.
+# A command and two numbers give at least one point, so that more of them make too many points; they
+# are counted before an SVG is read, once per use.
 _MAX_NUMBERS, _MAX_ELEMENTS, _MAX_DEPTH = 3 * _MAX_POINTS + 100, 10_000, 64
-_MAX_CSS_CHARS = 40_000_000  # style sheets, read anew for each element
+_MAX_CSS_CHARS = 40_000_000  # style sheets, which are read again for each element
 _MAX_INHERITED = 2_000_000
 _NUMBERS = ("d", "points", "transform", "gradientTransform", "viewBox")
 _DIGITS = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?|[A-Za-z]")
 _UNITS_M = {"m": 1.0, "mm": 0.001}
 _HEADER = re.compile(r"[xyz](_(?P<unit>mm|m))?", re.IGNORECASE)
-# An SVG's pixel is 1/96 inch (CSS), which is also what millimetres in a file are converted by.
+# An SVG pixel is 1/96 inch (CSS); millimetres in a file are converted with the same factor.
 _PIXELS_PER_INCH, _PIXEL_M = 96.0, 0.0254 / 96.0
 _POINTS_PER_CURVE = 64
-# Points nearer than this to the line between their neighbours change nothing that an arm draws.
+# Points nearer than this to the line between their neighbours do not change the drawn line.
 _TOLERANCE_M = 5e-5
 
 
@@ -46,7 +46,7 @@ class Drawing:
     """Strokes of a pen.
 
     Attributes:
-        strokes_m: The points (k, 3) of each, metres; x forward and y left, as in the base frame.
+        strokes_m: Points (k, 3) of each stroke, metres; x forward and y left, as in the base frame.
         ignored: The parts of the file that are not drawn.
     """
 
@@ -55,13 +55,13 @@ class Drawing:
 
     @property
     def size_m(self) -> tuple[float, float]:
-        """The extent along x and along y."""
+        """Extent along x and along y."""
         points = np.concatenate(self.strokes_m)
         along_x, along_y = np.ptp(points[:, :2], axis=0).tolist()
         return along_x, along_y
 
     def scaled(self, factor: float) -> Drawing:
-        """Return the drawing enlarged about its origin.
+        """Return the drawing scaled about its origin.
 
         Raises:
             BadValueError: The factor is not positive.
@@ -71,7 +71,7 @@ class Drawing:
         return replace(self, strokes_m=tuple(factor * stroke for stroke in self.strokes_m))
 
     def with_width(self, width_m: float) -> Drawing:
-        """Return the drawing with its larger side as long as given, enlarged about its origin.
+        """Return the drawing scaled about its origin so that its larger side has the given length.
 
         Raises:
             BadValueError: The width is not positive, or the drawing has no extent.
@@ -82,7 +82,7 @@ class Drawing:
         return self.scaled(width_m / largest)
 
     def placed(self, origin_m: Sequence[float], angle_rad: float = 0.0) -> Drawing:
-        """Compute the drawing turned about its upright axis, its origin at a point (3,) [m]."""
+        """Return the drawing turned about the vertical, with its origin at a point (3,) [m]."""
         cos, sin = math.cos(angle_rad), math.sin(angle_rad)
         R = np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
         origin = np.asarray(origin_m, dtype=np.float64)
@@ -95,21 +95,21 @@ class Drawing:
 
 
 def read_drawing(path: Path | str, unit: str | None = None) -> Drawing:
-    """Read strokes from a file: CSV, or SVG where its name ends in ``.svg``.
+    """Read strokes from a file: SVG if its name ends in ``.svg``, otherwise CSV.
 
     A CSV has a point x, y or x, y, z in each line, and an empty line between two strokes. Its
     numbers are metres, unless its header names millimetres (``x_mm,y_mm``) or ``unit`` says so.
 
-    An SVG is drawn in its own size (its ``width`` and ``height``; a pixel is 1/96 inch), seen by
-    somebody behind the arm: its right is the arm's right, its top is away from the arm. Its lower
-    left corner becomes the origin. Needs the extra ``draw``.
+    An SVG is drawn in its own size (its ``width`` and ``height``; a pixel is 1/96 inch), as seen
+    from behind the arm: its right is the arm's right, its top is away from the arm. Its lower left
+    corner becomes the origin. Needs the extra ``draw``.
 
     Args:
         path: The file.
-        unit: ``m`` or ``mm``, of a CSV without a unit in its header.
+        unit: ``m`` or ``mm``, for a CSV without a unit in its header.
 
     Raises:
-        FileFormatError: It is missing, empty, too large or malformed; says in which line.
+        FileFormatError: It is missing, empty, too large or malformed; the line is named.
         InputError: svgelements is not installed.
         BadValueError: The unit is neither, or contradicts the file.
     """
@@ -160,7 +160,7 @@ def _read_csv(path: Path, text: str, unit: str | None) -> Iterator[Matrix]:
 
 
 def _header_unit(path: Path, line: str) -> str | None:
-    """Return the unit in a header, ``""`` where it names none; None where this is not a header."""
+    """Return the unit in a header, ``""`` if it names none; None if the line is not a header."""
     names = [name.strip() for name in line.split(",")]
     matches = [_HEADER.fullmatch(name) for name in names]
     if not all(matches):
@@ -187,7 +187,7 @@ def _parse_row(path: Path, number: int, line: str, columns: int) -> list[float]:
 
 
 def _with_height(points: Matrix) -> Matrix:
-    """Return points (k, 3) from (k, 2) or (k, 3): in the plane where they have no height."""
+    """Return points (k, 3) from (k, 2) or (k, 3); points without height are in the plane."""
     if points.shape[1] == 3:
         return points
     return np.column_stack([points, np.zeros(len(points))])
@@ -199,7 +199,7 @@ def _read_svg(path: Path, text: str) -> Drawing:
     except ImportError:
         raise InputError(
             "Reading SVG files needs svgelements, which is not installed.",
-            f"A CSV file needs nothing. Install it: {install_command('draw')}",
+            f"CSV files do not need it. Install it: {install_command('draw')}",
         ) from None
     _check_svg(path, text)
     try:
@@ -227,7 +227,7 @@ def _read_svg(path: Path, text: str) -> Drawing:
 
 
 def _check_svg(path: Path, text: str) -> None:
-    """Refuse what is not well-formed, has entities, or would become too large when it is read."""
+    """Refuse an SVG that is not well-formed, has entities, or would become too large when read."""
     from defusedxml.common import DefusedXmlException  # noqa: PLC0415
     from defusedxml.ElementTree import fromstring  # noqa: PLC0415
 
@@ -251,9 +251,9 @@ def _check_svg(path: Path, text: str) -> None:
 
 
 class _SvgCost:
-    """Counts the elements and numbers of an SVG, those behind a <use> as often as they are used.
+    """Counts the elements and numbers of an SVG; those behind a <use> count once per use.
 
-    Attributes and style declarations are handed down, and copied by svgelements.
+    svgelements copies inherited attributes and style declarations to each element.
     """
 
     def __init__(self, path: Path, root: ET.Element) -> None:
@@ -263,7 +263,7 @@ class _SvgCost:
         self._depth = 0
 
     def of(self, element: ET.Element) -> tuple[int, int, int]:
-        """Return how many elements and numbers an element becomes, and the most attributes of one.
+        """Return the element and number counts of an element, and the largest attribute count.
 
         Raises:
             FileFormatError: A <use> contains itself, or elements are nested too deeply.
@@ -327,7 +327,7 @@ def _simplify(points: Matrix, tolerance: float) -> Matrix:
 
 
 def _segment_distances(points: Matrix) -> Matrix:
-    """Compute the distances (k,) of points from the segment between the first and the last."""
+    """Compute the distances (k,) of points from the segment between the first and last one."""
     along, gone = points[-1] - points[0], points - points[0]
     length2 = float(along @ along)
     fraction = np.clip(gone @ along / length2, 0.0, 1.0) if length2 > 0.0 else np.zeros(len(gone))

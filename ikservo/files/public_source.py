@@ -11,19 +11,19 @@ _PUBLIC_QUERY = re.compile(
     r"=[\w.x-]{1,12}",
     re.ASCII | re.IGNORECASE,
 )
-"""Parts of a query that say which picture is meant; any other part may be a password."""
+"""Parts of a query that select the picture; any other part may be a password."""
 
 
 def public_source(source: str) -> str:
     """Return the name of a source of pictures without passwords.
 
-    Every message, page and file names a source by this. Of an address it keeps scheme, host, port,
-    path, and those parts of the query that are known to be harmless; "…" stands for what it leaves
-    out. A public name is its own public name.
+    Every message, page and file uses this name for a source. It keeps scheme, host, port, path, and
+    the parts of the query that are known to be harmless; "…" replaces the rest. The public name of
+    a public name is the same.
     """
     scheme, separator, rest = source.rpartition("://") if "://" in source else ("", "", source)
     if not separator:
-        user, at, place = source.rpartition("@")  # an address whose scheme was forgotten
+        user, at, place = source.rpartition("@")  # an address without a scheme
         return f"{HIDDEN}@{place}" if at and ":" in user else source
     user, at, place = rest.rpartition("@")  # the last one: passwords may contain "@", "/" and "?"
     try:

@@ -50,10 +50,10 @@ def read_text(path: Path, limit_bytes: int) -> str:
 
 
 def require_file(path: Path) -> None:
-    """Refuse what is not a regular file: reading a pipe or a terminal would wait forever.
+    """Refuse anything but a regular file: reading a pipe or a terminal would wait forever.
 
     Raises:
-        FileFormatError: It is missing, not a file, or not to be found.
+        FileFormatError: It does not exist, is not a regular file, or cannot be accessed.
     """
     mode = _file_mode(path)
     if stat.S_ISDIR(mode):
@@ -70,7 +70,7 @@ def parse_json(text: str | bytes, parse_int: Callable[[str], int] | None = None)
         parse_int: Parses integers, if not all are accepted.
 
     Raises:
-        ValueError: It is not such JSON, or not UTF-8.
+        ValueError: It is not valid JSON, or not UTF-8.
         RecursionError: It is nested too deeply.
     """
     return json.loads(
@@ -93,7 +93,7 @@ def path_inside(folder: Path, name: str) -> Path | None:
     """Return the resolved file of a relative name if it is under ``folder``, else None.
 
     The spelling is checked first, so that no file outside is accessed; then symbolic links are
-    followed, so that none leads out. The file itself is not opened and may be missing.
+    followed, so that no link leads outside. The file itself is not opened and may be missing.
     """
     if not name or len(name) > _MAX_NAME_CHARS or any(sign in name for sign in _OUTWARD):
         return None
@@ -152,15 +152,15 @@ def parse_toml(path: Path, text: str) -> dict[str, Any]:
         raise _located_error(path, str(error)) from error
     except RecursionError as error:
         raise FileFormatError(path, "", "tables are nested too deeply") from error
-    except ValueError as error:  # a whole number of thousands of digits
+    except ValueError as error:  # an integer of thousands of digits
         raise FileFormatError(path, "", "holds a number that is too long") from error
 
 
 def _check_dot_count(path: Path, text: str) -> None:
-    # tomllib needs time and memory in the square of the dots in a key: 128 KiB take gigabytes.
+    # tomllib's time and memory grow with the square of the dots in a key: 128 KiB take gigabytes.
     for number, line in enumerate(text.split("\n"), start=1):
         if line.count(".") > MAX_DOTS and not line.lstrip().startswith("#"):
-            found = f"holds {line.count('.')} dots, those of numbers included"
+            found = f"has {line.count('.')} dots, including those of numbers"
             expected = (
                 f"at most {MAX_DOTS} in a line; write a long table or list over several lines"
             )

@@ -37,17 +37,17 @@ def first_issue(issues: Sequence[ValidationIssue], path: Path) -> FileFormatErro
 
 
 def first_mistake(error: ValidationError) -> tuple[str, str]:
-    """Return where a message is wrong first, empty for the whole of it, and why."""
+    """Return the place of a message's first mistake, empty for all of it, and the reason."""
     first = error.errors(include_url=False, include_context=False, include_input=False)[0]
     return ".".join(map(str, first["loc"])), first["msg"]
 
 
 def validation_issues(error: ValidationError, model: type[BaseModel]) -> list[ValidationIssue]:
-    """Return pydantic's errors, unknown keys first: a misspelled key is missing as well."""
+    """Return pydantic's errors, unknown keys first, because a misspelled key is also missing."""
     details = error.errors(include_url=False, include_context=False)
     details.sort(key=lambda detail: detail["type"] != "extra_forbidden")
     issues = [_make_issue(detail, model) for detail in details]
-    return list(dict.fromkeys(issues))  # a value of several kinds fails once for each of them
+    return list(dict.fromkeys(issues))  # a value fails once per allowed kind
 
 
 def _key_location(location: Location, model: type[BaseModel]) -> Location:
@@ -63,7 +63,7 @@ def _key_location(location: Location, model: type[BaseModel]) -> Location:
     )
 
 
-# What pydantic adds to the place of a value that may be of several kinds.
+# Names that pydantic adds to the place of a value that may be of several kinds.
 _UNION_BRANCH = re.compile(
     r"(literal\[|constrained-|function-|lax-or-strict|json-or-python|tuple\[|list\[|dict\[|"
     r"(float|int|str|bool|none|is-instance)$)"
@@ -74,7 +74,7 @@ def _make_issue(detail: ErrorDetails, model: type[BaseModel]) -> ValidationIssue
     location, kind = _key_location(detail["loc"], model), detail["type"]
     if kind == "extra_forbidden":
         return _unknown_key_issue(location, model)
-    message = detail["msg"].removeprefix("Value error, ").removesuffix(".")  # added at the end
+    message = detail["msg"].removeprefix("Value error, ").removesuffix(".")  # "." follows later
     if kind == "value_error" and message:  # of a whole table
         return ValidationIssue(location, message, "")
     expected = _resolve_location(location, model)[1]
@@ -145,9 +145,9 @@ def _format_key(key: str) -> str:
 
 
 class StrictModel(BaseModel):
-    """A table that is refused for an unknown key, or for a value of another type.
+    """A table that is refused if a key is unknown or a value has another type.
 
-    No float is infinite or NaN. It is immutable.
+    Floats must be finite. It is immutable.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid", strict=True, allow_inf_nan=False)

@@ -1,4 +1,4 @@
-"""Write files atomically and durably, with a checksum line where one is needed.
+"""Write files atomically and durably, with a checksum line if needed.
 
 The first line is ``checksum = "sha256:…"`` over everything after it: a file that was cut short,
 mixed with another or changed by hand is refused before any of its values is used.
@@ -31,7 +31,7 @@ class FileWriteError(IkservoError, OSError):
         path: The file.
         why: The system's error text.
         changed: Whether the file is written, but its folder could not be synced.
-        kept: The content that is left of it instead of the old one; empty if that is unchanged.
+        kept: The content that remains instead of the old one; empty if that is unchanged.
     """
 
     def __init__(self, path: Path, why: str, *, changed: bool = False, kept: str = "") -> None:
@@ -50,17 +50,17 @@ def write_atomic(
     """Replace a file atomically, or leave it unchanged.
 
     The content is written to a temporary file in the same folder, synced, and renamed; last the
-    folder itself is synced, or the new name could be lost in a power cut.
+    folder itself is synced, because the new name could otherwise be lost in a power cut.
 
     Args:
         path: The file; its folder is created if needed.
         content: Its new content; text becomes UTF-8.
         keep_old: Whether the present content is kept beside it with ``.bak``.
-        private: Whether a new file is readable by its owner only. A file that is replaced keeps
-            its permissions.
+        private: Whether a new file is readable by its owner only. A replaced file keeps its
+            permissions.
 
     Raises:
-        FileWriteError: The disk is full, read-only or broken; tells whether the file is changed.
+        FileWriteError: The disk is full, read-only or broken; says whether the file is changed.
     """
     data = content.encode("utf-8") if isinstance(content, str) else content
     with _translating_os_errors(path):
@@ -71,16 +71,16 @@ def write_atomic(
 
 
 def write_all_atomic(files: Mapping[Path, bytes], *, private: bool = False) -> None:
-    """Replace files that belong together, or leave all unchanged where one has no room.
+    """Replace files that belong together, or leave all unchanged if there is no room for one.
 
-    All are written beside their names first; a rename needs no room.
+    All are first written next to their targets; a rename needs no room.
 
     Args:
         files: The content of each file; its folder is created if needed.
         private: Whether new files and folders are readable by their owner only.
 
     Raises:
-        FileWriteError: The disk is full, read-only or broken; names the file.
+        FileWriteError: The disk is full, read-only or broken; the file is named.
     """
     made: list[Path] = []
     written: list[tuple[Path, str]] = []
@@ -129,7 +129,7 @@ def remove_durably(path: Path) -> None:
     """Remove a file durably; a missing one is not an error.
 
     Raises:
-        FileWriteError: It stays, or may come back after a power cut; tells which.
+        FileWriteError: It stays, or may come back after a power cut; the message says which.
     """
     with _translating_os_errors(path):
         path.unlink(missing_ok=True)
@@ -140,9 +140,9 @@ def remove_durably(path: Path) -> None:
 
 @contextlib.contextmanager
 def exclusive_access(path: Path) -> Generator[None]:
-    """Let one program at a time read a file and replace it; the others wait for its end.
+    """Let one program at a time read a file and replace it; other programs wait.
 
-    The lock is on a file beside it, which stays: the file itself becomes another when replaced.
+    The lock is on a file next to it, which stays, because replacing the file changes its inode.
     On Windows there is no lock.
 
     Raises:
@@ -210,7 +210,7 @@ def _write_beside(path: Path, data: bytes, private: bool) -> str:
         mode = stat.S_IMODE(path.stat().st_mode)
     handle = os.open(name, _NEW_FILE, mode)
     with _removed_if_it_fails(name):
-        if sys.platform != "win32" and not is_new:  # what the umask has taken away, too
+        if sys.platform != "win32" and not is_new:  # including bits that the umask has removed
             with contextlib.suppress(OSError):  # FAT and network disks keep no permissions
                 os.fchmod(handle, mode)
         _write_out(handle, data)
@@ -249,7 +249,7 @@ def strip_checksum(path: Path, text: str) -> str:
     """Return the body below the checksum, if the checksum is right.
 
     Raises:
-        FileFormatError: There is no checksum, or it is not this text's.
+        FileFormatError: There is no checksum, or it does not match the text.
     """
     first, _, body = text.replace("\r\n", "\n").partition("\n")
     if not first.startswith(_CHECKSUM):
@@ -258,7 +258,7 @@ def strip_checksum(path: Path, text: str) -> str:
     if first != _first_line(body):
         expected = "the file as ikservo wrote it"
         if path.with_name(path.name + BACKUP_SUFFIX).is_file():
-            expected = f"{expected}; the previous one is beside it as {BACKUP_SUFFIX}"
+            expected = f"{expected}; the previous one is kept as {BACKUP_SUFFIX}"
         raise FileFormatError(
             path, "", "is damaged: its checksum does not fit its content", expected
         )

@@ -1,4 +1,4 @@
-"""The space in which an arm keeps a distance to everything, asked about many motions."""
+"""The space in which an arm keeps its distances, prepared for checks of many motions."""
 
 from __future__ import annotations
 
@@ -28,23 +28,23 @@ from ikservo.kinematics.packed import (
     PackedBody,
 )
 
-# The links of an arm that gives way are followed straight between postures so far apart. Torques
-# are sines of sums of joints: where three joints turn together and one gives way by 0.1 rad, the
-# links are at most about 0.001 rad beside that.
+# Between postures this far apart the links of a sagging arm count as moving straight. Torques are
+# sines of sums of joints: if three joints turn together and one yields by 0.1 rad, the links
+# deviate from that by about 0.001 rad at most.
 _BENDING_STEP_RAD = 0.1
 
 
 class RigidBodies:
-    """What moves together: links without a joint between them have one frame.
+    """Bodies that move as one: links without a joint between them share a frame.
 
     Args:
         body: The arm.
 
     Attributes:
-        frames: A row for each, as those of links; see ``kinematics.packed``.
-        capsules: The capsules in these frames, whose numbers they have in place of links'.
-        spheres: The ball around each capsule, see ``first_contact``.
-        balls: The balls (links, 8) around the capsules of each link, with the numbers of frames.
+        frames: One row per body, like those of links; see ``kinematics.packed``.
+        capsules: The capsules in these frames, with frame numbers instead of link numbers.
+        spheres: The sphere around each capsule, see ``first_contact``.
+        balls: The spheres (links, 8) around the capsules of each link, with frame numbers.
         pairs: The two links of each pair, and its number (pairs, 3).
     """
 
@@ -99,7 +99,7 @@ class RigidBodies:
 
         balls = np.zeros((len(self._numbers), CAPSULE_WIDTH))
         balls[:, LINK] = self._numbers
-        first = np.flatnonzero(np.diff(links, prepend=-1))  # those of a link stand together
+        first = np.flatnonzero(np.diff(links, prepend=-1))  # a link's capsules are adjacent
         own, count = links[first], np.diff(first, append=len(links))
         starts, ends = self.capsules[:, START : START + 3], self.capsules[:, END : END + 3]
         low = np.minimum.reduceat(np.minimum(starts, ends), first)
@@ -114,24 +114,24 @@ class RigidBodies:
 
 
 class ClearSpace:
-    """Postures, and straight motions between them, that keep a distance to everything.
+    """Postures, and straight motions between them, that keep their distances.
 
-    A motion is followed without a gap: nothing comes nearer by a millimetre than is allowed,
-    however thin it is. One thread at a time may ask. ``CollisionChecker.clear_space`` makes it.
+    A motion is checked without gaps: no distance is a millimetre too small, even to thin things.
+    One thread at a time may use it. ``CollisionChecker.clear_space`` makes it.
 
     Args:
         body: The arm.
         rigid: Its rigid bodies.
-        shapes: The things (k, 17) but the table; see ``kinematics.packed``.
+        shapes: The things (k, 17) without the table; see ``kinematics.packed``.
         floor_m: The height of the table; minus infinity for none.
-        allowed_m: The distances (2, pairs) to keep, of the capsules themselves; below, those of the
-            arm that sags.
+        allowed_m: The distances (2, pairs) that capsules must keep: of the arm itself, and below of
+            the sagging arm.
         sag: The sag of the arm under gravity; None if it is not considered.
-        load: Multiple of gravity under which it does.
-        bends: Returns where the links are (n, dof) from where the joints' sensors are; None for an
-            arm that does not give way behind them.
-        sampled_m: The distances (2, pairs) that searches which look at samples keep there; as
-            ``allowed_m`` if None.
+        load: Multiple of gravity under which it sags.
+        bends: Returns the positions of links (n, dof) from those of the joints' sensors; None for
+        an arm that is rigid behind them.
+        sampled_m: The distances (2, pairs) that searches must keep at their samples; None:
+        ``allowed_m``.
 
     Attributes:
         sampled: The arrays that such searches give to the kernel.
@@ -173,7 +173,7 @@ class ClearSpace:
         self._free_postures = bind("free_postures", *arguments, kept_m, load)
 
     def is_free(self, path: Matrix) -> bool:
-        """Tell whether the straight motions through postures (n, dof) keep the distances."""
+        """Check whether the straight motions through postures (n, dof) keep the distances."""
         if self._bends is not None:
             pieces = [_close_postures(a, b) for a, b in itertools.pairwise(path)]
             path = self._bends(np.vstack([path[:1], *pieces]))
@@ -181,7 +181,7 @@ class ClearSpace:
         return bool(self._first_contact(path) == self._no_contact)
 
     def contains(self, postures: Matrix) -> NDArray[np.bool_]:
-        """Return for each posture (n, dof) whether it keeps the distances (n,)."""
+        """Check whether each posture (n, dof) keeps the distances (n,)."""
         q = finite_vectors(np.array(postures), self._dof, "q")
         if self._bends is not None:
             q = self._bends(q)
@@ -191,19 +191,19 @@ class ClearSpace:
 
 
 def _close_postures(start: Vector, goal: Vector) -> Matrix:
-    """Return postures (k, dof) on the straight way to another, which is the last of them."""
+    """Return postures (k, dof) on the straight path to another posture, which is the last one."""
     count = max(1, math.ceil(float(np.abs(goal - start).max()) / _BENDING_STEP_RAD))
     return np.linspace(start, goal, count + 1)[1:]
 
 
 def _with_largest(allowed_m: Matrix, links: int, shapes: int) -> Matrix:
-    """Add the largest distance that each link keeps from a thing to the allowed ones (2, pairs)."""
+    """Add each link's largest distance to be kept from a thing to the allowed ones (2, pairs)."""
     of_things = allowed_m[:, allowed_m.shape[1] - links * shapes :].reshape(2, shapes, links)
     return np.hstack([allowed_m, of_things.max(axis=1, initial=-np.inf)])
 
 
 def _boxes_around(shapes: Matrix) -> Matrix:
-    """Compute a box along the base's axes around each thing: its centre, half its size (6, k)."""
+    """Compute a box along the base axes around each thing: its centre and half its size (6, k)."""
     half_m = np.abs(shapes[:, :9].reshape(-1, 3, 3)) @ shapes[:, HALF : HALF + 3, None]
     grown_m = half_m[:, :, 0] + shapes[:, ROUNDING, None]
     return np.ascontiguousarray(np.hstack([shapes[:, CENTRE : CENTRE + 3], grown_m]).T)

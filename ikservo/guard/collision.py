@@ -22,17 +22,17 @@ if TYPE_CHECKING:
     from ikservo.guard.clear_space import ClearSpace, RigidBodies
 
 MAX_SAMPLE_STEP_RAD = 0.05
-"""No joint moves further than this between two samples of a path checked for collisions."""
+"""Largest motion of a joint between two samples of a path that is checked for collisions [rad]."""
 
 _TOUCH_M = 1e-9
 # Between two samples a distance may change unseen by this much; deeper contact is found.
 _MAX_UNCHECKED_M = 0.001
 _MAX_HALVINGS = 12
-# Searches look at samples. These keep more than the distance, by this fraction of what it is above
-# a length, so that motions between them keep it, too.
+# Searches check samples. Samples keep the distance increased by this fraction of its excess over a
+# length, so that the motions between them keep the distance, too.
 _FURTHER, _ABOVE_M = 0.2, 0.001
-# A contact of the start may get this much deeper on the way: an arm that turns a joint while it
-# touches the table. At the end the bodies themselves may not, or many short motions would add up.
+# A contact at the start may get this much deeper on the path, as when an arm that touches the table
+# turns a joint. At the end it may not, because many short motions would add up.
 _DEEPER_M, _DEEPER_AT_END_M = 5e-4, 1e-6
 
 
@@ -43,7 +43,7 @@ def sample_path(
 
     Args:
         positions_at: The joints (n,) at a time.
-        duration_s: The duration of the path; both its ends are sampled.
+        duration_s: The duration of the path; both ends are sampled.
         top_speed_rad_s: The maximum speed of any joint.
     """
     times_s = np.linspace(0.0, duration_s, _sample_count(duration_s * top_speed_rad_s))
@@ -56,17 +56,17 @@ def sample_line(start: Vector, goal: Vector, unit_per_rad: Vector | float = 1.0)
     Args:
         start: The start (n,), rad or m.
         goal: The end (n,).
-        unit_per_rad: Joint motion for a radian of its servo's horn: 1 rad, or metres.
+        unit_per_rad: Joint motion per radian of its servo's horn: 1 rad, or metres.
     """
     distance_rad = float(np.abs((goal - start) / unit_per_rad).max())
     return np.linspace(start, goal, _sample_count(distance_rad))
 
 
 def thin_path(joints: Matrix) -> Matrix:
-    """Return those rows of a densely sampled path (k, n) that collision checks need.
+    """Return the rows of a densely sampled path (k, n) that collision checks need.
 
-    The first and the last are among them. Rows stay further apart than the sampling step only
-    where the given ones are, by no more than the distance of two of those.
+    The first and the last row are included. Rows are further apart than the sampling step only if
+    the given rows are, by at most the distance of two given rows.
     """
     travelled = np.abs(np.diff(joints, axis=0)).max(axis=1)
     travelled_rad = np.concatenate([[0.0], np.cumsum(travelled)])
@@ -79,12 +79,12 @@ def refine_path(
     measure: Callable[[Matrix], Matrix],
     unresolved_after: Callable[[Matrix, Matrix], NDArray[np.intp]],
 ) -> tuple[Vector, Matrix]:
-    """Sample a path more finely where what is measured may be exceeded between two samples.
+    """Refine the samples of a path if a measured value may exceed its limit between them.
 
     Args:
         path: Joints (k, n), straight between two of them.
         measure: Returns values (k, m) at joints (k, n).
-        unresolved_after: Returns after which samples, with their values, that is so (i,).
+        unresolved_after: Returns the indices (i,) of such samples, from their values.
 
     Returns:
         The sampled fractions of the path (j,), and the values there (j, m).
@@ -120,14 +120,14 @@ class CollisionChecker:
     Attributes:
         pairs: The checked pairs: a link, and another link or the name of a thing.
         body: The packed body.
-        shapes: The things (k, 17) but the table; see ``kinematics.packed``.
+        shapes: The things (k, 17) without the table; see ``kinematics.packed``.
         floor_m: The height of the table; minus infinity for none.
-        things: The names of the things but the table.
+        things: The names of the things without the table.
         overlap_m: The allowed overlap of each pair (pairs,).
         watched: Whether each pair (pairs,) is checked.
         sag: The sag of the joints; None for an arm that does not yield.
-        bends: Returns where the links are (n, dof) from where the joints' sensors are; None for an
-            arm that does not give way behind them.
+        bends: Returns the positions of links (n, dof) from those of the joints' sensors; None for
+            an arm that is rigid behind them.
     """
 
     def __init__(
@@ -165,7 +165,7 @@ class CollisionChecker:
     def in_scene(
         self, body: CollisionBody, boxes: Sequence[Obstacle], sag: Sag | None
     ) -> CollisionChecker:
-        """Return the checker of this arm with another body among other things."""
+        """Return the checker of this arm with another body and other things."""
         other = CollisionChecker(body, self.floor_m, boxes, sag)
         other.bends = self.bends
         return other
@@ -188,26 +188,26 @@ class CollisionChecker:
 
         An arm that touches the table, or itself, may move out: a pair in contact at the start may
         stay as deep as it began until it is free, and must not touch again afterwards by more than
-        half a millimetre; nor must one then that is as near as that at the start. A stream
+        half a millimetre; the same holds for a pair that is as near as that at the start. A stream
         checks a path of two: the present posture, and where it would stop. Between the vectors,
-        joints move straight; the path is sampled more finely where something could be touched.
+        joints move straight; the path is sampled more finely where a contact is possible.
 
         Args:
             path: The joint vectors.
             load: Multiple of gravity that acts on the arm: more than 1 while it brakes.
-            may_touch_again: A pair in contact at the start may come back to that depth, and end
-                there, but to no box: a recording of an arm that was laid down.
-            rest: The posture (dof,) at rest from which the arm came to the first vector. No contact
-                may get deeper than from there, or the half millimetres of many checks would add up.
+            may_touch_again: Whether a pair in contact at the start may return to that depth, and
+                end there, except with a box: a recording of an arm that was laid down.
+            rest: The posture (dof,) at rest before the first vector. No contact may get deeper than
+                there, because the half millimetres of many checks would add up.
             began_m: Distances (pairs,) [m], negative, at which the arm came into each contact; -inf
-                where that is not known. Half a millimetre more is the most on the way, however many
+                if not known. A contact may get half a millimetre deeper on the path, however many
                 motions were stopped there.
 
         Returns:
             The smallest distance on the path [m], without sag.
 
         Raises:
-            CollisionError: Names the pair that touches first, and where on the path it is deepest.
+            CollisionError: The first pair that touches and the place of deepest contact are named.
             BadValueError: A joint is not finite.
         """
         fractions, gap_m = refine_path(
@@ -243,7 +243,7 @@ class CollisionChecker:
         return float(gap_m[:, bodies].min())
 
     def collision_free(self, postures: Matrix) -> NDArray[np.bool_]:
-        """Return for each posture (n, dof) whether it is free of collisions (n,)."""
+        """Check whether each posture (n, dof) is free of collisions (n,)."""
         return self._postures.contains(postures)
 
     @cached_property
@@ -253,16 +253,15 @@ class CollisionChecker:
     def clear_space(
         self, margin_m: float, ends: Matrix | None = None, load: float = 1.0
     ) -> ClearSpace:
-        """Return the postures, and the motions between them, that keep a distance to everything.
+        """Return the postures, and the motions between them, that keep a distance.
 
         Args:
             margin_m: The distance.
-            ends: Postures (k, dof) that are among them if they touch nothing: pairs that are nearer
-                than ``margin_m`` there may come as near as half of that on the way. Links beside
-                each other never part: a way that had to keep all of it would be followed in the
-                smallest steps.
-            load: Multiple of gravity under which an arm that yields keeps the distance, too; 0
-                where that is not looked at.
+            ends: Postures (k, dof) to include if they touch nothing: pairs that are nearer than
+            ``margin_m`` there may come as near as half of that on the path. Adjacent links never
+            part, so that a path that had to keep all of it would need the smallest steps.
+            load: Multiple of gravity under which a yielding arm keeps the distance, too; 0 ignores
+            sag.
         """
         nearest_m = np.full(len(self._pairs_with_sag), np.inf)
         if ends is not None:
@@ -286,7 +285,7 @@ class CollisionChecker:
         return RigidBodies(self.body)
 
     def _allowed_of_capsules(self, near_m: Vector) -> Matrix:
-        """Return how near capsules may come (2, pairs), sagging below, of the pairs' distances."""
+        """Return the allowed distances of capsules (2, pairs), sagging below, from the pairs'."""
         count = len(self.pairs)
         allowed_m = np.tile(near_m[:count] - self.overlap_m, (2, 1))
         if self.sag is not None:
@@ -333,7 +332,7 @@ class CollisionChecker:
         ]
 
     def _unresolved_intervals(self, path: Matrix, gap_m: Matrix) -> NDArray[np.intp]:
-        """Compute the samples between which and the next a collision is possible."""
+        """Compute the samples after which a collision is possible before the next one."""
         nearer_m = np.abs(np.diff(path, axis=0)) @ self._reach_m.T
         slack_m = gap_m - self._allowed_gaps(gap_m)
         free = np.minimum(slack_m[:-1], slack_m[1:]) >= -_TOUCH_M
@@ -343,9 +342,8 @@ class CollisionChecker:
     def distances_with_sag(self, path: Matrix, load: float = 1.0) -> Matrix:
         """Compute the distances (n, pairs + sagging) [m] in postures (n, dof).
 
-        First those of every pair, then those to the surroundings where gravity moves the joints:
-        an arm that lies on the table sags in this computation only, so that a contact of the one
-        is not a contact of the other.
+        First come those of every pair, then those to the surroundings with sag: an arm that lies on
+        the table sags only in this computation, so that a contact with sag is not one without.
         """
         gap_m = self.distances(path)
         if self.sag is None:
@@ -354,13 +352,13 @@ class CollisionChecker:
         return np.hstack([gap_m, sagged_m[:, len(self.body.pairs) :]])
 
     def _allowed_gaps(self, gap_m: Matrix) -> Matrix:
-        """Compute the smallest allowed distance at each sample, of ``distances_with_sag`` [m].
+        """Compute the smallest allowed distances of ``distances_with_sag`` at each sample [m].
 
-        A contact of the start ends where its pair is free for the first time.
+        A contact at the start ends when its pair is free for the first time.
         """
         been_free = np.logical_or.accumulate(gap_m >= -_TOUCH_M, axis=0)
-        # Where the arm leaves a contact, what touches at the start, or nearly so, may graze by less
-        # than the model is accurate.
+        # While the arm leaves a contact, a pair that touches at the start, or nearly so, may graze
+        # by less than the accuracy of the model.
         leaves = bool((gap_m[0] < -_TOUCH_M).any())
         again_m = np.where(leaves & (gap_m[0] < _DEEPER_M), -_DEEPER_M, 0.0)
         return np.where(been_free, again_m, np.minimum(gap_m[0], 0.0) - self._deeper_m(gap_m[0]))
@@ -368,8 +366,8 @@ class CollisionChecker:
     def _deeper_m(self, start_m: Vector) -> Vector:
         """Compute how much deeper than at the start each distance may become [m].
 
-        Where only the sagged arm touches, it may use up half of the distance that the arm itself
-        has at the start.
+        If only the sagging arm touches, it may use up half of the distance that the arm itself has
+        at the start.
         """
         deeper_m = np.full(len(start_m), _DEEPER_M)
         if self.sag is not None:

@@ -1,4 +1,4 @@
-"""The nearby posture in which an arm that touches something is free again."""
+"""Finds a nearby posture in which an arm that touches something is free again."""
 
 from __future__ import annotations
 
@@ -7,24 +7,24 @@ import numpy as np
 from ikservo.guard.collision import CollisionChecker
 from ikservo.kinematics.arrays import Vector
 
-_STEP, _DIFFERENCE = 0.03, 1e-4  # of each joint in one iteration and in one difference, rad or m
+_STEP, _DIFFERENCE = 0.03, 1e-4  # per joint in an iteration and in a difference, rad or m
 _MAX_STEPS = 60
-_NEAR_M = 0.06  # pairs that are nearer than this may not come into contact in the next step
-_LEAST_GAIN_M = 2e-5  # a step that frees the arm by less leads nowhere
-# An arm is free at the first distance; the further ones, where they can be reached, keep its motion
-# from there from meeting the same thing again.
+_NEAR_M = 0.06  # nearer pairs must not come into contact in the next step
+_LEAST_GAIN_M = 2e-5  # smaller gains per step do not free the arm
+# An arm is free at the first distance. The larger ones, if they can be reached, keep its next
+# motion from touching the same thing again.
 _DISTANCES_M = (0.003, 0.02, 0.05)
 
 
 def nearest_free_posture(
     checker: CollisionChecker, q: Vector, lower: Vector, upper: Vector
 ) -> Vector | None:
-    """Find joints (dof,) near ``q`` (dof,) in which nothing is touched, rad or m.
+    """Find joints (dof,) near ``q`` (dof,) in which nothing touches, rad or m.
 
     A joint outside its limits (dof,) may come back.
 
     Returns:
-        The posture; None where no small step frees the arm.
+        The posture; None if no small step frees the arm.
     """
     lower, upper = np.minimum(lower, q), np.maximum(upper, q)
     free = None
@@ -39,10 +39,10 @@ def nearest_free_posture(
 def _move_apart(
     checker: CollisionChecker, q: Vector, lower: Vector, upper: Vector, distance_m: float
 ) -> Vector | None:
-    """Find joints (dof,) near ``q`` in which all pairs are a distance apart; None without any.
+    """Find joints (dof,) near ``q`` in which all pairs have a distance; None if there are none.
 
-    Each step is the one, of a linear program in the joints, by which the distances of all pairs
-    that are too near grow most while no other comes too near (the non-penetration constraints of
+    Each step maximises the gain in distance of all pairs that are too near while no other pair
+    comes too near; it is a linear program in the joints (the non-penetration constraints of
     Faverjon and Tournassoud 1987).
     """
     from scipy.optimize import linprog  # noqa: PLC0415
@@ -58,7 +58,7 @@ def _move_apart(
         )
         slope = (ahead - behind).T / (2.0 * _DIFFERENCE)
         too_near = gap_m[near] < distance_m
-        # Unknowns: the step of each joint, and the gain that all pairs too near have in common.
+        # Unknowns: the step of each joint, and the common gain of all pairs that are too near.
         bounds = zip(np.maximum(lower - q, -_STEP), np.minimum(upper - q, _STEP), strict=True)
         step = linprog(
             np.append(np.zeros(len(q)), -1.0),

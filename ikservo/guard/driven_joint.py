@@ -1,4 +1,4 @@
-"""A driven joint: its range, its speed, and how far a goal may be ahead of it."""
+"""A driven joint: its range, its speed, and the allowed lead of its goals."""
 
 from __future__ import annotations
 
@@ -10,18 +10,18 @@ from ikservo.calibration import JointMap, JointUnit, Limits, format_position, fo
 from ikservo.errors import RefusedError
 
 MAX_TRAVEL_RAD = 60 * math.tau / 4096
-"""How far a horn may travel after its program has died: 60 ticks of 4096."""
+"""Allowed travel of a horn after its program has died [rad]: 60 ticks of 4096."""
 
-# A goal leads a moving joint by no more than that; in addition, the steady-state error of a
-# P-controlled servo under load, or the lead that compensates it. The first number is what any joint
-# may need; no joint of an arm file gets more than the second.
+# Largest lead of a goal over a moving joint, without the steady-state error of a P-controlled servo
+# under load or the lead that compensates it. The first number suits any joint; the second is the
+# largest value that an arm file gives a joint.
 _LEAD_TIME_S = 0.1
 _AT_REST_LEAD_RAD, _MAX_AT_REST_LEAD_RAD = 0.12, 0.2
 
 
 @dataclass(frozen=True)
 class DrivenJoint:
-    """A joint, its servo, and the range and speed that its goals may have.
+    """A joint, its servo, and the allowed range and speed of its goals.
 
     Attributes:
         joint_map: The conversion of ticks and positions.
@@ -62,9 +62,9 @@ class DrivenJoint:
 
     @property
     def settled_range(self) -> tuple[float, float]:
-        """The lowest and the highest position to which friction lets the joint settle.
+        """Lowest and highest position to which friction lets the joint settle.
 
-        No goal may pass a limit, and a joint stops short of its goal.
+        No goal may pass a limit, and a joint stops before its goal.
         """
         low, high = self.position_range
         margin = min(self.stall_error, 0.5 * (high - low))
@@ -72,15 +72,15 @@ class DrivenJoint:
 
     @property
     def sinks_far(self) -> bool:
-        """Whether a servo that takes its position for its goal sinks far under the arm.
+        """Whether a servo that takes its position as its goal sinks far under the arm's weight.
 
-        That is by more than ``MAX_TRAVEL_RAD``, with its payload in the heaviest posture.
+        Far is more than ``MAX_TRAVEL_RAD``, with its payload in the heaviest posture.
         """
         return self.sag_rad > MAX_TRAVEL_RAD
 
     @property
     def at_rest_lead_rad(self) -> float:
-        """How far a goal may be ahead of the measured horn when nothing moves."""
+        """Allowed lead of a goal over the measured horn when nothing moves."""
         return min(max(self.lifting_lag_rad, _AT_REST_LEAD_RAD), _MAX_AT_REST_LEAD_RAD)
 
     def tick(self, position: float) -> int:
@@ -97,15 +97,15 @@ class DrivenJoint:
 
     @property
     def max_ticks_s(self) -> float:
-        """The maximum speed of goals, ticks a second."""
+        """Maximum speed of goals, ticks per second."""
         return self.speed / self.joint_map.unit_per_tick
 
     def max_lead_ticks(self, speed: float) -> int:
-        """Compute how far a goal may be ahead of the measured joint in a motion.
+        """Compute the allowed lead of a goal over the measured joint in a motion.
 
-        That is the distance in 0.1 s at this speed [rad/s or m/s], but no more than 60 ticks of
-        4096 on the horn; plus the steady-state error of a servo under load: 0.12 rad on the horn,
-        or more where the joint needs it to lift the arm and its payload.
+        It is the distance in 0.1 s at this speed [rad/s or m/s], but at most 60 ticks of 4096 on
+        the horn; plus the steady-state error of a servo under load: 0.12 rad on the horn, or more
+        if the joint needs it to lift the arm and its payload.
         """
         horn = self.joint_map.horn_rad_per_tick
         moving = min(
@@ -115,7 +115,7 @@ class DrivenJoint:
         return math.floor(moving + 1e-6) + math.floor(self.at_rest_lead_rad / horn)
 
     def describe_violation(self, tick: int) -> str:
-        """Describe how a tick leaves the range, with the active limit and its source."""
+        """Describe how a tick violates the range, with the active limit and its source."""
         position = self.joint_map.position(tick)
         above = position > self.limits.upper.value
         limit = self.limits.upper if above else self.limits.lower
@@ -136,7 +136,7 @@ def require_int_tick(joint: str, tick: object) -> None:
     """Check that a tick is an integer.
 
     Raises:
-        RefusedError: It is not; names the joint.
+        RefusedError: It is not; the joint is named.
     """
     # bool is an int in Python, but True is not a position.
     if not isinstance(tick, int) or isinstance(tick, bool):

@@ -15,7 +15,7 @@ from ikservo.guard.joint_gate import MAX_ELAPSED_S, JointGate
 
 
 class StopKind(Enum):
-    """Why an arm was stopped; control flow depends on this only."""
+    """Kind of reason why an arm was stopped; control flow depends only on this."""
 
     CTRL_C = auto()
     """SIGINT, or ``KeyboardInterrupt`` in a callback."""
@@ -43,7 +43,7 @@ class StopKind(Enum):
 
 @dataclass(frozen=True, slots=True)
 class StopReason:
-    """Why an arm was stopped.
+    """Reason why an arm was stopped.
 
     Attributes:
         kind: For programs.
@@ -70,11 +70,11 @@ class StopLatch:
 
     @property
     def reason(self) -> StopReason | None:
-        """Why the arm was stopped; None where it is not."""
+        """Reason of the stop; None if the arm is not stopped."""
         return self._reason
 
     def latch_stop(self, reason: StopReason) -> None:
-        """Stop for a reason; the first one is kept, for it is the cause of the others."""
+        """Stop for a reason; the first reason is kept, because it causes the others."""
         self._reason = self._reason or reason
 
     def acknowledge(self) -> StopReason | None:
@@ -83,10 +83,10 @@ class StopLatch:
         return reason
 
     def raise_if_stopped(self) -> None:
-        """Raise while a stop is latched.
+        """Raise if a stop is latched.
 
         Raises:
-            LatchedStopError: The arm was stopped; names the reason.
+            LatchedStopError: The arm was stopped; the reason is named.
         """
         if self._reason is not None:
             raise LatchedStopError(self._reason.headline)
@@ -95,14 +95,14 @@ class StopLatch:
 class Gate:
     """Sends commands to the servos that pass all checks, or refuses them as a whole.
 
-    A command is a goal tick for each of some joints. It passes when every joint is known, every
-    goal is inside the joint's limits, none moves faster than its limit, and none leads the
-    measured joint by more than its maximum lead. A joint outside its limits may be moved back,
+    A command is a goal tick for each of some joints. It passes if every joint is known, every goal
+    is inside the joint's limits, none moves faster than its limit, and none leads the measured
+    joint by more than its maximum lead. A joint outside its limits may be moved back,
     never further out. After `latch_stop` only `hold` passes, until `acknowledge` and
     `reset_goals` are called.
 
     Args:
-        limits: One for each joint.
+        limits: One per joint.
         write_goals: Writes goal ticks by servo id, as ``StreamedServos`` does through
             ``hardware/goal_writing.py``; called only with goals that passed.
         clock: Measures the time since the last command.
@@ -122,7 +122,7 @@ class Gate:
     def reset_goals(self, ticks: Mapping[str, int]) -> None:
         """Send the measured ticks of the joints as goals, from which later goals start.
 
-        After this torque can be enabled safely: the servos' goals are their positions.
+        Afterwards torque can be enabled safely: the servos' goals are their positions.
 
         Raises:
             RefusedError: A joint is unknown, a tick is not an integer, or the arm was stopped.
@@ -140,7 +140,7 @@ class Gate:
 
         Args:
             ticks: Measured tick by joint.
-            time_s: When, by the gate's clock.
+            time_s: Time of the measurement, by the gate's clock.
 
         Raises:
             RefusedError: A joint is unknown, a tick not an integer, or the time not finite.
@@ -154,7 +154,7 @@ class Gate:
             self._joints[name].update_measured(tick, time_s)
 
     def set_speeds(self, speeds: Mapping[str, float]) -> None:
-        """Set the maximum speeds of the next motion, rad/s or m/s: slow ones have less lead.
+        """Set the maximum speeds of the next motion, rad/s or m/s; slower joints get less lead.
 
         A joint that is left out has the speed of its limits.
 
@@ -172,9 +172,9 @@ class Gate:
             joint.set_speed(speeds.get(name, joint.driven.speed))
 
     def allowed_advance_s(self, elapsed_s: float) -> float:
-        """Return by how much a motion may advance in a time: less where a joint lags behind.
+        """Return how far a motion may advance in a time; less if a joint lags behind.
 
-        A stream that adds this to its motion's time, instead of the time itself, keeps within the
+        A stream that advances its motion by this instead of the time itself keeps within the
         maximum lead: it waits for the joints.
         """
         elapsed_s = min(elapsed_s, MAX_ELAPSED_S)
@@ -182,7 +182,7 @@ class Gate:
         return min([joint.allowed_advance_s(elapsed_s) for joint in driven], default=elapsed_s)
 
     def eases(self) -> list[float]:
-        """Return how fast the goals of each joint may go on, 0 to 1: less where it lags behind."""
+        """Return the rate at which the goals of each joint may advance, 0 to 1; less if it lags."""
         return [joint.ease() for joint in self._joints.values()]
 
     def stale_joints(self, now_s: float) -> tuple[str, ...]:
@@ -190,7 +190,7 @@ class Gate:
         return tuple([name for name, joint in self._joints.items() if joint.is_stale(now_s)])
 
     def shorten_goals(self, goals: Mapping[str, int], now_s: float) -> dict[str, int]:
-        """Compute the goals nearest to the given ones, on the straight path to them, that may pass.
+        """Return the allowed goals nearest to the given ones, on the straight path to them.
 
         Steps that are too long for the time since the last command, or for the maximum lead, are
         reduced, all joints by the same fraction. A goal that the joint could not reach within 50 ms
@@ -239,8 +239,8 @@ class Gate:
         """Let joints hold their positions, also while the arm is stopped.
 
         Args:
-            ticks: A goal by joint: the present goal, the measured position, or between. One
-                outside the limits is clamped to them.
+            ticks: A goal by joint: the present goal, the measured position, or a tick between. A
+                tick outside the limits is clamped to them.
 
         Raises:
             RefusedError: A goal would move a joint; nothing was sent for any.
@@ -255,10 +255,10 @@ class Gate:
         self._latch.latch_stop(reason)
 
     def check_stop(self) -> None:
-        """Raise while a stop is not acknowledged.
+        """Raise if a stop is not acknowledged.
 
         Raises:
-            RefusedError: The arm was stopped; names the reason.
+            RefusedError: The arm was stopped; the reason is named.
         """
         self._latch.raise_if_stopped()
 
@@ -274,7 +274,7 @@ class Gate:
 
     @property
     def stop_reason(self) -> StopReason | None:
-        """Why the arm was stopped; None if it is not."""
+        """Reason of the stop; None if the arm is not stopped."""
         return self._latch.reason
 
     @property
@@ -294,7 +294,7 @@ class Gate:
 
         Args:
             goals: The final goals, ticks.
-            start: The present ticks; a joint outside its limits may stay, not move further out.
+            start: The present ticks; a joint outside its limits may stay, but not move further out.
 
         Raises:
             RefusedError: A joint is unknown or would leave its limits.
@@ -322,7 +322,7 @@ class Gate:
         now_s = self._clock.now_s()
         if given_s is None:
             return now_s
-        # Each second is used by one step only. Written so that NaN is refused, too.
+        # Each second is used by only one step. This form of the comparison also refuses NaN.
         if not self._passed_s <= given_s <= now_s:
             raise RefusedError(
                 f"The time of the goals is {given_s} s, not between that of the last command, "

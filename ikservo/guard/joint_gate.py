@@ -7,11 +7,11 @@ import math
 from ikservo.errors import RefusedError
 from ikservo.guard.driven_joint import DrivenJoint, require_int_tick
 
-# After a stall of the program goals may not jump by what the joint could have moved meanwhile.
+# After a stall goals may not jump by the distance that the joint could have moved meanwhile.
 MAX_ELAPSED_S = 0.05
 # A measurement older than this is stale.
 _STALE_S = 0.25
-# From this fraction of the lead on a motion slows down, so that it need not stop at the end of it.
+# From this fraction of the lead on a motion slows down, so that it need not stop at the limit.
 _EASE_FROM = 0.75
 
 
@@ -19,10 +19,10 @@ class RateLimiter:
     """Step limit of one joint's goals.
 
     Goals are integer ticks, so that a step may be one tick longer than the speed allows; the next
-    steps are reduced by it, or many small steps would exceed the speed.
+    steps are shortened by it, because many small steps would otherwise exceed the speed.
 
     Args:
-        ticks_s: The maximum speed, ticks a second.
+        ticks_s: The maximum speed, ticks per second.
     """
 
     def __init__(self, ticks_s: float) -> None:
@@ -46,14 +46,14 @@ class JointGate:
 
     A goal's *lead* is its distance from the measured joint. A goal with a lead of more than
     `DrivenJoint.max_lead_ticks` is refused, unless it is the present goal or on the path back from
-    it; so is a goal of a joint that was not measured recently.
+    it. A goal of a joint that was not measured recently is also refused.
 
     Args:
         driven: The joint.
 
     Attributes:
         driven: The joint.
-        goal: The last goal that was sent; None where no goal is in force.
+        goal: The last goal that was sent; None if no goal is in force.
         measured: The last measured tick; None before the first measurement.
     """
 
@@ -68,7 +68,7 @@ class JointGate:
         self.set_speed(driven.speed)
 
     def set_speed(self, speed: float) -> None:
-        """Set the maximum speed of the next motion, rad/s or m/s: a slow one has less lead."""
+        """Set the maximum speed of the next motion, rad/s or m/s; a slower one has less lead."""
         self._max_lead = self.driven.max_lead_ticks(speed)
         unit_per_tick = self.driven.joint_map.unit_per_tick
         self._ticks_s = min(speed / unit_per_tick, self.driven.max_ticks_s)
@@ -78,7 +78,7 @@ class JointGate:
 
         Args:
             tick: The position of the joint.
-            time_s: When it was measured, by the gate's clock.
+            time_s: Time of the measurement, by the gate's clock.
         """
         self.measured, self._measured_s = tick, time_s
 
@@ -86,7 +86,7 @@ class JointGate:
         """Return the goal that is in force.
 
         Raises:
-            RefusedError: There is none.
+            RefusedError: No goal is in force.
         """
         if self.goal is None:
             raise RefusedError(
@@ -101,17 +101,17 @@ class JointGate:
 
     def is_stale(self, now_s: float) -> bool:
         """Check whether the last measurement is too old for a goal to pass."""
-        return not now_s - self._measured_s <= _STALE_S  # so that NaN is stale, too
+        return not now_s - self._measured_s <= _STALE_S  # this form makes NaN stale
 
     def ease(self) -> float:
-        """Compute how fast goals may go on, 0 to 1: less from three quarters of the lead on."""
+        """Compute the rate at which goals may advance, 0 to 1; less from 3/4 of the lead on."""
         lead = self._lead()
         if lead is None:
             return 0.0
         return min(max((1.0 - lead / self._max_lead) / (1.0 - _EASE_FROM), 0.0), 1.0)
 
     def allowed_advance_s(self, elapsed_s: float) -> float:
-        """Compute by how much a motion may advance in a time: less where the joint lags behind.
+        """Compute how far a motion may advance in a time; less if the joint lags behind.
 
         Goals within the speed of `set_speed` stay within the maximum lead.
         """
@@ -122,7 +122,7 @@ class JointGate:
         return max(min(self.ease() * elapsed_s, remaining / self._ticks_s), 0.0)
 
     def step_fraction(self, tick: int, elapsed_s: float, now_s: float) -> float:
-        """Compute which fraction of the step to a goal may be sent now.
+        """Compute the fraction of the step to a goal that may be sent now.
 
         A goal that the joint could not reach within 50 ms at full speed is not a late step but a
         jump: its fraction is 1, and `check_goal` refuses it.
@@ -178,7 +178,7 @@ class JointGate:
         """Check that a goal lets the joint stay: between the last goal and the measured joint.
 
         Raises:
-            RefusedError: It would move the joint.
+            RefusedError: The goal would move the joint.
         """
         last = self.last_goal()
         measured = last if self.measured is None else self.measured

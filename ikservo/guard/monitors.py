@@ -29,7 +29,7 @@ __all__ = [
 
 
 _MAX_CYCLES = 3
-# A joint that only lags slows its motion down before it comes so near the maximum lead.
+# A lagging joint slows its motion down before its error comes this close to the maximum lead.
 _ERROR_FRACTION = 0.9
 
 
@@ -65,12 +65,12 @@ class TrackingMonitor:
         return cls([limit.joint for limit in limits], np.array(max_error))
 
     def update(self, goals: Vector, measured: Vector) -> None:
-        """Compare goals and measured joints (n,), rad or m, once a cycle.
+        """Compare goals and measured joints (n,), rad or m, once per cycle.
 
         Raises:
-            RefusedError: A joint has been too far behind for three cycles; names it.
+            RefusedError: A joint has been too far behind for three cycles; it is named.
         """
-        # Written so that NaN is behind, too.
+        # The comparison is written so that NaN counts as behind, too.
         behind = ~(np.abs(goals - measured) <= self._max_error)
         if not behind.any():
             self._behind.fill(0)
@@ -85,7 +85,7 @@ class TrackingMonitor:
 
 
 class CommunicationMonitor:
-    """Counts the cycles in a row in which a joint's servo did not reply.
+    """Counts the consecutive cycles in which a joint's servo did not reply.
 
     Args:
         names: The joints.
@@ -105,7 +105,7 @@ class CommunicationMonitor:
         """Record the joints that replied in this cycle.
 
         Raises:
-            ServoSilentError: A joint was silent too many cycles in a row; names all such.
+            ServoSilentError: Joints were silent in too many consecutive cycles; they are named.
         """
         for name in self._row:
             self._row[name] = 0 if name in replied else self._row[name] + 1
@@ -117,7 +117,7 @@ class CommunicationMonitor:
 
 
 DEAD_MAN_TIMEOUT_S = 0.3
-"""How long a streamed command is valid: without another the arm brakes and holds."""
+"""Time for which a streamed command is valid [s]; without another the arm brakes and holds."""
 
 
 class DeadManSwitch:
@@ -132,22 +132,22 @@ class DeadManSwitch:
         self._fresh_s = -math.inf
 
     def refresh(self, time_s: float) -> None:
-        """Record that a command came; one without a time, or an older one, does not count."""
+        """Record that a command came; a command without a time, or an older one, does not count."""
         if time_s < math.inf:
             self._fresh_s = max(self._fresh_s, time_s)
 
     def postpone(self, delay_s: float) -> None:
-        """Leave out a time in which the program was delayed: no command could come."""
+        """Exclude a time in which the program was delayed, because no command could arrive."""
         self._fresh_s += delay_s
 
     def expired(self, time_s: float) -> bool:
-        """Check whether the switch has expired; it has until the first command."""
+        """Check whether the switch has expired; it counts as expired until the first command."""
         return not time_s - self._fresh_s <= self._timeout_s
 
 
-# The status of a servo not read for this long is unknown.
+# The status of a servo that was not read for this long is unknown.
 _STALE_S = 1.0
-# Where a servo protects itself sooner than the arm file says, warnings begin so far below.
+# If a servo protects itself earlier than the arm file says, warnings begin this far below.
 _WARN_BELOW_C = 5.0
 
 
@@ -157,7 +157,7 @@ class ServoTelemetry:
 
     Attributes:
         joint: Its joint.
-        time_s: When it was read.
+        time_s: Time of the reading.
         temperature_c: Its temperature.
         voltage_v: Its supply voltage.
         load_percent: Its load in percent of its maximum, signed; None if it reports none.
@@ -184,7 +184,7 @@ class _ThresholdFault:
 
 @dataclass(slots=True)
 class _Heating:
-    """How fast a servo gets warmer: sensors tell whole degrees, so from one degree to the next."""
+    """Rate of warming of a servo; sensors report whole degrees, so it is taken between changes."""
 
     degree_c: float = math.nan
     since_s: float = 0.0
@@ -199,7 +199,7 @@ class _Heating:
         self.degree_c, self.since_s = telemetry.temperature_c, telemetry.time_s
 
     def time_left(self, hold_c: float) -> str:
-        """Return in words how soon a temperature is reached; empty where it does not get warmer."""
+        """Return in words when a temperature will be reached; empty if it does not rise."""
         if self.rate_c_s <= 0.0 or hold_c == math.inf:
             return ""
         return f", at this rate in {(hold_c - self.degree_c) / self.rate_c_s:.0f} s"
@@ -231,11 +231,11 @@ class HealthMonitor:
         self.release = False
 
     def update(self, telemetry: ServoTelemetry) -> tuple[str, ...]:
-        """Update what is watched, and return warnings for the user.
+        """Update the monitored values, and return warnings for the user.
 
         Raises:
-            ServoAlarmError: The arm must hold: a servo is too hot, overloaded, its supply is out of
-                range, it was reset, reports an alarm, or values that are not finite.
+            ServoAlarmError: The arm must hold: a servo is too hot or overloaded, its supply is out
+                of range, it was reset, or it reports an alarm or values that are not finite.
         """
         limits = self._limits
         self._read_s[telemetry.joint] = telemetry.time_s
@@ -255,16 +255,16 @@ class HealthMonitor:
         )
 
     def _hold_c(self, joint: str) -> float:
-        """Return where the arm holds: by the arm file, and before the servo protects itself."""
+        """Return the holding temperature: by the arm file, and below the servo's own protection."""
         hold_c = self._limits.hold_c
-        # An overheated arm is lowered without a limit.
+        # Lowering an overheated arm has no limit.
         return min(hold_c, self._trip_c.get(joint, hold_c)) if hold_c < math.inf else hold_c
 
     def check_telemetry_age(self, time_s: float) -> None:
         """Check that every servo that was ever read was read recently.
 
         Raises:
-            RefusedError: One was not, so that its status is unknown.
+            RefusedError: A servo was not, so that its status is unknown.
         """
         for joint, read_s in self._read_s.items():
             if not time_s - read_s <= _STALE_S:
@@ -285,7 +285,7 @@ class HealthMonitor:
 
     def _temperature_faults(self, telemetry: ServoTelemetry) -> Iterator[_ThresholdFault]:
         celsius, hold_c = telemetry.temperature_c, self._hold_c(telemetry.joint)
-        # Written so that NaN is a fault, too.
+        # The comparison is written so that NaN is a fault, too.
         if not celsius < hold_c:
             found = f"is at {celsius:.0f} °C (limit {hold_c:.0f} °C)"
             yield _ThresholdFault(found, "Let it cool down: ikservo relax")
@@ -322,7 +322,7 @@ def _reset_faults(telemetry: ServoTelemetry) -> Iterator[_ThresholdFault]:
 
 
 def alarm_hint(alarms: Container[str]) -> str:
-    """Return what to do about a servo's alarms, given as text."""
+    """Return advice for a servo's alarms, given as text."""
     if Alarm.VOLTAGE in alarms:
         return "Check the power supply and its cable. If the alarm stays: ikservo recover"
     return "Remove the load, or let it cool down. If the alarm stays: ikservo recover"
@@ -340,7 +340,7 @@ def power_lost_error(
 
     Args:
         joints: All joints.
-        silent: Those whose servos do not answer.
+        silent: Joints whose servos do not answer.
         holds: Whether a servo has switched its torque on again.
     """
     if len(silent) == len(joints):

@@ -1,4 +1,4 @@
-"""Overload told before a servo protects itself: how long each joint may press on, and how far."""
+"""Predicts overload before a servo protects itself: how long and hard joints may press."""
 
 from __future__ import annotations
 
@@ -11,15 +11,15 @@ from ikservo.guard.driven_joint import DrivenJoint
 
 @dataclass(frozen=True, slots=True)
 class OverloadRule:
-    """When a servo counts as overloaded, by its registers or its sheet.
+    """Conditions under which a servo counts as overloaded, by its registers or data sheet.
 
     Attributes:
-        output: Share of its whole output, 0 to 1, beyond which a blocked servo is overloaded.
-        time_s: After so long it protects itself.
-        output_per_rad: Share of the output for each rad between goal and horn; 0 where unknown.
-        torque_limit: Largest share of the output that its limits in force let it give.
-        full_a: Current of the blocked motor at its whole output, where its servo counts current;
-            0 where it counts its output.
+        output: Fraction of the full output, 0 to 1, above which a blocked servo is overloaded.
+        time_s: Time after which it protects itself.
+        output_per_rad: Fraction of the output per rad between goal and horn; 0 if unknown.
+        torque_limit: Largest fraction of the output that its present limits allow.
+        full_a: Current of the blocked motor at full output, if its servo counts current; 0 if it
+        counts output.
     """
 
     output: float
@@ -31,14 +31,14 @@ class OverloadRule:
 
 # A horn that has turned by no more than this in this time is blocked (0.1 rad/s).
 _STILL_RAD, _STILL_S = 0.004, 0.04
-# A goal acts before its effect is measured: what comes this near to the limit counts as beyond it,
-# and what falls below the second share of the limit has ended.
+# A goal acts before its effect is measured, so output this close to the limit counts as overload;
+# it ends below the second fraction of the limit.
 _NEAR, _ENDED = 0.92, 0.88
-# What has not been beyond the limit itself for so long stands below it: no servo trips from that.
+# Output that has not exceeded the limit itself for this long stays below it, and trips no servo.
 _REACHED_S = 0.1
-# With so little time left a joint is relaxed, to so much of the limit.
+# With this little time left a joint is relaxed, to this fraction of the limit.
 _RELAX_LEFT_S, _RELAXED_SHARE = 1.0, 0.6
-# A joint that its load just keeps from starting is near its reference: it is given this time.
+# A joint that its load barely keeps from starting is near its reference; it gets this time.
 _NEAR_REFERENCE_RAD, _STARTING_S = 0.045, 0.3
 # A reading of the load is valid for this long.
 _LOAD_AGE_S = 0.3
@@ -46,17 +46,17 @@ _LOAD_AGE_S = 0.3
 
 @dataclass(slots=True)
 class _Pressing:
-    """What is known of one joint.
+    """State of one joint.
 
     Attributes:
         tick: The position since ``still_s``, within the tolerance.
-        output: The share of the output for its last goal.
-        load: The last reading of the load as a share of the output, signed.
-        since_s: Since when it presses beyond the limit; NaN where it does not.
-        reached_s: When it was beyond the limit itself last.
-        bound: Its goal when it was relaxed, which the motion does not pass; None where it is not.
-        warned: Whether that was said.
-        side: 1 where it presses to greater ticks, -1 to smaller ones.
+        output: Fraction of the output for its last goal.
+        load: The last reading of the load as a signed fraction of the output.
+        since_s: Time since which it presses beyond the limit; NaN if it does not.
+        reached_s: Last time at which it was beyond the limit itself.
+        bound: Its goal when it was relaxed, which the motion does not pass; None if not relaxed.
+        warned: Whether the user was warned.
+        side: 1 if it presses to greater ticks, -1 if to smaller ones.
     """
 
     tick: int = 0
@@ -72,10 +72,10 @@ class _Pressing:
 
 
 class OverloadMonitor:
-    """Predicts from goals and positions that are read anyway when a servo will protect itself.
+    """Predicts from goals and positions, which are read anyway, when a servo will protect itself.
 
-    A position loop gives the duty ``kp (goal - position)``, which is known one cycle before a
-    reading could tell; readings of the load are taken as well where they come.
+    A position loop gives the duty ``kp (goal - position)``, known one cycle before a reading could
+    show it; readings of the load are used as well if there are any.
 
     Args:
         driven_joints: The joints.
@@ -99,20 +99,20 @@ class OverloadMonitor:
         return tuple(name for name, joint in self._joints.items() if joint.bound is not None)
 
     def seconds_left(self, joint: str) -> float | None:
-        """Compute how long a joint may press on; None where it does not press too hard."""
+        """Compute how long a joint may continue to press; None if it does not press too hard."""
         since_s = self._joints[joint].since_s
         if math.isnan(since_s):
             return None
         return max(self.rules[joint].time_s - (self._time_s - since_s), 0.0)
 
     def observe_load(self, joint: str, load: float, time_s: float) -> None:
-        """Take a reading of the load as a share of the whole output, signed."""
+        """Take a reading of the load as a signed fraction of the full output."""
         state = self._joints.get(joint)
         if state is not None:
             state.load, state.load_s = load, time_s
 
     def observe_current(self, joint: str, current_a: float, time_s: float) -> None:
-        """Take a reading of the current, signed or its size, of a servo that counts that."""
+        """Take a reading of the current, signed or absolute, of a servo that counts current."""
         rule = self.rules.get(joint)
         if rule is not None and rule.full_a:
             self.observe_load(joint, current_a / rule.full_a, time_s)
@@ -124,7 +124,7 @@ class OverloadMonitor:
         time_s: float,
         references: Mapping[str, int] | None = None,
     ) -> tuple[str, ...]:
-        """Take the goals in force and the measured ticks; return new warnings.
+        """Take the present goals and the measured ticks; return new warnings.
 
         Args:
             goals: The goals by joint; joints without a goal are left out.
@@ -144,8 +144,8 @@ class OverloadMonitor:
     def draw_back(self, goals: Mapping[str, int], ticks: Mapping[str, int]) -> dict[str, int]:
         """Draw back the goals of joints that press too long.
 
-        Such a joint keeps on pressing with 60 % of what its servo bears, until its goal comes back
-        or what blocks it gives way. It follows no load that pushes it back.
+        Such a joint continues to press with 60 % of what its servo can bear, until its goal comes
+        back or the obstacle gives way. It does not follow a load that pushes it back.
         """
         drawn = dict(goals)
         for name in self.rules:
@@ -161,7 +161,7 @@ class OverloadMonitor:
                 joint.bound = near
                 self._news.append(
                     f"{name} was relaxed {left_s:.1f} s before its servo protects itself: its goal "
-                    "waits near where it presses."
+                    "stays close to the joint."
                 )
             if joint.bound is None:
                 continue
@@ -172,13 +172,13 @@ class OverloadMonitor:
         return drawn
 
     def relaxed_goals(self, goals: Mapping[str, int], ticks: Mapping[str, int]) -> dict[str, int]:
-        """Return the goals, drawn back, of all joints that press too hard, at the end of a motion.
+        """Return the goals, drawn back, of all joints that press too hard at the end of a motion.
 
-        A goal that is as near already is left out: a load that is read may come from more than
-        the lag, as with an I gain, and no goal is pushed on.
+        A goal that is already that close is left out: the measured load may come from more than the
+        lag, as with an I gain, and no goal is pushed further.
 
         Args:
-            goals: In force, by joint.
+            goals: Present goals by joint.
             ticks: The measured ticks.
         """
         drawn: dict[str, int] = {}

@@ -1,7 +1,7 @@
 """Sag of the joints under the arm's own weight, compiled.
 
-``kinematics.dynamics`` computes the same torques, which a test compares; of the many postures of a
-path the kernel takes a fifth of the time.
+``kinematics.dynamics`` computes the same torques, and a test compares both; for the many postures
+of a path the kernel takes a fifth of the time.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from ikservo.model.scene_file import KeepOutShape
 
 Sag = Callable[[Matrix], Matrix]
-"""Returns how far gravity moves the joints (n, dof) from goals (n, dof), rad or m."""
+"""Returns the displacement by gravity of the joints (n, dof) from goals (n, dof), rad or m."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -31,7 +31,7 @@ class Weight:
 
     Attributes:
         masses: The masses of the links.
-        yields: Compliance of each joint (dof,), rad for each N m (m for each N).
+        yields: Compliance of each joint (dof,), rad per N m (m per N).
         lower: The lower end stop of each joint (dof,), rad or m; -inf if there is none.
         upper: The upper end stop of each joint (dof,); inf if there is none.
     """
@@ -48,11 +48,11 @@ class Weight:
 class GravitySag:
     """The sag of an arm's joints: gravity's torque times their compliance.
 
-    A joint does not sag past its stops.
+    A joint does not sag past its end stops.
 
     Args:
         body: The arm.
-        weight: Its masses, and how its joints yield.
+        weight: Its masses, and the compliance of its joints.
 
     Attributes:
         masses: (links, 4) mass [kg] and centre in the link's frame [m].
@@ -67,7 +67,7 @@ class GravitySag:
         self.bounds = np.array([GRAVITY_M_S2 * weight.yields, weight.lower, weight.upper])
 
     def __call__(self, q: Matrix) -> Matrix:
-        """Return how far gravity moves the joints (n, dof) from goals (n, dof), rad or m."""
+        """Return the displacement of joints (n, dof) from goals (n, dof) by gravity, rad or m."""
         from ikservo.kernels.capsule_distances import gravity_torques_kernel  # noqa: PLC0415
 
         q = np.ascontiguousarray(q, dtype=np.float64)
@@ -78,12 +78,12 @@ class GravitySag:
 
 
 def arm_sag(model: Model, body: CollisionBody, held: Sequence[KeepOutShape] = ()) -> GravitySag:
-    """Return how far an arm with its gripper yields to its weight.
+    """Return how far an arm with its gripper sags under its weight.
 
     Args:
         model: The arm.
         body: Its links, and what it holds.
-        held: The things that it holds: together as heavy as the largest payload of its servos.
+        held: Things that it holds; together they count as the largest payload of its servos.
     """
     chain = body.chain
     masses = link_masses(model, chain)

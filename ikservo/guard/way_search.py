@@ -1,9 +1,9 @@
-"""The search for a way of the joints around what is in their straight way.
+"""Search for a path of the joints around obstacles on their straight path.
 
-The compiled search (`ikservo.kernels.way_search`) looks at samples. What it finds is shortened, and
-proven free before it is returned. A motion whose proof fails goes back: it is taken out of its
-tree, the samples become closer, and the search goes on. The same question has the same answer: each
-search begins with the same seed, and its effort is counted in postures, not in seconds.
+The compiled search (`ikservo.kernels.way_search`) checks samples. A path that it finds is
+shortened, and proven free before it is returned. If a proof fails, the motion is removed from its
+tree, sampling becomes finer, and the search continues. The same question has the same answer: each
+search begins with the same seed, and counts its effort in postures, not seconds.
 """
 
 from __future__ import annotations
@@ -24,22 +24,22 @@ from ikservo.kinematics.packed import WIDTH
 
 _NODES = 100000  # of a tree
 _STEP_M = 0.1
-_FINEST_M = 0.002  # a shortcut that closer samples find free is not refined any further
-_CHUNK, _CHUNK_IN_PYTHON = 2000, 20  # postures between two looks at whether the search is to end
-# After the first way others are searched, to find a shorter one.
-_MOST_WAYS = 8  # in all
-_SEARCHED_AGAIN = 1  # times the postures that the first one took
-_LEAST_AGAIN = 2500  # postures at least
-_SHORT = 1.4  # times the straight distance; a shorter way is not improved
-_SHORT_IN_TIME = 1.02  # the same for a search that takes its time
+_FINEST_M = 0.002  # a shortcut that is free at this spacing is not refined further
+_CHUNK, _CHUNK_IN_PYTHON = 2000, 20  # postures between two checks for the end of the search
+# After the first path others are searched, to find a shorter one.
+_MOST_WAYS = 8  # paths in all
+_SEARCHED_AGAIN = 1  # multiple of the postures for the first path
+_LEAST_AGAIN = 2500  # smallest number of postures
+_SHORT = 1.4  # multiple of the straight distance; shorter paths are not improved
+_SHORT_IN_TIME = 1.02  # the same for a search that may take its time
 _FOR_EVER = 10**15  # postures: only time ends the search
-_SHORTER = 0.75  # ways are looked for that are shorter by this factor
+_SHORTER = 0.75  # the next path must be shorter by this factor
 _ROOM = 200  # rows for the corners that shortcuts add
 _SAME = 1e-9
 
 
 class SearchedTool(Protocol):
-    """What a tool keeps to on the way."""
+    """Constraints of a tool on the path."""
 
     @property
     def arm(self) -> Matrix:
@@ -48,16 +48,16 @@ class SearchedTool(Protocol):
 
     @property
     def projected(self) -> Matrix:
-        """Limits (k, 8) that a projection meets; see ``ik.kernel.tool_limits``."""
+        """Limits (k, 8) that a projection satisfies; see ``ik.kernel.tool_limits``."""
         ...
 
     @property
     def kept(self) -> Matrix:
-        """Limits (k, 8) that ``keeps`` compares with."""
+        """Limits (k, 8) that ``keeps`` checks."""
         ...
 
     def keeps(self, joints: Matrix) -> NDArray[np.bool_]:
-        """Return which joints (n, dof) keep the limits (n,)."""
+        """Check which joints (n, dof) keep the limits (n,)."""
         ...
 
 
@@ -75,16 +75,16 @@ class WaySearch:
         goals: The possible ends (m, n).
         lower: The lowest positions (n,), finite.
         upper: The highest positions (n,).
-        body: The joints of the body by a posture (dof, 3): the column, or -1; its unit; the
-            position of a joint without a column. None if a posture has all of them.
-        tool: The constraint of the tool on the way; None if it is free.
+        body: For each joint of the body (dof, 3): its column in a posture, or -1; its unit; its
+            position if it has no column. None if a posture has all joints.
+        tool: The constraint of the tool on the path; None if it is free.
         columns: The column and unit of each joint of the tool's chain (dof of the chain, 2).
         seed: The seed of the random numbers.
-        takes_time: Whether a way is made shorter until the search is to end, unless it is nearly
+        takes_time: Whether a path is shortened until the search is to end, unless it is nearly
             straight.
 
     Attributes:
-        has_ended: Whether nothing more will be found: a way was, or there is no free end, or the
+        has_ended: Whether nothing more will be found: a path was found, no end is free, or the
             search has become too large.
     """
 
@@ -125,14 +125,14 @@ class WaySearch:
         self._plant(self._limits)
 
     def find(self, most: int, is_over: Callable[[], bool] = bool) -> Matrix | None:
-        """Go on until a way is found that is proven free.
+        """Continue until a path is found that is proven free.
 
         Args:
-            most: The largest number of postures that are looked at.
-            is_over: Whether the search is to end without a way; asked often.
+            most: The largest number of postures to check.
+            is_over: Returns whether the search is to end without a path; called often.
 
         Returns:
-            The postures (k, n) of the way; None if none was found yet, or the start or all goals
+            The postures (k, n) of the path; None if none was found yet, or the start or all goals
             are not free.
         """
         if self.has_ended:
@@ -151,7 +151,7 @@ class WaySearch:
         return None
 
     def _has_met(self, until: int, is_over: Callable[[], bool]) -> bool:
-        """Let the trees grow, up to so many postures, and return whether they have met."""
+        """Let the trees grow by up to this many postures, and return whether they have met."""
         looked = self._kernel.LOOKED
         while self._state[looked] < until and not (self.has_ended or is_over()):
             before = self._state[looked]
@@ -163,7 +163,7 @@ class WaySearch:
     def _bound(
         self, name: str, limits: Matrix, nodes: Matrix, parents: IntVector, state: IntVector
     ) -> Callable[..., object]:
-        """Return an entry of the kernel that still takes the distance of samples and the bound."""
+        """Return an entry of the kernel that only needs the sample distance and the bound."""
         tool, dof = self._tool, len(self._columns)
         nothing = np.zeros((0, 8))
         return bind(
@@ -176,7 +176,7 @@ class WaySearch:
         )  # fmt: skip
 
     def _plant(self, limits: Matrix) -> None:
-        """Begin with the roots of both trees, in new arrays, and aims between limits (2, n)."""
+        """Plant the roots of both trees in new arrays; targets are between limits (2, n)."""
         kernel, n, goals = self._kernel, len(self._start), len(self._goals)
         self._nodes, self._parents = np.empty((2 * _NODES, n)), np.empty(2 * _NODES, np.int64)
         self._nodes[0], self._nodes[_NODES : _NODES + goals] = self._start, self._goals
@@ -188,7 +188,7 @@ class WaySearch:
         )
 
     def _other_ways(self, way: Matrix, is_over: Callable[[], bool]) -> list[Matrix]:
-        """Search again from the beginning, with other random numbers, unless a way is short."""
+        """Search again from the beginning, with other random numbers, unless a path is short."""
         looked, before = self._kernel.LOOKED, (self._nodes, self._parents, self._grow_trees)
         until = self._state[looked] + max(_SEARCHED_AGAIN * int(self._state[looked]), _LEAST_AGAIN)
         until = _FOR_EVER if self._takes_time else int(until)
@@ -211,7 +211,7 @@ class WaySearch:
         return ways[1:]
 
     def _limits_of_ways(self, length: float) -> Matrix:
-        """Return the limits (2, n) of all ways that are not longer than a length, rad."""
+        """Return limits (2, n) that contain all paths up to a length, rad."""
         apart = self._goals - self._start
         aside2 = np.maximum(length**2 - (apart**2).sum(axis=1), 0.0)
         half, middle = 0.5 * np.sqrt(apart**2 + aside2[:, None]), self._start + 0.5 * apart
@@ -219,15 +219,15 @@ class WaySearch:
         return np.clip([low, high], *self._limits)
 
     def _proven_way(self, is_over: Callable[[], bool]) -> Matrix | None:
-        """Return the shortest way that is proven; take a motion that is not free out of the trees.
+        """Return the shortest proven path; remove motions that are not free from the trees.
 
         Returns:
-            None if a motion was taken out.
+            None if a motion was removed.
         """
         out, home = self._branches()
         way, step_m = self._way(out, home), self._step_m
         shorter = self._shortened(way, step_m)
-        # Others are not searched each time where proofs fail.
+        # If proofs fail, other paths are not searched each time.
         if step_m == _STEP_M or self._is_proven(shorter):
             ways = [shorter, *self._other_ways(shorter, is_over)]
             for shortest in sorted(ways, key=path_length):
@@ -250,7 +250,7 @@ class WaySearch:
         return way
 
     def _branches(self) -> tuple[list[int], list[int]]:
-        """Return the rows from where the trees met to the start, and those to a goal."""
+        """Return the rows from the meeting point to the start, and those to a goal."""
         found = list[int](), list[int]()
         for rows, met in zip(found, self._state[self._kernel.MET :], strict=False):
             row = int(met)
@@ -260,11 +260,11 @@ class WaySearch:
         return found
 
     def _way(self, out: list[int], home: list[int]) -> Matrix:
-        """Return the postures (k, n) from the start to a goal on which the trees met."""
+        """Return the postures (k, n) of the path where the trees met, from start to goal."""
         return self._nodes[out[::-1] + home[1:]]
 
     def _remove_branch(self, tree: int, row: int) -> None:
-        """Remove a node and all that were reached from it."""
+        """Remove a node and all nodes that were reached from it."""
         sizes = self._kernel.SIZES
         first, size = tree * _NODES, int(self._state[sizes + tree])
         nodes, parents = self._nodes[first : first + size], self._parents[first : first + size]
@@ -280,7 +280,7 @@ class WaySearch:
         self._state[sizes + tree] = len(left)
 
     def _shortened(self, way: Matrix, step_m: float) -> Matrix:
-        """Return a way (k, n) without the detours that samples find needless."""
+        """Return a path (k, n) without detours that are unnecessary according to samples."""
         room = len(way) + _ROOM
         nodes, state = np.zeros((2 * room, way.shape[1])), self._state.copy()
         nodes[: len(way)] = way
@@ -293,12 +293,12 @@ class WaySearch:
         return nodes[: state[sizes]].copy()
 
     def _first_unproven(self, way: Matrix) -> int | None:
-        """Return the first motion of a way (k, n) that is not proven free; None if all are."""
+        """Return the first motion of a path (k, n) that is not proven free; None if all are."""
         motions = enumerate(itertools.pairwise(way))
         return next((i for i, ends in motions if not self._is_proven(np.array(ends))), None)
 
     def _is_proven(self, way: Matrix) -> bool:
-        """Check whether all motions of a way (k, n) are proven free."""
+        """Check whether all motions of a path (k, n) are proven free."""
         if not self._space.is_free(self._bodies(way)):
             return False
         if self._tool is None:

@@ -29,9 +29,7 @@ from ikservo.hardware.serial_ports import line_hint
 from ikservo.hardware.servo import Readings, ServoSpec
 from ikservo.registers import Family, Register, RegisterName
 
-_MAX_CACHED_PLANS = (
-    64  # more than a program repeats; a program that never repeats must not fill memory
-)
+_MAX_CACHED_PLANS = 64  # more than repeats in a program; bounds the memory
 
 _Key = TypeVar("_Key", bound=RegisterRef)
 
@@ -39,12 +37,12 @@ _Key = TypeVar("_Key", bound=RegisterRef)
 class ServoBus(RegisterAccess):
     """Read and write registers of the servos on one port.
 
-    Registers may come from any table, or be a ``RegisterName``: each servo's own register so named
-    is used, so that one call serves a line with several models. Values are in the register's
-    unit; ``raw=True`` uses its integer, for positions the tick.
+    Registers may come from any table, or be a ``RegisterName``, which means each servo's own
+    register of that name, so that one call serves a line with several models. Values are in the
+    register's unit; ``raw=True`` uses its integer, for positions the tick.
 
     Programs may use it without an arm; ``bulk_write``, ``broadcast_ping``, ``reg_write`` and
-    ``action`` are part of this interface, though ikservo does not call them.
+    ``action`` are part of this interface, although ikservo does not call them.
 
     Args:
         port: The port.
@@ -112,8 +110,8 @@ class ServoBus(RegisterAccess):
         """Read each servo's own registers, with as few requests as the family allows.
 
         Neighbouring registers are read together. Raises only if the port is lost. A servo that does
-        not reply is in ``errors``, after one common retry of all such; one that has been silent for
-        long is polled at a reduced rate.
+        not reply is in ``errors``, after one common retry of all silent servos; a servo that has
+        been silent for long is polled at a reduced rate.
         """
         key = tuple((servo_id, tuple(keys)) for servo_id, keys in refs.items())
         return self._execute_plan(self._plans.get(key) or self._read_plan(key, refs), raw=raw)
@@ -181,7 +179,7 @@ class ServoBus(RegisterAccess):
                 )
 
     def _encode_cell(self, cell: WriteTarget, value: float, *, raw: bool) -> bytes:
-        """Encode the bytes of a value; the short path is for the goals of every cycle."""
+        """Encode the bytes of a value; the short branch is for the goals of every cycle."""
         register = cell.register
         if raw and cell.plain and type(value) is int:
             lower, upper = register.range
@@ -229,7 +227,7 @@ class ServoBus(RegisterAccess):
 
         Args:
             family: The protocol family.
-            highest_id: Up to which id to wait; the highest known one if None.
+            highest_id: The last id to wait for; the highest known one if None.
 
         Raises:
             PortLostError: The port is lost.
@@ -240,8 +238,8 @@ class ServoBus(RegisterAccess):
     def load_return_delays(self) -> None:
         """Shorten reply timeouts to these servos' own return delays.
 
-        Until then the longest delay that the registers can hold is assumed of each servo. If one
-        does not reply or has no such register, the assumption stays.
+        Until then the longest delay that the registers can hold is assumed for each servo. If a
+        servo does not reply or has no such register, the assumption stays.
         """
         role = RegisterName.RETURN_DELAY
         settable = [i for i, servo in self.servos.items() if role not in servo.table.missing]

@@ -21,24 +21,24 @@ DUPLICATE_ID_HINT = (
     "Several servos may share one id. Give each its own, one at a time: ikservo setup ARM"
 )
 
-_PINGS = 6  # of each id; replies of two servos overlap by chance now and then
+_PINGS = 6  # of each id; replies of two servos overlap by chance
 _SAMPLES = 24  # pings of an id that is checked more closely
-_ODD_FAULTS = 8  # minimum number of them that two servos spoil, and that a bad line does not
+_ODD_FAULTS = 8  # faults among the samples that prove two servos
 
 
 def raise_explained(bus: ServoBus, error: IkservoError) -> None:
-    """Raise what explains a failed request, if anything does; only pings and reads are sent.
+    """Raise an error that explains a failed request, if possible; only pings and reads are sent.
 
-    Two servos with one id damage or double each other's replies, or contradict the arm file. Where
-    servos are silent, others may be on the line; looking for them takes up to two seconds.
+    Two servos with one id damage or double each other's replies, or contradict the arm file. If
+    servos are silent, others may be on the line; searching for them takes up to two seconds.
 
     Args:
         bus: The bus.
-        error: Why the request failed.
+        error: The error of the request.
 
     Raises:
-        BadReplyError: More than one servo replies at an id; names all such.
-        ServoSilentError: Servos are silent, and others were found; names them.
+        BadReplyError: Several servos reply at one id; all such ids are named.
+        ServoSilentError: Servos are silent and others were found; they are named.
         PortLostError: The port is lost.
     """
     raise_on_duplicate_ids(bus)
@@ -62,7 +62,7 @@ def raise_on_duplicate_ids(bus: ServoBus) -> None:
     """Raise if two servos have the same id; see ``find_duplicate_ids``.
 
     Raises:
-        BadReplyError: More than one servo replies at an id; names all such.
+        BadReplyError: Several servos reply at one id; all such ids are named.
         PortLostError: The port is lost.
     """
     duplicates = find_duplicate_ids(bus)
@@ -74,10 +74,10 @@ def raise_on_duplicate_ids(bus: ServoBus) -> None:
 
 
 def find_duplicate_ids(bus: ServoBus) -> list[ServoSpec]:
-    """Find the servos at whose ids more than one replies.
+    """Find the ids at which several servos reply.
 
-    Each is pinged a few times, and more often if a reply is damaged or doubled. This takes
-    about 10 ms a servo, whatever the adapter's latency, and writes nothing.
+    Each id is pinged a few times, and more often if a reply is damaged or doubled. This takes about
+    10 ms per servo, whatever the adapter's latency, and writes nothing.
 
     Raises:
         PortLostError: The port is lost.
@@ -105,14 +105,14 @@ def _is_duplicate_id(port: Port, framing: Framing, servo_id: int, *, echoes: boo
 
 
 _NO_REPLY = 251  # an unused id: only an adapter that echoes returns something for it
-_NEW_IDS = (1,)  # as delivered
+_NEW_IDS = (1,)  # factory ids
 _MAX_FOUND = 3  # servos checked closely; more would not change the message
 
 
 def find_unexpected_servos(
     port: Port, silent: Sequence[ServoSpec], known: Collection[int]
 ) -> list[FoundServo]:
-    """Find some servos that may be the silent ones: at their ids first, then at any.
+    """Find some servos that may be the silent ones: at their ids first, then at any id.
 
     Args:
         port: The port; its rate is restored.
@@ -135,7 +135,7 @@ def find_unexpected_servos(
 
 
 def _responding_servos(port: Port, rate: int, ids: Iterable[int]) -> Iterator[FoundServo]:
-    """Yield those of some ids that reply at a rate, in either framing."""
+    """Yield the servos of given ids that reply at a rate, in either framing."""
     if not _is_set(port, rate):
         return
     for framing in FRAMINGS:

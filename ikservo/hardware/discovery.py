@@ -27,15 +27,15 @@ def named_port(name: str | None) -> str:
 def choose_port(name: str | None, arm: str = "") -> str:
     """Choose the port to use.
 
-    In this order: the named one, ``IKSERVO_PORT``, the one on which this arm was last found, by
-    its USB serial number, the only one there is.
+    The order is: the named port, ``IKSERVO_PORT``, the port on which this arm was last found, by
+    its USB serial number, and the only port if there is only one.
 
     Args:
         name: The port given by the user, if any.
         arm: The arm's name, if one is given.
 
     Raises:
-        NoPortError: There is none or more than one to choose.
+        NoPortError: There is no port, or more than one to choose from.
     """
     named = named_port(name)
     if named:
@@ -49,19 +49,19 @@ def choose_port(name: str | None, arm: str = "") -> str:
 
 
 def remember_port(arm: str, port: str) -> None:
-    """Remember the adapter on which an arm replied; one without a serial number cannot be."""
+    """Remember the adapter on which an arm replied, if it has a serial number."""
     adapter = find_adapter(port)
     if adapter is not None:
         remember_serial_number(arm, adapter.serial_number)
 
 
 def is_simulator(name: str) -> bool:
-    """Check whether a port's name is that of a simulated arm."""
+    """Check whether a port's name means a simulated arm."""
     return name.partition(":")[0] == _SIMULATED
 
 
 def simulated_port_url(name: str, arm_file: Path | None) -> str:
-    """Return the simulator's URL with the arm on it; ``sim:?seed=3`` passes options on.
+    """Return the simulator's URL for the arm; options as in ``sim:?seed=3`` are passed on.
 
     Args:
         name: The port.

@@ -32,11 +32,11 @@ from ikservo.registers import MODELS, Area, ControlTable, Register, RegisterName
 
 @dataclass(frozen=True, slots=True)
 class RegisterDifference:
-    """A register that does not hold what it should.
+    """A register whose value differs from the expected one.
 
     Attributes:
-        register: The register.
-        found: The raw number it holds.
+        found: Its present raw number.
+        expected: Its expected raw number.
         expected: The raw number it should hold.
     """
 
@@ -67,7 +67,7 @@ def read_eeprom(bus: ServoBus, servo_id: int) -> dict[str, int]:
 def register_differences(
     bus: ServoBus, servo_id: int, expected: Mapping[RegisterRef, int]
 ) -> list[RegisterDifference]:
-    """Return the registers that do not hold the wanted raw numbers.
+    """Return the registers whose raw numbers differ from the wanted ones.
 
     Raises:
         BusError: The servo does not reply.
@@ -85,8 +85,8 @@ def update_eeprom(
 ) -> list[RegisterDifference]:
     """Write EEPROM registers that differ from the given raw numbers; return the changes.
 
-    Nothing is written if all are equal already, for EEPROM wears out. Afterwards every number is
-    read back and the memory is locked, also after a failure, and where an earlier run was killed
+    Nothing is written if all are equal already, because EEPROM wears out. Afterwards every number
+    is read back and the memory is locked, also after a failure, and if an earlier run was killed
     before it locked it.
 
     Raises:
@@ -198,7 +198,7 @@ def backup_path(owner: str, servo: ServoSpec) -> Path:
 
 
 def back_up_once(bus: ServoBus, owner: str, servo_ids: Iterable[int] | None = None) -> list[Path]:
-    """Write a copy of the EEPROM of each servo that has none yet; return the new files.
+    """Write a copy of the EEPROM of each servo without a copy; return the new files.
 
     Args:
         bus: The bus.
@@ -250,7 +250,7 @@ def read_backup(path: Path) -> Backup:
     """Read the contents of a copy.
 
     Raises:
-        FileFormatError: It is not a backup, or damaged.
+        FileFormatError: It is not a backup, or is damaged.
     """
     return parse_backup(path, read_text(path, MAX_BYTES))
 
@@ -259,7 +259,7 @@ def parse_backup(path: Path, text: str) -> Backup:
     """Parse the text of a copy; the path is only for messages.
 
     Raises:
-        FileFormatError: It is none, or damaged.
+        FileFormatError: It is not a backup, or is damaged.
     """
     tables = parse_toml(path, text)
     model, servo_id = tables.get("model"), tables.get("id")
@@ -279,7 +279,7 @@ def parse_backup(path: Path, text: str) -> Backup:
 
 
 def _checked(path: Path, table: type[ControlTable], rows: Mapping[str, object]) -> dict[str, int]:
-    """Compute the numbers of a copy, which must be those of the model's whole EEPROM."""
+    """Return the numbers of a copy, which must be the model's whole EEPROM."""
     registers = eeprom_registers(table)
     names = {register.name for register in registers}
     for name in rows.keys() - names:
@@ -299,7 +299,7 @@ def _checked(path: Path, table: type[ControlTable], rows: Mapping[str, object]) 
 
 
 def _fits(register: Register, number: int) -> bool:
-    """Check whether a register can hold a number; servos may hold more than may be written."""
+    """Check whether a register can hold a number; some stored numbers are not allowed in writes."""
     lower, upper = register.codec.span(register.size)
     return lower <= number <= upper
 

@@ -22,7 +22,7 @@ def write_goals(
     describe: Callable[[int, int], str] | None = None,
     confirmed: bool = False,
 ) -> None:
-    """Write goal positions of servos; nothing else in this program writes one.
+    """Write goal positions of servos; no other code in this program writes one.
 
     A goal is inside the servo's range, or between the range and where the servo has been: a joint
     that a limp arm has sunk out of its limits with is held there and moved back, never further out.
@@ -31,14 +31,14 @@ def write_goals(
         bus: The servos.
         goals: Raw ticks by servo id.
         ranges: The lowest and the highest goal of each servo, inclusive.
-        reached: Returns where a servo is, or was sent before; called for a goal out of its range.
+        reached: Returns where a servo is, or was sent before; called for a goal outside its range.
         describe: Returns the message for a refused goal, given servo id and tick.
         confirmed: Whether each servo confirms its goal by a reply; if not, one packet carries all.
 
     Raises:
         RefusedError: A goal is outside, or of a servo without a range; nothing was sent.
         RegisterAccessError: The torque of a servo is off; nothing was sent.
-        BusError: A servo does not confirm it.
+        BusError: A servo does not confirm its goal.
     """
     for servo_id, tick in goals.items():
         low, high = ranges.get(servo_id, (0, -1))

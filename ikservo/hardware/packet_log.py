@@ -1,8 +1,8 @@
 """Record the bytes of a port in a file, and read such files.
 
-A program whose environment variable ``IKSERVO_PACKETS`` names a file appends to it all that its
-ports send and receive. The file is pcapng, which Wireshark opens: link type 147 (USER0), a section
-for each opening of a port, the direction in the flags of each packet. Source: IETF draft
+A program whose environment variable ``IKSERVO_PACKETS`` names a file appends to it everything that
+its ports send and receive. The file is pcapng, which Wireshark opens: link type 147 (USER0), one
+section per opening of a port, the direction in the flags of each packet. Source: IETF draft
 draft-ietf-opsawg-pcapng.
 """
 
@@ -31,7 +31,7 @@ _INBOUND, _OUTBOUND = 1, 2
 _FLAGS = {each: struct.pack("<HHII", _OPTION_FLAGS, 4, each, 0) for each in (_INBOUND, _OUTBOUND)}
 _PACKET_HEAD = struct.Struct("<IIIII")
 _MAX_BLOCK_BYTES = 1 << 20
-_APPENDING = os.O_WRONLY | os.O_CREAT | os.O_APPEND | getattr(os, "O_BINARY", 0)  # of Windows
+_APPENDING = os.O_WRONLY | os.O_CREAT | os.O_APPEND | getattr(os, "O_BINARY", 0)  # Windows only
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,8 +39,8 @@ class LoggedBytes:
     """Bytes that a port sent or received at once.
 
     Attributes:
-        time_s: Seconds since the beginning of 1970; in a simulation, of its clock.
-        sent: Whether they were sent; received otherwise.
+        time_s: Seconds since the beginning of 1970; in a simulation, since that of its clock.
+        sent: Whether they were sent; otherwise they were received.
         data: The bytes.
         opening: Counts the openings of ports in the file, from 1.
     """
@@ -56,7 +56,7 @@ def recorded_transport(transport: Transport, path: str, name: str) -> Transport:
 
     Args:
         transport: Carries the bytes.
-        path: The file that they are appended to.
+        path: The file to which they are appended.
         name: The name of the port.
 
     Raises:
@@ -70,7 +70,7 @@ class _RecordedTransport:
     """Passes everything to a transport, and writes what it sends and receives to a file.
 
     Each block is one write at the end of the file, so that several programs may share it and
-    nothing is lost where one is killed. A disk that fills ends the recording, not the motion.
+    nothing is lost if one is killed. A full disk ends the recording, not the motion.
     """
 
     def __init__(self, transport: Transport, path: Path, name: str) -> None:
@@ -144,10 +144,10 @@ def _padded(data: bytes) -> bytes:
 
 
 def read_packet_log(path: Path) -> Iterator[LoggedBytes]:
-    """Read what ports sent and received; a last block that is incomplete is left out.
+    """Read the traffic of ports; an incomplete last block is left out.
 
     Raises:
-        FileFormatError: It is not a recording of packets, or damaged.
+        FileFormatError: It is not a recording of packets, or is damaged.
     """
     require_file(path)
     opening = 0

@@ -71,17 +71,17 @@ class MemoryRange:
 
     @property
     def end(self) -> int:
-        """The first address after it."""
+        """First address after the range."""
         return self.address + self.size
 
     def overlaps(self, other: MemoryRange) -> bool:
-        """Check whether the two have a byte in common."""
+        """Check whether the two ranges have a byte in common."""
         return (
             self.address < other.address + other.size and other.address < self.address + self.size
         )
 
     def grown(self, by: int) -> MemoryRange:
-        """Return a window of ``by`` bytes more around it.
+        """Return a window that is ``by`` bytes larger than the range.
 
         It grows towards lower addresses, where there is always memory, and upwards only from the
         very beginning of the table.
@@ -125,7 +125,7 @@ class ScanResult:
 
     Attributes:
         frames: Status packets whose checksums are right, in order.
-        pending: Bytes at the end that may be the beginning of another.
+        pending: Bytes at the end that may be the beginning of another packet.
         junk: Bytes that belong to no packet.
     """
 
@@ -168,5 +168,5 @@ class PacketCodec(Protocol):
         ...
 
     def interpret(self, frame: StatusPacket, size: int) -> Reply | None:
-        """Interpret a frame as the reply to a request for ``size`` bytes; None if it is none."""
+        """Interpret a frame as the reply to a request for ``size`` bytes; None if it is not one."""
         ...

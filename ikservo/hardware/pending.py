@@ -20,7 +20,7 @@ _AT_FIRST, _PER_EVENT, _MAX_SUSPICION = (
     3000,
 )  # clean requests until the line is trusted
 
-_LEARNED_CHUNKS = 16  # replies that came no sooner than the wire allows
+_LEARNED_CHUNKS = 16  # replies that were not faster than the wire allows
 _MARGIN_BYTES = 1.03  # clocks of servos and adapters differ by this much at most
 
 
@@ -52,11 +52,10 @@ class LineHealth:
 
 
 class ByteRateCheck:
-    """Compute how many bytes of a reply can have come so far; more are older than the request.
+    """Counts the bytes of a reply that can have arrived; more bytes are older than the request.
 
-    Some lines are faster than their baud rate (a socket, a bridge, a pseudo-terminal), so the
-    limit applies only once replies have met it for a while, and no longer when applying it has
-    lost a reply.
+    Some lines are faster than their baud rate (a socket, a bridge, a pseudo-terminal). The limit
+    therefore applies only after replies have met it for a while, and not after it has lost a reply.
     """
 
     def __init__(self) -> None:
@@ -75,7 +74,7 @@ class ByteRateCheck:
         return max(0, count - int(since_s / byte_s * _MARGIN_BYTES + 1))
 
     def on_reply(self, count: int, since_s: float, byte_s: float) -> None:
-        """Record whether a whole reply came no sooner than the wire allows."""
+        """Record whether a complete reply came as late as the wire requires."""
         self._on_time = self._on_time + 1 if count <= since_s / byte_s * _MARGIN_BYTES + 1 else 0
 
     def reset(self) -> None:
@@ -84,7 +83,7 @@ class ByteRateCheck:
 
 
 MAX_REPLY_DELAY_S = 0.25
-"""A reply later than this is not expected any more, seconds."""
+"""Longest delay after which a reply is still expected, seconds."""
 
 _DUPLICATE_WINDOW_S = (
     0.020  # an adapter that delivers a reply twice does so within a few USB frames
@@ -93,7 +92,7 @@ _CLEAN_DUPLICATES, _SUSPECT_DUPLICATES = (
     3,
     6,
 )  # latest requests whose replies may come a second time
-_MAX_WINDOW_BYTES = 64  # bytes more than requested
+_MAX_WINDOW_BYTES = 64  # bytes beyond the requested ones
 
 _Ids = tuple[int, ...]
 
@@ -141,16 +140,16 @@ class PendingReplies:
 
     @property
     def any_pending(self) -> bool:
-        """Whether a reply may be overdue; some that cannot come any more count, too."""
+        """Whether a reply may be overdue; some that can no longer come count, too."""
         return bool(self._pending)
 
     def pending_until_s(self, servo_ids: _Ids, now_s: float) -> float | None:
-        """Return until when a reply of any of them is pending, None if none is."""
+        """Return the time until which a reply of any of them is pending, or None."""
         pending = (entry for servo_id in servo_ids for entry in self._pending_of(servo_id, now_s))
         return max((until_s for _, until_s in pending), default=None)
 
     def clear_from_s(self, servo_ids: _Ids, now_s: float, health: LineHealth) -> float:
-        """Return from when no older reply can come any more, neither overdue nor doubled."""
+        """Return the time from which no older reply can come, neither overdue nor doubled."""
         pending_s = self.pending_until_s(servo_ids, now_s) or now_s
         if not health.degraded:
             return pending_s
@@ -184,7 +183,7 @@ class PendingReplies:
                 for reply in past
                 if reply.size == size and (health.degraded or reply.request != request)
             ]
-            if confusable:  # rarely, so the latest are sorted out only then
+            if confusable:  # rare, so the latest replies are searched only now
                 latest = _possible_duplicates(past, now_s, suspect=health.suspect)
                 if any(reply in confusable for reply in latest):
                     return True
@@ -205,7 +204,7 @@ class PendingReplies:
             span: The required range.
             now_s: The current time.
             health: The health of the line, see ``is_ambiguous``.
-            size_of: Data bytes of the reply to a window of so many bytes.
+            size_of: Returns the data bytes of the reply to a window of a given size.
 
         Returns:
             The window, or None if replies of every length are pending.
@@ -227,7 +226,7 @@ class PendingReplies:
         return pending
 
     def _received_of(self, servo_ids: _Ids) -> list[deque[_ReceivedReply]]:
-        """Return the requests to these servos, alone or in a group."""
+        """Return the requests that included these servos."""
         overlapping = self._overlapping.get(servo_ids)
         if overlapping is None:
             members = set(servo_ids)
@@ -255,17 +254,17 @@ def _request_time_s(reply: _ReceivedReply) -> float:
 
 
 _LEARNED_REPLIES = 16  # replies before their times are used
-_HISTORY_LENGTH = 32  # recent replies, and as many before them, whose slowest counts
-_MARGIN = 1.5  # times the slowest recent reply
+_HISTORY_LENGTH = 32  # recent replies, and as many older ones, for the slowest
+_MARGIN = 1.5  # multiple of the slowest recent reply
 _MAX_DOUBLINGS = 6
-_MAX_OWN_MISSES = 2  # timeouts in a row that are rather a servo's fault than the adapter's
+_MAX_OWN_MISSES = 2  # consecutive timeouts that still count as a servo's fault
 
 
 class AdaptiveTimeout:
     """Estimate from past replies how long to wait for one that may not come.
 
-    USB adapters hold bytes back for 1 to 16 ms and every one differs, so the wait starts long
-    and shrinks to a multiple of the slowest recent reply. It grows again while no servo replies.
+    USB adapters hold bytes back for 1 to 16 ms, each differently, so the wait starts long and
+    shrinks to a multiple of the slowest recent reply. It grows again while no servo replies.
     """
 
     def __init__(self, min_s: float, max_s: float) -> None:
@@ -275,14 +274,14 @@ class AdaptiveTimeout:
 
     @property
     def typical_s(self) -> float:
-        """The recent maximum delay of replies beyond wire time and return delays."""
+        """Maximum recent delay of replies beyond wire time and return delays."""
         if self._learned < _LEARNED_REPLIES:
             return self.max_s
         return min(max(self._slowest_s, self._slowest_before_s), self.max_s)
 
     @property
     def timeout_s(self) -> float:
-        """How long to wait beyond wire time and return delays, seconds."""
+        """Wait beyond wire time and return delays, seconds."""
         if self._learned < _LEARNED_REPLIES:
             return self.max_s
         learned_s = max(self.min_s, _MARGIN * self.typical_s)
@@ -299,11 +298,11 @@ class AdaptiveTimeout:
             self._slowest_s = overhead_s
 
     def on_timeout(self, *, many: bool = False) -> None:
-        """Double the timeout, from the third time in a row without any reply.
+        """Double the timeout from the third consecutive time without any reply.
 
         Args:
-            many: A group was requested: then the adapter or this machine is slow, and the
-                timeout is four times as long at once.
+            many: A group was requested; then the adapter or this machine is slow, and the timeout
+                is quadrupled at once.
         """
         self._timeouts = max(self._timeouts + 1, _MAX_OWN_MISSES + 2 if many else 0)
 

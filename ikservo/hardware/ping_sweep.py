@@ -34,7 +34,7 @@ class Framing:
     """A packet framing.
 
     Attributes:
-        name: For messages.
+        name: Name for messages.
         families: The protocol families that use it.
         ids: The ids that a servo can have.
         ping_bytes: Length of the ping.
@@ -54,7 +54,7 @@ class Framing:
         return frozenset(rate for table in tables for rate in table.baud_rates.values())
 
     def make_scanner(self) -> _PacketScanner:
-        """Make its encoder and decoder."""
+        """Make the encoder and decoder of the framing."""
         return _Protocol2Framing() if Family.DYNAMIXEL_2 in self.families else _Protocol1Framing()
 
 
@@ -75,8 +75,8 @@ def framing_of(family: Family) -> Framing:
     return next(framing for framing in FRAMINGS if family in framing.families)
 
 
-# The vendors' handlers do not send these pings: they clear the input before they send, and with it
-# the replies of other servos that are still on the line.
+# The vendors' handlers do not send these pings, because they clear the input before sending and
+# lose the replies of other servos that are still on the line.
 
 
 class _Protocol1Framing:
@@ -103,17 +103,17 @@ class _Protocol2Framing:
         return self._codec.scan(data, (3,), final=final)
 
 
-_USB_FRAME_S = 0.001  # two packets may leave the adapter so much closer than they were written
+_USB_FRAME_S = 0.001  # packets may leave the adapter closer together by this
 _ECHO_ERROR = 1  # a ping of protocol 1 parses as a reply with this error byte
 _ADAPTER_DELAY_S = 0.040  # adapters keep bytes for up to 16 ms, busy machines for longer
-_QUIET_S = 3  # pings of one id without any reply after which it is given up
+_QUIET_S = 3  # pings of one id without a reply before giving up
 _RECENT_PINGS = 20  # pings whose replies an adapter may hold back
-_READ_CHUNK_BYTES = 4096  # bytes; more than any slot brings
+_READ_CHUNK_BYTES = 4096  # bytes; more than arrive in any slot
 
 
 @dataclass(slots=True)
 class PingResults:
-    """The replies to pings.
+    """Replies to pings.
 
     Attributes:
         frames: Every reply by id, in the order of arrival.
@@ -145,8 +145,8 @@ def ping_ids(
         servo_ids: The ids to ping; an id may occur several times.
         on_ping: Called with the number of pings sent so far.
         echoes: Whether the adapter echoes; None detects it, which takes several ids.
-        one_by_one: Wait for each reply, and a while longer for a second one; stop if the first
-            pings have no reply.
+        one_by_one: Wait for each reply, and briefly for a second one; stop if the first pings have
+            no reply.
 
     Raises:
         PortLostError: The port is lost.
@@ -168,7 +168,7 @@ def ping_ids(
 
 
 def _receive_until_slot_end(port: Port, framing: Framing, *, one_by_one: bool) -> bytes:
-    """Return what is received until the next ping may be sent."""
+    """Return the bytes received until the next ping may be sent."""
     first = b""
     if one_by_one:
         first = port.read_until(1, port.clock.now_s() + _ADAPTER_DELAY_S)
@@ -178,7 +178,7 @@ def _receive_until_slot_end(port: Port, framing: Framing, *, one_by_one: bool) -
 
 
 def ping_slot_s(port: Port, framing: Framing) -> float:
-    """Compute after what time the next ping cannot collide with the reply to this one."""
+    """Compute the time after which the next ping cannot collide with the reply to this one."""
     on_wire_s = port.wire_s(framing.ping_bytes + framing.reply_bytes)
     return on_wire_s + MAX_RETURN_DELAY_S + _USB_FRAME_S
 
@@ -224,7 +224,7 @@ class _ScanReceiver:
         return results
 
     def _echoes_own_pings(self, pinged: Counter[int]) -> bool:
-        """An adapter that echoes repeats every ping; a servo can do so with its own only."""
+        """Check whether every ping is repeated by the adapter; a servo can only echo its own."""
         return len(pinged) > 1 and all(len(self._echo_frames(i)) >= pinged[i] for i in pinged)
 
     def _drop_echoes(self, servo_id: int, count: int) -> None:

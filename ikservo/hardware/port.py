@@ -30,7 +30,7 @@ _VIRTUAL_S = (0.001, 0.020)
 
 
 _PACKETS_VARIABLE = "IKSERVO_PACKETS"
-_BUSY_WAIT_S = 0.000_15  # wake up so much earlier: the kernel wakes us late, and clocks differ
+_BUSY_WAIT_S = 0.000_15  # wake up this much earlier: the kernel is late, clocks differ
 _MIN_SLEEP_S = 0.000_15  # shorter sleeps cost more than they save
 
 
@@ -40,7 +40,7 @@ def _port_loss_exceptions() -> tuple[type[Exception], ...]:
         import termios  # noqa: PLC0415 (there is none on Windows)
     except ImportError:
         return OSError, TypeError
-    return OSError, TypeError, termios.error  # TypeError: its descriptor was closed meanwhile
+    return OSError, TypeError, termios.error  # TypeError: the descriptor was closed meanwhile
 
 
 _LINE_FAILS = _port_loss_exceptions()
@@ -49,15 +49,15 @@ _LINE_FAILS = _port_loss_exceptions()
 class SdkPort:
     """Has the interface of the vendors' ``PortHandler``, on an open transport.
 
-    Their packet handlers need all methods of that class to exist: ``readPort`` and the packet
-    timeouts are there for them alone, since ``ReplyReader`` receives.
+    Their packet handlers need all methods of that class: ``readPort`` and the packet timeouts exist
+    only for them, because ``ReplyReader`` receives.
     """
 
     def __init__(self, transport: Transport, name: str, baud_rate: int) -> None:
         self.connect(transport, name, baud_rate)
 
     def connect(self, transport: Transport, name: str, baud_rate: int) -> None:
-        """Use this transport from now on; reset what was measured of another."""
+        """Use this transport from now on; reset measurements of another one."""
         self.transport = transport
         self.name, self.baudrate = name, baud_rate
         virtual: Clock | None = getattr(transport, "clock", None)
@@ -69,11 +69,11 @@ class SdkPort:
         self.sent_all_s = self._packet_deadline_s = 0.0
 
     def wire_s(self, count: int) -> float:
-        """Compute how long bytes take on the wire, seconds."""
+        """Compute the time of bytes on the wire, seconds."""
         return count * _BITS_PER_BYTE / self.baudrate
 
     def expected_at_s(self, expected: int, delays_s: float) -> float:
-        """Return when the reply to what was just sent is complete if nothing is late.
+        """Return when the reply to the last packet is complete if nothing is late.
 
         Args:
             expected: Bytes of the reply.
@@ -104,7 +104,7 @@ class SdkPort:
             raise self._port_lost_error(error) from error
 
     def read_some(self, size: int, deadline_s: float) -> bytes:
-        """Read what comes first, up to ``size`` bytes; nothing once the deadline has passed."""
+        """Read the first bytes to arrive, up to ``size``; nothing once the deadline has passed."""
         first = self.read_until(1, deadline_s)
         return first + self.read_until(min(size - 1, self.getBytesAvailable()), 0.0)
 
@@ -135,7 +135,7 @@ class SdkPort:
                 self.transport.close()
 
     def clearPort(self) -> None:
-        """Discard received bytes: they reply to some earlier request."""
+        """Discard received bytes, because they reply to some earlier request."""
         try:
             self.transport.reset_input_buffer()
         except _LINE_FAILS as error:
@@ -170,11 +170,11 @@ class SdkPort:
         return True
 
     def getBaudRate(self) -> int:
-        """Return bits a second."""
+        """Return the rate in bit/s."""
         return self.baudrate
 
     def getBytesAvailable(self) -> int:
-        """Return how many bytes wait."""
+        """Return the number of waiting bytes."""
         try:
             return self.transport.in_waiting
         except _LINE_FAILS as error:
@@ -185,7 +185,7 @@ class SdkPort:
         return self.read_until(length, self._packet_deadline_s)
 
     def writePort(self, packet: Iterable[int]) -> int:
-        """Send a packet; return how many bytes went out."""
+        """Send a packet; return the number of bytes sent."""
         self.sent = bytes(packet)
         now_s = self.clock.now_s()
         self.sent_all_s = max(now_s, self.sent_all_s) + self.wire_s(len(self.sent))
@@ -196,7 +196,7 @@ class SdkPort:
         return len(self.sent) if written is None else written
 
     def setPacketTimeout(self, packet_length: int) -> None:
-        """Set the deadline of a packet of so many bytes from now."""
+        """Set the deadline of a packet of this many bytes from now."""
         self._packet_deadline_s = (
             self.expected_at_s(packet_length, 0.0) + self.reply_timeout.timeout_s
         )
@@ -239,7 +239,7 @@ def _describe_loss(error: Exception) -> str:
 class Port(SdkPort):
     """One serial line, used by one thread at a time.
 
-    What differs from the vendors' ``PortHandler``: stale input is really discarded (F1, D6 in
+    Differences from the vendors' ``PortHandler``: stale input is really discarded (F1, D6 in
     docs/sdk-defects.md), waits are sized to the request (F2), time is monotonic (F3, D7), reads
     block instead of spinning (F4), the port is exclusive (F5), every baud rate is possible (F6,
     D8), and a lost port is one named error.
@@ -264,7 +264,7 @@ class Port(SdkPort):
         abandon_in_forked_children(self)
 
     def connect(self, transport: Transport, name: str, baud_rate: int) -> None:
-        """Use another transport from now on; reset what was measured of the old one."""
+        """Use another transport from now on; reset measurements of the old one."""
         super().connect(transport, name, baud_rate)
         self.byte_rate, self.health, self.pending = ByteRateCheck(), LineHealth(), PendingReplies()
         self.echoes: bool | None = None
@@ -305,18 +305,18 @@ class Port(SdkPort):
 
     @property
     def _echo_bytes(self) -> int:
-        """How many of the received bytes may be our own."""
+        """Number of received bytes that may be our own."""
         return 0 if self.echoes is False else len(self.sent)
 
     def reopen(self) -> Port:
-        """Return another opening of the line, with the same attributes; it is closed by itself."""
+        """Return another opening of the line with the same attributes, closed separately."""
         opening = object.__new__(Port)
         opening.__dict__ = self.__dict__
         abandon_in_forked_children(opening)
         return opening
 
     def abandon(self) -> None:
-        """Refuse all use in a forked child, also where a thread of the parent used the port."""
+        """Refuse all use in a forked child, even if a thread of the parent was using the port."""
         self.lock, self.is_using = threading.RLock(), False
         self.transport = _ForeignTransport(self.transport)
 
@@ -346,7 +346,7 @@ class Port(SdkPort):
 
 
 class _ClosedTransport:
-    """What an opening has in place of a transport that others still use."""
+    """Replaces the transport of an opening while others still use that transport."""
 
     def __getattr__(self, name: str) -> NoReturn:
         raise OSError(errno.EBADF, "closed")
@@ -356,7 +356,7 @@ class _ClosedTransport:
 
 
 class _ForeignTransport(_ClosedTransport):
-    """In place of one that the parent of this process uses; keeps it, unclosed."""
+    """Replaces the transport that the parent of this process uses; keeps it, unclosed."""
 
     def __init__(self, transport: object) -> None:
         vars(self)["_transport"] = transport
@@ -364,7 +364,7 @@ class _ForeignTransport(_ClosedTransport):
 
 @dataclass(frozen=True, slots=True)
 class _Opening:
-    """For what a device was opened."""
+    """Purpose for which a device was opened."""
 
     device: str
     arm: str
@@ -376,7 +376,7 @@ _opening = threading.Lock()
 
 
 def _forget_openings() -> None:
-    """Forget in a forked child what its parent has open."""
+    """Forget the parent's openings in a forked child."""
     global _opening  # noqa: PLW0603  # a thread of the parent may hold it for ever
     _opening = threading.Lock()
     _openings.clear()
@@ -390,18 +390,18 @@ def open_port(name: str, baud_rate: int, arm: str = "", servo_ids: Collection[in
     """Open a port by its name, see ``open_transport``.
 
     A device that this process has open for other servos, at the same rate, is shared: each request
-    and its reply have the line for themselves.
+    and its reply have the line to themselves.
 
     Args:
         name: The port.
-        baud_rate: Bits a second.
+        baud_rate: Rate in bit/s.
         arm: The name of the arm for which it is opened.
         servo_ids: The servos of this arm; without them the port is not shared.
 
     Raises:
         PortError: It does not exist, is busy or may not be opened.
     """
-    if not name or ":" in name or not servo_ids:  # nothing, a simulated bus or a network; any id
+    if not name or ":" in name or not servo_ids:  # no name, a simulated bus, a network, or any id
         return Port(_open_line(name, baud_rate), name, baud_rate)
     own = _Opening(os.path.realpath(name), arm, frozenset(servo_ids))
     with _opening:
@@ -433,12 +433,12 @@ def _open_line(name: str, baud_rate: int) -> Transport:
 
 
 def _is_same_line(port: Port, other: _Opening, own: _Opening) -> bool:
-    """Check whether a port is open, and of the same device."""
+    """Check whether a port is open and uses the same device."""
     return port.is_open and other.device == own.device
 
 
 def _check_sharing(port: Port, baud_rate: int, own: _Opening, others: Iterable[_Opening]) -> None:
-    """Refuse an arm that cannot be on an adapter beside those that are open there."""
+    """Refuse an arm that cannot share an adapter with the arms that are open there."""
     if port.baudrate != baud_rate:
         raise PortError(
             f"{port.name} is open at {port.baudrate} baud; {own.arm} needs {baud_rate}.",

@@ -1,4 +1,4 @@
-"""Which USB adapter belongs to an arm, and opening it again after it was unplugged.
+"""Remember which USB adapter belongs to an arm, and reopen it after it was unplugged.
 
 ``ports.toml`` in the user's configuration folder::
 
@@ -29,12 +29,12 @@ _FORMAT = 1
 
 
 def remembered_serial_number(arm: str) -> str:
-    """Return the serial number of the adapter an arm was last found on, or nothing."""
+    """Return the serial number of the adapter on which an arm was last found, or nothing."""
     return _read_serial_numbers().get(arm, "")
 
 
 def remember_serial_number(arm: str, serial_number: str) -> None:
-    """Remember an arm's adapter; where the folder cannot be written, nothing is remembered."""
+    """Remember an arm's adapter, unless the folder cannot be written."""
     known = _read_serial_numbers()
     if serial_number and known.get(arm) != serial_number:
         with contextlib.suppress(OSError):  # convenience only; must not stop an arm
@@ -66,15 +66,15 @@ _SIMULATED = "sim"
 
 
 def is_simulated(port_name: str) -> bool:
-    """Check whether a port is the simulated bus in this process, fresh at each opening."""
+    """Check whether a port is the simulated bus in this process, which is new at each opening."""
     return port_name.partition(":")[0] == _SIMULATED
 
 
 def serial_number_of(name: str) -> str:
-    """Return the USB serial number of the adapter behind a port's name; empty where it has none.
+    """Return the USB serial number of the adapter behind a port's name; empty if it has none.
 
-    Call it while the adapter is plugged in, so that it is known when it comes back. That of the
-    simulated bus is its name.
+    Call it while the adapter is plugged in, so that the adapter is recognised when it comes back.
+    The simulated bus uses its name.
     """
     if is_simulated(name):
         return _SIMULATED
@@ -94,7 +94,7 @@ def reconnect(port: Port, serial_number: str, within_s: float, clock: Clock | No
         clock: The clock of the wait; the real one if None.
 
     Raises:
-        PortLostError: It did not come back in time.
+        PortLostError: The adapter did not come back in time.
     """
     clock = clock or RealClock()
     give_up_s = clock.now_s() + within_s

@@ -1,4 +1,4 @@
-"""Registers of single servos: read, write, prepared writes; no goal wakes a limp servo."""
+"""Registers of single servos: read, write, prepared writes; goals cannot wake a limp servo."""
 
 from __future__ import annotations
 
@@ -16,18 +16,18 @@ from ikservo.hardware.servo import PingResult, ServoSpec, ServoStatistics
 from ikservo.registers import Alarm, Area, Register, RegisterName
 
 MAX_ENABLING_TICKS = 170
-"""The furthest goal from a servo's position with which its torque is switched on.
+"""Largest distance of a goal from a servo's position at which torque is switched on [tick].
 
-A joint that is a little outside its servo's limits comes back to them; one that is further outside
-is on another revolution and would turn all the way back.
+A joint that is slightly outside its servo's limits comes back to them; a joint further outside is
+on another revolution and would turn all the way back.
 """
 
 
 class StopListening(Protocol):
-    """Hears the stops of other programs for a bus."""
+    """Receives stops from other programs for a bus."""
 
     def check_may_move(self) -> None:
-        """Raise ``StoppedError`` once another program has stopped this one."""
+        """Raise ``StoppedError`` if another program has stopped this one."""
         ...
 
     def close(self) -> None:
@@ -113,7 +113,7 @@ class RegisterAccess:
     def write(self, servo_id: int, ref: RegisterRef, value: float, *, raw: bool = False) -> None:
         """Write a register of one servo and check its reply.
 
-        A goal position is written only where torque is on, or within ``enabling``.
+        A goal position is written only if torque is on, or within ``enabling``.
 
         Raises:
             RegisterAccessError: The register forbids it; nothing was sent.
@@ -130,7 +130,7 @@ class RegisterAccess:
             return isinstance(now, Status) and now.data == data
 
         if register is servo.table.torque_enable:
-            self._torque_on.discard(servo_id)  # until its reply says what became of it
+            self._torque_on.discard(servo_id)  # until its reply tells the state
         moves_servo = register in (servo.table.id, servo.table.baud_rate)
         self._requester.request(
             servo,
@@ -142,13 +142,13 @@ class RegisterAccess:
         self._track_state(servo, register, number)
 
     def write_until_power_off(self, servo_id: int, register: Register, raw: int) -> None:
-        """Write a register so that it is in force at once, also under torque, and not stored.
+        """Write a register with immediate effect, also under torque, without storing it.
 
-        A Feetech servo takes a number for its EEPROM while this is locked, and forgets it without
+        A Feetech servo accepts a number for its EEPROM while this is locked, and forgets it without
         power (memory tables, register ``lock``).
 
         Raises:
-            RegisterAccessError: The register forbids it, or would be stored.
+            RegisterAccessError: The register forbids the write, or would be stored.
             BusError: The servo refused, or sent no usable reply after retries.
         """
         servo = self._require_servo(servo_id)
@@ -189,12 +189,12 @@ class RegisterAccess:
         )
         (self._prepared_goals.add if is_goal(servo, register) else self._prepared_goals.discard)(
             servo_id
-        )  # a servo keeps the last prepared write only
+        )  # a servo keeps only the last prepared write
 
     def action(self) -> None:
         """Execute the prepared writes of all servos at the same time.
 
-        The torque of servos with a prepared goal is read first: it may have gone off since.
+        The torque of servos with a prepared goal is read first, because it may have gone off since.
 
         Raises:
             RegisterAccessError: A goal is prepared for a servo whose torque is off now; nothing was
@@ -239,25 +239,25 @@ class RegisterAccess:
         return servo_id in self._torque_on
 
     def check_may_move(self) -> None:
-        """Raise once another program has stopped this one: no servo may get torque then.
+        """Raise if another program has stopped this one, because no servo may then get torque.
 
         Raises:
-            StoppedError: One has.
+            StoppedError: Another program has stopped this one.
         """
         if self.stop_listener is not None:
             self.stop_listener.check_may_move()
 
     @contextlib.contextmanager
     def enabling(self, measured: Mapping[int, int]) -> Generator[None]:
-        """Let goals pass to servos without torque, within the block that switches it on.
+        """Allow goals to servos without torque within the block that switches it on.
 
         On Feetech STS and older Dynamixel servos the goal itself switches torque on, so that it
-        must be where the servo is. A servo whose torque was off, and is not on after the block,
-        is switched off in case its goal has switched it on; all such are where the block fails.
+        must be the servo's position. A servo whose torque was off, and is not on after the block,
+        is switched off in case its goal has switched it on; if the block fails, all of these are.
 
         Args:
-            measured: The present position of each servo, raw ticks by id, read just before, as
-                its torque was.
+            measured: The present position of each servo, raw ticks by id, read just before,
+                together with its torque.
 
         Raises:
             StoppedError: Another program has stopped this one; see ``check_may_move``.
@@ -305,7 +305,7 @@ class RegisterAccess:
     def _check_goal(self, servo: ServoSpec, register: Register, data: bytes) -> None:
         """Refuse a goal position that could switch on the torque of a limp servo.
 
-        Torque that is not known to be on is read.
+        Torque is read if it is not known to be on.
 
         Raises:
             RegisterAccessError: Torque is off, and not being switched on at that position.

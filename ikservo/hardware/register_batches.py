@@ -18,16 +18,16 @@ from ikservo.hardware.servo import ServoSpec
 from ikservo.registers import Access, Area, Family, Register, RegisterName, TwosComplement, Unsigned
 
 MAX_GAP_BYTES = 8
-"""Bytes between two registers that cost no more than a second request to six servos."""
+"""Bytes between two registers that cost no more time than a second request to six servos."""
 
 
 def contiguous_runs(registers: Iterable[Register], gap: int = 0) -> list[list[Register]]:
-    """Return the registers in runs, each of which one read covers.
+    """Group the registers into runs that one read can cover.
 
     Args:
         registers: The registers of one servo.
-        gap: Maximum number of unused bytes between two of a run. Static registers and others are
-            not combined then, for static ones are read twice on a bad line.
+        gap: Maximum number of unused bytes between two registers of a run. Static registers are
+            then not combined with others, because they are read twice on a bad line.
     """
     rows = list(registers)
     if len(rows) == 1:
@@ -49,7 +49,7 @@ def _extends_run(last: Register, register: Register, gap: int) -> bool:
 def batches(
     own: Mapping[int, Collection[Register]], gap: int = 0
 ) -> Iterator[dict[int, list[Register]]]:
-    """Yield for each request the run of registers to read of each servo.
+    """Yield, for each request, the run of registers to read from each servo.
 
     Args:
         own: The registers to read of each servo, by id.
@@ -73,7 +73,7 @@ def resolve_register(servo: ServoSpec, ref: RegisterRef) -> Register:
     """Find the servo's own register.
 
     Raises:
-        UnknownNameError: Its table has none of that name.
+        UnknownNameError: Its table has no register of that name.
     """
     try:
         return servo.table.find(ref)
@@ -86,9 +86,9 @@ def encode_value(servo: ServoSpec, register: Register, value: float, *, raw: boo
     """Encode the bytes that write a value.
 
     Args:
-        servo: Whose register it is, for messages.
+        servo: The owner of the register, for messages.
         register: The servo's own register.
-        value: In the register's unit, or its integer.
+        value: Value in the register's unit, or its integer.
         raw: The value is the integer.
 
     Raises:
@@ -129,11 +129,11 @@ class ReplyLayout:
     Args:
         servo: The servo.
         refs: Its own register for each key of the caller.
-        run: Those in one reply, by address; the first at its beginning, the last at its end.
+        run: Registers in one reply, by address; the first at its beginning, the last at its end.
 
     Attributes:
         registers: The register of each key.
-        state_registers: Those of them that contain torque state or alarms.
+        state_registers: The registers that contain torque state or alarms.
     """
 
     def __init__(
@@ -184,14 +184,14 @@ def _needs_codec(register: Register) -> bool:
 
 @dataclass(frozen=True, slots=True)
 class ReadBatch:
-    """What can be read with one request for each family.
+    """Data that one request per family can read.
 
     Attributes:
         servos: The servos to read.
         spans: The memory range, by id.
         layouts: The layout of the reply, by id.
-        description: For error messages.
-        is_static: No value changes by itself.
+        description: Text for error messages.
+        is_static: Whether no value changes by itself.
         groups: The spans of each family, which has its own request.
     """
 
@@ -203,7 +203,7 @@ class ReadBatch:
     groups: Mapping[Family, Mapping[int, MemoryRange]]
 
     def restricted_to(self, servos: Sequence[ServoSpec]) -> ReadBatch:
-        """Return the same for some of the servos."""
+        """Return the same batch for some of the servos."""
         groups = _group_by_family(servos, self.spans)
         return ReadBatch(servos, self.spans, self.layouts, self.description, self.is_static, groups)
 
@@ -222,7 +222,7 @@ class WriteTarget:
 
     Attributes:
         tracks_state: See ``tracks_state``.
-        plain: Any integer in its range may be written at any time, goals apart.
+        plain: Whether any integer in its range may be written at any time; False for goals.
     """
 
     servo: ServoSpec
@@ -278,7 +278,7 @@ def _make_batch(
 
 @cache
 def _cached_range(address: int, end: int) -> MemoryRange:
-    """Return the same object for equal ranges: they are compared every cycle."""
+    """Return the same object for equal ranges, because they are compared in every cycle."""
     return MemoryRange(address, end - address)
 
 
@@ -294,8 +294,8 @@ def _group_by_family(
 def batch_read(driver: ProtocolDriver, spans: Mapping[int, MemoryRange]) -> dict[int, Reply]:
     """Read each servo's own range of memory.
 
-    One sync read if all ranges are equal, else one bulk read if the family supports it, else a
-    sync read for each range, or one servo after the other.
+    One sync read if all ranges are equal, otherwise one bulk read if the family supports it,
+    otherwise a sync read for each range, or one servo after the other.
     """
     first = next(iter(spans.values()))
     if driver.can_sync_read and all(s is first or s == first for s in spans.values()):

@@ -21,7 +21,7 @@ _PROBE_PERIOD_S = 0.25
 class SilenceBackoff:
     """Decides whether a servo in a group is read now.
 
-    A servo that has lost three replies in a row is read again every quarter of a second, until
+    A servo that has lost three consecutive replies is read again every quarter of a second, until
     it replies; in between its last fault is repeated.
     """
 
@@ -43,7 +43,7 @@ class SilenceBackoff:
         return self._last[servo_id]
 
     def is_unresponsive(self, servo_id: int) -> bool:
-        """Check whether it has been silent for so long that a retry is a waste of time."""
+        """Check whether it has been silent for so long that a retry would waste time."""
         return bool(self._lost) and self._lost.get(servo_id, 0) >= _UNRESPONSIVE_AFTER
 
     def record(self, reply: Reply, clock: Clock) -> None:
@@ -82,12 +82,12 @@ def make_driver(
 def silence_hint(
     chain: Iterable[ServoSpec], replying: Collection[int], silent: Collection[int]
 ) -> str:
-    """Return what to check, from which servos reply and which do not.
+    """Return what to check, based on which servos reply.
 
     Args:
         chain: The servos in the order of the cable.
         replying: Ids that replied.
-        silent: Ids that did not.
+        silent: Ids that did not reply.
     """
     requested = [servo for servo in chain if servo.id in replying or servo.id in silent]
     if not replying:
@@ -145,7 +145,7 @@ class Requester:
         port: The port.
         retries: The number of repetitions of a repeatable request.
         statistics: The reply statistics of each servo.
-        alarms: The alarms in the latest reply of each.
+        alarms: The alarms in the latest reply of each servo.
     """
 
     def __init__(
@@ -180,10 +180,10 @@ class Requester:
         Args:
             servo: The servo.
             request: Description, for errors.
-            exchange: Sends it once and returns the reply.
+            exchange: Sends the request once and returns the reply.
             repeat: It may be repeated if the reply is lost. If not, it is sent only when no older
-                reply can be taken for its own.
-            confirm: Checks a reply that is in doubt.
+            reply can be mistaken for its own.
+            confirm: Checks a doubtful reply.
 
         Raises:
             BusError: No usable reply, or a refusal.
@@ -204,7 +204,7 @@ class Requester:
     def request_many(self, step: ReadBatch) -> tuple[dict[int, bytes], dict[int, BusError]]:
         """Read a span of each of many servos' memories, with as few requests as possible.
 
-        Lost replies are requested once more together; servos that have been silent for long are
+        Lost replies are requested together once more; servos that have been silent for long are
         polled at a reduced rate.
 
         Returns:
@@ -249,7 +249,7 @@ class Requester:
         )
 
     def _diagnose_silence(self) -> str:
-        """Return what to check, from the latest replies of the other servos on the chain."""
+        """Return what to check, based on the latest replies of the other servos on the chain."""
         requested = {i: counts for i, counts in self.statistics.items() if counts.requests}
         silent = [i for i, counts in requested.items() if counts.lost_in_a_row]
         replying = [i for i, counts in requested.items() if not counts.lost_in_a_row]
@@ -272,7 +272,7 @@ class Requester:
             reply.ambiguous or (self.port.health.suspect and confirm)
         ):
             return reply
-        if confirm is None:  # nothing to compare it with: repeat when no reply is pending
+        if confirm is None:  # cannot be compared: repeat when no reply is pending
             self.driver_of(servo).transceiver.wait_for_pending((servo.id,))
             return self._request_once(servo, exchange)
         if confirm(reply):

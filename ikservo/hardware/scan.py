@@ -16,7 +16,7 @@ from ikservo.hardware.servo import ServoSpec
 from ikservo.registers import MODELS, ControlTable, Family, RegisterName, control_table_for_number
 
 _MAX_RETRIES = 8  # pings of one id; two servos rarely send equal replies so often
-_DUPLICATE_REPLIES = 2  # replies damaged or doubled; one may be chance
+_DUPLICATE_REPLIES = 2  # damaged or doubled replies; one may be chance
 _READS = 4
 _HEAD_BYTES = 8  # the first registers of protocol 1: model, firmware and id are among them
 
@@ -29,13 +29,13 @@ class FoundServo:
         id: The id.
         baud_rate: The rate at which it replies.
         protocol: The name of its framing, for messages.
-        table: Its control table, None where the model is not known.
+        table: Its control table; None if the model is not known.
         model_number: Its model register; None if it is not readable.
         firmware: Its version, as the vendor writes it.
-        voltage_v: At its plug.
-        temperature_c: Inside.
+        voltage_v: Voltage at its plug.
+        temperature_c: Temperature inside.
         alarms: Its alarms.
-        shares_id: More than one servo replies at this id; their data are unknown.
+        shares_id: Whether more than one servo replies at this id; their data are unknown.
     """
 
     id: int
@@ -51,7 +51,7 @@ class FoundServo:
 
     @property
     def model(self) -> str:
-        """The model's name, or its number where no table is known."""
+        """The model's name, or its number if no table is known."""
         if self.table:
             return self.table.model_name
         return "" if self.model_number is None else f"unknown model {self.model_number}"
@@ -64,7 +64,7 @@ class FoundServo:
 def identify(
     port: Port, framing: Framing, servo_id: int, *, echoes: bool = False
 ) -> FoundServo | None:
-    """Identify the servo at an id at the port's baud rate; None if none replies.
+    """Identify the servo at an id at the port's baud rate; None if no servo replies.
 
     Raises:
         PortLostError: The port is lost.
@@ -133,7 +133,7 @@ def _with_details(port: Port, found: FoundServo) -> FoundServo:
             found = _with_health(bus, found)
         except BadReplyError:
             damaged += 1
-        except BusError:  # not read: the identity is enough
+        except BusError:  # the identity is enough
             continue
     return (
         FoundServo(found.id, found.baud_rate, found.protocol, shares_id=True)
@@ -160,7 +160,7 @@ def _with_health(bus: ServoBus, found: FoundServo) -> FoundServo:
     )
 
 
-# Delivery settings and frequent user settings; the others follow from fast to slow.
+# Factory settings and frequent user settings; the others follow from fast to slow.
 _COMMON_RATES = (1_000_000, 57_600, 115_200, 2_000_000, 3_000_000, 4_000_000, 500_000)
 
 
@@ -204,13 +204,13 @@ def scan(
     all_rates: bool = False,
     on_step: OnScanStep | None = None,
 ) -> list[FoundServo]:
-    """Return the servos that reply, at the first rate at which any does.
+    """Return the servos that reply, at the first rate at which any servo does.
 
     The port is left at the rate of the last servo that was found.
 
     Args:
         port: The port.
-        rates: In this order; all known ones if None.
+        rates: Rates in the order of trying; None tries all known ones.
         all_rates: Continue to the last rate.
         on_step: Called with the progress.
 
@@ -228,7 +228,7 @@ def scan(
 
 
 def scan_servo(port: Port, servo_id: int, rates: Iterable[int]) -> list[FoundServo]:
-    """Return the servo of one id, at the first rate at which it replies; empty if at none.
+    """Return the servo of one id, at the first rate at which it replies; empty if silent.
 
     Raises:
         PortLostError: The port is lost.
@@ -262,7 +262,7 @@ def scan_rate(
 
 
 def _supports_rate(framing: Framing, rate: int) -> bool:
-    """Check whether a framing may use a rate; one of no table may be used by any."""
+    """Check whether a framing may use a rate; rates that are in no table are allowed."""
     return rate in framing.baud_rates or not any(rate in f.baud_rates for f in FRAMINGS)
 
 
@@ -298,7 +298,7 @@ def scan_port(
         on_step: Called with the progress.
 
     Raises:
-        PortError: It cannot be opened, or is lost.
+        PortError: The port cannot be opened, or is lost.
     """
     with open_port(name, rates[0]) as port:
         return scan(port, rates, all_rates=all_rates, on_step=on_step)

@@ -69,7 +69,7 @@ _MAKERS = {0x0403: "FTDI", 0x10C4: "Silicon Labs", 0x1A86: "WCH", 0x2F5D: "ROBOT
 
 @dataclass(frozen=True, slots=True)
 class SerialAdapter:
-    """A serial port with USB behind it.
+    """A serial port of a USB adapter.
 
     Attributes:
         device: The argument of ``--port``: ``/dev/ttyACM0``, ``COM3``.
@@ -94,12 +94,12 @@ class SerialAdapter:
 
     @property
     def usb(self) -> str:
-        """Return vendor and product as ``lsusb`` writes them."""
+        """Vendor and product as ``lsusb`` writes them."""
         return f"{self.vid:04x}:{self.pid:04x}"
 
     @property
     def used_by(self) -> str:
-        """The process that has it open right now, if known."""
+        """The process that has the port open, if known."""
         return process_using(self.device)
 
 
@@ -180,7 +180,7 @@ def read_rules() -> str:
 
 
 def installed_rules() -> Path | None:
-    """Return where the rules are installed, None if they are not."""
+    """Return the path of the installed rules, None if they are not installed."""
     return next((f / RULES_FILE for f in _FOLDERS if (f / RULES_FILE).exists()), None)
 
 
@@ -206,7 +206,7 @@ def is_pseudo_terminal(port_name: str) -> bool:
 
 
 def line_hint(port_name: str, hint: str) -> str:
-    """Return a hint about plugs and cables; another for a pseudo-terminal, which has none."""
+    """Return a hint about plugs and cables; another hint for a pseudo-terminal, which has none."""
     if not is_pseudo_terminal(port_name):
         return hint
     return (
@@ -221,7 +221,7 @@ _URL_FORMATS = "a network port is written like socket://192.168.1.5:4000"
 
 
 def open_error(name: str, baud_rate: int, error: Exception) -> PortError:
-    """Explain by an error why a port did not open, and what to do.
+    """Return an error that explains why a port did not open, and what to do.
 
     Args:
         name: The name that the user gave.
@@ -254,12 +254,12 @@ def _is_address(name: str) -> bool:
     try:
         parts = urlsplit(name)
         return scheme not in {"socket", "rfc2217"} or bool(parts.hostname and parts.port)
-    except ValueError:  # a port beyond 65535, or no number
+    except ValueError:  # a port beyond 65535, or not a number
         return False
 
 
 def _system_error_number(error: BaseException) -> object:
-    """Return the system's number of an error; pyserial drops it where it wraps one."""
+    """Return the system's number of an error; pyserial drops it when it wraps an error."""
     inner = error.__context__ or error
     return inner.errno if isinstance(inner, OSError) else next(iter(inner.args), None)
 
@@ -286,6 +286,6 @@ def _permission_hint(name: str) -> str:
 
 
 def list_devices() -> list[str]:
-    """List the serial ports to which an arm may be connected: not those of the mainboard."""
+    """List the serial ports to which an arm may be connected, without the mainboard's."""
     devices = sorted(port.device for port in list_ports.comports())
     return [device for device in devices if not device.startswith("/dev/ttyS")]

@@ -56,7 +56,7 @@ class ServoStatistics:
         refused: Requests that the servo refused.
         retried: Requests repeated.
         lost_in_a_row: Requests without a usable reply since the last good one.
-        round_trips_s: Durations of the latest exchanges, seconds; a group counts as one.
+        round_trips_s: Durations of the latest exchanges, seconds; a group counts as one exchange.
     """
 
     requests: int = 0
@@ -92,7 +92,7 @@ class LinkStatistics:
 
     Attributes:
         lost: Requests without a usable reply.
-        round_trip_s: Duration of the slowest of the servos' latest exchanges; None without any.
+        round_trip_s: Slowest of the servos' latest exchanges, seconds; None if there were none.
     """
 
     lost: int
@@ -112,13 +112,13 @@ T_co = TypeVar("T_co", covariant=True)
 
 @dataclass(frozen=True, slots=True)
 class Readings(Generic[T_co]):
-    """A partial result; values that were received are kept.
+    """A partial result; received values are kept.
 
     Attributes:
         values: The value of each servo that replied.
-        errors: The error of each of the others.
-        alarms: Alarms received beside the values; servos without alarms are missing.
-        hint: The most likely cause where servos are silent.
+        errors: The error of each other servo.
+        alarms: Alarms received with the values; servos without alarms are missing.
+        hint: The most likely cause if servos are silent.
     """
 
     values: Mapping[int, T_co]
@@ -127,10 +127,10 @@ class Readings(Generic[T_co]):
     hint: str = ""
 
     def require_all(self) -> Mapping[int, T_co]:
-        """Compute the values, if every servo gave one.
+        """Return the values if every servo gave one.
 
         Raises:
-            BusError: The one that is missing, or one error that names all that are.
+            BusError: One value is missing, or several; all missing ones are named.
         """
         if not self.errors:
             return self.values

@@ -13,11 +13,11 @@ from ikservo.registers import ControlTable, Family, RegisterName
 
 
 def torque_on(bus: ServoBus, servo_id: int) -> int:
-    """Enable torque of a servo where it is; return that tick.
+    """Enable torque of a servo at its position; return that tick.
 
-    Its goal is set there and read back before torque is switched on, because a joint that was
-    moved by hand would otherwise jump to an old goal. A joint a little outside its servo's limits
-    comes back to them.
+    Its goal is set there and read back before torque is switched on, because a joint that was moved
+    by hand would otherwise jump to an old goal. A joint slightly outside its servo's limits comes
+    back to them.
 
     Raises:
         ServoAlarmError: Its supply voltage is outside its own limits.
@@ -41,7 +41,7 @@ def check_kept_goal(bus: ServoBus, servo_id: int, kept_tick: int, goal_tick: int
     """Check a goal that was read back before torque comes on.
 
     Raises:
-        ServoRejectedError: It is another one.
+        ServoRejectedError: The servo keeps another goal.
     """
     if kept_tick != goal_tick:
         raise ServoRejectedError(
@@ -57,7 +57,7 @@ def nearest_goal(joint: str, tick: int, accepted: tuple[int, int]) -> int:
     """Find the tick nearest to ``tick`` that a servo accepts as a goal.
 
     Args:
-        joint: For messages.
+        joint: Name for messages.
         tick: Its position.
         accepted: See ``accepted_goal_range``.
 
@@ -78,7 +78,7 @@ def read_goal_range(bus: ServoBus, servo_id: int) -> tuple[int, int]:
     """Read the lowest and the highest goal that a servo accepts; see ``accepted_goal_range``.
 
     Raises:
-        RefusedError: The servo is in another mode than one for positions.
+        RefusedError: The servo is not in a position mode.
         BusError: It does not reply.
     """
     servo = bus.servos[servo_id]
@@ -104,8 +104,8 @@ def accepted_goal_range(servo: ServoSpec, held: Mapping[RegisterName, int]) -> t
         held: The raw numbers of its ``goal_range_registers``.
 
     Raises:
-        RefusedError: The servo is in another mode than one for positions: with torque it would
-            turn on and on, or by its position from where it is.
+        RefusedError: The servo is not in a position mode: with torque it would turn without end, or
+            by the goal from its position.
     """
     table, mode = servo.table, held.get(RegisterName.OPERATING_MODE)
     limits = held[RegisterName.MIN_POSITION_LIMIT], held[RegisterName.MAX_POSITION_LIMIT]
@@ -147,7 +147,7 @@ def check_supply_voltage(bus: ServoBus, servo_id: int) -> float:
     """Check that the servo's supply voltage is within the servo's own limits.
 
     Raises:
-        ServoAlarmError: It does not.
+        ServoAlarmError: The voltage is outside these limits.
         BusError: The servo does not reply.
     """
     voltage_v = bus.read(servo_id, RegisterName.PRESENT_VOLTAGE)

@@ -1,8 +1,8 @@
 """Byte transports: serial device, pyserial URL, entry point; the exclusive port lock.
 
-pyserial makes two system calls where one would do, before each read and after each write, to allow
-another thread to wake it, which is not used here. With six servos that reply one after the other,
-this is a third of the time of a cycle.
+pyserial makes two system calls where one would suffice, before each read and after each write, so
+that another thread can wake it, which is not used here. With six servos that reply in sequence,
+this takes a third of a cycle.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ _fork_aware: WeakSet[_ForkAware] = WeakSet()
 
 
 def abandon_in_forked_children(resource: _ForkAware) -> None:
-    """Call ``resource.abandon()`` in every child process forked while the resource exists."""
+    """Call ``resource.abandon()`` in every child that is forked while the resource exists."""
     _fork_aware.add(resource)
 
 
@@ -70,7 +70,7 @@ class _PosixSerial(Protocol):
 
 
 def has_descriptor(port: object) -> bool:
-    """Check whether a pyserial port reads a file of the system: not of Windows, no ``spy://``."""
+    """Check whether a pyserial port has a file descriptor: not on Windows or ``spy://``."""
     reads_file = getattr(type(port), "read", None) is serial.Serial.read
     return os.name == "posix" and reads_file and isinstance(getattr(port, "fd", None), int)
 
@@ -103,7 +103,7 @@ class FileDescriptorPort:
         return chunk
 
     def write(self, data: bytes, /) -> int:
-        """Send bytes; pyserial waits for those that the line does not take at once."""
+        """Send bytes; pyserial waits if the line does not accept all at once."""
         sent = os.write(self._port.fd, data)
         if sent < len(data):
             self._port.write(data[sent:])
@@ -117,9 +117,9 @@ _MAX_LOCK_BYTES = 4096
 class PortLock:
     """A locked file that names the process that uses a device.
 
-    The kernel releases the lock when the process ends, however it ends; the file stays and does
-    no harm. All names of one device lead to one file. Where the system has no such locks
-    (Windows) the device itself can be opened only once anyway.
+    The kernel releases the lock when the process ends, however it ends; the file stays and does no
+    harm. All names of one device lead to one file. On a system without such locks (Windows) the
+    device can be opened only once anyway.
     """
 
     def __init__(self, descriptor: int | None = None) -> None:
@@ -170,7 +170,7 @@ def acquire_lock(device: str) -> PortLock:
 
 
 def _open_lock_file(path: Path) -> int | None:
-    """Open the lock file, for writing where it is ours, for reading where it is another's."""
+    """Open the lock file: for writing if it is ours, for reading if it is another user's."""
     for flags in (os.O_RDWR | os.O_CREAT, os.O_RDWR, os.O_RDONLY):
         with contextlib.suppress(OSError):
             return os.open(path, flags | os.O_CLOEXEC | os.O_NOFOLLOW, 0o666)
@@ -187,12 +187,12 @@ def _write_lock_holder(descriptor: int) -> None:
 
 
 ENTRY_POINT_GROUP = "ikservo.ports"
-"""Entry point group: ``name:anything`` is opened by the plug-in called ``name``."""
+"""Entry point group: the plug-in called ``name`` opens ``name:anything``."""
 
 NETWORK_GROUP = "ikservo.networks"
 """Entry point group: ``name:anything`` is the address of an arm on another machine."""
 
-_WRITE_TIMEOUT_S = 1.0  # a line that accepts no bytes for so long is lost
+_WRITE_TIMEOUT_S = 1.0  # a line that accepts no bytes for this time is lost
 
 
 class Transport(Protocol):
@@ -203,7 +203,7 @@ class Transport(Protocol):
 
     @property
     def in_waiting(self) -> int:
-        """How many bytes have arrived and wait."""
+        """Number of bytes that have arrived and wait."""
         ...
 
     def read(self, size: int = 1, /) -> bytes:
@@ -211,7 +211,7 @@ class Transport(Protocol):
         ...
 
     def write(self, data: bytes, /) -> int | None:
-        """Send bytes; return how many went out."""
+        """Send bytes; return the number of bytes sent."""
         ...
 
     def reset_input_buffer(self) -> None:
@@ -233,13 +233,13 @@ def open_transport(name: str, baud_rate: int) -> Transport:
     Args:
         name: A device (``/dev/ttyACM0``, ``COM3``), a pyserial URL (``socket://host:port``,
             ``rfc2217://…``), or ``plug-in:anything`` for an installed plug-in such as ``sim:``.
-        baud_rate: Bits a second.
+        baud_rate: Rate in bit/s.
 
     Raises:
-        InputError: A plug-in cannot use what follows its name: its opener raises a ValueError.
+        InputError: A plug-in cannot use the text after its name: its opener raises a ValueError.
         NoPortError: There is no such port.
         PortBusyError: Another program has it open.
-        PortError: It may not be opened.
+        PortError: The port may not be opened.
     """
     if not name:
         raise NoPortError("", list_devices())
@@ -252,16 +252,16 @@ def open_transport(name: str, baud_rate: int) -> Transport:
         return cast("Transport", _LockedTransport(_open_serial(name, baud_rate), lock))
     except PortBusyError:
         raise
-    except Exception as error:  # pyserial's URLs raise whatever their options lead to
+    except Exception as error:  # options of pyserial's URLs can raise any error
         lock.release()
         raise open_error(name, baud_rate, error) from error
 
 
 def refuse_other_machines(name: str) -> None:
-    """Refuse the address of an arm on another machine where its servos' port is needed.
+    """Refuse the address of an arm on another machine if its servos' port is needed.
 
     Raises:
-        PortError: It is one.
+        PortError: The name is such an address.
     """
     if _find_plug_ins(name.partition(":")[0], NETWORK_GROUP):
         raise PortError(
@@ -272,7 +272,7 @@ def refuse_other_machines(name: str) -> None:
 
 @cache
 def _find_plug_ins(name: str, group: str = ENTRY_POINT_GROUP) -> tuple[EntryPoint, ...]:
-    """Find the installed plug-ins of a name; looking through all packages takes milliseconds."""
+    """Find the installed plug-ins of a name; searching all packages takes milliseconds."""
     return tuple(entry_points(group=group, name=name))
 
 
@@ -283,7 +283,7 @@ def _open_plug_in(opener: Callable[[str], Transport], name: str, baud_rate: int)
         why = str(error)
         message = f"{name} cannot be opened: {why.rstrip('.')}."
         raise InputError(message, install_hint(why)) from error
-    except Exception as error:  # a plug-in has errors of its own; all mean that there is no port
+    except Exception as error:  # a plug-in's own errors all mean that there is no port
         raise NoPortError(name, list_devices(), why=str(error)) from error
     transport.baudrate = baud_rate
     return transport
@@ -311,7 +311,7 @@ class _LockedTransport:
     Both belong to the process that opened them: ``abandon`` closes a forked child's copies.
 
     Setting pyserial's ``timeout`` reconfigures the device, over the network for a remote one,
-    although only ``read`` uses it; so where possible it is set past pyserial.
+    although only ``read`` uses it; so if possible it is set without pyserial.
     """
 
     def __init__(self, port: serial.Serial, lock: PortLock) -> None:
@@ -358,7 +358,7 @@ class _LockedTransport:
     def abandon(self) -> None:
         connection = vars(self._port).get("_socket")
         with contextlib.suppress(OSError):
-            if connection is not None:  # pyserial's own close would shut the parent's down, too
+            if connection is not None:  # pyserial's close would also shut down the parent's
                 connection.close()
             elif self._files:
                 self._port.close()
@@ -372,13 +372,13 @@ class _LockedTransport:
         try:
             self._port.close()
         finally:
-            if connection is not None:  # pyserial forgets it where the other end was quicker
+            if connection is not None:  # pyserial drops it if the other end closes first
                 connection.close()
             self._lock.release()
 
 
 def _lower_latency(port: serial.SerialBase) -> None:
-    """Set the latency of an FTDI adapter to 1 ms instead of 16; others have no such setting."""
+    """Set the latency of an FTDI adapter to 1 ms instead of 16 ms; others have no such setting."""
     set_low_latency = cast(
         "Callable[[bool], None] | None", getattr(port, "set_low_latency_mode", None)
     )
@@ -390,8 +390,8 @@ def _lower_latency(port: serial.SerialBase) -> None:
 def _disable_nagle(port: serial.SerialBase) -> None:
     """Let a network port send each packet when it is written (TCP_NODELAY).
 
-    TCP would otherwise delay a goal until the reply to the request before is acknowledged, up
-    to 40 ms later; pyserial sets this for ``rfc2217://`` only.
+    TCP would otherwise delay a goal until the reply to the previous request is acknowledged, up to
+    40 ms later; pyserial sets this for ``rfc2217://`` only.
     """
     connection = vars(port).get("_socket")
     if isinstance(connection, socket.socket):

@@ -1,7 +1,7 @@
-"""Import of modules that several packages on PyPI bring under the same name.
+"""Import of modules that several packages on PyPI provide under the same name.
 
-Whichever of them was installed last has overwritten the files of the others, and uninstalling it
-leaves a part of the module. What then fails is somewhere inside that module.
+The package that was installed last has overwritten the files of the others, and uninstalling it
+leaves a part of the module. Errors then come from somewhere inside that module.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ def importing_from(distribution: str, module: str) -> Generator[None]:
     """Report a module that cannot be imported as a damaged installation.
 
     Args:
-        distribution: The package on PyPI that brings the module for ikservo.
+        distribution: The package on PyPI that provides the module for ikservo.
         module: The module.
 
     Raises:

@@ -1,4 +1,4 @@
-"""The chain of an arm that is given as a chain, a model, a name or a file."""
+"""The chain of an arm given as a chain, a model, a name or a file."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from ikservo.kinematics import Chain
 from ikservo.model.model import Model
 
 ArmLike = Chain | Model | str | Path
-"""The arm, or its model, its name, or the path of its file."""
+"""An arm's chain or model, its name, or the path of its file."""
 
 
 def chain_and_start(arm: ArmLike, q0: ArrayLike | None = None) -> tuple[Chain, ArrayLike | None]:
-    """Compute the chain of an arm, and the start where none is given: a model's initial joints.
+    """Return the chain of an arm, and the default start: a model's initial joints.
 
     Raises:
         BadValueError: It is not an arm.

@@ -34,7 +34,7 @@ from ikservo.kernels.layout import (
 from ikservo.kinematics import Chain, finite_array
 from ikservo.kinematics.arrays import Matrix, Vector, as_floats, freeze_arrays
 
-# Large enough that handing out work costs nothing, small enough that all cores end together.
+# Large enough that distributing work costs nothing, small enough that all cores end together.
 _CHUNK = 256
 
 
@@ -74,23 +74,23 @@ def solve_batch(
 ) -> BatchResult:
     """Solve m targets with ``bounded``, each from its own start; the order does not matter.
 
-    An arm that gives way under its weight is solved as if it were rigid.
+    An arm that sags under its weight is solved as if it were rigid.
 
     Args:
         chain: The arm, or its model, its name, or the path of its file.
         targets: Points (m, 3) in metres, or poses T_world_tool (m, 4, 4).
-        q0s: Starts (m, dof), or one for all (dof,). If None, as for ``solve``:
-            ``initial_joints()`` of a model, the middle of the ranges of a chain.
-        workers: The number of threads; as many as there are cores if None.
-        kind: The part of the poses that counts, ``position``, ``direction`` or ``pose``; ``pose``
-            if None.
+        q0s: Starts (m, dof), or one for all (dof,). None as in ``solve``: ``initial_joints()`` of a
+            model, the middle of the ranges of a chain.
+        workers: The number of threads; None uses the number of cores.
+        kind: The part of the poses that counts, ``position``, ``direction`` or ``pose``; None:
+        ``pose``.
         tool_axis: The axis (3,) in the frame's coordinates for ``direction``.
         frame: The link to move there; the tip if None.
         offset_m: The point (3,) of that link, metres; its origin if None.
         options: Tolerance and search limits.
 
     Raises:
-        BadValueError: A shape is wrong, a number is not finite, a rotation is not one.
+        BadValueError: A shape or a rotation is not valid, or a number is not finite.
         UnknownNameError: No such kind or frame.
     """
     chain, q0s = chain_and_start(chain, q0s)
@@ -125,7 +125,7 @@ def solve_batch(
     with ThreadPoolExecutor(workers or os.cpu_count()) as pool:
         wrong = [bad for bad in pool.map(work, range(0, len(questions), _CHUNK)) if bad >= 0]
     if wrong:
-        raise BadValueError(f"The rotation of target {wrong[0]}", "none", "R Rᵀ = 1, det R = 1")
+        raise BadValueError(f"The rotation of target {wrong[0]}", "invalid", "R Rᵀ = 1, det R = 1")
     for joint in ready.idle[kind_code]:
         stay = [joint.resting_position(start) for start in starts[:, joint.column].tolist()]
         answers[:, joint.column] = stay

@@ -1,7 +1,7 @@
 """The production solver's Python side: prepare, run the kernel, read its result.
 
-Minimises ``|E(q)|²`` by Gauss-Newton and Newton steps with an active set, from the start and,
-where that fails, from a fixed table of further starting points. The arithmetic is in ``kernel``.
+Minimises ``|E(q)|²`` by Gauss-Newton and Newton steps with an active set, from the start and, if
+that fails, from a fixed table of further starting points. The arithmetic is in ``kernel``.
 """
 
 from __future__ import annotations
@@ -75,7 +75,7 @@ def bounded(
 ) -> Result:
     """Search from q0, then from the points of ``first``, then from a fixed table.
 
-    The first solution ends the search, or, if q0 leads to none, the nearest to q0 of the first
+    The first solution ends the search; if q0 leads to none, it is the nearest to q0 of the first
     few. Without a solution the result is the closest over all starting points.
     """
     if first or options.trace:
@@ -86,13 +86,13 @@ def bounded(
 class Search:
     """The search for one kind of target: kernel and arrays, for one thread.
 
-    It must not contain the chain, its key in the cache: neither would ever be freed.
+    It must not contain the chain, its key in the cache, because neither would ever be freed.
 
     Args:
         chain: The arm.
         target: A target; others with the same frame, offset and tool axis can be solved, too.
         options: Limits and priorities.
-        first: Starting points (dof,) beside those of the table.
+        first: Starting points (dof,) in addition to the table.
     """
 
     def __init__(
@@ -107,7 +107,7 @@ class Search:
         worker = SolverBuffers(chain.dof, restarts, traced=_TRACED if options.trace else 0)
         self._question, self._start = worker.question.reshape(4, 3), worker.start[0]
         self._answer, self._trace = worker.answer[0], worker.trace
-        load_kernel()  # where it is not compiled, its module makes it known
+        load_kernel()  # if it is not compiled, its module registers it
         run = bind(
             "solve_all", ready.arm, worker.question, pack_settings(kind, chain.dof, options),
             worker.start, seeds, worker.work, worker.scores, worker.trace, worker.answer,
@@ -119,7 +119,7 @@ class Search:
         self._question[:] = target.packed
         self._start[:] = q0
         if self._run_kernel() >= 0:
-            raise BadValueError("The question", "none", "finite numbers and a rotation")
+            raise BadValueError("The problem", "invalid", "finite numbers and a rotation")
         for joint in self._idle:
             stays = joint.resting_position(self._start.item(joint.column))
             self._answer[joint.column] = self._trace[:, joint.column] = stays
@@ -135,17 +135,17 @@ class Search:
 
 
 _Key = tuple[bool, str | None, bytes, bytes, Options]
-"""Whether the orientation is free, the frame, its point, the axis that has a direction, options."""
+"""Whether the orientation is free, the frame, its point, the axis with a direction, options."""
 
 
 class _Searches(threading.local):
-    """The searches that a thread has prepared, the last few of each chain."""
+    """The searches that a thread has prepared, the most recent ones of each chain."""
 
     def __init__(self) -> None:
         self._prepared = WeakKeyDictionary[Chain, dict[_Key, Search]]()
 
     def find(self, chain: Chain, target: Target, options: Options) -> Search:
-        """Find the search for such targets, prepared now if it was not before."""
+        """Find the search for such targets; prepare it if necessary."""
         offset = _offset_array(target)
         point = b"" if offset is None else offset.tobytes()
         axis = b"" if target.direction is None else target.axis.tobytes()
@@ -173,7 +173,7 @@ def target_kind_of(target: Target) -> TargetKind:
 
 
 def problem_for_target(chain: Chain, target: Target, restarts: int = 1) -> PackedProblem:
-    """Return the arm packed for a target and so many starting points; it is cached."""
+    """Return the arm packed for a target and a number of starting points; it is cached."""
     axis = target.axis if target_kind_of(target) is TargetKind.DIRECTION else None
     return pack_problem(chain, target.frame, _offset_array(target), axis, restarts)
 

@@ -1,9 +1,9 @@
 """Cyclic coordinate descent: move one joint after the other to its best position.
 
-One joint alone moves the tip along a circle or a straight line, and which point of it is nearest
-to the target is known in closed form; a joint goes towards it by at most `MAX_STEP` a sweep. No
-matrix is inverted and the error never grows; but joints that must move together alternate, which is
-slow along narrow valleys.
+One joint alone moves the tip along a circle or a straight line, and its point nearest to the target
+is known in closed form; a joint moves towards it by at most `MAX_STEP` per sweep. No matrix is
+inverted and the error never grows; but joints that must move together alternate, which is slow
+along narrow valleys.
 """
 
 from __future__ import annotations
@@ -19,16 +19,16 @@ from ikservo.kinematics import Chain
 from ikservo.kinematics.arrays import Vector
 
 MAX_STEP = math.radians(5.0)
-"""The maximum motion of a joint in one sweep, else the last joints curl up before the first have
-moved; for a prismatic joint as many metres (87 mm)."""
+"""Maximum motion of a joint in one sweep, because the last joints would otherwise curl up before
+the first have moved; a prismatic joint may move as many metres (87 mm)."""
 
 _MAX_ITERATIONS = 1000
-# A joint whose lever times distance [m²] is this small does nothing, and must not rotate for it.
+# A joint whose lever times distance [m²] is this small has no effect, and must not rotate.
 _MIN_LEVER = 1e-15
 
 
 def ccd(chain: Chain, target: Target, q0: Vector, options: Options) -> Result:
-    """Sweep over the joints from the last to the first, again and again, from ``q0``."""
+    """Sweep over the joints from the last to the first, repeatedly, from ``q0``."""
     task = ResidualFunction(chain, target)
 
     def sweep(current: Linearisation) -> Linearisation:
@@ -43,8 +43,8 @@ def best_rotation(E: Vector, v: Vector, axis: Vector) -> float:
     """Find the angle [rad] about a joint's axis that brings the tip nearest to the target.
 
     Rotating by t moves a point of velocity v by ``v sin t + n (1 - cos t)`` with ``n = axis × v``,
-    which leads to the circle's centre. Seen from there the target is at ``F = E - n``, and what
-    is left is ``|E(t)|² = |F|² + |n|² + 2 F·n cos t - 2 F·v sin t``.
+    which points to the circle's centre. Seen from there the target is at ``F = E - n``, and the
+    remaining error is ``|E(t)|² = |F|² + |n|² + 2 F·n cos t - 2 F·v sin t``.
 
     Args:
         E: M - f(q) of one point or several, stacked (3 k,) [m].
@@ -58,23 +58,23 @@ def best_rotation(E: Vector, v: Vector, axis: Vector) -> float:
 
 
 def best_translation(E: Vector, v: Vector) -> float:
-    """Find how far along v (m,) the tip is nearest to the target: ``(E·v) / (v·v)``."""
+    """Find the distance along v (m,) with the tip nearest to the target: ``(E·v) / (v·v)``."""
     size = float(v @ v)
     return float(E @ v) / size if size > _MIN_LEVER else 0.0
 
 
 def clamp_angle_to_range(angle_rad: float, low_rad: float, high_rad: float) -> float:
-    """Compute the angle of an arc, no longer than a revolution, nearest on the circle."""
+    """Return the angle of an arc, at most a revolution, that is nearest on the circle."""
     if low_rad <= angle_rad <= high_rad:
         return angle_rad
     return max(low_rad, high_rad, key=lambda end: math.cos(end - angle_rad))
 
 
 def _move_joint(task: ResidualFunction, current: Linearisation, joint: int) -> Linearisation:
-    """Move one joint to its best, inside its limits and the cap."""
+    """Move one joint to its best position, inside its limits and the step limit."""
     step = np.zeros(task.chain.dof)
     step[joint] = _best_joint_step(task.chain, current, joint)
-    # On a circle or a line this is downhill; not always where other joints follow this one.
+    # On a circle or a line this is downhill; not always if other joints follow this one.
     return backtrack(task, current, step) if step[joint] else current
 
 
@@ -82,7 +82,7 @@ def _best_joint_step(chain: Chain, current: Linearisation, joint: int) -> float:
     q, v, axis = float(current.q[joint]), current.J[:, joint], current.axes[:, joint]
     low = max(float(chain.lower_rad[joint]) - q, -MAX_STEP)
     high = min(float(chain.upper_rad[joint]) - q, MAX_STEP)
-    rate = math.sqrt(float(axis @ axis))  # 1, unless the tip is carried by a joint that follows
+    rate = math.sqrt(float(axis @ axis))  # 1, unless a joint that follows carries the tip
     if rate == 0.0:
         return min(max(best_translation(current.E, v), low), high)
     return (

@@ -23,7 +23,7 @@ from ikservo.kinematics.arrays import Matrix, Vector
 
 _STEPS = 6
 _CONVERGED = 1e-10
-# Singular values this much below the largest belong to rotations that move nothing.
+# Singular values this far below the largest belong to rotations that move nothing.
 _TRUNCATE = 1e-5
 
 
@@ -60,21 +60,21 @@ def _rotation_rows(angular: Matrix, T: Matrix, target: Target) -> Matrix:
     return angular - np.outer(axis, axis @ angular)
 
 
-# Two solutions this near [rad] are equal, found by rounding from two sides.
+# Two solutions this close [rad] are the same, found with different rounding.
 _ONE_SOLUTION_RAD = 1e-7
-# Wrists to try, as parts of the ranges, where the start's own does not reach.
+# Wrists to try, as fractions of the ranges, if the start's own wrist does not reach.
 _WRIST_SAMPLES = (0.5, 0.2, 0.8, 0.02, 0.98)
-# Axes that are not quite parallel increase the orientation error up to this many times; the worst
-# is near the axis of yaw. Refinement decides between solutions.
+# Axes that are not quite parallel increase the orientation error by up to this factor, most near
+# the yaw axis. Refinement decides between solutions.
 _MISSED_PER_DEVIATION = 1e3
 
 
 def solutions(chain: Chain, target: Target, q0: ArrayLike | None = None) -> tuple[Vector, ...]:
     """Compute joints (dof,) that meet the target, one for each branch, nearest to q0 first.
 
-    If the target leaves freedom, each branch returns the choice nearest the start: the wrist
-    stays, and the last link keeps its direction as well as the limits allow. Angles that differ
-    by full revolutions are one solution; the one nearest q0 is returned.
+    If the target leaves freedom, each branch returns the choice nearest the start: the wrist stays,
+    and the last link keeps its direction as well as the limits allow. Angles that differ by full
+    revolutions are one solution; the one nearest q0 is returned.
 
     Args:
         chain: The arm.
@@ -101,7 +101,7 @@ def solutions(chain: Chain, target: Target, q0: ArrayLike | None = None) -> tupl
 def approximate_solutions(chain: Chain, target: Target, problem: AnalyticProblem) -> list[Vector]:
     """Compute the solutions of the recognised structure, in no order.
 
-    They are the arm's own where the structure is exact.
+    They are exact solutions of the arm if the structure is exact.
     """
     if target.only_position:
         attempts = joined((solve_position(problem),), _with_another_wrist(chain, target, problem))
@@ -165,9 +165,9 @@ def direction_intervals(
         q0: The start (dof,), rad, for the wrist; the middle of the limits if None.
 
     Returns:
-        The intervals of each yaw and elbow inside the limits; none where the point is out of
-        reach or the arm has no three parallel joints. Arms that have them only while the forearm
-        does not roll have it at zero.
+        The intervals of each yaw and elbow inside the limits; none if the point is out of reach or
+        the arm has no three parallel joints. Arms that have them only while the forearm does not
+        roll keep its roll at zero.
     """
     arm = recognise_structure(chain, target.frame)
     arm = arm.with_wrist_locked or arm if arm else None
@@ -222,8 +222,8 @@ def _has_redundancy(problem: AnalyticProblem) -> bool:
 def analytic_seeds(chain: Chain, target: Target, q0: ArrayLike | None = None) -> tuple[Vector, ...]:
     """Return joints (dof,) inside the limits that are good starts for a search.
 
-    They are the solutions of the recognised structure, if there are none the joints that meet
-    the point alone, and if the point is out of reach the links stretched towards it.
+    They are the solutions of the recognised structure; if there are none, the joints that meet the
+    point alone; and if the point is out of reach, the links stretched towards it.
     """
     arm, start = recognise_structure(chain, target.frame), initial_joints(chain, q0)
     if arm is None:
@@ -251,8 +251,8 @@ def _nearest_stretched(problem: AnalyticProblem, yaw: float) -> tuple[Vector, ..
 def closed_form(chain: Chain, target: Target, q0: Vector, options: Options) -> Result:
     """Return the solution nearest the start, or the closest posture if that is known exactly.
 
-    If neither is known in closed form, ``bounded`` searches from what the closed form comes near
-    with, and ``method`` of the result is "bounded".
+    If neither is known in closed form, ``bounded`` searches from the nearest postures in closed
+    form, and ``method`` of the result is "bounded".
     """
     idle = problem_for_target(chain, target).idle[target_kind_of(target)]
 

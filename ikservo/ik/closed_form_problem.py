@@ -70,7 +70,7 @@ def _axis_pairs(target: Target, tool: Matrix) -> Iterator[tuple[Vector, Vector]]
         yield tool[:3, :3] @ target.axis, target.target_axis
 
 
-# What remains of a direction this nearly across the plane has no angle in it.
+# A direction that is this nearly across the plane has no usable angle in it.
 _NO_ANGLE = 1e-9
 
 
@@ -104,16 +104,16 @@ class AnalyticProblem:
 
     @property
     def start_yaw(self) -> float:
-        """The yaw of the start inside the limits, 0 for arms without."""
+        """The yaw of the start inside the limits; 0 for arms without yaw."""
         return float(self.held[self.arm.yaw.column]) if self.arm.yaw else 0.0
 
     @property
     def start_roll(self) -> float:
-        """The roll of the start inside the limits, 0 for arms without."""
+        """The roll of the start inside the limits; 0 for arms without roll."""
         return float(self.held[self.arm.wrist[0].column]) if self.arm.wrist else 0.0
 
     def yaws(self, across: float) -> Iterator[float]:
-        """Yield the yaws inside the limits that put the target point that far across the plane."""
+        """Yield the yaws inside the limits that put the target point this far across the plane."""
         angles = self.point.angles_at_normal(across)
         for angle in (self.start_yaw,) if angles is None else angles:
             if (yaw := self.yaw_within_limits(angle)) is not None:
@@ -128,7 +128,7 @@ class AnalyticProblem:
         return self.angle_within_limits(self.arm.wrist[0] if self.arm.wrist else None, angle_rad)
 
     def angle_within_limits(self, joint: RevoluteAxis | None, angle_rad: float) -> float | None:
-        """Return a joint's equivalent angle inside its limits; 0 without the joint."""
+        """Return a joint's equivalent angle inside its limits; 0 if the arm lacks the joint."""
         if joint is None:
             return 0.0
         return nearest_equivalent_angle(
@@ -192,7 +192,7 @@ def make_problem(
 ) -> AnalyticProblem:
     """Make the target in the circles of the arm; wrist joints behind the roll are held.
 
-    They are held as at the start, or the first ones at ``wrist_rad``.
+    They keep the start's angles; the first of them may be given by ``wrist_rad``.
     """
     held = chain.clip(q0)
     for joint, angle in zip(arm.wrist, wrist_rad, strict=False):

@@ -1,8 +1,8 @@
 """Recognise an arm's kinematic structure: parallel and intersecting axes.
 
-While all joints are zero, every joint is a line in space. Parallel lines make the plane of the
+While all joints are zero, every joint is a line in space. Parallel lines define the plane of the
 arm; a first line across them is the base yaw, the lines behind them are the wrist. Offsets of any
-kind are allowed, for rotations of parallel joints never change what is across their plane.
+kind are allowed, because rotations of parallel joints never change what is across the plane.
 """
 
 from __future__ import annotations
@@ -86,7 +86,7 @@ class ArmStructure:
     """A chain as base yaw, planar links and wrist, as far as the arm has them.
 
     Attributes:
-        yaw: The first joint, if it is not one of the plane.
+        yaw: The first joint, if it is not in the plane.
         plane: Two or three parallel joints.
         wrist: The joints behind them.
         centre: The point (3,) where the axes of a wrist of two or three joints meet, or None.
@@ -96,8 +96,8 @@ class ArmStructure:
         roll: Rotates points by the wrist's first joint.
         orient: The last three rotations, if they meet in the centre.
         locked_joint: The column of a joint that must be zero for this structure, or None.
-        with_wrist_locked: The same arm with the wrist's first joint at zero, if that makes a
-            third parallel link; else None.
+        with_wrist_locked: The same arm with the wrist's first joint at zero, if that makes a third
+            parallel link; otherwise None.
     """
 
     yaw: RevoluteAxis | None
@@ -114,7 +114,7 @@ class ArmStructure:
 
     @property
     def is_exact(self) -> bool:
-        """Whether the closed form is exact for the arm; else it is a good seed."""
+        """Whether the closed form is exact for the arm; otherwise it is a good seed."""
         return self.deviation < _EXACT
 
     def __str__(self) -> str:
@@ -126,8 +126,8 @@ class ArmStructure:
         return " + ".join(parts)
 
 
-# Axes closer to parallel than this count as parallel, and lines that pass as close as this as
-# meeting: wide enough for the rounded angles of published URDFs and for calibrated arms.
+# Axes that are parallel within this angle count as parallel, and lines that pass this close as
+# meeting: wide enough for rounded angles of published URDFs and for calibrated arms.
 _NEARLY_PARALLEL_RAD = 1e-3
 _NEARLY_MEETING_M = 1e-4
 _SAME_POSE = 1e-9
@@ -248,7 +248,7 @@ def _are_parallel(a: RevoluteAxis, b: RevoluteAxis) -> bool:
 
 
 def _parallel_run(joints: tuple[RevoluteAxis, ...]) -> int:
-    """Compute how many joints from the first on are parallel to it."""
+    """Count the joints from the first on that are parallel to it."""
     different = (i for i, joint in enumerate(joints) if not _are_parallel(joints[0], joint))
     return next(different, len(joints))
 

@@ -1,8 +1,8 @@
-"""Targets for an arm that gives way under its weight: as much higher as its tip droops there.
+"""Targets for an arm that sags under its weight: raised by the sag of the tip at the target.
 
-Kernels know rigid arms. The pose to which a rigid arm has to go is that of the target, less the
-difference between the links as they are and as a rigid arm would have them; with the solution that
-difference changes by a tenth, and a few solutions later by nothing.
+Kernels solve rigid arms. A rigid arm must go to the target's pose minus the difference between the
+real links and the rigid ones. From one solution to the next this difference changes by a tenth, and
+after a few solutions no longer.
 """
 
 from __future__ import annotations
@@ -17,21 +17,20 @@ from ikservo.kinematics import Chain
 from ikservo.kinematics.arrays import Matrix, Vector
 
 _SAME_M, _SAME_RAD = 1e-8, 1e-7
-_STEADY_M, _STEADY_RAD = 1e-4, 1e-3  # what is left counts as reached
+_STEADY_M, _STEADY_RAD = 1e-4, 1e-3  # remaining errors that count as reached
 
 
 class Droop:
-    """By how much a point of an arm droops, where it was followed to last.
+    """Sag of a point of an arm at the last joints given to ``follow``.
 
     Args:
         chain: An arm with ``link_joints``.
         frame: The link; the tip if None.
-        offset_m: The point (3,) of it, metres; its origin if None.
+        offset_m: The point (3,) on that link, metres; its origin if None.
 
     Attributes:
-        is_steady: Whether the droop has hardly changed with the last joints.
-        max_steps: The number of times that targets are raised before a solution counts as not
-            reached.
+        is_steady: Whether the sag hardly changed with the last joints.
+        max_steps: Number of times that targets are raised before a solution counts as not reached.
     """
 
     max_steps = 12
@@ -42,7 +41,7 @@ class Droop:
         self.is_steady = False
 
     def follow(self, q: Vector) -> bool:
-        """Compute the droop at joints (dof,); return whether it is another one than before."""
+        """Compute the sag at joints (dof,); return whether it has changed."""
         rigid = self._chain.rigid.forward(q, *self._point)
         links = self._chain.forward(q, *self._point)
         moved, turned = links[:3, 3] - rigid[:3, 3], links[:3, :3] @ rigid[:3, :3].T
@@ -52,7 +51,7 @@ class Droop:
         return bool(apart[0] > _SAME_M or apart[1] > _SAME_RAD)
 
     def raised_pose(self, T: Matrix) -> Matrix:
-        """Compute to which pose (4, 4) a rigid arm has to go for this one to reach ``T``."""
+        """Compute the pose (4, 4) of a rigid arm with which this arm reaches ``T``."""
         raised = T.copy()
         raised[:3, 3] -= self._moved
         raised[:3, :3] = self._turned.T @ T[:3, :3]
@@ -72,5 +71,5 @@ class Droop:
         return replace(target, position_m=position)
 
     def lowered(self, point_m: Vector) -> Vector:
-        """Compute where this arm's point is when that of a rigid arm is at ``point_m`` (3,)."""
+        """Compute this arm's point when that of a rigid arm is at ``point_m`` (3,)."""
         return point_m + self._moved

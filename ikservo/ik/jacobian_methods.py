@@ -27,7 +27,7 @@ from ikservo.kinematics.arrays import Matrix, Vector
 from ikservo.kinematics.se3 import skew
 
 ORIENTATION_LEVER_M = 0.1
-"""One radian weighs like this many metres, about half of a small arm."""
+"""Metres that weigh as much as one radian, about half of a small arm."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -76,7 +76,7 @@ class ResidualFunction:
     def is_met(self, current: Linearisation, tolerance: Tolerance) -> bool:
         """Check whether the residual is at most half the tolerance.
 
-        Half, so that rounding before the result is returned makes no miss of it.
+        Half, so that rounding before the result is returned does not turn it into a miss.
         """
         gap_m, rotation_rad = (
             _vector_length(current.E[:3]),
@@ -95,7 +95,7 @@ def active_limits(chain: Chain, q: Vector, tau: Vector) -> NDArray[np.bool_]:
 def _watched_axes(target: Target) -> tuple[Matrix, Matrix]:
     """Compute the axes (k, 3), in the tool's coordinates, and their target directions."""
     if target.rotation is not None:
-        # A small rotation moves two of three axes: the weight is divided between them.
+        # A small rotation moves two of three axes, so the weight is divided between them.
         weight_m = ORIENTATION_LEVER_M / math.sqrt(2.0)
         return weight_m * np.eye(3), weight_m * target.rotation.T
     if target.target_axis is not None:
@@ -114,13 +114,13 @@ MAX_STEP_RAD = math.radians(2.0)
 
 # A step this small moves the tool by less than a nanometre.
 _STEP_END = 1e-9
-# An iteration without a thousandth or a micrometre of progress for so many steps has stalled.
+# An iteration that gains neither a thousandth nor a micrometre in this many steps has stalled.
 _MAX_STALLED_STEPS, _PROGRESS, _PROGRESS_M = 50, 0.999, 1e-6
-# A step halved so often is lost in the rounding of the error.
+# A step halved this many times is lost in the rounding of the error.
 _HALVINGS = 40
 
 Step = Callable[[Linearisation], Linearisation]
-"""One iteration of a method: from the linearisation here to the one after the step."""
+"""One iteration of a method: from the present linearisation to the one after the step."""
 
 
 def scale_step(step: Vector) -> Vector:
@@ -130,7 +130,7 @@ def scale_step(step: Vector) -> Vector:
 
 
 def backtrack(task: ResidualFunction, current: Linearisation, step: Vector) -> Linearisation:
-    """Take the step (dof,) or the largest half, quarter, … of it that increases no error."""
+    """Take the step (dof,) or its largest half, quarter, … that does not increase the error."""
     for _ in range(_HALVINGS):
         moved = task.linearise(task.chain.clip(current.q + step))
         if moved.cost <= current.cost:
@@ -149,9 +149,9 @@ def iterate(
     *,
     until_rest: bool = False,
 ) -> Result:
-    """Step from ``q0`` until the target is met, nothing moves any more or the limit is reached.
+    """Step from ``q0`` until the target is met, nothing moves any more, or the limit is reached.
 
-    One start without restarts: if it stalls there, the search ends. The result is the best iterate.
+    It uses one start without restarts: if it stalls, the search ends. The best iterate is returned.
 
     Args:
         method: The method's name, for the result.
@@ -208,8 +208,8 @@ class _Iteration:
 EPSILON = 5e-3
 """Singular values below this fraction of the largest count as zero.
 
-About the radial singular value one degree before the arm is stretched. With less it would
-oscillate through the stretched pose, 2° back and forth, for ever; with more it would stop early.
+About the radial singular value one degree before the arm is stretched. With less it would oscillate
+through the stretched pose, 2° back and forth, forever; with more it would stop early.
 """
 
 _PINV_MAX_ITERATIONS = 500
@@ -243,8 +243,8 @@ _NOTHING = 1e-150  # below it even the reciprocal is not a number
 def pinv(J: Matrix, epsilon: float = EPSILON) -> Matrix:
     """Compute the pseudo-inverse (n, m) of J (m, n) by truncated SVD.
 
-    ``J = U S Vᵀ``, ``J⁺ = V S⁻¹ Uᵀ`` with ``1/s := 0`` where ``s < ε s_max``. ``Δ = J⁺ E`` is the
-    least-squares solution of ``J Δ = E`` where there is none, the least norm where there are many.
+    ``J = U S Vᵀ``, ``J⁺ = V S⁻¹ Uᵀ`` with ``1/s := 0`` if ``s < ε s_max``. ``Δ = J⁺ E`` is the
+    least-squares solution of ``J Δ = E`` if none is exact, the least norm if there are many.
     """
     U, s, Vt = np.linalg.svd(J, full_matrices=False)
     kept = s > max(epsilon * s.max(initial=0.0), _NOTHING)
@@ -265,9 +265,9 @@ def limited_step(current: Linearisation, chain: Chain, C: Vector) -> Vector:
 
     The step of a joint that would leave its range ends on the limit. Its column is removed, and
     the others are solved again for the remaining error, until no joint leaves. A joint at its
-    limit that the error pulls against it is removed from the start, else the iteration could end
-    where the others still had a descent direction. Every iteration starts with all joints, so that
-    a joint may come back off its limit.
+    limit that the error pulls against it is removed from the start, because the iteration could
+    otherwise end while the others still had a descent direction. Every iteration starts with all
+    joints, so that a joint may come back off its limit.
     """
     to_lower, to_upper = chain.lower_rad - current.q, chain.upper_rad - current.q
     step, free = np.zeros(chain.dof), ~active_limits(chain, current.q, current.J.T @ current.E - C)
@@ -289,7 +289,7 @@ def _posture_gradient(chain: Chain, posture: Posture | None) -> tuple[Vector, Ve
     weights = finite_vector(posture.weights, chain.dof, "The posture's weights")
     if (weights < 0.0).any():
         raise BadValueError("A posture's weight", float(weights.min()), "0 or more")
-    # A weight of 1 reaches the posture in one step; one of 2 would oscillate for ever.
+    # A weight of 1 reaches the posture in one step; a weight of 2 would oscillate forever.
     return finite_vector(posture.q, chain.dof, "The posture"), weights / max(1.0, weights.max())
 
 
@@ -316,7 +316,7 @@ def gradient_torque(current: Linearisation, chain: Chain) -> Vector:
 def step_length(J: Matrix, E: Vector, tau: Vector) -> float:
     """Compute the α that makes the linearised error ``|E - α J τ|`` smallest.
 
-    ``α = (E · J τ) / |J τ|²``; zero where τ does not move the tip.
+    ``α = (E · J τ) / |J τ|²``; zero if τ does not move the tip.
     """
     lift = J @ tau
     size = float(lift @ lift)

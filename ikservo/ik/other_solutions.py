@@ -1,8 +1,8 @@
-"""Other solutions of a target: one, several or a family; the one nearest to the start.
+"""Other solutions of a target: their number or family, and the one nearest to the start.
 
-A search converges to the solution that its steps lead to, which on six joints is the nearest in
-about two cases of three. The closed form has every solution; without one, searches from around the
-start find most of those that are near.
+A search converges to the solution to which its steps lead; on six joints it is the nearest one in
+about two of three cases. The closed form has every solution; without it, searches from around the
+start find most of the near ones.
 """
 
 from __future__ import annotations
@@ -25,8 +25,8 @@ from ikservo.kinematics.conditioning import ordinary_postures
 
 # Singular values below this fraction of the largest are zero, in general and at a solution.
 _RANK, _SINGULAR = 1e-7, 1e-6
-# To test whether a solution has neighbours it is left by so much [rad] and solved again nearby: an
-# isolated one pulls the arm back.
+# To test whether a solution has neighbours, the joints leave it by this much [rad] and are solved
+# again nearby; an isolated solution pulls them back.
 _OFFSET_RAD, _STEPS, _MIN_OFFSET_FRACTION = 0.02, 10, 0.5
 _REVOLUTION_RAD = 2.0 * np.pi
 _SAME_RAD = 1e-4
@@ -34,7 +34,7 @@ _SAME_RAD = 1e-4
 # Distances from the start that differ by less [rad] are equal.
 _SAME_LENGTH_RAD = 1e-6
 # Offset of single joints for another search, and its maximum steps: a search that has not converged
-# by then seldom does.
+# by then rarely does.
 _START_OFFSET_RAD = 1.0
 _NEARBY_STEPS = 20
 
@@ -77,7 +77,7 @@ def _count_isolated(chain: Chain, target: Target, q: Vector) -> SolutionSet:
     known = solutions(chain, target, q)
     if not any(
         _is_same_solution(other, q) for other in known
-    ):  # the closed form does not know them all
+    ):  # the closed form does not give all of them
         return SolutionSet("several" if known else "unknown")
     return SolutionSet("one" if len(known) == 1 else "several", len(known))
 
@@ -90,7 +90,7 @@ def _moving_joints(chain: Chain, target: Target) -> list[int]:
 
 
 def _usual_rank(task: ResidualFunction, moving: list[int]) -> int:
-    """Return how many directions of the task the joints have in general."""
+    """Return the number of task directions that the joints have in general."""
     postures = ordinary_postures(task.chain.dof)
     ranks = [_numerical_rank(task.linearise(q).J[:, moving], _RANK) for q in postures]
     return max(ranks)
@@ -118,7 +118,7 @@ def _is_planar_3r(chain: Chain, target: Target, freedom: int) -> bool:
 def _continues_along(
     task: ResidualFunction, tolerance: Tolerance, q: Vector, moving: list[int], direction: Vector
 ) -> bool:
-    """Check whether there are solutions beside q along a direction (n,) of the moving joints."""
+    """Check whether there are solutions next to q along a direction (n,) of the moving joints."""
     chain, nearby = task.chain, q.copy()
     nearby[moving] += _OFFSET_RAD * direction
     nearby = chain.clip(nearby)
@@ -146,7 +146,7 @@ def _is_same_solution(a: Vector, b: Vector) -> bool:
 def nearest_solution(
     chain: Chain, target: Target, q0: Vector, options: Options, found: Result
 ) -> Result:
-    """Find a solution that is nearer to the start than the one found, or that one.
+    """Find a solution that is nearer to the start than ``found``; otherwise return ``found``.
 
     Args:
         chain: The arm.

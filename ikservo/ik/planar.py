@@ -70,8 +70,8 @@ def solve_planar_3r(
 ) -> tuple[Angles, ...]:
     """Find both elbows (θ1, θ2, θ3) that bring the tip to ``m`` with the last link at α.
 
-    The direction of the last link is the parameter that three links have more than two: it puts
-    the third joint at ``m - e^{iα} l3``, and θ3 = α - θ1 - θ2.
+    Three links have one parameter more than two, the direction of the last link: it puts the third
+    joint at ``m - e^{iα} l3``, and θ3 = α - θ1 - θ2.
     """
     wrist = m - cmath.rect(1.0, alpha_rad) * l3
     return tuple((a, b, alpha_rad - a - b) for a, b in solve_planar_2r(l1, l2, wrist))
@@ -98,7 +98,7 @@ class DirectionInterval:
     """Directions of the last planar link with which a point can be reached.
 
     Attributes:
-        yaw_rad: The base yaw of the interval; 0 for arms without.
+        yaw_rad: The base yaw of the interval; 0 for arms without yaw.
         elbow: 0 or 1.
         lower_rad: First direction, measured from the link's direction while all joints are zero.
         upper_rad: Last direction, at most a full revolution further.
@@ -131,7 +131,7 @@ def nearest_direction(
 ) -> Iterator[Angles]:
     """Yield, for each elbow and each arc, the angles whose direction is nearest the target α.
 
-    If an elbow can have the target direction itself, only that is yielded for it.
+    If an elbow can have the target direction itself, only that one is yielded for it.
     """
     direct = elbow_solutions(links, limits, m, alpha_rad, start)
     yield from (angles for angles in direct if angles is not None)
@@ -245,7 +245,7 @@ def elbow_solutions(
 
 _STEPS = 20
 _STEP_END_RAD = 1e-6
-# Samples beside the start's own direction, as fractions of the arc.
+# Samples in addition to the start's own direction, as fractions of the arc.
 _SAMPLES = (0.05, 0.2, 0.35, 0.5, 0.65, 0.8, 0.95)
 
 

@@ -1,8 +1,8 @@
 """Prepare a solve: pack chain and options for the kernel, choose start configurations.
 
-Joints that do not influence a target keep their start position: joints behind the frame, and
-joints whose axis contains the target point. A search that starts elsewhere, or leaves a saddle,
-would move them with all others, and nothing would move them back.
+Joints that do not influence a target keep their start position: joints behind the frame, and joints
+whose axis contains the target point. A search that starts elsewhere, or leaves a saddle, would move
+them along with the others, and nothing would move them back.
 """
 
 from __future__ import annotations
@@ -55,10 +55,10 @@ def prepare_seeds(
         chain: The arm.
         arm: The arm, packed.
         q: Starting points inside the limits (m, dof).
-        frame: The link to move there.
-        offset_m: The point of it.
+        frame: The link to move to the target.
+        offset_m: The point on that link.
         R_frame_tool: R_frame_tool (3, 3).
-        swinging: Whether the search may rotate the first joint to where the tool comes nearest.
+        swinging: Whether the search may rotate the first joint to bring the tool nearest.
     """
     n, first = chain.dof, int(arm[1, COLUMN])
     half_rad, start = 0.0, q.copy()
@@ -98,7 +98,7 @@ def seeds(chain: Chain, count: int) -> Matrix:
 
 
 def _sampling_limits(chain: Chain) -> tuple[Vector, Vector]:
-    """Compute the limits (dof,) each, of more than a revolution the one nearest to zero."""
+    """Compute the limits (dof,) of each side; of a larger range, the revolution nearest to zero."""
     low, high = chain.lower_rad.copy(), chain.upper_rad.copy()
     wide = (high - low > math.tau) & [kind is not JointType.PRISMATIC for kind in chain.kinds]
     wide |= ~np.isfinite(low) | ~np.isfinite(high)
@@ -118,7 +118,7 @@ def quasi_random_points(count: int, dimensions: int) -> Matrix:
 
 
 def _generalised_golden_ratio(dimensions: int) -> float:
-    """Return φ: the golden ratio for one dimension, and its like for more."""
+    """Return φ: the golden ratio for one dimension, and its generalisation for more."""
     root = 2.0
     for _ in range(64):
         root = (1.0 + root) ** (1.0 / (dimensions + 1))
@@ -150,16 +150,16 @@ def check_options(options: object) -> None:
 
 
 def check_homogeneous_row(poses: Matrix, what: str) -> None:
-    """Raise BadValueError where the last row of a pose (4, 4), or of many, is not 0 0 0 1."""
+    """Raise BadValueError if the last row of a pose (4, 4), or of several, is not 0 0 0 1."""
     if not np.allclose(poses[..., 3, :], HOMOGENEOUS_ROW, rtol=0.0, atol=1e-9):
-        raise BadValueError(f"The last row of {what}", "another", "[0, 0, 0, 1]: is it transposed?")
+        raise BadValueError(f"The last row of {what}", "wrong", "[0, 0, 0, 1]: is it transposed?")
 
 
 def target_kind(name: str) -> TargetKind:
     """Return the kind of target of that name.
 
     Raises:
-        UnknownNameError: There is none.
+        UnknownNameError: There is no such kind.
     """
     if str(name).upper() not in TargetKind.__members__:
         raise UnknownNameError("kind of target", name, [kind.name.lower() for kind in TargetKind])
@@ -168,14 +168,14 @@ def target_kind(name: str) -> TargetKind:
 
 @cache
 def load_kernel() -> Callable[..., int]:
-    """Load the search, compiled where that is possible."""
+    """Load the search, compiled if possible."""
     from ikservo.kernels.search import solve_all  # noqa: PLC0415  # loads with the first solve
 
     return solve_all
 
 
 class SolverBuffers:
-    """The work arrays of one solve at a time; one for each thread.
+    """The work arrays of one solve at a time; one object per thread.
 
     Attributes:
         question: (m, 12) target position, then rotation row by row.
@@ -193,8 +193,8 @@ class SolverBuffers:
         self.trace: Matrix = np.zeros((traced, dof))
 
 
-# A joint that moves the point this little [m/rad], or rotates its axis, does nothing: the tip of an
-# arm with a calibrated roll is further from the axis of that roll.
+# A joint that moves the point or rotates its axis by less [m/rad] has no effect: the tip of an arm
+# with a calibrated roll is further from that axis.
 _NOTHING = 1e-9
 
 
@@ -238,7 +238,7 @@ def idle_joints(
     Args:
         chain: The arm.
         frame: The link; the tip if None.
-        offset_m: The point (3,) of it; its origin if None.
+        offset_m: The point (3,) on that link; its origin if None.
         axis: An axis (3,) of the link with a target direction, or None.
         orientation: Whether the whole orientation is a target.
     """
@@ -267,11 +267,11 @@ def _make_idle_joint(chain: Chain, column: int) -> IdleJoint:
 class PackedProblem:
     """An arm and one point of it, packed for the kernels.
 
-    It must not contain the chain, its key in the cache: neither would ever be freed.
+    It must not contain the chain, its key in the cache, because neither would ever be freed.
 
     Attributes:
         arm: The packed chain.
-        seeds: Starting points beside the caller's (dof + SEED_SIZE, m).
+        seeds: Starting points in addition to the caller's (dof + SEED_SIZE, m).
         idle: The joints that keep their position, by the kind of target.
     """
 
@@ -297,7 +297,7 @@ def pack_problem(
     tool_axis: Vector | None,
     restarts: int,
 ) -> PackedProblem:
-    """Pack the arm for so many starting points; the last few are cached."""
+    """Pack the arm for a number of starting points; the most recent ones are cached."""
     key = (None if frame is None else str(frame), _array_bytes(offset_m), _array_bytes(tool_axis))
     kept = _prepared.setdefault(chain, {})
     ready = kept.get(key)

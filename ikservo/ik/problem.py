@@ -56,7 +56,8 @@ class Target:
     axis: Vector = field(init=False, repr=False)
     packed: Matrix = field(init=False, repr=False)
 
-    # Written out, as the one that dataclasses make of a frozen class takes three times as long.
+    # Written out, because the one that dataclasses generate for a frozen class is three times
+    # slower.
     def __init__(
         self,
         position_m: ArrayLike,
@@ -86,7 +87,7 @@ class Target:
 
     @property
     def position(self) -> Vector:
-        """The target position (3,), metres, as an array of its own."""
+        """The target position (3,), metres, as a new array."""
         return self.packed[0]
 
     @property
@@ -96,7 +97,7 @@ class Target:
 
     @property
     def rotation(self) -> Matrix | None:
-        """The target orientation (3, 3) as an array of its own, or None."""
+        """The target orientation (3, 3) as a new array, or None."""
         return None if self.orientation is None else self.packed[1:]
 
     @property
@@ -118,7 +119,7 @@ def _rotation_between(a: Vector, b: Vector) -> Vector:
     normal = np.cross(a, b)
     sin, cos = math.sqrt(float(normal @ normal)), float(a @ b)
     if sin < 1e-12:
-        # Parallel: nothing to do. Opposite: any axis across a is as short as another.
+        # Parallel: nothing to do. Opposite: all axes across a are equally short.
         return np.zeros(3) if cos > 0 else math.pi * _perpendicular_vector(a)
     rotation: Vector = normal * (math.atan2(sin, cos) / sin)
     return rotation
@@ -136,26 +137,26 @@ def _check_frame(frame: object) -> None:
 
 
 def check_position(v: ArrayLike, what: str) -> Vector:
-    """Check and copy a point (3,) [m]; BadValueError if it is none or beyond 1 km."""
+    """Check and copy a point (3,) [m]; BadValueError if it is not a point or is beyond 1 km."""
     point = bounded_vector(v, 3, MAX_POSITION_M, what, "metres, within 1 km")
     return point.copy()  # later changes by the caller must not change the target
 
 
 def normalise(v: ArrayLike, what: str) -> Vector:
-    """Compute a direction (3,) with length one; BadValueError if it has none."""
+    """Compute a direction (3,) with length one; BadValueError if it has no length."""
     vector = finite_vector(v, 3, what)
     length = math.hypot(*vector.tolist())
     if length < 1e-12:
         raise BadValueError(what, "zero", "a direction")
     if math.isinf(length):
-        raise BadValueError(what, vector.tolist(), "a direction of a length that is a number")
+        raise BadValueError(what, vector.tolist(), "a direction with a finite length")
     return vector / length
 
 
 def _pack_target(
     position_m: ArrayLike, direction: ArrayLike | None, orientation: ArrayLike | None
 ) -> Matrix:
-    """Pack position and rotation (4, 3); BadValueError if they are none."""
+    """Pack position and rotation (4, 3); BadValueError if they are not valid."""
     packed = np.zeros((4, 3))
     packed[0] = array_of_shape(position_m, (3,), "The target position")
     if orientation is not None:
@@ -166,12 +167,12 @@ def _pack_target(
         return packed
     check_position(packed[0], "The target position")
     finite_array(packed[1:], (3, 3), "The orientation")
-    raise BadValueError("The orientation", "no rotation matrix", "R Rᵀ = 1 and det R = 1")
+    raise BadValueError("The orientation", "not a rotation matrix", "R Rᵀ = 1 and det R = 1")
 
 
 @cache
 def _load_check() -> Callable[[Matrix, bool], bool]:
-    """Load the check of a packed target, compiled where that is possible."""
+    """Load the check of a packed target, compiled if possible."""
     from ikservo.kernels.single import is_target  # noqa: PLC0415  # loads with the first target
 
     return is_target
@@ -203,11 +204,11 @@ class Tolerance:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Posture:
-    """A preferred configuration where the target leaves freedom.
+    """A preferred configuration, used if the target leaves freedom.
 
     Attributes:
         q: The preferred joints (dof,), rad or m.
-        weights: The weight of each (dof,); 0 leaves a joint free.
+        weights: Weight of each joint (dof,); 0 leaves a joint free.
     """
 
     q: ArrayLike
@@ -222,15 +223,15 @@ class Options:
         tolerance: The error that counts as reached.
         restarts: Maximum number of starting points, the given one first; the Jacobian
             methods use only that.
-        max_iterations: Maximum steps from one start; None for the method's own.
+        max_iterations: Maximum steps from one start; None uses the method's default.
         posture: Preferred configuration; methods without a null space ignore it.
         trace: Whether the result contains every iterate.
-        position_first: Whether the position is met exactly, and the orientation as well as what
-            remains allows, rather than both weighed; None for arms with fewer than six joints.
+        position_first: Whether the position is met exactly and the orientation as well as possible
+            after that, instead of weighing both; None: if the arm has fewer than six joints.
         turn_weight_m_rad: Position error in metres that weighs like a radian (``bounded``).
         track: One start, never past a limit, never to another branch (``bounded``).
-        nearest: Whether to search the solution nearest the start if there are several
-            (``auto``); without, the first that is found is returned.
+        nearest: Whether to search for the solution nearest the start if there are several
+            (``auto``); otherwise the first one found is returned.
     """
 
     tolerance: Tolerance = field(default_factory=Tolerance)
@@ -263,7 +264,7 @@ class Options:
             _check_kind("The posture", self.posture, Posture)
 
     def puts_position_first(self, dof: int) -> bool:
-        """Check whether an arm with so many joints meets the position before all else."""
+        """Check whether an arm with this number of joints meets the position before all else."""
         return dof < _FULL_POSE_DOF if self.position_first is None else self.position_first
 
 

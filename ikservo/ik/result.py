@@ -1,4 +1,4 @@
-"""The result of a solve: joints, errors, what limits it, and what other solutions there are."""
+"""The result of a solve: joints, errors, active limits, and other solutions."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from ikservo.ik.planar import DirectionInterval
 
 NOT_LIMITED = "link lengths or number of joints"
-"""What limits the reach of an arm where no joint limit does."""
+"""Name for the limit of an arm's reach when no joint limit is active."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,16 +42,16 @@ _NUMBERS = {1: "one", 2: "two", 3: "three", 4: "four"}
 
 @dataclass(frozen=True, slots=True)
 class SolutionSet:
-    """How many solutions a target has inside the limits.
+    """The number of solutions of a target inside the limits.
 
     Joints that do not move the point, and full revolutions of a joint, add no solutions.
 
     Attributes:
-        kind: ``none`` found, the only ``one``, one of ``several``, one of a continuous
-            ``family``, or ``unknown`` if this is one and others are not known.
+        kind: ``none`` found, the only ``one``, one of ``several``, one of a continuous ``family``,
+            or ``unknown`` if it is unknown whether there are others.
         count: The number of solutions, or branches of a family; None if it is unknown.
-        freedom: The number of parameters of the family; 0 without.
-        directions: The directions that the last of three links may have in a family.
+        freedom: The number of parameters of the family; 0 if there is none.
+        directions: The possible directions of the last of three links in a family.
     """
 
     kind: Literal["none", "one", "several", "family", "unknown"]
@@ -60,7 +60,7 @@ class SolutionSet:
     directions: tuple[DirectionInterval, ...] = ()
 
     def __str__(self) -> str:
-        """Describe it."""
+        """Return a description as text."""
         if self.kind == "none":
             return "no solution found"
         if self.kind == "one":
@@ -75,7 +75,7 @@ class SolutionSet:
 
 
 class SolvedProblem(NamedTuple):
-    """The arm and the target of a result, and how to find the other solutions."""
+    """The arm and the target of a result, with which other solutions are found."""
 
     chain: Chain
     target: Target
@@ -110,7 +110,7 @@ class Result:
     trace: tuple[Vector, ...] = ()
     question: SolvedProblem | None = field(default=None, repr=False)
 
-    # Written out, as the one that dataclasses make of a frozen class takes twice as long.
+    # Written out, because the one that dataclasses generate for a frozen class takes twice as long.
     def __init__(
         self,
         q: Vector,
@@ -144,13 +144,13 @@ class Result:
         return f"{'reached' if self.reached else 'not reached'}: q = ({q}), {off}{held}"
 
     def attach_question(self, question: SolvedProblem) -> Result:
-        """Set the problem that it solves, before it is handed out; return it."""
+        """Attach the solved problem before the result is handed out; return the result."""
         self.__dict__["question"] = question
         return self
 
     @property
     def solutions(self) -> SolutionSet:
-        """Whether there are other solutions; computed when it is read, in some ms."""
+        """Number or family of solutions, computed when read, in some ms."""
         if not self.reached:
             return SolutionSet("none", 0)
         if self.question is None:
@@ -169,7 +169,7 @@ class Result:
     def singularity(self) -> Singularity | None:
         """The singular posture nearest to ``q``, some tens of ms; None if none is found.
 
-        If the target is more than a position, a lost rotation of the link counts as well.
+        If the target has more than a position, losing a rotation of the link also counts.
         """
         if self.question is None:
             return None

@@ -1,4 +1,4 @@
-"""Pointing an axis of the tip at a point, wherever the tip itself is then."""
+"""Point an axis of the tip at a point; the position of the tip is free."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from ikservo.kinematics import Chain, finite_vector
 from ikservo.kinematics.arrays import Vector, freeze_arrays
 from ikservo.kinematics.joints import JointType
 
-_NEAREST_M = 0.001  # a point nearer to the tip than this has no direction from there
+_NEAREST_M = 0.001  # nearer points have no usable direction from the tip
 _REACHED_RAD = 1e-4
 
 
@@ -26,7 +26,7 @@ class Sight:
     Attributes:
         q: The joints (dof,), rad or m.
         error_rad: The angle between the axis and the direction to the point.
-        binding: The limits at which joints stand.
+        binding: The limits at which joints are.
         reached: Whether the axis points there.
     """
 
@@ -46,7 +46,7 @@ class Sight:
 def solve_sight(chain: Chain, point_m: ArrayLike, q0: ArrayLike, axis: ArrayLike) -> Sight:
     """Find joints inside the limits, near ``q0``, with which the tip's axis points at a point.
 
-    The line of sight is one more joint, which slides along the axis: the arm reaches the point
+    The line of sight acts as one more joint, which slides along the axis: the arm reaches the point
     with its end.
 
     Args:
@@ -71,7 +71,7 @@ def solve_sight(chain: Chain, point_m: ArrayLike, q0: ArrayLike, axis: ArrayLike
 
 
 def _length_m(chain: Chain) -> float:
-    """Compute how far the tip can be from the base at most, joints that slide included."""
+    """Compute the largest distance of the tip from the base, including joints that slide."""
     bones_m = sum(float(np.linalg.norm(step.joint.origin[:3, 3])) for step in chain.joints_to())
     slides = [kind is JointType.PRISMATIC for kind in chain.kinds]
     ends = np.maximum(np.abs(chain.lower_rad), np.abs(chain.upper_rad))

@@ -21,10 +21,10 @@ from ikservo.kinematics import Chain
 from ikservo.kinematics.arrays import Vector, bounded_vector
 
 Method = Callable[[Chain, Target, Vector, Options], Result]
-"""Chain, target, start (dof,) anywhere, options: a result inside the limits."""
+"""Takes chain, target, start (dof,) anywhere, and options; returns a result inside the limits."""
 
 METHODS = ("bounded", "closed_form", "pseudo_inverse", "transpose", "ccd")
-"""The names of the methods; the modules of all but the first are imported when they are used."""
+"""Names of the methods; the modules of all but the first are imported when first used."""
 
 _MODULES = {
     "closed_form": "closed_form",
@@ -64,7 +64,7 @@ def get_method(name: str) -> Method:
     """Get the method of that name; ``auto`` selects by arm and result.
 
     Raises:
-        UnknownNameError: There is none; the existing ones are listed.
+        UnknownNameError: There is no such method; the existing ones are listed.
     """
     if name == "auto":
         return auto
@@ -98,8 +98,8 @@ def solve(
 ) -> Result:
     """Find joints inside the limits that bring the point to the target.
 
-    With fewer than six joints the position comes first: it is met exactly where the limits
-    allow, and the orientation as well as what remains allows.
+    With fewer than six joints the position comes first: it is met exactly if the limits allow, and
+    the orientation as well as possible after that.
 
     Args:
         chain: The arm, or its model, its name, or the path of its file; its limits are never left,
@@ -111,24 +111,24 @@ def solve(
         method: ``auto`` or one of ``METHODS``.
         tolerance: The largest errors that count as reached.
         restarts: Maximum number of starting points, the given one first.
-        max_iterations: Maximum steps from one start; the method's own number if None.
-        posture: A preferred configuration where the target leaves freedom (``auto`` and
-            ``pseudo_inverse``; the other methods have no null space and ignore it).
+        max_iterations: Maximum steps from one start; None uses the method's default.
+        posture: A preferred configuration if the target leaves freedom (``auto`` and
+        ``pseudo_inverse``; the other methods have no null space and ignore it).
         trace: Whether the result contains every iterate.
-        position_first: Whether the position is met exactly, and the orientation as well as what
-            remains allows; if None for arms with fewer than six joints. Else both are weighed.
+        position_first: Whether the position is met exactly and the orientation as well as possible
+            after that, instead of weighing both; None: if the arm has fewer than six joints.
         turn_weight_m_rad: Position error in metres that weighs like a radian (``bounded``).
         track: Follow a path: one start at ``q0``, never to another branch (``bounded``).
-        nearest: Search the solution nearest to ``q0`` if there are several (``auto``): among
-            those of the closed form where the arm has one, else from some starts around ``q0``.
-            ``False`` takes the first that is found, in a twentieth of the time.
+        nearest: Search for the solution nearest to ``q0`` if there are several (``auto``): in
+            closed form if the arm has one, otherwise from some starts around ``q0``. ``False``
+            takes the first one found, in a twentieth of the time.
 
     Returns:
         The solution, or the nearest posture that was found and its active limits.
 
     Raises:
-        BadValueError: q0 has a wrong shape or is not finite, an option makes no sense, or there is
-            no arm or no target.
+        BadValueError: q0 has a wrong shape or is not finite, an option makes no sense, or arm or
+            target is missing.
         UnknownNameError: No such arm or method, or the target's frame is not a link of the arm.
     """
     values = (
@@ -144,7 +144,7 @@ def solve(
     )
     try:
         options = _checked_options(*values)
-    except TypeError:  # a value that no table can look up, and no option takes
+    except TypeError:  # an unhashable value, which no option accepts
         options = _make_options(*values)
     if not isinstance(chain, Chain):
         chain, q0 = chain_and_start(chain, q0)
@@ -169,7 +169,7 @@ def _find_solutions(chain: Chain, target: Target, q: Vector) -> SolutionSet:
 def _aim_higher(
     chain: Chain, target: Target, options: Options, run: Method, result: Result
 ) -> tuple[Target, Result]:
-    """Return the target that a rigid arm would have to be given, and the solution for it."""
+    """Return the target to give to a rigid arm, and the solution for it."""
     from ikservo.ik.droop import Droop  # noqa: PLC0415  # of few arms
 
     droop, aimed, asked = Droop(chain, target.frame, target.offset_m), target, options
@@ -189,20 +189,20 @@ _TOLERANCE = Tolerance()
 
 
 def _make_options(tolerance: Tolerance | None, *others: object) -> Options:
-    make = cast("Callable[..., Options]", Options)  # which looks at each of them
+    make = cast("Callable[..., Options]", Options)  # checks each of them
     return make(tolerance or _TOLERANCE, *others)
 
 
-# Options that were checked for a call before; typed, as 1 is not True.
+# Options that were checked in an earlier call; typed, because 1 is not True.
 _checked_options = lru_cache(32, typed=True)(_make_options)
 
 
 _MM_PER_M = 1000.0
-_FAR_M = 10.0  # further than any arm with servos reaches
+_FAR_M = 10.0  # further than any arm with servos can reach
 
 
 def in_millimetres(chain: Chain, position_m: Sequence[float]) -> str:
-    """Return a point with its numbers as millimetres, ``250mm 50mm 150mm``, if the arm reaches it.
+    """Return a point with its numbers in mm, ``250mm 50mm 150mm``, if the arm reaches that.
 
     Args:
         chain: The arm.

@@ -1,4 +1,4 @@
-"""``Solver``: warm-started tracking of moving targets, with memory of the branch."""
+"""``Solver``: warm-started tracking of moving targets that remembers its branch."""
 
 from __future__ import annotations
 
@@ -45,19 +45,19 @@ PoseKernel = Callable[[ArrayLike, ArrayLike], int]
 """Pose (4, 4) and start (dof,): see ``kernel.single``."""
 
 _FLOAT64 = np.dtype(np.float64)
-# A start this near to the last result continues its path.
+# A start this close to the last result continues its path.
 _SAME_RAD = 0.01
-# So far from a straight pose the bending side is unambiguous, and redundant joints are moved back,
-# too: at their limits they would block later.
+# This far from a straight pose the bending side is unambiguous, and redundant joints are moved
+# back, too, because at their limits they would block later.
 _MIN_BEND_RAD = 0.3
 
 
 class BranchMemory:
     """The posture of a path before its target went out of reach.
 
-    Out of reach an arm stretches until it is straight, from where it can bend to either side. The
-    search for the first target within reach again therefore starts a little towards the last
-    joints that reached theirs.
+    Out of reach an arm stretches until it is straight, and could then bend to either side. The
+    search for the first target within reach again therefore starts slightly towards the last joints
+    that reached their target.
 
     Args:
         dof: Number of joints.
@@ -89,7 +89,7 @@ class BranchMemory:
 
 
 class Solver:
-    """A solver prepared once for calls in a loop; one object for each thread.
+    """A solver prepared once for calls in a loop; use one object per thread.
 
     A call is ``solve(…, nearest=False)``: it starts at ``q0`` and restarts elsewhere if that fails.
     Joints that do not move the point stay at ``q0``. ``track`` follows a path: it searches from
@@ -100,15 +100,15 @@ class Solver:
     Args:
         chain: The arm, or its model, its name, or the path of its file.
         kind: The part of the pose that counts: its position, also the direction of the tool axis,
-            or all of it.
+            or the whole pose.
         tool_axis: The axis (3,) in the frame's coordinates for "direction".
         frame: The link to move there; the tip if None.
         offset_m: The point (3,) of that link, metres; its origin if None.
         tolerance: The largest errors that count as reached.
-        options: Search limits and priorities; has a tolerance of its own.
+        options: Search limits and priorities; its own tolerance is not used.
 
     Raises:
-        BadValueError: An axis or offset is invalid, or there is no arm.
+        BadValueError: An axis or offset is invalid, or the arm is missing.
         UnknownNameError: No such arm, kind or frame.
     """
 
@@ -171,11 +171,11 @@ class Solver:
     ) -> tuple[Vector, bool]:
         """Return joints (dof,) for the pose (4, 4), near ``q0`` (dof,), and whether they reach.
 
-        ``out`` (dof,) takes the joints, where given; without it an array is made.
+        The joints are written to ``out`` (dof,) if given; otherwise to a new array.
 
         Raises:
-            BadValueError: A shape is wrong, or a number that counts is not finite, too large or
-                no part of a rotation.
+            BadValueError: A shape is wrong, or a number that matters is not finite, too large or
+                not part of a rotation.
         """
         return self._solve_drooping(self._solve, T_world_tool, q0, out)
 
@@ -184,7 +184,7 @@ class Solver:
     ) -> tuple[Vector, bool]:
         """Compute the joints that ``q0`` leads to on its own branch, and whether they reach.
 
-        Args and errors are those of a call; where a limit blocks, ``result`` names it.
+        Args and errors are those of a call; if a limit blocks, ``result`` names it.
         """
         solve = self._solve_drooping
         q, reached = solve(self._track, T_world_tool, q0, out)
@@ -203,7 +203,7 @@ class Solver:
             BadValueError: There was no call yet.
         """
         if not self._worker.answer[0, 2 * self.chain.dof + ITERATIONS] >= 0.0:
-            raise BadValueError("The last question", "none", "a call before its result")
+            raise BadValueError("The last problem", "missing", "a call before its result")
         found = unpack_result(self.chain, self._worker.answer[0], "bounded")
         droop = self._droop
         return found if droop is None else replace(found, nearest_m=droop.lowered(found.nearest_m))
@@ -211,7 +211,7 @@ class Solver:
     def _solve_drooping(
         self, solve: PoseKernel, T: ArrayLike, q0: ArrayLike, out: Vector | None
     ) -> tuple[Vector, bool]:
-        """Run the kernel; of an arm that gives way, with targets as much higher as it droops."""
+        """Run the kernel; for an arm that sags, with targets raised by its sag."""
         if self._droop is None:
             return self._run_kernel(solve, T, q0, out)
         pose, q = finite_array(T, (4, 4), "T_world_tool"), finite_vector(q0, self.chain.dof, "q0")
@@ -231,8 +231,8 @@ class Solver:
         try:
             status = solve(T, q0)
         except (TypeError, ValueError, BufferError):
-            status = NOT_HOMOGENEOUS  # no arrays as the kernel needs them
-        if status == IS_REACHED and out is None:  # what most calls are
+            status = NOT_HOMOGENEOUS  # the arrays are not as the kernel needs them
+        if status == IS_REACHED and out is None:  # most calls end here
             return self._joints.copy(), True
         if status < 0:
             status = self._run_with_copies(solve, T, q0)
@@ -248,7 +248,7 @@ class Solver:
         return out, reached
 
     def _run_with_copies(self, solve: PoseKernel, T: ArrayLike, q0: ArrayLike) -> int:
-        """Solve for what is given as other than plain arrays, or say what is wrong with it."""
+        """Solve for values that are not plain arrays, or raise an error that says what is wrong."""
         try:
             pose, start = np.array(T, dtype=np.float64, order="C"), np.array(q0, dtype=np.float64)
         except (TypeError, ValueError, OverflowError):
@@ -268,7 +268,7 @@ class Solver:
         if float(np.abs(start).max()) > MAX_ANGLE_RAD:
             raise BadValueError("q0", start.tolist(), "radians and metres, at most 1e6")
         check_position(finite_array(T, (4, 4), "T_world_tool")[:3, 3], "The target position")
-        raise BadValueError("The rotation of T_world_tool", "none", "R Rᵀ = 1 and det R = 1")
+        raise BadValueError("The rotation of T_world_tool", "invalid", "R Rᵀ = 1 and det R = 1")
 
     def _check_out(self, out: Vector) -> None:
         """Raise BadValueError if the joints cannot be written to it."""

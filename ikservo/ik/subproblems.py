@@ -26,10 +26,10 @@ from ikservo.kinematics.arrays import Matrix, Vector
 from ikservo.kinematics.se3 import exp_so3, skew
 
 FULL_TURN_RAD = 2.0 * math.pi
-# Rounding may move a solution at a limit past it by this much [rad]; it is clamped,
-# which moves the tool by less than a nanometre.
+# Rounding may move a solution at a limit past it by this much [rad]; it is clamped, which moves the
+# tool by less than a nanometre.
 LIMIT_TOLERANCE_RAD = 1e-9
-# A cosine this far past one is a point on the boundary, met by rounding.
+# A cosine this far above one is a point on the boundary, after rounding.
 _EDGE = 1e-10
 # An amplitude [m or 1] this small means that the angle does not matter.
 _NEAR_ZERO = 1e-9
@@ -41,7 +41,7 @@ def wrap_angle(angle_rad: float) -> float:
 
 
 def clamped_acos(cosine: float) -> float | None:
-    """Compute acos, also just past ±1 where rounding put it; None where there is no angle."""
+    """Compute acos, also if rounding has moved it just past ±1; None if there is no angle."""
     if not abs(cosine) <= 1.0 + _EDGE:
         return None
     return math.acos(min(max(cosine, -1.0), 1.0))
@@ -52,7 +52,7 @@ def nearest_equivalent_angle(
 ) -> float | None:
     """Find the equivalent angle, angle + 2πk, inside the limits and nearest ``near_rad``.
 
-    None if there is none inside.
+    None if there is no such angle.
     """
     wrapped = angle_rad + FULL_TURN_RAD * round((near_rad - angle_rad) / FULL_TURN_RAD)
     if wrapped > upper:
@@ -69,7 +69,7 @@ def nearest_equivalent_angle(
 
 
 def solve_acos_bsin(a: float, b: float, c: float) -> tuple[float, ...] | None:
-    """Compute the angles θ with ``a cos θ + b sin θ = c``: two, none, or None if any will do."""
+    """Compute the angles θ with ``a cos θ + b sin θ = c``: two, none, or None if all satisfy it."""
     amplitude = math.hypot(a, b)
     if amplitude < _NEAR_ZERO:
         return None if abs(c) < _NEAR_ZERO else ()
@@ -142,7 +142,7 @@ class AxisRotation:
 
 
 def plane_frame(n: Vector) -> Matrix:
-    """Return rows e1, e2, n: e1 as near as possible to x, or to z where n is x."""
+    """Return rows e1, e2, n; e1 is as near as possible to x, or to z if n is x."""
     forward = np.array([0.0, 0.0, 1.0] if abs(n[0]) > 0.9 else [1.0, 0.0, 0.0])
     e1 = forward - n * float(forward @ n)
     e1 /= np.sqrt(e1 @ e1)
@@ -154,11 +154,11 @@ def _make_trace(rows: Vector) -> CircleTrace:
     return CircleTrace(complex(x0, y0), complex(x1, y1), complex(x2, y2), z0, z1, z2)
 
 
-# Circles this small [m or 1] give an arm no freedom that it can use.
+# Circles this small [m or 1] give an arm no usable freedom.
 NO_FREEDOM = 1e-6
-# Published axes are rounded to about 1e-5 rad: straight down is straight down for every yaw.
+# Published axes are rounded to about 1e-5 rad: straight down stays straight down for every yaw.
 ROUNDED = 1e-5
-# A root of the quartic may be this far beside the unit circle where two roots nearly agree.
+# A root of the quartic may be this far off the unit circle if two roots nearly agree.
 _BESIDE_CIRCLE = 1e-3
 _NEWTON_STEPS = 4
 _RESIDUAL = 1e-11
@@ -170,8 +170,8 @@ def solve_yaw_roll(
 ) -> Iterator[tuple[float, float]]:
     """Yield every (φ, ψ) with ``M(φ) = w(ψ)`` and ``d(φ) = a(ψ)`` across the plane.
 
-    Where one of them does not matter it stays as held (φ, ψ). A direction that matters little
-    beside its tolerance, or a roll that moves nothing, leaves one equation.
+    An angle that does not matter stays at its value in held (φ, ψ). A direction that changes less
+    than its tolerance, or a roll that moves nothing, leaves one equation.
     """
     roll_matters = max(w.amplitude, a.amplitude) > NO_FREEDOM
     direction_matters = max(d.amplitude, a.amplitude) > ROUNDED
@@ -263,8 +263,8 @@ class EulerAngles:
     def __call__(self, R: Matrix, near_alpha_rad: float) -> Iterator[tuple[float, float, float]]:
         """Yield both solutions for R (3, 3), none if the axes do not allow it.
 
-        ``a·R c = a·Rb(β) c`` gives β; what R c and R⁻¹ a then lack about a and c gives α and γ.
-        If c ends along a, only α + γ (or α - γ) is determined, and α is ``near_alpha_rad``.
+        ``a·R c = a·Rb(β) c`` gives β; the rest of R c about a and of R⁻¹ a about c gives α and γ.
+        If c ends along a, only α + γ (or α - γ) is known, and α is ``near_alpha_rad``.
         """
         Rc, Ra = self._across_a @ (R @ self._c), self._across_c @ (R.T @ self._a)
         for beta in self._c_by_b.angles_at_normal(float(Rc[2])) or ():

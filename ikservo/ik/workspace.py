@@ -21,8 +21,8 @@ from ikservo.kinematics.arrays import Matrix, Vector, freeze_arrays
 class Workspace:
     """The reachable cells of a slice or a volume.
 
-    A cell counts as reachable when a tip was found in it, or when the reachable point nearest
-    its middle is in it; so the true border runs through the outermost cells.
+    A cell counts as reachable if a tip was found in it, or if the reachable point nearest its
+    middle is in it; the true border therefore runs through the outermost cells.
 
     Attributes:
         grid: The cells.
@@ -39,19 +39,19 @@ class Workspace:
 
     @property
     def count(self) -> int:
-        """How many cells are reachable."""
+        """Number of reachable cells."""
         return int(self.reachable.sum())
 
     @property
     def size(self) -> float:
-        """The area [m²] of a slice or the volume [m³], all reachable cells in full."""
+        """Area [m²] of a slice or volume [m³] of all reachable cells, each counted in full."""
         return self.count * self.grid.cell_m ** (2 if self.is_slice else 3)
 
     @property
     def extent_m(self) -> tuple[Vector, Vector] | None:
         """The corners (3,) of the box around the reachable cells, in the grid's frame.
 
-        None where no cell is reachable.
+        None if no cell is reachable.
         """
         cells = np.argwhere(self.reachable)
         if not len(cells):
@@ -62,17 +62,17 @@ class Workspace:
     def contains(self, point_m: ArrayLike) -> bool:
         """Check whether a point (3,) of the base frame is in a reachable cell.
 
-        A point farther than half a cell from the plane of a slice is in no cell of it.
+        A point further than half a cell from the plane of a slice is in none of its cells.
         """
         return bool(self.contains_many([finite_vector(point_m, 3, "point_m")])[0])
 
     def contains_many(self, points_m: ArrayLike) -> NDArray[np.bool_]:
-        """Return for each point (n, 3) of the base frame whether it is in a reachable cell."""
+        """Check whether each point (n, 3) of the base frame is in a reachable cell."""
         cells, exist = self.grid.cells_of(points_m)
         return np.logical_and(exist, self.reachable[tuple(cells.T)])
 
     def mask(self, along: int = 2) -> NDArray[np.bool_]:
-        """Return what is reachable as seen along a grid axis; of a volume its projection."""
+        """Return the reachable cells as seen along a grid axis; for a volume the projection."""
         return np.any(self.reachable, axis=along)
 
     def outline(self, along: int = 2) -> tuple[Matrix, ...]:
@@ -89,7 +89,7 @@ class Workspace:
 def quasi_random_joints(chain: Chain, count: int) -> Matrix:
     """Return ``count`` joint vectors (count, dof) inside the limits; within ±π if unlimited.
 
-    They leave no clusters, see ``quasi_random_points``.
+    They do not cluster, see ``quasi_random_points``.
     """
     evenly = quasi_random_points(count + 1, chain.dof)[1:]
     low = np.maximum(chain.lower_rad, -math.pi)
@@ -103,12 +103,12 @@ def tip_positions(chain: Chain, q: Matrix) -> Matrix:
 
 
 Clear = Callable[[Matrix], NDArray[np.bool_]]
-"""From joint vectors (n, dof) to whether each is allowed (n,)."""
+"""Takes joint vectors (n, dof); returns whether each is allowed (n,)."""
 
 _SLICE_CELL_M, _VOLUME_CELL_M = 0.005, 0.025
 _SAMPLES = 2**16
-# The start is a neighbouring cell's; a few others get around a limit. A volume has so many cells on
-# its border, each with several neighbours, that fewer will do.
+# The start comes from a neighbouring cell; a few others get around limits. A volume has so many
+# cells on its border, each with several neighbours, that fewer suffice.
 _SLICE_RESTARTS, _VOLUME_RESTARTS = 8, 2
 _NEIGHBOURS = np.array([[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]])
 
@@ -122,17 +122,17 @@ def workspace(
 ) -> Workspace:
     """Find the cells that the tip can be in, inside the chain's limits.
 
-    Joint vectors that fill the limits evenly give the first reachable cells; from those the
-    solver continues outwards: it solves for the centre of every cell beside a reachable one. An
-    island of reach without a sample is missed.
+    Joint vectors that fill the limits evenly give the first reachable cells. From those the solver
+    continues outwards: it solves for the centre of every cell next to a reachable one. A reachable
+    island without a sample is missed.
 
     Args:
         chain: The arm.
-        T_world_plane: The frame (4, 4) in whose plane w = 0 to cut; None for the whole volume.
-        cell_m: Edge of the cells; 5 mm for a slice and 25 mm for a volume if None.
+        T_world_plane: The frame (4, 4) whose plane w = 0 is the slice; None for the whole volume.
+        cell_m: Edge of the cells; None: 5 mm for a slice and 25 mm for a volume.
         samples: The number of joint vectors to try first.
-        clear: From joint vectors (n, dof) to whether each is allowed (n,), for example because
-            it is free of collisions; all are if None.
+        clear: Returns for joint vectors (n, dof) whether each is allowed (n,), for example free of
+            collisions; None allows all.
 
     Raises:
         BadValueError: The cells have no size, or are too many.
@@ -150,7 +150,7 @@ def workspace(
 
 
 class _FloodFill:
-    """Flood fill: whether each cell is reached so far, and with which joints."""
+    """Flood fill: the cells reached so far, and joints for each of them."""
 
     def __init__(self, chain: Chain, grid: VoxelGrid, restarts: int, clear: Clear | None) -> None:
         self._chain, self._grid, self._options = chain, grid, Options(restarts=restarts)
@@ -159,7 +159,7 @@ class _FloodFill:
         self._joints = np.zeros((*grid.shape, chain.dof))
 
     def mark_reached(self, q: Matrix, tip_m: Matrix) -> Cells:
-        """Mark the cells that tips (n, 3) at joints (n, dof) are in; return those new (m, 3)."""
+        """Mark the cells of tips (n, 3) at joints (n, dof); return the new ones (m, 3)."""
         cells, exist = self._grid.cells_of(tip_m)
         cells, q = cells[exist], q[exist]
         fresh = ~self.reached[tuple(cells.T)]
@@ -173,7 +173,7 @@ class _FloodFill:
     def spread(self, cells: Cells) -> None:
         """Solve for the cells around newly reached ones (n, 3) until no more are reached.
 
-        A cell on the border is solved from each of its neighbours: their joints differ.
+        A cell on the border is solved from each of its neighbours, because their joints differ.
         """
         while len(cells):
             around, starts = self._open_neighbours(cells)
@@ -182,7 +182,7 @@ class _FloodFill:
             cells = self.mark_reached(q, tip_positions(self._chain, q))
 
     def _open_neighbours(self, cells: Cells) -> tuple[Cells, Matrix]:
-        """Find the open cells (m, 3) beside the given (n, 3), and the joints of those."""
+        """Find the open cells (m, 3) next to given ones (n, 3), and the joints of the latter."""
         around = (cells[:, None, :] + _NEIGHBOURS).reshape(-1, 3)
         origin = np.repeat(cells, len(_NEIGHBOURS), axis=0)
         exist = np.all((around >= 0) & (around < self._grid.shape), axis=1)

@@ -16,7 +16,7 @@ from ikservo.kinematics.se3 import make_pose
 Cells = NDArray[np.intp]
 """Integer indices (n, 3) of cells in a grid."""
 
-# A slice or a volume of more cells than this is a wrong unit.
+# A slice or a volume with more cells than this comes from a wrong unit.
 _MAX_CELLS = 5_000_000
 
 
@@ -52,13 +52,13 @@ class VoxelGrid:
         return world
 
     def cells_of(self, points_m: ArrayLike) -> tuple[Cells, NDArray[np.bool_]]:
-        """Compute the cells (n, 3) of points (n, 3), and which of them exist (n,)."""
+        """Compute the cells (n, 3) of points (n, 3), and whether each exists (n,)."""
         places = np.floor((self.to_grid(points_m) - self.first_m) / self.cell_m)
         exist: NDArray[np.bool_] = np.all((places >= 0) & (places < self.shape), axis=1)
         return np.where(exist[:, None], places, 0).astype(np.intp), exist
 
     def centres(self, cells: Cells) -> Matrix:
-        """Compute the middles (n, 3) of cells in the base frame, metres."""
+        """Compute the centres (n, 3) of cells in the base frame, metres."""
         return self.to_world(self.first_m + (cells + 0.5) * self.cell_m)
 
 
@@ -77,7 +77,7 @@ def slice_around(points_m: Matrix, T_world_plane: Matrix, cell_m: float) -> Voxe
 
 
 def _bounding_box(points_m: Matrix, frame: Matrix) -> tuple[Vector, Vector]:
-    """Compute corners (3,) of a box around the points: samples never meet the very ends."""
+    """Compute corners (3,) of a box around the points, with a margin for unsampled ends."""
     local = VoxelGrid(frame, np.zeros(3), (1, 1, 1), 1.0).to_grid(points_m)
     lower, upper = local.min(axis=0), local.max(axis=0)
     spare = 0.05 * (upper - lower)
@@ -85,7 +85,7 @@ def _bounding_box(points_m: Matrix, frame: Matrix) -> tuple[Vector, Vector]:
 
 
 def _make_grid(frame: Matrix, lower: Vector, upper: Vector, cell_m: float) -> VoxelGrid:
-    """Fill the box with an odd number of cells along each axis, so that a cell is centred.
+    """Fill the box with an odd number of cells along each axis, so that one cell is centred.
 
     A flat region, such as the reach of an arm in one plane, is then in one layer of cells.
     """
@@ -101,7 +101,7 @@ def _make_grid(frame: Matrix, lower: Vector, upper: Vector, cell_m: float) -> Vo
 
 Corner = tuple[int, int]
 
-# The four sides of a cell, walked with the cell on the left: the neighbour behind the side, and
+# The four sides of a cell, traversed with the cell on the left: the neighbour behind the side, and
 # the corners between which the side runs.
 _SIDES = (
     ((0, -1), (0, 0), (1, 0)),
@@ -155,7 +155,7 @@ def _drop_collinear_corners(loop: list[Corner]) -> Matrix:
     return corners[is_corner.any(axis=1)]
 
 
-# A tool slightly beside its arm's middle must not rotate the plane of the arm.
+# A tool slightly off its arm's middle must not rotate the plane of the arm.
 _YAW_STEP_RAD = math.radians(15)
 
 
@@ -164,8 +164,8 @@ def side_plane(chain: Chain, home: ArrayLike, yaw_rad: float | None = None) -> M
 
     Args:
         chain: The arm.
-        home: Joints (dof,) that point the arm where it usually works.
-        yaw_rad: Direction of the plane, about z; that of ``home`` if None.
+        home: Joints (dof,) that point the arm in its usual working direction.
+        yaw_rad: Direction of the plane, about z; None uses that of ``home``.
 
     Returns:
         T_world_plane (4, 4): u outward, v up, w across; u counts from the base's origin.
@@ -181,13 +181,13 @@ def front_plane(chain: Chain, home: ArrayLike, yaw_rad: float | None = None) -> 
 
 
 def top_plane(chain: Chain, home: ArrayLike, height_m: float | None = None) -> Matrix:
-    """Return the horizontal plane at a height, that of the tip at ``home`` if None."""
+    """Return the horizontal plane at a height; None uses the height of the tip at ``home``."""
     tip = chain.forward(home)[:3, 3]
     return make_pose((0.0, 0.0, float(tip[2]) if height_m is None else height_m))
 
 
 def _vertical_plane(through: Vector, yaw_rad: float) -> Matrix:
-    """Compute a vertical plane through a point; its origin is the one nearest the base's."""
+    """Compute a vertical plane through a point; its origin is its point nearest the base origin."""
     u = np.array([math.cos(yaw_rad), math.sin(yaw_rad), 0.0])
     v = np.array([0.0, 0.0, 1.0])
     w = np.cross(u, v)
@@ -195,7 +195,7 @@ def _vertical_plane(through: Vector, yaw_rad: float) -> Matrix:
 
 
 def _first_axis(chain: Chain, home: ArrayLike) -> tuple[Vector, float]:
-    """Compute a point (3,) on the first axis and the direction in which the tip is from there."""
+    """Compute a point (3,) on the first axis and the direction from there to the tip."""
     T, J = chain.forward_and_jacobian(home)
     tip: Vector = T[:3, 3]
     pivot = np.zeros(3)

@@ -92,7 +92,7 @@ def candidate_orientations(target: Target, R_start: Matrix) -> Iterator[Matrix]:
         yield exp_so3(angle * target.target_axis) @ aimed
 
 
-# Rolls to try, as fractions of the range, if the start's own does not reach.
+# Rolls to try, as fractions of the range, if the start's own roll does not reach.
 _ROLLS = (0.5, 0.25, 0.75, 0.0, 1.0, 0.125, 0.375, 0.625, 0.875)
 
 
@@ -109,7 +109,7 @@ def solve_position(problem: AnalyticProblem) -> tuple[Candidate, ...]:
 
 
 def solve_direction(problem: AnalyticProblem) -> Iterator[Candidate]:
-    """Yield the joints that meet the point across and the aims as far as they can.
+    """Yield the joints that meet the point across and the aims as well as possible.
 
     Without a roll, or with one that moves nothing, point and aims are over-determined: the error of
     the candidates shows whether they happen to agree.

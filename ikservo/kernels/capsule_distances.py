@@ -2,7 +2,7 @@
 
 Scalar arithmetic on preallocated arrays: one posture takes some hundredths of a millisecond, so
 that a stream of goals can be checked in real time. The distances equal those of
-``kinematics.body``, which a test compares.
+``kinematics.body``; a test compares both.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ from ikservo.kinematics.packed import (
 )
 
 _TINY = 1e-30
-_HALVINGS = 30  # the rest of a segment of one metre is then 1 nm
+_HALVINGS = 30  # leaves 1 nm of a segment of one metre
 
 
 def distances_fit(
@@ -93,10 +93,10 @@ def min_distances(
     """Compute the distances [m] of all pairs for every posture of a path.
 
     Args:
-        links: One row a link, parents first; see ``kinematics.packed``.
-        capsules: One row each.
+        links: One row per link, parents first; see ``kinematics.packed``.
+        capsules: One row per capsule.
         pairs: (m, 3) rows of two capsules, and their column of ``distances``.
-        floor_m: The height of the table; minus infinity where there is none.
+        floor_m: The height of the table; minus infinity if there is none.
         shapes: (k, 17) rows; see ``kinematics.packed``.
         postures: Joint vectors (n, dof).
         places: (links, 12), work array: the pose of each link.
@@ -138,7 +138,7 @@ def torques_fit(
 
 
 def is_tree(links: Matrix, dof: int) -> bool:
-    """Check whether links have their parents before them, and joints a column of q."""
+    """Check whether links come after their parents, and joints have a column of q."""
     if links.shape[1] != LINK_WIDTH:
         return False
     for i in range(len(links)):
@@ -157,7 +157,7 @@ def gravity_torques_kernel(
     """Compute the torques of gravity on the joints (n, dof) [N m], for g = 1 m/s².
 
     Args:
-        links: One row a link, parents first; see ``kinematics.packed``.
+        links: One row per link, parents first; see ``kinematics.packed``.
         masses: (links, 4) mass [kg] and centre in the link's frame [m].
         postures: Joint vectors (n, dof).
         places: (links, 12), work array: the pose of each link.
@@ -218,7 +218,7 @@ def place_links(links: Matrix, q: Vector, places: Matrix) -> None:
             continue
         _compose_pose(places, parent, links, i, places, i)
         value = links[i, MIMIC_SCALE] * q[int(links[i, MIMIC_COLUMN])] + links[i, MIMIC_OFFSET]
-        if value != 0.0:  # fixed joints have none
+        if value != 0.0:  # zero for fixed joints
             _apply_joint_motion(places, i, links, value)
 
 
@@ -286,8 +286,8 @@ def segment_distance(ends: Matrix, i: int, j: int) -> float:
         d1, d2 = ends[i, 3 + k] - ends[i, k], ends[j, 3 + k] - ends[j, k]
         r = ends[i, k] - ends[j, k]
         a, e, b, c, f = a + d1 * d1, e + d2 * d2, b + d1 * d2, c + d1 * r, f + d2 * r
-    # Parallel segments have no single closest pair, and a point has no direction: any s and t will
-    # do to begin with. Each is then the best for the other.
+    # Parallel segments have no single closest pair, and a point has no direction: any s and t can
+    # be the start. Each is then optimised for the other.
     s = _clamp_unit_interval((b * f - c * e) / max(a * e - b * b, _TINY))
     t = _clamp_unit_interval((b * s + f) / max(e, _TINY))
     s = _clamp_unit_interval((b * t - c) / max(a, _TINY))

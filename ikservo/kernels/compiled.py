@@ -1,8 +1,8 @@
-"""The compiled kernels: whether they are there and current, and the way in for Python.
+"""The compiled kernels: whether they exist and are current, and how Python calls them.
 
-Kernels are plain Python. Where a C compiler was available at installation, an extension module has
-the same functions as machine code; otherwise, and where a source was changed since, they run as
-Python, with the same results in about a thousand times the time.
+Kernels are plain Python. If a C compiler was available at installation, an extension module has the
+same functions as machine code. Otherwise, and if a source has changed since, they run as Python,
+with the same results but about a thousand times slower.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ P = ParamSpec("P")
 R = TypeVar("R")
 
 uncompiled: dict[str, Callable[..., object]] = {}
-"""The entries as Python functions, by name, whether or not there are compiled ones."""
+"""Entries as Python functions, by name, also if there are compiled ones."""
 
 _ARRAYS = {
     "Vector": ("float64", 1),
@@ -50,12 +50,12 @@ class _Extension(Protocol):
 
 
 def entry(check: Callable[P, bool]) -> Callable[[Callable[P, R]], Callable[P, R]]:
-    """Mark a kernel that Python calls; it raises ValueError where its check returns False.
+    """Mark a kernel that Python calls; it raises ValueError if its check returns False.
 
     Args:
         check: A kernel with the same parameters that returns whether the arrays have the shapes,
-            and indices in them the ranges, that the kernel relies on. The types of the arrays are
-            checked besides: they raise TypeError.
+            and indices in them the ranges, that the kernel relies on. Types of arrays are also
+            checked; wrong ones raise TypeError.
     """
 
     def decorate(function: Callable[P, R]) -> Callable[P, R]:
@@ -77,24 +77,24 @@ def entry(check: Callable[P, bool]) -> Callable[[Callable[P, R]], Callable[P, R]
 
 
 def vectorised(function: Callable[P, R]) -> Callable[P, R]:
-    """Mark a kernel whose loops are long enough that C computes several rounds at once."""
+    """Mark a kernel whose loops are so long that C should compute several iterations at once."""
     return function
 
 
 def _check_types(
     name: str, kinds: Sequence[tuple[str, int] | None], arguments: Sequence[object]
 ) -> None:
-    """Raise TypeError where an argument is not an array of the type that its parameter has."""
+    """Raise TypeError if an argument is not an array of its parameter's type."""
     for kind, argument in zip(kinds, arguments, strict=False):
         if kind is None:
             continue
         array = cast("Matrix", argument)
         if not isinstance(argument, np.ndarray) or (array.dtype.name, array.ndim) != kind:
-            raise TypeError(f"{name}: no array of {kind[0]} with {kind[1]} dimension(s)")
+            raise TypeError(f"{name}: not an array of {kind[0]} with {kind[1]} dimension(s)")
 
 
 def bind(name: str, *arguments: object) -> Callable[..., object]:
-    """Return the entry of that name with its first arguments, which are examined only once."""
+    """Return the entry of that name with its first arguments, which are checked only once."""
     extension = _extension()
     if extension is None:
         return partial(uncompiled[name], *arguments)
@@ -108,7 +108,7 @@ def is_compiled() -> bool:
 
 @cache
 def _extension() -> _Extension | None:
-    """Return the extension module; None if there is none, or it is older than its sources."""
+    """Return the extension module; None if there is none, or if it is older than its sources."""
     _remove_numba_caches()
     if os.environ.get(_SWITCH) == "0":
         return None
@@ -124,12 +124,12 @@ def _extension() -> _Extension | None:
 
 
 def _has_changed(source: str, digest: str) -> bool:
-    """Check whether a source is another one; that of an app that was deleted has not changed."""
+    """Check whether a source has changed; the source of a deleted app counts as unchanged."""
     path = _PACKAGE.parent / source
     return path.exists() and hashlib.sha256(path.read_bytes()).hexdigest() != digest
 
 
 def _remove_numba_caches() -> None:
-    """Remove what versions that compiled at the first use left in the user's cache directory."""
+    """Remove files that versions which compiled at first use left in the user's cache directory."""
     for folder in user_cache_path("ikservo").glob("kernels-*"):
         shutil.rmtree(folder, ignore_errors=True)

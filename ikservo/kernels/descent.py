@@ -1,6 +1,6 @@
 """Damped descent with active joint limits.
 
-A joint that the step would move past its limit is set on it, and the step of the others is
+A joint that the step would move past its limit is placed at it, and the step of the others is
 computed again, until all are inside.
 """
 
@@ -32,8 +32,8 @@ from ikservo.kinematics.packed import DOF, FULL_TURN, LOWER, STEPS, UPPER
 
 # A curvature below -_FLAT of the largest is negative; above it is rounding in a flat direction.
 _FLAT = 1e-7
-# The joints' steps add up to no more than this [rad]: the tip of a long chain whose joints turn a
-# little each would go round in a circle. Six joints never reach it.
+# The joints' steps add up to at most this [rad]: the tip of a long chain whose joints all turn a
+# little would otherwise go round in a circle. Six joints never reach it.
 _FULL_STEP = 5.0
 
 
@@ -89,7 +89,7 @@ def has_negative_curvature(problem: Vector, kind: int, weight: float, n: int, wo
 
 
 def _scale_into_limits(radius: float, n: int, work: Matrix) -> bool:
-    """Scale the free joints' step; fix those that leave their limits on them, return if none."""
+    """Scale the free joints' step; fix joints that would leave their limits; return if none did."""
     longest, total = 0.0, 0.0
     for j in range(n):
         if work[FREE, j] == 1.0:
@@ -113,18 +113,18 @@ def _scale_into_limits(radius: float, n: int, work: Matrix) -> bool:
 
 # Trust radius of the linear model [rad]; tracking takes shorter steps, to stay on its branch.
 _RADIUS, _RADIUS_WHEN_TRACKING = 0.8, 0.5
-# Damping of singular directions, as a share of the squared error: it vanishes with the error, so
+# Damping of singular directions, as a fraction of the squared error: it vanishes with the error, so
 # that convergence stays quadratic (Levenberg-Marquardt after Fan and Yuan 2005).
 _DAMPING = 0.1
-# A step that reduces the squared error by less than this share approaches a minimum that is not
-# zero, where second derivatives matter (Fletcher and Xu 1987). Every other step does without them,
-# since they are misled by valleys that are nearly flat.
+# A step that reduces the squared error by less than this fraction approaches a non-zero minimum,
+# where second derivatives matter (Fletcher and Xu 1987). Other steps do without them, because
+# nearly flat valleys mislead them.
 _SLOW = 0.15
-# Solutions are refined to this share of the tolerance; smaller steps and slopes count as zero.
+# Solutions are refined to this fraction of the tolerance; smaller steps and slopes count as zero.
 _FINE, _STEP_END, _SLOPE_END = 1e-3, 1e-11, 1e-12
 _PERTURBATION_RAD, _MAX_PERTURBATIONS = 0.02, 3
 _GOLDEN_RATIO = 0.6180339887498949
-# With more joints than this second derivatives cost more than the steps that they save.
+# With more joints than this second derivatives cost more time than the steps they save.
 _MAX_NEWTON_JOINTS = 60
 
 
@@ -139,8 +139,8 @@ def minimise(
 ) -> int:
     """Descend from Q and leave the end in Q; return the number of steps tried.
 
-    Stops at convergence, at a stationary point, after ``max_stalled`` slow steps in a row or after
-    the settings' MAX_STEPS.
+    Stops at convergence, at a stationary point, after ``max_stalled`` consecutive slow steps or
+    after the settings' MAX_STEPS.
     """
     n, kind = int(arm[0, DOF]), int(settings[KIND])
     widest = _RADIUS_WHEN_TRACKING if settings[TRACK] == 1.0 else _RADIUS
@@ -155,7 +155,7 @@ def minimise(
             _record_trace(n, trace, work)
         elif not undone:
             if converged(settings, 1.0, work) and new_cost < cost * (1.0 + 1e-6) + 1e-18:
-                break  # as good as rounding allows
+                break  # as accurate as rounding allows
             _copy_row(Q_PREV, Q, n, work)
             slow += 1
             radius = 0.25 * longest
@@ -188,7 +188,7 @@ def minimise(
             _perturb_joints(n, work)
         else:
             break
-    if saved_cost < cost:  # the perturbation led to nothing better
+    if saved_cost < cost:  # the perturbation did not improve the result
         _copy_row(Q_SAVED, Q, n, work)
         evaluate(arm, problem, kind, weight, work)
     return steps
@@ -206,7 +206,7 @@ def _is_stationary(settings: Vector, weight: float, work: Matrix) -> bool:
 
 
 def _apply_step(n: int, work: Matrix) -> None:
-    """Add the step to Q; joints that rounding moves past a limit are set on it."""
+    """Add the step to Q; joints that rounding moves past a limit are placed at it."""
     for j in range(n):
         work[Q_PREV, j] = work[Q, j]
         work[Q, j] = min(
@@ -220,7 +220,7 @@ def _copy_row(source: int, to: int, n: int, work: Matrix) -> None:
 
 
 def _perturb_joints(n: int, work: Matrix) -> None:
-    """Leave a saddle: turn every free joint a little, with signs that have no pattern."""
+    """Leave a saddle: turn every free joint slightly, with irregular signs."""
     for j in range(n):
         if work[FREE, j] == 1.0:
             fraction = j * _GOLDEN_RATIO
@@ -247,7 +247,7 @@ _AT_LIMIT = 1e-6
 def set_bounds(arm: Matrix, free_turns: bool, work: Matrix) -> None:
     """Fill LOWER_LIMIT and UPPER_LIMIT and clip Q to them.
 
-    With ``free_turns`` joints whose range is a full turn have no limits during the search.
+    With ``free_turns``, joints whose range is a full turn have no limits during the search.
     """
     first = int(arm[0, STEPS]) + 2
     for j in range(int(arm[0, DOF])):

@@ -37,7 +37,7 @@ from ikservo.kinematics.packed import (
     STEPS,
 )
 
-# A quarter turn in two parts: the first has so few digits that whole multiples of it are exact.
+# A quarter turn in two parts: the first has so few digits that its integer multiples are exact.
 _QUARTER, _REST = 1.57079632673412561417, 6.07710050650619224932e-11
 _QUARTERS = 2.0 / math.pi
 # Numbers of this size have no digits after the point: adding it rounds to the nearest integer.
@@ -55,12 +55,12 @@ def sincos(angle_rad: float) -> tuple[float, float]:
     r = (angle_rad - quarters * _QUARTER) - quarters * _REST
     z = r * r
     z2 = z * z
-    # Evaluated in pairs, which wait for each other less than a chain does.
+    # Evaluated in pairs, which depend on each other less than a chain does.
     sin = (_S1 + z * _S2) + z2 * ((_S3 + z * _S4) + z2 * (_S5 + z * _S6))
     cos = (_C1 + z * _C2) + z2 * ((_C3 + z * _C4) + z2 * (_C5 + z * _C6))
     sin, cos = r + r * z * sin, (1.0 - 0.5 * z) + z2 * cos
-    # Cosine and sine of whole quarters, by what remains of two and of four of them: branches would
-    # often be mispredicted.
+    # Cosine and sine of whole quarter turns, from the remainders by two and by four, because
+    # branches would often be mispredicted.
     twos = (quarters * 0.5 + _ROUND) - _ROUND
     fours = (twos * 0.5 + _ROUND) - _ROUND
     b, over = quarters - 2.0 * twos, twos - 2.0 * fours
@@ -107,7 +107,7 @@ def forward_kinematics(arm: Matrix, work: Matrix) -> None:
                 x2 * a1 + y2 * b1 + z2 * c1,
                 x2 * a2 + y2 * b2 + z2 * c2,
             )
-        if i > steps:  # the row of the tool, which has no joint
+        if i > steps:  # the tool's row has no joint
             break
         column, scale = int(arm[i, COLUMN]), arm[i, SCALE]
         value = scale * work[Q, column] + arm[i, SHIFT]

@@ -1,10 +1,10 @@
-"""Whether straight ways of the joints between postures are free, compiled; nothing is missed.
+"""Checks, compiled, whether straight paths of the joints between postures are free, without gaps.
 
-A posture is free by so much that every joint may move some way before anything can touch: the
-distance of each pair, divided by how fast it can shrink. Two postures whose free ways meet have a
-free way between them; else the middle of the rest is looked at. Only what could shorten the free
-way found so far is computed exactly: balls around links and capsules, and boxes around things along
-the axes of the base, decide the others.
+Around a free posture every joint may move some distance before anything can touch: the distance of
+each pair, divided by the rate at which it can shrink. Two postures whose free ranges meet have a
+free path between them; otherwise the middle of the rest is checked. Only distances that could
+shorten the free path found so far are computed exactly: spheres around links and capsules, and
+boxes around things along the axes of the base, exclude the others.
 """
 
 from __future__ import annotations
@@ -27,19 +27,19 @@ from ikservo.kinematics.arrays import IntMatrix, IntVector, Matrix, Vector
 from ikservo.kinematics.packed import CAPSULE_WIDTH, END, LINK, RADIUS, SHAPE_WIDTH, START
 
 FREE = 2.0
-"""What ``first_contact`` returns where there is none."""
+"""Result of ``first_contact`` if there is no contact."""
 
-# Where a ball differs from a capsule: it has no other end, but the capsules that are in it.
-FIRST_CAPSULE, LAST_CAPSULE = END, END + 1  # the latter is the one behind them
-_PLACED = 3  # entry of a centre: 1 where the balls around the link's capsules are placed
-_BALL = 3  # row of ``spheres``: the radius; the rows before it: the centre; those after it: placed
+# A sphere has no second end as a capsule has; the entries hold the range of its capsules.
+FIRST_CAPSULE, LAST_CAPSULE = END, END + 1  # the latter is exclusive
+_PLACED = 3  # entry of a centre: 1 if the link's capsule spheres are placed
+_BALL = 3  # row of ``spheres`` with the radius; before: centre; after: placed centre
 SPHERE_ROWS = 7
 
 _TOUCH_M = 1e-9
-_UNSEEN_M = 0.001  # less than this a pair may come nearer unseen than is allowed
-_SAME = 1e-12  # a shorter part of a motion is none
+_UNSEEN_M = 0.001  # a pair may be nearer than allowed by less than this
+_SAME = 1e-12  # shorter parts of a motion count as zero
 _STACK = 64
-_MOST = 20000  # postures between two of a path: at a millimetre each, a way of 20 m
+_MOST = 20000  # postures between two of a path: at 1 mm each, a path of 20 m
 
 
 def path_fits(
@@ -97,38 +97,38 @@ def first_contact(
     places: Matrix, ends: Matrix, centres: Matrix, postures: Matrix, rates: Vector, allowed: Matrix,
     load: float, path: Matrix,
 ) -> float:  # fmt: skip
-    """Find a contact on straight ways of the joints through postures (n, dof).
+    """Find a contact on straight paths of the joints through postures (n, dof).
 
     Args:
         links: One row per rigid body, parents first; see ``kinematics.packed``.
-        capsules: One row each, with the rigid body, those of a link together.
-        spheres: (7, capsules) the ball around each capsule: its centre in the link, its radius;
+        capsules: One row per capsule, with its rigid body; capsules of a link are adjacent.
+        spheres: (7, capsules) sphere around each capsule: its centre in the link, its radius;
             the rest is a work array.
-        balls: (links, 8) a ball around the capsules of each link, with its rigid body; see
+        balls: (links, 8) sphere around the capsules of each link, with its rigid body; see
             ``FIRST_CAPSULE``.
-        pairs: (m, 3) two links that are looked at, and their column.
+        pairs: (m, 3) two links to check, and their column.
         shapes: (k, 17) rows of things.
-        boxes: (6, k) a box around each of them: its centre, and half of its size.
-        floor_m: The height of the table; minus infinity where there is none.
-        reach: (pairs of links + links, dof) how far each pair comes nearer, at most, and each link
-            moves, for each unit of a joint.
+        boxes: (6, k) box around each thing: its centre, and half of its size.
+        floor_m: The height of the table; minus infinity if there is none.
+        reach: (pairs of links + links, dof) largest approach of each pair, and largest motion of
+        each link, per unit of a joint.
         masses: (bodies, 4) mass [kg] and centre in the frame [m].
-        sag: (3, dof) how far a joint yields for the torque at 1 m/s², and between which ends.
+        sag: (3, dof) yielding of a joint per torque at 1 m/s², and its lower and upper ends.
         places: (bodies, 12), work array.
         ends: (capsules, 6), work array.
         centres: (links, 4), work array.
         postures: (3, dof), work array.
         rates: (pairs of links + links,), work array.
-        allowed: (2, pairs of links + links * (2 + k)) least distances [m] of pairs of links, and of
-            each link from the table, from each thing, and the largest of those; below, those from
-            things of the arm that sags.
-        load: Multiple of gravity under which the arm sags; 0 where that is not looked at.
+        allowed: (2, pairs of links + links * (2 + k)) smallest distances [m] of pairs of links, and
+            of each link from the table, from each thing, and the largest of those; below, distances
+            of the sagging arm from things.
+        load: Multiple of gravity under which the arm sags; 0 ignores sag.
         path: The postures.
 
     Returns:
         The fraction of the path where something is nearer than allowed, not always the first;
-        ``FREE`` where nothing is by more than a millimetre. A way of more than tens of metres is
-        not followed to its end, and not free.
+        ``FREE`` if nothing is nearer by more than a millimetre. A path of more than tens of metres
+        is not followed to its end, and counts as not free.
     """
     stack = np.empty((64, 4))
     for n in range(len(path) - 1):
@@ -192,7 +192,7 @@ def free_postures(
     places: Matrix, ends: Matrix, centres: Matrix, postures: Matrix, rates: Vector, allowed: Matrix,
     load: float, path: Matrix, free: IntVector,
 ) -> None:  # fmt: skip
-    """Find which postures (n, dof) keep the allowed distances: 1 in ``free`` (n,), else 0.
+    """Find which postures (n, dof) keep the allowed distances: 1 in ``free`` (n,), otherwise 0.
 
     The other arguments are those of ``first_contact``.
     """
@@ -224,10 +224,10 @@ def free_fraction(
     ends: Matrix, centres: Matrix, postures: Matrix, rates: Vector, allowed: Matrix, load: float,
     most: float, hit: int,
 ) -> float:  # fmt: skip
-    """Return which part of the way is free to both sides of the first posture, up to ``most``.
+    """Return the free fraction of the path on both sides of the first posture, up to ``most``.
 
     If something is nearer than allowed: the number -1 - ``hit`` of the row of ``pairs``, or, after
-    those, of the link that is too near a thing. What is given as ``hit`` is looked at first.
+    those, of the link that is too near a thing. The given ``hit`` is checked first.
     """
     place_links(links, postures[0], places)
     _place_balls(balls, places, centres)
@@ -299,7 +299,7 @@ def _free_of_things(
 
 @vectorised
 def _is_near_box(boxes: Matrix, centres: Matrix, link: int, near_m: float) -> bool:
-    """Check whether one of the boxes is nearer to the centre of a link's ball than a distance."""
+    """Check whether a box is nearer to the centre of a link's sphere than a distance."""
     found, near2 = 0, near_m * near_m
     x, y, z = centres[link, 0], centres[link, 1], centres[link, 2]
     for b in range(boxes.shape[1]):
@@ -314,7 +314,7 @@ def _free_of_shapes(
     capsules: Matrix, spheres: Matrix, balls: Matrix, shapes: Matrix, boxes: Matrix, places: Matrix,
     ends: Matrix, centres: Matrix, allowed: Matrix, row: int, link: int, rate: float, free: float,
 ) -> float:  # fmt: skip
-    """Return the free part of the way by the distances of one link from all things."""
+    """Return the free fraction of the path by the distances of one link from all things."""
     column = allowed.shape[1] - len(balls) * (1 + len(shapes)) + link
     for b in range(len(shapes)):
         near_m = allowed[row, column + b * len(balls)] + balls[link, RADIUS] + free * rate
@@ -350,7 +350,7 @@ def _box_distance2(boxes: Matrix, b: int, x: float, y: float, z: float) -> float
 
 
 def _place_balls(balls: Matrix, places: Matrix, centres: Matrix) -> None:
-    """Compute the centre of each link's ball; its capsules are placed where they are needed."""
+    """Compute the centre of each link's sphere; its capsules are placed when they are needed."""
     for i in range(len(balls)):
         at = int(balls[i, LINK])
         for r in range(3):
@@ -366,7 +366,7 @@ def _place_balls(balls: Matrix, places: Matrix, centres: Matrix) -> None:
 def _place_spheres(
     spheres: Matrix, balls: Matrix, places: Matrix, centres: Matrix, link: int
 ) -> None:
-    """Compute the centres of the balls around a link's capsules, unless they are known."""
+    """Compute the centres of the spheres around a link's capsules, unless they are known."""
     if centres[link, _PLACED] == 0.0:
         centres[link, _PLACED] = 1.0
         at = int(balls[link, LINK])
@@ -404,7 +404,7 @@ def _free_of_pair(
     capsules: Matrix, spheres: Matrix, balls: Matrix, places: Matrix, ends: Matrix, centres: Matrix,
     a: int, b: int, rate: float, allowed_m: float, free: float,
 ) -> float:  # fmt: skip
-    """Return the free part of the way by the distances of two links."""
+    """Return the free fraction of the path by the distances of two links."""
     for i in range(int(balls[a, FIRST_CAPSULE]), int(balls[a, LAST_CAPSULE])):
         x, y, z = spheres[_BALL + 1, i], spheres[_BALL + 2, i], spheres[_BALL + 3, i]
         near_m = spheres[_BALL, i] + allowed_m + free * rate
@@ -433,7 +433,7 @@ def _distance2(x: float, y: float, z: float) -> float:
 
 
 def _shortened(free: float, slack_m: float, rate: float) -> float:
-    """Return a free part of the way, shortened to what one distance leaves; -1 in contact."""
+    """Return a free fraction, shortened to what one distance allows; -1 in contact."""
     if slack_m < -_TOUCH_M:
         return -1.0
     if slack_m + _UNSEEN_M < free * rate:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 # fmt: off
-# The work array: rows with one entry a joint.
+# The work array: rows with one entry per joint.
 Q                = 0        # the joints
 Q_PREV           = 1        # the joints before the step
 STEP             = 2        # the step
@@ -35,10 +35,10 @@ POS_ERR2         = 0        # squared distance from the wanted position
 ROT_ERR2         = 1        # squared chord from the wanted orientation
 TRACE_LEN        = 2        # rows of the trace that are filled
 
-# Rows of the scores (SCORE_ROWS, restarts), with one entry a seed.
+# Rows of the scores (SCORE_ROWS, restarts), with one entry per seed.
 SEED_COST        = 0        # its expected squared error
 SEED_COS         = 1        # the error's coefficient of the cosine of the first joint's turn
-SEED_SIN         = 2        # and of the sine
+SEED_SIN         = 2        # the same of the sine
 END_COST         = 3        # the squared error at the end of each attempt, the start's first
 SCORE_ROWS       = 4
 # fmt: on
@@ -49,15 +49,15 @@ def work_shape(n: int, restarts: int) -> tuple[int, int]:
     return END_POINTS + n + restarts, max(n + 2, 12)
 
 
-# Kinds of target, and how many rows their residual has.
+# Kinds of target, and the number of rows of their residuals.
 POSITION_ONLY, DIRECTION, POSE = 0, 1, 2
 ROWS = (3, 5, 6)
 
 MAX_POSITION_M = 1000.0
-"""Beyond this, squares of distances hide what a joint can change."""
+"""Largest distance [m]; beyond it, squares of distances hide the effect of a joint."""
 
 MAX_ANGLE_RAD = 1e6
-"""The largest start: at a million radians numbers are still a tenth of a nanoradian apart."""
+"""Largest start [rad]; at a million radians numbers are still a tenth of a nanoradian apart."""
 
 # fmt: off
 # A problem (PROBLEM_SIZE,): the wanted pose of the tool.
@@ -69,39 +69,39 @@ PROBLEM_SIZE     = 12
 KIND             = 0        # POSITION_ONLY, DIRECTION, POSE
 TOLERANCE_M      = 1
 TOLERANCE_CHORD  = 2        # 2 sin(angle / 2)
-ROTATION_WEIGHT  = 3        # metres of position error that one radian is worth
+ROTATION_WEIGHT  = 3        # metres of position error that weigh like one radian
 POSITION_FIRST   = 4        # 1: position first, orientation as well as possible
 TRACK            = 5        # 1: one descent from the start, never past a limit, no full turns
-RESTARTS         = 6        # how many starting points at most, the start included
-EXTRA_RESTARTS   = 7        # how many more after the first success, to prefer the nearest
-MAX_STEPS        = 8        # how many steps from one starting point
+RESTARTS         = 6        # largest number of starting points, including the start
+EXTRA_RESTARTS   = 7        # number of further ones after the first success, to prefer the nearest
+MAX_STEPS        = 8        # largest number of steps from one starting point
 SETTINGS_SIZE    = 9
 
 # A seed is a column (dof + SEED_SIZE,): its joints, then, in the first joint's frame,
 SEED_ROTATION    = 0        # (9,) the tool's R row by row
 SEED_POSITION    = 9        # (3,) the tool's position, metres
 SEED_RADIUS2     = 12       # the square of its distance
-SEED_Q1          = 13       # the first joint's position for these,
-SEED_COS_Q1      = 14       # and the cosine and sine of how far it may turn to either side
+SEED_Q1          = 13       # the first joint's position for these
+SEED_COS_Q1      = 14       # (2,) cosine and sine of the angle by which it may turn to either side
 SEED_SIN_Q1      = 15
 SEED_SIZE        = 16
 
-# A result (2 * dof + RESULT_TAIL,): q, then -1, 0 or 1 a joint for the active limit, then
+# A result (2 * dof + RESULT_TAIL,): q, then -1, 0 or 1 per joint for the active limit, then
 REACHED          = 0
 POSITION_ERROR   = 1        # metres from the wanted position
 ROTATION_ERROR   = 2        # radians from the wanted direction or orientation
 REACHED_POINT    = 3        # (3,) the tool's position
 ITERATIONS       = 6
 SEED_INDEX       = 7        # the starting point it comes from, 0 for the start
-TRACE_LENGTH_OUT = 8        # how many rows of the trace are filled
+TRACE_LENGTH_OUT = 8        # number of filled rows of the trace
 RESULT_TAIL      = 9
 
 # A joint that does not move the tool (IDLE_WIDTH,).
-IDLE_COLUMN      = 0        # which joint
+IDLE_COLUMN      = 0        # index of the joint
 IDLE_LOWER       = 1
 IDLE_UPPER       = 2
 IDLE_WIDTH       = 3
 # fmt: on
 
-# What ``solve_pose`` returns; 0 where the target is not reached. The last is added to the others.
+# What ``solve_pose`` returns; 0 if the target is not reached. The last is added to the others.
 INVALID, NOT_HOMOGENEOUS, IS_REACHED, IDLE_OUTSIDE = -1, -2, 1, 2

@@ -25,7 +25,7 @@ def ldl_factor(work: Matrix, A: int, n: int, damping: float) -> bool:
     """Replace the lower triangle of A + damping I = L D Lᵀ by L D; False if not positive.
 
     ``A`` is the first of the matrix's n rows in the work array. The diagonal takes the reciprocals
-    of D. Divisions and roots dominate the time of a small system: this needs one division a row.
+    of D, because divisions and roots dominate the time of a small system: one division per row.
     """
     for j in range(n):
         d = work[A + j, j] + damping
@@ -57,11 +57,11 @@ def ldl_solve(work: Matrix, L: int, n: int, y: int) -> None:
 
 
 def hessian(problem: Vector, kind: int, weight: float, n: int, work: Matrix) -> float:
-    """Fill H (n, n) above its diagonal, and that into column n; return the largest entry there.
+    """Fill H (n, n) above its diagonal, and the diagonal into column n; return its largest entry.
 
-    Joint i rotates the column of every later joint j, d²p/dq_i dq_j = w_i x J_j, and so it does
-    every axis r of the tool, d²r/dq_i dq_j = w_i x (w_j x r). With M = Σ r_k d_kᵀ over the axes
-    that are compared, the orientation's term is ``w_i · (tr(M) - M) w_j``.
+    Joint i rotates the column of every later joint j, d²p/dq_i dq_j = w_i x J_j, and also every
+    axis r of the tool, d²r/dq_i dq_j = w_i x (w_j x r). With M = Σ r_k d_kᵀ over the axes that are
+    compared, the orientation's term is ``w_i · (tr(M) - M) w_j``.
     """
     coefficient, trace, size = 0.0, 0.0, 0.0
     if kind != POSITION_ONLY and weight > 0.0:
@@ -134,7 +134,7 @@ def least_norm(rows: int, damping: float, n: int, work: Matrix) -> None:
 
 def _gram_matrix(rows: int, n: int, work: Matrix) -> float:
     """Fill the lower triangle of NORMAL with G Gᵀ of the free joints; return its trace."""
-    # Of the three rows of the position six sums at once, which do not wait for each other.
+    # Six sums at once of the three position rows, which do not depend on each other.
     s00, s10, s11, s20, s21, s22 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     for j in range(n):
         g0, g1, g2 = work[J_WEIGHTED, j], work[J_WEIGHTED + 1, j], work[J_WEIGHTED + 2, j]
@@ -193,7 +193,7 @@ def _normal_matrix(rows: int, n: int, work: Matrix) -> float:
 def newton_step(problem: Vector, kind: int, weight: float, n: int, work: Matrix) -> float:
     """Solve with the second derivative, damped until the Hessian is positive definite.
 
-    Returns the damping as a share of the largest curvature.
+    Returns the damping as a fraction of the largest curvature.
     """
     size, damping = hessian(problem, kind, weight, n, work), _FLOOR
     _mirror_hessian(n, work)
@@ -207,7 +207,7 @@ def newton_step(problem: Vector, kind: int, weight: float, n: int, work: Matrix)
 
 
 def _mirror_hessian(n: int, work: Matrix) -> None:
-    """Copy H from above the diagonal, which ``hessian`` filled, below it, where it is factored."""
+    """Copy H from above the diagonal, which ``hessian`` filled, to below it, for factorisation."""
     for j in range(n):
         for i in range(j):
             work[HESSIAN + j, i] = work[HESSIAN + i, j]

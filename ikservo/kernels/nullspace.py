@@ -29,13 +29,13 @@ from ikservo.kinematics.arrays import Matrix, Vector
 from ikservo.kinematics.packed import DOF
 
 _MAX_ITERATIONS, _MAX_STALLED_STEPS, _RADIUS = 30, 4, 0.5
-# Steps [rad] for a chord of one, and shares of its square, too small for another iteration.
+# Steps [rad] for a chord of one, and fractions of its square, too small for another iteration.
 _STEP_END, _GAIN_END = 1e-4, 1e-6
-# Where a limit keeps the position from converging fully, this share of the tolerance is enough.
+# If a limit keeps the position from converging fully, this fraction of the tolerance is enough.
 _POSITION_MARGIN = 0.5
-# A joint this near its limit would cut every step short.
+# A joint this near its limit would shorten every step.
 _AT_LIMIT = 1e-5
-# Rotations near singular directions are damped by this share of the squared weight.
+# Rotations near singular directions are damped by this fraction of the squared weight.
 _DAMPING, _FLOOR, _TINY = 1e-3, 1e-13, 1e-300
 
 

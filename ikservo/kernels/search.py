@@ -71,7 +71,7 @@ def distance_from(start: Vector, n: int, work: Matrix) -> float:
 def is_better(
     settings: Vector, reached: bool, distance: float, least: float, work: Matrix, best: Vector
 ) -> bool:
-    """Compare Q with the best result: by success, by error, by the distance from the start."""
+    """Compare Q with the best result by success, error, and distance from the start."""
     if reached or best[REACHED] == 1.0:
         return reached and (best[REACHED] == 0.0 or distance < least)
     error_m, chord = math.sqrt(work[NORMS, POS_ERR2]), math.sqrt(work[NORMS, ROT_ERR2])
@@ -94,14 +94,14 @@ def is_better(
 
 
 def _hypot(a: float, b: float) -> float:
-    """Compute the length of (a, b); ``math.hypot`` rounds otherwise than the C library's."""
+    """Compute the length of (a, b); ``math.hypot`` rounds differently from the C library."""
     return math.sqrt(a * a + b * b)
 
 
 def write_result(
     reached: bool, seed: int, n: int, trace: Matrix, work: Matrix, result: Vector
 ) -> None:
-    """Write the attempt into the result, and copy its trace to the half that is returned."""
+    """Write the attempt into the result, and copy its trace to the returned half."""
     for r in range(int(work[NORMS, TRACE_LEN])):
         for j in range(n):
             trace[len(trace) // 2 + r, j] = trace[r, j]
@@ -142,7 +142,7 @@ def attempt(
     set_bounds(arm, free_turns, work)
     steps += minimise(arm, problem, settings, weight, max_stalled, trace, work)
     if free_turns and wrap_full_turns(arm, start, work):
-        # again, with the gap of a range that is not quite a full turn
+        # again, now with the gap in a range below a full turn
         set_bounds(arm, False, work)
         steps += minimise(arm, problem, settings, weight, max_stalled, trace, work)
     if first and not converged(settings, 1.0, work):
@@ -155,7 +155,7 @@ _ROTATION_TOLERANCE = 1e-5
 
 
 def all_within(values: Vector, furthest: float) -> bool:
-    """Check whether no value is further from 0 than that, nor NaN."""
+    """Check whether all values are at most that far from 0, and none is NaN."""
     for i in range(len(values)):  # noqa: SIM110  # generators are not translated
         if not abs(values[i]) <= furthest:
             return False
@@ -178,11 +178,11 @@ def is_rotation(problem: Vector, kind: int) -> bool:
     return off < _ROTATION_TOLERANCE
 
 
-# Slow steps in a row that end a quick attempt: more from the start than from other seeds.
+# Consecutive slow steps that end a quick attempt: more from the start than from other seeds.
 _MAX_STALLED_STEPS, _MAX_STALLED_AT_START, _UNLIMITED = 2, 4, 1 << 30
 # After a solution this early, further attempts look for a nearer one.
 _EARLY = 4
-# How many ends are refined; with position first all, since the best shows only then.
+# Number of ends to refine; with position first all, because the best shows only then.
 _REFINED = 24
 
 
@@ -251,14 +251,14 @@ def solve_all(
         settings: (SETTINGS_SIZE,).
         starts: (m, dof).
         seeds: (dof + SEED_SIZE, at least RESTARTS - 1) further starting points.
-        work: At least ``work_shape(dof, RESTARTS)``, memory.
-        scores: (SCORE_ROWS, at least RESTARTS), memory.
+        work: Work array, at least ``work_shape(dof, RESTARTS)``.
+        scores: Work array (SCORE_ROWS, at least RESTARTS).
         trace: (t, dof), its second half for the iterates of the best attempt; may have no rows.
         results: (m, 2 * dof + RESULT_TAIL), filled.
 
     Returns:
-        The first invalid problem: a number is not finite or too large, or its rotation is none;
-        then nothing is filled. -1 if all are valid.
+        The first invalid problem: a number is not finite or too large, or its rotation is not
+        valid; then nothing is filled. -1 if all are valid.
     """
     return solve_rows(arm, problems, settings, starts, seeds, work, scores, trace, results)
 
@@ -274,7 +274,7 @@ def solve_rows(
     trace: Matrix,
     results: Matrix,
 ) -> int:
-    """Do what ``solve_all`` does, for other kernels."""
+    """Like ``solve_all``, for other kernels."""
     for i in range(len(problems)):
         if not (all_within(problems[i], MAX_POSITION_M) and all_within(starts[i], MAX_ANGLE_RAD)):
             return i
@@ -299,10 +299,10 @@ def _solve_one(
     """Try the starting points in turn until one reaches; if none does, refine the best ends.
 
     Three phases: QUICK attempts from the start and the seeds; MORE, see below; THOROUGH attempts
-    from the best ends. With weights the phase MORE starts between the best end and the seeds (a
-    local minimum near the target is often beside the path), and so do some quick attempts. With
-    POSITION_FIRST it descends to the wanted position alone, from where the first attempts ended
-    and started.
+    from the best ends. With weights the phase MORE starts between the best end and the seeds,
+    because a local minimum near the target is often beside the path; some quick attempts also do.
+    With POSITION_FIRST it descends to the wanted position alone, from the ends and starts of the
+    first attempts.
     """
     n, restarts = int(arm[0, DOF]), int(settings[RESTARTS])
     first = puts_position_first(settings)
@@ -312,7 +312,7 @@ def _solve_one(
     steps, least, k, last = 0, math.inf, 0, restarts + hops_between(settings)
     while k < last:
         thorough, position_only = phase == THOROUGH, first and phase == MORE
-        # An end at a limit may meet the position though a full turn leads to a better place.
+        # An end at a limit may meet the position although a full turn leads to a better place.
         free_turns = not thorough and not (position_only and k < restarts)
         seed = start_attempt(arm, problem, settings, start, seeds, phase, k, n, scores, work)
         max_stalled = (
@@ -349,7 +349,7 @@ def _solve_one(
 
 
 def _attempt_count(phase: int, restarts: int, first: bool) -> int:
-    """Compute how many attempts the second and the third phase make at most."""
+    """Compute the largest number of attempts in the second and the third phase."""
     if first:
         return restarts if phase == THOROUGH else 2 * restarts
     return min(restarts, _REFINED) if phase == THOROUGH else restarts

@@ -71,7 +71,7 @@ def score_seeds(
 
 
 def best_seed(settings: Vector, scores: Matrix) -> int:
-    """Find the number of the best seed that was not tried yet, and mark it as tried."""
+    """Return the number of the best untried seed, and mark it as tried."""
     best = _least_index(scores, SEED_COST, int(settings[RESTARTS]) - 1)
     scores[SEED_COST, best] = math.inf
     return best + 1
@@ -102,7 +102,7 @@ def _add_seed_products(
     count: int,
     scores: Matrix,
 ) -> None:
-    """Add the inner products of a wanted vector (v0, v1, v2) with every seed's, from ``row`` on."""
+    """Add the inner products of a wanted vector (v0, v1, v2) with the seeds' from ``row`` on."""
     x = share * (arm[1, 0] * v0 + arm[1, 3] * v1 + arm[1, 6] * v2)
     y = share * (arm[1, 1] * v0 + arm[1, 4] * v1 + arm[1, 7] * v2)
     z = share * (arm[1, 2] * v0 + arm[1, 5] * v1 + arm[1, 8] * v2)
@@ -115,11 +115,11 @@ def _add_seed_products(
 
 
 QUICK, MORE, THOROUGH = 0, 1, 2
-# Share of the way from the best end to a seed where a further attempt starts.
+# Fraction of the distance from the best end to a seed at which a further attempt starts.
 _HOP_FRACTION = 0.35
-# So many attempts start at seeds; of the next, every other starts between the best end and a seed.
+# This many attempts start at seeds; then every other one starts between the best end and a seed.
 _ALONE, _HOPS = 12, 40
-# With position first, ends that miss the position rank after all that reach it.
+# With position first, ends that miss the position rank after all ends that reach it.
 _FAR = 1e6
 
 
@@ -135,7 +135,7 @@ def start_attempt(
     scores: Matrix,
     work: Matrix,
 ) -> int:
-    """Set Q to the start of attempt k; return the number of the seed it comes from."""
+    """Set Q to the start of attempt k; return the number of its seed."""
     if phase == QUICK or settings[TRACK] == 1.0:
         if k == 1:
             score_seeds(arm, problem, settings, seeds, n, scores)
@@ -159,14 +159,14 @@ def start_attempt(
 
 
 def hops_between(settings: Vector) -> int:
-    """Compute how many quick attempts start between the best end and a seed."""
+    """Count the quick attempts that start between the best end and a seed."""
     return (
         0 if puts_position_first(settings) else max(0, min(_HOPS, int(settings[RESTARTS]) - _ALONE))
     )
 
 
 def puts_position_first(settings: Vector) -> bool:
-    """Check whether the position is met first, and the orientation as well as what remains."""
+    """Check whether the position is met first, and then the orientation as well as possible."""
     return settings[POSITION_FIRST] == 1.0 and settings[KIND] != POSITION_ONLY
 
 
@@ -179,7 +179,7 @@ def reset_scores(restarts: int, scores: Matrix) -> None:
 def record_end(
     settings: Vector, position_only: bool, seed: int, n: int, scores: Matrix, work: Matrix
 ) -> None:
-    """Store where a quick attempt ended, unless its seed has led to a better end before."""
+    """Store the end of a quick attempt, unless its seed has led to a better end before."""
     row, weight, tolerance_m = (
         END_POINTS + n + seed,
         settings[ROTATION_WEIGHT],
@@ -203,7 +203,7 @@ def _restart_from_scores(
     scores: Matrix,
     work: Matrix,
 ) -> int:
-    """Start from every end, then from every seed; the ends' errors by weights are dropped."""
+    """Start from every end, then from every seed; the weighted errors of the ends are dropped."""
     restarts = int(settings[RESTARTS])
     if k >= restarts:
         _load_seed(start, seeds, k - restarts, n, work)
@@ -245,10 +245,10 @@ def _best_end_index(settings: Vector, scores: Matrix) -> int:
 
 @vectorised
 def _least_index(scores: Matrix, row: int, count: int) -> int:
-    """Return where the least of a row's first entries is, the first of several."""
+    """Return the index of the smallest of a row's first entries, the first one of several."""
     best, least = 0, scores[row, 0]
     for k in range(1, count):
-        # kept in a register: looked up where it was found, each comparison would wait for the last
+        # kept in a register: reading it from the array would make each comparison wait for the last
         if scores[row, k] < least:
             best, least = k, scores[row, k]
     return best

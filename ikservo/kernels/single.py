@@ -1,4 +1,4 @@
-"""One target at a time, from a pose to joints: what ``Solver`` calls in a loop."""
+"""One target at a time, from a pose to joints: the kernel that ``Solver`` calls in a loop."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from ikservo.kernels.search import all_within, fits, is_rotation, solve_rows
 from ikservo.kinematics.arrays import Matrix, Vector
 
 NAME = "solve_pose"
-"""For ``bind``."""
+"""Name for ``bind``."""
 
 
 def target_fits(packed: Matrix, with_rotation: bool) -> bool:
@@ -37,7 +37,7 @@ def target_fits(packed: Matrix, with_rotation: bool) -> bool:
 
 @entry(target_fits)
 def is_target(packed: Matrix, with_rotation: bool) -> bool:
-    """Check whether a target's numbers are finite and not too large, and its rotation is one.
+    """Check whether a target's numbers are finite and not too large, and its rotation is valid.
 
     Args:
         packed: The wanted position, then the rotation row by row (4, 3).
@@ -100,27 +100,27 @@ def solve_pose(
     T: Matrix,
     q0: Vector,
 ) -> int:
-    """Solve for one pose; see ``solve_all`` for the first nine arrays, here with one row a problem.
+    """Solve for one pose; the first nine arrays are those of ``solve_all`` with one row each.
 
     Args:
-        arm: See there, and so on until ``results``.
+        arm: See ``solve_all``, like the following up to ``results``.
         problems: (1, PROBLEM_SIZE), filled.
-        settings: See there.
+        settings: See ``solve_all``.
         starts: (1, dof), filled.
-        seeds: See there.
-        work: See there.
-        scores: See there.
-        trace: See there.
+        seeds: See ``solve_all``.
+        work: See ``solve_all``.
+        scores: See ``solve_all``.
+        trace: See ``solve_all``.
         results: (1, 2 dof + RESULT_TAIL), filled.
         axis: The tool axis (3,) that a direction is compared with, in the tool's frame.
         idle: Joints that do not move the tool (k, IDLE_WIDTH): column, lower and upper limit. They
-            stay at the start where that is inside; elsewhere they are left to the caller.
+            stay at the start if that is inside; otherwise they are left to the caller.
         T: The wanted pose T_world_tool (4, 4).
         q0: The start (dof,).
 
     Returns:
-        IS_REACHED or 0, plus IDLE_OUTSIDE where an idle joint starts outside its limits; INVALID or
-        NOT_HOMOGENEOUS where the pose or the start makes no sense.
+        IS_REACHED or 0, plus IDLE_OUTSIDE if an idle joint starts outside its limits; INVALID or
+        NOT_HOMOGENEOUS if the pose or the start makes no sense.
     """
     if T[3, 0] != 0.0 or T[3, 1] != 0.0 or T[3, 2] != 0.0 or T[3, 3] != 1.0:
         return NOT_HOMOGENEOUS

@@ -1,9 +1,9 @@
-"""The search for ways around things, compiled: RRT-Connect, or CBiRRT for a constrained tool.
+"""Search for paths around things, compiled: RRT-Connect, or CBiRRT for a constrained tool.
 
 Two trees of straight motions grow, one from the start and one from the goals, until they meet
-(Kuffner and LaValle 2000). Where the tool is constrained, they grow in short steps, each of which
-is projected back to where the constraint is kept (Berenson and others 2009). Motions are looked at
-at samples; ``first_contact`` proves those that are kept.
+(Kuffner and LaValle 2000). If the tool is constrained, they grow in short steps, each of which is
+projected back to the constraint (Berenson and others 2009). Motions are checked at samples;
+``first_contact`` proves the final ones.
 """
 
 from __future__ import annotations
@@ -17,29 +17,29 @@ from ikservo.kernels.free_path import free_fraction, path_fits
 from ikservo.kernels.tool_limits import keeps_limits, limits_fit, project_tool
 from ikservo.kinematics.arrays import IntMatrix, IntVector, Matrix, Vector
 
-# The entries of ``state``: two numbers of chance, the sizes of both trees, the nodes of both trees
-# at which they met (-1: not yet), how many postures were looked at, and what the last one that was
-# not free touched (see ``free_fraction``; -1: nothing yet): the next ones often touch the same.
+# The entries of ``state``: two random numbers, the sizes of both trees, the nodes of both trees at
+# which they met (-1: not yet), the number of postures checked, and what the last blocked posture
+# touched (see ``free_fraction``; -1: nothing yet), because the next ones often touch the same.
 CHANCE, SIZES, MET, LOOKED, HIT, STATE_SIZE = 0, 2, 4, 6, 7, 8
-# The rows of ``buffer``: the aim, the end of a motion, and a posture on it.
+# The rows of ``buffer``: the random target, the end of a motion, and a posture on it.
 AIM, NEW, MIDDLE, BUFFER_ROWS = 0, 1, 2, 3
 
-_REACH_RAD = 0.5  # of one motion of a tree
-# One step of a tree that is projected: its length, how much nearer to the aim it must come, as a
-# fraction of it, and how far the projection may move it, as a multiple.
+_REACH_RAD = 0.5  # length of one motion of a tree
+# One projected step of a tree: its length, the smallest approach to the target as a fraction of it,
+# and the largest displacement by the projection as a multiple of it.
 _STEP_RAD = 0.3
 _NEARER = 0.1
 _FURTHEST = 2.0
-# Aims of such steps lie up to this fraction of the range beyond the limits, and are then moved to
-# the limits: many postures that keep a constraint have a joint there.
+# Targets of such steps lie up to this fraction of the range beyond the limits, and are then
+# clipped: many postures that keep a constraint have a joint at a limit.
 _BEYOND = 0.3
-_CUTS, _FAILED_CUTS = 60, 15  # shortcuts that are tried on a way; how many in a row may fail
-_HALVED = 8  # corners of longer ways are left out by so large a fraction of the rest
-_MOST_SAMPLES = 1e6  # of a motion
-_TURN_RAD = 0.05  # no joint turns further between two samples of a motion with a constrained tool
-# Two generators of chance, which are combined (L'Ecuyer 1988).
+_CUTS, _FAILED_CUTS = 60, 15  # shortcuts tried on a path; largest number of consecutive failures
+_HALVED = 8  # fraction of the remaining corners left out of longer paths at once
+_MOST_SAMPLES = 1e6  # samples of one motion
+_TURN_RAD = 0.05  # largest turn between two samples with a constrained tool
+# Two random number generators, which are combined (L'Ecuyer 1988).
 _FACTOR_A, _MODULUS_A = 40014, 2147483563
-_FACTOR_B, CHANCES = 40692, 2147483399  # the latter: where chance may begin is below it
+_FACTOR_B, CHANCES = 40692, 2147483399  # the latter: upper bound of seeds
 
 
 def search_fits(
@@ -103,24 +103,24 @@ def grow_trees(
 
     The arguments up to ``load`` are those of ``first_contact``. The others:
 
-    body: (dof, 3) how the joints of the body follow from a posture: the column, or -1 for one
-        that does not move; the unit of that column; the position of a joint that does not move.
-    limits: (2, n) the lowest and highest postures, which are looked for between them.
+    body: (dof, 3) for each joint of the body: its column in a posture, or -1 if it does not move;
+        the unit of that column; its position if it does not move.
+    limits: (2, n) lowest and highest postures of the search.
     arm: The packed chain of a constrained tool.
-    projected: (k, 8) what the tool keeps to where a step is projected; no rows for a free tool.
-    kept: (k, 8) what it keeps to on a motion.
+    projected: (k, 8) limits of the tool that a projection meets; no rows for a free tool.
+    kept: (k, 8) limits of the tool that are checked on a motion.
     tool: (dof of the chain, 2) column and unit of its joints.
     work: The work array of the chain.
     joints: (dof of the chain,), work array.
     buffer: (3, n), work array.
     nodes: (2 m, n) the postures of the first tree, and from row m on those of the second.
     parents: (2 m,) the row from which each was reached; -1 for a root.
-    state: (8,) where the search is; see above. What it was before is where it goes on.
+    state: (8,) state of the search, see above, from which it continues.
     step_m: No point of the arm moves further than this between two samples of a motion.
-    most: The number of postures after which it returns, at the end of a turn.
+    most: The number of postures after which it returns, at the end of a step.
 
     Returns:
-        Whether they met; False, too, where a tree is full.
+        Whether they met; also False if a tree is full.
     """
     for c in range(len(rates)):
         rates[c] = 0.0
@@ -159,7 +159,7 @@ def _grow(
     tool: Matrix, work: Matrix, joints: Vector, buffer: Matrix, nodes: Matrix, parents: IntVector,
     state: IntVector, step_m: float, most: int, tree: int,
 ) -> int:  # fmt: skip
-    """Let a tree grow towards the aim as far as it is free; return the row that is reached."""
+    """Grow a tree towards the target as far as it is free; return the row that is reached."""
     aim, new, half = buffer[AIM], buffer[NEW], len(nodes) // 2
     first = tree * half
     at, nearest = first, math.inf
@@ -208,9 +208,9 @@ def shorten_way(
     tool: Matrix, work: Matrix, joints: Vector, buffer: Matrix, nodes: Matrix, parents: IntVector,
     state: IntVector, step_m: float, most: int,
 ) -> bool:  # fmt: skip
-    """Shorten a way by straight motions between random points of it, and between its corners.
+    """Shorten a path by straight motions between random points of it, and between its corners.
 
-    The way is in the first rows of ``nodes``, as many as the size of the first tree, and is
+    The path is in the first rows of ``nodes``, as many as the size of the first tree, and is
     replaced. The other arguments are those of ``grow_trees``. Always returns True.
     """
     for c in range(len(rates)):
@@ -257,7 +257,7 @@ def _cut_corners(
     tool: Matrix, work: Matrix, joints: Vector, buffer: Matrix, nodes: Matrix, parents: IntVector,
     state: IntVector, step_m: float, most: int,
 ) -> None:  # fmt: skip
-    """Remove the corners of a way that straight motions leave out."""
+    """Remove the corners of a path that straight motions can bypass."""
     i = 0
     while i < state[SIZES] - 2:
         k = state[SIZES] - 1
@@ -275,7 +275,7 @@ def _cut_corners(
 
 
 def _point_along(nodes: Matrix, distance: float, point: Vector) -> int:
-    """Fill the point at a distance along a way; return the row before it."""
+    """Fill the point at a distance along a path; return the row before it."""
     i, length = 0, _distance(nodes[0], nodes[1])
     while distance > length and i < len(nodes) - 2:
         distance -= length
@@ -288,7 +288,7 @@ def _point_along(nodes: Matrix, distance: float, point: Vector) -> int:
 
 
 def _move_rows(nodes: Matrix, state: IntVector, first: int, to: int) -> None:
-    """Move the rows of a way from ``first`` on so that they begin at another row."""
+    """Move the rows of a path from ``first`` on so that they begin at another row."""
     count = state[SIZES] - first
     for k in range(count):
         i = k if to < first else count - 1 - k
@@ -305,7 +305,7 @@ def _is_motion_free(
     tool: Matrix, work: Matrix, joints: Vector, buffer: Matrix, nodes: Matrix, parents: IntVector,
     state: IntVector, step_m: float, most: int, start: Vector, end: Vector,
 ) -> bool:  # fmt: skip
-    """Look at a straight motion: at its end, its middle, its quarters and so on."""
+    """Check a straight motion at its end, its middle, its quarters and so on."""
     count, gap = _sample_count(links, reach, body, projected, step_m, start, end), 2
     while gap < 2 * count:
         gap *= 2
@@ -338,7 +338,7 @@ def _sample_count(
     links: Matrix, reach: Matrix, body: Matrix, projected: Matrix, step_m: float, start: Vector,
     end: Vector,
 ) -> int:  # fmt: skip
-    """Return into how many steps a motion is divided."""
+    """Return the number of steps into which a motion is divided."""
     farthest_m, turned_rad = 0.0, 0.0
     for i in range(len(reach) - len(links), len(reach)):
         moved_m = 0.0
@@ -356,7 +356,7 @@ def _sample_count(
 def _project(
     arm: Matrix, projected: Matrix, tool: Matrix, work: Matrix, joints: Vector, q: Vector
 ) -> bool:
-    """Move a posture to where the tool keeps its constraint; return whether there is one."""
+    """Move a posture to where the tool keeps its constraint; return whether that succeeds."""
     point = np.empty(3)
     for k in range(3):
         point[k] = 0.0
@@ -384,7 +384,7 @@ def _distance(a: Vector, b: Vector) -> float:
 
 
 def _chance(state: IntVector) -> float:
-    """Return the next number of chance, between 0 and 1."""
+    """Return the next random number between 0 and 1."""
     state[CHANCE] = _FACTOR_A * state[CHANCE] % _MODULUS_A
     state[CHANCE + 1] = _FACTOR_B * state[CHANCE + 1] % CHANCES
     drawn = state[CHANCE] - state[CHANCE + 1]

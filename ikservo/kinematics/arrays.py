@@ -18,9 +18,9 @@ IntVector = NDArray[np.int64]
 IntMatrix = NDArray[np.int64]
 
 _FLOAT64 = np.dtype(np.float64)
-# Numbers of arrays up to this size are looked at sooner as a list of Python's than by NumPy.
+# Arrays up to this size are checked faster as a Python list than by NumPy.
 LARGEST = 1e12
-"""Of a number that a program or a file may give: products of larger ones overflow."""
+"""Largest number that a program or a file may give, because products of larger ones overflow."""
 _FEW = 16
 
 
@@ -64,8 +64,7 @@ def bounded_vector(values: ArrayLike, size: int, most: float, what: str, expecte
     """Return ``values`` as (size,) floats of magnitudes up to ``most``.
 
     Raises:
-        BadValueError: The errors of ``finite_array``, or a number is larger: they are not as
-            expected.
+        BadValueError: The errors of ``finite_array``, or a number is larger than allowed.
     """
     array, is_short = array_of_shape(values, (size,), what), size <= _FEW
     if is_short and math.hypot(*array.tolist()) <= most:  # false for NaN, too
@@ -92,7 +91,7 @@ def as_floats(values: ArrayLike, what: str, expected: str) -> Vector:
 
 
 def read_only(values: ArrayLike) -> Vector:
-    """Read a copy (any shape) that cannot be written to."""
+    """Return a copy (any shape) that cannot be written to."""
     array = np.array(values, dtype=np.float64)
     array.flags.writeable = False
     return array
@@ -101,7 +100,7 @@ def read_only(values: ArrayLike) -> Vector:
 def freeze_arrays(value: object) -> None:
     """Make the arrays of a frozen dataclass read-only; its ``__post_init__`` calls this.
 
-    An array that may be written to is copied, so that nobody else can change it either.
+    A writable array is copied, so that nobody else can change it either.
     """
     for name in _field_names(type(value)):
         array: object = getattr(value, name)

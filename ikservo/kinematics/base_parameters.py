@@ -1,4 +1,4 @@
-"""Base parameters: what the torques of a chain can tell of its inertial parameters.
+"""Base parameters: the inertial parameters that the torques of a chain can determine.
 
 Many parameters have no effect on any torque (the mass of a body that turns about a fixed axis), or
 only together with others. The columns of the regressor Y of such parameters are linear combinations
@@ -27,15 +27,15 @@ from ikservo.kinematics.arrays import (
 from ikservo.kinematics.chain import Chain
 from ikservo.kinematics.dynamics import Dynamics
 
-# Effect on the torques, of the largest one, below which a parameter has none. On the arms of the
-# catalogue, at rest or at 0.3 rad/s and more, those that matter have more than 5e-4, and angles
-# that are rounded in a file (1.5708) make less than 3e-6 of the others.
+# Effect on the torques, relative to the largest, below which a parameter has none. On the arms of
+# the catalogue, at rest or at 0.3 rad/s and more, relevant ones have more than 5e-4, and rounded
+# angles in a file (1.5708) make less than 3e-6 of the others.
 _TOLERANCE = 3e-5
-_ROUNDING = 1e-12  # of the largest effect
+_ROUNDING = 1e-12  # fraction of the largest effect
 _MOTIONS = 200
 
 TYPICAL_PARAMETERS = read_only([1.0, *[0.1] * 3, *[0.01] * 6])
-"""Size of the ten parameters of a body, for each kg, if it is about 0.1 m long."""
+"""Size of the ten parameters of a body per kg, if it is about 0.1 m long."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -43,7 +43,7 @@ class BaseParameters:
     """The independent columns of a regressor, and how the parameters combine.
 
     Attributes:
-        columns: Those of the regressor that are independent (b,), ascending.
+        columns: The independent columns of the regressor (b,), ascending.
         combination: G (b, p), from parameters to base parameters; the identity in ``columns``.
     """
 
@@ -58,7 +58,7 @@ class BaseParameters:
         """Compute the base parameters (b,) of parameters (p,).
 
         Raises:
-            BadValueError: Not as many, or not finite.
+            BadValueError: Their number is wrong, or one is not finite.
         """
         p = finite_vector(parameters, self.combination.shape[1], "The parameters")
         return self.combination @ p
@@ -69,7 +69,7 @@ class BaseParameters:
         All others are zero, so that these are not the parameters of real bodies.
 
         Raises:
-            BadValueError: Not as many, or not finite.
+            BadValueError: Their number is wrong, or one is not finite.
         """
         parameters = np.zeros(self.combination.shape[1])
         parameters[self.columns] = finite_vector(
@@ -92,7 +92,7 @@ def base_parameters(
         dynamics: The arm; its parameters do not matter, its gravity does.
         speed_rad_s: Largest speed of the motions; m/s for prismatic joints.
         acceleration_rad_s2: Largest acceleration; m/s² for prismatic joints. With no speed and
-            no acceleration the result is what postures at rest can tell.
+            no acceleration the result is what postures at rest can determine.
         tolerance: See ``independent_columns``.
         seed: The seed of the random numbers; other motions give the same columns.
 
@@ -115,18 +115,18 @@ def base_parameters(
 def independent_columns(
     regressor: ArrayLike, typical: ArrayLike, tolerance: float = _TOLERANCE
 ) -> BaseParameters:
-    """Return the columns of a stacked regressor that are independent of those before them.
+    """Return the columns of a stacked regressor that are independent of earlier ones.
 
-    That is the method of Gautier 1991, with the parameters in their order: those of a body are
+    This is the method of Gautier 1991, with the parameters in their order: those of a body are
     combined into those of the bodies that carry it. The columns of R of the QR decomposition have
     the lengths and angles of the regressor's, with no more rows than parameters. Additional
-    columns, for friction or a scale of the current, may stand beside those of the inertia.
+    columns, for friction or a scale of the current, may follow those of the inertia.
 
     Args:
-        regressor: (m, p), one row a torque.
+        regressor: (m, p), one row per torque.
         typical: Size of each parameter (p,), so that effects on the torques can be compared.
-        tolerance: Effect that a column must have beside those before it, in proportion to the
-            largest effect of all. Torques of the reduced regressor are that exact.
+        tolerance: Effect that a column must add to earlier ones, in proportion to the largest
+            effect of all. Torques of the reduced regressor are exact to this.
 
     Raises:
         BadValueError: A shape is wrong, a number is not finite, a typical size is not above zero,
@@ -146,7 +146,7 @@ def independent_columns(
 
 
 def _select_columns(Y: Matrix, least: float) -> IntVector:
-    """Select the columns of which a part longer than ``least`` is independent of those before."""
+    """Select the columns whose part independent of earlier ones is longer than ``least``."""
     basis = np.empty((0, len(Y)))
     columns: list[int] = []
     for column in range(Y.shape[1]):
@@ -159,7 +159,7 @@ def _select_columns(Y: Matrix, least: float) -> IntVector:
 
 
 def _finite_limits(chain: Chain) -> tuple[Vector, Vector]:
-    """Compute the limits (dof,) each, a full turn for continuous joints."""
+    """Compute the limits (dof,) of each side, a full turn for continuous joints."""
     low, high = chain.lower_rad, chain.upper_rad
     return np.where(np.isfinite(low), low, -np.pi), np.where(np.isfinite(high), high, np.pi)
 

@@ -1,9 +1,9 @@
-"""How an arm gives way behind the sensors of its joints: compliance and play, under gravity.
+"""Deflection behind the joint sensors of an arm: compliance and backlash, under gravity.
 
 A sensor on a servo's shaft does not see the horn, the screws and the printed link behind it. They
-turn by ``compliance * torque``, and across their play, to the side to which gravity pulls. The
-torque is that of the posture of the links, so the links' joints solve
-``q_link = q - compliance g(q_link) - half_play side(g(q_link))``; the way back is explicit.
+turn by ``compliance * torque``, and across their backlash, to the side to which gravity pulls. The
+torque is that of the links' posture, so the links' joints solve ``q_link = q - compliance g(q_link)
+- half_play side(g(q_link))``; the inverse is explicit.
 """
 
 from __future__ import annotations
@@ -16,22 +16,22 @@ from numpy.typing import ArrayLike
 from ikservo.kinematics.arrays import Matrix, Vector, freeze_arrays
 from ikservo.kinematics.dynamics import Dynamics
 
-# A torque that presses a joint to one side of its play; below it the side is not certain.
+# A torque that presses a joint to one side of its backlash; below it the side is uncertain.
 _SIDE_NM = 0.05
-# Each step makes the error smaller by compliance times stiffness of gravity: by a tenth or less of
-# most arms. Half steps help those of which it is more than one.
+# Each step multiplies the error by compliance times stiffness of gravity, a tenth or less for most
+# arms. Half steps help arms for which it is more than one.
 _STEPS, _WHOLE_STEPS, _ENOUGH_RAD = 80, 8, 1e-9
 _DERIVATIVE_RAD = 1e-4
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Bending:
-    """Compliance and play behind the sensors of a chain's joints.
+    """Compliance and backlash behind the sensors of a chain's joints.
 
     Attributes:
         dynamics: The dynamics of the chain that does not bend, with the masses of its links.
         compliance: The compliance of each joint (dof,), rad per N m (m per N).
-        half_play: Half the play of each joint (dof,), rad (m).
+        half_play: Half the backlash of each joint (dof,), rad (m).
     """
 
     dynamics: Dynamics
@@ -42,7 +42,7 @@ class Bending:
         freeze_arrays(self)
 
     def deflection(self, q_link: ArrayLike) -> Vector:
-        """Compute by how much gravity turns the links, from their own joints (dof,) or (n, dof)."""
+        """Compute the rotation of the links by gravity from their own joints (dof,) or (n, dof)."""
         torque = self.dynamics.gravity_torques(q_link)
         return -self.compliance * torque - self.half_play * self.side(torque)
 
@@ -59,14 +59,14 @@ class Bending:
 
     @staticmethod
     def side(torque: Vector) -> Vector:
-        """Return to which side of its play a torque presses a joint, -1 to 1."""
+        """Return the side of its backlash to which a torque presses a joint, -1 to 1."""
         return np.tanh(torque / _SIDE_NM)
 
     def derivatives(self, q_link: Matrix) -> tuple[Matrix, Matrix, Matrix]:
-        """Compute how links' joints (n, dof) follow the sensors, compliances and half plays.
+        """Compute the derivatives of links' joints (n, dof) by sensors, compliances and half plays.
 
         Returns:
-            The derivatives (n, dof, dof) by each, column by column.
+            The derivatives (n, dof, dof) by each of them, column by column.
         """
         n, dof = q_link.shape
         steps = _DERIVATIVE_RAD * np.eye(dof)

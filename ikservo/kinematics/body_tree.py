@@ -1,7 +1,7 @@
 """The moving bodies of a chain as stacked arrays: their poses and the twists of their joints.
 
-A body is a link behind a joint that q moves, with all links that are fixed to it. What q does not
-move (links of a gripper beside the path to the tip) is fixed to the body that it hangs on. The
+A body is a link behind a joint that q moves, with all links that are fixed to it. Links that q does
+not move (of a gripper beside the path to the tip) are fixed to the body that carries them. The
 first axis of all arrays is the body, parents first, the second one the sample.
 """
 
@@ -23,17 +23,17 @@ BASE = -1
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BodyTree:
-    """All that the motion of n bodies needs and that does not depend on q.
+    """Everything that the motion of n bodies needs and that does not depend on q.
 
     Attributes:
         names: The link of each body whose frame is the body's.
         links: For each link of the chain, its body (BASE if it does not move) and its pose
             T_body_link (4, 4).
         parents: The body that each one is attached to, or BASE.
-        carries: (n, n), 1 where body i is body j, or is carried by it.
+        carries: (n, n), 1 if body i is body j, or is carried by it.
         gears: (n, dof); the values of the joints are ``gears @ q + shifts``, followers included.
         shifts: (n, 1), rad or m.
-        slides: (n, 1), which joints are prismatic.
+        slides: (n, 1), whether each joint is prismatic.
         poses_still: (n, 1, 4, 4), the part of T_parent_body that does not depend on q.
         poses_sine: (n, 1, 4, 4), the part that is multiplied by the sine of the value, or by the
             value itself for a prismatic joint.
@@ -91,8 +91,8 @@ class BodyTree:
     def twists(self, T: Matrix) -> Matrix:
         """Compute the twist D (n, samples, 4, 4) of each joint in the base frame.
 
-        A small motion of the joint's value moves each point x (4,) of what it carries by
-        ``D x``: ``D = T twist T⁻¹``.
+        A small motion of the joint's value moves each point x (4,) that it carries by ``D x``: ``D
+        = T twist T⁻¹``.
         """
         D = np.zeros(T.shape)
         moved = T @ self.body_twists

@@ -33,7 +33,7 @@ class Capsule:
 
     @property
     def length_m(self) -> float:
-        """The length of the segment."""
+        """Length of the segment."""
         return float(np.linalg.norm(self.end_m - self.start_m))
 
     def ends(self, T_world_link: Matrix) -> tuple[Vector, Vector]:
@@ -51,7 +51,7 @@ def segment_distance(p1: Vector, q1: Vector, p2: Vector, q2: Vector) -> Vector:
     d1, d2, r = q1 - p1, q2 - p2, p1 - p2
     a, e, b = _row_dot(d1, d1), _row_dot(d2, d2), _row_dot(d1, d2)
     c, f = _row_dot(d1, r), _row_dot(d2, r)
-    # Parallel segments and points have no single closest pair: any s will do to begin with.
+    # Parallel segments and points have no single closest pair: any s can be the start.
     crossing = np.maximum(a * e - b * b, _TINY)
     s = _clamp_unit_interval((b * f - c * e) / crossing)
     t = _clamp_unit_interval((b * s + f) / np.maximum(e, _TINY))

@@ -37,11 +37,11 @@ class Chain:
 
     ``q`` is (dof,): rad for revolute joints, m for prismatic ones, ordered from base to tip.
     Joints beside the path to the tip (a gripper's jaw) are at the value nearest zero inside their
-    limits, so that every link of the arm can be used as a frame. A joint that others follow
-    (mimic) has the limits that keep these inside theirs, too.
+    limits, so that every link of the arm can be used as a frame. A joint that others follow (mimic)
+    has limits that also keep its followers inside theirs.
 
-    An arm that gives way behind its joints' sensors has ``link_joints``: poses are then those of
-    its links, for joints as the sensors see them. ``jacobian`` is that of the links' joints.
+    An arm that yields behind its joints' sensors has ``link_joints``: poses are then those of its
+    links, for joints as the sensors see them. ``jacobian`` is that of the links' joints.
 
     Attributes:
         base: The root link; its coordinates are world coordinates.
@@ -50,8 +50,8 @@ class Chain:
         lower_rad: Lower limits (dof,), rad (m for a prismatic joint); -inf for a continuous one.
         upper_rad: Upper limits (dof,).
         kinds: The type of each joint.
-        link_joints: Returns where the links are (dof,) or (n, dof) from where the sensors are (see
-            ``bending``); None for an arm that does not give way.
+        link_joints: Returns the links' joints (dof,) or (n, dof) from the sensors' (see
+            ``bending``); None for an arm that does not yield.
     """
 
     base: str
@@ -69,7 +69,7 @@ class Chain:
 
         Raises:
             InputError: No joint on the path to the tip moves, or mimics leave one no range.
-            UnknownNameError: ``tip`` is not a link connected to ``base``, or a mimic follows none.
+            UnknownNameError: ``tip`` is not connected to ``base``, or a mimic's leader is missing.
         """
         paths = joints_to_each_link(joints, base)
         if tip not in paths:
@@ -116,7 +116,7 @@ class Chain:
         """
         try:
             return self._paths[self.tip if frame is None else frame]
-        except (KeyError, TypeError):  # no such name, or no name at all
+        except (KeyError, TypeError):  # unknown, or not a name
             raise UnknownNameError("link", str(frame), self._paths) from None
 
     def with_limits(self, lower: ArrayLike, upper: ArrayLike) -> Chain:
@@ -134,7 +134,7 @@ class Chain:
         return replace(self, lower_rad=read_only(low), upper_rad=read_only(high))
 
     def with_slide(self, axis: ArrayLike, lower_m: float, upper_m: float) -> Chain:
-        """Return the chain with one joint more, which slides the tip along an axis (3,) of its own.
+        """Return a copy with another joint, which slides the tip along an axis (3,) of the tip.
 
         Raises:
             BadValueError: ``axis`` has a wrong shape or is not finite.
@@ -157,7 +157,7 @@ class Chain:
         )
 
     def with_frame(self, name: str, link: str) -> Chain:
-        """Return the chain with a frame more, fixed to a link at the link's own coordinates.
+        """Return a copy with another frame, fixed to a link, in the link's coordinates.
 
         Raises:
             UnknownNameError: No link is named ``link``.
@@ -172,7 +172,7 @@ class Chain:
         """Compute the same chain with some joints moved: ``T_parent_joint`` (4, 4) by joint.
 
         Raises:
-            UnknownNameError: No joint of the arm has such a name.
+            UnknownNameError: The arm has no joint of such a name.
             BadValueError: An origin is not an array (4, 4) of finite numbers.
         """
         if not isinstance(cast("object", origins), Mapping):
@@ -282,7 +282,7 @@ class Chain:
         return poses
 
     def _links(self, q: ArrayLike) -> Vector:
-        """Return the links' joints (dof,) or (n, dof) of joints as their sensors see them."""
+        """Return the links' joints (dof,) or (n, dof) for joints as their sensors see them."""
         joints = finite_vectors(q, self.dof, "q")
         return joints if self.link_joints is None else self.link_joints(joints)
 
@@ -297,7 +297,7 @@ class Chain:
 
 
 def _before_slide(link_joints: Callable[[Vector], Vector]) -> Callable[[Vector], Vector]:
-    """Return the same for joints with a slide after them, which does not give way."""
+    """Return a function for joints with a slide after them, which does not yield."""
     return lambda q: np.concatenate([link_joints(q[..., :-1]), q[..., -1:]], axis=-1)
 
 

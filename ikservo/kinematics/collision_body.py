@@ -1,4 +1,4 @@
-"""Collision bodies: which capsule pairs are checked and how far apart they are."""
+"""Collision bodies: the capsule pairs to check, and their distances."""
 
 from __future__ import annotations
 
@@ -16,15 +16,15 @@ from ikservo.kinematics.chain import Chain
 from ikservo.kinematics.joints import ChainJoint, JointType
 from ikservo.kinematics.packed import PackedBody, pack_capsules, pack_links
 
-# An arm is never in a named pose to the tick.
+# An arm is never exactly in a named pose.
 _MARGIN_M = 0.004
 
 
 class LinkTravelBounds:
-    """Bounds of the motion of every point of a link's capsules for each unit of a joint.
+    """Bounds of the motion of every point of a link's capsules per unit of a joint.
 
-    A point moves no further than the angle times its distance from the joint's axis. That is known
-    for the first joint beside the link; for others it is no more than the lengths in between.
+    A point moves by at most the angle times its distance from the joint's axis. This distance is
+    known for the first joint at the link; for others it is at most the lengths in between.
 
     Args:
         chain: The arm; its limits bound the slides between.
@@ -42,9 +42,9 @@ class LinkTravelBounds:
         return self._sum_steps(link, self._chain.joints_to(link), ())
 
     def relative_bound(self, a: str, b: str) -> Vector:
-        """Compute the bound of the approach of two links (dof,), without joints that move both.
+        """Bound the approach of two links (dof,), without joints that move both.
 
-        Either of them may be taken to stand still.
+        Either of them may be considered at rest.
         """
         paths = self._chain.joints_to(a), self._chain.joints_to(b)
         common = {step.joint.name for step in paths[0]} & {step.joint.name for step in paths[1]}
@@ -54,16 +54,16 @@ class LinkTravelBounds:
     def _sum_steps(
         self, link: str, inwards: Sequence[ChainJoint], outwards: Sequence[ChainJoint]
     ) -> Vector:
-        """Sum the bounds of the joints from where a link branches off, and from there to another.
+        """Sum the bounds of the joints from a link to its branch, and from there to another link.
 
         Args:
-            link: The link whose points are followed.
+            link: The link whose points move.
             inwards: The joints that lead to it.
-            outwards: Those that lead to the other one.
+            outwards: The joints that lead to the other link.
         """
         reach_m, points_m = np.zeros(self._chain.dof), self._points_m.get(link, np.zeros((1, 3)))
         length_m = float(np.linalg.norm(points_m, axis=1).max())
-        is_known = True  # where the points are in the frame that is reached, beside their distance
+        is_known = True  # whether positions in the present frame are known
         for step, leads_out in [
             *((step, False) for step in reversed(inwards)), *((step, True) for step in outwards)
         ]:  # fmt: skip
@@ -100,7 +100,7 @@ class PairDistances:
 
     Attributes:
         pairs: The pairs: a link, and another link or the name of a thing.
-        gap_m: Between their surfaces (n, pairs), metres; negative where they overlap.
+        gap_m: Distances of their surfaces (n, pairs), metres; negative if they overlap.
     """
 
     pairs: tuple[tuple[str, str], ...]
@@ -113,9 +113,9 @@ class PairDistances:
 class CollisionBody:
     """The capsules of all links, and the pairs of links that may come near each other.
 
-    Links that are joined to each other touch by nature and are left out. Capsules are thicker
-    than what they cover: for pairs that overlap in a posture known to be free, the distance
-    there counts as zero.
+    Links that are joined to each other touch by design and are left out. Capsules are thicker than
+    what they cover: for pairs that overlap in a posture known to be free, the distance in it counts
+    as zero.
 
     Args:
         chain: The arm; ``q`` (dof,) places its links.
@@ -145,15 +145,15 @@ class CollisionBody:
         return self._chain
 
     def with_attached(self, name: str, link: str, capsules: Sequence[Capsule]) -> CollisionBody:
-        """Return the body with a thing fixed to a link of it.
+        """Return the body with a thing fixed to one of its links.
 
-        The thing touches that link, and those that one joint moves against it, by nature.
+        The thing touches that link, and links that one joint moves against it, by design.
 
         Args:
-            name: The name of the thing, unlike any link's.
+            name: The name of the thing, which no link has.
             link: The link.
-            capsules: The capsules of the thing, in coordinates of the link, with its name as their
-                link.
+            capsules: The capsules of the thing, in coordinates of the link; their ``link`` is the
+                thing's name.
         """
         body = CollisionBody(self._chain.with_frame(name, link), [*self._capsules, *capsules])
         overlaps = dict(zip(self.pairs, self._overlap_m.tolist(), strict=True))
@@ -186,7 +186,7 @@ class CollisionBody:
         )
 
     def pack(self) -> PackedBody:
-        """Pack the body into arrays of numbers, which are shared: nobody may change them."""
+        """Pack the body into arrays of numbers, which are shared and must not be changed."""
         return self._packed
 
     @cached_property
@@ -224,7 +224,7 @@ class CollisionBody:
         return PairDistances(tuple((self._links[i], other) for i in moving), per_link[:, moving])
 
     def _capsule_pairs(self) -> tuple[list[int], list[int], list[int]]:
-        """Return the capsules to compare, grouped by pair of links, and where each group begins."""
+        """Return the capsules to compare, grouped by pair of links, and the start of each group."""
         own: dict[str, list[int]] = {}
         for i, capsule in enumerate(self._capsules):
             own.setdefault(capsule.link, []).append(i)

@@ -1,8 +1,8 @@
 """Manipulability and the distance to the nearest singularity, lengths and angles kept apart.
 
-Singular values of a Jacobian whose rows are metres and radians mean nothing together. Here the
-linear rows are evaluated first, and of the angular rows the part for joint motions that leave
-the point at rest: the arm loses a direction of its pose exactly where one of the two is zero.
+Singular values of a Jacobian with rows in both metres and radians mean nothing. Here the linear
+rows are evaluated first, then the angular rows for joint motions that leave the point at rest: the
+arm loses a direction of its pose exactly if one of the two is zero.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from ikservo.kinematics.chain import Chain
 def manipulability(J: Matrix) -> Vector:
     """Return Yoshikawa's measure ``sqrt(det(J Jᵀ))`` (), or (n,) for many Jacobians.
 
-    Zero where the tool cannot move in some direction of the given rows. Use the three linear
+    It is zero if the tool cannot move in some direction of the given rows. Use the three linear
     rows for positions ``J[..., :3, :]`` [m³], all six for poses.
 
     Source: T. Yoshikawa, Manipulability of Robotic Mechanisms, IJRR 4(2), 1985. With fewer
@@ -43,7 +43,7 @@ def distance_to_limits(chain: Chain, q: ArrayLike) -> Vector:
 _RANK = 1e-9
 _SAMPLES = 5
 _STEPS = 40
-_FRACTIONS = 0.5 ** np.arange(6)  # of Newton's step
+_FRACTIONS = 0.5 ** np.arange(6)  # fractions of Newton's step to try
 _ZERO = 1e-6  # a posture with a singular value below this is singular, m/rad or rad/rad
 _DIFFERENCE_RAD = 1e-6
 _MAX_STEP_RAD = 0.3
@@ -52,22 +52,22 @@ _START_OFFSET_RAD = 0.7
 _MIN_DERIVATIVE = 1e-300
 
 Measure = Callable[[Vector], Vector]
-"""From joints (n, dof) to a singular value of each (n,)."""
+"""Takes joints (n, dof); returns a singular value of each (n,)."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Conditioning:
     """The mobility of one point of the arm in one posture.
 
-    A metre of a prismatic joint counts as a radian.
+    One metre of a prismatic joint counts as one radian.
 
     Attributes:
-        manipulability: Yoshikawa's measure, the product of ``moves_m_rad`` [m³ where it has three].
-        moves_m_rad: The motion of the point for a radian of joint motion along each of its
-            principal directions, the largest first [m/rad]: the singular values of the linear
-            rows. As many as the arm has at all, 2 in a plane.
-        turns_rad_rad: The rotation of its link for a radian of joint motion that leaves the point
-            at rest, in the same way [rad/rad]; empty if there is no such motion.
+        manipulability: Yoshikawa's measure, the product of ``moves_m_rad`` [m³ if it has three].
+        moves_m_rad: Motion of the point per radian of joint motion along each of its principal
+            directions, the largest first [m/rad]: the singular values of the linear rows. Their
+            number is the arm's degrees of freedom for positions, 2 in a plane.
+        turns_rad_rad: Rotation of its link per radian of joint motion that leaves the point at
+            rest, in the same way [rad/rad]; empty if there is no such motion.
     """
 
     manipulability: float
@@ -79,12 +79,12 @@ class Conditioning:
 
     @property
     def slowest_m_rad(self) -> float:
-        """The motion of the point in its worst direction [m/rad]; 0 where singular."""
+        """Motion of the point in its worst direction [m/rad]; 0 if singular."""
         return float(self.moves_m_rad.min(initial=math.inf))
 
     @property
     def slowest_rotation_rad_rad(self) -> float:
-        """The minimum rotation of the link with the point at rest; inf if there is none."""
+        """Smallest rotation of the link with the point at rest; inf if there is none."""
         return float(self.turns_rad_rad.min(initial=math.inf))
 
 
@@ -138,10 +138,10 @@ def nearest_singularity(
     *,
     rotation: bool = False,
 ) -> Singularity | None:
-    """Search from joints (dof,) a singular posture of a point nearby.
+    """Search near joints (dof,) for a singular posture of a point.
 
     Newton's steps reduce the smallest singular value to zero inside the limits, from the posture
-    and from some around it. The result is singular for certain, but another may be nearer; None
+    and from some around it. The result is certainly singular, but another one may be nearer; None
     if none is found.
 
     Args:
@@ -149,8 +149,8 @@ def nearest_singularity(
         q: The start (dof,), rad or m; joints outside the limits are clipped to them first.
         frame: Name of a link; the tip if None.
         offset_m: A point (3,) in that link's coordinates, metres; its origin if None.
-        rotation: Whether a posture counts as well in which the link loses a rotation with the
-            point at rest.
+        rotation: Whether postures also count in which the link loses a rotation with the point at
+            rest.
 
     Raises:
         BadValueError: ``q`` or ``offset_m`` has a wrong shape or is not finite.
@@ -237,7 +237,7 @@ def _linear_singular_values(J: Matrix) -> Vector:
 
 
 def _angular_singular_values(J: Matrix, moves: int) -> Vector:
-    """Return those of the angular rows for joint motions that leave the point at rest."""
+    """Return the angular rows' singular values for joint motions that keep the point at rest."""
     _, _, Vt = np.linalg.svd(J[..., :3, :], full_matrices=True)
     null_space = np.swapaxes(Vt[..., moves:, :], -1, -2)
     return _singular_values(J @ null_space)  # the linear rows become zero
@@ -250,7 +250,7 @@ def _singular_values(matrices: Matrix) -> Matrix:
 def ordinary_postures(dof: int) -> Matrix:
     """Compute a few postures (n, dof) that are singular for no arm.
 
-    Each joint is at another whole number of radians, which is not a fraction of a revolution.
+    Each joint is at another whole number of radians, which is never a fraction of a revolution.
     """
     return np.arange(1, _SAMPLES * dof + 1, dtype=np.float64).reshape(_SAMPLES, dof) % math.tau
 

@@ -52,7 +52,7 @@ class Dynamics:
     """The bodies that the joints of a chain move, with their masses.
 
     ``q`` is (dof,) in rad, in m for prismatic joints, as the chain's; ``qd`` and ``qdd`` are its
-    derivatives by time in rad/s and rad/s² (m/s, m/s²). Each method takes one sample (dof,) or many
+    time derivatives in rad/s and rad/s² (m/s, m/s²). Each method takes one sample (dof,) or many
     (n, dof). Torques are N m (N for prismatic joints), positive towards larger q. Friction and the
     inertia of the servos' rotors are not included.
 
@@ -84,8 +84,8 @@ class Dynamics:
         Args:
             chain: The joints.
             masses: The masses of its links, in any order; those of one link add up.
-            gravity_m_s2: (3,) in the base frame, downwards. An arm that is mounted on a wall or
-                under a ceiling has another one than (0, 0, -9.81).
+            gravity_m_s2: (3,) in the base frame, downwards. It differs from (0, 0, -9.81) for an
+                arm that is mounted on a wall or under a ceiling.
 
         Raises:
             UnknownNameError: The chain has no such link.
@@ -114,7 +114,7 @@ class Dynamics:
         """Compute the same arm under another gravity (3,), base frame.
 
         Raises:
-            BadValueError: No vector (3,) of finite numbers.
+            BadValueError: It is not a vector (3,) of finite numbers.
         """
         gravity = finite_vector(gravity_m_s2, 3, "The gravity")
         return replace(self, gravity_m_s2=read_only(gravity))
@@ -125,7 +125,7 @@ class Dynamics:
         They need not be those of real bodies: base parameters alone give the right torques.
 
         Raises:
-            BadValueError: Not as many, or not finite.
+            BadValueError: Their number is wrong, or one is not finite.
         """
         values = finite_vector(parameters, len(self.parameters), "The parameters")
         return replace(self, parameters=read_only(values))
@@ -136,13 +136,13 @@ class Dynamics:
         centre_m: ArrayLike = (0.0, 0.0, 0.0),
         inertia_kg_m2: ArrayLike | None = None,
     ) -> Dynamics:
-        """Return the same arm with a mass fixed to the tip, besides what is there already.
+        """Return the same arm with an additional mass fixed to the tip.
 
         Args:
             mass_kg: The mass.
             centre_m: Its centre of mass (3,) in the tip's frame.
-            inertia_kg_m2: The tensor (3, 3) about the centre of mass, in the tip's axes; that of a
-                point mass if None.
+            inertia_kg_m2: The tensor (3, 3) about the centre of mass, in the tip's axes; None: a
+                point mass.
 
         Raises:
             BadValueError: See ``LinkMass``.
@@ -201,7 +201,7 @@ class Dynamics:
             q: (dof,) or (n, dof).
 
         Returns:
-            M (dof, dof) or (n, dof, dof), symmetric: kg m² (kg m, kg where joints are prismatic).
+            M (dof, dof) or (n, dof, dof), symmetric: kg m² (kg m, kg for prismatic joints).
 
         Raises:
             BadValueError: ``q`` has a wrong shape or is not finite.
@@ -268,7 +268,7 @@ class Dynamics:
         return finite_vectors(values, self.chain.dof, what)
 
     def _check_motion(self, *motion: ArrayLike) -> tuple[Vector, list[Matrix]]:
-        """Return q as it was given, and q, qd, qdd as (n, dof) each."""
+        """Return q in its given shape, and q, qd, qdd as (n, dof) each."""
         checked = [self._check(each, what) for each, what in zip(motion, _MOTION, strict=True)]
         for each, what in zip(checked, _MOTION, strict=True):
             if each.shape != checked[0].shape:

@@ -82,7 +82,7 @@ def calibration_jacobian(
         chain: The chain of the description.
         q: Joint vectors (n, dof).
         geometry: The errors of the arm.
-        origins: The joints whose origins count, see ``identifiable_origins``.
+        origins: The joints whose origins are included, see ``identifiable_origins``.
 
     Returns:
         The tips (n, 3), metres, and J (n, 3, dof + 6 + 3 len(origins)): columns of the joints,
@@ -93,12 +93,12 @@ def calibration_jacobian(
     tips: Matrix = T[:, :3, 3]
     rotations = _parent_rotations(own, q, origins)
     eye = np.broadcast_to(np.eye(3), (len(q), 3, 3))
-    # Compute the derivatives of points (n, 3) by the base's rotation vector (n, 3, 3)
+    # Derivatives of points (n, 3) by the base's rotation vector (n, 3, 3),
     arms_m = tips - geometry.base_m
     W = skew(geometry.base_rad)
     left_jacobian = (
         np.eye(3) + W / 2.0 + W @ W / 6.0 + W @ W @ W / 24.0
-    )  # for small rotations of the base
+    )  # valid for small rotations of the base
     rotation_columns = np.array([-skew(arm) @ left_jacobian for arm in arms_m])
     columns = [jacobian[:, :3, :], eye, rotation_columns, *(rotations[name] for name in origins)]
     return tips, np.concatenate(columns, axis=2)

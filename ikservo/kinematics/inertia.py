@@ -24,7 +24,7 @@ GRAVITY_M_S2 = 9.81
 PARAMETERS = ("m", "mx", "my", "mz", "ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 """The order of a body's parameters; the tensor in URDF's order."""
 
-_SYMMETRY = 1e-9  # of the largest entry
+_SYMMETRY = 1e-9  # fraction of the largest entry
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -36,7 +36,7 @@ class LinkMass:
         mass_kg: Its mass, zero or more.
         centre_m: Its centre of mass (3,) in the link's frame.
         inertia_kg_m2: Its inertia tensor (3, 3) about the centre of mass, in the link's axes; that
-            of a point if it is not given.
+            of a point mass if not given.
 
     Raises:
         BadValueError: A mass below zero, a number that is not finite, a wrong shape, or a tensor
@@ -54,7 +54,7 @@ class LinkMass:
             raise BadValueError(f"The mass of {self.link}", f"{mass:g} kg", "zero or more")
         centre = finite_vector(self.centre_m, 3, f"The centre of mass of {self.link}")
         tensor = finite_array(self.inertia_kg_m2, (3, 3), f"The inertia tensor of {self.link}")
-        skewness = (tensor - tensor.T).max()  # each difference is there with both signs
+        skewness = (tensor - tensor.T).max()  # each difference occurs with both signs
         if skewness > _SYMMETRY * np.abs(tensor).max():
             raise BadValueError(
                 f"The inertia tensor of {self.link}", str(tensor.tolist()), "a symmetric one"

@@ -15,19 +15,19 @@ _Columns = np.ndarray[tuple[int], np.dtype[np.intp]]
 
 @dataclass(frozen=True, slots=True)
 class JointIndex:
-    """Which column of a vector of all joints (n,) is which.
+    """Meaning of each column of a vector of all joints (n,).
 
     Attributes:
         names: All joints, in the order of the vectors.
         chain: The columns of the chain's joints (dof,), base to tip.
-        body: The columns that the collision body moves with: the chain's, then the gripper's
-            where the body includes it.
+        body: The columns that move the collision body: the chain's, then the gripper's if the body
+            includes it.
     """
 
     names: tuple[str, ...]
     chain: tuple[int, ...]
     body: tuple[int, ...]
-    # The same as arrays, with which NumPy takes columns ten times as fast.
+    # The same as arrays, because NumPy selects columns ten times as fast with them.
     _chain_columns: _Columns = field(init=False, repr=False, compare=False)
     _body_columns: _Columns = field(init=False, repr=False, compare=False)
 
@@ -39,15 +39,15 @@ class JointIndex:
     def from_names(
         cls, names: Sequence[str], chain: Sequence[str], gripper: str | None = None
     ) -> JointIndex:
-        """Look the joints of a chain up among all joints.
+        """Find the joints of a chain among all joints.
 
         Args:
             names: All joints.
-            chain: Those of the chain, base to tip.
-            gripper: The gripper's joint, where the collision body includes it.
+            chain: The joints of the chain, base to tip.
+            gripper: The gripper's joint if the collision body includes it.
 
         Raises:
-            ValueError: A joint of the chain is none of them.
+            ValueError: A joint of the chain is not among them.
         """
         names = tuple(names)
         columns = tuple(names.index(name) for name in chain)
@@ -92,5 +92,5 @@ class JointIndex:
         return dict(zip(self.names, joints.tolist(), strict=True))
 
     def outside_chain(self) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
-        """Return which joints (n,) are not of the chain."""
+        """Return a mask of the joints (n,) outside the chain."""
         return ~np.isin(np.arange(len(self.names)), self.chain)

@@ -40,7 +40,7 @@ class Joint:
         axis: Unit axis (3,) in the joint's frame; unused by fixed joints.
         lower: Lower limit, rad or m; ``-inf`` for a continuous joint.
         upper: Upper limit, rad or m.
-        mimic: The joint it follows, if it does not move by itself.
+        mimic: The joint that it follows, if it does not move by itself.
     """
 
     name: str
@@ -63,9 +63,9 @@ class ChainJoint:
 
     Attributes:
         joint: The joint.
-        column: The entry of q that moves it; unused where ``scale`` is 0.
+        column: The entry of q that moves it; unused if ``scale`` is 0.
         scale: 1, or the multiplier of a mimic; 0 for a joint that is held or fixed.
-        shift: Added to it, rad or m.
+        shift: Offset of the value, rad or m.
         twist_matrix: The joint's twist (4, 4): the skew matrix of its axis, or for a prismatic
             joint the axis as a translation.
     """
@@ -136,7 +136,7 @@ def joints_to_each_link(joints: Sequence[Joint], base: str) -> dict[str, tuple[J
 def make_chain_joint(
     joint: Joint, columns: Mapping[str, int], by_name: Mapping[str, Joint]
 ) -> ChainJoint:
-    """Make the joint with the entry of q that moves it, following mimics; none if held."""
+    """Make the joint with the entry of q that moves it, through mimics; no entry if it is held."""
     leader, scale, shift = _resolve_mimic(joint, by_name)
     if leader.name in columns:
         return ChainJoint(joint, columns[leader.name], scale, shift)
@@ -147,7 +147,7 @@ def effective_limits(moving: Sequence[Joint], joints: Sequence[Joint]) -> list[t
     """Compute the range of each joint that keeps it and all its mimics inside their limits.
 
     Raises:
-        InputError: A follower's limits leave a joint no value at all.
+        InputError: A follower's limits leave a joint no possible value.
     """
     by_name = {joint.name: joint for joint in joints}
     ranges = {joint.name: (joint.lower, joint.upper) for joint in moving}

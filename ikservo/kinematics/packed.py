@@ -1,8 +1,8 @@
 """Chains and collision bodies as flat arrays for the compiled kernels.
 
-Row 0 is a header, then comes one row a moving joint, one for the tool, one a limit. Fixed joints
-are folded into their neighbours, and every joint frame is rotated so that its axis is z: then a
-rotation mixes two columns of the pose, and nothing else.
+Row 0 is a header, followed by one row per moving joint, one for the tool, one per limit. Fixed
+joints are folded into their neighbours, and every joint frame is rotated so that its axis is z: a
+rotation then mixes just two columns of the pose.
 """
 
 from __future__ import annotations
@@ -21,13 +21,13 @@ from ikservo.kinematics.se3 import make_pose, skew
 
 WIDTH = 17
 # fmt: off
-STEPS, DOF, FIRST_INDEPENDENT = 0, 1, 2  # header: how many joint rows and limit rows; 1 where q of
-                                         # the first joint rotates it, and nothing else
+STEPS, DOF, FIRST_INDEPENDENT = 0, 1, 2  # header: how many joint rows and limit rows; 1 if q of
+          # the first joint rotates it, and nothing else
 ROTATION, POSITION       = 0, 9          # joint and tool: R row by row (9), then p (3)
-IS_REVOLUTE, COLUMN = 12, 13  # joint: 1 revolute, 0 prismatic; which entry of q moves it
+IS_REVOLUTE, COLUMN = 12, 13  # joint: 1 revolute, 0 prismatic; the entry of q that moves it
 SCALE, SHIFT             = 14, 15        # joint: value = SCALE * q[COLUMN] + SHIFT
-IS_ALIGNED               = 16            # joint and tool: 1 where R is exactly the identity
-LOWER, UPPER, FULL_TURN  = 0, 1, 2       # limit: the range; 1 where every direction is inside it
+IS_ALIGNED               = 16            # joint and tool: 1 if R is exactly the identity
+LOWER, UPPER, FULL_TURN  = 0, 1, 2       # limit: the range; 1 if every direction is inside it
 # fmt: on
 
 # Ranges from -3.14 to 3.14 in files mean full revolutions.
@@ -46,8 +46,8 @@ def pack_chain(
         chain: The arm.
         frame: Name of a link; the tip if None.
         offset_m: A point (3,) in that link's coordinates, metres; its origin if None.
-        tool_axis: A unit vector (3,) in that link's coordinates; z of the packed tool is along it.
-            The link's own z if None.
+        tool_axis: A unit vector (3,) in that link's coordinates, to which z of the packed tool is
+            aligned; None: the link's own z.
 
     Raises:
         UnknownNameError: No link is named ``frame``.
@@ -74,7 +74,7 @@ def rotation_z_to(axis: Vector) -> Matrix:
 
 
 def _joint_rows(path: tuple[ChainJoint, ...]) -> tuple[list[Vector], Matrix]:
-    """Compute a row for each joint that q moves, and the fixed pose behind the last (4, 4)."""
+    """Compute a row for each joint that q moves, and the fixed pose (4, 4) behind the last one."""
     rows: list[Vector] = []
     rest = make_pose(np.zeros(3))
     for step in path:
@@ -116,7 +116,7 @@ def _limit_rows(chain: Chain) -> list[Vector]:
 
 
 def _has_mimics(chain: Chain, column: int) -> bool:
-    """Check whether other joints mimic this one: then a full revolution changes the pose."""
+    """Check whether other joints mimic this one, so that a full revolution changes the pose."""
     followers = {
         step.joint.name
         for frame in chain.frames
@@ -133,7 +133,7 @@ PARENT, IS_PRISMATIC, MIMIC_COLUMN, MIMIC_SCALE, MIMIC_OFFSET = 15, 16, 17, 18, 
 START, END, RADIUS, LINK             = 0, 3, 6, 7          # capsule: both ends (3), in its link
 LINK_WIDTH, CAPSULE_WIDTH            = 20, 8
 # shape: R row by row (9), centre (3), half extents (3) of a box, or the radius and, third, half the
-# length of a cylinder about its z; both are grown by ROUNDING, which makes a ball of a point
+# length of a cylinder about its z; both are grown by ROUNDING, which makes a sphere of a point
 CENTRE, HALF, ROUNDING, IS_CYLINDER, SHAPE_WIDTH = 9, 12, 15, 16, 17
 # fmt: on
 
@@ -146,13 +146,13 @@ class PackedBody:
         base: The name of the fixed link.
         dof: The length of a joint vector.
         names: The links, parents first.
-        links: A row for each (links, 20).
-        capsules: A row for each (capsules, 8).
+        links: One row per link (links, 20).
+        capsules: One row per capsule (capsules, 8).
         pairs: The names of the pairs.
         rows: Two capsules and their pair (m, 3).
         overlap_m: The allowed overlap of each pair (pairs,).
-        reach_m: Maximum motion of a point of each link's capsules (links, dof) for each unit of
-            a joint, m/rad or m/m.
+        reach_m: Maximum motion of a point of each link's capsules (links, dof) per unit of a joint,
+            m/rad or m/m.
         pair_reach_m: Maximum approach of each pair (pairs, dof), in the same way.
     """
 

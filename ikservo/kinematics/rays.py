@@ -1,4 +1,4 @@
-"""Rays: what a pixel sees, and where that meets planes and things."""
+"""Rays: the line of sight of a pixel, and where it meets planes and things."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ import numpy as np
 from ikservo.kinematics.arrays import Matrix, Vector, freeze_arrays
 from ikservo.kinematics.packed import IS_CYLINDER, ROUNDING
 
-_LEVEL = 1e-3  # a ray as level as that meets a level plane anywhere
+_LEVEL = 1e-3  # a ray this level has no reliable point on a level plane
 _PARALLEL_TO_PLANE, _PARALLEL = 1e-9, 1e-12
 _TOUCHES_M, _MOST_STEPS = 1e-7, 500
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Ray:
-    """A half line, such as what a pixel sees.
+    """A half line, such as the line of sight of a pixel.
 
     Attributes:
         origin_m: Its start (3,), metres.
@@ -67,8 +67,8 @@ class Ray:
     def distance_to_thing_m(self, row: Vector) -> float:
         """Return the distance to a box, cylinder or ball, metres; infinite if it is not met.
 
-        It walks by the distance to the thing, which no step passes (sphere tracing),
-        from where it enters the box around it; from inside of the thing it meets nothing.
+        It steps by the distance to the thing, which no step passes (sphere tracing), from where it
+        enters the bounding box; a ray from inside the thing meets nothing.
 
         Args:
             row: The thing (17,); see ``kinematics.packed``.
@@ -87,11 +87,11 @@ class Ray:
             if away_m < _TOUCHES_M:
                 return walked_m
             walked_m += away_m
-        return math.inf  # it grazes it
+        return math.inf  # the ray grazes the thing
 
 
 def _away_m(point_m: Vector, half_m: Vector, row: Vector) -> float:
-    """Compute how far a point (3,) in a thing's own axes is from the outside of it, metres."""
+    """Compute the distance of a point (3,) in a thing's own axes from its surface, metres."""
     x, y, z = np.abs(point_m)
     beyond = np.array([x, y, z]) - half_m
     if row[IS_CYLINDER]:

@@ -23,8 +23,8 @@ __all__ = [
     "skew",
 ]
 
-# Below this angle the closed forms divide two vanishing numbers; their Taylor series as far
-# as they are written out are exact to 1e-16 there.
+# Below this angle the closed forms divide two vanishing numbers; the Taylor series below are exact
+# to 1e-16 there.
 _SMALL_RAD = 1e-4
 # Within this distance of pi the antisymmetric part of R vanishes and the axis must come from
 # the symmetric part.

@@ -1,1 +1,1 @@
-"""What is done to an arm besides moving it: calibration, diagnostics, recovery, new servos."""
+"""Work on an arm besides moving it: calibration, diagnostics, recovery, new servos."""

@@ -1,10 +1,10 @@
-"""A dialogue with a user as values: what is told, asked and requested, and the answers to it.
+"""A dialogue with a user as values: notices, questions, requests, and their answers.
 
-A dialogue is a generator. It yields a `Notice`, a `Progress`, a `Question`, a `HandRequest`
-or an `Entry`, and receives a word such as ``accept``, or None as long as there is no answer. It
-has every text, and it knows of no terminal, page or file: a terminal
-(`ikservo.cli.terminal_dialogue`), the page (`ikservo.apps.page.running.calibration_panel`) and a
-script (`ScriptedAnswers`) answer the same values.
+A dialogue is a generator. It yields a `Notice`, a `Progress`, a `Question`, a `HandRequest` or an
+`Entry`, and receives a word such as ``accept``, or None as long as there is no answer. It contains
+every text, and knows no terminal, page or file: a terminal (`ikservo.cli.terminal_dialogue`), the
+page (`ikservo.apps.page.running.calibration_panel`) and a script (`ScriptedAnswers`) answer the
+same values.
 """
 
 from __future__ import annotations
@@ -62,12 +62,12 @@ class Choice:
     """An answer that is possible now.
 
     Attributes:
-        answer: Its word, as in a script.
+        answer: Its word, as used in a script.
         label: A few words on its effect; empty if it need not be offered.
-        key: The key that gives it on a terminal; empty if there is none.
+        key: Its key on a terminal; empty if there is none.
         wait_s: The time without a change after which a script gives it; None if not yet.
-        joints: The joints of which one is named after the word; empty if none is.
-        joint: The joint that the key stands for; empty if there is none now.
+        joints: The joints of which one must be named after the word; empty if none.
+        joint: The joint that the key means; empty if there is none now.
     """
 
     answer: str
@@ -80,14 +80,14 @@ class Choice:
 
 @dataclass(frozen=True, slots=True)
 class Notice:
-    """A line that is told once and needs no answer."""
+    """A line that is shown once and needs no answer."""
 
     text: str
 
 
 @dataclass(frozen=True, slots=True)
 class Progress:
-    """What is being done meanwhile; the next one replaces it."""
+    """A present activity; the next one replaces it."""
 
     text: str
 
@@ -110,7 +110,7 @@ class Question:
         unasked: The answer if nobody can be asked.
         stage: The part of the dialogue that it belongs to.
         label: A few words on the effect of ``accept``.
-        more: Further answers where there are buttons.
+        more: Further answers if there are buttons.
     """
 
     text: str
@@ -126,13 +126,13 @@ class Question:
 
 @dataclass(frozen=True, slots=True)
 class Entry:
-    """A question that is answered by a word or a value; its answer is the text that was typed.
+    """A question that is answered by a word or a value; the answer is the text that was typed.
 
     Attributes:
         text: The question.
         option: The option of the command line that answers it beforehand.
-        default: The answer of somebody who just presses Enter, and if nobody can be asked; empty
-            where there must be an answer.
+        default: The answer if the user only presses Enter or nobody can be asked; empty if an
+            answer is required.
         choices: The possible answers; empty if any text is.
     """
 
@@ -144,20 +144,20 @@ class Entry:
 
 @dataclass(frozen=True, slots=True)
 class HandRequest:
-    """What the user is to do with the limp arm; yielded anew with each reading of its servos.
+    """A task for the user with the limp arm; yielded again with each reading of its servos.
 
     Attributes:
         stage: The part of the dialogue that it belongs to.
         step: The progress of the dialogue: ``Step 2 of 9``.
         text: The task of the user.
         at_s: The time of the reading.
-        choices: The possible answers; the first is given where there is no script and no user.
+        choices: The possible answers; the first is given if there is no script and no user.
         progress: Values that differ once the user has done something.
         missing: The error if nothing is done for a minute.
-        readings: The joints to be shown while they are moved; None if none are.
-        current: The name of the joint that is to be moved; empty if no particular one is.
+        readings: The joints to show while they are moved; None if there are none.
+        current: The name of the joint to move; empty if it is not a particular one.
         ticks: The unwrapped tick of each servo, by id.
-        error: Why the last answer was refused, until the next; None if it was not.
+        error: The reason why the last answer was refused, until the next; None if it was not.
     """
 
     stage: str
@@ -174,12 +174,12 @@ class HandRequest:
 
     @property
     def line(self) -> str:
-        """The step and what is to be done."""
+        """The step and the task."""
         return f"{self.step}: {self.text}" if self.step else self.text
 
     @property
     def error_text(self) -> str:
-        """Why the last answer was refused, and what to do; empty if it was not."""
+        """The reason why the last answer was refused, and what to do; empty if it was not."""
         return f"{self.error.message} {self.error.command_hint}" if self.error else ""
 
 
@@ -188,14 +188,14 @@ Dialogue: TypeAlias = Generator[Notice | Progress | Question | HandRequest, str 
 EntryDialogue: TypeAlias = Generator[
     Notice | Progress | Question | Entry | HandRequest, str | None, Result
 ]
-"""A dialogue that asks for words and values, too; a `Dialogue` is one."""
+"""A dialogue that also asks for words and values; every `Dialogue` is one."""
 
 
 class ScriptedAnswers:
-    """Answers requests one after the other, each when its time has come.
+    """Answers requests in sequence, each when its time has come.
 
     Args:
-        entries: The answers in order; None to give the first choice of every request.
+        entries: The answers in order; None gives the first choice of every request.
     """
 
     def __init__(self, entries: Iterable[str] | None = None) -> None:
@@ -207,7 +207,7 @@ class ScriptedAnswers:
         """Return the next answer if its time has come.
 
         Raises:
-            CalibrationError: It has not for a minute in which nothing changed.
+            CalibrationError: Its time has not come for a minute in which nothing changed.
         """
         if self._since_s is None or request.progress != self._last:
             self._last, self._since_s = request.progress, request.at_s
@@ -233,12 +233,12 @@ class ScriptedAnswers:
 def read_answers(
     path: Path, known: Sequence[str], former: Mapping[str, str] = MappingProxyType({})
 ) -> list[str]:
-    """Read the answers in a file, one a line; ``#`` begins a comment.
+    """Read the answers from a file, one per line; ``#`` begins a comment.
 
     Args:
         path: The file.
         known: The possible answers; a second word stands for any name.
-        former: Present words by former ones, which are still read.
+        former: New words by old words, which are still accepted.
 
     Raises:
         FileFormatError: The file cannot be read, or a line is not an answer.

@@ -1,8 +1,8 @@
 """Small test motions that confirm each joint and its direction.
 
 Ids, models and offsets can agree although two joints are exchanged, a sign is mirrored or the
-geometry is another arm's: a servo measures nothing but itself. So what the user has confirmed is
-saved with a fingerprint of everything it depends on; with another fingerprint it is repeated.
+geometry is another arm's: a servo measures nothing but itself. Therefore the user's confirmation is
+saved with a fingerprint of everything on which it depends, and repeated if that changes.
 """
 
 from __future__ import annotations
@@ -23,18 +23,18 @@ from ikservo.model import Model, ModelJoint
 from ikservo.model.tool import describe_direction
 
 CHECK_ANGLE_RAD = math.radians(5.0)
-"""How far the horn turns."""
+"""Rotation of the horn [rad]."""
 
-_MIN_FOLLOW_FRACTION = 0.5  # of the motion
-_MAX_OTHER_FRACTION = 0.3  # of the motion: another joint that moves further is coupled
-# An arm that lies on the table drags its tool along it: it is lifted first where less is free.
+_MIN_FOLLOW_FRACTION = 0.5  # fraction of the motion
+_MAX_OTHER_FRACTION = 0.3  # fraction of the motion; joints that move further are coupled
+# An arm that lies on the table drags its tool along: it is lifted first if less is free.
 _CLEAR_M = 0.005
 _LIFT_RAD = 2.0 * CHECK_ANGLE_RAD
-# The clearance that a test motion needs: an arm does not follow its goals to the tick.
+# Clearance that a test motion needs, because an arm does not follow its goals exactly.
 _MIN_CLEARANCE_M = 0.001
 
 Clearance = Callable[[Mapping[str, float]], float]
-"""Returns the clearance [m] of a configuration, joint positions by name."""
+"""Returns the clearance [m] of a configuration, given as joint positions by name."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,7 +44,7 @@ class DirectionCheck:
     Attributes:
         joint: Its name.
         travel: The displacement, rad or m, signed.
-        direction: For the user: ``so that the tool goes to the left``.
+        direction: Description for the user: ``so that the tool goes to the left``.
     """
 
     joint: str
@@ -53,9 +53,9 @@ class DirectionCheck:
 
 
 def plan_direction_check(arm: Arm, name: str) -> DirectionCheck:
-    """Plan the test motion of a joint: within its limits, to where the body is free.
+    """Plan the test motion of a joint, within its limits and free of collisions.
 
-    Where both directions are, it is the one with more distance to the limit.
+    If both directions are possible, it is the one with more distance to the limit.
     """
     joint, start = arm.model.joint(name), _measured_positions(arm)
     low, high = _range(arm, joint)
@@ -70,10 +70,10 @@ def plan_direction_check(arm: Arm, name: str) -> DirectionCheck:
 
 
 def plan_lift(arm: Arm) -> DirectionCheck | None:
-    """Plan the motion of the joint that lifts an arm best off what it lies on.
+    """Plan the motion of the joint that lifts an arm best off its support.
 
     Returns:
-        None where it is clear, or no motion of a single joint lifts it.
+        None if it is clear, or no motion of a single joint lifts it.
     """
     names = [joint.name for joint in arm.model.joints]
     return _plan_best_lift(arm, names, arm.clearance_m, _CLEAR_M)
@@ -82,17 +82,17 @@ def plan_lift(arm: Arm) -> DirectionCheck | None:
 def check_clearance_m(arm: Arm, name: str) -> float:
     """Compute the clearance of the body during the test motion of a joint and back.
 
-    It is the smaller one of that at the start and that at the better of the two ends; negative
-    where the body would touch something.
+    It is the smaller one of the clearances at the start and at the better of the two ends; negative
+    if the body would touch something.
     """
     return _test_clearance(arm, name)(_measured_positions(arm))
 
 
 def plan_clearance(arm: Arm, name: str) -> DirectionCheck | None:
-    """Plan the motion of another joint that clears the test motion of a joint best.
+    """Plan the motion of another joint that best clears the test motion of a joint.
 
     Returns:
-        None where it is clear, or no motion of a single joint clears it.
+        None if it is clear, or no motion of a single joint clears it.
     """
     others = [joint.name for joint in arm.model.joints if joint.name != name]
     return _plan_best_lift(arm, others, _test_clearance(arm, name), _MIN_CLEARANCE_M)
@@ -101,7 +101,7 @@ def plan_clearance(arm: Arm, name: str) -> DirectionCheck | None:
 def _plan_best_lift(
     arm: Arm, names: Sequence[str], clearance: Clearance, enough_m: float
 ) -> DirectionCheck | None:
-    """Plan the motion of one of some joints that gains the most clearance; None if not needed."""
+    """Plan the motion of one of these joints that gains most clearance; None if not needed."""
     start = _measured_positions(arm)
     start_m = clearance(start)
     if start_m >= enough_m:
@@ -123,10 +123,10 @@ def _make_check(arm: Arm, start: Mapping[str, float], name: str, travel: float) 
 
 
 def execute_lift(arm: Arm, motion: DirectionCheck) -> None:
-    """Move a joint by what ``plan_lift`` or ``plan_clearance`` chose; it stays there.
+    """Move a joint as ``plan_lift`` or ``plan_clearance`` chose; it stays there.
 
     Raises:
-        CalibrationError: It did not follow.
+        CalibrationError: The joint did not follow.
         RefusedError: Something is in the way.
         StoppedError: The user stopped it; the arm holds.
     """
@@ -139,7 +139,7 @@ def run_direction_check(arm: Arm, motion: DirectionCheck) -> None:
     """Move a joint and back, and check that it and nothing else moves.
 
     Raises:
-        CalibrationError: It did not follow, or another joint moved as well.
+        CalibrationError: The joint did not follow, or another joint moved as well.
         RefusedError: Something is in the way.
         StoppedError: The user stopped it; the arm holds.
     """
@@ -152,7 +152,7 @@ def run_direction_check(arm: Arm, motion: DirectionCheck) -> None:
 
 
 def _move_joint(arm: Arm, joint: str, position: float) -> None:
-    """Move one joint slowly to a position, or to the limit before it, where sagging began."""
+    """Move one joint slowly to a position, clamped to its limits."""
     try:
         column, (lower, upper) = arm.joint_index.column(joint), arm.limits()
         arm.move_joints(
@@ -174,14 +174,14 @@ def _test_clearance(arm: Arm, name: str) -> Clearance:
 
 
 def _possible_travels(arm: Arm, joint: ModelJoint, horn_rad: float = _LIFT_RAD) -> list[float]:
-    """Compute by how much the joint may be moved, in each direction that its limits allow."""
+    """Compute the possible displacements of the joint, in each direction that its limits allow."""
     position, (low, high) = _measured_positions(arm)[joint.name], _range(arm, joint)
     travel = horn_rad * joint.travel_per_turn / math.tau
     return [by for by in (travel, -travel) if low <= position + by <= high]
 
 
 def _range(arm: Arm, joint: ModelJoint) -> tuple[float, float]:
-    """Return the limits of a joint; past the arm file's, where a search may go, it has stops."""
+    """Return the limits of a joint inside the arm file's; beyond these it has end stops."""
     state, limits = arm.where()[joint.name], joint.limits
     return max(state.lower_rad, limits.lower.value), min(state.upper_rad, limits.upper.value)
 
@@ -211,20 +211,18 @@ def _measured_positions(arm: Arm) -> dict[str, float]:
 
 
 def check_each_joint(arm: Arm, names: Sequence[str]) -> Dialogue[list[DirectionCheck]]:
-    """Enable an arm, and confirm the named joints by test motions; return these.
+    """Enable an arm, and confirm the named joints by test motions; return the motions.
 
-    Once every joint is confirmed, that is saved.
+    If every joint is then confirmed, that is saved.
 
     Raises:
         CalibrationError: A joint is not the expected one; torque stays on.
         RefusedError: Something is in the way.
         StoppedError: The user stopped it; the arm holds.
     """
-    arm.enable()  # a limp arm sinks: motions are judged from where it holds
-    with contextlib.suppress(
-        RefusedError
-    ):  # the test motions are planned, and checked, by themselves
-        arm.return_within_limits()  # it may have sunk past one
+    arm.enable()  # a limp arm sinks: motions are measured from where it holds
+    with contextlib.suppress(RefusedError):  # the test motions are planned and checked separately
+        arm.return_within_limits()  # it may have sunk past a limit
     lift = plan_lift(arm)
     if lift is not None:
         yield Notice(
@@ -241,12 +239,12 @@ def check_each_joint(arm: Arm, names: Sequence[str]) -> Dialogue[list[DirectionC
 def show_directions(
     arm: Arm, names: Sequence[str], *, searching: bool = False
 ) -> Dialogue[list[DirectionCheck]]:
-    """Move each of some joints a little and back, and ask whether it moved as described.
+    """Move each of some joints slightly and back, and ask whether it moved as described.
 
     Args:
         arm: The arm, torque on.
         names: The joints.
-        searching: Whether its end stops are about to be searched; it has no calibration then.
+        searching: Whether its end stops will be searched next; it then has no calibration.
 
     Raises:
         CalibrationError: A joint is not the expected one; torque stays on.
@@ -265,7 +263,7 @@ def show_directions(
 
 
 def _make_room(arm: Arm, name: str, *, searching: bool) -> Dialogue[None]:
-    """Move other joints of a folded arm until one joint is free to move a little."""
+    """Move other joints of a folded arm until one joint is free to move slightly."""
     for _ in arm.model.joints:
         motion = plan_clearance(arm, name)
         if motion is None:
@@ -306,7 +304,7 @@ def directions_confirmed(model: Model, port_name: str) -> bool:
 
 
 def confirm_directions(model: Model, port_name: str) -> None:
-    """Save that the user has confirmed the joints, where a file can be written."""
+    """Save that the user has confirmed the joints, if a file can be written."""
     path = confirmation_path(model.name, serial_number_of(port_name))
     with contextlib.suppress(FileWriteError):
         write_atomic(path, _fingerprint(model, port_name) + "\n")

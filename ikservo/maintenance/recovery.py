@@ -15,7 +15,7 @@ from ikservo.registers import Alarm, Family, RegisterName
 
 _BOOT_S = 3.0  # the longest time until a servo replies again
 _BOOT_STEP_S = 0.05
-_REBOOTING = (Family.DYNAMIXEL_2,)  # keep an alarm until they restart
+_REBOOTING = (Family.DYNAMIXEL_2,)  # families that keep an alarm until restart
 _NEEDS_REBOOT = "keeps its alarm until it restarts: support the arm, then ikservo recover --reboot"
 
 
@@ -28,7 +28,7 @@ class RecoveryResult:
         before: Its alarms before.
         after: Its alarms afterwards.
         action: The action, for the user.
-        torque: Whether its torque is on; None where it does not reply.
+        torque: Whether its torque is on; None if it does not reply.
     """
 
     servo: ServoSpec
@@ -46,7 +46,7 @@ class RecoveryResult:
 def recover(bus: ServoBus, *, reboot: bool = False) -> list[RecoveryResult]:
     """Clear alarms, and set the goal of every servo with torque to its position.
 
-    A limp servo gets no goal, for that can switch its torque on. A Feetech servo's torque is
+    A limp servo gets no goal, because a goal can switch its torque on. A Feetech servo's torque is
     switched off and, if it was on, on again at its position. A Dynamixel is restarted, which
     switches its torque off, and only if ``reboot`` is true.
 
@@ -56,16 +56,16 @@ def recover(bus: ServoBus, *, reboot: bool = False) -> list[RecoveryResult]:
 
     Raises:
         PortLostError: The port is gone.
-        StoppedError: Another program has stopped this one; the servos after that are as before.
+        StoppedError: Another program has stopped this one; the remaining servos are unchanged.
     """
     done = [_recover_servo(bus, servo, reboot=reboot) for servo in bus.servos.values()]
-    # Set goals to the positions of joints with torque, so that they do not press on
+    # Set goals to the positions of joints with torque, so that they stop pressing.
     servo_ids = [r.servo.id for r in done if r.torque]
     present: Mapping[int, int] = bus.sync_read(
         servo_ids, RegisterName.PRESENT_POSITION, raw=True
     ).values
     ranges = _read_goal_ranges(bus, present)
-    # Outside its limits a servo would not stay at its position, but drive to one of them.
+    # Outside its limits a servo would not stay at its position, but move to one of them.
     inside = {i: present[i] for i, (low, high) in ranges.items() if low <= present[i] <= high}
     if inside:
         write_goals(bus, inside, ranges)
@@ -101,13 +101,13 @@ def _read_alarms(bus: ServoBus, servo: ServoSpec) -> tuple[str, ...]:
 def _clear_alarm(bus: ServoBus, servo: ServoSpec, *, reboot: bool) -> str:
     if servo.table.family not in _REBOOTING:
         was_on = bus.read(servo.id, RegisterName.TORQUE_ENABLE, raw=True) == 1
-        bus.check_may_move()  # or the servo would stay limp
+        bus.check_may_move()  # raises while the servo still has torque
         bus.write(servo.id, RegisterName.TORQUE_ENABLE, 0, raw=True)
         if not was_on:
             return "torque switched off again"
         try:
             torque_on(bus, servo.id)
-        except RefusedError as error:  # it cannot hold where it is
+        except RefusedError as error:  # it cannot hold its position
             return f"torque stays off: {error.message}"
         return "torque off and on again"
     if not reboot:
@@ -121,7 +121,7 @@ def wait_for_boot(bus: ServoBus, servo: ServoSpec) -> None:
     """Wait until a restarting servo replies again.
 
     Raises:
-        BusError: It does not.
+        BusError: It does not reply in time.
     """
     give_up_s = bus.clock.now_s() + _BOOT_S
     while True:

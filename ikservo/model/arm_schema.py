@@ -13,13 +13,13 @@ from ikservo.model.model import HealthLimits
 
 
 def _require_integer(value: object) -> object:
-    if type(value) is not int:  # a Literal alone lets true and 1.0 pass for 1
+    if type(value) is not int:  # a Literal alone accepts true and 1.0 as 1
         raise ValueError
     return value
 
 
 _USUAL = HealthLimits()
-# Each description is also the expectation in error messages.
+# Error messages also use each description as the expected value.
 _NAME = "1 to 64 of the characters A-Z a-z 0-9 _ -"
 _TEXT = "one line of text"
 _EEPROM = "register = raw value, such as { drive_mode = 1 }"
@@ -41,7 +41,7 @@ class ArmBus(StrictModel):
     )
     baud: int = Field(ge=1_200, le=20_000_000, description="bits per second, such as 1_000_000")
     supply_v: Positive | None = Field(
-        default=None, description="voltage of servos that are sold for several, such as 7.4"
+        default=None, description="voltage, for servos with several versions, such as 7.4"
     )
 
 
@@ -84,9 +84,9 @@ class ArmCrank(StrictModel):
 class ArmServo(ArmShadow):
     """The first servo of a joint; with ``m_per_turn`` or ``crank`` the joint is prismatic."""
 
-    m_per_turn: Positive | None = Field(default=None, description="metres a turn, above 0")
+    m_per_turn: Positive | None = Field(default=None, description="metres per turn, above 0")
     crank: ArmCrank | None = Field(default=None, description="a table { radius_m = …, … }")
-    gear: Positive = Field(default=1.0, description="turns of the horn for one of the joint")
+    gear: Positive = Field(default=1.0, description="turns of the horn per turn of the joint")
 
 
 class ArmJoint(StrictModel):
@@ -96,12 +96,12 @@ class ArmJoint(StrictModel):
     role: Literal["arm", "gripper"] = Field(description="arm or gripper")
     zero_from: Literal["vendor", "nominal"] = Field(description="vendor or nominal")
     servo: ArmServo = Field(description="a table { id = …, model = …, sign = …, zero_tick = … }")
-    backlash_deg: Play = Field(default=0.0, description="degrees the horn turns in vain, 0 to 10")
+    backlash_deg: Play = Field(default=0.0, description="degrees of free horn travel, 0 to 10")
     limits_deg: tuple[float, float] | None = Field(
-        default=None, strict=False, description="[lower, upper] in place of the URDF's, degrees"
+        default=None, strict=False, description="[lower, upper] instead of the URDF's, degrees"
     )
     limits_m: tuple[float, float] | None = Field(
-        default=None, strict=False, description="the same of a joint that slides, metres"
+        default=None, strict=False, description="the same for a joint that slides, metres"
     )
     shadows: tuple[ArmShadow, ...] = Field(
         default=(), strict=False, description="a list of tables like servo"
@@ -146,7 +146,7 @@ class ArmHealth(StrictModel):
         default=_USUAL.release_c, description="degrees Celsius, such as 70.0"
     )
     load_percent: Positive = Field(
-        default=_USUAL.load_percent, description="a share of the most, in percent"
+        default=_USUAL.load_percent, description="percent of the maximum"
     )
     load_s: Positive = Field(default=_USUAL.load_s, description="seconds above 0")
     low_v: Positive | None = Field(default=None, description="volts, such as 6.5")

@@ -1,4 +1,4 @@
-"""How the base of an arm stands, in words: ``base = "rotate 90, raise 0.05"``."""
+"""The placement of an arm's base in words: ``base = "rotate 90, raise 0.05"``."""
 
 from __future__ import annotations
 
@@ -23,13 +23,13 @@ _MOST = 1000.0  # degrees or metres
 
 
 def parse_frame(text: str) -> Matrix:
-    """Read the pose (4, 4) that words like ``rotate 90, raise 0.05`` describe.
+    """Parse the pose (4, 4) that words like ``rotate 90, raise 0.05`` describe.
 
-    ``rotate`` turns to the left [deg], ``forward``, ``left`` and ``raise`` shift [m], and
-    ``upside down`` turns over; one after the other, along the axes of the table.
+    ``rotate`` turns to the left [deg], ``forward``, ``left`` and ``raise`` shift [m], and ``upside
+    down`` turns over. They are applied in order, along the axes of the table.
 
     Raises:
-        BadValueError: It is nothing like that.
+        BadValueError: The text does not have this form.
     """
     T = np.eye(4)
     for part in text.split(","):
@@ -52,7 +52,7 @@ def parse_frame(text: str) -> Matrix:
 
 
 def turn_base(urdf: Urdf, T: Matrix) -> Urdf:
-    """Place the root of a tree, with all that is on it, at a pose (4, 4) in its own frame."""
+    """Place the root of a tree, with everything on it, at a pose (4, 4) in its own frame."""
 
     def place_link(link: UrdfLink) -> UrdfLink:
         if link.name != urdf.root:
@@ -80,7 +80,7 @@ def turn_base(urdf: Urdf, T: Matrix) -> Urdf:
 
 
 def moved_shape(shape: Shape, T: Matrix) -> Shape:
-    """Return a shape of one frame in another, in which that has a pose (4, 4)."""
+    """Return a shape of one frame in another frame, in which the first has a pose (4, 4)."""
     T_shape = T @ make_pose(shape.xyz_m, rotation_rpy(*shape.rpy_rad))
     return replace(shape, xyz_m=pose_origin(T_shape), rpy_rad=pose_rpy(T_shape))
 

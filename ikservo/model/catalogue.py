@@ -14,7 +14,7 @@ from ikservo.errors import UnknownNameError
 ARM_FILE = "arm.toml"
 
 ARMS_GROUP = "ikservo.arms"
-"""Entry point group: each entry is a package; a folder of it with an ``arm.toml`` is an arm."""
+"""Entry point group: each entry is a package whose folders with an ``arm.toml`` are arms."""
 
 _NAME = re.compile(r"[A-Za-z0-9_-]{1,64}")
 _SUFFIXES = (".toml", ".urdf", ".xacro", ".xml")
@@ -29,12 +29,12 @@ def arm_names() -> list[str]:
 def find_arm(name_or_path: str | Path) -> Path:
     """Find the ``arm.toml`` or ``.urdf`` of a name or path.
 
-    A name is searched in the listing of the folders and never becomes part of a path unless it
-    is there. What has a separator or ends in .toml, .urdf, .xacro or .xml is a path: to such a
-    file, or to a folder with an ``arm.toml``. Nothing is opened here.
+    A name is searched in the listing of the folders and never becomes part of a path unless it is
+    listed. A text with a separator or ending in .toml, .urdf, .xacro or .xml is a path, to such a
+    file or to a folder with an ``arm.toml``. Nothing is opened here.
 
     Raises:
-        UnknownNameError: There is no such arm; the closest name is offered.
+        UnknownNameError: There is no such arm; the closest name is suggested.
     """
     text = str(name_or_path)
     if isinstance(name_or_path, Path) or ("/" in text or "\\" in text or text.endswith(_SUFFIXES)):
@@ -55,7 +55,7 @@ def catalogue_name(path: Path) -> str | None:
 
 
 def _arm_folders() -> tuple[Path, ...]:
-    """Return the folders that contain one folder per arm: ours first, so it keeps its names."""
+    """Return the folders that contain one folder per arm; ours first, so that our names win."""
     package = Path(__file__).absolute().parents[1]
     shipped = package / "_configs"
     return (shipped if shipped.is_dir() else package.parent / "configs", *_folders_of_others())

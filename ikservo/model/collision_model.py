@@ -29,7 +29,7 @@ def collision_body_with_gripper(model: Model) -> CollisionBody:
     """Return the body whose joint vectors end with the gripper's joint, if the arm has one.
 
     In ``collision_body`` jaws are fixed: closed, or as near to that as zero is. Here they follow
-    the vector; jaws that are not connected behind the chain's last joint are fixed, too.
+    the vector; jaws that are not connected behind the chain's last joint stay fixed.
     """
     chain, gripper = _chain_with_gripper(model), model.gripper
     if chain is None or gripper is None:
@@ -42,9 +42,9 @@ def collision_body_with_gripper(model: Model) -> CollisionBody:
 
 
 def _rest_opening(model: Model, body: CollisionBody) -> list[Vector]:
-    """Compute the postures of the jaws that open in the rest pose, where that is free.
+    """Compute the postures with opening jaws in the rest pose, as far as they are free.
 
-    A limp arm sinks a little out of its rest pose, and its jaws must have the same clearance there.
+    A limp arm sinks slightly out of its rest pose, and its jaws need the same clearance there.
     """
     gripper = model.gripper
     if gripper is None or "rest" not in model.poses:
@@ -73,7 +73,7 @@ def capsules_of(model: Model) -> list[Capsule]:
     """Return the capsules around every link's collision shapes, or else its visual ones.
 
     Raises:
-        InputError: A shape is a mesh; names the link.
+        InputError: A shape is a mesh; the link is named.
     """
     found: list[Capsule] = []
     for link in model.urdf.links:
@@ -84,7 +84,7 @@ def capsules_of(model: Model) -> list[Capsule]:
 
 
 def _without_contained(capsules: list[Capsule]) -> list[Capsule]:
-    """Leave out what another capsule contains, such as the balls at the ends of a cylinder.
+    """Remove capsules inside another capsule, such as the balls at the ends of a cylinder.
 
     Capsules are convex, so that one contains another if it contains both its ends.
     """
@@ -105,7 +105,7 @@ def _without_contained(capsules: list[Capsule]) -> list[Capsule]:
     return [ordered[i] for i in kept]
 
 
-_ROUNDING_M = 3e-6  # of lengths in a file
+_ROUNDING_M = 3e-6  # rounding of lengths in a file
 
 
 def _require_capsules(model: Model) -> list[Capsule]:
@@ -114,7 +114,7 @@ def _require_capsules(model: Model) -> list[Capsule]:
         raise InputError(
             f"Contact cannot be checked: no link of {model.name} has a shape.",
             "Add <collision> shapes to its description, or use --no-collision "
-            "(collisions=False) where you see that the way is free.",
+            "(collisions=False) if you see that the path is free.",
         )
     return capsules
 
@@ -122,11 +122,11 @@ def _require_capsules(model: Model) -> list[Capsule]:
 def bounding_capsules(link: str, shape: Shape) -> list[Capsule]:
     """Return capsules that cover a shape.
 
-    A box is covered along its longest edge: one capsule through the middle of each of as many
-    strips as the middle edge is wider than the shortest.
+    A box is covered along its longest edge by parallel capsules, one through the middle of each
+    strip; the number of strips is the ratio of the middle edge to the shortest one.
 
     Raises:
-        InputError: It is a mesh; names the link.
+        InputError: It is a mesh; the link is named.
     """
     if isinstance(shape, Mesh | Surface):
         raise InputError(

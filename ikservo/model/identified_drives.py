@@ -1,4 +1,4 @@
-"""The dynamics of an arm by its identification: masses and drives in place of the tables'."""
+"""The dynamics of an identified arm: its masses and drives replace those of the tables."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from ikservo.model.servo_torque import GearFriction, find_servo_torque
 def identified_parameters(
     model: Model, chain: Chain, identified: IdentifiedArm
 ) -> ArmParameters | None:
-    """Return the parameters of an arm as far as they were identified, else those of the tables.
+    """Return the identified parameters of an arm; those of the tables if not identified.
 
     Args:
         model: The masses and servos.
@@ -27,7 +27,7 @@ def identified_parameters(
         identified: The arm's file.
 
     Returns:
-        None for an arm without masses.
+        None if the arm has no masses.
     """
     nominal = nominal_parameters(model, chain)
     if nominal is None:
@@ -50,7 +50,7 @@ def body_joints(model: Model, dynamics: Dynamics) -> list[str]:
 
 
 def with_mass_scales(dynamics: Dynamics, scales: Sequence[float]) -> Dynamics:
-    """Return an arm whose bodies have masses scaled by a factor each (bodies,)."""
+    """Return an arm whose bodies' masses are scaled by one factor each (bodies,)."""
     per_body = len(dynamics.parameters) // len(dynamics.bodies)
     return dynamics.with_parameters(dynamics.parameters * np.repeat(scales, per_body))
 
@@ -58,7 +58,7 @@ def with_mass_scales(dynamics: Dynamics, scales: Sequence[float]) -> Dynamics:
 def _identified_drive(
     model: Model, name: str, nominal: JointDrive | None, found: IdentifiedJoint | None
 ) -> JointDrive | None:
-    """Compute a joint's drive; at the P gain that the nominal one is for."""
+    """Compute a joint's drive at the P gain of the nominal drive."""
     if nominal is None or found is None:
         return nominal
     joint = model.joint(name)

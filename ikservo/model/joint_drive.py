@@ -1,4 +1,4 @@
-"""What drives each joint of an arm: stiffness, damping, friction and inertia of its servos."""
+"""The drive of each joint of an arm: stiffness, damping, friction and inertia of its servos."""
 
 from __future__ import annotations
 
@@ -12,25 +12,25 @@ from ikservo.model.link_masses import link_masses
 from ikservo.model.model import Model, ModelJoint
 from ikservo.model.servo_torque import GearFriction, ServoTorque, find_servo_torque
 
-# A goal is on the wire, and waits for the servo's next loop.
+# Transmission of a goal, and its wait for the servo's next loop.
 _DELAY_S = 0.0025
 
 
 @dataclass(frozen=True, slots=True)
 class JointDrive:
-    """The servos of one joint, together, in the joint's coordinate.
+    """The servos of one joint together, in the joint's coordinate.
 
     Radians and N m, metres and N for a prismatic joint. Each figure can be replaced by an
     identified one (`dataclasses.replace`).
 
     Attributes:
-        stiffness_nm_rad: Torque for each rad between goal and joint, at the P gain in force.
-        damping_nm_s: Torque that back-EMF and viscous friction take for each rad/s.
+        stiffness_nm_rad: Torque per rad between goal and joint, at the present P gain.
+        damping_nm_s: Torque of back-EMF and viscous friction per rad/s.
         armature_kg_m2: Inertia of rotors and gears.
         friction: Dry friction of the gears.
         startup_nm: Torque that the firmware adds in the direction of an error.
-        delay_s: Time from a goal's packet until the servo's loop acts on it, in the mean.
-        sustained_nm: Torque that blocked motors may give for long; infinite where it is not known.
+        delay_s: Mean time from a goal's packet until the servo's loop acts on it.
+        sustained_nm: Torque that blocked motors may give for long; infinite if unknown.
     """
 
     stiffness_nm_rad: float
@@ -42,7 +42,7 @@ class JointDrive:
     sustained_nm: float = inf
 
     def with_gain(self, share: float) -> JointDrive:
-        """Compute the drive at another P gain, as a share of the one that its stiffness is for."""
+        """Compute the drive at another P gain, as a fraction of the gain of its stiffness."""
         return replace(self, stiffness_nm_rad=self.stiffness_nm_rad * share)
 
     def friction_torque(self, speed_rad_s: float, load_nm: float) -> float:
@@ -61,12 +61,12 @@ class JointDrive:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ArmParameters:
-    """The dynamics of one arm: what its motion needs and what its servos give.
+    """The dynamics of one arm: the torques that motion needs and that its servos give.
 
     Attributes:
         dynamics: The bodies that the chain's joints move, a payload included.
-        drives: The drive of each joint of the chain (dof,); None where the motor of its servo is
-            not known.
+        drives: The drive of each joint of the chain (dof,); None if the motor of its servo is not
+            known.
     """
 
     dynamics: Dynamics
@@ -74,14 +74,14 @@ class ArmParameters:
 
 
 def nominal_parameters(model: Model, chain: Chain) -> ArmParameters | None:
-    """Return the parameters by the arm file's masses and the tables of its servos' motors.
+    """Return the parameters from the arm file's masses and the tables of its servos' motors.
 
     Args:
         model: The masses and servos.
         chain: The joints, base to tip, inside the arm's own limits.
 
     Returns:
-        None for an arm without masses.
+        None if the arm has no masses.
     """
     masses = link_masses(model, chain)
     if not masses:
@@ -95,7 +95,7 @@ def nominal_parameters(model: Model, chain: Chain) -> ArmParameters | None:
 
 
 def joint_drive(joint: ModelJoint, supply_v: float | None) -> JointDrive | None:
-    """Compute the drive of a joint by the tables of its servos; None where one is not known."""
+    """Compute the drive of a joint from the tables of its servos; None if one is not known."""
     servos = (joint.servo, *joint.shadows)
     torques = [find_servo_torque(servo.model, supply_v) for servo in servos]
     known = [torque for torque in torques if torque is not None]
@@ -103,7 +103,7 @@ def joint_drive(joint: ModelJoint, supply_v: float | None) -> JointDrive | None:
 
 
 def _sum_at_joint(servos: Sequence[ServoTorque], per_horn_rad: float) -> JointDrive:
-    """Return servos of one kind, which share a joint, as one drive in its coordinate."""
+    """Return servos of one kind that share a joint as one drive in its coordinate."""
     force, gears = len(servos) / per_horn_rad, servos[0].friction
     return JointDrive(
         stiffness_nm_rad=sum(servo.stiffness_nm_rad for servo in servos) / per_horn_rad**2,

@@ -14,7 +14,7 @@ from ikservo.model.model import Model, ModelJoint, ModelServo
 from ikservo.model.servo_torque import find_servo_torque
 from ikservo.model.urdf_types import UrdfLink
 
-_FEETECH_GAIN = 32  # the P gain as delivered
+_FEETECH_GAIN = 32  # the P gain by default
 
 
 def link_masses(model: Model, chain: Chain) -> list[LinkMass]:
@@ -34,7 +34,7 @@ def _inertia_tensor(link: UrdfLink) -> Matrix:
 
 
 def joint_compliances(model: Model, chain: Chain) -> Vector:
-    """Compute the compliance of each joint (dof,) of a chain, rad for each N m (m for each N).
+    """Compute the compliance of each joint (dof,) of a chain, rad per N m (m per N).
 
     A joint whose servo's stiffness is unknown has no compliance.
 
@@ -52,7 +52,7 @@ def joint_compliances(model: Model, chain: Chain) -> Vector:
 
 
 def stall_error(joint: ModelJoint, supply_v: float | None) -> float:
-    """Compute how far from its goal friction keeps a joint without load, rad or m.
+    """Compute the distance from its goal at which friction keeps a joint without load, rad or m.
 
     Args:
         joint: The joint; servos that drive it together share its friction and its stiffness.
@@ -75,5 +75,5 @@ def _joint_compliance(joint: ModelJoint, supply_v: float | None) -> float:
 
 
 def _gain_share(servo: ModelServo) -> float:
-    """Compute a servo's P gain as a share of the delivered one."""
+    """Compute a servo's P gain as a fraction of the default."""
     return servo.eeprom.get("p_gain", _FEETECH_GAIN) / _FEETECH_GAIN

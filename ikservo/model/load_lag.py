@@ -1,4 +1,4 @@
-"""How far behind its goal a servo is while it lifts or holds the arm in its heaviest posture."""
+"""The lag of a servo behind its goal while it lifts or holds the arm in its heaviest posture."""
 
 from __future__ import annotations
 
@@ -14,18 +14,18 @@ from ikservo.model.model import Model
 from ikservo.model.servo_torque import GearFriction, ServoTorque
 
 _POSTURES = 64
-# The heaviest posture may be between those that are tried, servos differ by a tenth, their supply
-# sags under load, and a joint is to be set in motion in a fraction of a second.
+# Margin: the heaviest posture may be between the sampled ones, servos differ by a tenth, their
+# supply drops under load, and a joint must start to move in a fraction of a second.
 _MARGIN = 1.35
 
 
 @dataclass(frozen=True, slots=True)
 class LoadLag:
-    """How far a servo's horn is behind its goal under the load of the arm.
+    """Lag of a servo's horn behind its goal under the load of the arm.
 
     Attributes:
-        lifting_rad: While it lifts the arm; with a margin, at most what it can press for long.
-        sag_rad: While it holds the arm, by the weight alone, without friction.
+        lifting_rad: Lag while it lifts the arm; with a margin, at most what it can press for long.
+        sag_rad: Lag while it holds the arm, from the weight alone, without friction.
     """
 
     lifting_rad: float = 0.0
@@ -33,9 +33,9 @@ class LoadLag:
 
 
 def load_lags(model: Model, chain: Chain, payload_kg: float = 0.0) -> dict[str, LoadLag]:
-    """Compute for each joint of a chain how its servos lag in the arm's heaviest posture.
+    """Compute the lag of the servos of each joint of a chain in the arm's heaviest posture.
 
-    A joint lifts where its motor torque sets it in motion against gravity and the friction of its
+    A joint lifts when its motor torque sets it in motion against gravity and the friction of its
     loaded gears.
 
     Args:
@@ -44,7 +44,7 @@ def load_lags(model: Model, chain: Chain, payload_kg: float = 0.0) -> dict[str, 
         payload_kg: The heaviest mass at the tip; each joint lifts the arm with and without it.
 
     Returns:
-        By joint; without joints whose servos are not known, and empty for an arm without masses.
+        Lags by joint; joints with unknown servos are left out; empty for an arm without masses.
     """
     parameters = nominal_parameters(model, chain)
     if parameters is None:
@@ -61,7 +61,7 @@ def load_lags(model: Model, chain: Chain, payload_kg: float = 0.0) -> dict[str, 
 
 
 def sustained_lag(drive: JointDrive) -> float:
-    """Compute the greatest lag of a joint, rad or m, at which its servos may press for long."""
+    """Compute the largest lag of a joint, rad or m, at which its servos may press for long."""
     return drive.sustained_nm / drive.stiffness_nm_rad
 
 
@@ -72,7 +72,7 @@ def _load_lag(drive: JointDrive, load_nm: float, per_horn_rad: float) -> LoadLag
 
 
 def can_lift(servo: ServoTorque, load_nm: float) -> bool:
-    """Check whether a servo lifts a load with half of what it may press for long."""
+    """Check whether a servo lifts a load with half of the torque that it may give for long."""
     return 2.0 * lifting_torque_nm(servo.friction, load_nm) <= servo.sustained_nm
 
 

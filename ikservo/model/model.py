@@ -21,7 +21,7 @@ from ikservo.registers import MODELS, Family
 
 _NEAR = {"rad": math.radians(5.0), "m": 0.005}
 _AT = {"rad": math.radians(0.3), "m": 0.0003}
-_NEAR_FRACTION = 1 / 20  # of a range that is short: else a gripper's jaws would always be near
+_NEAR_FRACTION = 1 / 20  # of a short range, or jaws would always be near a limit
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,14 +49,14 @@ class Gripper:
         return float(np.interp(position, positions, widths_m))
 
     def range_m(self) -> tuple[float, float] | None:
-        """Return the smallest and the greatest distance of the jaws, where it is known."""
+        """Return the smallest and the greatest distance of the jaws, if known."""
         closed_m, open_m = self.width_m(self.closed), self.width_m(self.open)
         if closed_m is None or open_m is None:
             return None
         return min(closed_m, open_m), max(closed_m, open_m)
 
     def position(self, width_m: float) -> float:
-        """Compute where the jaws are that far apart; the widths must be known."""
+        """Compute the position for a distance of the jaws; the widths must be known."""
         rows: Sequence[tuple[float, float]] = sorted(self.widths, key=lambda row: row[1])
         positions, widths_m = zip(*rows, strict=True)
         return float(np.interp(width_m, widths_m, positions))
@@ -67,13 +67,13 @@ class HealthLimits:
     """Thresholds to warn, to hold and to release; ``[health]`` of the arm file.
 
     Attributes:
-        warn_c: From this temperature on the user is warned.
-        hold_c: From this one on the arm holds and accepts no more goals.
-        release_c: From this one on it moves to rest, if it can, and switches torque off.
+        warn_c: Temperature from which the user is warned.
+        hold_c: Temperature from which the arm holds and accepts no more goals.
+        release_c: Temperature from which it moves to rest, if it can, and switches torque off.
         load_percent: A load above this percentage of the maximum ...
         load_s: ... for this long is an overload.
-        low_v: The minimum supply, besides the servo's own limit.
-        high_v: The maximum supply, besides the servo's own limit.
+        low_v: Minimum supply, in addition to the servo's own limit.
+        high_v: Maximum supply, in addition to the servo's own limit.
     """
 
     warn_c: float = 60.0
@@ -114,12 +114,12 @@ class ModelJoint:
     """A joint with a servo.
 
     Attributes:
-        limits: The range the arm file's URDF gives.
+        limits: The range in the arm file's URDF.
         joint_map: The conversion of ticks and positions, as in the arm file.
-        travel_per_turn: Maximum joint motion for a revolution of the horn: rad, or metres.
-        backlash: The play that a hand feels while the servo holds, rad or m; 0 if not measured.
+        travel_per_turn: Maximum joint motion per revolution of the horn: rad, or metres.
+        backlash: Free motion felt by hand while the servo holds, rad or m; 0 if not measured.
         shadows: Servos that drive the same joint together with the first.
-        zero_from: ``vendor`` where the maker fixes the zero, ``nominal`` where each arm differs.
+        zero_from: ``vendor`` if the maker fixes the zero, ``nominal`` if each arm differs.
     """
 
     name: str
@@ -143,21 +143,21 @@ class SpeedClass:
 
 
 class Obstacle(Protocol):
-    """A thing that the arm keeps out of."""
+    """A thing that the arm must not touch."""
 
     @property
     def name(self) -> str:
-        """Its name, for messages: ``the cup``."""
+        """Name for messages: ``the cup``."""
         ...
 
     @property
     def low_m(self) -> tuple[float, float, float]:
-        """The lowest corner (3,) of the upright box around it, metres, base frame."""
+        """Lowest corner (3,) of the upright box around it, metres, base frame."""
         ...
 
     @property
     def high_m(self) -> tuple[float, float, float]:
-        """The highest corner (3,) of that box."""
+        """Highest corner (3,) of that box."""
         ...
 
     @property
@@ -168,10 +168,10 @@ class Obstacle(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class KeepOutBox:
-    """An upright box that the arm keeps out of.
+    """An upright box that the arm must not touch.
 
     Attributes:
-        name: For messages: ``the cup``.
+        name: Name for messages: ``the cup``.
         low_m: Its lowest corner (3,), metres, base frame.
         high_m: Its highest corner (3,).
 
@@ -197,7 +197,7 @@ class KeepOutBox:
 
 @dataclass(frozen=True, eq=False)
 class Model:
-    """An arm: geometry and, where an arm file gives them, servos.
+    """An arm: geometry and, if an arm file gives them, servos.
 
     Attributes:
         chain: From the base to the tool, inside the arm file's limits.
@@ -206,13 +206,13 @@ class Model:
         speeds: The speed classes by name: slow, normal, fast.
         family: The protocol family of its servos; None for a plain URDF.
         baud_rate: The rate of its bus, bit/s.
-        supply_v: The supply of its servos that are sold for several voltages; None if the file does
-            not say it.
+        supply_v: The supply of servos that are sold for several voltages; None if the file does not
+            tell it.
         path: The file it was loaded from.
         floor_m: Height of the table in the base frame; None if not given.
         keep_out: Further obstacles.
         health: The health limits of its servos.
-        auto_unsafe: Why it must not search for its own stops; empty if it may.
+        auto_unsafe: Reason why it must not search for its own stops; empty if it may.
         gripper: The gripper; None if it has none.
         base_frame: The reason why the base frame differs from the convention of the catalogue;
             empty if it does not: x forward, y left, z up, origin on the first axis at the mounting
@@ -282,7 +282,7 @@ class Model:
     def initial_joints(self) -> NDArray[np.float64]:
         """Return joints (dof,) inside the limits from which a solution is searched.
 
-        They are the pose ``home``, or the middle of the ranges where there is none.
+        They are the pose ``home``, or the middle of the ranges if there is none.
         """
         has_home = "home" in self.poses
         return self.chain.clip(self.chain_pose("home")) if has_home else self.chain.mid_range()
@@ -300,7 +300,7 @@ def _find_named(kind: str, name: object, known: Mapping[str, _T]) -> _T:
 
 
 def limit_distance(position: float, lower: float, upper: float) -> float:
-    """Compute how far a position is inside its nearer limit; negative outside, infinite if none."""
+    """Compute the distance to the nearer limit; negative outside, infinite if there is none."""
     return min(position - lower, upper - position)
 
 

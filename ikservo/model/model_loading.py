@@ -80,7 +80,7 @@ def read_description(path: Path, folder: Path | None = None) -> Urdf:
         folder: The folder of its meshes; its own if None.
 
     Raises:
-        FileFormatError: It cannot be used; names the place and the cause.
+        FileFormatError: It cannot be used; the place and the cause are named.
     """
     if path.suffix == ".xml" and is_mjcf(path):
         raise FileFormatError(path, "", "is an MJCF", f"a URDF; convert it: {import_command(path)}")
@@ -93,7 +93,7 @@ def check_size(path: Path, urdf: Urdf) -> None:
     """Raise if a tree is larger than any arm.
 
     Raises:
-        FileFormatError: It is.
+        FileFormatError: It is larger.
     """
     moving = sum(joint.kind.is_movable for joint in urdf.joints)
     for count, most, what in (
@@ -108,7 +108,7 @@ def description_text(model: Model) -> str:
     """Return the text of the URDF of an arm.
 
     Raises:
-        FileFormatError: A file has changed since it was loaded, and cannot be read any more.
+        FileFormatError: A file has changed since it was loaded, and can no longer be read.
     """
     path = model.path
     if path.suffix == ".toml":
@@ -128,8 +128,8 @@ def load_model(arm: str | Path, tip: str | None = None) -> Model:
         tip: The link that is the tool; required for a plain URDF, else the arm file's.
 
     Raises:
-        UnknownNameError: No arm of that name; the closest is offered.
-        FileFormatError: A file cannot be used; names the place and the expectation.
+        UnknownNameError: No arm of that name; the closest one is suggested.
+        FileFormatError: A file cannot be used; the place and the expected value are named.
     """
     path = find_arm(arm)
     return _load_arm_model(path, tip) if path.suffix == ".toml" else _load_urdf_model(path, tip)
@@ -184,7 +184,7 @@ def _load_arm_model(path: Path, tip: str | None) -> Model:
 
 
 def _with_own_limits(urdf: Urdf, entries: Sequence[ArmJoint]) -> Urdf:
-    """Return a tree in which joints have the limits of the arm file, where that gives any."""
+    """Return a tree whose joints have the limits of the arm file, if it gives any."""
     own = {
         entry.name: entry.limits_m or tuple(math.radians(each) for each in entry.limits_deg or ())
         for entry in entries
@@ -202,7 +202,7 @@ def _with_own_limits(urdf: Urdf, entries: Sequence[ArmJoint]) -> Urdf:
 
 
 def _check_contact_shapes(path: Path, urdf: Urdf) -> None:
-    """Check that an arm's shapes for contact are simple, so that the simulator has them, too."""
+    """Check that an arm's shapes for contact are simple, so that the simulator can use them."""
     for link in urdf.links:
         if any(isinstance(shape, Mesh) for shape in link.collisions or link.visuals):
             found = f"link {link.name} has meshes for contact"
@@ -307,7 +307,7 @@ def _make_health_limits(health: ArmHealth) -> HealthLimits:
 
 
 def _make_gripper(path: Path, gripper: ArmGripper, joints: Sequence[ModelJoint]) -> Gripper | None:
-    """Make the jaws; they close towards the end of the range that is nearer to zero."""
+    """Make the gripper; its jaws close towards the end of the range that is nearer to zero."""
     jaws = next((joint for joint in joints if joint.role == "gripper"), None)
     if jaws is None:
         return None

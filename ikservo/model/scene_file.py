@@ -1,4 +1,4 @@
-"""Scene files: what else stands around an arm, other arms included, in its base frame."""
+"""Scene files: things around an arm, including other arms, in its base frame."""
 
 from __future__ import annotations
 
@@ -26,9 +26,9 @@ from ikservo.model.model import Model, Obstacle
 from ikservo.model.urdf_types import Box
 
 _Z = np.array([0.0, 0.0, 1.0])
-_FAR_M = 10.0  # half the sides of the box that stands for a half-space
+_FAR_M = 10.0  # half the edge of the box that represents a half-space
 
-# A thing of astronomic numbers would be nowhere: distances to it are not finite.
+# Astronomically large numbers would make distances infinite.
 _MOST = 1000.0
 Number = Annotated[float, Field(ge=-_MOST, le=_MOST)]
 Length = Annotated[float, Field(gt=0, le=_MOST)]
@@ -38,10 +38,10 @@ Sides = Annotated[tuple[Length, Length, Length], Field(strict=False)]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class KeepOutShape:
-    """A thing that the arm keeps out of: a turned box, a cylinder or a ball.
+    """A thing that the arm must not touch: a turned box, a cylinder or a ball.
 
     Attributes:
-        name: For messages: ``the cup``.
+        name: Name for messages: ``the cup``.
         row: The thing (17,), metres, base frame; see ``kinematics.packed``.
     """
 
@@ -49,14 +49,14 @@ class KeepOutShape:
     row: Vector
 
     def moved(self, T: Matrix) -> KeepOutShape:
-        """Return it moved by a pose (4, 4)."""
+        """Return the thing moved by a pose (4, 4)."""
         row = self.row.copy()
         row[:9] = (T[:3, :3] @ row[:9].reshape(3, 3)).ravel()
         row[9:12] = T[:3, :3] @ row[9:12] + T[:3, 3]
         return replace(self, row=row)
 
     def capsules(self, link: str) -> list[Capsule]:
-        """Return capsules that cover it, where its row is in the coordinates of a link."""
+        """Return capsules that cover it, if its row is in the coordinates of a link."""
         R, centre, half = self.row[:9].reshape(3, 3), self.row[9:12], self.row[12:15]
         if self.row[IS_CYLINDER]:
             covering = [Capsule(link, -half * _Z, half * _Z, float(half[0]))]
@@ -75,17 +75,17 @@ class KeepOutShape:
 
     @property
     def half_size_m(self) -> Vector:
-        """Half its length, width and height (3,), the rounding included."""
+        """Half of its length, width and height (3,), including the rounding."""
         return self.row[12:15] + self.row[ROUNDING]
 
     @property
     def low_m(self) -> tuple[float, float, float]:
-        """The lowest corner (3,) of the upright box around it."""
+        """Lowest corner (3,) of the upright box around it."""
         return self._corner(-1.0)
 
     @property
     def high_m(self) -> tuple[float, float, float]:
-        """The highest corner (3,) of the upright box around it."""
+        """Highest corner (3,) of the upright box around it."""
         return self._corner(1.0)
 
     def _corner(self, side: float) -> tuple[float, float, float]:
@@ -95,16 +95,16 @@ class KeepOutShape:
 
 
 NEAREST_BASE_M, FURTHEST_BASE_M = 0.03, 10.0
-"""How far the base of another arm on the same table may be."""
+"""Smallest and largest distance of the base of another arm on the same table [m]."""
 
 
 @dataclass(frozen=True, slots=True)
 class PlacedArm:
-    """Where another arm stands on the same table.
+    """The place of another arm on the same table.
 
     Attributes:
-        name: For messages; in the page that of the open arm.
-        at_m: The origin of its base frame (3,) in that of the arm whose scene it is, metres.
+        name: Name for messages; on the page that of the open arm.
+        at_m: Origin of its base frame (3,) in that of the arm of the scene, metres.
         rpy_deg: Roll, pitch and yaw (3,) of its base frame there, degrees.
         arm: The arm, by its name in the catalogue or its file; ``name`` if empty.
         port: The port of the arm; empty if it is not given.
@@ -135,7 +135,7 @@ class _CenteredThing(_Thing):
     @model_validator(mode="before")
     @classmethod
     def _in_american(cls, given: dict[str, Any]) -> dict[str, Any]:
-        """Take the centre in British spelling, too."""
+        """Also accept the centre in British spelling."""
         if "centre_m" in given and "center_m" not in given:
             return {"center_m" if key == "centre_m" else key: given[key] for key in given}
         return given
@@ -194,7 +194,7 @@ def read_scene(path: Path | str) -> tuple[KeepOutShape, ...]:
     """Read the things of a scene file that has no other arms.
 
     Raises:
-        FileFormatError: It cannot be read or is malformed; names the key.
+        FileFormatError: It cannot be read or is malformed; the key is named.
         BadValueError: A direction has no length.
         RefusedError: It has another arm.
     """
@@ -206,10 +206,10 @@ def read_scene(path: Path | str) -> tuple[KeepOutShape, ...]:
 def read_scene_with_arms(
     path: Path | str,
 ) -> tuple[tuple[KeepOutShape, ...], tuple[PlacedArm, ...]]:
-    """Read the things of a scene file, and where other arms stand.
+    """Read the things of a scene file, and the places of other arms.
 
     Raises:
-        FileFormatError: It cannot be read or is malformed; names the key.
+        FileFormatError: It cannot be read or is malformed; the key is named.
         BadValueError: A direction has no length.
     """
     path = parse_path(path)
@@ -239,16 +239,16 @@ def _refuse_arms(path: Path | str, arms: Sequence[PlacedArm]) -> None:
 
 
 def make_shape(kind: str, name: str, sizes: dict[str, Any]) -> KeepOutShape:
-    """Make a thing of the values that it has in a scene file.
+    """Make a thing from the values that it has in a scene file.
 
     Args:
         kind: box, cylinder, sphere or half_space.
-        name: For messages.
+        name: Name for messages.
         sizes: Its other keys, such as ``center_m``.
 
     Raises:
         UnknownNameError: There is no such kind.
-        FileFormatError: A value is missing, unknown or of another type; names the key.
+        FileFormatError: A value is missing, unknown or of another type; the key is named.
         BadValueError: A direction has no length.
     """
     if kind not in KINDS:
@@ -266,7 +266,7 @@ def make_shape(kind: str, name: str, sizes: dict[str, Any]) -> KeepOutShape:
 def describe_thing(thing: Obstacle) -> tuple[str, dict[str, Any]]:
     """Return the kind of a thing, and the values that it has in a scene file, margins included.
 
-    The inverse of ``make_shape``; what has round edges is described by a box around it.
+    The inverse of ``make_shape``; a shape with round edges is described by a box around it.
     """
     R, centre, half = thing.row[:9].reshape(3, 3), thing.row[9:12], thing.row[12:15]
     grown = half + thing.row[ROUNDING]
@@ -295,7 +295,7 @@ def turned_deg(R: Matrix) -> tuple[float, float, float]:
 
 
 def scene_text(things: Sequence[Obstacle], arms: Sequence[PlacedArm] = ()) -> str:
-    """Return the text of a scene file of some things and other arms."""
+    """Return the text of a scene file with some things and other arms."""
     lines = list[str]()
     tables = [(thing.name, *describe_thing(thing)) for thing in things]
     for each in arms:
@@ -312,14 +312,14 @@ def scene_text(things: Sequence[Obstacle], arms: Sequence[PlacedArm] = ()) -> st
 
 
 def _rounded(value: object) -> object:
-    """Return metres, degrees or a direction without the digits that no ruler shows."""
+    """Return metres, degrees or a direction without digits that no ruler shows."""
     if isinstance(value, str):
         return value
     return np.round(np.array(value), 6).tolist()
 
 
 def with_scene(model: Model, path: Path | str) -> Model:
-    """Return a model with the things of a scene file around it, beside those of its arm file.
+    """Return a model with the things of a scene file in addition to those of its arm file.
 
     Raises:
         FileFormatError: The file cannot be read or is malformed.
@@ -332,7 +332,7 @@ def with_scene(model: Model, path: Path | str) -> Model:
 
 
 def with_scene_and_arms(model: Model, path: Path | str) -> tuple[Model, tuple[PlacedArm, ...]]:
-    """Return a model as ``with_scene`` does, and where the other arms of the file stand.
+    """Return a model as ``with_scene`` does, and the places of the file's other arms.
 
     Raises:
         FileFormatError: The file cannot be read or is malformed.
@@ -347,15 +347,15 @@ def with_scene_and_arms(model: Model, path: Path | str) -> tuple[Model, tuple[Pl
 def _check_names(
     path: Path, things: Sequence[KeepOutShape | PlacedArm], taken: Sequence[str]
 ) -> None:
-    """Check that no two things or arms have one name.
+    """Check that no two things or arms have the same name.
 
     Raises:
-        FileFormatError: Two have, or one has the name of a part of the arm.
+        FileFormatError: Two have the same name, or one has the name of a part of the arm.
     """
     known = set(taken)
     for each in things:
         if each.name in known:
-            raise FileFormatError(path, "name", f"is {each.name!r} a second time", "a unique name")
+            raise FileFormatError(path, "name", f"repeats {each.name!r}", "a unique name")
         known.add(each.name)
 
 
@@ -383,7 +383,7 @@ def _things(scene: _SceneFile) -> Iterator[KeepOutShape]:
     for each in scene.half_space:
         R = _turned_to(each.name, each.normal)
         normal = R[:, 2]
-        # The box is around the arm, wherever on the surface the point is.
+        # The box surrounds the arm, wherever the given point is on the surface.
         centre = (np.array(each.point_m) @ normal - _FAR_M) * normal
         yield shape(each.name, R, centre, np.full(3, _FAR_M))
 

@@ -1,4 +1,4 @@
-"""Torque of the servos at their horns: stiffness, damping, friction, and that of the whole duty."""
+"""Torque of the servos at their horns: stiffness, damping, friction, and torque at full duty."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from types import MappingProxyType
 
 @dataclass(frozen=True, slots=True)
 class GearFriction:
-    """Dry friction of a servo's gears: grows with their load, and is greater in a slow shaft.
+    """Dry friction of a servo's gears: grows with their load, and is greater at low speed.
 
     ``|tau| <= coulomb + load g + square g^2 + exp(-|w| / slow_rad_s) (slow + slow_load g)`` with
     the load g of the gears, the difference of the motor's and the outer torque: model m4 of
@@ -19,11 +19,11 @@ class GearFriction:
 
     Attributes:
         coulomb_nm: Friction of the unloaded gears.
-        slow_nm: The additional torque of a slow shaft.
+        slow_nm: The additional friction of a slow shaft.
         slow_rad_s: Velocity at which that has fallen to 37 %.
-        load: Friction for each N m of load.
-        slow_load: Friction for each N m of load that a slow shaft has besides.
-        square_per_nm: Friction for the square of the load.
+        load: Friction per N m of load.
+        slow_load: Additional friction of a slow shaft per N m of load.
+        square_per_nm: Friction per square of the load.
     """
 
     coulomb_nm: float
@@ -35,17 +35,17 @@ class GearFriction:
 
     @property
     def static_nm(self) -> float:
-        """Outer torque that sets a resting shaft in motion whose motor is off."""
+        """Outer torque that starts to turn a resting shaft whose motor is off."""
         return self.static_load_nm(0.0)
 
     def static_load_nm(self, held_nm: float) -> float:
         """Compute the load g of the gears at which a resting shaft starts: held + friction under g.
 
-        That is the smaller root of ``square g^2 - (1 - load - slow_load) g + held + dry = 0``;
-        where there is none, the load under which friction comes nearest to it.
+        It is the smaller root of ``square g^2 - (1 - load - slow_load) g + held + dry = 0``; if
+        there is none, the load at which friction comes nearest to it.
 
         Args:
-            held_nm: Load without friction: none on a limp shaft, twice the outer torque where the
+            held_nm: Load without friction: zero on a limp shaft, twice the outer torque if the
                 motor lifts it.
         """
         rest = 1.0 - self.load - self.slow_load
@@ -56,21 +56,21 @@ class GearFriction:
 
 @dataclass(frozen=True, slots=True)
 class ServoTorque:
-    """What a servo's motor and gears do at its horn.
+    """Behaviour of a servo's motor and gears at its horn.
 
     Attributes:
-        stiffness_nm_rad: Torque of each rad between goal and horn, at ``p_gain``.
-        p_gain: Register value of the P gain that the servo has while an arm moves: as delivered,
-            or as `control.servo_gains` raises it.
-        full_duty_nm: Torque of the blocked motor for the whole duty, before friction.
-        damping_nm_s: Torque that back-EMF and viscous friction take for each rad/s.
+        stiffness_nm_rad: Torque per rad between goal and horn, at ``p_gain``.
+        p_gain: Register value of the P gain while an arm moves: the default, or as raised by
+        `control.servo_gains`.
+        full_duty_nm: Torque of the blocked motor at full duty, before friction.
+        damping_nm_s: Torque of back-EMF and viscous friction per rad/s.
         armature_kg_m2: Inertia of rotor and gears.
         friction: The friction of the gears.
-        startup_duty: Duty that the firmware adds in the direction of an error, less that of its
+        startup_duty: Duty that the firmware adds in the direction of an error, minus that of its
             dead zone at ``p_gain``.
-        sustained_duty: Duty with which a blocked servo may press for long, with some distance from
-            where it switches itself off: Feetech's registers say 80 %, that of Dynamixel is
-            not published, 90 % in the simulator.
+        sustained_duty: Duty at which a blocked servo may press for long, with a margin to its own
+            protection: 80 % by Feetech's registers; Dynamixel publishes none, the simulator uses 90
+            %.
     """
 
     stiffness_nm_rad: float
@@ -84,31 +84,31 @@ class ServoTorque:
 
     @property
     def sustained_nm(self) -> float:
-        """Torque for an error with which a blocked servo may press for long."""
+        """Torque from an error at which a blocked servo may press for long."""
         return (self.sustained_duty - self.startup_duty) * self.full_duty_nm
 
     def full_current_a(self, nominal_v: float) -> float:
-        """Compute the current of the blocked motor for the whole duty at its nominal supply."""
+        """Compute the current of the blocked motor at full duty and nominal supply."""
         return self.full_duty_nm**2 / (self.damping_nm_s * nominal_v)
 
     @property
     def static_friction_nm(self) -> float:
-        """Torque that sets the resting shaft in motion."""
+        """Torque that starts to turn the resting shaft."""
         return self.friction.static_nm
 
     @property
     def friction_rad(self) -> float:
-        """How far from its goal friction keeps a horn without load, rad."""
+        """Distance from its goal at which friction keeps a horn without load, rad."""
         return self.static_friction_nm / self.stiffness_nm_rad
 
     @property
     def friction_share(self) -> float:
-        """Share of the duty that friction takes."""
+        """Fraction of the duty that friction takes."""
         return self.static_friction_nm / self.full_duty_nm
 
 
-# Friction: coulomb and slow [N m], slow below [rad/s], for each N m of load, that of a slow shaft,
-# for the square of the load.
+# Friction: coulomb and slow [N m], slow below [rad/s], per N m of load, the same for a slow shaft,
+# per square of the load.
 _STS3215 = GearFriction(0.0450, 0.0200, 0.218, 0.042, 0.027)
 _STS3215_12_V = GearFriction(0.1282, 0.0488, 0.135, 0.093, 0.097, 0.0187)
 _STS3250 = GearFriction(0.0445, 0.0239, 0.082, 0.068, 0.088, 0.0278)
@@ -122,12 +122,12 @@ _XM540 = GearFriction(0.109, 0.0422, 0.680, 0.0, 0.234)
 _AX_12 = GearFriction(0.0154, 0.00598, 1.34, 0.0, 0.234)
 _MX_28 = GearFriction(0.0256, 0.00996, 1.25, 0.0, 0.234)
 
-# Stiffness is the duty of a rad times the torque of the whole duty: 0.163 P for the STS,
-# for Dynamixel P / 128 PWM steps of 885 for each tick, for the XL330 P / 256. Motors and friction
-# of STS3215, STS3250 and XL330-M288 are fitted to logs of pendulums, others are scaled from those
-# or from published fits: see docs/servosim-truth.md. The STS3215 is sold for 7.4 V and for 12 V.
-# HLS3606M and SCS225 have no entry: what a P gain is in a servo with a current loop is not
-# published, nor the speed of the other. Nothing is fed forward for them, and no sag predicted.
+# Stiffness is the duty per rad times the torque at full duty: 0.163 P for the STS, P / 128 PWM
+# steps of 885 per tick for Dynamixel, P / 256 for the XL330. Motors and friction of STS3215,
+# STS3250 and XL330-M288 are fitted to logs of pendulums; others are scaled from those or from
+# published fits, see docs/servosim-truth.md. The STS3215 is sold for 7.4 V and for 12 V. HLS3606M
+# and SCS225 have no entry: neither the meaning of a P gain with a current loop nor the speed of the
+# SCS225 is published. They get no feed-forward and no predicted sag.
 # fmt: off
 SERVO_TORQUES: Mapping[tuple[str, float | None], ServoTorque] = MappingProxyType(
     {   #                            N m/rad     P   N m    N m s    kg m²
@@ -182,16 +182,16 @@ SERVO_TORQUES: Mapping[tuple[str, float | None], ServoTorque] = MappingProxyType
 GRIPPER_P_GAINS: Mapping[str, int] = MappingProxyType(
     {"XL330-M288": 800, "XL330-M077": 800, "XL430-W250": 640}
 )
-"""P gains of servos that are softer in a gripper than in the arm; the XL430's is as delivered."""
+"""P gains of servos that are softer in a gripper than in the arm; the XL430 keeps its default."""
 
 
 def find_servo_torque(model: str, supply_v: float | None) -> ServoTorque | None:
-    """Find the figures of a model at a supply voltage; None where they are unknown.
+    """Find the figures of a model at a supply voltage; None if they are unknown.
 
     Args:
-        model: The servo's.
-        supply_v: The supply in the arm file; None, or one without figures of its own, stands for
-            the usual one.
+        model: The model of the servo.
+        supply_v: The supply in the arm file; None, or a supply without its own figures, means the
+        usual one.
     """
     return SERVO_TORQUES.get((model, supply_v)) or SERVO_TORQUES.get((model, None))
 
@@ -204,10 +204,10 @@ _USUAL_SUPPLY_V = 12.0
 
 
 def nominal_supply_v(model: str, supply_v: float | None) -> float:
-    """Return the supply voltage that the figures of a model are for.
+    """Return the supply voltage for which the figures of a model are valid.
 
     Args:
-        model: The servo's.
+        model: The model of the servo.
         supply_v: The supply in the arm file, or None.
     """
     if supply_v is not None and (model, supply_v) in SERVO_TORQUES:

@@ -1,14 +1,14 @@
-"""How long joints go on, in seconds of their speed, when nobody sends goals any more.
+"""How long joints continue, in seconds of their speed, after the last goal.
 
-The goal of a moving joint leads it, for a position servo gives torque only while its joint lags.
-When the program dies the joint still goes to its last goal, and swings past it if it has little
-damping. With inertia I, damping b, stiffness k, and ``w = sqrt(k / I)``, ``z = b / (2 sqrt(k I))``,
-a joint at the speed v goes on by v times::
+The goal of a moving joint leads it, because a position servo gives torque only while its joint
+lags. When the program dies the joint still moves to its last goal, and swings past it if it has
+little damping. With inertia I, damping b, stiffness k, and ``w = sqrt(k / I)``, ``z = b / (2 sqrt(k
+I))``, a joint at the speed v continues by v times::
 
-    delay + b / k + exp(-z (pi - acos z) / sqrt(1 - z^2)) / w        the last where z < 1
+    delay + b / k + exp(-z (pi - acos z) / sqrt(1 - z^2)) / w        the last term if z < 1
 
-That is the response of the linear system from its lag ``b v / k``. Gravity and friction of a
-moving joint only shift where it comes to rest.
+This is the response of the linear system from its lag ``b v / k``. Gravity and friction of a moving
+joint only shift where it comes to rest.
 """
 
 from __future__ import annotations
@@ -23,8 +23,8 @@ from ikservo.model.load_lag import spread_postures
 from ikservo.model.model import Model, ModelJoint
 from ikservo.model.servo_torque import GRIPPER_P_GAINS, find_servo_torque
 
-# Servos differ in torque and damping by a twentieth, and the joints of an arm push each other: with
-# 1.05, 2 of 24 killed programs of a wx250s let a joint go on by 63 ticks instead of 60.
+# Margin: servos differ in torque and damping by a twentieth, and the joints of an arm push each
+# other. With 1.05, 2 of 24 killed programs of a wx250s let a joint move on by 63 ticks, not 60.
 _MARGIN = 1.15
 
 
@@ -36,7 +36,7 @@ def stopping_times_s(model: Model, chain: Chain) -> dict[str, float]:
         chain: The joints, base to tip.
 
     Returns:
-        Seconds by joint; without joints whose servos' motors are not known.
+        Seconds by joint, without joints whose servos' motors are unknown.
     """
     inertia = _greatest_inertia(model, chain)
     drives = {joint.name: _drive_in_use(joint, model.supply_v) for joint in model.joints}
@@ -48,7 +48,7 @@ def stopping_times_s(model: Model, chain: Chain) -> dict[str, float]:
 
 
 def _drive_in_use(joint: ModelJoint, supply_v: float | None) -> JointDrive | None:
-    """Compute the drive of a joint at the P gain that it has in an arm, or in its gripper."""
+    """Compute the drive of a joint at its P gain in an arm, or in its gripper."""
     drive, model = joint_drive(joint, supply_v), joint.servo.model
     torque = find_servo_torque(model, supply_v)
     if drive is None or torque is None or joint.role != "gripper":
@@ -57,7 +57,7 @@ def _drive_in_use(joint: ModelJoint, supply_v: float | None) -> JointDrive | Non
 
 
 def _greatest_inertia(model: Model, chain: Chain) -> dict[str, float]:
-    """Compute the inertia that each joint of a chain moves with the payload, in any posture."""
+    """Compute the largest inertia that each joint moves with the payload, in any posture."""
     parameters = nominal_parameters(model, chain)
     if parameters is None:
         return {}

@@ -12,7 +12,7 @@ from ikservo.kinematics.arrays import Matrix, Vector, freeze_arrays
 from ikservo.model.model import Model, ModelJoint
 
 _SWINGS_M_PER_RAD = 0.03
-# Nearer to upright than this a tool has no heading, as solved to a tenth of a milliradian.
+# A tool nearer to upright than this has no heading; solutions are exact to 0.1 mrad.
 _VERTICAL = 0.01
 
 
@@ -21,7 +21,7 @@ class ToolFrame:
     """The axes of a tool, in the coordinates of its tip.
 
     Attributes:
-        approach_axis: The tool axis (3,): from the wrist out through the fingertips.
+        approach_axis: The tool axis (3,): from the wrist through the fingertips.
         left: The axis (3,) that is horizontal, to the left, if the tool is not rolled.
     """
 
@@ -46,7 +46,7 @@ class ToolFrame:
 
         Args:
             R_world_tool: Its orientation (3, 3).
-            heading_rad: Its heading, for a tool that is upright.
+            heading_rad: Its heading, if the tool is upright.
         """
         own = self.heading_rad(R_world_tool)
         level = _level_left(heading_rad if own is None else own)
@@ -76,7 +76,7 @@ def tool_frame(model: Model) -> ToolFrame:
     """Return the axes of an arm's tool, computed from its geometry.
 
     The tool axis is the axis of the tip's frame nearest to the vector from the last joint that
-    moves the tip to the tip; left is the one of the others that is horizontal in the pose home.
+    moves the tip to the tip; left is the other axis that is horizontal in the pose home.
     """
     chain = model.chain
     q = model.chain_pose("home") if "home" in model.poses else chain.mid_range()
@@ -100,7 +100,7 @@ def _lever_to_tip(chain: Chain, q: Vector) -> Vector:
     swinging = np.flatnonzero(np.linalg.norm(J[:3], axis=0) > _SWINGS_M_PER_RAD)
     last = int(swinging[-1]) if len(swinging) else chain.dof - 1
     axis, speed = J[3:, last], J[:3, last]
-    # The tip's speed about an axis is axis x arm; so speed x axis is the arm across the axis.
+    # The tip's speed about an axis is axis x arm, so speed x axis is the arm across the axis.
     arm: Vector = np.cross(speed, axis)
     return arm if float(np.linalg.norm(arm)) > 0.0 else speed
 
@@ -112,7 +112,7 @@ def _nearest_axis(v: Vector) -> Vector:
     return axis
 
 
-# A joint that moves the tip by less than this for a radian rolls the tool.
+# A joint that moves the tip by less than this per radian rolls the tool.
 _ROLLS_M_PER_RAD = 0.03
 _AHEAD_M = 0.01
 _DIRECTIONS = (
@@ -135,7 +135,7 @@ def describe_direction(model: Model, joint: ModelJoint, pose: str, towards: int)
         towards: +1 for increasing positions, -1 for decreasing ones.
     """
     if joint.name not in model.chain.names:
-        # Name the direction from the pose rest to the pose home as open
+        # The direction from the pose rest to the pose home counts as opening
         opening = model.pose("home")[joint.name] - model.pose("rest")[joint.name]
         return "so that it opens" if opening * towards >= 0.0 else "so that it closes"
     column = model.chain.names.index(joint.name)
@@ -143,7 +143,7 @@ def describe_direction(model: Model, joint: ModelJoint, pose: str, towards: int)
     speed: Vector = towards * (view_axes(model) @ J[:3, column])
     if float(np.linalg.norm(speed)) < _ROLLS_M_PER_RAD:
         axis: Vector = towards * J[3:, column]
-        # Name a roll as seen from behind the tool: clockwise about an axis that points ahead
+        # A roll is named as seen from behind the tool: clockwise about an axis that points ahead
         child = next(j.child for j in model.urdf.joints if j.name == joint.name)
         origin: Vector = model.chain.forward(model.chain_pose(pose), frame=child)[:3, 3]
         ahead = T[:3, 3] - origin

@@ -79,13 +79,13 @@ def _read_axis(element: XmlElement, kind: UrdfJointType) -> Triple:
     if axis is None:
         return (1.0, 0.0, 0.0)
     x, y, z = axis.vector("xyz", most=math.inf)  # only its direction counts
-    if not kind.is_movable:  # exporters write 0 0 0 here, and it means nothing
+    if not kind.is_movable:  # exporters write 0 0 0 here, without a meaning
         return (1.0, 0.0, 0.0)
     largest = max(abs(x), abs(y), abs(z))
     if largest < _MIN_AXIS_LENGTH:
         found = f"joint {quote(element.name())} moves about an axis of zero length"
         raise axis.error(found, 'a direction, such as xyz="0 0 1"')
-    x, y, z = x / largest, y / largest, z / largest  # first, so that no square overflows
+    x, y, z = x / largest, y / largest, z / largest  # before squaring, to avoid an overflow
     length = math.hypot(x, y, z)
     return (x / length, y / length, z / length)
 
@@ -115,7 +115,7 @@ def _read_limits(element: XmlElement, kind: UrdfJointType, name: str) -> _LimitT
 def _parse_strength(limit: XmlElement, attribute: str) -> float:
     if attribute not in limit.attributes:
         return math.inf
-    value = limit.number(attribute, most=math.inf)  # some files write 1e10 where there is no limit
+    value = limit.number(attribute, most=math.inf)  # some files write 1e10 for "no limit"
     if value < 0.0:
         raise limit.error(f"has {attribute} {value:g}", "a number above 0, or no such attribute")
     return value
@@ -137,7 +137,7 @@ _NO_INERTIA = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
 FindMesh = Callable[[str], Path | None]
-"""Returns the file of a mesh's name; None where it cannot be used."""
+"""Returns the file of a mesh's name; None if it cannot be used."""
 
 
 def parse_link(
@@ -160,7 +160,7 @@ def parse_link(
 
 
 def _find_colour(visual: XmlElement, materials: Mapping[str, Triple]) -> Triple | None:
-    """Find the colour of a visual shape: its material's own, or that of the material's name."""
+    """Find the colour of a visual shape: of its own material, or of the named material."""
     for material in visual.child_elements("material"):
         named = materials.get(material.attributes.get("name", ""))
         return named if (own := _read_colour(material)) is None else own
@@ -168,7 +168,7 @@ def _find_colour(visual: XmlElement, materials: Mapping[str, Triple]) -> Triple 
 
 
 def _read_colour(material: XmlElement) -> Triple | None:
-    """Read red, green and blue; None without usable numbers: nothing depends on a colour."""
+    """Read red, green and blue; None if not usable, because nothing depends on a colour."""
     for colour in material.child_elements("color"):
         parts = colour.attributes.get("rgba", "").split()
         with contextlib.suppress(ValueError):
@@ -325,7 +325,7 @@ def _format_choices(name: str, names: Collection[str]) -> str:
     return f"the name of a <link>, perhaps {quote(close[0])}" if close else "the name of a <link>"
 
 
-# A little more than a revolution, since some arms round 2*pi up.
+# A little more than a revolution, because some arms round 2*pi up.
 _FULL_TURN_RAD = 2 * math.pi + 1e-3
 
 
@@ -369,7 +369,7 @@ def _find_outside_meshes(links: Sequence[UrdfLink]) -> Iterator[str]:
         yield f"meshes outside the model's folder cannot be used: {len(outside)}, first {first}"
 
 
-_XACRO = "xacro}"  # how its namespace ends; files spell the rest in several ways
+_XACRO = "xacro}"  # end of its namespace; files spell the rest differently
 
 
 def read_urdf(path: Path | str, folder: Path | None = None) -> Urdf:
@@ -418,7 +418,7 @@ def read_urdf_text(path: Path) -> str:
     """Read the text of a URDF.
 
     Raises:
-        FileFormatError: The file cannot be read, or is a xacro: its expressions are never run here.
+        FileFormatError: The file cannot be read, or is a xacro, which is never run here.
     """
     if path.suffix == ".xacro":
         found = "has macros, and expanding them runs what is written in the file"

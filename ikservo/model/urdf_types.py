@@ -17,7 +17,7 @@ Triple = tuple[float, float, float]
 
 
 class UrdfJointType(Enum):
-    """How a joint moves; ``floating`` and ``planar`` are refused by the reader."""
+    """Kind of motion of a joint; the reader refuses ``floating`` and ``planar``."""
 
     FIXED = "fixed"
     REVOLUTE = "revolute"
@@ -41,7 +41,7 @@ class UrdfMimic:
 
 @dataclass(frozen=True, slots=True)
 class UrdfJoint:
-    """One ``<joint>``: where the child frame sits in the parent frame, and how it moves there.
+    """One ``<joint>``: the place of the child frame in the parent frame, and its motion there.
 
     Attributes:
         name: Unique in the file.
@@ -50,11 +50,11 @@ class UrdfJoint:
         child: Name of its child link.
         xyz_m: Origin of the child frame in the parent frame.
         rpy_rad: Orientation of the child frame, fixed axes: ``Rz(yaw) @ Ry(pitch) @ Rx(roll)``.
-        axis: Unit vector in the child frame; without meaning, and (1, 0, 0), on a fixed joint.
+        axis: Unit vector in the child frame; (1, 0, 0), without meaning, on a fixed joint.
         lower: Radians or metres; -inf when continuous, 0 when fixed.
         upper: Radians or metres; +inf when continuous, 0 when fixed.
-        effort: N·m or N; +inf where the file gives none, or a negative one.
-        velocity: rad/s or m/s; +inf where the file gives none, or a negative one.
+        effort: N·m or N; +inf if the file gives none, or a negative one.
+        velocity: rad/s or m/s; +inf if the file gives none, or a negative one.
         mimic: The joint it follows, if any.
         line: The line at which the element starts in the file, from 1.
     """
@@ -139,15 +139,15 @@ class UrdfLink:
 
     Attributes:
         name: Unique in the file.
-        mass_kg: 0 where the file gives no ``<inertial>``.
+        mass_kg: Mass; 0 if the file gives no ``<inertial>``.
         com_m: Centre of mass, which is also the origin of the inertia frame.
         inertia_rpy_rad: Orientation of the inertia frame, as in `UrdfJoint.rpy_rad`.
         inertia_kg_m2: ixx, ixy, ixz, iyy, iyz, izz about the centre of mass.
-        collisions: Shapes to keep clear of.
+        collisions: Shapes that must not touch anything.
         visuals: Shapes to draw.
         line: The line at which the element starts in the file, from 1.
-        colours: Red, green and blue of each visual shape, 0 to 1, or None where the file gives
-            none; empty where it has no colours.
+        colours: Red, green and blue of each visual shape, 0 to 1, or None if the file gives none;
+            empty if it has no colours.
     """
 
     name: str
@@ -166,7 +166,7 @@ class Urdf:
     """A whole robot: one tree of links, held together by joints.
 
     Attributes:
-        name: The robot's name; empty where the file gives none.
+        name: The robot's name; empty if the file gives none.
         links: In file order.
         joints: In file order, which need not be the order of the tree.
         root: Name of the one link that is not a joint's child.
@@ -183,7 +183,7 @@ class Urdf:
         """Return the link of that name.
 
         Raises:
-            UnknownNameError: There is none; the closest name is offered.
+            UnknownNameError: There is no such link; the closest name is suggested.
         """
         links = {link.name: link for link in self.links}
         if name not in links:

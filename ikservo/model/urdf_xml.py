@@ -20,7 +20,7 @@ from ikservo.model.urdf_types import Triple
 _NUMBER = re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)([eE][+-]?\d+)?", re.ASCII)
 _MAX_NAME_CHARS = 128
 LARGEST_NUMBER = 1e6
-"""In metres, radians, kilograms: larger ones are mistakes, and their products overflow."""
+"""Largest number, in metres, radians, kilograms: products of larger ones overflow."""
 
 
 @dataclass(slots=True)
@@ -120,13 +120,13 @@ def parse_xml(path: Path, text: str) -> XmlElement:
 
     Args:
         path: The origin of the text, for the messages; nothing is read from there.
-        text: The whole document. An encoding declared inside is ignored: it is text already.
+        text: The whole document. A declared encoding is ignored, because it is already text.
 
     Raises:
-        FileFormatError: With the line where the text stops being plain, well-formed XML.
+        FileFormatError: The text is not plain, well-formed XML; the line is named.
     """
     tree = _ElementBuilder(path)
-    # The expat parser inside knows the line; the stubs do not know the parser inside.
+    # The expat parser inside knows the line; the type stubs do not know that parser.
     parser: Any = DefusedXMLParser(target=tree, encoding="utf-8", forbid_dtd=True)
     tree.expat = parser.parser
     try:
@@ -152,7 +152,7 @@ class _ElementBuilder:
 
     @property
     def where(self) -> str:
-        """The place of the parser."""
+        """Position of the parser."""
         return f"line {self.expat.CurrentLineNumber}"
 
     def start(self, tag: str, attributes: dict[str, str]) -> None:
@@ -182,7 +182,7 @@ class _ElementBuilder:
 
 
 def parse_origin(element: XmlElement) -> tuple[Triple, Triple]:
-    """Read xyz in metres and rpy in radians; zeros where the file gives none."""
+    """Read xyz in metres and rpy in radians; zeros if the file gives none."""
     origin = element.optional("origin")
     if origin is None:
         return (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
@@ -196,7 +196,7 @@ _HEAD_BYTES = 64 * 1024
 
 
 def is_mjcf(path: Path) -> bool:
-    """Check whether a file begins as an MJCF does."""
+    """Check whether a file begins like an MJCF."""
     try:
         with path.open("rb") as file:
             return b"<mujoco" in file.read(_HEAD_BYTES)
@@ -205,5 +205,5 @@ def is_mjcf(path: Path) -> bool:
 
 
 def import_command(path: Path) -> str:
-    """Return the command that makes the folder of an arm from a foreign description."""
+    """Return the command that makes an arm's folder from a description in another format."""
     return f"ikservo arms new NAME --from {path}"

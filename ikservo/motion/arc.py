@@ -12,8 +12,8 @@ from ikservo.kinematics import finite_vector
 from ikservo.kinematics.arrays import Vector
 
 _MIN_RADIUS_M, _SAME_POINT_M = 1e-4, 1e-4
-# Three points are on one line where none is further from the others' line: half of a servo's tick
-# at 0.3 m, by which the start is not known.
+# Three points count as on one line if none is further off the others' line: half of a servo's tick
+# at 0.3 m, the uncertainty of the start.
 _MIN_HEIGHT_M = 2e-4
 _MAX_ANGLE_RAD = 20.0 * math.pi
 
@@ -43,7 +43,7 @@ class ArcPath:
 
     @property
     def breakpoints(self) -> list[float]:
-        """The distances of its ends."""
+        """Distances of its ends."""
         return [0.0, self.length]
 
     def path_length(self) -> float:
@@ -65,12 +65,12 @@ def arc_through_points(
 
     Args:
         start_m: The start (3,).
-        via_m: The point that it passes (3,).
-        end_m: The end (3,); with ``full_circle`` a point that is passed, too.
-        full_circle: Whether it goes on to its start.
+        via_m: The via point (3,).
+        end_m: The end (3,); with ``full_circle`` another point to pass.
+        full_circle: Whether the arc continues to its start.
 
     Raises:
-        BadValueError: Two of the points are the same, or all are on one line; or no finite numbers.
+        BadValueError: Two points are the same, all are on one line, or a number is not finite.
     """
     via = finite_vector(via_m, 3, "The via point of the arc")
     end = finite_vector(end_m, 3, "The end of the arc")
@@ -84,7 +84,7 @@ def arc_through_points(
             "The via point of the arc",
             f"{format_point(via)}, on one line with start {format_point(start_m)} "
             f"and end {format_point(end)}",
-            "a point beside that line, or a straight line to the end",
+            "a point off that line, or a straight line to the end",
         )
     out = (np.cross(normal, a) * (b @ b) + np.cross(b, normal) * (a @ a)) / (2.0 * area2)
     unit = normal / math.sqrt(area2)
@@ -97,13 +97,13 @@ def arc_about_axis(
 ) -> ArcPath:
     """Compute the arc that a start (3,) [m] describes about an axis.
 
-    The axis goes through ``center_m`` (3,) [m] along ``normal`` (3,), of any length; the circle is
-    that of the start about it, counter-clockwise seen against the normal, so that the centre need
-    not be in the circle's plane.
+    The axis goes through ``center_m`` (3,) [m] along ``normal`` (3,), of any length. The circle is
+    that of the start about the axis, counter-clockwise seen against the normal; the centre need not
+    be in its plane.
 
     Raises:
         BadValueError: The start is on the axis, the normal is zero, the angle is zero or more than
-            ten turns; or no finite numbers.
+            ten turns, or a number is not finite.
     """
     center = finite_vector(center_m, 3, "The centre of the circle")
     axis = finite_vector(normal, 3, "The normal of the circle")
@@ -121,7 +121,7 @@ def arc_about_axis(
         raise BadValueError(
             "The radius of the circle",
             f"{1000.0 * radius_m:.2f} mm: the tip is on its axis",
-            "a centre beside the tip",
+            "a centre away from the tip",
         )
     return ArcPath(center, start_m, axis, angle_rad)
 

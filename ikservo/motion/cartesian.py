@@ -25,14 +25,14 @@ from ikservo.motion.time_scaling import PathTrajectory
 from ikservo.motion.trajectory import KinematicLimits
 
 ORIENTATION_TOLERANCE_RAD = math.radians(0.5)
-"""Maximum angle between the tool's orientation and the desired one that counts as reached."""
+"""Largest angle between the tool's orientation and the desired one that counts as reached [rad]."""
 
 _STEPS_M = (0.002, 0.001, 0.0005)
 _STEP_RAD = 0.02
 _MIN_POINTS = 5
-# A rotation in place has no length of its own; this is the length of a radian, metres.
+# A rotation in place has no length of its own; this is its length per radian, metres.
 _LEVER_M = 0.1
-# Half of the allowed deviation of a line; the other half is for the servos' ticks.
+# Half of the allowed deviation from a line; the other half is for the servos' ticks.
 _MAX_DEVIATION_M = 0.25e-3
 _ROUNDING = 1e-9
 _BLEND_M = 0.02
@@ -62,9 +62,9 @@ def solve_cartesian_path(
 ) -> CartesianJointPath:
     """Find the joints along a path of the tool.
 
-    The tool keeps its orientation, relative to the arm plane of arms that have one, or is rotated
-    evenly to that at ``end``. If the arm cannot have it all along, the tool is rotated evenly to
-    the nearest orientation at the path's end; else its orientation is free.
+    The tool keeps its orientation, relative to the arm plane of arms that have one, or rotates
+    evenly to the orientation at ``end``. If the arm cannot keep it everywhere, the tool rotates
+    evenly to the nearest orientation at the path's end; otherwise its orientation is free.
 
     Args:
         chain: The arm.
@@ -74,7 +74,7 @@ def solve_cartesian_path(
         strict: Whether the orientation must be kept in the world exactly.
 
     Raises:
-        CartesianPathError: The path cannot be followed; names the furthest place reached.
+        CartesianPathError: The path cannot be followed; the furthest place reached is named.
     """
     desired = _desired_orientation(chain, start, end, strict=strict)
     if strict:
@@ -202,7 +202,7 @@ def _orientation_errors(
 def _check_orientation_kept(
     chain: Chain, desired: OrientationInterpolation, path: ToolPath, spline: SplinePath
 ) -> CartesianJointPath:
-    """Compute the curve, if the tool keeps the desired orientation all along."""
+    """Return the curve if the tool keeps the desired orientation everywhere."""
     curve = _measure_curve(chain, desired, spline)
     outside = np.flatnonzero(curve.orientation_error_rad > ORIENTATION_TOLERANCE_RAD)
     if not len(outside):
@@ -224,11 +224,11 @@ def straight_lines(
 ) -> BlendedPath:
     """Return straight lines from a start (3,) through points (k, 3) [m], their corners rounded.
 
-    The lines are left at the blend's distance from each point but the last, half of a line at most,
-    and the point is passed at no more than 3/8 of it.
+    The lines are left at the blend's distance from each point but the last, at most half of a line,
+    and the point is passed at at most 3/8 of that distance.
 
     Raises:
-        BadValueError: No finite numbers, or no positive blend.
+        BadValueError: A number is not finite, or a blend is not positive.
     """
     corners = [finite_vector(point, 3, "The end of the line") for point in points_m]
     return BlendedPath(np.array([start_m, *corners]), [blend_m] * (len(corners) - 1))
@@ -237,22 +237,22 @@ def straight_lines(
 class CartesianTrajectory(PathTrajectory):
     """A motion of a chain's joints that moves its tip along a path, from rest to rest.
 
-    It strays from the path by less than half a millimetre. The speed of the tip is constant but
-    for its ramps, wherever the limits of the joints allow it; in a rounded corner it is lower.
+    It deviates from the path by less than half a millimetre. The speed of the tip is constant
+    except on its ramps, if the limits of the joints allow it; in a rounded corner it is lower.
 
     The tool's orientation is kept as well as the arm can: arms of four and five joints keep pitch
-    and roll in the upright plane that their first joint rotates, others the whole of it. With
-    ``end`` the tool is rotated evenly to its orientation there.
+    and roll in the upright plane that their first joint rotates, others the complete orientation.
+    With ``end`` the tool rotates evenly to its orientation there.
 
     Args:
         chain: The arm; ``start`` is inside its limits.
         start: The joints at the start (dof,), rad or m.
-        path: The path of the tip from there, metres, base frame.
+        path: The path of the tip from the start, metres, base frame.
         limits: The kinematic limits of each joint.
         speed_m_s: The maximum speed of the tip; a radian of the tool counts as 0.1 m.
-        tool_speed_m_s: The speed of the tip alone, at most the one before; None for the fastest.
-        end: Joints (dof,) with the final orientation of the tool, as far as the arm can on its
-            branch.
+        tool_speed_m_s: The speed of the tip alone, at most ``speed_m_s``; None for the fastest.
+        end: Joints (dof,) with the final orientation of the tool, as far as the arm can reach it on
+        its branch.
         strict: Whether the orientation must be kept in the world exactly.
 
     Attributes:
@@ -260,9 +260,9 @@ class CartesianTrajectory(PathTrajectory):
         orientation_error_rad: The orientation error along the path (n,).
 
     Raises:
-        CartesianPathError: A point of the path is out of reach, or only reachable by a jump of
-            the joints; names the place and the cause.
-        BadValueError: No finite numbers, or no positive speed.
+        CartesianPathError: A point of the path is out of reach, or only reachable by a jump of the
+            joints; the place and the cause are named.
+        BadValueError: A number is not finite, or a speed is not positive.
     """
 
     def __init__(

@@ -14,7 +14,7 @@ from ikservo.kinematics.arrays import Vector
 from ikservo.motion.point_to_point import JointMove, RuckigMotion, stop_trajectory
 from ikservo.motion.trajectory import KinematicLimits, TrajectoryPoint
 
-# By how much rounding may put a position outside its limits, rad or m; a tick is 10⁻³.
+# Largest excess over a limit by rounding, rad or m; a tick is 10⁻³.
 _ROUNDING = 1e-7
 
 _Pieces = tuple[tuple[float, RuckigMotion], ...]
@@ -27,16 +27,16 @@ class OnlineTrajectory:
     stop or a jump in position, velocity or acceleration. Positions stay inside their bounds at
     every instant, also while braking for a new goal.
 
-    Times are the trajectory's own and never decrease; states before the last goal but one are
+    Times are the trajectory's own and never decrease; states before the last two goals are
     discarded. One thread may set goals while another reads states.
 
     Args:
         start: The start: joints at rest (n,), rad or m, or the state of a running motion, which
             then comes to rest.
         limits: The kinematic limits of each joint.
-        lower: The lowest positions (n,); none if None. A start outside extends the bounds to it,
-            so that a joint that is a little outside can move back.
-        upper: The highest positions (n,); none if None.
+        lower: The lowest positions (n,); None for no bound. A start outside extends the bounds to
+            it, so that a joint slightly outside can move back.
+        upper: The highest positions (n,); None for no bound.
 
     Raises:
         BadValueError: A shape is wrong, a number is not finite, or lower is above upper.
@@ -69,17 +69,17 @@ class OnlineTrajectory:
 
     @property
     def duration_s(self) -> float:
-        """When it is at rest finally; infinite until it is stopped."""
+        """Time at which it is finally at rest; infinite until it is stopped."""
         return self._end_s
 
     @property
     def goal(self) -> Vector:
-        """Its final position (n,): the last goal, clipped to the bounds."""
+        """Final position (n,): the last goal, clipped to the bounds."""
         return self._pieces[-1][1].goal.copy()
 
     @property
     def settles_at_s(self) -> float:
-        """When it is at rest there, unless the goal changes."""
+        """Time at which it is at rest at its goal, unless that changes."""
         since_s, move = self._pieces[-1]
         return since_s + move.duration_s
 
@@ -91,13 +91,13 @@ class OnlineTrajectory:
     def retarget(
         self, goal: ArrayLike, time_s: float, check: Callable[[RuckigMotion], None] | None = None
     ) -> Vector:
-        """Set another goal from a time on; return the final position (n,).
+        """Set another goal from a given time on; return the final position (n,).
 
         A goal outside the bounds is clipped to the nearest position inside.
 
         Args:
             goal: The goal (n,), rad or m.
-            time_s: From when on; not before the last change.
+            time_s: Time of the change; not before the last change.
             check: Called with the motion before it is used; if it raises, nothing changes.
 
         Raises:
@@ -117,7 +117,7 @@ class OnlineTrajectory:
         return clipped
 
     def set_limits(self, limits: Sequence[KinematicLimits]) -> None:
-        """Set the limits of motions from the next goal on, none slower than those before."""
+        """Set the limits of motions from the next goal on; they must not be slower than before."""
         self._limits = tuple(limits)
 
     def stop(self, time_s: float) -> None:
@@ -172,12 +172,12 @@ class OnlineTrajectory:
     def _check_time(self, time_s: float) -> None:
         if not self._aimed_s <= time_s < math.inf:
             raise BadValueError(
-                "The time of the aim", f"{time_s} s", f"a time from {self._aimed_s} s on"
+                "The time of the goal", f"{time_s} s", f"a time from {self._aimed_s} s on"
             )
 
 
 def _piece_at(pieces: _Pieces, time_s: float) -> tuple[float, RuckigMotion]:
-    """Return the piece of a time, and its start."""
+    """Return the piece of the trajectory at a time, and its start."""
     return next((piece for piece in reversed(pieces) if piece[0] <= time_s), pieces[0])
 
 

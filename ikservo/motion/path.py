@@ -21,7 +21,7 @@ class Path(Protocol):
 
     @property
     def length(self) -> float:
-        """The distance at its end; it starts at 0."""
+        """Distance at its end; it starts at 0."""
         ...
 
     def at(self, distance: float) -> tuple[Vector, Vector, Vector]:
@@ -47,16 +47,16 @@ class ToolPath(Protocol):
 
     @property
     def length(self) -> float:
-        """The distance at its end; it starts at 0."""
+        """Distance at its end; it starts at 0."""
         ...
 
     @property
     def breakpoints(self) -> list[float]:
-        """The distances at which it changes its kind, and both ends."""
+        """Distances at which its kind changes, and both ends."""
         ...
 
     def path_length(self) -> float:
-        """Return the length of the curve itself, which rounded corners make shorter."""
+        """Return the length of the curve itself, which is shorter with rounded corners."""
         ...
 
     def at(self, distance: float) -> tuple[Vector, Vector, Vector]:
@@ -77,8 +77,8 @@ class BlendedPath:
 
     Args:
         points: The points (k, n).
-        blends: The distance before each of the k - 2 inner points at which the line is left; half
-            of a line at most is used.
+        blends: The distance before each of the k - 2 inner points at which the line is left; at
+            most half of a line is used.
         order: The norm that measures distances: 2 for metres in space, inf for joints.
 
     Raises:
@@ -101,11 +101,11 @@ class BlendedPath:
 
     @property
     def breakpoints(self) -> list[float]:
-        """The distances at which blends begin and end, and both ends."""
+        """Distances at which blends begin and end, and both ends."""
         return [*self._begins, self.length]
 
     def path_length(self) -> float:
-        """Compute the length of the curve itself: blended corners make it shorter."""
+        """Compute the length of the curve itself, which is shorter with blended corners."""
         distances = np.linspace(0.0, self.length, 2 + 64 * len(self._pieces))
         points = np.array([self.at(distance)[0] for distance in distances.tolist()])
         return float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
@@ -152,7 +152,7 @@ class _BlendSegment:
 def _drop_repeated_points(
     points: Matrix, blends: Sequence[float], order: float
 ) -> tuple[Matrix, list[float]]:
-    """Remove points equal to the one before, and their blends."""
+    """Remove points equal to the previous one, and their blends."""
     kept, kept_blends = [points[0]], list[float]()
     radii = [0.0, *blends, 0.0]
     for point, blend in zip(points[1:], radii[1:], strict=True):
@@ -200,7 +200,7 @@ class SplinePath:
 
     Attributes:
         distances: The distances of its points.
-        length: The distance of the last one.
+        length: The distance of the last point.
     """
 
     def __init__(self, distances: Vector, points: Matrix) -> None:
@@ -251,8 +251,8 @@ class ArmPlane:
     """The vertical plane of an arm, rotated about the vertical by its first joint.
 
     The first joint of an arm with four or five joints also rotates its tool's heading; pitch and
-    roll remain free in the plane. Arms with six joints or more, and such without an upright
-    first axis, have no plane: they keep an orientation in the world.
+    roll remain free in the plane. Arms with six joints or more, or without an upright first axis,
+    have no plane: they keep an orientation in the world.
 
     Args:
         chain: The arm.
@@ -267,7 +267,7 @@ class ArmPlane:
         self._axis: Vector = np.sign(axes[0, 2]) * np.array([0.0, 0.0, 1.0])
 
     def angle_rad(self, q: Vector) -> float:
-        """Compute the rotation of the plane at joints (dof,); 0 for arms without one."""
+        """Compute the rotation of the plane at joints (dof,); 0 for arms without a plane."""
         return float(self._axis[2] * q[0]) if self.rotates else 0.0
 
     def rotation(self, q: Vector) -> Matrix:
@@ -300,7 +300,7 @@ class OrientationInterpolation:
 
     @classmethod
     def constant(cls, plane: ArmPlane, R_world_tool: Matrix, q: Vector) -> OrientationInterpolation:
-        """Make a constant orientation, that at joints (dof,)."""
+        """Make a constant orientation, the one at joints (dof,)."""
         return cls.between(plane, (R_world_tool, q), (R_world_tool, q))
 
     def at(self, fraction: float, q: Vector) -> Matrix:

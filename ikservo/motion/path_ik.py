@@ -10,14 +10,14 @@ from ikservo.kinematics import Chain
 from ikservo.kinematics.arrays import Matrix, Vector
 from ikservo.motion.path import OrientationInterpolation, ToolPath
 
-# So small that the third difference of points every half millimetre is not noise.
+# So small that the third difference of points every half millimetre is not just noise.
 _TIGHT = Tolerance(1e-7, 1e-6)
 _REACHED_M = 1e-6
-# A joint that moves so far for a millimetre, or a radian of the tool, passes a singularity or
+# A joint that moves this far per millimetre, or per radian of the tool, passes a singularity or
 # changes its branch.
 _MAX_RAD_PER_M, _MAX_STEP_RAD = 60.0, 6.0
-# Margin to the limits on a line, as a fraction of the joint's range: the spline between the solved
-# points may overshoot a little.
+# Margin to the limits on a line, as a fraction of the joint's range, because the spline between the
+# solved points may overshoot slightly.
 _INSIDE = 5e-4
 _MAX_ITERATIONS, _SAME_PLANE_RAD = 8, 1e-10
 
@@ -39,10 +39,10 @@ def track_path(
         count: Number of points, both ends included.
 
     Returns:
-        The joints at even distances (count, dof).
+        The joints at equal distances (count, dof).
 
     Raises:
-        CartesianPathError: The path leaves the arm's reach on this branch; names the place.
+        CartesianPathError: The path leaves the arm's reach on this branch; the place is named.
     """
     solver = Solver(
         _with_tight_limits(chain, start),
@@ -88,7 +88,7 @@ def _check_path_step(
     q: Vector,
     max_step_rad: float,
 ) -> None:
-    """Raise for a step that does not reach its point, or moves a joint too far."""
+    """Raise if a step does not reach its point, or moves a joint too far."""
     result = solver.result
     steps = np.abs(q - before)
     if result.position_error_m <= _REACHED_M and steps.max() <= max_step_rad:

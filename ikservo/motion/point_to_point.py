@@ -61,7 +61,7 @@ def _zero_velocity_times(v: float, a: float, j: float, time_s: float) -> list[fl
     root = a * a - 2.0 * j * v
     if root < 0.0:
         return []
-    # The larger root first, then the other by their product: exact also where j is next to 0.
+    # The larger root first, then the other by their product: also exact if j is nearly 0.
     sum_ = -(a + math.copysign(math.sqrt(root), a))
     found = [sum_ / j if j else math.inf, 2.0 * v / sum_ if sum_ else math.inf]
     return [at_s for at_s in found if 0.0 < at_s < time_s]
@@ -96,12 +96,12 @@ class RuckigMotion:
 
     @property
     def duration_s(self) -> float:
-        """How long the motion takes."""
+        """Duration of the motion."""
         return float(self._trajectory.duration)
 
     @property
     def extent(self) -> tuple[Vector, Vector]:
-        """The lowest and the highest positions (n,) of the motion."""
+        """Lowest and highest positions (n,) of the motion."""
         return position_bounds(self._trajectory)
 
     @property
@@ -110,7 +110,7 @@ class RuckigMotion:
         return max(abs(speed) for speed in self._top_speeds)
 
     def at(self, time_s: float) -> Vector:
-        """Return the joints (n,) at a time; the start before its start, the goal after its end."""
+        """Return the joints (n,) at a time; the start before the motion, the goal after its end."""
         return self.state(time_s).position
 
     def state(self, time_s: float) -> TrajectoryPoint:
@@ -132,7 +132,7 @@ class JointMove(RuckigMotion):
         start: The start: joints at rest (n,), rad or m, or the state of a running motion.
         goal: The end: joints at rest (n,), or a state in motion.
         limits: The kinematic limits of each joint.
-        together: Whether all joints arrive at once; else each as soon as it can.
+        together: Whether all joints arrive at the same time; otherwise each as soon as it can.
 
     Raises:
         BadValueError: A shape is wrong or a number is not finite.
@@ -153,7 +153,7 @@ class JointMove(RuckigMotion):
         parameters.target_position = end.position.tolist()
         parameters.target_velocity = end.velocity.tolist()
         parameters.target_acceleration = end.acceleration.tolist()
-        # Phase-synchronised joints move straight from start to goal, if limits and state allow it.
+        # Phase-synchronised joints move straight from start to goal if limits and state allow it.
         parameters.synchronization = Synchronization.Phase if together else Synchronization.No
         super().__init__(
             begin,
@@ -181,7 +181,7 @@ def stop_trajectory(moving: TrajectoryPoint, limits: Sequence[KinematicLimits]) 
 
 
 def _check_state(at: ArrayLike | TrajectoryPoint, n: int, which: str) -> TrajectoryPoint:
-    """Compute a state of n joints; at rest, if only positions are given."""
+    """Return the state of n joints, at rest if only positions are given."""
     if not isinstance(at, TrajectoryPoint):
         return TrajectoryPoint.at_rest(finite_vector(at, n, f"The {which} of the motion"))
     finite_vector(at.position, n, f"The {which} of the motion")
@@ -205,7 +205,7 @@ def _calculate_trajectory(parameters: InputParameter, n: int) -> Trajectory:
     """Return the fastest trajectory.
 
     ruckig reports most failures by an exception and the others by its result; all are checked,
-    for a trajectory that was not found could lead anywhere.
+    because a trajectory that was not found could lead anywhere.
     """
     trajectory = Trajectory(n)
     try:

@@ -43,7 +43,7 @@ class SampledTrajectory:
         return len(self.times_s)
 
     def __repr__(self) -> str:
-        """Show how many samples of which joints these are."""
+        """Show the number of samples and the joints."""
         last_s = float(self.times_s[-1]) if len(self) else 0.0
         return f"Trajectory({len(self)} samples in {last_s:.3f} s of {', '.join(self.names)})"
 
@@ -58,7 +58,7 @@ class SampledTrajectory:
         return self.positions[:, self.names.index(name)]
 
     def to_csv(self, path: Path | str | None = None, *, overwrite: bool = False) -> str:
-        """Format the trajectory as CSV, and write it to a file where a path is given.
+        """Format the trajectory as CSV; if a path is given, also write it to a file.
 
         The header names the columns with their units: ``t_s``, the positions
         (``elbow_flex_rad``), then the velocities (``elbow_flex_rad_s``).

@@ -19,8 +19,8 @@ from ikservo.motion.path import BlendedPath, Path
 from ikservo.motion.point_to_point import JointMove
 from ikservo.motion.trajectory import KinematicLimits, TrajectoryPoint
 
-# Fractions of the speed limit by bends and twists that are tried; the rest is left for
-# acceleration along the curve.
+# Fractions of the speed limit from bends and twists to try; the rest is left for acceleration along
+# the curve.
 _SPEED_FRACTIONS = (0.4, 0.6, 0.85)
 _ZONES = (1, 2, 5, 13, 34)
 _MIN_LENGTH = 1e-6
@@ -44,7 +44,7 @@ class _SpeedZone:
 
 
 class TimeScaling:
-    """Time scaling of a curve from rest to rest in little time.
+    """Time scaling of a curve from rest to rest in short time.
 
     With s the distance, the joints do ``q̇ = q' ṡ``, ``q̈ = q'' ṡ² + q' s̈`` and
     ``q⃛ = q''' ṡ³ + 3 q'' ṡ s̈ + q' s⃛``. The curve is cut into zones; in each, bounds on its
@@ -170,7 +170,7 @@ def _passing_state(distance: float, speed: float) -> TrajectoryPoint:
 
 
 def _speeds_between(zones: Sequence[_SpeedZone]) -> list[float]:
-    """Compute the speeds at the zones' edges: rest at both ends, else the maximum of both sides."""
+    """Compute the speeds at the zones' edges: rest at the ends, else the maximum of both sides."""
     speeds = [0.0, *(min(a.speed, b.speed) for a, b in pairwise(zones)), 0.0]
     for i, zone in enumerate(zones):
         speeds[i + 1] = _reachable_speed(zone, speeds[i], speeds[i + 1])
@@ -209,7 +209,7 @@ class PathTrajectory:
     Args:
         curve: The path of the joints.
         limits: The kinematic limits of each joint.
-        top_speed: The maximum speed along the curve, in its own measure a second.
+        top_speed: The maximum speed along the curve, in its own measure per second.
         marks: Distances at which the curve changes its kind, both ends included.
     """
 
@@ -252,15 +252,15 @@ class PathTrajectory:
 class JointWaypointTrajectory(PathTrajectory):
     """A motion of n joints from point to point that rests only at its end.
 
-    Between two waypoints all joints are synchronised; at each but the last every joint passes at
-    no more than 3/8 of the blend. No joint leaves the range of the waypoints.
+    Between two waypoints all joints are synchronised. Every joint passes each waypoint but the last
+    at at most 3/8 of the blend. No joint leaves the range of the waypoints.
 
     Args:
         start: The start, at rest (n,), rad or m.
         points: The waypoints (k, n).
         limits: The kinematic limits of each joint.
         blends: The distance from each of the k - 1 inner points, in the joint that moves furthest,
-            at which the straight path is left; half of it at most. One number is used for all.
+            at which the straight path is left; at most half of it. One number is used for all.
 
     Raises:
         BadValueError: A shape is wrong, a number is not finite, or a blend is not positive.
@@ -273,10 +273,10 @@ class JointWaypointTrajectory(PathTrajectory):
         limits: Sequence[KinematicLimits],
         blends: float | Sequence[float],
     ) -> None:
-        begin = finite_vector(start, len(limits), "The start of the route")
-        corners = [finite_vector(point, len(limits), "A point of the route") for point in points]
+        begin = finite_vector(start, len(limits), "The start of the path")
+        corners = [finite_vector(point, len(limits), "A point of the path") for point in points]
         if not corners:
-            raise BadValueError("The route", "empty", "at least one point")
+            raise BadValueError("The path", "empty", "at least one point")
         inner = len(corners) - 1
         radii = [blends] * inner if isinstance(blends, float | int) else list(blends)
         if len(radii) != inner:

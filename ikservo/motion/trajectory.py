@@ -36,7 +36,7 @@ class Trajectory(Protocol):
 
     @property
     def duration_s(self) -> float:
-        """Its duration; infinite for one that runs until it is stopped."""
+        """Its duration; infinite for a trajectory that runs until it is stopped."""
         ...
 
     def state(self, time_s: float) -> TrajectoryPoint:
@@ -64,14 +64,14 @@ class KinematicLimits:
 
     @property
     def stopping_time_s(self) -> float:
-        """The time from full speed to rest."""
+        """Time from full speed to rest."""
         return (
             self.speed_rad_s / self.acceleration_rad_s2
             + self.acceleration_rad_s2 / self.jerk_rad_s3
         )
 
     def scale_units(self, factor: float) -> KinematicLimits:
-        """Return the limits in units ``1 / factor`` as long: a prismatic joint's, a gear's."""
+        """Return the limits in units ``1 / factor`` as long: for a prismatic joint or a gear."""
         return KinematicLimits(
             self.speed_rad_s * factor,
             self.acceleration_rad_s2 * factor,
@@ -80,7 +80,7 @@ class KinematicLimits:
 
 
 class SubsetTrajectory:
-    """A trajectory of n joints, of which some follow another trajectory and the rest hold.
+    """A trajectory of n joints: some follow another trajectory and the rest hold.
 
     Args:
         trajectory: The trajectory of the moving joints.
@@ -116,8 +116,8 @@ class ConcatenatedTrajectory:
     """A trajectory that continues with a second one where it comes to rest.
 
     Args:
-        first: The first one; ends at rest.
-        second: The second one; starts at rest where the first one ends.
+        first: The first trajectory; ends at rest.
+        second: The second trajectory; starts at rest where the first one ends.
     """
 
     def __init__(self, first: Trajectory, second: Trajectory) -> None:

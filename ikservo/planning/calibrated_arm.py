@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     from ikservo.kinematics.geometric_errors import GeometricErrors
 
 MAX_UNCALIBRATED_STEP_RAD = math.radians(10.0)
-"""How far an uncalibrated joint may be moved at once, as its horn turns."""
+"""Longest motion of an uncalibrated joint at once, as rotation of its horn [rad]."""
 
 _HINT = (
     "Calibrate it: ikservo calibrate {arm}. Until then: ikservo joints, at most 10° at a time "
@@ -46,7 +46,7 @@ _HINT = (
 
 
 class ZeroSource(Enum):
-    """Where the zeros of an arm's joints come from."""
+    """Source of the zeros of an arm's joints."""
 
     CALIBRATED = "this arm's own"
     VENDOR = "the maker's"
@@ -60,7 +60,7 @@ class ZeroSource(Enum):
         return self is not ZeroSource.UNKNOWN
 
     def require_known(self, arm: str) -> None:
-        """Refuse what needs calibrated joint positions.
+        """Refuse a motion that needs calibrated joint positions.
 
         Raises:
             CalibrationError: The arm is not calibrated.
@@ -71,7 +71,7 @@ class ZeroSource(Enum):
     def check_small_steps(
         self, arm: str, start: Vector, goal: Vector, steps: Mapping[str, float]
     ) -> None:
-        """Refuse long motions of single joints where zeros are unknown.
+        """Refuse long motions of single joints if zeros are unknown.
 
         Args:
             arm: Its name.
@@ -80,7 +80,7 @@ class ZeroSource(Enum):
             steps: The longest motion of each joint, in the order of the vectors.
 
         Raises:
-            CalibrationError: A joint would go further.
+            CalibrationError: A joint would move further.
         """
         if self.are_known:
             return
@@ -98,7 +98,7 @@ def check_calibration_matches(
     """Compare a calibration with the arm file and the adapter.
 
     Raises:
-        CalibrationError: It is another arm's, or the arm file has changed since.
+        CalibrationError: The calibration is another arm's, or the arm file has changed since.
     """
     path = calibration_path(model.name, usb_serial_number)
     own = (calibration.arm, calibration.usb_serial_number)
@@ -178,7 +178,7 @@ class CalibratedArm:
         """Return the joint's range within arm file, calibration and servo registers.
 
         Raises:
-            CalibrationError: They have no common range; names the two that exclude it.
+            CalibrationError: They have no common range; the two that exclude it are named.
         """
         own, registers = self._calibrated_joint(joint), self._position_limits(joint)
         if own is None or self.calibration is None:
@@ -198,7 +198,7 @@ class CalibratedArm:
         return self.calibration.joint(joint.name) if self.calibration else None
 
     def _position_limits(self, joint: ModelJoint) -> tuple[int, int] | None:
-        """Read the position limits of the servo; None where they are not limits."""
+        """Read the position limits of the servo; None if they are not in use."""
         low = self._bus.read(joint.servo.id, RegisterName.MIN_POSITION_LIMIT, raw=True)
         high = self._bus.read(joint.servo.id, RegisterName.MAX_POSITION_LIMIT, raw=True)
         return None if low == high == 0 else (low, high)  # Feetech: several revolutions, no limits
@@ -215,7 +215,7 @@ class CalibratedArm:
 
 
 def own_chain(model: Model, calibration: Calibration) -> Chain:
-    """Return the chain of an arm with the links, the base and the bending of its calibration."""
+    """Return the chain of an arm with the links, base and bending of its calibration."""
     filed, chain = calibration.geometry, model.chain
     if filed is not None:
         from ikservo.kinematics.geometric_errors import apply_geometric_errors  # noqa: PLC0415
@@ -225,7 +225,7 @@ def own_chain(model: Model, calibration: Calibration) -> Chain:
 
 
 def bent_chain(model: Model, chain: Chain, calibration: Calibration) -> Chain:
-    """Return a chain of an arm that gives way as its calibration says; the same if it is rigid."""
+    """Return a chain that yields as the calibration says; the same chain if it is rigid."""
     if not any(joint.compliance or joint.play_deg for joint in calibration.joints):
         return chain
     bending = known_bending(model, chain, calibration)
@@ -233,7 +233,7 @@ def bent_chain(model: Model, chain: Chain, calibration: Calibration) -> Chain:
 
 
 def known_bending(model: Model, chain: Chain, calibration: Calibration | None) -> Bending:
-    """Return how a chain's links give way as a calibration says; they do not without one."""
+    """Return the bending of a chain's links according to a calibration; zero without one."""
     found = [calibration and calibration.joint(name) for name in chain.names]
     compliance = np.array([joint.compliance if joint else 0.0 for joint in found])
     half_play = np.radians([joint.play_deg / 2.0 if joint else 0.0 for joint in found])
@@ -283,7 +283,7 @@ def check_servo_models(bus: ServoBus) -> None:
 
     Raises:
         CalibrationError: A servo is of another model.
-        BusError: A servo does not answer; names all that do not.
+        BusError: Servos do not answer; all of them are named.
     """
     numbers = read_register(bus, bus.servos, RegisterName.MODEL_NUMBER)
     for servo_id, number in numbers.items():
@@ -298,7 +298,7 @@ def check_servo_models(bus: ServoBus) -> None:
 
 
 def geometric_errors_of(filed: CalibratedGeometry) -> GeometricErrors:
-    """Return how an arm's links and base differ from its description, in SI units."""
+    """Return the differences of an arm's links and base from its description, in SI units."""
     from ikservo.kinematics.geometric_errors import GeometricErrors  # noqa: PLC0415
 
     return GeometricErrors(
@@ -320,7 +320,7 @@ def _limits_from_registers(joint_map: JointMap, registers: tuple[int, int]) -> L
 
 
 def registers_allow(joint_map: JointMap, limits: Limits, registers: tuple[int, int]) -> bool:
-    """Check whether a servo's own limits leave every whole tick of a range free."""
+    """Check whether a servo's own limits allow every whole tick of a range."""
     low, high = joint_map.ticks_inside(limits.lower.value, limits.upper.value)
     return registers[0] <= low and high <= registers[1]
 
@@ -329,14 +329,14 @@ def calibrated_limits(calibration: Calibration, own: CalibratedJoint, joint: Mod
     """Return the range within arm file, calibration and the user's limits.
 
     Raises:
-        CalibrationError: They have no common range; names the two that exclude it.
+        CalibrationError: They have no common range; the two that exclude it are named.
     """
     encoder = encoder_of(MODELS[own.servo.model])
     return calibration.narrow_limits(own, limit_to_one_turn(joint.limits, joint.joint_map, encoder))
 
 
 def limit_to_one_turn(limits: Limits, joint_map: JointMap, encoder: Encoder) -> Limits:
-    """Limit a joint to one revolution where the arm file gives a joint none."""
+    """Limit a joint to one revolution if the arm file gives it no limits."""
     if math.isfinite(limits.upper.value - limits.lower.value):
         return limits
     half = (encoder.ticks / 2 - 2) * joint_map.unit_per_tick
@@ -349,8 +349,8 @@ class CalibratedModel:
     """An arm as its files describe it.
 
     Attributes:
-        model: With this arm's links, its chain and joints inside this arm's ranges.
-        file: The calibration these come from; None where the arm file is all there is.
+        model: The model with this arm's links, its chain and joints inside this arm's ranges.
+        file: The calibration that they come from; None if there is only the arm file.
         others: Older calibrations of arms of this kind, on other adapters.
     """
 
@@ -360,13 +360,13 @@ class CalibratedModel:
 
 
 def calibrated_model(model: Model) -> CalibratedModel:
-    """Read the calibrations of an arm and return it with the newest; opens no bus.
+    """Read the calibrations of an arm and return it with the newest one; opens no bus.
 
     A URDF without an arm file has no servos, and therefore no calibration.
 
     Raises:
         FileFormatError: A calibration is malformed.
-        CalibrationError: The newest is of other servos or another chain than the arm file's, or
+        CalibrationError: The newest one has other servos or another chain than the arm file, or
             leaves a joint no range.
     """
     read = {path: read_calibration(path) for path in calibrations_of(model.name) if model.joints}
@@ -392,7 +392,7 @@ def _narrow_joint(joint: ModelJoint, calibration: Calibration) -> ModelJoint:
 
 
 def _chain_within_ranges(chain: Chain, joints: Sequence[ModelJoint]) -> Chain:
-    """Return the chain inside the joints' ranges; joints that mimic may have narrowed its own."""
+    """Return the chain inside the joints' ranges; mimic joints may have narrowed its own limits."""
     ranges = {joint.name: joint.limits for joint in joints}
     own = [ranges.get(name) for name in chain.names]
     lower = [-np.inf if limits is None else limits.lower.value for limits in own]

@@ -55,28 +55,28 @@ from ikservo.planning.planner import PointGoal
 from ikservo.planning.poses import PoseLibrary
 from ikservo.planning.tool_orientation import KEEP_BEST_EFFORT
 
-# A gripper's goal leads it by more than this at the horn where it presses on something.
+# A gripper's goal leads it by more than this at the horn while it presses on something.
 _PRESSING_LAG_RAD = 0.05
-# Where the whole path to the rest pose is not free, these fractions of it are tried.
+# If the whole path to the rest pose is not free, these fractions of it are tried.
 _PATH_FRACTIONS = (0.8, 0.6, 0.4, 0.2)
-# From where ways around are looked for; and how many postures are tried for that.
+# Number of starts for paths around things, and of postures tried to find them.
 _EXITS, _NEARBY = 3, 300
-# A point is suggested at these fractions of the line from the nearest one back to the tip.
+# These fractions of the line from the nearest point back to the tip are suggested.
 _STEPS_BACK = (0.0, 0.01, 0.02, 0.05, 0.1, 0.2, 0.4)
 
-# So far above a point at the table another one is tried, metres.
+# A point this far above a point at the table is tried instead, metres.
 _STEPS_UP_M = (0.0, 0.03, 0.06, 0.1)
 
 
 class MotionStart(Protocol):
-    """Where a motion would start, and how fast it may be; ``MotionRunner`` knows it of now."""
+    """Start of a motion, and its allowed speed; ``MotionRunner`` knows the present ones."""
 
     def start_position(self) -> Vector:
-        """Return where it would start (n,), rad or m."""
+        """Return the start (n,), rad or m."""
         ...
 
     def allowed_speed(self, speed: str) -> str:
-        """Return the speed class in which it would run."""
+        """Return the speed class of the motion."""
         ...
 
     def enable(self) -> None:
@@ -85,11 +85,11 @@ class MotionStart(Protocol):
 
 
 class PlannedStart:
-    """Where a motion will start that is only planned so far.
+    """Start of a motion that is only planned so far.
 
     Args:
         joints: All joints (n,).
-        allowed: The speed class in which it would run; that of the motion if empty.
+        allowed: The speed class in which it would run; empty uses that of the motion.
     """
 
     def __init__(self, joints: Vector, allowed: str = "") -> None:
@@ -100,11 +100,11 @@ class PlannedStart:
         return self.joints
 
     def allowed_speed(self, speed: str) -> str:
-        """Return the speed class in which it would run."""
+        """Return the speed class of the motion."""
         return self._allowed or speed
 
     def enable(self) -> None:
-        """Do nothing: a plan moves nothing."""
+        """Do nothing, because a plan moves nothing."""
 
 
 class PreflightPlanner:
@@ -112,7 +112,7 @@ class PreflightPlanner:
 
     Args:
         context: The arm.
-        runner: Knows where a motion would start, and how fast it may be.
+        runner: Knows the start of a motion, and its allowed speed.
         poses: The poses of the arm.
     """
 
@@ -123,17 +123,17 @@ class PreflightPlanner:
     def plan(self, motion: MotionValue[Any]) -> MotionPlan:
         """Plan a motion of the tip or of joints from the start position and check its path.
 
-        It is planned among what is around the arm now, whatever changes meanwhile. A folded arm
+        It uses the present things around the arm, even if they change meanwhile. A folded arm
         touches itself on nearly every path: it leaves that contact first, unless the motion starts
         at the tip.
 
         Raises:
             UnreachableError: A point is out of reach; nothing has moved.
-            RefusedError: The arm would touch itself, the table or a box, leave its limits, or break
-                a constraint.
+            RefusedError: The arm would touch itself, the table or a box, leave its limits, or
+                violate a constraint.
             StoppedError: The arm was stopped meanwhile.
             CalibrationError: The arm is not calibrated.
-            BadValueError: The motion has no plan: it is none of the tip or of joints.
+            BadValueError: The motion has no plan: it is not of the tip or of joints.
         """
         since_s = perf_counter()
         with self._servos.stop_request.requested():
@@ -204,7 +204,7 @@ class PreflightPlanner:
         raise better
 
     def _describe_table(self, motion: MoveTo, error: CollisionError) -> None:
-        """Say in an error that the point is below the table, and which motion is accepted."""
+        """Add to an error that the point is below the table, and which motion is accepted."""
         x, y, z = finite_vector(motion.position_m, 3, "The target").tolist()
         table_m = self._model.floor_m or 0.0
         if z < table_m:
@@ -248,7 +248,7 @@ class PreflightPlanner:
         return replace(plan, requested=goals)
 
     def _ask_about_degrees(self, goals: Mapping[str, float]) -> str:
-        """Give a hint where goals in radians are outside the limits and as degrees are inside."""
+        """Return a hint if goals in radians are outside the limits but inside them as degrees."""
         driven_joints = {driven.joint: driven for driven in self._servos.driven_joints}
         for name, goal in goals.items():
             lower, upper = (
@@ -284,7 +284,7 @@ class PreflightPlanner:
         return self._context.clearance_m(finite_vector(joints, len(names), "The joints"))
 
     def _plan_rest(self) -> MotionPlan:
-        """Plan the slow motion to the rest pose, by another pose where the path is not free."""
+        """Plan the slow motion to the rest pose, through another pose if necessary."""
         rest = self.rest_pose()
         motion = MoveJoints(rest.positions, speed="slow", straight=True)
         try:
@@ -303,12 +303,12 @@ class PreflightPlanner:
         return replace(plan, requested=rest.positions, clamped=rest.changed)
 
     def _plan_lowering(self) -> MotionPlan:
-        """Plan the slow motion to the rest pose, or as much of it as is free.
+        """Plan the slow motion to the rest pose, or the free part of it.
 
         Raises:
             CalibrationError: The arm is not calibrated.
-            RefusedError: No part of it is free.
-            ServoAlarmError: A servo reports what would end the motion at once.
+            RefusedError: No part of the path is free.
+            ServoAlarmError: A servo reports a state that would end the motion at once.
         """
         with self._servos.tolerate_heat():
             self._servos.check_health()
@@ -336,7 +336,7 @@ class PreflightPlanner:
         return clamp_pose("rest", rest, self._servos.driven_joints, start)
 
     def plan_from_held(self, motion: MotionValue[Any]) -> MotionPlan:
-        """Plan from where the arm holds: a limp one may sink before its torque is on."""
+        """Plan from where the arm holds: a limp arm may sink before its torque is on."""
         plan = self.plan(motion)
         if self._servos.torque.is_on:
             return plan
@@ -364,15 +364,15 @@ class PreflightPlanner:
         start: Vector,
         direct: MotionPlan | None = None,
     ) -> MotionPlan:
-        """Make a plan whose path is free: the direct one, or the first of those tried instead.
+        """Make a plan whose path is free: the direct one, or the first free alternative.
 
         Args:
             motion: The motion.
             start: The start (n,).
-            direct: Its direct plan; made here if None.
+            direct: Its direct plan; None makes it here.
 
         Raises:
-            RefusedError: The arm would touch itself, the table or a box, or break a constraint.
+            RefusedError: The arm would touch itself, the table or a box, or violate a constraint.
         """
         tool = self._planner.constrained_tool(_within(motion), start)
         if tool is not None:
@@ -396,9 +396,9 @@ class PreflightPlanner:
         allowed: str,
         error: RefusedError,
     ) -> Iterator[MotionPlan]:
-        """Yield free plans instead of a direct one: around what blocks it, or out of a contact.
+        """Yield free plans instead of a direct one: around obstacles, or out of a contact.
 
-        An arm that touches something leaves that first. The error says what else can be done.
+        An arm that touches something leaves it first. The error says what else can be done.
         """
         touches = self._context.clearance_m(start) < 0.0
         blocked = error if isinstance(error, BlockedError) else None
@@ -428,7 +428,7 @@ class PreflightPlanner:
         allowed: str,
         blocked: BlockedError,
     ) -> Iterator[MotionPlan]:
-        """Yield free plans of the joints around what blocks the straight one.
+        """Yield free plans of the joints around the obstacle on the straight path.
 
         For a line the error says that the joints can go around, if they can.
         """
@@ -466,7 +466,7 @@ class PreflightPlanner:
                 yield replace(plan, around=blocked.cause)
         if perf_counter() - since_s > think_s:
             longer = f"--think {3.0 * think_s:g}s searches longer."
-            blocked.command_hint += f" No way around it was found in {think_s:g} s; {longer}"
+            blocked.command_hint += f" No path around it was found in {think_s:g} s; {longer}"
 
     def _ways_around(
         self,
@@ -478,9 +478,9 @@ class PreflightPlanner:
         *,
         takes_time: bool,
     ) -> Iterator[MotionPlan]:
-        """Yield plans around things to one of some goals (m, n), the roundest first, until it ends.
+        """Yield plans around things to one of the goals (m, n), the best first, until time is up.
 
-        An arm that touches something leaves that first.
+        An arm that touches something leaves that contact first.
         """
         from ikservo.planning.ways_around import BLENDS_RAD, ways_around  # noqa: PLC0415
 
@@ -500,7 +500,7 @@ class PreflightPlanner:
                     yield plan if first is None else self._join(first, plan, "")
 
     def _exits(self, start: Vector, allowed: str, load_factor: float) -> Iterator[MotionPlan]:
-        """Yield short motions, whose paths are free, from a contact to where nothing is touched."""
+        """Yield short motions with free paths from a contact to postures where nothing touches."""
         if not self._context.is_in_contact(start, load_factor, 0.0):
             return
         from ikservo.planning.ways_around import postures_nearby  # noqa: PLC0415
@@ -515,7 +515,7 @@ class PreflightPlanner:
     def _ways_out(self, start: Vector, allowed: str) -> Iterator[tuple[str, MotionPlan]]:
         """Yield motions out of a contact, and the retract poses where they end ("" for none).
 
-        The first moves just as far as the arm needs to touch nothing.
+        The first one moves just as far as needed to touch nothing.
         """
         free = self._context.nearest_free_joints(start)
         out = free is not None and self._planner.plan_to_joints(
@@ -542,15 +542,15 @@ class PreflightPlanner:
     def _check_clear(
         self, plan: MotionPlan, requested: str, within: PathConstraint = UNCONSTRAINED
     ) -> MotionPlan:
-        """Return the plan if its path is free, with what else is known of it.
+        """Return the plan, completed, if its path is free.
 
         Args:
             plan: The plan.
-            requested: The speed class that was asked for.
+            requested: The requested speed class.
             within: The constraint of the tool.
 
         Raises:
-            RefusedError: Something would be touched, or a constraint broken.
+            RefusedError: Something would be touched, or a constraint violated.
             StoppedError: The arm was stopped meanwhile.
         """
         self._servos.stop_request.check_request()

@@ -1,4 +1,4 @@
-"""The data that every function of an arm works on: model, chain, servos, planner, collision."""
+"""The data that every function of an arm uses: model, chain, servos, planner, collision."""
 
 from __future__ import annotations
 
@@ -24,20 +24,20 @@ from ikservo.planning.planner import Planner
 from ikservo.planning.reports import MotionProgress, OnProgress
 from ikservo.planning.surroundings import Surroundings
 
-# Nearer than this a part counts as lying on something.
+# A part that is nearer than this counts as lying on something.
 _CONTACT_M = 0.005
 _JAW_TOUCH_M = 0.004  # omx_f's jaws need 2.9 mm where its arm has sunk out of its rest pose
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ArmContext:
-    """What an arm is made of; its functions take this and a ``MotionRunner``.
+    """The parts of an arm; its functions take this and a ``MotionRunner``.
 
     Attributes:
         model: The arm's model.
         chain: Base to tip, inside this arm's limits.
         servos: Its servos.
-        port: The serial port they are on.
+        port: The serial port of the servos.
         planner: Plans motions; reads no servo.
         surroundings: The surroundings of the arm.
         zeros: The source of the zeros of its joints.
@@ -82,10 +82,10 @@ class ArmContext:
         )
 
     def at_present(self) -> ArmContext:
-        """Return the arm in what is around it now, whatever changes there afterwards.
+        """Return the context with the present things around the arm, unaffected by later changes.
 
         Raises:
-            RefusedError: Another arm that it can reach moves, or where that is is not known.
+            RefusedError: Another arm in reach moves, or its position is unknown.
         """
         self.surroundings.look()
         around = self.surroundings
@@ -93,12 +93,12 @@ class ArmContext:
 
     @property
     def collision(self) -> CollisionChecker | None:
-        """What checks paths of the body; None where they are not checked."""
+        """Checker of the body's paths; None if they are not checked."""
         return self.surroundings.checker
 
     @property
     def checked_collision(self) -> CollisionChecker | None:
-        """The collision checker; None where paths are not checked or positions are not known."""
+        """Collision checker; None if paths are not checked or positions are unknown."""
         return self.collision if self.zeros.are_known else None
 
     def now_s(self) -> float:
@@ -106,7 +106,7 @@ class ArmContext:
         return self.servos.clock.now_s()
 
     def require_zeros(self) -> None:
-        """Refuse what needs calibrated joint positions.
+        """Refuse a motion that needs calibrated joint positions.
 
         Raises:
             CalibrationError: The arm is not calibrated.
@@ -132,11 +132,11 @@ class ArmContext:
         )
 
     def progress_reporter(self, on_progress: OnProgress | None) -> OnCycle | None:
-        """Return what calls ``on_progress`` in every control cycle; None for None."""
+        """Return a function that calls ``on_progress`` in every control cycle, or None."""
         return on_progress and (lambda cycle: on_progress(self.progress(cycle)))
 
     def warm_up(self) -> None:
-        """Load what solving and checking need: in a control loop that takes too long."""
+        """Load what solving and checking need, because that takes too long in a control loop."""
         q = self.chain.clip(np.zeros(self.chain.dof))
         Solver(self.chain, "position").track(self.chain.forward(q), q)
         if self.collision is not None:
@@ -151,7 +151,7 @@ class ArmContext:
             joints: All joints (n,).
 
         Returns:
-            Infinite where paths are not checked or positions are not known.
+            Infinite if paths are not checked or positions are unknown.
         """
         checker = self.checked_collision
         if checker is None:
@@ -163,12 +163,12 @@ class ArmContext:
     ) -> bool:
         """Check whether the body touches itself, the table or a box at joints (n,), or nearly.
 
-        An arm that would touch if it sagged counts, too.
+        An arm that would touch if it sagged also counts.
 
         Args:
             joints: All joints.
             load: Multiple of gravity under which it sags.
-            distance_m: Nearer than this counts as nearly.
+            distance_m: Distance below which a pair nearly touches.
         """
         if self.checked_collision is None:
             return False
@@ -176,12 +176,12 @@ class ArmContext:
         return float(self.checked_collision.distances_with_sag(body, load).min()) < distance_m
 
     def nearest_free_joints(self, joints: Vector) -> Vector | None:
-        """Find joints (n,) near ``joints`` (n,) where the body touches nothing.
+        """Find joints (n,) near ``joints`` (n,) at which the body touches nothing.
 
         The gripper, which may hold something, keeps its position.
 
         Returns:
-            None where no step frees the arm, or where paths are not checked.
+            None if no step frees the arm, or if paths are not checked.
         """
         checker = self.checked_collision
         if checker is None:
@@ -212,7 +212,7 @@ class ArmContext:
         )
 
     def check_piece(self, running: Trajectory, from_s: float, until_s: float, speed: str) -> None:
-        """Check a piece of the path of a running trajectory among what is around the arm now.
+        """Check a piece of the path of a running trajectory in the present surroundings.
 
         Raises:
             CollisionError: Something would be touched.
@@ -223,7 +223,7 @@ class ArmContext:
             self.checked_collision.check_path(self.index.body_joints(path), load_factor)
 
     def check_trajectory(self, move: RuckigMotion, rest: Vector) -> None:
-        """Check the path of an online trajectory, braking and reversing included.
+        """Check the path of an online trajectory, including braking and reversing.
 
         Args:
             move: The motion from the present state on.
@@ -255,9 +255,9 @@ class ArmContext:
     def check_gripper_path(self, start: Vector, goal: Vector) -> None:
         """Check the straight path of the jaws alone between two positions of the joints (n,).
 
-        Capsules are thicker than jaws, and a limp arm has sunk on its table and itself. Jaws have
-        little force and stop at what they meet, so they may come as near as that; what the arm
-        touches where it stands forbids no motion of the jaws.
+        Capsules are thicker than jaws, and a limp arm has sunk onto its table and itself. Jaws have
+        little force and stop at obstacles, so they may come as near as that; contacts of the
+        standing arm do not forbid a motion of the jaws.
 
         Raises:
             RefusedError: Something would be touched.
@@ -276,15 +276,15 @@ class ArmContext:
         return sample_line(start, goal, self.units_per_rad())
 
     def units_per_rad(self) -> Vector:
-        """Return how far each joint (n,) moves per radian of its servo's horn, rad or m."""
+        """Return the motion of each joint (n,) per radian of its servo's horn, rad or m."""
         joints = [self.model.joint(name) for name in self.servos.names]
         return np.array([joint.travel_per_turn / math.tau for joint in joints])
 
     def check_recorded_path(self, start: Vector, recorded: Matrix) -> None:
         """Check the path of the joints to a recorded path (k, n), and along it.
 
-        What the arm touches at ``start`` (n,) it may touch again, as deep; but not a box that the
-        recording begins in, which may have been added later.
+        Contacts at ``start`` (n,) may occur again, as deep; but not with a box in which the
+        recording begins, because the box may have been added later.
 
         Raises:
             RefusedError: Something would be touched.
@@ -302,10 +302,10 @@ class ArmContext:
         )
 
     def note_contacts(self, joints: Vector) -> None:
-        """Note what the body touches at joints (n,) where it rests, before a motion."""
+        """Record the contacts of the resting body at joints (n,), before a motion."""
         if self.checked_collision is not None:
             self.surroundings.note_contacts(self.index.body_joints(joints))
 
     def _contacts_began_m(self) -> Vector | None:
-        """Return how deep contacts were when the arm came into them; a limp arm begins anew."""
+        """Return the depths at which contacts began; None for a limp arm, which may sink."""
         return None if self.servos.torque.is_off else self.surroundings.contacts_began_m()

@@ -1,4 +1,4 @@
-"""Limits of joints that hold a load: their goals lead them, and may not pass a limit either."""
+"""Limits of joints under load: their goals lead them, and must not pass a limit either."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ from ikservo.kinematics import Chain
 from ikservo.kinematics.arrays import Matrix, Vector
 from ikservo.model.joint_drive import ArmParameters, JointDrive
 
-# A goal that would be this far outside, rad or m, is as good as one at the limit.
+# A goal that would be this far outside, rad or m, is as good as a goal at the limit.
 _TOLERANCE = 0.003
-# The friction of a servo, as a multiple of its model's: servos of one model differ that much.
+# Friction of a servo as a multiple of its model's, because servos of one model differ.
 _STRONGEST_FRICTION = 1.5
-# A joint that travels less along a path, rad or m, is at rest: the solver's rounding is not motion.
+# A joint that travels less along a path, rad or m, is at rest; less is rounding of the solver.
 _REST_TRAVEL = 0.001
 
 
@@ -21,16 +21,16 @@ def limits_under_load(
 ) -> Chain | None:
     """Return a chain whose limits leave room for the goals that move the arm along a path.
 
-    A limit moves inwards by the greatest lead that is needed where the goal would pass it.
+    A limit moves inwards by the largest lead that is needed where the goal would pass it.
 
     Args:
         chain: The arm, inside the limits of its goals.
         parameters: Its masses and drives.
-        joints: Along the path (k, dof), rad or m, in its order.
-        friction: Whether to leave room for the friction of moving joints; else for the weight only.
+        joints: Joints along the path (k, dof), rad or m, in its order.
+        friction: Whether to leave room for friction of moving joints, too, and not only weight.
 
     Returns:
-        None where no goal would pass a limit.
+        None if no goal would pass a limit.
     """
     directions = _STRONGEST_FRICTION * _directions(joints) if friction else np.zeros_like(joints)
     leads = goal_leads(parameters, joints, directions)
@@ -44,7 +44,7 @@ def limits_under_load(
 
 
 def goal_leads(parameters: ArmParameters, joints: Matrix, directions: Matrix) -> Matrix:
-    """Compute by how much goals lead slowly moving joints against gravity and friction, rad or m.
+    """Compute the lead of goals over slowly moving joints against gravity and friction, rad or m.
 
     Args:
         parameters: Masses and drives of the arm.
@@ -60,7 +60,7 @@ def goal_leads(parameters: ArmParameters, joints: Matrix, directions: Matrix) ->
 
 
 def _directions(joints: Matrix) -> Matrix:
-    """Compute where joints (k, dof) along a path move, at its end where they came from."""
+    """Compute the directions of joints (k, dof) along a path; at its end the last direction."""
     if len(joints) < 2:
         return np.zeros_like(joints)
     moved = np.ptp(joints, axis=0) > _REST_TRAVEL

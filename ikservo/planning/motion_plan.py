@@ -47,12 +47,12 @@ class MotionPlan:
     Attributes:
         start: The joints (n,) at the start, rad or m.
         goal: The joints (n,) at the end.
-        trajectory: All joints over time; what was checked is what is streamed.
+        trajectory: All joints over time; exactly what was checked is streamed.
         tip_m: The tip (3,) at the goal, metres.
         path_m: The length of the tip's path.
         duration_s: The duration of the motion.
         speed: slow, normal or fast.
-        time_limiting_joints: The joints that set the time, at their top speed or
+        time_limiting_joints: The joints that determine the duration, at their top speed or
             acceleration.
         near_limits: The joints that come close to a limit, the closest first.
         target_m: The point it goes to (3,); None for a motion of joints.
@@ -62,22 +62,21 @@ class MotionPlan:
         orientation_change_rad: The angle between the tool's orientations at start and goal.
         speed_reduced: Whether it is slower than requested: the first motion with torque is slow.
         is_cartesian: Whether the tip goes along straight lines or arcs.
-        cartesian_s: For how long it does, up to the end of the trajectory.
-        tool_speed: The speed of the tip along them; None where none was requested.
-        via_pose: The retract pose in between; empty where the path is direct.
-        around: The contact on the straight path that this one goes around; empty if there is none.
+        cartesian_s: Time for which it does, up to the end of the trajectory.
+        tool_speed: The speed of the tip along them; None if none was requested.
+        via_pose: The retract pose in between; empty if the path is direct.
+        around: The contact on the straight path that this one avoids; empty if there is none.
         kept: The constraint of the tool, and how much of it is used, described.
-        clearance_m: The least distance of the body on the path to itself, the table and the boxes;
-            infinite where paths are not checked.
+        clearance_m: Smallest distance of the body on the path to itself, the table and the boxes;
+            infinite if paths are not checked.
         planning_s: The time that planning took.
         names: The joints, in the order of ``start`` and ``goal``.
         units: ``rad`` or ``m`` for each joint.
         motion: The requested motion.
-        requested: The goals of the joints that were requested, rad or m by name; empty for a
-            motion of the tip.
+        requested: The requested goals of joints, rad or m by name; empty for a motion of the tip.
         clamped: The joints that stop at a limit short of the requested pose, described.
-        limp_arm: The context of the arm for which it was made while that was limp; None where the
-            arm held. It may sink until its torque comes on: then the plan is made again.
+        limp_arm: The context of the limp arm for which it was made; None if the arm held. A limp
+            arm may sink until its torque comes on: then the plan is made again.
     """
 
     start: Vector
@@ -117,7 +116,7 @@ class MotionPlan:
         """Sample the motion as arrays: times (k,), positions and velocities (k, n).
 
         Args:
-            dt_s: Between two samples; the last is at the motion's end.
+            dt_s: Time between two samples; the last sample is at the motion's end.
 
         Raises:
             BadValueError: ``dt_s`` is not above 0, or makes more than a million samples.
@@ -128,7 +127,7 @@ class MotionPlan:
     def to_csv(
         self, path: Path | str | None = None, dt_s: float = 0.01, *, overwrite: bool = False
     ) -> str:
-        """Format the sampled motion as CSV, and write it to a file where a path is given.
+        """Format the sampled motion as CSV; if a path is given, also write it to a file.
 
         Raises:
             BadValueError: See ``sample``; or the file exists and ``overwrite`` is false.
@@ -147,7 +146,7 @@ class MotionPlan:
 
 
 _SAMPLES = 200
-# A joint that uses this fraction of a limit at some instant is one that sets the time.
+# A joint that uses this fraction of a limit at some instant determines the duration.
 _FULL = 0.98
 
 
@@ -174,8 +173,8 @@ def time_limiting_joints(
     """Describe the joints that reach their top speed or acceleration at some instant.
 
     Args:
-        velocity: Along the path (k, n).
-        acceleration: Along the path (k, n).
+        velocity: Velocities along the path (k, n).
+        acceleration: Accelerations along the path (k, n).
         limits: The kinematic limits of each joint.
         names: Their names.
     """
@@ -194,11 +193,11 @@ def near_limits(
     """Return the joints that come near a limit, closest first; see ``near_limit``.
 
     Args:
-        joints: Along the path (k, n), rad or m.
-        lower: The lower limits (n,); infinite where there is none.
+        joints: Joints along the path (k, n), rad or m.
+        lower: The lower limits (n,); infinite if there is none.
         upper: The upper limits (n,).
         names: Their names.
-        units: ``rad`` or ``m`` for each.
+        units: ``rad`` or ``m`` for each joint.
     """
     found: list[tuple[float, NearLimit]] = []
     for i, (name, unit) in enumerate(zip(names, units, strict=True)):
@@ -215,9 +214,9 @@ def near_limits(
     return tuple(near for _, near in sorted(found, key=lambda each: each[0]))
 
 
-# What a joint travels in this time at its top speed: a tick or two, which the guard passes as one
-# step; and what a limp arm may have sagged by between planning and moving (an elbow of XL330 that
-# falls freely: 5.5°, or 0.22 s of its planned top speed).
+# Time at top speed that covers a difference from the start: a tick or two, which the guard passes
+# as one step; and the sag of a limp arm between planning and moving (an elbow of XL330 that falls
+# freely: 5.5°, or 0.22 s of its planned top speed).
 _STEP_S, _SAG_TOLERANCE_S = 0.005, 0.25
 
 
@@ -226,11 +225,11 @@ def rebase_trajectory(
 ) -> Trajectory:
     """Compute the plan's trajectory, started from the goals (n,) that the servos hold.
 
-    They are the plan's start but for a tick, or a little inside where a limp joint was outside its
-    limits. A motion of joints then starts there; a line is preceded by a motion to its start.
+    They equal the plan's start within a tick, or lie slightly inside if a limp joint was outside
+    its limits. A motion of joints then starts there; a line is preceded by a motion to its start.
 
     Raises:
-        RefusedError: The arm has been moved since it was planned, or the plan is another arm's.
+        RefusedError: The arm has moved since the plan was made, or the plan is another arm's.
     """
     if plan.names != tuple(names):
         raise RefusedError(
@@ -260,7 +259,7 @@ def _time_apart_s(plan: MotionPlan, goals: Vector, limits: Sequence[KinematicLim
 
 
 RETRACT_POSES = ("home", "rest")
-"""The poses that are tried, in this order; every arm file has them."""
+"""Poses to try, in this order; every arm file has them."""
 
 
 def via_pose_plan(
@@ -269,10 +268,10 @@ def via_pose_plan(
     """Return a plan that goes to a pose, stops there, and continues from it.
 
     Args:
-        first: To the pose.
-        then: From the pose.
+        first: Plan to the pose.
+        then: Plan from the pose.
         pose: Its name.
-        orientation_change_rad: From the start of the first to the goal of the second.
+        orientation_change_rad: Change from the start of the first to the goal of the second.
     """
     return replace(
         then,
@@ -288,7 +287,7 @@ def via_pose_plan(
     )
 
 
-# A joint that was on its end stop when a pose was taught is this far beyond its limit at most.
+# A joint that was on its end stop when a pose was taught is at most this far beyond its limit.
 _END_STOP_RAD = math.radians(6.0)
 
 
@@ -311,15 +310,15 @@ def clamp_positions(
     start: Vector,
     max_rad: float = _END_STOP_RAD,
 ) -> PoseWithinLimits:
-    """Clamp joint positions that are a little beyond the limits.
+    """Clamp joint positions that are slightly beyond the limits.
 
-    A clamped joint stays as far inside its limit as friction may keep it short of a goal there.
+    A clamped joint stays as far inside its limit as friction may keep it from a goal there.
 
     Args:
         positions: The positions by joint, rad or m; joints that are not named keep theirs.
         driven_joints: The joints, in the order of ``start``.
-        start: The present joints (n,). One that is beyond its limit need not come inside.
-        max_rad: A joint further beyond, at the horn, is left there for the guard to refuse.
+        start: The present joints (n,). A joint that is beyond its limit need not come inside.
+        max_rad: Joints further beyond, at the horn, are not clamped; the guard refuses them.
     """
     clamped, changed = dict(positions), list[str]()
     for driven, at in zip(driven_joints, start.tolist(), strict=True):
@@ -345,7 +344,7 @@ def clamp_pose(
     """Clamp a named pose to the limits; see ``clamp_positions``.
 
     The rest pose is clamped however far it is beyond: an arm must always be able to come down.
-    Another pose is where its joints are on their end stops, just beyond a limit.
+    Other poses may have joints on their end stops, just beyond a limit.
     """
     max_rad = math.inf if name == "rest" else _END_STOP_RAD
     return clamp_positions(pose, driven_joints, start, max_rad)

@@ -1,8 +1,8 @@
-"""Motions as values: what an arm can be asked to do, and the one form of it in JSON and TOML.
+"""Motions as values: all requests to an arm, and their form in JSON and TOML.
 
 A motion is frozen and checked when it is made; points are metres in the arm's base frame. It is
 planned by ``Arm.plan``, made by ``Arm.execute``, and started in the background by ``Arm.start``.
-The methods of ``Arm`` (``move_to``, ``gripper``, …) make it of their arguments.
+The methods of ``Arm`` (``move_to``, ``gripper``, …) make it from their arguments.
 
 As JSON or TOML a motion is a table with one key, its kind; fields that have their default are left
 out::
@@ -46,7 +46,7 @@ R = TypeVar("R")
 Point = tuple[float, float, float]
 
 THINK_S = 3.0
-"""Time for the search for a way around things, unless another one is given."""
+"""Default time for the search for a path around things [s]."""
 
 _MAX_WAIT_S = 3600.0
 _PLAIN = (str, bool, float, tuple)
@@ -88,9 +88,9 @@ def _parse_tool_speed(value: object) -> float:
 
 
 def _parse_think_time(value: object) -> float:
-    think_s = parse_number("The time to look for a way around", value)
+    think_s = parse_number("The time to search for a path", value)
     if not 0.0 < think_s < math.inf:
-        raise BadValueError("The time to look for a way around", f"{think_s:g} s", "above 0 s")
+        raise BadValueError("The time to search for a path", f"{think_s:g} s", "above 0 s")
     return think_s
 
 
@@ -117,7 +117,7 @@ def _parse_name(value: object) -> str:
     return value
 
 
-# Fields that several motions have. What checks a field is written with its type, here or there.
+# Fields of several motions. The check of a field is written with its type, here or there.
 TargetPoint = Annotated[ArrayLike, _target("The target position")]
 ToolSpeed = Annotated[float | None, _parse_tool_speed]
 Speed = Annotated[str, _choice("speed", SPEEDS)]
@@ -134,8 +134,8 @@ class MotionValue(Generic[R]):
 
     Attributes:
         kind: The name of its kind in JSON and TOML, such as ``move_to``.
-        starts_at_tip: Whether its path begins where the tip is, so that an arm that is folded
-            cannot first unfold.
+        starts_at_tip: Whether its path begins where the tip is, so that a folded arm cannot unfold
+            first.
     """
 
     kind: ClassVar[str]
@@ -158,14 +158,14 @@ class MotionValue(Generic[R]):
         return hasattr(self, "speed")
 
     def with_speed(self, speed: str) -> MotionValue[R]:
-        """Return it at a speed class: slow, normal or fast; itself where it has none."""
+        """Return it at a speed class: slow, normal or fast; itself if it has none."""
         return replace(self, speed=speed) if self.has_speed else self  # pyright: ignore[reportCallIssue]
 
     def _check(self) -> None:
         """Refuse fields that contradict each other."""
 
     def __str__(self) -> str:
-        """Return what it does, in a few words."""
+        """Return a short description."""
         return self._words()
 
     def _words(self) -> str:
@@ -174,14 +174,14 @@ class MotionValue(Generic[R]):
 
 @cache
 def _parsers_of(kind: type[MotionValue[Any]]) -> Mapping[str, Callable[[object], object]]:
-    """Return what checks each field of a kind of motion: it is written with the field's type."""
+    """Return the checks of the fields of a kind of motion, written with the fields' types."""
     hints = get_type_hints(kind, include_extras=True)
     return {each.name: hints[each.name].__metadata__[0] for each in fields(cast("Any", kind))}
 
 
 @dataclass(frozen=True)
 class MoveTo(MotionValue[MoveResult]):
-    """The tip moves to a point, as the joints come there soonest.
+    """The tip moves to a point on the fastest path of the joints.
 
     Attributes:
         position_m: The point (3,), metres, base frame.
@@ -189,13 +189,12 @@ class MoveTo(MotionValue[MoveResult]):
             comes on is slow.
         stance: The orientation of the tool at the end. By default the arm keeps the present one as
             well as it can.
-        straight: Whether the joints move straight or not at all; else they go around what is in
-            the way.
-        within: The constraint of the tool all the way.
-        think_s: Time after which the search for a way around things gives up, s. If it is longer
-            than ``THINK_S``, the rest of it is used to make the way shorter.
-        replan: Whether the arm goes on by another way if something comes into its path. It stops
-            before that in any case.
+        straight: Whether the joints must move straight; otherwise they go around obstacles.
+        within: The constraint of the tool during the whole motion.
+        think_s: Time after which the search for a path around things gives up, s. If it is longer
+            than ``THINK_S``, the rest is used to shorten the path.
+        replan: Whether the arm continues on another path if an obstacle comes into its path. It
+            stops before the obstacle in any case.
     """
 
     position_m: TargetPoint
@@ -217,9 +216,9 @@ class MoveLine(MotionValue[MoveResult]):
 
     Attributes:
         position_m: The point (3,), metres, base frame.
-        tool_speed_m_s: The speed of the tip, constant but for the ramps at both ends, as far as
+        tool_speed_m_s: The speed of the tip, constant except for the ramps at both ends, as far as
             the joints and the speed class (0.1, 0.25 or 0.5 m/s) allow; the plan's ``tool_speed``
-            says what is reached. None: the fastest.
+            tells what is reached. None: the fastest.
         speed: See ``MoveTo``.
         stance: See ``MoveTo``.
         within: See ``MoveTo``.
@@ -233,7 +232,7 @@ class MoveLine(MotionValue[MoveResult]):
     within: Within = UNCONSTRAINED
 
     def path_from(self, tip_m: Vector) -> ToolPath:
-        """Return the path from where the tip (3,) [m] is."""
+        """Return the path from the present tip (3,) [m]."""
         return straight_lines(tip_m, [self.position_m])
 
     def _words(self) -> str:
@@ -242,16 +241,15 @@ class MoveLine(MotionValue[MoveResult]):
 
 @dataclass(frozen=True)
 class MoveArc(MotionValue[MoveResult]):
-    """The tip moves on an arc from where it is: through a point to an end, or about a centre.
+    """The tip moves on an arc from its position: through a point to an end, or about a centre.
 
     Attributes:
         via_m: A point (3,) [m] that the arc passes.
         end_m: Its end (3,) [m].
         full_circle: Whether the circle through the tip, the via point and the end is closed.
-        center_m: The centre (3,) [m] of a circle about which the tip goes, instead of a via point
-            and an end.
-        normal: The direction (3,) of that circle's axis, against which it is counter-clockwise.
-        angle_rad: The angle of the tip about it, negative for clockwise.
+        center_m: The centre (3,) [m] of the arc, instead of a via point and an end.
+        normal: The direction (3,) of its axis; seen against it the arc is counter-clockwise.
+        angle_rad: The angle of the arc, negative for clockwise.
         tool_speed_m_s: See ``MoveLine``.
         speed: See ``MoveTo``.
         stance: See ``MoveTo``.
@@ -288,7 +286,7 @@ class MoveArc(MotionValue[MoveResult]):
             )
 
     def path_from(self, tip_m: Vector) -> ToolPath:
-        """Return the path from where the tip (3,) [m] is."""
+        """Return the path from the present tip (3,) [m]."""
         from ikservo.motion.arc import arc_about_axis, arc_through_points  # noqa: PLC0415
 
         if self.center_m is not None:
@@ -306,12 +304,12 @@ class MoveArc(MotionValue[MoveResult]):
 
 @dataclass(frozen=True)
 class MoveThrough(MotionValue[MoveResult]):
-    """The tip moves through points without a stop, to rest at the last.
+    """The tip moves through points without a stop, and rests at the last one.
 
     Attributes:
         points_m: The points (k, 3), metres, base frame.
-        blend_m: Within which distance the tip passes each point but the last.
-        line: Whether the tip moves on straight lines, else the joints do.
+        blend_m: Distance within which the tip passes each point but the last.
+        line: Whether the tip moves on straight lines; otherwise the joints do.
         tool_speed_m_s: See ``MoveLine``; on lines only.
         speed: See ``MoveTo``.
         stance: See ``MoveTo``; at the last point.
@@ -340,7 +338,7 @@ class MoveThrough(MotionValue[MoveResult]):
             )
 
     def path_from(self, tip_m: Vector) -> ToolPath:
-        """Return the lines from where the tip (3,) [m] is, their corners rounded."""
+        """Return the lines from the present tip (3,) [m], with rounded corners."""
         return straight_lines(tip_m, list(self.points_m), self.blend_m)
 
     def _words(self) -> str:
@@ -355,7 +353,7 @@ class Draw(MotionValue[MoveResult]):
 
     Attributes:
         strokes_m: The points (k, 3) of each stroke, metres, base frame.
-        lift_m: The height of the tip above a stroke before the first, between two and after the
+        lift_m: The height of the tip above the strokes before the first, between two and after the
             last.
         tool_speed_m_s: See ``MoveLine``; along a stroke.
         speed: See ``MoveTo``.
@@ -383,7 +381,7 @@ class Draw(MotionValue[MoveResult]):
 
 
 TipMotion = MoveTo | MoveLine | MoveArc | MoveThrough | Draw
-"""Motions of the tip. One with ``path_from`` needs nothing else to be planned."""
+"""Motions of the tip. A motion with ``path_from`` needs nothing else for planning."""
 
 
 @dataclass(frozen=True)
@@ -408,7 +406,7 @@ class MoveJoints(MotionValue[JointMoveResult]):
     replan: Replan = False
 
     def __hash__(self) -> int:
-        """Return a hash; a mapping has none of its own."""
+        """Return a hash, because a mapping has none."""
         return hash(
             (
                 tuple(self.positions.items()),
@@ -429,7 +427,7 @@ class MovePose(MotionValue[JointMoveResult]):
     """The joints move to a pose, clamped to the limits.
 
     Attributes:
-        name: The name of a pose of the arm file, or of a taught one.
+        name: The name of a pose of the arm file, or of a taught pose.
         speed: See ``MoveTo``.
         straight: See ``MoveTo``.
         within: See ``MoveTo``.
@@ -451,12 +449,12 @@ class MovePose(MotionValue[JointMoveResult]):
 
 @dataclass(frozen=True)
 class MoveToRest(MotionValue[JointMoveResult]):
-    """The joints move slowly to the rest pose, by another pose where the path is not free."""
+    """The joints move slowly to the rest pose, through another pose if necessary."""
 
 
 @dataclass(frozen=True)
 class LookAt(MotionValue[JointMoveResult]):
-    """The tool axis comes to point at a point, wherever the tip is then: for cameras and pan-tilts.
+    """The tool axis turns to a point; the tip may move: for cameras and pan-tilts.
 
     Attributes:
         point_m: The point (3,), metres, base frame.
@@ -473,7 +471,7 @@ class LookAt(MotionValue[JointMoveResult]):
 
 @dataclass(frozen=True)
 class Lower(MotionValue[JointMoveResult]):
-    """The joints move slowly to the rest pose, or as far as the path there is free."""
+    """The joints move slowly to the rest pose, or as far towards it as the path is free."""
 
 
 @dataclass(frozen=True)
@@ -481,10 +479,10 @@ class MoveGripper(MotionValue[GraspResult]):
     """The jaws open, close, or move to a width; they stop at an object and hold it.
 
     Attributes:
-        to: open or close; None where a width is given.
+        to: open or close; None if a width is given.
         width_m: The distance between the jaws, metres.
-        force: The fraction of the servo's torque that it may use, to 1; None for 0.3. The least is
-            what overcomes the friction of its gears: 0.05, of an STS3215 for 7.4 V 0.1.
+        force: Fraction of the servo's torque that it may use, up to 1; None: 0.3. The minimum
+            overcomes the friction of its gears: 0.05, for a 7.4 V STS3215 0.1.
     """
 
     to: Annotated[str | None, _choice("motion of the gripper", ("open", "close"))] = None
@@ -505,7 +503,7 @@ class Wait(MotionValue[None]):
     """The arm holds for a time.
 
     Attributes:
-        duration_s: For how long, above 0 and at most an hour.
+        duration_s: Duration, above 0 and at most an hour.
     """
 
     duration_s: Annotated[float, _number("The wait")]
@@ -528,7 +526,7 @@ KINDS: Mapping[str, type[MotionValue[Any]]] = {
 
 
 def motion_names() -> list[str]:
-    """Return the names of all kinds of motions in JSON and TOML, those of apps too."""
+    """Return the names of all kinds of motions in JSON and TOML, including those of apps."""
     return [*KINDS, *(name for app in all_apps() for name in app.motions)]
 
 
@@ -536,7 +534,7 @@ def motion_kind(name: str) -> type[MotionValue[Any]]:
     """Return the kind of motion of a name.
 
     Raises:
-        UnknownNameError: There is none.
+        UnknownNameError: There is no such kind.
     """
     if name in KINDS:
         return KINDS[name]
@@ -550,7 +548,7 @@ def check_motion(motion: MotionValue[R]) -> MotionValue[R]:
     """Check that a value is a motion, and return it.
 
     Raises:
-        BadValueError: It is none.
+        BadValueError: It is not a motion.
     """
     if not isinstance(cast("object", motion), MotionValue):
         raise BadValueError("The motion", repr(motion), "such as MoveTo((0.25, 0.0, 0.15))")
@@ -563,7 +561,7 @@ def motion_fields(motion: MotionValue[Any]) -> dict[str, dict[str, Any]]:
 
 
 def parse_motion(value: object) -> MotionValue[Any]:
-    """Parse the motion that ``motion_fields`` made these JSON values of.
+    """Parse a motion from the JSON values of ``motion_fields``.
 
     Raises:
         InputError: It is not a table of one known kind, or a field is missing, unknown, or refused
@@ -628,7 +626,7 @@ def _from_fields(what: str, kind: Callable[..., object], given: object) -> objec
 
 
 def in_american(given: Mapping[str, R]) -> dict[str, R]:
-    """Return fields or options by their names, which may be given in British spelling, too."""
+    """Return fields or options by their names, which may also be given in British spelling."""
     return {"center_m" if name == "centre_m" else name: value for name, value in given.items()}
 
 

@@ -1,4 +1,4 @@
-"""What the tool keeps to along a whole motion: how far it tilts, and where the tip may be."""
+"""Constraints on the tool during a whole motion: its tilt, and the place of the tip."""
 
 from __future__ import annotations
 
@@ -21,26 +21,26 @@ from ikservo.kinematics.packed import pack_chain
 Point = tuple[float, float, float]
 
 _UP = read_only(np.array([0.0, 0.0, 1.0]))
-# More than this [rad or m] breaks a constraint: solved joints are exact to 1e-5. Between two
-# samples of a path it may be broken by so much unseen.
+# Exceeding a limit by more than this [rad or m] violates a constraint: solved joints are exact to
+# 1e-5. Between two samples of a path this much may go unnoticed.
 _BROKEN, _UNSEEN = 1e-4, 1e-3
-# Ways are looked for this much inside of a constraint, so that their corners can be rounded.
+# Paths are searched this far inside of a constraint, so that their corners can be rounded.
 _INSIDE_M, _INSIDE_RAD, _INSIDE_FRACTION = 0.002, math.radians(1.0), 0.15
 
 
 @dataclass(frozen=True, slots=True)
 class PathConstraint:
-    """What the tool keeps to from the start of a motion to its end; nothing by default.
+    """Constraints on the tool from the start of a motion to its end; none by default.
 
     Attributes:
         upright_rad: The largest tilt of the axis that points up in the gripper at the start, such
-            as a cup's: its angle to the vertical. Turning about the vertical is free.
-        axis: A direction (3,), base frame, that the tool axis stays near.
-        axis_rad: The largest angle between both.
-        low_m: The lowest corner (3,) of a box that the tip stays in.
+            as a cup's: its angle to the vertical. Rotation about the vertical is free.
+        axis: A direction (3,), base frame, near which the tool axis stays.
+        axis_rad: The largest angle between the two.
+        low_m: The lowest corner (3,) of a box in which the tip stays.
         high_m: Its highest corner (3,).
         above_m: A point (3,) of a plane above which the tip stays.
-        normal: The direction (3,) that is above that plane.
+        normal: The direction (3,) that counts as above the plane.
 
     Raises:
         BadValueError: A number is out of its range, or a part of a constraint is missing.
@@ -97,17 +97,17 @@ UNCONSTRAINED = PathConstraint()
 
 @dataclass(frozen=True, slots=True)
 class _ToolLimit:
-    """A limit of one angle [rad] or distance [m], and the words for what breaks it."""
+    """A limit of one angle [rad] or distance [m], and the words for its violation."""
 
     words: str
     unit: str
     most: float
     inside: float
-    body: Vector  # of an angle: an axis of the tool (3,); of a distance: the outward normal
-    world: Vector  # of an angle: the direction (3,); of a distance: a point of the plane
+    body: Vector  # angle: an axis of the tool (3,); distance: the outward normal
+    world: Vector  # angle: the direction (3,); distance: a point of the plane
 
     def row(self, excess: float) -> Vector:
-        """Return the limit exceeded by so much (8,); see ``tool_limits``."""
+        """Return the limit relaxed by an excess (8,); see ``tool_limits``."""
         most = self.most + excess
         if self.unit == "°":
             return np.array([1.0, 2.0 * math.sin(0.5 * most), *self.body, *self.world])
@@ -121,17 +121,17 @@ class _ToolLimit:
 
 
 class ConstrainedTool:
-    """How far the tool of an arm is from breaking a constraint.
+    """Measures how far the tool of an arm is from violating a constraint.
 
     Args:
         constraint: The constraint.
         chain: The arm.
         approach_axis: The tool axis (3,) in the coordinates of the tip.
-        start: The joints (dof,) from which it is kept.
+        start: Joints (dof,) that define the constraint.
 
     Attributes:
         arm: The packed chain.
-        projected: The limits (limits, 8) that ``project`` meets; see ``tool_limits``.
+        projected: The limits (limits, 8) that ``project`` satisfies; see ``tool_limits``.
     """
 
     def __init__(
@@ -151,14 +151,14 @@ class ConstrainedTool:
 
     @property
     def kept(self) -> Matrix:
-        """The limits (limits, 8) that ``keeps`` compares with; see ``tool_limits``."""
+        """The limits (limits, 8) that ``keeps`` checks; see ``tool_limits``."""
         return self._limit_rows(self._allowed)
 
     def _limit_rows(self, excess: Vector) -> Matrix:
         return np.array([limit.row(each) for limit, each in zip(self._limits, excess, strict=True)])
 
     def excess(self, joints: Matrix) -> Matrix:
-        """Compute how far each limit is exceeded (n, limits) at joints (n, dof), rad or m."""
+        """Compute the excess over each limit (n, limits) at joints (n, dof), rad or m."""
         if self._bends is not None:
             joints = self._bends(joints)
         poses = np.empty((len(joints), 12))
@@ -177,10 +177,10 @@ class ConstrainedTool:
         """Check joints (n, dof) along a path, straight between two of them.
 
         Returns:
-            How much of each limit is used.
+            The used part of each limit, as text.
 
         Raises:
-            ConstraintError: A limit is exceeded; says how far and where.
+            ConstraintError: A limit is exceeded; the message says how far and where.
         """
         fractions, excess = refine_path(path, self.excess, self._unresolved_intervals)
         at, worst = np.unravel_index(np.argmax(excess), excess.shape)
@@ -188,29 +188,29 @@ class ConstrainedTool:
             limit, beyond = self._limits[int(worst)], float(excess[at, worst])
             raise ConstraintError(limit.words, limit.most, beyond, limit.unit, float(fractions[at]))
         pairs = zip(excess.max(axis=0).tolist(), self._limits, strict=True)
-        nearest = sorted(pairs, key=lambda pair: -pair[0])  # of six sides of a box one is said
+        nearest = sorted(pairs, key=lambda pair: -pair[0])  # names one of the six sides of a box
         said = {limit.words: limit.describe(most) for most, limit in reversed(nearest)}
         return tuple(said[words] for words in dict.fromkeys(each.words for each in self._limits))
 
     def admit(self, ends: Matrix) -> None:
-        """Let ``keeps`` hold at joints (n, dof) that are only just inside of the limits."""
+        """Let ``keeps`` accept joints (n, dof) that are only just inside of the limits."""
         near = self.excess(ends)
         near = near[(near <= _BROKEN).all(axis=1)].max(axis=0, initial=-math.inf)
         self._allowed = np.maximum(self._allowed, near)
 
     def keeps(self, joints: Matrix) -> NDArray[np.bool_]:
-        """Return which joints (n, dof) are well inside of the limits (n,)."""
+        """Check which joints (n, dof) are well inside of the limits (n,)."""
         return np.all(self.excess(joints) <= self._allowed, axis=1)
 
     def project(self, joints: Vector, target_m: Vector | None = None) -> Vector | None:
         """Find joints (dof,) nearby that are well inside of the limits.
 
         Args:
-            joints: The joints (dof,) at which it begins.
-            target_m: The tip (3,) at that time; None if it may be anywhere.
+            joints: The joints (dof,) to start from.
+            target_m: The required position of the tip (3,); None if it is free.
 
         Returns:
-            None where there are none.
+            None if there are none.
         """
         q, point_m = joints.copy(), np.zeros(3) if target_m is None else target_m
         aims = target_m is not None
@@ -218,13 +218,13 @@ class ConstrainedTool:
         return q if found else None
 
     def _unresolved_intervals(self, path: Matrix, excess: Matrix) -> NDArray[np.intp]:
-        """Compute the samples between which and the next a limit may be exceeded."""
+        """Compute the samples after which a limit may be exceeded before the next one."""
         most = excess[:-1] + excess[1:] + self._changes(path)
         near = (most > 2.0 * _UNSEEN) & (excess[:-1] <= _BROKEN) & (excess[1:] <= _BROKEN)
         return np.flatnonzero(near.any(axis=1))
 
     def _changes(self, path: Matrix) -> Matrix:
-        """Compute the most by which each excess changes between two samples (n - 1, limits)."""
+        """Compute the largest change of each excess between two samples (n - 1, limits)."""
         moved = np.abs(np.diff(path, axis=0))
         rates = [self._turns if each.unit == "°" else self._travels for each in self._limits]
         return moved @ np.array(rates).T
@@ -255,7 +255,7 @@ def _limits_of(
 
 
 def _rates(chain: Chain) -> tuple[Vector, Vector]:
-    """Compute how far the tip turns and travels, at most, for a unit of each joint (dof,)."""
+    """Compute the largest rotation and travel of the tip per unit of each joint (dof,)."""
     turns, travels, beyond_m = np.zeros(chain.dof), np.zeros(chain.dof), 0.0
     for step in reversed(chain.joints_to()):
         if step.joint.kind is JointType.PRISMATIC:

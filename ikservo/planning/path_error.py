@@ -12,10 +12,9 @@ from ikservo.kinematics.arrays import IntMatrix, Matrix, Vector
 from ikservo.motion import Trajectory
 from ikservo.planning.planner import Planner
 
-# Distance between two samples of the commanded path, in time: 0.06 mm of a circle of 5 cm at
-# 0.25 m/s.
+# Time between two samples of the commanded path: 0.06 mm of a circle of 5 cm at 0.25 m/s.
 _STEP_S = 0.01
-# The joints lag behind their goals, by less than this; and a reading is older than its goal.
+# The joints lag behind their goals by less than this; and a reading is older than its goal.
 _LAG_S, _LEAD_S = 1.0, 0.1
 _CHUNK = 2000
 
@@ -25,8 +24,8 @@ class PathDeviation:
     """The distance of the measured tip from the commanded path, over a motion's control cycles.
 
     Attributes:
-        rms_m: Root of the mean square.
-        max_m: The largest.
+        rms_m: Root mean square.
+        max_m: Largest distance.
     """
 
     rms_m: float
@@ -39,7 +38,7 @@ class PathRecorder:
 
     Args:
         trajectory: The motion of all joints.
-        cartesian_s: For how long, up to its end, the tip follows the path; 0 for not at all.
+        cartesian_s: Time, up to its end, for which the tip follows the path; 0 for none.
     """
 
     trajectory: Trajectory
@@ -48,13 +47,13 @@ class PathRecorder:
     _joints: list[Vector] = field(default_factory=list[Vector], init=False)
 
     def record(self, cycle: ControlCycle) -> None:
-        """Keep what was measured in a control cycle; nothing where a joint did not reply."""
+        """Record the measurements of a control cycle, unless a joint did not reply."""
         if self.cartesian_s > 0.0 and cycle.time_s >= self._begin_s and not cycle.lost:
             self._times_s.append(cycle.time_s)
             self._joints.append(cycle.measured.copy())
 
     def error(self, planner: Planner) -> PathDeviation | None:
-        """Return the path error; None where nothing was recorded."""
+        """Return the path error; None if nothing was recorded."""
         if not self._times_s:
             return None
         count = 2 + math.ceil(self.cartesian_s / _STEP_S)
@@ -74,9 +73,9 @@ class PathRecorder:
 def path_deviations_m(measured: tuple[Vector, Matrix], commanded: tuple[Vector, Matrix]) -> Vector:
     """Compute the distances (k,) [m] of measured points from a commanded path.
 
-    The distance is that to the nearest point of the part of the path that was commanded from one
-    second before the measurement: lagging along the path is not a path error, as in ISO 9283, and a
-    path that crosses itself is not left by taking the other branch.
+    The distance is to the nearest point of the part of the path that was commanded from one second
+    before the measurement: lagging along the path is not a path error, as in ISO 9283, and on a
+    path that crosses itself the other branch does not count.
 
     Args:
         measured: Times (k,) [s] and points (k, 3) [m].

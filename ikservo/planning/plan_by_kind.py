@@ -1,4 +1,4 @@
-"""Which function of the planner plans which motion of the tip or of joints."""
+"""Selects the planner's function for each kind of motion of the tip or of joints."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from ikservo.planning.planner import Planner
 def plan_motion(
     planner: Planner, motion: TipMotion | MoveJoints | LookAt, start: Vector, speed: str
 ) -> MotionPlan:
-    """Plan a motion from the joints ``start`` (n,) [rad or m], collisions not looked at.
+    """Plan a motion from the joints ``start`` (n,) [rad or m]; collisions are not checked.
 
     Args:
         planner: The planner of the arm.
@@ -23,7 +23,7 @@ def plan_motion(
         UnreachableError: A point is out of reach.
         OrientationError: The tool cannot have the requested orientation there.
         AimError: The tip cannot point at the point.
-        BadValueError: Its path cannot be made from there.
+        BadValueError: Its path cannot be made from this start.
     """
     match motion:
         case MoveTo():

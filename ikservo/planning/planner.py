@@ -64,15 +64,15 @@ def unreachable_error(target: Target, solution: Result) -> UnreachableError:
     )
 
 
-# No servo's joint goes further, many revolutions included.
+# No servo's joint moves further, including many revolutions.
 _MAX_JOINT_STEP_RAD = 1000.0
-# Checks sample a motion evenly: a longer one would take minutes, and all memory.
+# Checks sample a motion evenly: a longer motion would take minutes, and all memory.
 _LONGEST_S = 3600.0
-# Top speed of the tip on a line; 0.25 m/s is what safety standards call reduced speed.
+# Top speed of the tip on a line; safety standards call 0.25 m/s reduced speed.
 _TIP_M_S = {"slow": 0.1, "normal": 0.25, "fast": 0.5}
-# Random starts from which a point is solved; solutions that differ by less are the same.
+# Number of random starts to solve a point, and the difference below which solutions are the same.
 _STARTS, _MISSES, _SAME_GOAL = 24, 4, 0.05
-# The fraction of a blend by which a waypoint is passed; see ``BlendedPath``.
+# Fraction of a blend at which a waypoint is passed; see ``BlendedPath``.
 _PASSED = 0.375
 
 
@@ -83,8 +83,8 @@ class PointGoal:
     Attributes:
         joints: All joints (n,), rad or m.
         target: The point.
-        solved: The orientation of the tool there.
-        stance: The wanted stance.
+        solved: The orientation of the tool at the point.
+        stance: The requested stance.
     """
 
     joints: Vector
@@ -93,7 +93,7 @@ class PointGoal:
     stance: ToolOrientation
 
     def reached_by(self, plan: MotionPlan) -> MotionPlan:
-        """Return a plan that ends here with its target and how the tool is oriented there."""
+        """Return a plan that ends here with its target and the tool's orientation."""
         return _with_target(plan, self.target, self.solved, self.stance)
 
 
@@ -103,7 +103,7 @@ class Planner:
     Args:
         model: The arm's model.
         chain: Base to tool inside this arm's limits.
-        index: The joints in the order of the vectors (n,) that plans are made of.
+        index: The joints in the order of the vectors (n,) of plans.
     """
 
     def __init__(self, model: Model, chain: Chain, index: JointIndex) -> None:
@@ -129,7 +129,7 @@ class Planner:
         Raises:
             UnreachableError: No joints inside the limits reach it; carries the nearest point.
             OrientationError: The tool cannot have the requested orientation there.
-            BadValueError: Not three finite numbers.
+            BadValueError: The point is not three finite numbers.
             UnknownNameError: No such speed.
         """
         limits, target = self.motion_limits(speed), Target(position_m)
@@ -169,17 +169,16 @@ class Planner:
 
         Args:
             start: All joints.
-            path: The path, from ``path_start`` on.
+            path: The path, which begins at ``path_start``.
             speed: slow, normal or fast.
             stance: The orientation of the tool at the end.
-            tool_speed_m_s: The constant speed of the tip; as fast as the speed class allows if
-                None.
+            tool_speed_m_s: The constant speed of the tip; None: as fast as the speed class allows.
 
         Raises:
-            UnreachableError: The end, or a point on the way, is out of reach; says where.
+            UnreachableError: The end, or another point of the path, is out of reach; it is named.
             OrientationError: The tool cannot have the requested orientation.
-            BadValueError: There is no such path, a preferred posture was requested, or the motion
-                would take more than an hour at that speed of the tool.
+            BadValueError: The path is impossible, a preferred posture was requested, or the motion
+                would take more than an hour at this speed of the tool.
             UnknownNameError: No such speed.
         """
         if stance.posture is not None:
@@ -207,7 +206,7 @@ class Planner:
                 raise BadValueError(
                     "The speed of the tool",
                     f"{tool_speed_m_s:g} m/s",
-                    "one at which the motion takes an hour at most",
+                    "a speed at which the motion takes an hour at most",
                 )
             plan = replace(plan, tool_speed=self._tool_speed(plan, tool_speed_m_s))
         return _with_target(plan, target, OrientationSolution(solution, error_rad), stance)
@@ -224,7 +223,7 @@ class Planner:
 
         Raises:
             UnreachableError: A point is out of reach.
-            OrientationError: The tool cannot have the requested orientation at the last.
+            OrientationError: The tool cannot have the requested orientation at the last point.
             UnknownNameError: No such speed.
         """
         limits, target = self.motion_limits(speed), Target(points_m[-1])
@@ -247,7 +246,7 @@ class Planner:
 
         Args:
             start: All joints.
-            points: The points, the last one being the goal.
+            points: The points; the last one is the goal.
             speed: slow, normal or fast.
             blend: The distance before a point at which the straight path is left, rad or m.
         """
@@ -255,7 +254,7 @@ class Planner:
         return self._make_plan(start, trajectory, speed)
 
     def constrained_tool(self, within: PathConstraint, start: Vector) -> ConstrainedTool | None:
-        """Return the tool as a constraint keeps it from joints (n,) on; None without one."""
+        """Return the tool with a constraint from joints (n,) on; None without a constraint."""
         if not within.constrains:
             return None
         q = self._index.chain_joints(start)
@@ -264,10 +263,10 @@ class Planner:
     def check_constraint(
         self, within: PathConstraint, trajectory: Trajectory, speed: str
     ) -> tuple[str, ...]:
-        """Check what the tool keeps to along a trajectory; return how much of it is used.
+        """Check the tool's constraint along a trajectory; return how much of it is used.
 
         Raises:
-            ConstraintError: It is broken; says how far and where.
+            ConstraintError: It is violated; the message says how far and where.
         """
         tool = self.constrained_tool(within, trajectory.state(0.0).position)
         if tool is None:
@@ -283,11 +282,11 @@ class Planner:
     ) -> list[PointGoal]:
         """Solve all joints (n,) with the tip at a point (3,) [m] from many starts.
 
-        Where ``tool`` is constrained, the solutions are inside of that.
+        If ``tool`` is constrained, the solutions are inside of its limits.
 
         Returns:
-            Solutions that differ, the one that is found from ``start`` (n,) first, then by their
-            distance; empty where there is none.
+            Distinct solutions: first the one found from ``start`` (n,), then by their distance;
+            empty if there is none.
         """
         target, q0 = Target(position_m), self._index.chain_joints(start)
         if stance.keep:
@@ -299,7 +298,7 @@ class Planner:
         found, misses = list[PointGoal](), 0
         for q in (q0, *sorted(tried, key=lambda each: float(np.linalg.norm(each - q0)))):
             if misses == _MISSES and not found:
-                break  # each of them was a search from many starts
+                break  # each solve already searches from many starts
             wanted = stance.varied(random) if found else stance
             solved = self._solve_variation(target, wanted, stance, q)
             if solved is None:
@@ -340,7 +339,7 @@ class Planner:
         """Plan a motion after which the tool axis points at a point (3,) [m].
 
         Raises:
-            AimError: No joints inside the limits were found that point there.
+            AimError: No joints inside the limits were found that point at it.
         """
         from ikservo.ik.sight import solve_sight  # noqa: PLC0415  # few motions aim
 
@@ -363,7 +362,7 @@ class Planner:
         )
 
     def dynamic_load_factor(self, speed: str) -> float:
-        """Compute the load in multiples of the arm's weight where it brakes at a speed class."""
+        """Compute the load in multiples of the arm's weight while it brakes at a speed class."""
         reach_m = max(
             float(np.linalg.norm(self._chain.forward(self._model.chain_pose(pose))[:2, 3]))
             for pose in self._model.poses
@@ -382,7 +381,7 @@ class Planner:
     def path_start(self, start: Vector) -> Vector:
         """Compute the tip (3,) [m] where a path begins for the joints ``start`` (n,).
 
-        Joints of the chain that are outside their limits begin at these.
+        Joints of the chain that are outside their limits start at the limit.
         """
         return self.tip(self._clip_to_limits(start))
 
@@ -404,10 +403,10 @@ class Planner:
         return float(np.linalg.norm(log_so3(R_b @ R_a.T)))
 
     def motion_limits(self, speed: str) -> list[KinematicLimits]:
-        """Return the kinematic limits of each joint; a slide goes as fast as its horn turns it.
+        """Return the kinematic limits of each joint; a slide moves as fast as its horn turns it.
 
-        A joint is not so fast that it would travel further than ``guard.MAX_TRAVEL_RAD`` once
-        nobody sends goals any more, however fast the speed class is.
+        A joint's speed is limited, whatever the speed class, so that it travels at most
+        ``guard.MAX_TRAVEL_RAD`` after the last goal.
 
         Raises:
             UnknownNameError: No such speed.
@@ -432,7 +431,7 @@ class Planner:
     def _solve_variation(
         self, target: Target, wanted: ToolOrientation, stance: ToolOrientation, q: Vector
     ) -> OrientationSolution | None:
-        """Solve for one orientation within those of ``stance``; None where there is no solution."""
+        """Solve for one orientation within those of ``stance``; None if there is no solution."""
         try:
             solved = solve_with_orientation(self._chain, self._tool, target, wanted, q)
             if wanted is not stance:
@@ -447,7 +446,7 @@ class Planner:
         return self._index.with_chain(joints, self._chain.clip(self._index.chain_joints(joints)))
 
     def _joint_blend(self, joints: Vector, blend_m: float) -> float:
-        """Compute the blend of the joints with which the tip passes a point within a distance."""
+        """Return the joint-space blend with which the tip passes a point within a distance."""
         J = self._chain.jacobian(self._index.chain_joints(joints))[:3]
         return blend_m / (_PASSED * float(np.linalg.norm(J, axis=0).sum()))
 
@@ -461,12 +460,12 @@ class Planner:
         *,
         strict: bool,
     ) -> CartesianTrajectory:
-        """Follow a path inside limits that leave room for the goals which move the arm along it.
+        """Follow a path inside limits that leave room for the goals that move the arm along it.
 
         See ``CartesianTrajectory`` for ``q``, ``path``, ``tool_speed_m_s``, ``end``, ``strict``.
 
         Raises:
-            CartesianPathError: The path cannot be followed; says so where the load is the cause.
+            CartesianPathError: The path cannot be followed; the message says if load is the cause.
         """
         limits = self.motion_limits(speed)
 
@@ -486,7 +485,7 @@ class Planner:
         if self._parameters is None:
             return line
         joints = sample_states(line)[0]
-        for friction in (True, False):  # that it stays short by friction only is not a refusal
+        for friction in (True, False):  # friction alone is no reason to refuse
             loaded = limits_under_load(self._chain, self._parameters, joints, friction=friction)
             if loaded is None:
                 return line
@@ -537,7 +536,7 @@ class Planner:
 def _with_target(
     plan: MotionPlan, target: Target, solved: OrientationSolution, stance: ToolOrientation
 ) -> MotionPlan:
-    """Return the plan with its target and how the tool is oriented there."""
+    """Return the plan with its target and the tool's orientation there."""
     return replace(
         plan,
         target_m=target.position,

@@ -1,7 +1,7 @@
 """The library of taught poses: one small file for each arm and adapter.
 
 ``poses/so101-58FA083.toml`` in the user's configuration folder has the form of an arm file's poses,
-degrees for joints that turn and metres for those that slide, and may be edited by hand::
+degrees for revolute joints and metres for prismatic ones, and may be edited by hand::
 
     format = 1
     arm = "so101"
@@ -33,7 +33,7 @@ from ikservo.planning.context import ArmContext
 
 _NAME = re.compile(r"[A-Za-z0-9_-]{1,64}")
 _EXPECTED_NAME = "1 to 64 of the characters A-Z a-z 0-9 _ -"
-_PLACES = 4  # of a degree, and of a tenth of a micrometre
+_PLACES = 4  # decimal places of degrees; metres get more
 
 Positions = Mapping[str, float]
 
@@ -47,7 +47,7 @@ class _PoseFile(StrictModel):
 
 
 class PoseLibrary:
-    """The poses of one arm: those of its arm file, and the taught ones.
+    """The poses of one arm: those of its arm file, and the taught poses.
 
     Args:
         model: The arm.
@@ -65,7 +65,7 @@ class PoseLibrary:
         """Look up the joint positions of a pose, rad or m by joint.
 
         Raises:
-            UnknownNameError: There is no such pose; the closest is offered.
+            UnknownNameError: There is no such pose; the closest name is suggested.
             FileFormatError: The file of the taught poses is malformed.
         """
         if not isinstance(cast("object", name), str):
@@ -105,7 +105,7 @@ class PoseLibrary:
         """Check that a pose can be taught under a name, and return it.
 
         Raises:
-            BadValueError: It is malformed, or a pose of the arm file.
+            BadValueError: The name is malformed, or that of a pose of the arm file.
         """
         if not isinstance(cast("object", name), str) or not _NAME.fullmatch(name):
             raise BadValueError("The name of the pose", repr(name), _EXPECTED_NAME)
@@ -164,7 +164,7 @@ def teach(
     """Save the measured joints as a pose; see ``Arm.teach``."""
     check_callable("until", until)
     poses.check_name(name)
-    poses.user_poses()  # a malformed file is found before the arm is moved by hand
+    poses.user_poses()  # finds a malformed file before the arm is moved by hand
     if until is not None:
         if any(state.torque for state in context.servos.read_states()):
             relax()

@@ -21,8 +21,8 @@ def _unknown_pose() -> Matrix:
 class ArmState:
     """The measured state of the arm: as a tuple of joints, as arrays, and by joint name.
 
-    Arrays have one element for each joint, (n,), in the order of ``names``; rad, or m for
-    prismatic joints. ``state["elbow_flex"]`` is the state of one joint.
+    Arrays have one element per joint, (n,), in the order of ``names``; rad, or m for prismatic
+    joints. ``state["elbow_flex"]`` is the state of one joint.
 
     Attributes:
         tip_m: The tip (3,), metres, base frame.
@@ -60,7 +60,7 @@ class ArmState:
 
     @property
     def positions(self) -> dict[str, float]:
-        """The measured positions by joint, rad or m: what ``move_joints`` takes."""
+        """Measured positions by joint, rad or m, as ``move_joints`` takes them."""
         return {joint.name: joint.position_rad for joint in self.joints}
 
     @property
@@ -90,7 +90,7 @@ class ArmState:
 
     @property
     def loads_percent(self) -> Vector:
-        """The servos' loads (n,), see ``JointState``; NaN where a servo has none."""
+        """Loads of the servos (n,), see ``JointState``; NaN if a servo has none."""
         loads = (joint.load_percent for joint in self.joints)
         return np.array([np.nan if load is None else load for load in loads])
 
@@ -116,13 +116,13 @@ class MotionProgress:
     """The state of a motion in one control cycle.
 
     Attributes:
-        elapsed_s: Time of the motion; behind the clock where it was slowed down.
-        duration_s: The duration of the whole motion; infinite for one that continues until it is
-            ended.
+        elapsed_s: Time of the motion; behind the clock if it was slowed down.
+        duration_s: The duration of the whole motion; infinite for a motion that continues until it
+        is ended.
         tip_m: The measured tip (3,), metres, base frame.
         joints_rad: The measured joints (n,), rad or m; without a reply, as last measured.
-        setpoints_rad: The setpoints of the joints (n,); the servos' goals lead it by the effect of
-            load and friction.
+        setpoints_rad: The setpoints of the joints (n,); the servos' goals lead them by the effect
+            of load and friction.
         names: The joints, in the order of the arrays.
     """
 
@@ -154,19 +154,19 @@ class MoveResult:
         target_m: The requested point (3,), metres, base frame.
         commanded_tip_m: The tip at the solver's joints (3,).
         measured_tip_m: The tip at the measured joints (3,).
-        error_m: From the target to the measured tip.
-        duration_s: From the first goal to rest.
+        error_m: Distance from the target to the measured tip.
+        duration_s: Time from the first goal to rest.
         reached: Whether the error is within the arm's tolerance.
         binding: The active limits of the solution, and the joints that did not arrive.
         orientation_error_rad: The largest angle between the tool and its requested orientation.
-        motion_s: From the first goal to the planned end of the motion.
-        settling_s: From there until every joint had settled.
+        motion_s: Time from the first goal to the planned end of the motion.
+        settling_s: Time from there until every joint had settled.
         orientation_requested: Whether an orientation of the tool was requested.
         orientation_change_rad: The angle between the tool's orientations at start and end.
         path_error_rms_m: The distance of the measured tip from the commanded path, root mean square
             over the control cycles; a lag along the path is not an error. None if the tip followed
             no Cartesian path.
-        path_error_max_m: The largest in a control cycle.
+        path_error_max_m: The largest distance in a control cycle.
     """
 
     target_m: Vector
@@ -202,7 +202,7 @@ class JointMoveResult:
         measured_rad: Their measured positions.
         measured_tip_m: The tip at the measured joints (3,).
         error_rad: The largest error of a joint.
-        duration_s: From the first goal to rest.
+        duration_s: Time from the first goal to rest.
         reached: Whether every joint is within its tolerance.
         binding: The joints that did not arrive.
     """
@@ -229,13 +229,13 @@ class GraspResult:
     """How a motion of the gripper ended.
 
     Attributes:
-        grasped: Whether the closing jaws were blocked short of their goal for half a second, mostly
+        grasped: Whether the closing jaws were blocked before their goal for half a second, mostly
             by an object between them. Jaws whose friction exceeds their force look the same to the
-            servo: try more force where that may be.
+            servo: try more force if that is possible.
         reached: Whether they are at their goal.
         position_rad: The position of the gripper's joint, rad or m.
-        width_m: The distance between the jaws; None where the arm file has no widths.
-        load_percent: The servo's load: of its torque or current.
+        width_m: The distance between the jaws; None if the arm file has no widths.
+        load_percent: The servo's load, in percent of its torque or current.
         force: The fraction of its torque that it may use.
         duration_s: The duration of the motion.
     """
@@ -266,8 +266,8 @@ class ReplayResult:
         slowdown: The factor by which it was slower than recorded, because the recording exceeded
             the limits.
         error_rad: The largest error of a joint at the last sample, rad or m.
-        measured_rad: The joints in the end, rad or m by name.
-        measured_tip_m: The tip there (3,), metres.
+        measured_rad: The joints at the end, rad or m by name.
+        measured_tip_m: The tip at the end (3,), metres.
     """
 
     samples: int
@@ -302,7 +302,7 @@ def describe_alarms(states: Sequence[JointState]) -> list[tuple[str, str]]:
 
 
 def describe_torque(states: Sequence[JointState]) -> str:
-    """Say ``torque stays on``, or which servos are limp."""
+    """Return ``torque stays on``, or which servos are limp."""
     limp = [state.name for state in states if not state.torque]
     if not limp:
         return "torque stays on"
@@ -318,12 +318,12 @@ class FollowResult:
     Attributes:
         setpoints: The number of targets.
         unreached: The number of targets that were out of reach; the arm went as near as it could.
-        refused: The number that the guard refused; the arm kept the one before.
-        reason: Why the last of those was refused.
-        ended: Why it ended: the end of the stream, or a timeout.
-        measured_rad: The joints in the end, corrected, rad or m by name.
-        measured_tip_m: The tip there (3,), metres.
-        duration_s: From the first target to rest, the correction included.
+        refused: The number that the guard refused; the arm kept the previous one.
+        reason: Why the guard refused the last of them.
+        ended: Reason of its end: the end of the stream, or a time-out.
+        measured_rad: The joints at the end, corrected, rad or m by name.
+        measured_tip_m: The tip at the end (3,), metres.
+        duration_s: Time from the first target to rest, including the correction.
         warnings: The warnings during the motion: heat, or a servo that soon protects itself.
     """
 
@@ -346,10 +346,10 @@ class JogResult:
     """How a jog ended.
 
     Attributes:
-        ended: Why: no longer requested, a limit, or the message of the guard.
-        blocked: Whether it cannot go on in this direction: a limit or the guard ended it.
-        measured_rad: The joints in the end, rad or m by name.
-        measured_tip_m: The tip there (3,), metres.
+        ended: The reason: no longer requested, a limit, or the message of the guard.
+        blocked: Whether it cannot continue in this direction: a limit or the guard ended it.
+        measured_rad: The joints at the end, rad or m by name.
+        measured_tip_m: The tip at the end (3,), metres.
         duration_s: The duration of the jog.
     """
 

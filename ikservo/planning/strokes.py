@@ -1,4 +1,4 @@
-"""Plans drawings: strokes of the tip at a constant speed, and the way above them in between."""
+"""Plans drawings: strokes of the tip at a constant speed, and the paths above them in between."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ from ikservo.planning.motions import Draw
 from ikservo.planning.planner import Planner
 from ikservo.planning.tool_speed import ToolSpeed
 
-# By how much a corner of a stroke may be rounded.
+# Largest rounding of a corner of a stroke.
 _CORNER_M = 2e-4
-# A blend passes its corner at this fraction of its length, for each unit that the slope changes.
+# A blend passes its corner at this fraction of its length, per unit of change of the slope.
 _PASSED = 0.1875
 _SAME_POINT_M = 1e-6
 
@@ -33,7 +33,7 @@ def plan_drawing(planner: Planner, drawing: Draw, start: Vector, speed: str) -> 
     the next one, and ends above the last point.
 
     Raises:
-        UnreachableError: A point is out of reach; names the first one and its stroke.
+        UnreachableError: A point is out of reach; the first one and its stroke are named.
         OrientationError: The tool cannot have the requested orientation there.
     """
     strokes = [_distinct_points(np.array(stroke)) for stroke in drawing.strokes_m]
@@ -68,7 +68,7 @@ def _check_reach(planner: Planner, drawing: Draw, at: Vector) -> None:
 
 @contextmanager
 def _at(place: str) -> Generator[None]:
-    """Say in an error at which place of the drawing it is."""
+    """Add to an error at which place of the drawing it occurs."""
     try:
         yield
     except UnreachableError as error:
@@ -78,13 +78,13 @@ def _at(place: str) -> Generator[None]:
 
 
 def _distinct_points(stroke: Matrix) -> Matrix:
-    """Return the points (k, 3) without those that are where the one before is."""
+    """Return the points (k, 3) without points that repeat the previous one."""
     lengths = np.linalg.norm(np.diff(stroke, axis=0), axis=1)
     return stroke[np.concatenate([[True], lengths > _SAME_POINT_M])]
 
 
 def _stroke_path(stroke: Matrix) -> BlendedPath:
-    """Compute lines through the points (k, 3), each corner rounded by 0.2 mm at most."""
+    """Compute lines through the points (k, 3), with each corner rounded by at most 0.2 mm."""
     steps = np.diff(stroke, axis=0)
     slopes = steps / np.linalg.norm(steps, axis=1, keepdims=True)
     turns = [float(np.linalg.norm(b - a)) for a, b in pairwise(slopes)]
@@ -92,7 +92,7 @@ def _stroke_path(stroke: Matrix) -> BlendedPath:
 
 
 def _join(plans: Sequence[MotionPlan]) -> MotionPlan:
-    """Join plans, each of which starts where the one before ends, to one."""
+    """Join plans, each of which starts where the previous one ends, into one."""
     trajectory = plans[0].trajectory
     for plan in plans[1:]:
         trajectory = ConcatenatedTrajectory(trajectory, plan.trajectory)
@@ -114,7 +114,7 @@ def _join(plans: Sequence[MotionPlan]) -> MotionPlan:
 
 
 def _slowest(speeds: Sequence[ToolSpeed]) -> ToolSpeed:
-    """Find the speeds of all strokes as one, with how many of them are slower than requested."""
+    """Combine the speeds of all strokes, with the number of strokes slower than requested."""
     slower = [speed for speed in speeds if not speed.is_constant]
     why = dict.fromkeys(text for speed in slower for text in speed.limited_by)
     count = f"{len(slower)} of {len(speeds)} strokes are slower"

@@ -1,4 +1,4 @@
-"""What is around an arm: things, and other arms, of which one moves at a time."""
+"""The surroundings of an arm: things, and other arms, of which one moves at a time."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from ikservo.model.model import Obstacle
 
 
 class Turn:
-    """Which of two arms moves: one at a time, and none waits for the other."""
+    """The turn of two arms: one moves at a time, and neither waits for the other."""
 
     def __init__(self) -> None:
         self._lock = Lock()
@@ -27,7 +27,7 @@ class Turn:
         self._times = 0
 
     def is_of_other(self, arm: object) -> bool:
-        """Return whether the other one moves."""
+        """Return whether the other arm moves."""
         return self._arm is not None and self._arm is not arm
 
     @contextmanager
@@ -36,10 +36,10 @@ class Turn:
 
         Args:
             arm: One of the two arms.
-            other: The name of the other one.
+            other: The name of the other arm.
 
         Raises:
-            RefusedError: The other one moves.
+            RefusedError: The other arm moves.
         """
         with self._lock:
             if self.is_of_other(arm):
@@ -55,10 +55,10 @@ class Turn:
 
 
 def other_moves(name: str) -> RefusedError:
-    """Return the refusal of an arm that another one, of that name, would have to make way for."""
+    """Return the error for an arm that is blocked by another arm, which is named."""
     return RefusedError(
-        f"{name}, which this arm can reach, is moving.",
-        "Only one of the two may move at a time. Wait until it is at rest.",
+        f"{name}, which is in reach, is moving.",
+        "Only one of the two arms may move at a time. Wait until it is at rest.",
     )
 
 
@@ -67,33 +67,33 @@ class AnotherArm(Protocol):
 
     @property
     def name(self) -> str:
-        """Its name, for messages."""
+        """Name for messages."""
         ...
 
     @property
     def turn(self) -> Turn:
-        """Which of the two moves."""
+        """The turn of the two arms."""
         ...
 
     def things(self, arm: object) -> Sequence[Obstacle]:
-        """Measure where its links are, in the base frame of an arm, which takes turns with it.
+        """Measure its links in the base frame of an arm, which takes turns with it.
 
         Raises:
-            RefusedError: It moves, or where it is cannot be measured.
+            RefusedError: It moves, or its position cannot be measured.
         """
         ...
 
 
 @dataclass(slots=True, eq=False)
 class Surroundings:
-    """What is around an arm now.
+    """The present surroundings of an arm.
 
     Attributes:
-        checker: Checks paths among it; a change puts another one here, and leaves those alone that
-            somebody plans with. None where paths are not checked.
-        others: The other arms that it can reach.
-        contacts: The pairs of the checker, and how deep each of them was when the arm came into
-            contact (pairs,), as negative distances [m], -inf for no contact; None: not known.
+        checker: Checks paths; a change replaces it, and leaves checkers that are in use unchanged.
+            None if paths are not checked.
+        others: The other arms in reach.
+        contacts: The pairs of the checker, and their depths when the arm came into contact
+            (pairs,), as negative distances [m], -inf for no contact; None: not known.
     """
 
     checker: CollisionChecker | None
@@ -106,38 +106,38 @@ class Surroundings:
     _lock: RLock = field(default_factory=RLock, repr=False)
 
     def place(self, body: CollisionBody, things: Sequence[Obstacle], sag: Sag | None) -> None:
-        """Put the arm's body among things; other arms are where they were seen last."""
+        """Put the arm's body among things; other arms keep their last seen position."""
         with self._lock:
             self._body, self._things, self._sag = body, tuple(things), sag
             self._put_among(self._seen)
 
     def contacts_began_m(self) -> Vector | None:
-        """Return how deep each pair of the checker was when it came into contact (pairs,), or None.
+        """Return the depth at which each pair of the checker came into contact (pairs,), or None.
 
-        Contacts begin anew where there are other things.
+        Contacts are forgotten if the things have changed.
         """
         if self.contacts is None or self.checker is None or self.contacts[0] != self.checker.pairs:
             return None
         return self.contacts[1]
 
     def note_contacts(self, q: Vector) -> None:
-        """Note which contacts an arm at rest (dof,) has come into, and which have ended."""
+        """Record new contacts of an arm at rest (dof,), and contacts that have ended."""
         if self.checker is not None:
             gap_m, known_m = self.checker.distances(q[None])[0], self.contacts_began_m()
             began_m = gap_m if known_m is None else np.where(np.isinf(known_m), gap_m, known_m)
             self.contacts = self.checker.pairs, np.where(gap_m < 0.0, began_m, -np.inf)
 
     def look(self) -> None:
-        """Look where the other arms are now.
+        """Measure the present position of the other arms.
 
         Raises:
-            RefusedError: Another arm moves, or where it is is not known.
+            RefusedError: Another arm moves, or its position is unknown.
         """
         if self.others:
             self._put_among([thing for each in self.others for thing in each.things(self)])
 
     def set_others(self, others: Sequence[AnotherArm]) -> None:
-        """Change which other arms it can reach; they are looked at before each motion."""
+        """Change the set of other arms in reach; they are measured before each motion."""
         self.others = tuple(others)
         self._put_among([])
 
@@ -149,7 +149,7 @@ class Surroundings:
 
     @contextmanager
     def in_turn(self) -> Generator[None]:
-        """Let no other arm move in the block.
+        """Keep other arms from moving in the block.
 
         Raises:
             RefusedError: Another arm moves.
@@ -161,10 +161,10 @@ class Surroundings:
 
     @contextmanager
     def undisturbed(self) -> Generator[None]:
-        """Let no other arm move in the block, and keep out of where they are.
+        """Keep other arms from moving in the block, and avoid them.
 
         Raises:
-            RefusedError: Another arm moves, or where it is is not known.
+            RefusedError: Another arm moves, or its position is unknown.
         """
         with self.in_turn():
             self.look()

@@ -42,23 +42,23 @@ class ToolOrientation:
     """A constraint on the tool's orientation; none by default.
 
     Without a constraint the tool keeps its orientation as well as the arm can: arms with six joints
-    the whole orientation; arms with four or five its pitch, then its roll, in the plane that their
-    first joint rotates. A constraint must be met within half a degree, or within
-    ``within_rad``, all of which is used only where something is in the way.
+    the complete orientation; arms with four or five its pitch, then its roll, in the plane that
+    their first joint rotates. A constraint must be met within half a degree, or within
+    ``within_rad``, which is used up only if something is in the way.
 
     Attributes:
         pitch_rad: The angle of the tool axis above the horizontal: -π/2 is straight down.
         roll_rad: The rotation about the tool axis, clockwise from behind the tool; 0 is level.
         direction: The direction of the tool axis (3,), base frame, any length.
-        keep: Whether the orientation of the start is kept in the base frame, all of it.
-        posture: Preferred joint positions instead, where the point leaves freedom (lecture L10).
-        orientation: The whole orientation R_base_tip (3, 3). An arm with fewer than six joints
-            has it at few points only.
+        keep: Whether the complete orientation of the start is kept in the base frame.
+        posture: Preferred joint positions instead, if the point leaves freedom (lecture L10).
+        orientation: The complete orientation R_base_tip (3, 3). An arm with fewer than six joints
+        reaches it at few points only.
         within_rad: The largest deviation of the tool from the pitch, roll, direction or
             orientation.
 
     Raises:
-        BadValueError: They contradict each other, or are not finite numbers.
+        BadValueError: Values contradict each other, or are not finite numbers.
     """
 
     pitch_rad: float | None = None
@@ -94,7 +94,7 @@ class ToolOrientation:
             raise BadValueError("keep", repr(self.keep), "True or False")
         Target((0.0, 0.0, 0.0), direction=self.direction)
         Target((0.0, 0.0, 0.0), orientation=self.orientation)
-        if self.direction is not None:  # tuples, which can be compared
+        if self.direction is not None:  # tuples can be compared
             object.__setattr__(self, "direction", tuple(np.asarray(self.direction).tolist()))
         if self.orientation is not None:
             rows: list[list[float]] = np.asarray(self.orientation).tolist()
@@ -128,11 +128,11 @@ class ToolOrientation:
 
     @property
     def tolerance_rad(self) -> float:
-        """How far the tool may be from the requested orientation."""
+        """Largest deviation of the tool from the requested orientation."""
         return ORIENTATION_TOLERANCE_RAD if self.within_rad is None else self.within_rad
 
     def varied(self, random: np.random.Generator) -> ToolOrientation:
-        """Return a random orientation within the tolerance; itself without one."""
+        """Return a random orientation within the tolerance; itself if there is no tolerance."""
         if self.within_rad is None:
             return self
         most, axis = self.within_rad, random.normal(size=3)
@@ -167,10 +167,10 @@ KEEP_BEST_EFFORT = ToolOrientation()
 
 
 def check_orientation(stance: object, orientation: ArrayLike | None = None) -> ToolOrientation:
-    """Check the constraint, with the whole orientation (3, 3) where that is given instead.
+    """Check the constraint; a complete orientation (3, 3) may be given instead.
 
     Raises:
-        BadValueError: It is no ``ToolOrientation``, or both are given.
+        BadValueError: It is not a ``ToolOrientation``, or both are given.
     """
     if not isinstance(stance, ToolOrientation):
         raise BadValueError(
@@ -180,7 +180,7 @@ def check_orientation(stance: object, orientation: ArrayLike | None = None) -> T
 
 
 MAX_HEADING_ITERATIONS = 6
-"""How often the heading of the tool is updated from the solution."""
+"""Number of updates of the tool's heading from the solution."""
 
 KEPT_ORIENTATION_TOLERANCE_RAD = 3e-4
 POSITION_TOLERANCE_M = 1e-5
@@ -202,7 +202,7 @@ class OrientationSolution:
 def keep_orientation(
     chain: Chain, target: Target, start: Vector, plain: Result
 ) -> OrientationSolution:
-    """Return the joints near an unconstrained solution that keep the tool's orientation best."""
+    """Return the joints near an unconstrained solution that best keep the tool's orientation."""
     plane = ArmPlane(chain)
     first = plane.rotation(start).T @ chain.forward(start)[:3, :3]
     solver = Solver(chain, "pose", options=Options(position_first=True))
@@ -258,7 +258,7 @@ class OrientationSolver:
                 yield from self._solve_pitch(heading_rad, pitch_rad, plain.q)
 
     def _target_rotation(self) -> Matrix | None:
-        """Return the requested orientation (3, 3); None where only a part of it is constrained."""
+        """Return the requested orientation (3, 3); None if only a part of it is constrained."""
         if self._stance.keep:
             return self._first
         return Target((0.0, 0.0, 0.0), orientation=self._stance.orientation).rotation
@@ -271,7 +271,7 @@ class OrientationSolver:
         """Check that the orientation error is within the tolerance, and return it.
 
         Raises:
-            OrientationError: It is more than that.
+            OrientationError: The error is larger.
         """
         if solved.error_rad > self._stance.tolerance_rad:
             raise OrientationError(
@@ -285,7 +285,7 @@ class OrientationSolver:
         return solved.error_rad
 
     def _describe_missing_freedom(self) -> str:
-        """Describe what the arm lacks for a whole orientation; empty where it has six joints."""
+        """Describe the missing freedom for a complete orientation; empty with six joints."""
         if self._target_rotation() is None or self._chain.dof >= _POSE_DOF:
             return ""
         return (
@@ -319,7 +319,7 @@ class OrientationSolver:
     def _solve_pitch(
         self, heading_rad: float, pitch_rad: float, q: Vector
     ) -> Iterator[OrientationSolution]:
-        """Yield solutions with a pitch, each with the heading of the one before."""
+        """Yield solutions with a pitch, each with the heading of the previous one."""
         for _ in range(MAX_HEADING_ITERATIONS):
             if self._stance.roll_rad is None:
                 desired = direction_from_angles(heading_rad, pitch_rad)
@@ -393,10 +393,10 @@ def solve_with_orientation(
         tool: Its axes.
         target: The point.
         stance: The requested orientation.
-        start: The present joints (dof,): where to start, and what to keep.
+        start: The present joints (dof,): the start, and the orientation to keep.
 
     Returns:
-        The solution; where ``solution.reached`` is false, the point is out of reach.
+        The solution; if ``solution.reached`` is false, the point is out of reach.
 
     Raises:
         OrientationError: The error of a requested orientation is more than its tolerance.
@@ -422,7 +422,7 @@ def check_orientation_error(
     """Compute the orientation error of the tool in a solution, rad.
 
     Raises:
-        OrientationError: It is more than the tolerance.
+        OrientationError: The error is larger than the tolerance.
     """
     solver = OrientationSolver(chain, tool, target, stance, solution.q)
     return solver.check_error(solver.evaluate(solution))

@@ -1,4 +1,4 @@
-"""Tool speed of a Cartesian motion: what was requested, and what the joints allow."""
+"""Tool speed of a Cartesian motion: the requested speed, and what the joints allow."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ import numpy as np
 from ikservo.kinematics.arrays import Matrix
 from ikservo.motion import Trajectory
 
-# In a motion of minutes the step is longer, so that planning takes seconds.
+# In a motion of minutes the step is longer, so that planning takes only seconds.
 _STEP_S, _MIN_SAMPLES, _MAX_SAMPLES = 0.005, 200, 20_000
-# Speeds that differ by less are equal: corners that are hardly any are passed a little slower.
+# Speeds that differ by less are equal, because even slight corners are passed slower.
 _SAME = 0.02
 _SHORT_OR_BENT = "acceleration and jerk of the joints, on a path so short or bent"
 
@@ -23,10 +23,10 @@ class ToolSpeed:
 
     Attributes:
         requested_m_s: The constant speed that was requested.
-        top_m_s: The highest that the motion has.
-        slowest_m_s: The lowest between the first and the last instant at the requested speed; the
-            highest where that is never reached.
-        limited_by: The limit that keeps the tool from being as fast as requested all the way.
+        top_m_s: The highest speed of the motion.
+        slowest_m_s: The lowest speed between the first and the last instant at the requested speed;
+        the highest speed if that is never reached.
+        limited_by: The limit that keeps the tool from the requested speed.
     """
 
     requested_m_s: float
@@ -36,11 +36,11 @@ class ToolSpeed:
 
     @property
     def is_constant(self) -> bool:
-        """Whether the requested speed is kept all along, ramps at both ends aside."""
+        """Whether the requested speed is kept everywhere except on the ramps at both ends."""
         return self.slowest_m_s >= (1.0 - _SAME) * self.requested_m_s
 
     def with_reasons(self, joints: tuple[str, ...], speed: str, cap_m_s: float) -> ToolSpeed:
-        """Return the speed with what limits it, where it is not as requested.
+        """Return the speed with its limiting reasons, if it is not as requested.
 
         Args:
             joints: The joints at their top speed or acceleration.
@@ -54,17 +54,17 @@ class ToolSpeed:
         return replace(self, limited_by=joints or (_SHORT_OR_BENT,))
 
     def __str__(self) -> str:
-        """Describe what was reached."""
+        """Describe the speed that was reached."""
         requested, top, slowest = (
             f"{1000.0 * speed:.1f} mm/s"
             for speed in (self.requested_m_s, self.top_m_s, self.slowest_m_s)
         )
         if self.is_constant:
-            return f"{requested}, constant but for the ramps at both ends"
+            return f"{requested}, constant except for the ramps at both ends"
         why = f" ({', '.join(self.limited_by)})" if self.limited_by else ""
         if self.top_m_s < (1.0 - _SAME) * self.requested_m_s:
             return f"not {requested}: {top} at most{why}"
-        return f"{requested}, but only {slowest} at the slowest place on the way{why}"
+        return f"{requested}, but only {slowest} at the slowest place of the path{why}"
 
 
 def sample_times_s(trajectory: Trajectory) -> list[float]:
@@ -79,8 +79,8 @@ def tool_speed_between(tips_m: Matrix, step_s: float, requested_m_s: float) -> T
 
     Args:
         tips_m: The points, from rest to rest.
-        step_s: The time between two.
-        requested_m_s: The speed that was requested.
+        step_s: The time between two points.
+        requested_m_s: The requested speed.
     """
     speeds = np.linalg.norm(np.diff(tips_m, axis=0), axis=1) / max(step_s, 1e-12)
     fast = np.flatnonzero(speeds >= (1.0 - _SAME) * requested_m_s)

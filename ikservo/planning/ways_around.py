@@ -1,4 +1,4 @@
-"""Ways of the joints around what is in their straight way."""
+"""Paths of the joints around obstacles on their straight path."""
 
 from __future__ import annotations
 
@@ -14,16 +14,16 @@ from ikservo.planning.context import ArmContext
 from ikservo.planning.path_constraint import ConstrainedTool
 
 BLENDS_RAD = (0.3, 0.1, 0.03, 0.01, 0.003)
-"""How far before a corner the joints may begin to turn, from the roundest way to the closest."""
+"""Distances before a corner at which joints may begin to turn, from the roundest path on [rad]."""
 
 MARGINS_M = (0.01, 0.003, 0.0003)
-"""The distances that ways keep from everything, the widest first."""
+"""Distances that paths keep from everything, the largest first [m]."""
 
-# The postures that are looked at for a distance before the next one is tried. They are twice as
-# many in each round; from the third round on, the widest distance is left out.
+# Number of postures to check for a distance before the next one is tried. It doubles in each
+# round; from the third round on, the largest distance is left out.
 _EFFORT, _WIDE_ROUNDS = 1000, 2
 
-# Postures tried around one in contact, up to so far in any joint; the fraction of joints that move.
+# Number of postures around a contact, largest offset of a joint, fraction of joints that move.
 _TRIED, _AROUND_RAD, _MOVING = 20000, 2.5, 0.6
 
 
@@ -41,15 +41,15 @@ def ways_around(
 
     Args:
         context: The arm, whose paths are checked.
-        start: All joints (n,), touching nothing.
+        start: All joints (n,), without a contact.
         goals: The possible ends (m, n).
         load_factor: Multiple of gravity while the arm brakes.
-        tool: The constraint of the tool on the way.
-        is_over: Whether the search is to end; asked often.
-        takes_time: Whether a way is made shorter until then.
+        tool: The constraint of the tool on the path.
+        is_over: Returns whether the search is to end; called often.
+        takes_time: Whether a path is shortened until then.
 
     Yields:
-        Ways that keep less and less distance, until the search ends.
+        Paths with smaller and smaller distances, until the search ends.
 
     Raises:
         StoppedError: The arm was stopped meanwhile.
@@ -104,7 +104,7 @@ def ways_around(
 
 
 def postures_nearby(context: ArmContext, start: Vector, load_factor: float) -> Iterator[Vector]:
-    """Yield joints (n,) that touch nothing, those nearest to ``start`` (n,) first.
+    """Yield joints (n,) without a contact, the nearest to ``start`` (n,) first.
 
     Joints beside the chain keep their positions.
     """

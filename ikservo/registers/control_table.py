@@ -37,7 +37,7 @@ def decode_alarms(bits: int, meaning: Mapping[int, Alarm]) -> frozenset[Alarm]:
 
 
 class Family(StrEnum):
-    """Protocol family of a servo; the value is that of arm.toml."""
+    """Protocol family of a servo; the value is the one in arm.toml."""
 
     FEETECH_STS = "feetech_sts"
     FEETECH_SCS = "feetech_scs"
@@ -106,18 +106,18 @@ class ControlTable:
         byte_order: The byte order of 16- and 32-bit values on the line.
         ticks_per_turn: Counts of the present position in a full revolution of the horn; not an
             integer if the sensor covers less than a revolution.
-        baud_rates: Code in the baud rate register to bits a second.
+        baud_rates: Code in the baud rate register to bit/s.
         alarm_bits: Bit of the alarm register to its meaning.
         eeprom_lock: The register that must be 0 for EEPROM writes to be stored, if the family has
             one that can be unlocked again.
         position_modes: Numbers of the operating mode that hold a position, the one of a single
             turn first; empty for a family without such a register.
-        fine_speed_bit: Bit of the register ``phase`` that makes a count of speed a tick a second
-            instead of 50; 0 where the unit is fixed.
+        fine_speed_bit: Bit of the register ``phase`` that makes a count of speed 1 tick/s instead
+            of 50; 0 if the unit is fixed.
         bulk_read: Protocol 1.0 only: the model supports the instruction.
         missing: Register names that the model does not have.
         lacks: Rows of its series that the model does not have, by their vendor's names.
-        non_idempotent: Raw writes never to be repeated after a lost reply, as (name, number).
+        non_idempotent: Raw writes that must not be repeated after a lost reply, as (name, number).
         registers: Every register by its vendor's name, by address.
     """
 
@@ -161,7 +161,7 @@ class ControlTable:
     alarms: ClassVar[Register]
 
     def __init_subclass__(cls) -> None:
-        """List the registers of the table: the rows of its series, then its own in their place."""
+        """List the registers of the table: the rows of its series, replaced by its own rows."""
         rows = [entry for each in reversed(cls.__mro__) for entry in vars(each).values()]
         own = (row for row in rows if isinstance(row, Register) and row.name not in cls.lacks)
         merged = {row.name: row for row in own}
@@ -169,7 +169,7 @@ class ControlTable:
 
     @classmethod
     def find(cls, ref: Register | RegisterName) -> Register:
-        """Find this model's register of a name, or of the same name as a register.
+        """Find this model's register by name, or by another model's register of the same name.
 
         Raises:
             UnknownNameError: This model has no such register.

@@ -1,6 +1,6 @@
-"""What registers hold in a servo as delivered, by the vendors' sheets.
+"""Factory values of servo registers, from the vendors' data sheets.
 
-By series, and by model where it differs; what persists, and the gains of Dynamixel X in RAM.
+By series, and by model if it differs: persistent registers, and gains of Dynamixel X in RAM.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from ikservo.registers.register import Register
 
 
 def delivered_value(table: type[ControlTable], register: Register) -> int | None:
-    """Return the raw number of a writable register as delivered; None where it is not listed."""
+    """Return the raw factory value of a writable register; None if it is not listed."""
     if not register.is_writable:
         return None
     for name in (table.model_name, *(each.__name__ for each in table.__mro__)):

@@ -31,7 +31,7 @@ UINT, SINT, SIGN10 = Unsigned(), TwosComplement(), SignMagnitude(10)
 
 
 # fmt: off
-# The register holds 2 000 000 / rate - 1, rounded; the MX has three faster ones besides.
+# The register holds 2 000 000 / rate - 1, rounded; the MX has three additional, faster codes.
 AX_BAUD_RATES = {1: 1_000_000, 3: 500_000,  4: 400_000, 7: 250_000, 9: 200_000,
                  16: 115_200,  34: 57_600, 103: 19_200, 207: 9_600}
 MX_BAUD_RATES = AX_BAUD_RATES | {0: 2_000_000, 250: 2_250_000, 251: 2_500_000, 252: 3_000_000}
@@ -157,7 +157,7 @@ class MX28(ControlTable):
 
 
 class XL320(ControlTable):
-    """Plastic servo for 7.4 V: rows like those of the AX, in other places, with protocol 2.0."""
+    """Plastic servo for 7.4 V: rows like those of the AX, at other addresses, with protocol 2.0."""
 
     model_name = "XL-320"
     number = 350

@@ -105,7 +105,7 @@ class DynamixelX:
 
 
 class X330:
-    """Rows of the small ones: their current is in milliamperes."""
+    """Rows of the small servos: their current is in milliamperes."""
 
     baud_rate              = Register(   8, 1,  UINT, NUMBER,       RW,  EEP,        0,        6)
     protocol_type          = Register(  13, 1,  UINT, NUMBER,       RW,  EEP,        2,       22)
@@ -130,7 +130,7 @@ class XL330M288(X330, DynamixelX, ControlTable):
 
 
 class XL330M077(X330, DynamixelX, ControlTable):
-    """The same with a faster gear, 77 to 1."""
+    """The XL330-M288 with a faster gear, 77 to 1."""
 
     model_name = "XL330-M077"
     number = 1190
@@ -150,7 +150,7 @@ class XC330M288(X330, DynamixelX, ControlTable):
 
 
 class XC330M181(X330, DynamixelX, ControlTable):
-    """The same with a faster gear, 181 to 1."""
+    """The XC330-M288 with a faster gear, 181 to 1."""
 
     model_name = "XC330-M181"
     number = 1230
@@ -177,7 +177,7 @@ class XC330T288(XC330T, X330, DynamixelX, ControlTable):
 
 
 class XC330T181(XC330T, X330, DynamixelX, ControlTable):
-    """The same with a faster gear, 181 to 1."""
+    """The XC330-T288 with a faster gear, 181 to 1."""
 
     model_name = "XC330-T181"
     number = 1210
@@ -199,7 +199,7 @@ class XL430W250(XL430, DynamixelX, ControlTable):
 
 
 class DualXL430W250(XL430, DynamixelX, ControlTable):
-    """Two XL430 in one case: an id and a table for each shaft."""
+    """Two XL430 in one case: one id and table per shaft."""
 
     model_name = "2XL430-W250"
     number = 1090
@@ -207,7 +207,7 @@ class DualXL430W250(XL430, DynamixelX, ControlTable):
 
 
 class XC430:
-    """Rows of the XL430's case with a coreless motor and metal gears: up to 16 V."""
+    """Rows of a servo in the XL430's case, with a coreless motor and metal gears: up to 16 V."""
 
     max_voltage_limit      = Register(  32, 2,  UINT, DECI_VOLT,    RW,  EEP,       60,      160)
     min_voltage_limit      = Register(  34, 2,  UINT, DECI_VOLT,    RW,  EEP,       60,      160)
@@ -221,14 +221,14 @@ class XC430W240(XC430, XL430, DynamixelX, ControlTable):
 
 
 class XC430W150(XC430, XL430, DynamixelX, ControlTable):
-    """The same with a faster gear, 160 to 1."""
+    """The XC430-W240 with a faster gear, 160 to 1."""
 
     model_name = "XC430-W150"
     number = 1070
 
 
 class DualXC430W250(XC430, XL430, DynamixelX, ControlTable):
-    """Two XC430 in one case: an id and a table for each shaft."""
+    """Two XC430 in one case: one id and table per shaft."""
 
     model_name = "2XC430-W250"
     number = 1160
@@ -253,7 +253,7 @@ class XM430W350(X430, DynamixelX, ControlTable):
 
 
 class XM430W210(X430, DynamixelX, ControlTable):
-    """The same with a faster gear, 213 to 1."""
+    """The XM430-W350 with a faster gear, 213 to 1."""
 
     model_name = "XM430-W210"
     number = 1030
@@ -270,7 +270,7 @@ class XH430W350(X430, DynamixelX, ControlTable):
 
 
 class XH430W210(X430, DynamixelX, ControlTable):
-    """The same with a faster gear, 213 to 1."""
+    """The XH430-W350 with a faster gear, 213 to 1."""
 
     model_name = "XH430-W210"
     number = 1010
@@ -300,7 +300,7 @@ class XM540W270(X540, X430, DynamixelX, ControlTable):
 
 
 class XM540W150(X540, X430, DynamixelX, ControlTable):
-    """The same with a faster gear, 152 to 1."""
+    """The XM540-W270 with a faster gear, 152 to 1."""
 
     model_name = "XM540-W150"
     number = 1130
@@ -314,7 +314,7 @@ class XH540W270(X540, X430, DynamixelX, ControlTable):
 
 
 class XH540W150(X540, X430, DynamixelX, ControlTable):
-    """The same with a faster gear, 152 to 1."""
+    """The XH540-W270 with a faster gear, 152 to 1."""
 
     model_name = "XH540-W150"
     number = 1110

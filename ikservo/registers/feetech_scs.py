@@ -75,7 +75,7 @@ class FeetechSCS:
     overload_torque       = Register(  39, 1,  UINT,   PERCENT,       RW,    EEP,       0,   254)
     torque_enable         = Register(  40, 1,  UINT,   NUMBER,        RW,    RAM,       0,     2)
     goal_position         = Register(  42, 2,  UINT,   TICK_300,      RW,    RAM,       0,  1023)
-    # With both position limits 0 (motor mode) this is a duty instead, its direction in bit 10.
+    # If both position limits are 0 (motor mode) this is a duty, with its direction in bit 10.
     goal_time             = Register(  44, 2,  UINT,   MS_1,          RW,    RAM,       0,  9999)
     goal_speed            = Register(  46, 2,  UINT,   TICK_RATE_300, RW,    RAM,       0,  1000)
     lock                  = Register(  48, 1,  UINT,   NUMBER,        RW,    RAM,       0,     1)
@@ -125,8 +125,7 @@ class SCS15(FeetechSCS, ControlTable):
 class SCS225(FeetechSCS, ControlTable):
     """Servo of the second series: 25 kg·cm at 7.4 V, 1024 steps over 300 degrees, current.
 
-    The units of its currents, and which way its offset counts, are not known: ikservo leaves
-    both alone.
+    The units of its currents and the direction of its offset are not known: ikservo uses neither.
     """
 
     model_name = "SCS225"

@@ -48,7 +48,7 @@ class FeetechSTS:
     alarm_bits = ALARM_BITS
     position_modes = (FeetechMode.POSITION,)
     fine_speed_bit = 0b100
-    # 128 makes the present position tick 2048; repeated after a move it would set another offset.
+    # 128 makes the present position tick 2048; repeated after a motion it would set another offset.
     non_idempotent = frozenset({("torque_enable", 128)})
 
     #                                addr size codec   unit        access area    raw range
@@ -104,7 +104,7 @@ class FeetechSTS:
     target_position       = Register(  67, 2,  SIGN15, TICK_4096,  RO,    RAM)
     present_current       = Register(  69, 2,  UINT,   MA_6_5,     RO,    RAM)
 
-    # The vendor's own settings, behind the RAM; stored without power, too
+    # The vendor's own settings, behind the RAM; also stored without power
     moving_threshold      = Register(  80, 1,  UINT,   NUMBER,     RW,    EEP,       0,   254)
     dts                   = Register(  81, 1,  UINT,   MS_1,       RW,    EEP,       0,   254)
     speed_unit            = Register(  82, 1,  UINT,   NUMBER,     RW,    EEP,       0,   254)
@@ -143,10 +143,10 @@ class STS3235(FeetechSTS, ControlTable):
 
 
 class HLS:
-    """Rows in which the HLS differ: a current loop, and speeds in 50 ticks a second.
+    """Rows in which the HLS differ: a current loop, and speeds in units of 50 tick/s.
 
     Sources: Feetech's memory table of the series, and the list of models and registers of its
-    program FD 1.9.8. What the goal torque is in the modes of speed and PWM is not known.
+    program FD 1.9.8. The meaning of goal torque in speed and PWM mode is unknown.
     """
 
     baud_rates = {code: rate for code, rate in BAUD_RATES.items() if code <= 7}  # noqa: RUF012
@@ -163,7 +163,7 @@ class HLS:
     current_p_gain        = Register(  34, 1,  UINT,   NUMBER,     RW,    EEP,       0,   254)
     current_i_gain        = Register(  35, 1,  UINT,   NUMBER,     RW,    EEP,       0,   254)
     torque_enable         = Register(  40, 1,  UINT,   NUMBER,     RW,    RAM,       0,     2)
-    # The greatest current on the way to a goal: 0 lets the servo not move at all.
+    # The largest current on the way to a goal; with 0 the servo does not move at all.
     goal_torque           = Register(  44, 2,  SIGN15, MA_6_5,     RW,    RAM,   -2047,  2047)
     goal_speed            = Register(  46, 2,  SIGN15, TICK_RATE_50, RW,  RAM,  -32767, 32767)
     # Gains of the position, from the EEPROM at power-up

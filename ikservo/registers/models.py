@@ -17,7 +17,7 @@ def control_table(model_name: str) -> type[ControlTable]:
     """Return the table of a servo model.
 
     Raises:
-        UnknownNameError: No such model; the closest name is offered.
+        UnknownNameError: No such model; the closest name is suggested.
     """
     if model_name not in MODELS:
         raise UnknownNameError("servo model", model_name, MODELS)
@@ -25,6 +25,6 @@ def control_table(model_name: str) -> type[ControlTable]:
 
 
 def control_table_for_number(family: Family, number: int) -> type[ControlTable] | None:
-    """Return the table of the model that reports a number, or None where none is known."""
+    """Return the table of the model that reports a number, or None if it is unknown."""
     found = (t for t in _TABLES if t.family is family and t.number == number)
     return next(found, None)

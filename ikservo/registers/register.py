@@ -75,7 +75,7 @@ class SignMagnitude:
         return 1 << self.bit | -number if number < 0 else number
 
     def to_number(self, word: int, size: int) -> int:
-        """Compute the bits below the direction bit, negated where that bit is set."""
+        """Compute the bits below the direction bit, negated if that bit is set."""
         magnitude = word & (1 << self.bit) - 1
         return -magnitude if word >> self.bit & 1 else magnitude
 
@@ -108,7 +108,7 @@ class Register:
 
     Three notations of one content: ``bytes`` as on the line, ``raw`` the signed integer of the
     datasheet (ticks, tenths of a volt), ``value`` the quantity in the register's unit. Each row
-    is itself and equal to no other.
+    equals only itself.
 
     Attributes:
         address: First byte.

@@ -28,14 +28,14 @@ class Unit:
 
 
 RPM = tau / 60  # rad/s
-"""One revolution a minute in radians a second."""
+"""One revolution per minute in rad/s."""
 
 # fmt: off
 NUMBER       = Unit("",       None)           # a code, a gain, a set of bits
 TICK_4096    = Unit("rad",    tau / 4096)     # 12-bit encoder
 TICK_300     = Unit("rad",    radians(300) / 1024)  # 10-bit potentiometer, by its travel
 TICK_200     = Unit("rad",    radians(200) / 1024)
-TICK_RATE    = Unit("rad/s",  tau / 4096)     # ticks a second
+TICK_RATE    = Unit("rad/s",  tau / 4096)     # ticks per second
 TICK_RATE_50 = Unit("rad/s",  50 * tau / 4096)
 TICK_RATE_300 = Unit("rad/s", radians(300) / 1024)
 TICK_RATE_200 = Unit("rad/s", radians(200) / 1024)
@@ -56,8 +56,8 @@ PWM_885      = Unit("1",      1 / 885)        # 885 counts are the full supply v
 RPM_0_111    = Unit("rad/s",  0.111 * RPM)
 RPM_0_114    = Unit("rad/s",  0.114 * RPM)
 RPM_0_229    = Unit("rad/s",  0.229 * RPM)
-RPM2_214_577 = Unit("rad/s²", 214.577 * tau / 3600)  # 214.577 revolutions a minute squared
+RPM2_214_577 = Unit("rad/s²", 214.577 * tau / 3600)  # 214.577 revolutions per minute squared
 DEG_S2_8_583 = Unit("rad/s²", radians(8.583))
 MV_PER_MS    = Unit("V/s",    1.977)
-MV_PER_MS_12 = Unit("V/s",    3.955)          # of 12 V servos
+MV_PER_MS_12 = Unit("V/s",    3.955)          # 12 V servos
 # fmt: on

@@ -20,9 +20,9 @@ class Topic:
     """A topic.
 
     Attributes:
-        name: With its leading slash.
+        name: Name with its leading slash.
         kind: The type of its messages.
-        latched: Whether the last message is kept for those who subscribe later.
+        latched: Whether the last message is kept for later subscribers.
     """
 
     name: str
@@ -43,8 +43,8 @@ class RosMessage:
 
     Attributes:
         topic: The topic of the message.
-        time_ns: When it was true, nanoseconds since 1970.
-        data: CDR.
+        time_ns: Time of its content, nanoseconds since 1970.
+        data: The encoded message, CDR.
     """
 
     topic: Topic

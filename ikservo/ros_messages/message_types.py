@@ -28,7 +28,7 @@ def _store() -> Typestore:
             "Messages of ROS 2 need rosbags.", f"Install it: {install_command('record')}"
         ) from None
     store = get_typestore(Stores.ROS2_JAZZY)
-    # rosbags hashes its array of char as such; ROS 2 reads a char of a definition as uint8.
+    # rosbags hashes an array of char as such; ROS 2 treats char in a definition as uint8.
     del store.fielddefs[EVENT_INFO]
     store.register(service_types(Nodetype))
     return store
@@ -51,8 +51,8 @@ def encode(kind: str, message: object) -> bytes:
 def decode(kind: str, data: bytes) -> Any:  # noqa: ANN401
     """Decode the message in CDR.
 
-    Bytes after its last field are ignored: ``serialize_message`` of ROS 2 leaves some there, up to
-    16 for each point of a trajectory.
+    Bytes after its last field are ignored: ROS 2's ``serialize_message`` leaves some there, up to
+    16 per point of a trajectory.
 
     Raises:
         InputError: It is not a message of that type.
@@ -71,7 +71,7 @@ def decode(kind: str, data: bytes) -> Any:  # noqa: ANN401
 
 @cache
 def definition(kind: str) -> str:
-    """Return the definition of a message with those that it refers to, as recordings hold it."""
+    """Return the definition of a message with all referenced ones, as in recordings."""
     return _store().generate_msgdef(kind, ros_version=2)[0]
 
 

@@ -1,7 +1,7 @@
 """Types of ROS 2 Jazzy that rosbags does not know: services, and the action of trajectories.
 
-A service is described for its hash as a message of request, response and event; an action is two
-services and a message with the goal's id in them.
+For its hash a service is described as a message of request, response and event; an action as two
+services and a message that contain the goal's id.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ _JOINT_TOLERANCE = "control_msgs/msg/JointTolerance"
 _COMPONENT_TOLERANCE = "control_msgs/msg/JointComponentTolerance"
 
 Fields = Mapping[str, str]
-"""The type of each field; after it ``[]`` for a sequence, ``[<=1]`` at most one, ``[16]`` 16."""
+"""Type of each field; suffix ``[]``: a sequence, ``[<=1]``: at most one, ``[16]``: 16 items."""
 
 _MESSAGES: Mapping[str, Fields] = {
     EVENT_INFO: {

@@ -1,1 +1,1 @@
-"""Stopping from outside: how programs of one user reach the one that has an arm open."""
+"""Stops from outside: how programs of one user reach the program that has an arm open."""

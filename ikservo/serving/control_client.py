@@ -1,10 +1,10 @@
 """Commands to the control server of an open arm, and their messages.
 
-A request has no pickle, no code and no file name: one command of a fixed list, and a secret where
-the socket has no permissions.
+A request contains no pickle, code or file name: only a command of a fixed list, and a secret if the
+socket has no permissions.
 
-``ikservo stop`` imports this module and nothing larger: no NumPy, pydantic or pyserial, which take
-longer to load than an arm takes to brake.
+``ikservo stop`` imports this module and nothing larger: no NumPy, pydantic or pyserial, which load
+more slowly than an arm brakes.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ BRAKE_TIMEOUT_S = 3.0
 _WHO_TIMEOUT_S = 1.0
 
 SCHEMA = "ikservo/owner/1"
-MAX_REQUEST_BYTES = 512  # bytes, the end of the line included
+MAX_REQUEST_BYTES = 512  # bytes, including the end of the line
 MAX_REPLY_BYTES = 65_536
 _KEYS = {"schema", "do", "secret"}
 
@@ -50,7 +50,7 @@ class Request:
 
     Attributes:
         do: The command.
-        secret: Proves that it is the same user, where the socket has no permissions.
+        secret: Proves that it is the same user, if the socket has no permissions.
     """
 
     do: ControlCommand
@@ -66,7 +66,7 @@ def decode_request(line: bytes) -> Request:
     """Decode the request in a line.
 
     Raises:
-        InputError: It is too long, no JSON, or anything but a request of this schema.
+        InputError: It is too long, not JSON, or not a request of this schema.
     """
     row = _decode_line(line, MAX_REQUEST_BYTES)
     if row.keys() != _KEYS or row["schema"] != SCHEMA:
@@ -85,7 +85,7 @@ def decode_reply(line: bytes) -> dict[str, Any]:
     """Decode the fields of a reply.
 
     Raises:
-        InputError: It is none of this schema.
+        InputError: It is not a reply of this schema.
     """
     row = _decode_line(line, MAX_REPLY_BYTES)
     if row.pop("schema", None) != SCHEMA:
@@ -104,7 +104,7 @@ def _decode_line(line: bytes, max_bytes: int) -> dict[str, Any]:
         raise _message_error("the end of the line is missing")
     try:
         row = parse_json(line)
-    except (ValueError, RecursionError):  # not UTF-8, no JSON, a number too long, nested too deep
+    except (ValueError, RecursionError):  # not UTF-8, not JSON, a number too long, nested too deep
         raise _message_error("expected one line of JSON") from None
     if not isinstance(row, dict):
         raise _message_error("expected an object")
@@ -124,9 +124,9 @@ class StopResult:
         port: Its port.
         moving: Whether another program was moving it.
         held: The joints that hold.
-        limp: Those without torque; nothing was changed there.
-        silent: Those that did not reply.
-        latched: Whether a program has the arm, which moves it only once the stop is acknowledged.
+        limp: Joints without torque; nothing was changed there.
+        silent: Joints that did not reply.
+        latched: Whether a program has the arm and moves it only after the stop is acknowledged.
     """
 
     arm: str
@@ -139,10 +139,10 @@ class StopResult:
 
     @classmethod
     def of(cls, result: object) -> StopResult:
-        """Return the outcome in the reply to a stop, without ``result_json``, which loads much.
+        """Return the outcome in the reply to a stop, without ``result_json``, which loads slowly.
 
         Raises:
-            IkservoError: It is the reply of another version.
+            IkservoError: The reply is of another version.
         """
         match cast("Any", result):
             case {
@@ -165,8 +165,8 @@ class StopAllResult:
     """The outcome of stopping several arms.
 
     Attributes:
-        stopped: Those that have confirmed it.
-        errors: Why one could not be stopped, or was not heard to have stopped.
+        stopped: The arms that have confirmed it.
+        errors: Errors of arms that could not be stopped, or did not confirm it.
     """
 
     stopped: tuple[StopResult, ...] = ()
@@ -191,10 +191,10 @@ def send_command(
         device: The port, by any of its names.
         command: The command.
         timeout_s: The time that the reply may take; relaxing is slow.
-        arm: The arm's name, which counts where the process has two arms at the device.
+        arm: The arm's name, needed if the process has two arms at the device.
 
     Returns:
-        The result, JSON values, or None where no process listens.
+        The result, JSON values, or None if no process listens.
 
     Raises:
         IkservoError: The command failed there; carries its message and its exit code.
@@ -207,7 +207,7 @@ def broadcast_command(command: ControlCommand, timeout_s: float = 10.0) -> list[
     """Send a command to every process of this user that has a device open.
 
     Returns:
-        The result, JSON values, or the ``IkservoError`` of each that listens.
+        The result, JSON values, or the ``IkservoError``, of each process that listens.
     """
 
     def request(path: Path) -> object:
@@ -216,7 +216,7 @@ def broadcast_command(command: ControlCommand, timeout_s: float = 10.0) -> list[
         except IkservoError as error:
             return error
 
-    with ThreadPoolExecutor() as pool:  # one without a reply must not delay the others
+    with ThreadPoolExecutor() as pool:  # a process without a reply must not delay the others
         replies = list(pool.map(request, socket_paths()))
     return [reply for reply in replies if reply is not None]
 
@@ -241,7 +241,7 @@ def _request_at(path: Path, device: str, command: ControlCommand, timeout_s: flo
 
 def _exchange_lines(connection: socket.socket, request: Request, timeout_s: float) -> bytes:
     deadline_s, reply = time.monotonic() + timeout_s, b""
-    with contextlib.suppress(BrokenPipeError):  # disconnected at once; its reply may still be there
+    with contextlib.suppress(BrokenPipeError):  # disconnected early; its reply may still be there
         connection.sendall(encode_request(request))
     while not reply.endswith(b"\n") and len(reply) <= MAX_REPLY_BYTES:
         connection.settimeout(max(1e-3, deadline_s - time.monotonic()))
@@ -253,14 +253,14 @@ def _exchange_lines(connection: socket.socket, request: Request, timeout_s: floa
 
 
 def request_stop(device: str, arm: str) -> StopResult | None:
-    """Stop an arm by the program that has its port open; return None where none has.
+    """Stop an arm through the program that has its port open; return None if no program has.
 
     Args:
         device: The port, by any of its names.
         arm: The arm's name.
 
     Raises:
-        IkservoError: That program cannot.
+        IkservoError: That program cannot stop it.
     """
     leave_mark(device, arm)
     reply = send_command(device, ControlCommand.STOP, BRAKE_TIMEOUT_S + 2.0, arm)
@@ -277,7 +277,7 @@ def request_stop_of(arm: str) -> StopAllResult:
 
 
 def _is_of(reply: object, arm: str) -> bool:
-    """Check whether the reply to ``who`` is of a program that has an arm open."""
+    """Check whether the reply to ``who`` comes from a program that has an arm open."""
     match reply:
         case {"arm": str(name), "port": str()}:
             return name == arm

@@ -1,8 +1,8 @@
-"""The local socket address of an open arm: a Unix socket, or a loopback port where there is none.
+"""The local socket address of an open arm: a Unix socket, or else a loopback port.
 
-A Unix socket is guarded by the permissions of its folder and of itself. A port on the loopback
-could be reached by every user of the machine, so its number is in a file that only this user may
-read, together with a secret that every request must contain.
+A Unix socket is guarded by the permissions of its folder and its own. A port on the loopback could
+be reached by every user of the machine, so its number is in a file that only this user may read,
+together with a secret that every request must contain.
 """
 
 from __future__ import annotations
@@ -21,16 +21,16 @@ from pathlib import Path
 
 from ikservo.errors import IkservoError
 
-# What fits into an address on every system: 104 bytes on macOS, 108 on Linux.
+# Length of an address that fits on every system: 104 bytes on macOS, 108 on Linux.
 _MAX_PATH_CHARS = 100
 
 
 def socket_path(device: str, arm: str = "") -> Path:
-    """Return the socket path of a device; all names of one device have the same.
+    """Return the socket path of a device; it is the same for all names of the device.
 
     Args:
         device: The port.
-        arm: The arm's name, where another arm at this device listens at the path without one.
+        arm: The arm's name, if another arm at this device listens at the path without a name.
     """
     real = device if "://" in device else os.path.realpath(device)
     real += f"#{arm}" if arm else ""
@@ -50,7 +50,7 @@ def make_private_directory(folder: Path) -> None:
     """Create the folder, accessible to this user only.
 
     Raises:
-        IkservoError: It is another user's, or no folder.
+        IkservoError: It belongs to another user, or is not a folder.
     """
     folder.mkdir(mode=0o700, parents=True, exist_ok=True)
     found = folder.lstat()
@@ -92,7 +92,7 @@ class ListeningSocket:
     Attributes:
         socket: The socket.
         path: The socket's file, or the file with the port number.
-        secret: Part of every request; empty where permissions guard the socket.
+        secret: Part of every request; empty if permissions guard the socket.
         identity: Inode and time of the file, so that another process's is never removed.
     """
 
@@ -116,16 +116,16 @@ class ListeningSocket:
 
 
 def open_socket(path: Path) -> ListeningSocket | None:
-    """Listen at a path; None where another process listens there already.
+    """Listen at a path; None if another process listens there already.
 
     Raises:
         OSError: The socket cannot be made.
-        IkservoError: The folder is another user's.
+        IkservoError: The folder belongs to another user.
     """
     make_private_directory(path.parent)
     if _is_listening(path):
         return None
-    path.unlink(missing_ok=True)  # of a process that was killed
+    path.unlink(missing_ok=True)  # left by a killed process
     return _listen_unix(path) if HAS_UNIX_SOCKETS else _listen_loopback(path)
 
 
@@ -203,7 +203,7 @@ def _write_address_file(path: Path, port: int, secret: str) -> None:
 
 
 def _read_address_file(path: Path) -> tuple[int, str]:
-    """Read port and secret from the file; a malformed one is a ValueError."""
+    """Read port and secret from the file; a malformed file is a ValueError."""
     row = json.loads(path.read_text("utf-8")[:1024])
     match row:
         case {"port": int(port), "secret": str(secret)} if 0 < port < 65536:
@@ -213,7 +213,7 @@ def _read_address_file(path: Path) -> tuple[int, str]:
 
 
 def _peer_user(connection: socket.socket) -> int | None:
-    """Return the user on the other end of a Unix socket, where the system has it (Linux)."""
+    """Return the user on the other end of a Unix socket, if the system tells it (Linux)."""
     option = getattr(socket, "SO_PEERCRED", None)
     if option is None:
         return None

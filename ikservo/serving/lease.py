@@ -1,4 +1,4 @@
-"""The lease of control: one operator at a time, who must be heard, and whose goals are not old."""
+"""The lease of control: one operator at a time, who must send regularly, and no old goals."""
 
 from __future__ import annotations
 
@@ -14,19 +14,19 @@ from ikservo.errors import LeaseLostError, RefusedError
 from ikservo.guard import DEAD_MAN_TIMEOUT_S
 
 IDLE_TIMEOUT_S = 3.0
-"""An operator who moves nothing and is not heard for so long has lost the lease."""
+"""Time after which a silent operator who moves nothing loses the lease [s]."""
 
-_MAX_AHEAD_S = 0.3  # clocks that differ by more were not compared
+_MAX_AHEAD_S = 0.3  # larger differences mean that clocks were not compared
 
 
 @dataclass(frozen=True, slots=True)
 class Holder:
-    """Who controls an arm.
+    """The operator who controls an arm.
 
     Attributes:
-        lease: Proves it in each message.
+        lease: Proof in each message.
         operator: The name of the operator, for other people.
-        since_s: Since when, by the clock of the server.
+        since_s: Start of the control, by the clock of the server.
     """
 
     lease: str
@@ -35,22 +35,22 @@ class Holder:
 
 
 def is_fresh(sent_s: float, now_s: float, timeout_s: float = DEAD_MAN_TIMEOUT_S) -> bool:
-    """Check whether a message counts: it is not old, and not from the future."""
+    """Check whether a message counts: neither old nor from the future."""
     return -_MAX_AHEAD_S <= now_s - sent_s <= timeout_s
 
 
 class ArmLease:
     """The lease of one arm; every method is safe in any thread.
 
-    On the network messages of its holder are numbered and dated by the clock of the server. Those
-    that are older than the dead-man timeout, repeated, or overtaken by later ones are dropped.
+    On the network, messages of its holder are numbered and dated by the clock of the server.
+    Messages that are older than the dead-man time-out, repeated, or overtaken are dropped.
 
     Args:
         clock: The clock of the server.
-        timeout_s: The time for which a message counts, and a motion goes on without another.
+        timeout_s: The time for which a message counts, and a motion continues without another.
 
     Attributes:
-        timeout_s: See above.
+        timeout_s: The time-out that was given.
         dropped: The number of setpoints that were dropped.
     """
 
@@ -65,12 +65,12 @@ class ArmLease:
 
     @property
     def holder(self) -> Holder | None:
-        """Return who controls the arm; None where nobody does."""
+        """Return the operator who controls the arm; None if nobody does."""
         return self._holder
 
     @property
     def moving(self) -> Holder | None:
-        """Return under whose lease a motion runs; None where none does."""
+        """Return the holder under whose lease a motion runs; None if none runs."""
         return self._moving
 
     def is_held_by(self, lease: str) -> bool:
@@ -80,10 +80,10 @@ class ArmLease:
 
     @contextmanager
     def motion(self, lease: str) -> Generator[None]:
-        """Mark a motion as running within the block: from now on its operator must be heard.
+        """Mark a motion as running within the block: from now on its operator must send messages.
 
         Raises:
-            LeaseLostError: It is requested under another lease than the present one.
+            LeaseLostError: The motion is requested under a lease that is no longer valid.
         """
         with self._lock:
             if not self.is_held_by(lease):
@@ -95,7 +95,7 @@ class ArmLease:
             self._moving = None
 
     def close(self) -> None:
-        """Take the lease back for ever; a motion that runs under it is still in ``moving``."""
+        """Take the lease back forever; a motion that runs under it stays in ``moving``."""
         with self._lock:
             self._holder, self._closed = None, True
 
@@ -104,10 +104,10 @@ class ArmLease:
 
         Args:
             operator: The name of the operator.
-            take_over: Whether to take it from the one who has it, as pages of one person do.
+            take_over: Whether to take it from the present holder, as pages of one person do.
 
         Raises:
-            RefusedError: Another has it, or the lease was closed.
+            RefusedError: Another operator has it, or the lease was closed.
         """
         with self._lock:
             if self._closed:
@@ -124,7 +124,7 @@ class ArmLease:
             return self._holder
 
     def release(self, lease: str) -> bool:
-        """Take the lease back; return whether it was this one."""
+        """Take the lease back; return whether the given one was valid."""
         with self._lock:
             if not self.is_held_by(lease):
                 return False
@@ -132,7 +132,7 @@ class ArmLease:
             return True
 
     def refresh(self, lease: str) -> bool:
-        """Note a sign of life of its holder; return whether it was the holder's."""
+        """Record a sign of life from the holder; return whether it was the holder's."""
         with self._lock:
             if not self.is_held_by(lease):
                 return False
@@ -140,16 +140,16 @@ class ArmLease:
             return True
 
     def silence_s(self) -> float:
-        """Return for how long no holder was heard; infinite before the first has the lease."""
+        """Return the time without a message from the holder; infinite before the first holder."""
         return self._clock.now_s() - self._received_s
 
     @property
     def is_silent(self) -> bool:
-        """Whether no holder was heard for longer than the dead-man timeout."""
+        """Whether the holder has been silent for longer than the dead-man time-out."""
         return self.silence_s() > self.timeout_s
 
     def accept_setpoint(self, lease: str, number: int, sent_s: float) -> bool:
-        """Check whether a setpoint counts: the holder's, newer than the last one, and not old."""
+        """Check whether a setpoint counts: from the holder, newer than the last, and not old."""
         with self._lock:
             if not (
                 self.is_held_by(lease) and number > self._setpoint_number and self._is_fresh(sent_s)
@@ -169,7 +169,7 @@ class ArmLease:
             if not self.is_held_by(lease):
                 raise LeaseLostError
             if number <= self._request_number:
-                raise RefusedError("A request was repeated on its way.", "Nothing was sent.")
+                raise RefusedError("A request was repeated by the network.", "Nothing was sent.")
             if not self._is_fresh(sent_s):
                 late_s = self._clock.now_s() - sent_s
                 raise RefusedError(

@@ -1,7 +1,7 @@
-"""Replies of a served arm as JSON, the same over the control socket and the network.
+"""Replies of a served arm as JSON, equal over the control socket and the network.
 
 A reply has a ``result`` (see ``result_json``) or an ``error``: its class, message, hint, exit code
-and details, of which the other end makes the same error again.
+and details, from which the other end recreates the error.
 
 ``ikservo stop`` imports this module: no NumPy, pydantic or pyserial.
 """
@@ -21,10 +21,10 @@ _MAX_CHARS = 4096
 
 
 def error_fields(error: BaseException) -> dict[str, Any]:
-    """Return an error as JSON values; one that is not of ikservo as a failure.
+    """Return an error as JSON values; an error from elsewhere counts as a failure.
 
-    Message and hint are in terms of the command line; details are the other attributes, as far as
-    they are plain values.
+    Message and hint are in terms of the command line; details are the other attributes with plain
+    values.
     """
     if not isinstance(error, IkservoError):
         text = f"It failed there: {type(error).__name__}: {error}".removesuffix(": ")
@@ -39,7 +39,7 @@ def error_fields(error: BaseException) -> dict[str, Any]:
 
 
 def error_of(fields: Mapping[str, Any]) -> IkservoError:
-    """Return the error that ``error_fields`` described; of an unknown class an ``IkservoError``."""
+    """Return the error that ``error_fields`` described; ``IkservoError`` for unknown classes."""
     match fields:
         case {"kind": str(name), "message": str(message), "hint": str(hint),
               "exit_code": int(code), "details": {}}:  # fmt: skip
@@ -47,7 +47,7 @@ def error_of(fields: Mapping[str, Any]) -> IkservoError:
         case _:
             return other_version_error()
     details = cast("dict[str, object]", fields["details"])
-    error = kind.__new__(kind)  # its own __init__ builds the message from parts that it has not
+    error = kind.__new__(kind)  # __init__ would build the message from unknown parts
     IkservoError.__init__(error, message, hint)
     try:
         for detail, value in details.items():
@@ -75,7 +75,7 @@ def result_in(reply: Mapping[str, Any]) -> object:
     """Return the result in a reply, JSON values.
 
     Raises:
-        IkservoError: The error in it; or it has neither.
+        IkservoError: The error in the reply, or an invalid reply.
     """
     match reply:
         case {"error": {**fields}}:
@@ -107,7 +107,7 @@ def _details_of(error: IkservoError) -> Iterator[tuple[str, object]]:
 
 
 def _is_detail(kind: type[IkservoError], name: str) -> bool:
-    """Check whether an attribute belongs to the errors of one class and hides nothing of it."""
+    """Check whether an attribute belongs to the errors of one class and does not hide any of it."""
     shared = ("command_message", "command_hint", "exit_code", "args")
     return name.isidentifier() and name[0] != "_" and name not in shared and not hasattr(kind, name)
 

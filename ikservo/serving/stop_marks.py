@@ -1,8 +1,8 @@
 """Marks that ``ikservo stop`` leaves for programs that have not opened their port yet.
 
 A stop counts for every program of this user that was started before it. A program that has an arm
-open is asked through its control socket. One that is still starting finds the mark when it opens
-the port. The times are those of the machine's monotonic clock, which all its programs share.
+open is asked through its control socket; a program that is still starting finds the mark when it
+opens the port. Times are those of the machine's monotonic clock, which all its programs share.
 """
 
 from __future__ import annotations
@@ -17,12 +17,12 @@ from ikservo.errors import IkservoError
 from ikservo.serving.control_socket import make_private_directory, socket_path
 
 _ANY_PORT = "stop://any"
-# A program of the user that opens its first arm later than this was not meant by the stop.
+# A stop does not apply to a program of the user that opens its first arm later than this.
 _MAX_AGE_S = 600.0
 
 
 def leave_mark(device: str = "", arm: str = "") -> None:
-    """Let programs that were started before now move nothing; works without where it cannot.
+    """Keep programs that were started before now from moving; does nothing if it cannot write.
 
     Args:
         device: The port of the arm; every port if empty.
@@ -50,7 +50,7 @@ def has_mark(device: str, arm: str) -> bool:
 
 
 def forget_marks() -> None:
-    """Let stops up to now not count for what this program opens next: it was told of them."""
+    """Ignore earlier stops for arms that this program opens next, because it was told of them."""
     global _forgotten_s  # noqa: PLW0603  # one for the whole program, as its start
     _forgotten_s = time.monotonic()
 
@@ -59,7 +59,7 @@ _imported_s, _forgotten_s = time.monotonic(), 0.0
 
 
 def _started_s() -> float:
-    """Return when this program was started, on the monotonic clock; as exactly as it is known."""
+    """Return when this program was started, on the monotonic clock, as exactly as known."""
     try:
         after_name = Path("/proc/self/stat").read_bytes().rpartition(b")")[2].split()
         since_boot_s = int(after_name[19]) / os.sysconf("SC_CLK_TCK")
@@ -70,7 +70,7 @@ def _started_s() -> float:
 
 
 def _is_recent(at_s: float) -> bool:
-    """Check the age of a mark; one of the time before the machine was restarted may be ahead."""
+    """Check the age of a mark; a mark from before a restart of the machine may be ahead."""
     return 0.0 <= time.monotonic() - at_s <= _MAX_AGE_S
 
 

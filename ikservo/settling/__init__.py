@@ -1,1 +1,1 @@
-"""The joints after a motion: they are corrected by what they measure until they are at rest."""
+"""The end of a motion: joints are corrected by their measured positions until they rest."""

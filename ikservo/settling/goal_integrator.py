@@ -1,4 +1,4 @@
-"""The goal of one joint while the arm settles: integrated, braked, softened in a swing."""
+"""The goal of one joint while the arm settles: integrated, braked, softened during a swing."""
 
 from __future__ import annotations
 
@@ -10,47 +10,47 @@ from ikservo.calibration import format_source
 from ikservo.guard import DrivenJoint
 from ikservo.settling.swings import SwingDamper
 
-# The goal moves by this fraction of the error each second, and no slower than the second number
-# [rad/s at the horn]: stiction must be overcome in good time.
+# The goal moves by this fraction of the error per second, and not slower than the second number
+# [rad/s at the horn], because stiction must be overcome in reasonable time.
 _FRACTION_PER_S = 4.0
 _MIN_RAD_S = 16 * math.tau / 4096
-# A servo may have less friction than known, by this share of both its directions together.
+# A servo may have less friction than known, by this fraction of both directions together.
 _FRICTION_MARGIN = 0.15
-# While it jumps its goal goes back by so much of its speed, over this time, and no further: a joint
-# that swings fast would make it leap.
+# While the joint jumps its goal goes back by its speed times the first number, over the second
+# time, but not further than the third: otherwise a fast swing would make it leap.
 _BRAKE_S, _BRAKE_FILTER_S, _MAX_BRAKE_TICKS = 0.05, 0.02, 4.0
-# Once a joint that swung in the play of its gears rests it is corrected again, each time slower
-# [rad/s at the horn], for it must not coast across its play.
+# A joint that swung in its backlash is corrected again once it rests, slower each time [rad/s at
+# the horn], because it must not coast across its backlash.
 _SWUNG_RAD_S = (0.015, 0.01)
-# It drifts on inside its play when its goal has stopped; turning round there would throw it again.
+# It drifts on in its backlash when its goal has stopped; reversing then would throw it again.
 _SWUNG_ENOUGH_TICKS = 2
-# Near its target a joint that has just moved is waited for: after stiction it still slides.
+# Near its target, the correction waits for a joint that has just moved, because it still slides.
 _NEAR_TICKS = 3
 _MIN_WAIT_S = 0.04
 _AT_REST_S = 0.06
-# One without load may be so long where it turns round in its play, and its rotor crosses that
+# A joint without load may stay this long where it reverses in its backlash; its rotor crosses that
 # after its goal has moved.
 _UNLOADED_REST_S = 0.15
-# Sensor noise is within this.
+# Sensor noise is below this.
 _NOISE_TICKS = 1
 
 
 class Saturation(Enum):
-    """What limits the correction of a joint."""
+    """Kind of limit of a joint's correction."""
 
     LOAD = auto()
-    """The goal leads the joint by as much as the guard allows for a joint at rest."""
+    """The goal leads the joint by as much as the guard allows at rest."""
     LIMIT = auto()
     """The goal is at a limit of the joint."""
 
 
 @dataclass(frozen=True, slots=True)
 class SaturationReason:
-    """Why the goal of a joint goes no further.
+    """Reason why the goal of a joint cannot move further.
 
     Attributes:
         kind: The kind of limit.
-        text: The same for the user, with the limit that binds and its source.
+        text: Text for the user, with the binding limit and its source.
     """
 
     kind: Saturation
@@ -60,27 +60,26 @@ class SaturationReason:
 class GoalIntegrator:
     """Integrates the error of a joint into its goal.
 
-    It ends at the target tick. A joint without load sticks and then jumps by a tick or two; when
-    it has crossed the target, or is pressed away from it, one tick beside is as near as it gets,
-    and it is not reversed for that: on the way back it would cross its backlash and jump further.
-    Each time that it jumps over the target again, twice as many ticks beside it are enough. While
-    it moves its goal goes back, against its speed, so that the jump is short. A joint that swings
-    is softened until it rests (``SwingDamper``), and then corrected slowly; where that has begun a
-    swing again and again its goal stays.
+    It ends at the target tick. A joint without load sticks and then jumps by a tick or two. When it
+    has crossed the target, or is pressed away from it, one tick away counts as arrived: reversing
+    would cross its backlash and make it jump further. Each time it jumps over the target again, the
+    accepted distance doubles. While it moves its goal goes back, against its speed, so that the
+    jump is short. A joint that swings is softened until it rests (``SwingDamper``), and then
+    corrected slowly; if that starts swings repeatedly, its goal stays.
 
     Args:
         driven: The joint with its servo and limits.
         goal: The goal, ticks.
         target: The target of the joint, ticks; None if it only has to come to rest.
         acceleration: The largest change of the goal's speed, ticks/s².
-        stuck: Between which leads over the joint friction is expected to keep it, ticks: through
-            them the goal goes fast. Twice the same number where that is not known.
+        stuck: Leads over the joint between which friction is expected to keep it, ticks; the goal
+            crosses them fast. The same number twice if unknown.
 
     Attributes:
         goal: The goal of a joint at rest, ticks with fraction.
         at: The last measured position, ticks.
-        still_since_s: Since when the joint is within sensor noise of where it was.
-        moved_s: When the position last changed, other than back by noise.
+        still_since_s: Time since which the joint is within sensor noise of its position.
+        moved_s: Time of the last change of position, except back by noise.
     """
 
     def __init__(
@@ -112,13 +111,13 @@ class GoalIntegrator:
 
     @property
     def arrived(self) -> bool:
-        """Whether the joint is as near to its target as it gets."""
+        """Whether the joint is as near to its target as it can get."""
         beside = abs(self.error_ticks)
         return beside <= self._enough or (beside == 1 and self._would_cross_backlash())
 
     @property
     def swings(self) -> bool:
-        """Whether the joint swings, or has done so too often, and is not corrected."""
+        """Whether the joint swings, or has swung too often, and is not corrected."""
         return self._swing.swings
 
     @property
@@ -128,7 +127,7 @@ class GoalIntegrator:
 
     @property
     def swing_ticks(self) -> int:
-        """How far the joint went between the last two times that it turned round."""
+        """Distance between the last two reversals of the joint."""
         return self._swing.ticks
 
     def has_swung_at(self, time_s: float) -> bool:
@@ -137,7 +136,7 @@ class GoalIntegrator:
 
     @property
     def saturation_reason(self) -> SaturationReason | None:
-        """Why the goal goes no further; None where it does."""
+        """Reason why the goal cannot move further; None if it can."""
         if self._is_lead_limited():
             return SaturationReason(Saturation.LOAD, "load too high (correction limit reached)")
         end = self._high if self._side > 0 else self._low
@@ -152,7 +151,7 @@ class GoalIntegrator:
     def moves_at(self, time_s: float) -> bool:
         """Check whether the joint is not at rest at the time of the last update.
 
-        One that friction has just let go may be no further than noise so far.
+        A joint that friction has just released may not yet have moved further than noise.
         """
         low, high = self._stuck
         still_s, last_s = time_s - self.still_since_s, time_s - self.moved_s
@@ -161,7 +160,7 @@ class GoalIntegrator:
         return still_s < _AT_REST_S or last_s < _MIN_WAIT_S or self._swing.may_swing(still_s)
 
     def goal_at(self, after_s: float) -> float:
-        """Compute the goal's tick a time after the last update.
+        """Compute the goal's tick at a time after the last update.
 
         A goal outside the limits that has come nearer to them does not go back out.
         """
@@ -173,7 +172,7 @@ class GoalIntegrator:
     def update(
         self, tick: int, time_s: float, elapsed_s: float, *, correcting: bool = True
     ) -> None:
-        """Take the measured position, and choose the speed of the goal; 0 where not correcting."""
+        """Take the measured position, and choose the speed of the goal; 0 if not correcting."""
         self.goal = self._inside(self.goal + self._rate * elapsed_s)
         self._track_motion(tick, time_s)
         self._track_swings(tick, time_s, elapsed_s)
@@ -184,7 +183,7 @@ class GoalIntegrator:
 
     def _track_motion(self, tick: int, time_s: float) -> None:
         if tick != self.at:
-            if tick != self._before:  # back at the tick before is noise
+            if tick != self._before:  # returning to the previous tick is noise
                 self.moved_s = time_s
             self._before, self.at = self.at, tick
         if abs(tick - self._anchor) > _NOISE_TICKS:
@@ -198,7 +197,7 @@ class GoalIntegrator:
         self._side = side or self._side
 
     def _track_swings(self, tick: int, time_s: float, elapsed_s: float) -> None:
-        """Take the position to the damper; from where a swing comes to rest the goal goes on."""
+        """Pass the position to the damper; when a swing ends, the goal continues from there."""
         moves = bool(self._rate) or abs(self._brake) >= 1.0
         self._swing.update(tick, time_s, elapsed_s, goal_moves=moves)
         if self.swings and self._swing.rests < len(_SWUNG_RAD_S) and not self.moves_at(time_s):
@@ -208,15 +207,15 @@ class GoalIntegrator:
 
     @property
     def _along(self) -> float:
-        """By how much the goal goes along with a swing; one that is only to rest keeps its goal."""
+        """Displacement of the goal with a swing; 0 for a joint that only has to come to rest."""
         return 0.0 if self.target is None else self._swing.goal_ticks
 
     def _track_speed(self, tick: int, elapsed_s: float) -> None:
-        """Brake by the speed of the filtered position; not a joint that is only to rest."""
+        """Brake by the speed of the filtered position, unless the joint has no target."""
         filtered = tick if self._filtered is None or self.target is None else self._filtered
         self._filtered = filtered + min(elapsed_s / _BRAKE_FILTER_S, 1.0) * (tick - filtered)
         brake = _BRAKE_S / _BRAKE_FILTER_S * (tick - self._filtered)
-        if abs(brake) < 1.0 and not self.swings:  # or goals move when all are at rest
+        if abs(brake) < 1.0 and not self.swings:  # otherwise goals would move at rest
             brake = 0.0
         self._brake = min(max(brake, -_MAX_BRAKE_TICKS), _MAX_BRAKE_TICKS)
 
@@ -235,12 +234,12 @@ class GoalIntegrator:
         return math.copysign(max(slowly, self._speed_while_stuck()), self.error_ticks)
 
     def _would_cross_backlash(self) -> bool:
-        """Check whether gears without load have to change their flank on the way to the target."""
+        """Check whether gears without load must change their flank on the path to the target."""
         low, high = self._stuck
         return low < 0.0 < high and self._side * (self.goal - self.at) < 0.0
 
     def _speed_while_stuck(self) -> float:
-        """Compute the speed with which the goal comes to rest before friction lets the joint go."""
+        """Compute the speed at which the goal can stop before friction releases the joint."""
         low, high = self._stuck
         lead = self._side * (self.goal - self.at)
         end = max(self._side * low, self._side * high) - _FRICTION_MARGIN * (high - low)

@@ -22,16 +22,16 @@ def _never(_measured: Vector) -> bool:
     return False
 
 
-# A joint that friction keeps does not move with its goal, however slow its speed class is.
+# A joint held by friction does not move with its goal, however slow its speed class is.
 _MIN_RAD_S2 = 4.0
 _MAX_DURATION_S = 5.0
-# A joint that friction lets go just before that comes to rest at its goal within this time.
+# A joint that friction releases just before that comes to rest at its goal within this time.
 _MAX_COAST_S = 0.5
-# A swing that a last correction began comes to rest within this time.
+# A swing started by a last correction comes to rest within this time.
 _MAX_SWING_S = 2.5
-# A swing further than this, at the horn, is more than worn gears explain: something is loose.
+# A swing larger than this, at the horn, is more than worn gears explain: something is loose.
 _MAX_PLAY_SWING_RAD = math.radians(4.0)
-# An error is reported where it exceeds sensor noise.
+# An error is reported if it exceeds sensor noise.
 _RESIDUAL_TICKS = 2
 
 
@@ -41,11 +41,11 @@ class SettlingTrajectory:
     Args:
         driven_joints: The joints, each with its servo, limits and speed.
         goals: Their goals (n,), ticks.
-        targets: The targets of the joints, ticks; None for one that keeps its goal.
-        limits: The kinematic limits of each.
+        targets: The targets of the joints, ticks; None for a joint that keeps its goal.
+        limits: The kinematic limits of each joint.
         stuck: The lowest and the highest leads of goals (n,) with which friction keeps the joints.
-        is_reached: Whether the arm is where it should be with its joints as measured (n,), though
-            not each joint is: goals then stay, and it ends when all joints are at rest.
+        is_reached: Returns whether the arm is at its target with the measured joints (n,), although
+        not every joint is: goals then stay, and it ends when all joints are at rest.
     """
 
     def __init__(
@@ -75,7 +75,7 @@ class SettlingTrajectory:
 
     @property
     def duration_s(self) -> float:
-        """When it ended; infinite until all joints have settled."""
+        """Time at which it ended; infinite until all joints have settled."""
         return self._end_s
 
     def state(self, time_s: float) -> TrajectoryPoint:
@@ -91,7 +91,7 @@ class SettlingTrajectory:
         Args:
             time_s: The time.
             measured: The joints.
-            end: Correct no further, and end as soon as the joints are at rest.
+            end: Whether to stop correcting, and end as soon as the joints are at rest.
         """
         self._reached = self._is_reached(measured)
         correcting = time_s < _MAX_DURATION_S and not (self._reached or end)
@@ -113,7 +113,7 @@ class SettlingTrajectory:
 
     @property
     def unsettled_joints(self) -> tuple[str, ...]:
-        """The joints that move by more than the play of gears explains."""
+        """The joints that move by more than their backlash explains."""
         return tuple(j.driven.joint for j in self._joints if not _is_trusted(j, self._updated_s))
 
     @property
@@ -123,12 +123,12 @@ class SettlingTrajectory:
 
     @property
     def saturated(self) -> tuple[str, ...]:
-        """The joints that did not arrive and whose goals go no further."""
+        """The joints that did not arrive and whose goals cannot move further."""
         return tuple(j.driven.joint for j in self._missed if j.saturation_reason is not None)
 
     @property
     def residuals(self) -> tuple[str, ...]:
-        """Describe the joints that did not arrive, by how much and why."""
+        """Describe the joints that did not arrive, with distance and reason."""
         return tuple(_describe_residual(j, self._updated_s) for j in self._missed)
 
     @property
@@ -143,7 +143,7 @@ class SettlingTrajectory:
 
 
 def _goal_acceleration(driven: DrivenJoint, limits: KinematicLimits) -> float:
-    """Compute how fast the speed of a joint's goal changes, ticks/s²."""
+    """Compute the acceleration of a joint's goal, ticks/s²."""
     usual = limits.acceleration_rad_s2 / driven.joint_map.unit_per_tick
     return max(usual, _MIN_RAD_S2 / driven.joint_map.horn_rad_per_tick)
 
@@ -164,7 +164,7 @@ def _still_swings(joint: GoalIntegrator, time_s: float) -> bool:
 
 
 def _is_trusted(joint: GoalIntegrator, time_s: float) -> bool:
-    """Check whether a joint rests, or swings no further than the play of its gears explains."""
+    """Check whether a joint rests, or swings no further than its backlash explains."""
     swing_rad = joint.swing_ticks * joint.driven.joint_map.horn_rad_per_tick
     return not joint.moves_at(time_s) or (joint.has_swung and swing_rad <= _MAX_PLAY_SWING_RAD)
 
@@ -188,14 +188,14 @@ def _describe_residual(joint: GoalIntegrator, time_s: float) -> str:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SettlingResult:
-    """Where a motion ended.
+    """The end of a motion.
 
     Attributes:
         measured: The joints (n,), rad or m.
-        residuals: The joints that did not arrive, by how much and why.
+        residuals: The joints that did not arrive, with distance and reason.
         motion_s: The duration of the motion up to its planned end, with the preload before it.
         settling_s: The duration of settling after that.
-        unsettled: The joints that still move by more than the play of gears explains.
+        unsettled: The joints that still move by more than their backlash explains.
     """
 
     measured: Vector
@@ -209,7 +209,7 @@ class SettlingResult:
 
     @property
     def duration_s(self) -> float:
-        """The time from the first goal to rest."""
+        """Time from the first goal to rest."""
         return self.motion_s + self.settling_s
 
 
@@ -222,14 +222,14 @@ def settle(
     motion_s: float,
     below: Vector | None = None,
 ) -> SettlingResult:
-    """Correct the goals until the joints are at their target, as near as they can.
+    """Correct the goals until the joints are at their target, or as near as possible.
 
-    Where a joint can go no further the others compensate for it, once.
+    If a joint cannot move further the others compensate for it, once.
 
     Args:
         loop: Streams to the servos.
         servos: The servos, at the end of a motion.
-        target: The ticks at which the joints should be.
+        target: The target ticks of the joints.
         limits: The kinematic limits of each joint.
         speed_rad_s: The motion's top speed at the horns.
         motion_s: The duration of the motion.
@@ -260,18 +260,18 @@ def settle_at(
     *,
     by_tip: bool = False,
 ) -> Vector:
-    """Correct the arm's goals until its joints are at ``goal`` (n,), as near as they can.
+    """Correct the arm's goals until its joints are at ``goal`` (n,), or as near as possible.
 
-    A gripper keeps its goal: it may hold something.
+    A gripper keeps its goal, because it may hold something.
 
     Args:
         context: The arm.
-        loop: Runs the correction, as a part of a motion; the goals are near there.
+        loop: Runs the correction as a part of a motion whose goals are near ``goal``.
         goal: The positions of the joints, rad or m.
         speed: slow, normal or fast.
         is_over: Called in each control cycle; returns whether to end as soon as the joints rest.
-        by_tip: Whether the ticks nearest to the tip at ``goal`` are wanted, as after a motion to a
-            point; else those nearest to each joint's position.
+        by_tip: Whether to use the ticks that bring the tip nearest to its place at ``goal``, as
+            after a motion to a point; otherwise the ticks nearest to each joint's position.
 
     Returns:
         The measured joints (n,) of the last control cycle.
@@ -284,10 +284,10 @@ def settle_at(
 
 
 def lift_to_start(context: ArmContext, loop: ControlLoop, start: Vector, horn_rad_s: float) -> None:
-    """Bring a sagged arm back to ``start`` (n,), from where the tip will follow a path.
+    """Bring a sagged arm back to ``start`` (n,), where the tip will begin to follow a path.
 
     A limp arm sags as its torque comes on; its goals are at ``start``. A motion of joints may begin
-    with lifting it, a line would begin beside its path.
+    by lifting it, but a line would begin off its path.
 
     Args:
         context: The arm, in a motion.

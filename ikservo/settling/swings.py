@@ -1,4 +1,4 @@
-"""Finds joints that swing in the play of their gears, and brings one to rest."""
+"""Finds joints that swing in the backlash of their gears, and brings a joint to rest."""
 
 from __future__ import annotations
 
@@ -11,30 +11,30 @@ from ikservo.control.loop import ControlCycle
 from ikservo.control.turn_counter import TurnCounter
 from ikservo.guard import DrivenJoint
 
-# In motion a joint swings whose error turns round so often, each time by more than this at the horn
-# and within this time of the turn before.
+# During motion a joint swings if its error reverses this often, each time by more than this at the
+# horn and within this time of the previous reversal.
 _MIN_MOTION_TURNS, _MOTION_SWING_RAD, _MOTION_TURN_S = 6, 0.012, 0.4
 
-# A joint that turns round so often, by more than noise explains, swings in the play of its gears.
-# Turns by what stiction explains, while it is corrected, count by this share.
+# A joint that reverses this often, by more than noise explains, swings in its backlash. During
+# correction, reversals that stiction explains count by this fraction.
 _NOISE_TICKS, _MIN_TURNS, _STICTION_TICKS, _SHARE_OF_STICTION = 2, 2.0, 4, 0.34
-# The goal of one that swings goes along with it by this share, which comes within this time, and by
-# no more than the last number: docs/decisions/0020 says why a servo so soft comes to rest.
+# The goal of a swinging joint moves along by this fraction, reached within this time, and by at
+# most the last number: docs/decisions/0020 says why such a soft servo comes to rest.
 _SHARE, _SOFTEN_S, _MAX_TICKS = 0.75, 0.1, 20.0
-# A joint that swings stays for a while where it turns round, and its rotor takes as long to cross
-# the play after the goal has moved: it rests when neither has moved for so long.
+# A swinging joint stays for a while where it reverses, and its rotor takes as long to cross the
+# backlash after the goal has moved: it rests when neither has moved for this time.
 _AT_REST_S = 0.3
-# One that swings for so long nevertheless is left swinging.
+# A joint that still swings after this time is left swinging.
 _MAX_SWING_S = 2.0
 
 
 class SwingDamper:
-    """Counts how often a joint turns round, and softens its servo by its goals while it swings.
+    """Counts the reversals of a joint, and softens its servo through its goals while it swings.
 
     Attributes:
-        ticks: The distance between the last two turns of the joint.
+        ticks: The distance between the last two reversals of the joint.
         rests: The number of swings that came to rest.
-        steady_s: For how long the joint has not been corrected.
+        steady_s: Time for which the joint has not been corrected.
     """
 
     def __init__(self) -> None:
@@ -46,12 +46,12 @@ class SwingDamper:
 
     @property
     def swings(self) -> bool:
-        """Whether the joint swings, or has done so too often to be corrected again."""
+        """Whether the joint swings, or has swung too often to be corrected again."""
         return self._turns >= _MIN_TURNS
 
     @property
     def goal_ticks(self) -> float:
-        """By how much the goal goes along with the swing."""
+        """Displacement of the goal along with the swing."""
         along = _SHARE * self._share * (self._at - self._middle)
         return min(max(along, -_MAX_TICKS), _MAX_TICKS)
 
@@ -60,8 +60,8 @@ class SwingDamper:
 
         Args:
             tick: The position.
-            time_s: When it was measured.
-            elapsed_s: Since the last one.
+            time_s: Time of the measurement.
+            elapsed_s: Time since the last one.
             goal_moves: Whether the joint is corrected.
         """
         if not self._has_begun:
@@ -82,7 +82,7 @@ class SwingDamper:
             self._share = min(self._share + elapsed_s / _SOFTEN_S, 1.0)
 
     def _turn_round(self, tick: int) -> None:
-        """Count a turn after which the joint has come to a tick."""
+        """Count a reversal after which the joint has reached a tick."""
         self._has_turned = True
         self.ticks = abs(self._extreme - self._turn)
         is_sure = self.steady_s > _AT_REST_S or self.ticks > _STICTION_TICKS
@@ -92,10 +92,10 @@ class SwingDamper:
         self._heading = 1 if tick > self._turn else -1
 
     def may_swing(self, still_s: float) -> bool:
-        """Check whether a joint that does not move may just turn round.
+        """Check whether a joint that stands may just be reversing.
 
         Args:
-            still_s: For how long it has not moved.
+            still_s: Time for which it has not moved.
         """
         return self._has_turned and min(still_s, self.steady_s) < _AT_REST_S
 
@@ -104,7 +104,7 @@ class SwingDamper:
         return time_s - self._since_s >= _MAX_SWING_S
 
     def rest(self) -> None:
-        """Forget the swing: it has come to rest, and the joint is corrected again."""
+        """Forget the swing, because the joint rests and is corrected again."""
         self.rests += 1
         self._turn = self._extreme = self._at
         self._turns = self._share = 0.0
@@ -112,10 +112,10 @@ class SwingDamper:
 
 
 class MotionSwings:
-    """Finds the joints that swing while they move: feedback does not reach a link inside its play.
+    """Finds joints that swing during motion: feedback does not reach a link inside its backlash.
 
-    A joint that lags is on the other side of its reference each time that this turns round: turns
-    are counted from there on.
+    A joint that lags is on the other side of its reference after each reversal of that; reversals
+    are counted from there.
 
     Args:
         driven_joints: The joints, in the order of the control cycle.
@@ -132,7 +132,7 @@ class MotionSwings:
         self._last_s = 0.0
 
     def record(self, cycle: ControlCycle) -> None:
-        """Take what was measured in a control cycle."""
+        """Take the measurements of a control cycle."""
         elapsed_s, self._last_s = cycle.time_s - self._last_s, cycle.time_s
         fresh = ~np.isin(self._names, cycle.lost)
         turned = self._turns.update(cycle.measured - cycle.reference, elapsed_s, fresh=fresh)
@@ -141,7 +141,7 @@ class MotionSwings:
         self._widest = np.where(swings, np.maximum(self._widest, self._turns.width), self._widest)
 
     def notes(self) -> tuple[str, ...]:
-        """Say which joints swung, and by how much."""
+        """Return which joints swung, and how far."""
         found = zip(self._maps, self._widest.tolist(), strict=True)
         return tuple(
             f"{each.joint} swung by up to {each.format(width)} as it moved"

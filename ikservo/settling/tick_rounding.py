@@ -16,15 +16,15 @@ from ikservo.kinematics.arrays import Matrix, Vector
 from ikservo.planning.motion_plan import MotionPlan
 
 ROTATION_WEIGHT_M = 0.01
-"""A rotation error of one radian weighs as much as this position error: 0.17 mm a degree."""
+"""Position error that weighs as much as a rotation error of one radian: 0.17 mm per degree."""
 
-# A joint does not leave the solver's result by a tick for a gain of less than this: the motion is
-# there when it ends, and a joint that friction holds does not move by just a tick.
+# A joint does not leave the solver's result by a tick for a smaller gain, because that is where the
+# motion ends, and a joint held by friction does not move by just one tick.
 _TICK_WEIGHT_M = 3e-5
 # This many combinations are evaluated in half a millisecond.
 _MAX_COMBINATIONS = 20_000
 _MAX_TICKS = 8
-# For the best by the Jacobian, this many, the tool's pose is computed exactly.
+# The tool's pose is computed exactly for this many combinations, the best by the Jacobian.
 _FINALISTS = 16
 
 
@@ -33,12 +33,11 @@ def round_to_ticks(
 ) -> tuple[int, ...]:
     """Compute the whole ticks near ``q`` with the smallest error of the tool.
 
-    Every joint's rounding moves the tool a little; a few ticks more in one joint compensate
-    another's. The search is for the whole numbers d with the least ``|E - A d|²``, where A is how
-    the tool moves with a tick of each joint: three rows for its position, three for its
-    rotation away from the one at ``q``, these weighted by ``ROTATION_WEIGHT_M``. All combinations
-    within some ticks are tried but for the joint that moves the tool most: its best tick follows
-    from theirs.
+    Every joint's rounding moves the tool slightly; a few ticks more in one joint compensate
+    another's. The search is for the integers d with the least ``|E - A d|²``, where A is the motion
+    of the tool per tick of each joint: three rows for its position, three for its rotation away
+    from the one at ``q``, weighted by ``ROTATION_WEIGHT_M``. All combinations within some ticks are
+    tried, except for the joint that moves the tool most: its best tick follows from theirs.
 
     Args:
         chain: Base to tool.
@@ -72,15 +71,15 @@ def chain_ticks(
     *,
     by_tip: bool,
 ) -> list[int | None]:
-    """Compute the ticks of a goal of all joints (n,); None for those besides the chain.
+    """Compute the ticks of a goal of all joints (n,); None for joints outside the chain.
 
     Args:
         chain: Base to tool.
         index: The columns of the chain's joints.
         driven_joints: The joints, each with its servo, limits and speed.
         goal: The positions, rad or m.
-        by_tip: Whether the tip is to be nearest to its goal, see ``round_to_ticks``; otherwise
-            each joint is.
+        by_tip: Whether the tip is to be nearest to its goal, see ``round_to_ticks``; otherwise each
+            joint.
     """
     q, own = index.chain_joints(goal), [driven_joints[column] for column in index.chain]
     found = [driven.tick(at) for driven, at in zip(own, q.tolist(), strict=True)]
@@ -93,7 +92,7 @@ def chain_ticks(
 def _best_steps(
     chain: Chain, target_m: Vector, q: Vector, driven_joints: Sequence[DrivenJoint], start: Vector
 ) -> Matrix:
-    """Find the most promising steps (k, dof) from the nearest ticks, no step at all the first."""
+    """Find the best candidate steps (k, dof) from the nearest ticks; the first is zero."""
     nearest = _positions_at(driven_joints, start[None])[0]
     T, J = chain.forward_and_jacobian(nearest)
     weights = np.array([1.0, 1.0, 1.0, ROTATION_WEIGHT_M, ROTATION_WEIGHT_M, ROTATION_WEIGHT_M])
@@ -125,7 +124,7 @@ def _step_grid(A: Matrix, low: Vector, high: Vector) -> Matrix:
 
 
 def _search_span(joints: int) -> tuple[int, int]:
-    """Find how many ticks to each side are tried, and in how many of so many joints."""
+    """Find the number of ticks to try on each side, and the number of joints to vary."""
     for tried in range(joints, 0, -1):
         for span in range(_MAX_TICKS, 0, -1):
             if (2 * span + 1) ** tried <= _MAX_COMBINATIONS:
@@ -139,7 +138,7 @@ def _nearest_tick_inside(driven: DrivenJoint, position: float) -> int:
 
 
 def _tick_units(driven_joints: Sequence[DrivenJoint], ticks: Vector) -> Vector:
-    """Compute by how much one tick moves each joint (dof,), rad or m, signed."""
+    """Compute the motion of each joint (dof,) per tick, rad or m, signed."""
     return np.array(
         [
             driven.joint_map.position(t + 0.5) - driven.joint_map.position(t - 0.5)
@@ -163,17 +162,17 @@ def _squared_norms(rows: Matrix) -> Vector:
 
 
 _ITERATIONS = 4
-# Near a singularity a step would be large and of no use.
+# Near a singularity a step would be large and useless.
 _DAMPING_M = 0.01
-# A joint compensates for another by no more than this: a tool that tilts by more is another pose.
+# A joint compensates for another by at most this: a tool that tilts further has another pose.
 _MAX_STEP_RAD = 0.05
 
 
 def compensate(chain: Chain, target_m: Vector, q: Vector, held: Collection[str]) -> Vector | None:
     """Compute joints (dof,) near ``q`` that bring the tip to its target while some are held.
 
-    Damped least squares (lecture L8) with the columns of the held joints left out: the smallest
-    step of the others.
+    Damped least squares (lecture L8) without the columns of the held joints: the smallest step of
+    the others.
 
     Args:
         chain: Base to tool.
@@ -182,7 +181,7 @@ def compensate(chain: Chain, target_m: Vector, q: Vector, held: Collection[str])
         held: Names of the joints that stay.
 
     Returns:
-        The joints, or None where the others cannot halve the error.
+        The joints, or None if the others cannot halve the error.
     """
     free = np.array([name not in held for name in chain.names])
     low, high = chain.clip(q - _MAX_STEP_RAD), chain.clip(q + _MAX_STEP_RAD)
@@ -197,17 +196,17 @@ def compensate(chain: Chain, target_m: Vector, q: Vector, held: Collection[str])
     return found if after < 0.5 * before else None
 
 
-# A tool is where it should be if each joint is within two ticks of it, sensor noise included, and
-# the tool no further off than twice the error (rms) that the joints' ticks hide. With one tick, a
-# joint that hardly moves the tool made others move, which then were a tick beside their targets.
+# A tool is at its target if each joint is within two ticks of it, including sensor noise, and the
+# tool is within twice the rms error that rounding to ticks hides. With one tick, a joint that
+# hardly moves the tool made other joints move, which were then a tick off their targets.
 _REACHED_TICKS, _REACHED_ERRORS = 2.2, 2.0
 
 
 class SettlingTarget:
     """The ticks at which a motion should end.
 
-    Joints of the chain that a motion of joints leaves alone keep their measured position: their
-    goals lead it by the sag under load, which changes with the arm's configuration.
+    Joints of the chain that do not take part in a motion of joints keep their measured position:
+    their goals lead it by the sag under load, which changes with the arm's posture.
 
     Args:
         chain: Base to tool.
@@ -217,8 +216,8 @@ class SettlingTarget:
         measured: The joints before it (n,), rad or m.
 
     Attributes:
-        ticks: The tick of each joint; None for one besides the chain that is left alone: a
-            gripper keeps its goal and presses on.
+        ticks: The tick of each joint; None for a joint outside the chain that does not take part: a
+            gripper keeps its goal and continues to press.
     """
 
     def __init__(
@@ -249,9 +248,9 @@ class SettlingTarget:
             self.ticks = self._round_to_nearest(plan.target_m, q, ())
 
     def is_reached(self, measured: Vector) -> bool:
-        """Check whether the tool is where it should be, as far as the joints' sensors tell.
+        """Check whether the tool is at its target, as far as the joints' sensors show.
 
-        Never for a motion of joints: they have targets of their own.
+        Always False for a motion of joints, because they have their own targets.
 
         Args:
             measured: All joints (n,), rad or m.
@@ -265,7 +264,7 @@ class SettlingTarget:
         return error_m <= _REACHED_ERRORS * self._hidden_m
 
     def retarget_without(self, held: Collection[str], measured: Vector) -> list[int | None] | None:
-        """Compute the ticks of all joints when some can go no further; None if that does not help.
+        """Compute the ticks of all joints if some cannot move further; None if that does not help.
 
         Args:
             held: The joints that stay where they are.
@@ -293,7 +292,7 @@ class SettlingTarget:
         return ticks
 
 
-# This far below its goal a joint has certainly crossed its backlash.
+# A joint this far below its goal has certainly crossed its backlash.
 _MARGIN_TICKS = 3
 
 
@@ -302,19 +301,19 @@ def backlash_approach(
 ) -> Vector | None:
     """Compute goals (n,) from which each joint with known backlash approaches its goal from below.
 
-    On which flank of its backlash a joint comes to rest depends on the direction it came from and
-    on how it braked: the same reading at positions a backlash apart. So it goes below its goal by
-    its backlash, then up.
+    The flank of the backlash on which a joint comes to rest depends on the direction from which it
+    came and on its braking: the same reading, but positions a backlash apart. So it goes below its
+    goal by its backlash, then up.
 
     Args:
         goals: The servos' goals at the end of a motion (n,), rad or m.
         moved: Whether each joint took part in it (n,).
-        backlash: The backlash of each joint (n,) and the friction that keeps it from its goal, both
-            ways together, rad or m; 0 if backlash is unknown.
-        driven_joints: Each of them.
+        backlash: The backlash of each joint (n,) and the friction that keeps it from its goal, in
+            both directions together, rad or m; 0 if the backlash is unknown.
+        driven_joints: The joints, in the same order.
 
     Returns:
-        The goals, inside the limits; None where no joint with known backlash has moved.
+        The goals, inside the limits; None if no joint with known backlash has moved.
     """
     chosen = moved & (backlash > 0.0)
     if not chosen.any():

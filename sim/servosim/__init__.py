@@ -22,7 +22,7 @@ __all__ = ["SimulatedPort", "open_camera", "open_port", "read_arm_file", "serve"
 
 
 def open_camera(port: object, board: CharucoBoard) -> SimulatedCamera | None:
-    """Return a camera before the arm at a simulated port; None for other ports."""
+    """Return a camera that sees the arm at a simulated port; None for other ports."""
     from servosim.camera import SimulatedCamera  # noqa: PLC0415 - needs OpenCV
 
     if not isinstance(port, SimulatedPort):

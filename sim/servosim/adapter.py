@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from servosim.errors import SimulatorError
 
-GRACE = 1e-6  # of a byte: sums of byte times are not exact
+GRACE = 1e-6  # fraction of a byte, because sums of byte times are not exact
 
 
 @dataclass(slots=True)
@@ -17,7 +17,7 @@ class _ByteBurst:
     data: bytes
 
     def arrived_count(self, now_s: float) -> int:
-        """How many of the bytes have arrived by now."""
+        """Number of bytes that have arrived."""
         if self.byte_s <= 0.0:
             return len(self.data) if now_s >= self.start_s else 0
         whole, size = int((now_s - self.start_s) / self.byte_s + GRACE), len(self.data)
@@ -26,7 +26,7 @@ class _ByteBurst:
         return whole if whole > 0 else 0
 
     def arrival_time_s(self, count: int) -> float:
-        """When the first ``count`` bytes have arrived."""
+        """Time at which the first ``count`` bytes have arrived."""
         return self.start_s + count * self.byte_s
 
 
@@ -45,7 +45,7 @@ class ReceiveBuffer:
             self._bursts.insert(place, _ByteBurst(start_s, byte_s, data))
 
     def count_arrived(self, now_s: float) -> int:
-        """Count how many bytes have arrived and are not taken."""
+        """Count the bytes that have arrived and were not taken."""
         count = 0
         for burst in self._bursts:
             if burst.start_s > now_s:
@@ -83,7 +83,7 @@ class ReceiveBuffer:
         return first.arrival_time_s(len(first.data))
 
     def last_s(self) -> float | None:
-        """Return when all pending bytes will have arrived, or None if none are."""
+        """Return when all pending bytes will have arrived, or None if none are pending."""
         if not self._bursts:
             return None
         last = self._bursts[-1]
@@ -104,9 +104,9 @@ class AdapterOptions:
     """Delays of the adapter.
 
     Attributes:
-        echo: Whether the host receives its own bytes: adapters without echo cancellation.
+        echo: Whether the host receives its own bytes, as from adapters without echo cancellation.
         usb_frame_s: Packets travel only at multiples of this time (1 ms at full speed); 0 = none.
-        latency_s: Time that an unfilled packet waits in the chip (FTDI: 16 ms unless set); 0 =
+        latency_s: Time for which an unfilled packet waits in the chip (FTDI: 16 ms unless set); 0 =
             none.
     """
 
@@ -129,7 +129,7 @@ class _Packet:
 
 
 class UsbAdapter:
-    """Puts bytes from the line into the host's inbox, and the host's on the line."""
+    """Moves bytes from the line into the host's inbox, and the host's bytes onto the line."""
 
     def __init__(self, inbox: ReceiveBuffer, options: AdapterOptions | None = None) -> None:
         self.inbox = inbox
@@ -141,12 +141,12 @@ class UsbAdapter:
         return self._next_frame_s(now_s)
 
     def send_to_line(self, start_s: float, byte_s: float, data: bytes) -> None:
-        """The host's bytes pass over the line."""
+        """Put the host's bytes on the line."""
         if self.options.echo:
             self.receive_from_line(start_s, byte_s, data)
 
     def receive_from_line(self, start_s: float, byte_s: float, data: bytes) -> None:
-        """Bytes come from the line, the first of them complete a byte time after ``start_s``."""
+        """Take bytes from the line, the first of them complete a byte time after ``start_s``."""
         options = self.options
         if not options.usb_frame_s and not options.latency_s:
             self.inbox.add(start_s, byte_s, data)

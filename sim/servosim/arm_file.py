@@ -15,15 +15,15 @@ from servosim.own_files import read_toml
 
 @dataclass(frozen=True, slots=True)
 class ServoEntry:
-    """A servo as the arm file names it.
+    """A servo as described in the arm file.
 
     Attributes:
-        id: On the bus.
-        model: The model in the datasheet.
+        id: Its id on the bus.
+        model: Its model in the datasheet.
         sign: Direction of growing ticks in the joint's coordinate.
         zero_tick: Reported tick at joint zero.
-        transmission: Between its horn and the joint.
-        eeprom: Register values as delivered.
+        transmission: Transmission between its horn and the joint.
+        eeprom: Register values by default.
     """
 
     id: int
@@ -36,7 +36,7 @@ class ServoEntry:
 
 @dataclass(frozen=True, slots=True)
 class JointEntry:
-    """A joint and its servos, the leading one first; None where its limits are the URDF's."""
+    """A joint and its servos, the leading one first; limits are None if they are the URDF's."""
 
     name: str
     servos: tuple[ServoEntry, ...]
@@ -45,7 +45,7 @@ class JointEntry:
 
 @dataclass(frozen=True, slots=True)
 class SimulatedArmFile:
-    """What the simulator needs of an arm file.
+    """The parts of an arm file that the simulator needs.
 
     Attributes:
         path: The file.
@@ -53,12 +53,12 @@ class SimulatedArmFile:
         urdf: Its geometry and masses.
         family: Servo family of the bus.
         baud: Rate of the bus.
-        supply_v: Voltage of servos that exist for several; None for that of the model's name.
-        joints: From base to tip.
+        supply_v: Voltage of servos that exist for several; None uses that of the model's name.
+        joints: Joints from base to tip.
         poses: Joint coordinates [rad or m] by pose and joint.
         floor_m: Height of the table in the base frame.
-        tip: The link whose origin is the arm's tip; empty where the file names none.
-        base: The pose of the URDF's base, see `base_pose`; empty for the one in the file.
+        tip: The link whose origin is the arm's tip; empty if the file names none.
+        base: The pose of the URDF's base, see `base_pose`; empty uses the one in the file.
     """
 
     path: Path
@@ -79,10 +79,10 @@ def read_arm_file(path: Path, urdf: Path | str = "") -> SimulatedArmFile:
 
     Args:
         path: The file.
-        urdf: Replaces the geometry that it names; empty for that.
+        urdf: Replaces the geometry that the file names; empty keeps that.
 
     Raises:
-        ArmFileError: The file is missing, no TOML, or lacks a key.
+        ArmFileError: The file is missing, not TOML, or lacks a key.
     """
     try:
         document = read_toml(path)

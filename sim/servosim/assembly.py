@@ -31,9 +31,9 @@ class BenchServo:
     """A servo without an arm.
 
     Attributes:
-        id: On the bus.
-        model: The model in the datasheet.
-        baud: Its baud rate; None for the common one.
+        id: Its id on the bus.
+        model: Its model in the datasheet.
+        baud: Its baud rate; None uses the common one.
     """
 
     id: int
@@ -52,28 +52,28 @@ def make_arm_world(
     cubes: tuple[Cube, ...] = (),
     has_board: bool = True,
 ) -> World:
-    """Make an arm at a pose, torque off, its servos as delivered.
+    """Make an arm in a pose, torque off, its servos with factory settings.
 
     Args:
         arm: The arm.
         pose: The start pose.
         seed: The seed of one arm of the family (`family.FAMILY`); None for the nominal arm.
         physics: True for bodies and contacts from MuJoCo, with the masses of the URDF.
-        backlash_deg: Backlash of every servo's gears; None for that of the arm.
+        backlash_deg: Backlash of every servo's gears; None uses that of the arm.
         specimen: Masses, payload and motors that differ from those of the files.
         cubes: Cubes on the table, with ``physics`` only.
         has_board: Whether a simulated camera sees a board on the tip.
 
     Raises:
         ArmFileError: No such pose, or a URDF without the joints or the tip.
-        SimulatorError: MuJoCo is not installed, a play that no gears have, other masses with
-            MuJoCo, cubes without it, or a payload without a tip.
-        UnknownModelError: A servo model without a table.
+        SimulatorError: MuJoCo is not installed, the backlash is impossible, other masses are given
+            with MuJoCo, cubes without it, or a payload without a tip.
+        UnknownModelError: A servo model has no table.
     """
     if pose not in arm.poses:
         raise ArmFileError(arm.path, f"poses.{pose}", f"no such pose; has: {', '.join(arm.poses)}")
     if backlash_deg is not None and not 0.0 <= backlash_deg <= MAX_PLAY_DEG:
-        raise SimulatorError(f"gears have a play of 0 to {MAX_PLAY_DEG:g}°, not {backlash_deg}°")
+        raise SimulatorError(f"gears have backlash of 0 to {MAX_PLAY_DEG:g}°, not {backlash_deg}°")
     if cubes and not physics:
         raise SimulatorError("cubes are bodies of MuJoCo; add physics=1")
     specimen = specimen or Specimen()
@@ -136,13 +136,13 @@ def make_bench_world(
 
     Args:
         servos: The servos.
-        baud: The rate of those without their own; None for the factory default.
+        baud: The rate of servos without their own; None for the factory default.
         seed: The seed of their tolerances.
         protocol: 1 or 2 for Dynamixel X servos; None for the factory default.
 
     Raises:
-        SimulatorError: A rate or protocol that a servo does not have.
-        UnknownModelError: A servo model without a table.
+        SimulatorError: A servo does not have the rate or protocol.
+        UnknownModelError: A servo model has no table.
     """
     joints: list[SimulatedJoint] = []
     for place, bench in enumerate(servos, start=1):
@@ -160,7 +160,7 @@ def make_bench_world(
 
 @dataclass(frozen=True, slots=True)
 class _ServoBuild:
-    """What the servos of an arm are built from."""
+    """Data from which the servos of an arm are built."""
 
     arm: SimulatedArmFile
     member: FamilyMember | None
@@ -212,7 +212,7 @@ def _make_servo(
 
 
 def _model_at(arm: SimulatedArmFile, model: str) -> str:
-    """Return the variant of a model that the arm's supply voltage asks for."""
+    """Return the variant of a model for the arm's supply voltage."""
     if arm.supply_v is None or PARAMETERS[table_for(model).model].nominal_v == arm.supply_v:
         return model
     for name, parameters in PARAMETERS.items():

@@ -1,4 +1,4 @@
-"""A camera before a simulated arm: the board on its tip is drawn exactly, the rest by MuJoCo."""
+"""A camera that sees a simulated arm: the board on its tip is drawn exactly, the rest by MuJoCo."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ if TYPE_CHECKING:
 
     from servosim.stage import Stage
 
-PIXELS_PER_SQUARE = 40  # of the board's picture
-MARGIN_PX, MARGIN_SHARE = 4.0, 0.1  # around where its outline is seen
-IN_FRONT_M = 0.002  # what hides the board is so much nearer at least
-BACKGROUND = 150.0  # grey of what is behind it
+PIXELS_PER_SQUARE = 40  # resolution of the board's picture
+MARGIN_PX, MARGIN_SHARE = 4.0, 0.1  # margin around its visible outline
+IN_FRONT_M = 0.002  # smallest distance by which something hides the board
+BACKGROUND = 150.0  # grey value of the background
 
 
 def look_at(eye_m: Matrix, point_m: Matrix) -> Matrix:
@@ -40,13 +40,13 @@ class SimulatedView:
     """A camera, and how a board is fixed to the tip.
 
     Attributes:
-        from_tip_m: The camera, seen from the first place of the tip (3,), base frame. A calibration
-            holds for an arm that starts in the same pose.
+        from_tip_m: The position of the camera relative to the first position of the tip (3,), base
+            frame. A calibration is valid for an arm that starts in the same pose.
         aside_m: The distance of the board from the tip, towards the camera.
         tilt_rad: The first tilt of the board away from the camera.
         focal_px: The focal length of the lens.
-        off_centre_px: The point where its axis meets the picture, from the picture's centre, right
-            and down.
+        off_centre_px: The point where its axis meets the picture, relative to the picture's centre,
+            right and down.
         distortion: k1 and k2.
         size: Width and height of the pictures.
         noise: Standard deviation of each pixel, of 255.
@@ -70,22 +70,22 @@ class SimulatedView:
 
 
 class SimulatedCamera:
-    """Takes pictures of a board on the tip of a simulated arm, whose links give way.
+    """Takes pictures of a board on the tip of a simulated arm with compliant links.
 
-    Without a stage there is nothing else before a grey wall, and pictures are grey.
+    Without a stage the board is in front of a grey wall, and pictures are grey.
 
     Args:
         world: The arm.
-        board: The board; nobody sees it if the arm's surroundings have none.
+        board: The board; if the arm's surroundings have none, it is not visible.
         view: The places of camera and board; the board faces the camera in the first pose of the
             arm.
         seed: The seed of the noise.
 
     Attributes:
-        hint: Why the pictures show no more than the board; empty if they do.
+        hint: Reason why the pictures show only the board; empty if they show more.
 
     Raises:
-        SimulatorError: There is no arm.
+        SimulatorError: The servos have no arm.
     """
 
     def __init__(
@@ -116,14 +116,14 @@ class SimulatedCamera:
         self.hint = ""
 
     def set_stage(self) -> None:
-        """Draw the arm, its table and cubes, too, where MuJoCo can; ``hint`` says why it cannot."""
+        """Also draw the arm, its table and cubes, if MuJoCo can; else ``hint`` says why not."""
         around = self._world.surroundings
         if around is None:
             return
         try:
             from servosim.stage import MountedBoard, Stage, StageCamera  # noqa: PLC0415 - an extra
         except ImportError:
-            self.hint = "The picture shows the board only. All else needs the extra physics."
+            self.hint = "The picture shows only the board. Everything else needs the extra physics."
             return
         flat = self._rays[..., :2] / self._rays[..., 2:]
         focal_px = self._view.focal_px
@@ -135,11 +135,11 @@ class SimulatedCamera:
         try:
             self._stage = Stage(around, camera, board)
         except SimulatorError as error:
-            self.hint = f"The picture shows the board only: {error}."
+            self.hint = f"The picture shows only the board: {error}."
         self._on_stage = (focal_px * flat + half_px - 0.5).astype(np.float32)
 
     def T_camera_board(self) -> Matrix:  # noqa: N802 - the name is the mathematics
-        """Return where the board is at present."""
+        """Return the present pose of the board."""
         return np.linalg.inv(self.T_base_camera) @ self._tip_pose() @ self.T_tip_board
 
     def pixel(self, point_m: Matrix) -> Matrix:
@@ -162,7 +162,7 @@ class SimulatedCamera:
         return np.clip(noisy, 0.0, 255.0).astype(np.uint8)
 
     def _background(self) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-        """Return what is seen without the board, four times as fine, and how far ahead it is."""
+        """Return the picture without the board, with four times the pixels, and its distances."""
         import cv2  # noqa: PLC0415 - an extra
 
         if self._stage is None or self._on_stage is None:
@@ -181,7 +181,7 @@ class SimulatedCamera:
         return picture, far
 
     def _draw_board(self, picture: NDArray[np.float32], ahead_m: NDArray[np.float32]) -> None:
-        """Draw the board where nothing is before it: each ray meets its plane."""
+        """Draw the board where nothing hides it: each ray meets its plane."""
         import cv2  # noqa: PLC0415 - an extra
 
         T = self.T_camera_board()
@@ -205,7 +205,7 @@ class SimulatedCamera:
         picture[part][seen] = drawn[seen] if picture.ndim == 2 else drawn[seen][:, None]
 
     def _part_with_board(self, T: Matrix) -> tuple[slice, slice]:
-        """Return rows and columns of the rays among which are all that meet the board."""
+        """Return rows and columns of the rays that may meet the board."""
         x, y = self._half_m
         outline = np.array([[a, b, 0.0] for a in (-x, 0.0, x) for b in (-y, 0.0, y)])
         points = outline @ T[:3, :3].T + T[:3, 3]
@@ -218,9 +218,9 @@ class SimulatedCamera:
         return slice(low[1], high[1]), slice(low[0], high[0])
 
 
-@lru_cache(maxsize=2)  # it takes 0.3 s
+@lru_cache(maxsize=2)  # computing it takes 0.3 s
 def _pixel_rays(view: SimulatedView) -> Matrix:
-    """Return the direction (2h, 2w, 3) of what each quarter of a pixel sees; read only."""
+    """Return the viewing direction (2h, 2w, 3) of each quarter of a pixel; read only."""
     import cv2  # noqa: PLC0415 - an extra
 
     width, height = view.size

@@ -49,8 +49,8 @@ class VirtualClock:
 class PacedClock(VirtualClock):
     """Virtual time synchronised with the machine's, for display.
 
-    Waits below a millisecond are saved up, for the kernel cannot sleep so short; where the machine
-    was slow, time catches up with it at the next wait.
+    Waits below a millisecond are accumulated, because the kernel cannot sleep that briefly; after a
+    delay of the machine, time catches up at the next wait.
     """
 
     def __init__(

@@ -10,14 +10,14 @@ import numpy as np
 from servosim.mass_tree import MassTree, MimicDrive
 from servosim.urdf import BoxShape, Matrix, MovingJoint
 
-# Of the impulse that would end an overlap, or its growth, within one interval; a soft contact.
+# Fraction of the impulse that ends an overlap, or its growth, in one interval: a soft contact.
 _STIFFNESS, _DAMPING = 0.05, 1.0
-# Deeper than this the force does not increase: the arm was put there.
+# Deeper than this the force does not increase, because the arm was placed there.
 _MAX_DEPTH_M = 0.006
-# No contact changes the speed by more within an interval: those that contradict each other, of a
-# posture in which no arm can lie, would feed each other.
+# Largest change of speed by a contact within an interval: contradictory contacts, in a posture in
+# which no arm can lie, would otherwise feed each other.
 _MAX_PUSH_M_S = 1.0
-# Nearer to the axes of all limp joints a contact is hardly theirs to end: its force stays finite.
+# Limp joints can hardly end a contact this near to their axes: its force stays finite.
 _MIN_LEVER_M = 0.03
 _HELD = 1e9  # kg m², or kg: a joint that a servo holds
 _TABLE = -1
@@ -52,16 +52,16 @@ class _ContactPatch:
 class Contacts:
     """Contact forces where the shapes of an arm overlap, as torques on its joints.
 
-    One force acts for each pair of bodies, and for each body on the table, at the centre of the
-    overlap. Bodies that are connected, and those that overlap in one of the given postures, are
-    left out: shapes are simpler than the parts.
+    One force acts per pair of bodies, and per body on the table, at the centre of the overlap.
+    Connected bodies, and bodies that overlap in one of the given postures, are left out, because
+    shapes are simpler than the parts.
 
     Args:
         joints: The arm's moving joints.
         driven: The driver of each of them.
         shapes: See `read_shapes`.
         tree: Their frames.
-        floor_m: Height of the table in the base frame; None for none.
+        floor_m: Height of the table in the base frame; None if there is no table.
         postures: Positions of the driven joints, free of contact.
     """
 
@@ -98,22 +98,22 @@ class Contacts:
         loads: Sequence[float],
         interval_s: float,
     ) -> list[float]:
-        """Compute the torques (forces) on the driven joints, with those of contacts.
+        """Compute the torques (forces) on the driven joints, including those of contacts.
 
         Args:
             positions: The positions of the driven joints [rad or m].
             velocities: Velocities of the driven joints [rad/s or m/s].
             mass: Mass matrix of the arm with its motors (n, n).
-            free: The joints that no servo holds (n,); only these give way and are pushed.
+            free: The joints that no servo holds (n,); only these yield and are pushed.
             loads: The other torques (forces) (n,): contacts bear them, however light the joints.
-            interval_s: Until the next evaluation.
+            interval_s: Time until the next evaluation.
         """
         places, frames = self._world_frames(positions)
         found = self._find_contacts(places, frames, len(positions))
         if not found:
             return list(loads)
         acting = np.array(loads)
-        # Joints that do not give way are as heavy as that by themselves.
+        # Joints that do not yield count as this heavy by themselves.
         held = np.where(free, 0.0, _HELD)
         light = np.linalg.inv(mass * np.outer(free, free) + np.diag(held))
         for contact, depth_m in found:
@@ -135,7 +135,7 @@ class Contacts:
     def _find_contacts(
         self, places: Matrix, frames: Matrix, count: int
     ) -> list[tuple[Matrix, float]]:
-        """Return for each contact its Jacobian by each driven joint, and its depth [m]."""
+        """Return, for each contact, its Jacobian by each driven joint, and its depth [m]."""
         touches = [(body, _TABLE, self._table_contact(places, body)) for body in self._on_table]
         touches += [
             (a, b, self._body_contact(places, rows)) for (a, b), rows in self._nearby_pairs(places)
@@ -168,7 +168,7 @@ class Contacts:
             body = self._joints[body].parent
 
     def _table_contact(self, places: Matrix, body: int) -> _ContactPatch | None:
-        """Return where a body is below the table."""
+        """Return the contact of a body that is below the table."""
         floor_m = 0.0 if self._floor_m is None else self._floor_m
         below: list[Matrix] = []
         for i in self._shapes_of[body]:
@@ -179,7 +179,7 @@ class Contacts:
         return _ContactPatch.from_points(points, floor_m - points[:, 2], np.array([0.0, 0.0, 1.0]))
 
     def _body_contact(self, places: Matrix, rows: Matrix) -> _ContactPatch | None:
-        """Return where one body is inside another: of these pairs of shapes, those that overlap."""
+        """Return the contact of two overlapping bodies, from the pairs of shapes that overlap."""
         found: list[tuple[float, Matrix, Matrix, Matrix]] = []
         pairs: list[tuple[int, int]] = rows.tolist()
         for i, j in pairs:
@@ -201,7 +201,7 @@ class Contacts:
         return _ContactPatch.from_points(points, depths, normal)
 
     def _nearby_pairs(self, places: Matrix) -> list[tuple[tuple[int, int], Matrix]]:
-        """Compute the pairs of bodies that may overlap, and which of their shapes."""
+        """Compute the pairs of bodies that may overlap, and their relevant shapes."""
         i, j = self._rows[:, 0], self._rows[:, 1]
         apart = places[i, :3, 3] - places[j, :3, 3]
         inner = np.abs(apart[:, None] @ places[j, :3, :3])[:, 0] - self._halves_m[j]
@@ -210,7 +210,7 @@ class Contacts:
         return [(self._pairs[k], rows[pairs == k]) for k in np.unique(pairs).tolist()]
 
     def _set_pairs(self, pairs: Sequence[tuple[int, int]]) -> None:
-        """Check these pairs of bodies from now on, the points of the first in the second."""
+        """Select the pairs of bodies to check: points of the first in the second."""
         self._pairs = list(pairs)
         rows = [
             (i, j, k)
@@ -235,7 +235,7 @@ class Contacts:
         return above @ self._mounts, frames
 
     def _are_separable(self, a: int, b: int) -> bool:
-        """Check whether neither of two bodies hangs directly on the other."""
+        """Check whether neither of two bodies is directly attached to the other."""
         parents = [self._joints[body].parent if body >= 0 else None for body in (a, b)]
         return a != b and parents[0] != b and parents[1] != a
 
@@ -243,7 +243,7 @@ class Contacts:
 def _normal_velocity(
     frame: list[list[float]], point_m: list[float], normal: list[float], sliding: bool
 ) -> float:
-    """Compute how fast a joint moves a point along a normal: plain numbers, for three are few."""
+    """Compute the speed of a point along a normal per joint: plain numbers, as three are few."""
     (_, _, x, at_x), (_, _, y, at_y), (_, _, z, at_z), _ = frame
     if not sliding:
         px, py, pz = point_m[0] - at_x, point_m[1] - at_y, point_m[2] - at_z

@@ -20,10 +20,10 @@ class ProfileSegment(NamedTuple):
 def trapezoid(
     distance_rad: float, velocity_rad_s: float, limit_rad_s: float, acceleration_rad_s2: float
 ) -> list[ProfileSegment]:
-    """From the present velocity to rest at a distance, as fast as the limits allow.
+    """Plan from the present velocity to rest at a distance, as fast as the limits allow.
 
-    The velocity is continuous whatever it was when the goal changed: a goal too near to stop at
-    is overrun and come back to. Both sides of the trapezoid have the same slope (Dynamixel
+    The velocity is continuous whatever it was when the goal changed: a goal too near to stop at is
+    overrun, and the motion reverses. Both sides of the trapezoid have the same slope (Dynamixel
     e-manual, "Profile Velocity", Feetech "acceleration" and "goal speed").
 
     Args:
@@ -33,7 +33,7 @@ def trapezoid(
         acceleration_rad_s2: Slope of both ramps; 0 = none: the velocity jumps.
 
     Returns:
-        The pieces; none when the goal is to be jumped to.
+        The segments; none if the reference jumps to the goal.
     """
     if acceleration_rad_s2 <= 0.0:
         return _rectangle_profile(distance_rad, limit_rad_s)
@@ -57,7 +57,7 @@ def trapezoid(
 def timed(
     distance_rad: float, velocity_rad_s: float, total_s: float, ramp_s: float
 ) -> list[ProfileSegment]:
-    """From the present velocity to rest at a distance, in a given time.
+    """Plan from the present velocity to rest at a distance, in a given time.
 
     Dynamixel's time-based profile (drive mode bit 2): Profile Velocity is the whole time,
     Profile Acceleration each ramp, cut to half of the whole. Feetech's goal time has no ramps.
@@ -76,7 +76,7 @@ def timed(
 def ramp(
     velocity_rad_s: float, goal_rad_s: float, acceleration_rad_s2: float
 ) -> list[ProfileSegment]:
-    """From one velocity to another; none when it is to be jumped to."""
+    """Plan from one velocity to another; no segments if it jumps."""
     if acceleration_rad_s2 <= 0.0 or goal_rad_s == velocity_rad_s:
         return []
     slope = math.copysign(acceleration_rad_s2, goal_rad_s - velocity_rad_s)
@@ -168,10 +168,8 @@ class DriveCommand:
 
     The position loop works as the datasheets draw it, on the bridge's duty (PWM, -1..1):
     `duty = kp e + ki ∫e dt + kd de/dt + startup_pwm sign(e) + kv v + ka a`, with
-    `e = reference - encoder` in whole ticks of the sensor, less the dead zone, and v, a of the
-    reference. The
-    stiffness at the output is therefore `kp` times the torque of the whole duty at the supply's
-    voltage.
+    reference. The stiffness at the output is therefore `kp` times the torque at full duty and the
+    supply's voltage.
 
     The motor plans a new profile from the reference's present position and velocity whenever one
     of goal_rad, velocity_limit_rad_s, acceleration_rad_s2, profile_time_s, acceleration_time_s
@@ -194,16 +192,16 @@ class DriveCommand:
         integral_limit: Largest size of the integral's part of the duty, 0..1.
         velocity_kp: Velocity gain [s/rad].
         velocity_ki: Velocity gain [1/rad].
-        velocity_feed_forward: Duty for each rad/s of the reference [s/rad].
-        acceleration_feed_forward: Duty for each rad/s² of the reference [s²/rad].
+        velocity_feed_forward: Duty per rad/s of the reference [s/rad].
+        acceleration_feed_forward: Duty per rad/s² of the reference [s²/rad].
         tick_rad: Resolution of the sensor; 0 = none.
-        dead_zone_rad: Errors up to this size count as none, larger ones by this less.
+        dead_zone_rad: Errors up to this size count as zero, larger ones are reduced by it.
         startup_pwm: Duty added in the direction of an error outside the dead zone (Feetech's
             start-up force).
         minimum_pwm: Smallest duty for an error outside the dead zone (Dynamixel's punch).
         protected_error_rad: Beyond this distance from the goal the duty drops to PROTECTED_SHARE.
         torque_limit: Limit of the duty, 0..1 (Feetech's torque limit).
-        pwm_limit: Limit of the duty, 0..1 (Dynamixel's PWM limit); the smaller of both binds.
+        pwm_limit: Limit of the duty, 0..1 (Dynamixel's PWM limit); the smaller limit applies.
         current_limit_a: Limit of the winding's current.
         moving_threshold_rad_s: Speed above which `Motor.moving` is true.
     """
@@ -239,7 +237,7 @@ class DriveCommand:
 
 PROTECTED_SHARE = 0.25  # scope, motor uncoupled: 0.041 instead of 0.165 duty/(P rad) from 100°
 RELEASED: tuple[object, ...] = (None,)
-# Names of a module are found at once; a member of an Enum takes half a microsecond (Python 3.11).
+# Names of a module are found fast; a member of an Enum takes half a microsecond (Python 3.11).
 POSITION, VELOCITY, PWM = ControlMode.POSITION, ControlMode.VELOCITY, ControlMode.PWM
 CURRENT, CURRENT_POSITION = ControlMode.CURRENT, ControlMode.CURRENT_POSITION
 PROFILED = (POSITION, CURRENT_POSITION)
@@ -250,8 +248,8 @@ class Controller:
 
     Attributes:
         reference: The position of the profile.
-        derivative: The gain that damps: duty for each rad/s.
-        saturated: Set by the motor when a limit cut the duty: the integral then waits.
+        derivative: The damping gain: duty per rad/s.
+        saturated: Set by the motor when a limit cut the duty; the integral then waits.
     """
 
     __slots__ = ("_integral", "_order", "derivative", "reference", "saturated")
@@ -279,7 +277,7 @@ class Controller:
         position_rad: float,
         velocity_rad_s: float,
     ) -> float:
-        """The duty of the gains, not yet limited; then the profile advances.
+        """Compute the duty of the gains, without limits; then advance the profile.
 
         Args:
             dt_s: Time until the next call.
@@ -321,13 +319,13 @@ class Controller:
     ) -> float:
         """Compute the duty of the position gains.
 
-        On the way along a profile the D gain acts on the change of the error, so what it adds sums
-        up to nothing: the profile's velocity is its mean over the step of the loop.
+        During a profile the D gain acts on the change of the error, so that its contributions sum
+        up to zero: the profile's velocity is its mean over the step of the loop.
 
         Args:
             dt_s: The step.
             drive: The commands.
-            error_rad: At the beginning of the step.
+            error_rad: The error at the beginning of the step.
             ahead: Velocity and acceleration of the profile in the step.
             position_rad: The sensor's position.
             velocity_rad_s: Its derivative.
@@ -380,7 +378,7 @@ class Controller:
         position_rad: float,
         velocity_rad_s: float,
     ) -> None:
-        """Plan again; after torque on or a new mode, from the shaft itself."""
+        """Plan again; after torque on or a new mode, start at the shaft's position."""
         if order[0] is not self._order[0]:
             self.reference.reset_to(position_rad, velocity_rad_s)
             self._integral = self.derivative = 0.0

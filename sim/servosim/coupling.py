@@ -15,20 +15,20 @@ from servosim.urdf import Matrix
 
 MAX_SWEEPS = 30
 NO_HANDS: Mapping[int, Hand] = MappingProxyType({})
-EXACT_RAD_S = 2e-4  # a change of a velocity by a sweep that is small enough
+EXACT_RAD_S = 2e-4  # largest change of a velocity by a sweep that ends the iteration
 
 
 class CoupledJoints:
     """Joints whose accelerations act on each other through a mass matrix.
 
-    Each joint solves for its own velocity after the step, with dry friction, play and stops, and
-    all that damps taken implicitly, under the load of the others' accelerations; the solutions are
+    Each joint solves for its own velocity after the step, with dry friction, backlash and stops,
+    and all damping taken implicitly, under the load of the others' accelerations; the solutions are
     repeated in turn until they agree (projected Gauss-Seidel, as for contacts with friction: Jean
     1999, "The non-smooth contact dynamics method"). The matrix is symmetric and positive definite,
-    so they converge; they begin with the accelerations of the step before, which are near.
+    so they converge; they begin with the accelerations of the previous step, which are near.
 
     Args:
-        joints: In the order of the mass matrix.
+        joints: The joints in the order of the mass matrix.
     """
 
     def __init__(self, joints: Sequence[SimulatedJoint]) -> None:
@@ -45,7 +45,7 @@ class CoupledJoints:
         self._shares = [
             slope / len(j.servos) for slope, j in zip(slopes, self._joints, strict=True)
         ]
-        self._pulls: list[list[float]] = []  # torque at a horn for the others' gains of velocity
+        self._pulls: list[list[float]] = []  # torque at a horn per velocity gain of the others
         for k, (row, share) in enumerate(zip(mass, self._shares, strict=True)):
             pull = [share * m * rate for m, rate in zip(row, per_step, strict=True)]
             for servo in self._joints[k].servos:
@@ -54,15 +54,15 @@ class CoupledJoints:
             self._pulls.append(pull)
 
     def mass_matrix(self) -> Matrix:
-        """Compute the mass matrix, motors included (n, n)."""
+        """Compute the mass matrix (n, n), including the motors."""
         return np.array(self._mass) + np.diag([joint.armature for joint in self._joints])
 
     def felt_mass_matrix(self) -> Matrix:
-        """Compute the mass matrix (n, n) without the rotors of joints inside their play."""
+        """Compute the mass matrix (n, n) without the rotors of joints inside their backlash."""
         return np.array(self._mass) + np.diag([joint.felt_armature for joint in self._joints])
 
     def come_to_rest(self) -> None:
-        """Forget the accelerations: a joint was placed elsewhere."""
+        """Forget the accelerations, because a joint was placed elsewhere."""
         self._gained_rad_s = [0.0] * len(self._joints)
 
     def step(self, loads: Sequence[float], hands: Mapping[int, Hand] = NO_HANDS) -> None:
@@ -85,8 +85,8 @@ class CoupledJoints:
     ) -> tuple[list[JointStep], list[float], float]:
         """Run all controllers and solve once; return steps, speeds before, and the largest change.
 
-        The friction of gears under load is that of the load as it is known here: it stays the same
-        while the velocities are solved.
+        The friction of loaded gears uses the load as known here: it stays the same while the
+        velocities are solved.
         """
         gained_rad_s, change_rad_s = self._gained_rad_s, 0.0
         steps: list[JointStep] = []
@@ -119,13 +119,13 @@ class CoupledJoints:
     ) -> tuple[JointStep, float]:
         """Compute the step of a joint that a hand holds, and the hand's torque on a horn at rest.
 
-        Its damping is taken implicitly, for inside its play a joint is light, unless the hand is at
-        its limit.
+        Its damping is taken implicitly, because a joint is light inside its backlash, unless the
+        hand is at its limit.
         """
         joint, _, motor = self._leads[k]
         share, slope = self._shares[k], joint.m_per_rad
         pull_nm = hand.resting * share
-        if math.isfinite(pull_nm):  # else a push, as hard as it can
+        if math.isfinite(pull_nm):  # otherwise a push with full force
             step = motor.begin_motion(
                 STEP_S, pressed_nm, felt_nm + pull_nm, hand.damping * slope * share
             )

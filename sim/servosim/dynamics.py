@@ -15,12 +15,12 @@ from servosim.mass_tree import LocalDynamics, MassTree, MimicDrive
 from servosim.specimen import Specimen
 from servosim.urdf import Matrix, MovingJoint, read_joints, read_link_frame, read_shapes
 
-NEAR_M = 1e-5  # a tick of a servo moves the tip of an arm ten times as far
+NEAR_M = 1e-5  # a servo's tick moves the tip ten times as far
 ITERATIONS = 200
-DAMPING_M = 0.01  # of the least-squares steps: keeps them short near singular postures
-LONGEST_STEP = 0.2  # rad, or m: the slopes hold no further
-BALANCE_STEPS = 6  # each leaves a tenth of the error
-# As far as an expansion of the dynamics is used: gravity is wrong by the square of it.
+DAMPING_M = 0.01  # damping of least squares: keeps steps short near singularities
+LONGEST_STEP = 0.2  # rad, or m: slopes are not valid further away
+BALANCE_STEPS = 6  # steps; each leaves a tenth of the error
+# Range of an expansion of the dynamics: the error of gravity grows with its square.
 NEAR_RAD, NEAR_SLIDE_M = 0.03, 0.003
 
 
@@ -29,12 +29,12 @@ class Tip:
 
     Args:
         joints: The arm's moving joints, as in its URDF.
-        driven: The position that moves each of them.
+        driven: The index of the position that moves each of them.
         tree: Their frames.
         parent: Index of the moving joint behind which the link is fixed, -1 at the base.
         T_joint_link: The link's frame in that joint's (4, 4).
         limits: Lower and upper limit of each position [rad or m].
-        link_positions: The positions of links that give way to gravity, for positions at the
+        link_positions: Returns the positions of links that yield to gravity, from positions at the
             sensors.
     """
 
@@ -59,7 +59,7 @@ class Tip:
         self.moved_by = frozenset(driven[i].driver for i in self._chain) - {-1}
 
     def position_m(self, positions: Sequence[float]) -> Matrix:
-        """Return where the tip is (3,), base frame."""
+        """Return the position of the tip (3,), base frame."""
         return self._origin_m(self._tree.frames(self.link_positions(positions)))
 
     def pose(self, positions: Sequence[float]) -> Matrix:
@@ -76,11 +76,11 @@ class Tip:
         joints' ranges.
 
         Args:
-            point_m: In the base frame.
+            point_m: The point, base frame.
             start: The positions to search from.
 
         Raises:
-            SimulatorError: No posture was found: the point is out of reach.
+            SimulatorError: No posture was found, because the point is out of reach.
         """
         goal_m, shortest_m = np.array(point_m), math.inf
         for q in (np.array(start, dtype=float), self._middle()):
@@ -90,12 +90,12 @@ class Tip:
             shortest_m = min(shortest_m, short_m)
         place = ", ".join(f"{x:.3f}" for x in point_m)
         short = f"{1000 * shortest_m:.1f} mm short"
-        raise SimulatorError(f"the tip cannot be led to ({place}) m: {short}")
+        raise SimulatorError(f"the tip cannot be moved to ({place}) m: {short}")
 
     def _search(self, goal_m: Matrix, q: Matrix) -> tuple[Matrix, float]:
-        """Find the positions found by damped least squares, and the error of the tip.
+        """Search for positions by damped least squares; return them and the error of the tip.
 
-        Wampler 1986; a joint at a limit is left out of the steps that would push it further.
+        Wampler 1986; a joint at a limit is left out of steps that would push it further.
         """
         for _ in range(ITERATIONS):
             frames = self._tree.frames(self.link_positions(q.tolist()))
@@ -106,7 +106,7 @@ class Tip:
         return q, float(np.linalg.norm(goal_m - self.position_m(q.tolist())))
 
     def _middle(self) -> Matrix:
-        """Compute the middle of each range; zero where a joint has no limits."""
+        """Compute the middle of each range; zero if a joint has no limits."""
         bounded = np.isfinite(self._lower) & np.isfinite(self._upper)
         middle = np.zeros(len(bounded))
         middle[bounded] = (self._lower[bounded] + self._upper[bounded]) / 2.0
@@ -187,14 +187,14 @@ class FreeBody:
         return self._nothing
 
     def mass_matrix(self, positions: Sequence[float]) -> list[list[float]]:
-        """Return no masses."""
+        """Return zero masses."""
         return self._massless
 
 
 class RigidArm:
     """An arm read from its URDF, its base on a level table.
 
-    The whole dynamics of any tree of revolute and prismatic joints, mimic joints included: mass
+    The full dynamics of any tree of revolute and prismatic joints, mimic joints included: mass
     matrix, Coriolis and centrifugal forces, gravity. They are computed exactly at a posture and
     expanded about it until the arm has left it by `NEAR_RAD`.
 
@@ -202,12 +202,12 @@ class RigidArm:
         urdf_path: The arm.
         joint_names: The joints that servos move; others rest at zero, or at the nearest limit.
         specimen: Masses that differ from the URDF's, and a payload.
-        tip: The link that holds the payload; empty where there is none.
+        tip: The link that holds the payload; empty if there is none.
         base: The pose of the base, see `base_pose`.
 
     Raises:
         ArmFileError: The file is not a usable URDF, or lacks one of the joints or the tip.
-        SimulatorError: There is a payload, and no tip that could hold it.
+        SimulatorError: There is a payload but no tip to hold it.
     """
 
     def __init__(
@@ -244,7 +244,7 @@ class RigidArm:
         return self._near(links).load_at(np.array(links), np.array(velocities)).tolist()
 
     def link_positions(self, positions: Sequence[float]) -> Sequence[float]:
-        """Compute where links are that give way to gravity, for positions at the sensors.
+        """Compute the positions of links that yield to gravity, from positions at the sensors.
 
         The load is that of the links: ``link = position + compliance load(link)``.
         """
@@ -262,7 +262,7 @@ class RigidArm:
         return self._near(links).mass_at(np.array(links)).tolist()
 
     def _near(self, positions: Sequence[float]) -> LocalDynamics:
-        """Return the dynamics about a posture near to this one."""
+        """Return the dynamics about a posture near this one."""
         if self._local is not None:
             for here, there, reach in zip(positions, self._centre, self._reach, strict=True):
                 if not -reach <= here - there <= reach:
@@ -274,10 +274,10 @@ class RigidArm:
         return self._local
 
     def contacts(self, floor_m: float | None, postures: Sequence[Sequence[float]]) -> Contacts:
-        """Return the contacts of the arm where no servo holds it; see `Contacts`.
+        """Return the contacts of the arm for joints without torque; see `Contacts`.
 
         Args:
-            floor_m: Height of the table in the base frame; None for none.
+            floor_m: Height of the table in the base frame; None if there is no table.
             postures: Positions that are free of contact.
         """
         shapes = read_shapes(self._path, self._base)

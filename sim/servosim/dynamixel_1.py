@@ -33,7 +33,7 @@ class Dynamixel1Protections(AlarmBits):
         self._overload_s = 0.0
 
     def clear_overload(self) -> None:
-        """Torque limit written: resets an overload."""
+        """Torque limit written: reset an overload."""
         self.bits &= ~self._overload
         self._overload_s = 0.0
 
@@ -55,7 +55,7 @@ class Dynamixel1Protections(AlarmBits):
             servo.changed()
 
 
-# Baud rate = 2 000 000 / (number + 1); the MX has three faster ones besides.
+# Baud rate = 2 000 000 / (number + 1); the MX has three additional, faster codes.
 BAUDS = {n: 2_000_000 / (n + 1) for n in range(255)}
 MX_BAUDS = BAUDS | {250: 2.25e6, 251: 2.5e6, 252: 3.0e6}
 BAUDS_320 = {0: 9600.0, 1: 57600.0, 2: 115200.0, 3: 1e6}
@@ -63,14 +63,14 @@ RPM_RAD_S = 2 * math.pi / 60
 SPEED_RAD_S = {"AX-12A": 0.111 * RPM_RAD_S, "MX-28": 0.114 * RPM_RAD_S, "XL-320": 0.111 * RPM_RAD_S}
 ACCELERATION_RAD_S2 = math.radians(8.583)
 SLOPE_RAD = math.radians(300.0 / 1024)  # one step of a compliance slope: full duty at its end
-FULL = 1023  # of torque limits and punch
-MULTI_TURN = 4095  # both angle limits
+FULL = 1023  # maximum of torque limits and punch
+MULTI_TURN = 4095  # value of both angle limits
 
 
 class Dynamixel1(Servo):
-    """An AX or MX servo; the angle limits choose between joint, wheel and multi-turn.
+    """An AX or MX servo; the angle limits select joint, wheel or multi-turn mode.
 
-    An XL-320 has the AX's potentiometer, the MX's gains, protocol 2.0 and a register of its mode.
+    An XL-320 has the AX's potentiometer, the MX's gains, protocol 2.0 and a mode register.
     """
 
     protocol = BusProtocol.DYNAMIXEL_1
@@ -108,7 +108,7 @@ class Dynamixel1(Servo):
 
     @property
     def return_delay_s(self) -> float:
-        """The return delay register, 2 µs a step."""
+        """Return delay register, 2 µs per step."""
         return self.memory.get("return_delay_time") * 2e-6
 
     @property
@@ -158,14 +158,14 @@ class Dynamixel1(Servo):
 
     @property
     def is_wheel_mode(self) -> bool:
-        """Both angle limits are zero, or the mode of an XL-320 is 1: speed is controlled."""
+        """Whether speed is controlled: both angle limits are 0, or the mode of an XL-320 is 1."""
         if self.is_320:
             return self.memory.get("operating_mode") == 1
         return self.memory.get("cw_angle_limit") == self.memory.get("ccw_angle_limit") == 0
 
     @property
     def is_multi_turn(self) -> bool:
-        """Both angle limits are 4095 on an MX: positions are multi-turn."""
+        """Whether positions are multi-turn: both angle limits are 4095 on an MX."""
         limits = self.memory.get("cw_angle_limit"), self.memory.get("ccw_angle_limit")
         return self.is_mx and limits == (MULTI_TURN, MULTI_TURN)
 
@@ -203,18 +203,18 @@ class Dynamixel1(Servo):
         self.set_goal()
 
     def set_torque(self) -> None:
-        """Torque enable written."""
+        """Apply a write to torque enable."""
         self.drive.torque_on = bool(self.memory.get("torque_enable"))
         self.set_goal()
 
     def set_position_goal(self) -> None:
-        """Goal position written: enables torque."""
+        """Apply a write to the goal position, which enables torque."""
         self.memory.put("torque_enable", 1)
         self.watch.bits &= ~ANGLE
         self.set_torque()
 
     def set_goal(self) -> None:
-        """A goal register was written: apply goal, speed and acceleration together."""
+        """Apply goal, speed and acceleration together after a write to a goal register."""
         drive, get = self.drive, self.memory.get
         speed_rad_s = get("moving_speed") * self.speed_unit_rad_s
         if self.is_mx:
@@ -244,7 +244,7 @@ class Dynamixel1(Servo):
         drive.kp = 1.0 / (_slope_steps(get("cw_compliance_slope")) * SLOPE_RAD)
 
     def set_limits(self) -> None:
-        """Torque limit written: after a shutdown it enables the motor again."""
+        """Apply a write to the torque limit; after a shutdown it enables the motor again."""
         self.watch.clear_overload()
         self.drive.torque_limit = self.memory.get("torque_limit") / FULL
 
@@ -282,5 +282,5 @@ class Dynamixel1(Servo):
 
 
 def _slope_steps(slope: int) -> int:
-    """Compute the step of a slope: the power of two below it, at least 2."""
+    """Compute the step of a slope: the largest power of two up to it, at least 2."""
     return max(2, 1 << slope.bit_length() - 1) if slope else 2

@@ -14,7 +14,7 @@ from servosim.servo import BusProtocol, HornMounting, InstructionError, Servo
 
 VELOCITY_RAD_S = 0.229 * 2.0 * math.pi / 60.0
 ACCELERATION_RAD_S2 = 214.577 * 2.0 * math.pi / 3600.0
-PWM_FULL = 885  # 0.113 % each
+PWM_FULL = 885  # steps of 0.113 %
 TICKS_PER_RAD = 4096 / (2.0 * math.pi)
 CONTROL_HZ = 1000.0  # assumed rate of the position loop that the I and D gains refer to
 
@@ -38,7 +38,7 @@ class DriveMapper:
         self._profile = (0.0, 0.0, 0.0, 0.0)  # times, then limits, as the drive has them
 
     def set_position_goal(self) -> None:
-        """A goal position was written: apply it with its profile."""
+        """Apply a write to a goal position, with its profile."""
         drive = self.servo.drive
         (
             drive.profile_time_s, drive.acceleration_time_s,
@@ -47,7 +47,7 @@ class DriveMapper:
         drive.goal_rad = self.servo.angle_at(self.servo.memory.get("goal_position"))
 
     def set_goal(self) -> None:
-        """Any goal was written, or the meaning of goals has changed: apply all of them."""
+        """Apply all goals after any goal was written, or their meaning has changed."""
         self.set_position_goal()
         drive, get, sign = self.servo.drive, self.servo.memory.get, self.servo.direction
         drive.goal_velocity_rad_s = sign * get("goal_velocity") * VELOCITY_RAD_S
@@ -59,7 +59,7 @@ class DriveMapper:
             drive.goal_current_a = sign * get("goal_current") * self.current_unit_a
 
     def update_profile(self) -> None:
-        """Profile registers written: velocities or times (drive mode bit 2), for the next goal."""
+        """Apply profile registers, velocities or times (drive mode bit 2), to the next goal."""
         get = self.servo.memory.get
         velocity, acceleration = get("profile_velocity"), get("profile_acceleration")
         if get("drive_mode") & 4:
@@ -74,7 +74,7 @@ class DriveMapper:
         self.update_profile()
 
     def set_gains(self) -> None:
-        """Apply the gains in SI: outputs in the datasheets are PWM steps, their errors ticks."""
+        """Apply the gains in SI: in the datasheets outputs are PWM steps and errors are ticks."""
         drive, get = self.servo.drive, self.servo.memory.get
         drive.kp = get("position_p_gain") / self._p_divisor * TICKS_PER_RAD / PWM_FULL
         drive.ki = get("position_i_gain") / 65536 * TICKS_PER_RAD * CONTROL_HZ / PWM_FULL
@@ -123,7 +123,7 @@ def live_registers(servo: SimulatedDynamixelX) -> dict[str, Callable[[], int]]:
 
 
 def write_effects(servo: SimulatedDynamixelX) -> dict[str, Callable[[], None]]:
-    """Return the effect of a write to each register."""
+    """Return the function to call after a write to each register."""
     orders = servo.orders
     groups: dict[Callable[[], None], tuple[str, ...]] = {
         servo.set_mode: ("operating_mode",),
@@ -148,7 +148,7 @@ def write_effects(servo: SimulatedDynamixelX) -> dict[str, Callable[[], None]]:
 BAUDS = (9600, 57600, 115200, 1_000_000, 2_000_000, 3_000_000, 4_000_000, 4_500_000)
 PROTOCOL_1_ALARMS = 0x25  # voltage, heat and overload have the same bits in both protocols
 
-POLLED_REGISTERS = (  # registers of one byte that each frame on the line is judged by
+POLLED_REGISTERS = (  # one-byte registers that are read for each frame on the line
     "secondary_id", "return_delay_time", "status_return_level", "hardware_error_status",
 )  # fmt: skip
 MODES = {
@@ -166,7 +166,7 @@ class SimulatedDynamixelX(Servo):
     """An X-series servo."""
 
     reboot_s = 0.4  # measured on an XC330
-    hears_while_replying = False  # of packets that wait in a row it answers one
+    hears_while_replying = False  # answers only one of several waiting packets
     instructions = frozenset((1, 2, 3, 4, 5, 6, 8, 0x83, 0x92))
     bauds = MappingProxyType(dict(enumerate(BAUDS)))
 
@@ -198,7 +198,7 @@ class SimulatedDynamixelX(Servo):
 
     @property
     def return_delay_s(self) -> float:
-        """The return delay register, 2 µs a step."""
+        """Return delay register, 2 µs per step."""
         return self.memory.image[self._delay_at] * 2e-6
 
     @property
@@ -258,7 +258,7 @@ class SimulatedDynamixelX(Servo):
 
     @property
     def modes(self) -> tuple[int, ...]:
-        """Operating modes of this model: those of current need a current sensor."""
+        """Operating modes of this model; current modes need a current sensor."""
         return tuple(MODES) if self.orders.senses_current else (1, 3, 4, 16)
 
     @property
@@ -293,7 +293,7 @@ class SimulatedDynamixelX(Servo):
     # From memory to drive.
 
     def set_protocol(self) -> None:
-        """Protocol type written: 1 selects protocol 1.0."""
+        """Apply a write to the protocol type: 1 selects protocol 1.0."""
         old = self.memory.get("protocol_type") == 1
         self.protocol = BusProtocol.DYNAMIXEL_1 if old else BusProtocol.DYNAMIXEL_2
         self.framing = self.protocol.framing
@@ -319,7 +319,7 @@ class SimulatedDynamixelX(Servo):
             self.set_torque()
 
     def set_mode(self) -> None:
-        """Operating mode written: gains, profile and goals back to defaults, single turn."""
+        """Apply a new operating mode: gains, profile and goals get defaults, single turn."""
         mode = self.memory.get("operating_mode")
         if mode == self.mode:
             return
@@ -335,12 +335,12 @@ class SimulatedDynamixelX(Servo):
             effect()
 
     def set_drive_mode(self) -> None:
-        """Drive mode written: bit 0 reverses the direction of positions."""
+        """Apply a write to the drive mode: bit 0 reverses the direction of positions."""
         self.reversed = bool(self.memory.get("drive_mode") & 1)
         self.reset_goals_to_present()
 
     def set_torque(self) -> None:
-        """Torque enable written: position mode is single turn again."""
+        """Apply a write to torque enable: position mode is single turn again."""
         on = bool(self.memory.get("torque_enable"))
         if on and not self.drive.torque_on and self.mode == 3:
             self.reset_turns()
@@ -349,7 +349,7 @@ class SimulatedDynamixelX(Servo):
             self.orders.set_goal()
 
     def set_position_goal(self) -> None:
-        """Goal position written; drive mode bit 3 enables torque with it."""
+        """Apply a write to the goal position; with drive mode bit 3 it enables torque."""
         if self.memory.get("drive_mode") & 8 and not self.drive.torque_on:
             self.memory.put("torque_enable", 1)
             self.set_torque()
@@ -361,12 +361,12 @@ class SimulatedDynamixelX(Servo):
         return (-tick if self.reversed else tick) - self.turn_base_tick + self.offset_tick
 
     def reset_goals_to_present(self) -> None:
-        """The meaning of goals has changed: start from the present position."""
+        """Start from the present position after the meaning of goals has changed."""
         self._reset_goals()
         self.orders.set_goal()
 
     def hold_position(self) -> None:
-        """The bus watchdog stops the servo: no motion, no profile."""
+        """Stop the servo for the bus watchdog: no motion, no profile."""
         for name in ("profile_velocity", "profile_acceleration", "goal_velocity"):
             self.memory.put(name, 0)
         self.orders.update_profile()

@@ -21,7 +21,7 @@ class AccessRules:
 
     Args:
         servo: The servo.
-        protections: Refuse torque after a shutdown.
+        protections: Refuses torque after a shutdown.
         modes: The operating modes that the servo has.
         current_mode: Returns the effective operating mode.
 
@@ -50,7 +50,7 @@ class AccessRules:
         self._found: dict[tuple[int, int], _Rows] = {}
 
     def check_write(self, address: int, data: bytes) -> InstructionError | None:
-        """Return why a write is refused; runs through indirect data are checked at their target."""
+        """Return why a write is refused; writes to indirect data are checked at their target."""
         if address + len(data) <= self.first_data:
             return self._check_direct_write(address, data)
         for start, part in self._split_runs(address, data):
@@ -77,7 +77,7 @@ class AccessRules:
         return int.from_bytes(self.memory.image[at : at + 2], "little")
 
     def _split_runs(self, address: int, data: bytes) -> list[tuple[int, bytes]]:
-        """Split a write into runs of neighbouring bytes, indirect addresses followed."""
+        """Split a write into runs of neighbouring bytes, following indirect addresses."""
         runs: list[tuple[int, bytes]] = []
         for k in range(len(data)):
             target = self._target_address(address + k)
@@ -101,7 +101,7 @@ class AccessRules:
         return None
 
     def _rows_at(self, address: int, length: int) -> _Rows | InstructionError:
-        """Return the registers that a range of bytes consists of, or why it may not be written."""
+        """Return the registers of a range of bytes, or why it may not be written."""
         rows = self._found.get((address, length))
         if rows is None:
             if not self.table.is_gapless(address, length):
@@ -123,7 +123,7 @@ class AccessRules:
         return None
 
     def _accepts(self, row: SimulatedRegister, value: int) -> bool:
-        """Check whether a value is in its register's range, which others may set."""
+        """Check whether a value is in its register's range, which other registers may set."""
         get, name = self.memory.get, row.name
         if name == "operating_mode":
             return value in self._modes
@@ -146,7 +146,7 @@ class DynamixelXProtections:
     Args:
         servo: The servo.
         current_mode: Returns its operating mode.
-        hold_position: Stops it where it is.
+        hold_position: Stops it at its position.
     """
 
     def __init__(
@@ -184,7 +184,7 @@ class DynamixelXProtections:
         self._check_bus_watchdog()
 
     def start_watchdog(self) -> None:
-        """Bus watchdog written: the interval counts from now."""
+        """Apply a write to the bus watchdog: the interval starts now."""
         self.servo.received_s = self.servo.time_s
 
     def moving_status(self) -> int:

@@ -1,4 +1,4 @@
-"""A family of arms: what differs from one arm to the next of the same kind, by a seed."""
+"""A family of arms: differences between arms of the same kind, by a seed."""
 
 from __future__ import annotations
 
@@ -23,13 +23,13 @@ FAMILY: Mapping[str, tuple[float, float]] = MappingProxyType(
         "d_gain_acts": (0.0, 1.0),
     }
 )
-"""Ranges, all values in them equally likely: of each joint and its servos, the last two of the arm.
+"""Uniformly distributed ranges: of each joint and its servos; the last two of the arm.
 
-Those without a unit are factors. The output's friction and damping are besides at most a part of
-all that the servo has (`parameters.in_an_arm`). The D gain of an STS acts in half of the arms: its
-unit is not known. Play: 0.5° is what Feetech promises, 1° was measured on three STS3215; friction,
-torque constant and armature: published fits of the same model differ by as much. The others are
-estimates.
+Ranges without a unit are factors. The output's friction and damping are in addition at most a part
+of the servo's total (`parameters.in_an_arm`). The D gain of an STS acts in half of the arms,
+because its unit is unknown. Backlash: 0.5° is what Feetech promises, 1° was measured on three
+STS3215. Friction, torque constant and armature: published fits of the same model differ by as much.
+The others are estimates.
 """
 
 
@@ -44,7 +44,7 @@ class FamilyMember:
     seed: int
 
     def drawn(self, what: str, joint: str = "") -> float:
-        """Return a figure of a joint, or of the arm: a key of `FAMILY`."""
+        """Return a value of a joint, or of the arm: a key of `FAMILY`."""
         chance = random.Random(f"{self.seed} {what} {joint}")  # noqa: S311 - a tolerance, no secret
         return chance.uniform(*FAMILY[what])
 

@@ -42,11 +42,11 @@ class Fault:
         id: The servo concerned; None for all.
         at_s: Its start, in seconds of the simulation.
         for_s: Its duration.
-        count: At most so often (faults of replies and instructions).
+        count: Largest number of times (faults of replies and instructions).
         probability: Chance each time (faults of replies and instructions).
         delay_s: The delay of a late reply.
-        bytes: The length of the garbage, or of what is left of a short reply.
-        bits: Flipped in a reply, or set in an alarm.
+        bytes: The length of the garbage, or of the rest of a short reply.
+        bits: Bits that are flipped in a reply, or set in an alarm.
         volts: The wrong supply.
         celsius: The temperature of an overheated servo.
         grip: Fraction of the torque that slipping gears transmit.
@@ -126,12 +126,12 @@ class FaultyLine(Protocol):
 
     @property
     def world(self) -> World:
-        """The servos on it, their supplies and the time."""
+        """The world of the line: servos, supplies and time."""
         ...
 
 
 def _no_undo() -> None:
-    """Nothing to end."""
+    """Do nothing, because there is nothing to end."""
 
 
 def _affected_servos(line: FaultyLine, fault: Fault) -> list[Servo]:
@@ -242,7 +242,7 @@ EVENTS: dict[str, Callable[[FaultyLine, Fault], Undo]] = {
 }
 
 
-Arrival = tuple[float, bytes]  # delay behind the moment at which it was due [s], bytes
+Arrival = tuple[float, bytes]  # delay behind its due time [s], bytes
 
 LOST = "lost"  # the host's instruction is not received
 
@@ -284,13 +284,13 @@ def _duplicate_reply(data: bytes, fault: Fault, _: Random) -> list[Arrival]:
 
 REPLY_FAULTS: dict[str, Callable[[bytes, Fault, Random], list[Arrival]]] = {
     "silent": _drop_reply,  # no reply at all
-    "late": _delay_reply,  # delay_s behind: it meets the next request
+    "late": _delay_reply,  # late by delay_s: it meets the next request
     "short": _shorten_reply,  # only the first `bytes`
-    "flipped": _flip_bits,  # `bits` of it, anywhere
+    "flipped": _flip_bits,  # `bits` flipped bits, anywhere
     "checksum": _corrupt_checksum,  # the last byte is wrong
     "garbage": _insert_garbage,  # `bytes` of it before the header
-    "truncated": _truncate_reply,  # breaks off anywhere
-    "duplicated": _duplicate_reply,  # the same again delay_s behind
+    "truncated": _truncate_reply,  # ends anywhere
+    "duplicated": _duplicate_reply,  # the same again, delay_s later
 }
 
 
@@ -342,17 +342,17 @@ class FaultScript:
 
     def loses_instruction(self, at_s: float) -> bool:
         """Check whether an instruction is not received."""
-        if not self._lost:  # each frame on the line asks
+        if not self._lost:  # asked for each frame on the line
             return False
         return any(running.is_triggered(at_s, self._random) for running in self._lost)
 
     @property
     def changes_replies(self) -> bool:
-        """Whether a fault of replies is in force."""
+        """Whether a fault of replies is active."""
         return bool(self._replies)
 
     def faulty_arrivals(self, servo: Servo | None, at_s: float, data: bytes) -> list[Arrival]:
-        """Return what reaches the host of a reply: delays behind its time, and bytes."""
+        """Return the parts of a reply that reach the host: delays and bytes."""
         arrivals: list[Arrival] = [(0.0, data)]
         for running in self._replies:
             concerns = servo is not None and running.fault.id in (None, servo.id)

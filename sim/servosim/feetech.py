@@ -1,4 +1,4 @@
-"""Feetech firmware: clipping, lock, alarms, protections; differences of the series are a part."""
+"""Feetech firmware: clipping, lock, alarms, protections; the series in a part of it."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ AT_REST_RAD_S = 0.1  # assumed: a shaft that moves faster than this is not block
 
 
 class FeetechProtections(AlarmBits):
-    """Protections of one servo; a bit clears with its cause, an overload with a new torque."""
+    """Protections of one servo; bits clear with their causes, an overload with a new torque."""
 
     def __init__(self, servo: Servo) -> None:
         super().__init__()
         self.servo = servo
         names = servo.table.by_name
         self._limit_name = "torque_limit" if "torque_limit" in names else "max_torque"
-        # The unit of the SCS225's is not known: no more is done with it than with none.
+        # The unit of the SCS225's current is not known, so the current is ignored.
         self._has_current = "torque_limit" in names and "protection_current" in names
         self._has_overload = "overload_torque" in names
         self.start()
@@ -36,11 +36,11 @@ class FeetechProtections(AlarmBits):
 
     @property
     def is_unloaded(self) -> bool:
-        """Whether an alarm that the unload condition names keeps the output off."""
+        """Whether the output is off because of an alarm that the unload condition names."""
         return bool(self.bits & self.servo.memory.get("unload_condition") & ~OVERLOAD)
 
     def clear_overload(self) -> None:
-        """Torque or goal written: resets an overload."""
+        """Reset an overload after a write to torque or goal."""
         self.bits &= ~(OVERLOAD | CURRENT)
         self._overload_s = self._over_current_s = 0.0
         self.servo.drive.torque_limit = self.torque_limit()
@@ -98,9 +98,9 @@ class FeetechProtections(AlarmBits):
 BAUDS = (1_000_000, 500_000, 250_000, 128_000, 115_200, 76_800, 57_600, 38_400,
          19_200, 14_400, 9_600, 4_800)
 # fmt: on
-DAMPING = 2  # written to torque_enable: the motor brakes the shaft
-PROTECTED_ERROR_RAD = 1.7  # farther goals are followed with a quarter of the duty (scope)
-PHASE_ZERO_IS_MAX = 0x08  # goal speed 0 means the greatest speed
+DAMPING = 2  # value of torque_enable with which the motor brakes the shaft
+PROTECTED_ERROR_RAD = 1.7  # goals further away get a quarter of the duty (scope)
+PHASE_ZERO_IS_MAX = 0x08  # bit with which goal speed 0 means the maximum
 
 
 class FeetechSeries:
@@ -158,7 +158,7 @@ class FeetechSeries:
         raise NotImplementedError
 
     def set_goal(self) -> None:
-        """A goal register was written: apply goal and profile together."""
+        """Apply goal and profile together after a write to a goal register."""
         raise NotImplementedError
 
     def live_registers(self) -> dict[str, Callable[[], int]]:
@@ -166,7 +166,7 @@ class FeetechSeries:
         raise NotImplementedError
 
     def write_effects(self) -> dict[str, Callable[[], None]]:
-        """Return the effect of a write to each register, in addition or instead."""
+        """Return the functions to call after a write to registers, additional or replacing."""
         return {}
 
 
@@ -174,7 +174,7 @@ class Feetech(Servo):
     """A Feetech servo.
 
     Args:
-        make_series: Makes the part of its series.
+        make_series: Makes the series-specific part.
         table: Its control table.
         motor: The physics behind it.
         shaft: The zero of reported positions.
@@ -187,9 +187,9 @@ class Feetech(Servo):
     registered_flag = "async_write"
     kept_by_recovery = ("id",)
     reboot_s = 0.8  # measured on an STS3215
-    kp_per_gain = 0.163  # duty for each radian and each step of the P gain (pendulum logs, scope)
+    kp_per_gain = 0.163  # duty per radian and step of the P gain (pendulum logs, scope)
     # Load registers of servos that held against friction read, in thousandths of the duty, P / 4
-    # for each tick of the error beyond the dead zone, and the start-up force besides.
+    # per tick of the error beyond the dead zone, plus the start-up force.
     startup_per_unit = 0.001
     kd_per_gain = 0.001  # assumed [s/rad]
     ki_per_gain = 0.05  # assumed [1/(rad s)]
@@ -222,30 +222,30 @@ class Feetech(Servo):
 
     @property
     def return_delay_s(self) -> float:
-        """The return delay register, 2 µs a step; an HLS has none."""
+        """Return delay register, 2 µs per step; an HLS has none."""
         return self.memory.get("return_delay") * 2e-6 if self._delays else 0.0
 
     @property
     def status_level(self) -> int:
-        """The response level: 1 replies to everything, 0 only to pings and reads."""
+        """Response level: 1 replies to everything, 0 only to pings and reads."""
         return 2 if self.memory.get("response_level") else 1
 
     @property
     def alarm(self) -> int:
-        """The status register."""
+        """Status register."""
         return self.watch.bits
 
     @property
     def is_eeprom_unlocked(self) -> bool:
-        """The lock register: 0 lets EEPROM writes survive the power."""
+        """Lock register: 0 lets EEPROM writes survive without power."""
         return self.memory.get("lock") == 0
 
     def check_write(self, address: int, data: bytes) -> InstructionError | None:
-        """Refuse what is outside the memory; the registers check the rest."""
+        """Refuse addresses outside the memory; the registers check the rest."""
         return None if data and address + len(data) <= self.table.size else InstructionError.RANGE
 
     def store(self, address: int, data: bytes) -> None:
-        """Store what is writable, each value clipped to its range; ignore the rest."""
+        """Store writable values, each clipped to its range; ignore the rest."""
         end = address + len(data)
         for row in self.table.registers_in(address, len(data)):
             if row.address >= address and row.end <= end:
@@ -272,7 +272,7 @@ class Feetech(Servo):
         self.watch.inject_alarm(bits)
 
     def is_goal_allowed(self, goal: int) -> bool:
-        """Check whether a goal position is inside the limits; both zero are none."""
+        """Check whether a goal position is inside the limits; both zero means no limits."""
         lower, upper = self.memory.get("min_position_limit"), self.memory.get("max_position_limit")
         return lower == upper == 0 or lower <= goal <= upper
 
@@ -311,13 +311,13 @@ class Feetech(Servo):
             effect()
 
     def set_torque(self) -> None:
-        """Torque enable written: 0 off, 1 on, 2 damping."""
+        """Apply a write to torque enable: 0 off, 1 on, 2 damping."""
         self.watch.clear_overload()
         self.drive.torque_on = self.memory.get("torque_enable") != 0
         self.set_mode()
 
     def set_mode(self) -> None:
-        """Operating mode or torque written."""
+        """Apply a write to operating mode or torque."""
         damping = self.memory.get("torque_enable") == DAMPING
         self.drive.mode = ControlMode.PWM if damping else self.series.requested_mode()
         self.set_goal()
@@ -325,7 +325,7 @@ class Feetech(Servo):
             self.drive.goal_pwm = 0.0
 
     def set_goal(self) -> None:
-        """A goal register was written: apply goal and profile together."""
+        """Apply goal and profile together after a write to a goal register."""
         self.series.set_goal()
 
     def set_gains(self) -> None:
@@ -346,7 +346,7 @@ class Feetech(Servo):
         self.drive.torque_limit = self.watch.torque_limit()
 
     def clamped_goal(self) -> int:
-        """Return the goal position inside the limits; limits both 0 are none."""
+        """Return the goal position inside the limits; both zero means no limits."""
         get = self.memory.get
         lower, upper = get("min_position_limit"), get("max_position_limit")
         goal = get("goal_position")
@@ -355,7 +355,7 @@ class Feetech(Servo):
         return self.series.nearest_limit(goal, lower, upper)
 
     def profile_speed(self, speed_rad_s: float) -> float:
-        """Compute the speed limit for a goal speed: 0 means the maximum, or no motion."""
+        """Compute the speed limit for a goal speed; 0 means the maximum, or no motion."""
         at_rest = speed_rad_s == 0.0 and not self.memory.get("phase") & PHASE_ZERO_IS_MAX
         return 1e-6 if at_rest else speed_rad_s
 

@@ -10,13 +10,13 @@ from servosim.feetech import BAUDS, Feetech, FeetechSeries
 from servosim.servo import HornMounting
 
 CURRENT_UNIT_A = 0.0065
-_FROM_EEPROM = {  # what an HLS copies into its RAM at power-up
+_FROM_EEPROM = {  # registers that an HLS copies into its RAM at power-up
     "goal_torque": "protection_current", "kp": "p_gain", "kd": "d_gain", "ki": "i_gain",
     "goal_speed": "max_speed_limit",
 }  # fmt: skip
-CALIBRATE = 128  # written to torque_enable: the present position becomes tick 2048
-SPEED_LIMIT_STEPS = 50  # steps a second of one unit of register 84, whatever the phase says
-STEP = 3  # operating mode: goals are added to each other
+CALIBRATE = 128  # value of torque_enable with which the present position becomes tick 2048
+SPEED_LIMIT_STEPS = 50  # steps/s per unit of register 84, whatever the phase says
+STEP = 3  # operating mode in which goals are added up
 PHASE_FINE_SPEED, PHASE_TURNS = 0x04, 0x10
 
 
@@ -28,12 +28,12 @@ _HLS_MODES = (
 
 
 class StsSeries(FeetechSeries):
-    """An STS servo, or an HLS: that has a goal torque, and speeds in 50 steps a second only."""
+    """An STS or HLS servo; an HLS has a goal torque, and speeds only in units of 50 steps/s."""
 
     bauds = MappingProxyType(dict(enumerate(BAUDS)))
     instructions = frozenset((1, 2, 3, 4, 5, 6, 8, 9, 0x0A, 0x0B, 0x82, 0x83))
     answers_broadcast_ping = True
-    goal_enables_torque = True  # reported of hardware (lerobot issue 3585)
+    goal_enables_torque = True  # reported from hardware (lerobot issue 3585)
 
     def __init__(self, servo: Feetech) -> None:
         super().__init__(servo)
@@ -110,7 +110,7 @@ class StsSeries(FeetechSeries):
         return (_HLS_MODES if self.is_hls else _STS_MODES)[self.memory.get("operating_mode")]
 
     def set_torque(self) -> None:
-        """Torque enable written: 128 calibrates and leaves the torque as it was."""
+        """Apply a write to torque enable: 128 calibrates and leaves the torque unchanged."""
         if self.memory.get("torque_enable") == CALIBRATE:
             self.memory.put("torque_enable", int(self.drive.torque_on))
             self.calibrate()
@@ -118,7 +118,7 @@ class StsSeries(FeetechSeries):
             self.servo.set_torque()
 
     def set_phase(self) -> None:
-        """Phase written: bit 2 is the unit of speeds, 1 or 50 steps a second."""
+        """Apply a write to phase: bit 2 is the unit of speeds, 1 or 50 steps/s."""
         fine = not self.is_hls and self.memory.get("phase") & PHASE_FINE_SPEED
         steps = 1 if fine else 50
         self.speed_unit_rad_s = steps * self.shaft.rad_per_tick
@@ -126,7 +126,7 @@ class StsSeries(FeetechSeries):
         self.drive.moving_threshold_rad_s = threshold * self.speed_unit_rad_s
 
     def set_goal(self) -> None:
-        """A goal register was written: apply goal, speed and acceleration together."""
+        """Apply goal, speed and acceleration together after a write to a goal register."""
         drive, get, sign = self.drive, self.memory.get, self.shaft.sign
         greatest_rad_s = get("max_speed_limit") * SPEED_LIMIT_STEPS * self.shaft.rad_per_tick
         speed_rad_s = get("goal_speed") * self.speed_unit_rad_s
@@ -144,14 +144,14 @@ class StsSeries(FeetechSeries):
             drive.goal_rad = self.angle_at(self.servo.clamped_goal())
 
     def _set_current(self, goal_torque: int) -> None:
-        """Apply the goal torque: the goal of the mode of current, else the limit, 0 for none."""
+        """Apply the goal torque: the goal in current mode, otherwise the limit; 0 means none."""
         drive, current_a = self.drive, goal_torque * CURRENT_UNIT_A
         drive.goal_current_a = self.shaft.sign * current_a
         drive.current_limit_a = abs(current_a)
         drive.goal_pwm = self.shaft.sign * goal_torque / 1000
 
     def set_position_goal(self) -> None:
-        """Goal position written; in step mode it is added to the previous goal."""
+        """Apply a write to the goal position; in step mode it is added to the previous goal."""
         get, servo = self.memory.get, self.servo
         mode = get("operating_mode")
         if mode == STEP and not self.is_hls:
@@ -166,7 +166,7 @@ class StsSeries(FeetechSeries):
             self.set_goal()
 
     def change_phase(self) -> None:
-        """Phase written: speeds in registers have another unit."""
+        """Apply a write to phase: speeds in registers get another unit."""
         self.set_phase()
         self.set_goal()
 
@@ -192,7 +192,7 @@ class StsSeries(FeetechSeries):
         }
 
     def write_effects(self) -> dict[str, Callable[[], None]]:
-        """Return the effect of a write to each register, in addition or instead."""
+        """Return the functions to call after a write to registers, additional or replacing."""
         servo = self.servo
         return {
             "torque_enable": self.set_torque,
@@ -215,13 +215,13 @@ class ScsSeries(FeetechSeries):
     instructions = frozenset((1, 2, 3, 4, 5, 6, 0x83))
 
     def requested_mode(self) -> ControlMode:
-        """Return motor mode when both position limits are zero, else position mode."""
+        """Return motor mode if both position limits are zero, otherwise position mode."""
         get = self.servo.memory.get
         lower, upper = get("min_position_limit"), get("max_position_limit")
         return ControlMode.PWM if lower == upper == 0 else ControlMode.POSITION
 
     def set_goal(self) -> None:
-        """A goal register was written: the time counts only without a speed."""
+        """Apply a write to a goal register: the time counts only without a speed."""
         servo, drive, shaft = self.servo, self.servo.drive, self.servo.shaft
         speed_rad_s = servo.memory.get("goal_speed") * shaft.rad_per_tick
         duty_or_ms = "goal_time" if "goal_time" in servo.table.by_name else "goal_pwm"

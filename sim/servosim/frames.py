@@ -19,7 +19,7 @@ class Frame:
         instruction: The instruction byte; in a protocol 1 status, the error byte.
         params: The bytes after the instruction, without stuffing and checksum.
         end: Bytes of the feed that completed the frame, counted from that feed's start.
-        raw: The frame as it came.
+        raw: The frame as received.
     """
 
     id: int
@@ -33,7 +33,7 @@ class FrameReader:
     """Finds frames in whatever arrives; junk and bad checksums are counted and skipped."""
 
     header: ClassVar[bytes]
-    shortest: ClassVar[int]  # bytes that must be there before the length is known
+    shortest: ClassVar[int]  # bytes needed before the length is known
 
     def __init__(self) -> None:
         self.junk_bytes = 0
@@ -86,11 +86,11 @@ class FrameReader:
         return start + 1
 
     def _size(self, start: int) -> int | None:
-        """Return the whole frame's size, 0 for a false header, None when it is not known yet."""
+        """Return the whole frame's size, 0 for a false header, None if it is not known yet."""
         raise NotImplementedError
 
     def _parse(self, raw: bytes, end: int) -> Frame | None:
-        """Parse the frame, or None when its checksum is bad."""
+        """Parse the frame; None if its checksum is wrong."""
         raise NotImplementedError
 
 
@@ -149,7 +149,7 @@ _CRC = _crc_pairs()
 
 
 def crc16(data: bytes, crc: int = 0) -> int:
-    """Compute the CRC of ``data`` behind bytes of a given CRC, two bytes at a time."""
+    """Compute the CRC of ``data`` after bytes with a given CRC, two bytes at a time."""
     table, odd = _CRC, len(data) & 1
     if odd:
         crc = (crc << 8) & 0xFFFF ^ table[crc >> 8 ^ data[0]]
@@ -164,7 +164,7 @@ def _pairs_reader(count: int) -> Callable[[bytes, int], tuple[int, ...]]:
 
 
 def stuff(body: bytes) -> bytes:
-    """Put an FD behind every ``FF FF FD``, so that no header appears inside a frame."""
+    """Insert an FD after every ``FF FF FD``, so that no header appears inside a frame."""
     return body.replace(b"\xff\xff\xfd", b"\xff\xff\xfd\xfd")
 
 
@@ -182,7 +182,7 @@ def encode2(id_: int, instruction: int, params: bytes = b"") -> bytes:
 
 @lru_cache(maxsize=1024)
 def _head(id_: int, length: int) -> tuple[bytes, int]:
-    """Compute a frame's first bytes and their CRC: most frames of a bus begin alike."""
+    """Compute a frame's first bytes and their CRC, because most frames of a bus begin alike."""
     head = HEADER + bytes((id_, length & 0xFF, length >> 8))
     return head, crc16(head)
 

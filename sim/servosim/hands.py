@@ -1,10 +1,10 @@
 """Scripted hands on joints without torque.
 
-Hands that sweep take each joint without torque through its travel, at once. Hands that follow a
-calibration move the arm into its start pose and hold it there, move each joint in turn a little in
+Sweeping hands take each joint without torque through its travel, all at once. Hands that follow a
+calibration move the arm into its start pose and hold it there, move each joint in turn slightly in
 the direction with the larger range, twice, and then sweep all joints. They start over when the
-torque of a joint is switched off, and when a host transmits after a silence: a program that
-calibrates finds the arm at rest in its pose.
+torque of a joint is switched off, and when a host transmits after a silence: a calibrating program
+then finds the arm at rest in its pose.
 """
 
 from __future__ import annotations
@@ -19,21 +19,21 @@ from servosim.servo import Servo
 from servosim.world import World
 
 HANDS = ("sweep", "calibrate")
-"""The kinds of hands."""
+"""Kinds of hands."""
 
-_HAND_LIMIT = 10.0  # force: N m, or N on a prismatic joint
-POLL_PERIOD_S = 0.05  # between two polls of which joints are without torque
-SILENCE_S = 2.0  # of the host, after which the script starts over with its next packet
-RETURN_S = 2.0  # into the pose
-HOLD_S = 6.0  # in the pose
-SHOW_S = 0.5  # of a joint's motion in its shown direction, and of the one back
-SHOWN_S = 4 * SHOW_S  # twice, as an opposite sign must be confirmed
+_HAND_LIMIT = 10.0  # largest force: N m, or N on a prismatic joint
+POLL_PERIOD_S = 0.05  # time between two polls for joints without torque
+SILENCE_S = 2.0  # silence of the host after which its next packet restarts the script
+RETURN_S = 2.0  # time to move into the pose
+HOLD_S = 6.0  # time to hold the pose
+SHOW_S = 0.5  # time of a joint's motion in its direction, and of the motion back
+SHOWN_S = 4 * SHOW_S  # twice, because an opposite sign must be confirmed
 SWEEP_S = 24.0
-ONE_WAY_S = 4.0  # from one end of the travel to the other
+ONE_WAY_S = 4.0  # time from one end of the travel to the other
 SHOWN_RAD = math.radians(25.0)
-SHOWN_FRACTION = 0.45  # of the travel, at most
-OPEN_TRAVEL_RAD = math.radians(300.0)  # of a joint without limits
-MAX_OVERSHOOT = 0.02  # fraction of the travel by which the hand pushes beyond the stops
+SHOWN_FRACTION = 0.45  # largest fraction of the travel to show
+OPEN_TRAVEL_RAD = math.radians(300.0)  # travel of a joint without limits
+MAX_OVERSHOOT = 0.02  # fraction of the travel that the hand pushes beyond the stops
 
 
 class RangeSweep:
@@ -59,7 +59,7 @@ class RangeSweep:
 
 
 class CalibrationHands:
-    """Hold the pose, show each joint's direction and sweep, where the torque is switched off.
+    """Hands that hold the pose, show each joint's direction and sweep, on joints without torque.
 
     They may listen to the line, to detect when a host starts to transmit.
     """
@@ -93,7 +93,7 @@ class CalibrationHands:
         world.schedule(world.time_s + POLL_PERIOD_S, self._poll_host)
 
     def _schedule_run(self) -> None:
-        """Schedule one run of the script and, after it, the next; a present run ends."""
+        """Schedule one run of the script and, after it, the next; the present run ends."""
         self._run += 1
         names = list(self._pose)
         shown_s = RETURN_S + HOLD_S
@@ -148,7 +148,7 @@ class CalibrationHands:
 
 
 def _sweep_path(position: float, lower: float, upper: float) -> Path:
-    """Push at the nearer end first: both are reached after one and a half travels."""
+    """Push to the nearer end first: both are reached after one and a half travels."""
     more, ends = MAX_OVERSHOOT * (upper - lower), lower + upper
     start = max(lower, min(upper, position))
     speed = (upper - lower) / ONE_WAY_S
@@ -165,7 +165,7 @@ def _joint_travel(world: World, name: str) -> tuple[float, float]:
 
 
 def _reflect_path(path: Path, ends: float) -> Path:
-    """Return a path with its two ends, whose sum is given, exchanged."""
+    """Return a path with its two ends exchanged; their sum is given."""
 
     def reflected(time_s: float) -> tuple[float, float]:
         position, velocity = path(time_s)
@@ -185,7 +185,7 @@ def add_hands(line: Line, kind: str) -> None:
         SimulatorError: It is neither.
     """
     if kind not in HANDS:
-        raise SimulatorError(f"hand={kind!r} is none of {', '.join(HANDS)}")
+        raise SimulatorError(f"hand={kind!r} is not one of {', '.join(HANDS)}")
     if kind == "calibrate":
         line.witnesses.append(CalibrationHands(line.world))
     else:

@@ -23,10 +23,10 @@ class ReplySlot(NamedTuple):
 
     Attributes:
         replies: The replies in this place; more than one collide.
-        size: Bytes that the next one waits for if there is no reply.
+        size: Number of bytes for which the next slot waits if there is no reply.
         slot: A fixed place counted in packets from the instruction (broadcast ping), or None to
-            follow the place before.
-        prompt: True to follow the place before without a return delay (fast reads).
+            follow the previous place.
+        prompt: True to follow the previous place without a return delay (fast reads).
     """
 
     replies: tuple[Reply, ...]
@@ -51,7 +51,7 @@ def single_slot(replies: list[Reply]) -> list[ReplySlot]:
 PING, READ, WRITE, REG_WRITE, ACTION, RECOVERY = 1, 2, 3, 4, 5, 6
 REBOOT, BACKUP, RESET_TURNS, CALIBRATE = 0x08, 0x09, 0x0A, 0x0B
 SYNC_READ, SYNC_WRITE, BULK_READ = 0x82, 0x83, 0x92
-MAX_DATA_BYTES = 253  # limit of the length byte of a status
+MAX_DATA_BYTES = 253  # largest data by the length byte of a status
 
 _ERRORS = {
     InstructionError.LIMIT: 0x02,
@@ -153,7 +153,7 @@ def _execute_reset_turns(servo: Servo, _: bytes) -> _Outcome:
 
 
 def _execute_calibrate(servo: Servo, params: bytes) -> _Outcome:
-    """Make the present position 2048, or the number of two more bytes."""
+    """Make the present position 2048, or the number in two further bytes."""
     if len(params) == 2:
         servo.calibrate(int.from_bytes(params, "little"))
     elif params:
@@ -198,7 +198,7 @@ def _execute_sync_read(params: bytes, servos: Sequence[Servo]) -> list[ReplySlot
 
 
 def _execute_bulk_read(params: bytes, servos: Sequence[Servo]) -> list[ReplySlot]:
-    """Length, id, address of each servo, after one zero."""
+    """Parse and execute the length, id and address of each servo, after one zero."""
     groups = [params[at : at + 3] for at in range(1, len(params) - 2, 3)]
     present = servos_by_id(servos)
     return [

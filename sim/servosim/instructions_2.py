@@ -12,7 +12,7 @@ from servosim.servo import InstructionError, Servo
 PING, READ, WRITE, REG_WRITE, ACTION, FACTORY_RESET, REBOOT = 1, 2, 3, 4, 5, 6, 8
 CLEAR, BACKUP, STATUS = 0x10, 0x20, 0x55
 
-LEVELS = {PING: 0, READ: 1}  # status return level from which there is a reply; else 2
+LEVELS = {PING: 0, READ: 1}  # status return level needed for a reply; otherwise 2
 
 _ERRORS = {
     InstructionError.RESULT_FAIL: 1,
@@ -51,26 +51,26 @@ def read_uint16(params: bytes, at: int) -> int:
 
 
 def execute_ping(servo: Servo, _: bytes = b"") -> Outcome:
-    """Model number and firmware version."""
+    """Return model number and firmware version."""
     return servo.table.number.to_bytes(2, "little") + bytes((servo.memory.get("firmware_version"),))
 
 
 def execute_read(servo: Servo, params: bytes) -> Outcome:
-    """Address and length: the bytes there."""
+    """Parse address and length; return the bytes there."""
     if len(params) != 4:
         return InstructionError.LENGTH
     return read_at(servo, read_uint16(params, 0), read_uint16(params, 2))
 
 
 def read_at(servo: Servo, address: int, length: int) -> Outcome:
-    """The bytes at an address, if all of them are inside the memory."""
+    """Return the bytes at an address, if all of them are inside the memory."""
     if length == 0 or address + length > servo.table.size:
         return InstructionError.ACCESS
     return servo.read_bytes(address, length)
 
 
 def execute_write(servo: Servo, params: bytes) -> Outcome:
-    """Address and bytes to store there."""
+    """Parse address and bytes, and store them there."""
     if len(params) < 3:
         return InstructionError.LENGTH
     return servo.write_bytes(read_uint16(params, 0), params[2:])
@@ -220,7 +220,7 @@ def _read_reply_slot(request: _ReadRequest, servos: Sequence[Servo]) -> ReplySlo
 
 
 def _fast_reply_slots(requests: list[_ReadRequest], servos: Sequence[Servo]) -> list[ReplySlot]:
-    """One status packet in parts; the chain breaks at the first servo that is missing."""
+    """Return one status packet in parts; the chain breaks at the first missing servo."""
     present = servos_by_id(servos)
     length = 1 + sum(4 + request[2] for request in requests)
     if length > MAX_FRAME_BYTES:
@@ -294,7 +294,7 @@ def _ping_reply_slot(servo: Servo) -> ReplySlot:
 
 
 def _execute_for_secondary_id(frame: Frame, servo: Servo) -> None:
-    """A secondary id accepts instructions, but neither reads nor writes to EEPROM."""
+    """Execute for a secondary id, which accepts no reads and no writes to EEPROM."""
     writes = frame.instruction in (WRITE, REG_WRITE)
     params = frame.params
     allowed = writes and not touches_eeprom(servo, read_uint16(params, 0), len(params) - 2)

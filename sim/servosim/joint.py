@@ -13,7 +13,7 @@ from servosim.servo import Servo
 
 
 class Transmission(Protocol):
-    """Between the angle of a horn [rad] and the coordinate of its joint [rad or m]."""
+    """Conversion between the angle of a horn [rad] and the coordinate of its joint [rad or m]."""
 
     @property
     def is_prismatic(self) -> bool:
@@ -29,16 +29,16 @@ class Transmission(Protocol):
         ...
 
     def slope(self, horn_rad: float) -> float:
-        """Return the derivative of the joint position by the horn's rotation, rad or m a rad."""
+        """Return the derivative of the joint position by the horn's rotation, rad or m per rad."""
         ...
 
 
 @dataclass(frozen=True, slots=True)
 class Ratio:
-    """A horn on the joint itself, a gear, or a rack: the same everywhere.
+    """A horn on the joint itself, a gear, or a rack: the same ratio everywhere.
 
     Attributes:
-        per_rad: Joint motion for one radian of the horn, rad or m.
+        per_rad: Joint motion per radian of the horn, rad or m.
         is_prismatic: Whether the joint is prismatic.
     """
 
@@ -62,12 +62,12 @@ class Ratio:
 class CrankAndRod:
     """A crank that pushes a slider by a rod: `x = r cos φ + sqrt(l² - r² sin² φ)`.
 
-    φ decreases from its angle at joint zero, so that a growing angle pushes outwards; near its
-    dead centres the slider hardly moves.
+    φ decreases from its angle at joint zero, so that a growing angle pushes outwards; near its dead
+    centres the slider hardly moves.
 
     Attributes:
-        radius_m: From the horn's axis to the pin.
-        rod_m: From the pin to the slide; longer than the radius.
+        radius_m: Distance from the horn's axis to the pin.
+        rod_m: Distance from the pin to the slider; longer than the radius.
         zero_rad: φ at joint zero.
     """
 
@@ -85,14 +85,14 @@ class CrankAndRod:
         return self._slide_position(self.zero_rad - horn_rad) - self._slide_position(self.zero_rad)
 
     def horn_rad(self, position: float) -> float:
-        """Compute the rotation of the horn; out of reach, that with the slider nearest."""
+        """Compute the rotation of the horn; out of reach, the one with the slider nearest."""
         x, r, rod = position + self._slide_position(self.zero_rad), self.radius_m, self.rod_m
         x = min(rod + r, max(rod - r, x))
         cosine = (x * x + r * r - rod * rod) / (2.0 * r * x)
         return self.zero_rad - math.acos(min(1.0, max(-1.0, cosine)))
 
     def slope(self, horn_rad: float) -> float:
-        """Return metres a radian, never less than a hundredth of the radius."""
+        """Return metres per radian, at least a hundredth of the radius."""
         phi = self.zero_rad - horn_rad
         across, along = self.radius_m * math.sin(phi), self.radius_m * math.cos(phi)
         steep = across + across * along / math.sqrt(self.rod_m**2 - across**2)
@@ -138,7 +138,7 @@ def glide(start: float, end: float, speed: float) -> Path:
 
 
 def sweep(start: float, lower: float, upper: float, speed: float) -> Path:
-    """Move back and forth between two positions for ever, upwards first."""
+    """Move back and forth between two positions forever, upwards first."""
     span = upper - lower
 
     def path(time_s: float) -> tuple[float, float]:
@@ -157,11 +157,11 @@ class Hand:
     Attributes:
         path: The path of the hand.
         limit: Its maximum force: N m, or N on a prismatic joint.
-        only: +1 or -1 for an obstacle that pushes only in that direction. 0 for a grip.
+        only: +1 or -1 for an obstacle that pushes only in that direction; 0 for a grip.
         force: Its force in the last step; positive forward.
-        time_s: Since the grasp.
+        time_s: Time since the grasp.
         resting: Its force in the next step if the joint rests.
-        damping: The decrease of that for each rad/s (m/s).
+        damping: Decrease of that force per rad/s (m/s).
     """
 
     path: Path
@@ -184,7 +184,7 @@ class Hand:
         goal, goal_velocity = self.path(self.time_s)
         self.damping = 2.0 * STIFFNESS_RAD_S * inertia
         if self.only and (goal - position) * self.only <= 0.0:
-            self.damping = 0.0  # the joint has not come to it
+            self.damping = 0.0  # the joint has not reached it
         self.resting = 0.0
         if self.damping:
             speed = STIFFNESS_RAD_S / 2.0 * (goal - position) + goal_velocity
@@ -208,8 +208,8 @@ class SimulatedJoint:
 
     Attributes:
         name: The joint's name in the body.
-        servos: Its servos; all but the first are carried by it.
-        transmission: Between their horns and the joint.
+        servos: Its servos; the first carries all others.
+        transmission: Transmission between their horns and the joint.
     """
 
     name: str
@@ -223,8 +223,8 @@ class SimulatedJoint:
 
     @property
     def m_per_rad(self) -> float:
-        """Joint motion for one radian of the horn here: 1 without a transmission."""
-        if self.transmission is DIRECT:  # each servo and step asks
+        """Joint motion per radian of the horn at this position: 1 without a transmission."""
+        if self.transmission is DIRECT:  # asked by each servo and step
             return 1.0
         return self.transmission.slope(self.servos[0].motor.position_rad)
 
@@ -247,7 +247,7 @@ class SimulatedJoint:
 
     @property
     def felt_armature(self) -> float:
-        """Inertia that the servos add to the joint: inside the play only that of the outputs."""
+        """Inertia that the servos add to the joint: in the backlash only the outputs'."""
         if self.servos[0].motor.is_on_flank:
             return self.armature
         return len(self.servos) * OUTPUT_INERTIA_KG_M2 / self.m_per_rad**2
@@ -255,7 +255,7 @@ class SimulatedJoint:
     @property
     def is_free(self) -> bool:
         """Whether no servo holds it."""
-        if len(self.servos) == 1:  # while an arm moves, all are asked very often
+        if len(self.servos) == 1:  # asked very often while an arm moves
             return not self.servos[0].drive.torque_on
         return not any(servo.drive.torque_on for servo in self.servos)
 
@@ -268,14 +268,14 @@ class SimulatedJoint:
         """Begin a step: run the servos' controllers; return the mean torque on their shaft.
 
         Servos on one shaft turn as one. A stiff spring between the shafts would throw each of them
-        from one flank of its play to the other in every step, and the gears would carry no load.
+        across its backlash in every step, and the gears would carry no load.
         """
         for follower in self.servos[1:]:
             follower.motor.carried = True
         return fmean(servo.press(STEP_S) for servo in self.servos)
 
     def finish_step(self, after_rad_s: float) -> None:
-        """Turn the servos with this velocity of the leading one's shaft after the step."""
+        """Turn the servos, given the velocity of the leading one's shaft after the step."""
         for servo in self.servos:
             servo.motor.finish_step(STEP_S, servo.drive, after_rad_s)
         lead = self.servos[0].motor
@@ -304,9 +304,9 @@ class SimulatedJoint:
         Args:
             position: The position of the joint.
             velocity: The velocity of the joint.
-            lash: The distance to the middle of the play; None: as before.
+            lash: The distance to the middle of the backlash; None: unchanged.
             rotor_velocity: The velocity of the rotors, in the joint's unit; None: that of the
-                joint.
+            joint.
         """
         horn_rad = self.transmission.horn_rad(position)
         slope = self.transmission.slope(horn_rad)

@@ -25,18 +25,18 @@ ANSWERS: dict[BusProtocol, Callable[[Frame, Sequence[Servo]], list[ReplySlot]]] 
     BusProtocol.FEETECH: dynamixel1.respond,
 }
 
-SAMPLES = 8  # of one bit
-FRAME_BITS = 10  # start, eight data, stop
+SAMPLES = 8  # samples per bit
+FRAME_BITS = 10  # start bit, eight data bits, stop bit
 
 
 def resolve_collision(
     speeches: Sequence[tuple[float, bytes]], byte_s: float
 ) -> tuple[float, bytes]:
-    """Return what a receiver makes of bytes that overlap on a line where low wins.
+    """Return the bytes that a receiver reads from overlapping bytes on a line where low wins.
 
     Args:
         speeches: Start [s] and bytes of each transmission.
-        byte_s: Time of one byte [s]; zero when the wire takes none.
+        byte_s: Time of one byte [s]; zero if the wire takes no time.
 
     Returns:
         The start of the first transmission and the bytes that a UART reads.
@@ -86,21 +86,21 @@ def _decode_levels(levels: Sequence[bool]) -> bytes:
 
 
 BITS_PER_BYTE = 10
-PING_PACKET = 14  # bytes of the longest ping status: a slot of the broadcast ping
-PING_PAUSE_S = 0.0005  # assumed: between two slots
-FRAME_TIMEOUT_S = 0.0005  # assumed: how much longer than a reply the next in a sync read waits
+PING_PACKET = 14  # bytes of the longest ping status, a slot of the broadcast ping
+PING_PAUSE_S = 0.0005  # assumed pause between two slots
+FRAME_TIMEOUT_S = 0.0005  # assumed extra wait of the next servo in a sync read
 ROUNDING_S = 1e-9
-CRYSTAL_S = 4e-6  # assumed: spread of a servo's reaction time
+CRYSTAL_S = 4e-6  # assumed spread of a servo's reaction time
 
 
 @dataclass(frozen=True, slots=True)
 class LineOptions:
-    """How the line behaves.
+    """Behaviour of the line.
 
     Attributes:
         wire_time: Whether bytes take time at all.
-        gap_s: A pause between bytes after which a servo gives up an unfinished frame.
-        noise: Chance of each byte to have one bit flipped.
+        gap_s: A pause between bytes after which a servo drops an unfinished frame.
+        noise: Probability that a byte has one bit flipped.
         seed: The seed of all random events on the line.
         adapter: The host's adapter.
     """
@@ -145,9 +145,9 @@ class _Delivery:
 class Line:
     """The wire between a host's adapter and its servos, in the time of its caller.
 
-    The owner of a clock calls ``host_write`` when the host writes and ``run_until`` when time
-    has passed; replies pile up in ``inbox`` with the moments at which they arrive, and
-    ``host_end_s`` is when the host's last byte will have left.
+    The owner of a clock calls ``host_write`` when the host writes and ``run_until`` when time has
+    passed; replies collect in ``inbox`` with their arrival times, and ``host_end_s`` is when the
+    host's last byte will have left.
 
     Attributes:
         world: The servos and what they move.
@@ -176,7 +176,7 @@ class Line:
 
     @property
     def servos(self) -> dict[int, Servo]:
-        """The servos by id; of two with one id the first."""
+        """The servos by id; if two have one id, the first."""
         found: dict[int, Servo] = {}
         for servo in self.world.servos:
             found.setdefault(servo.id, servo)
@@ -189,17 +189,17 @@ class Line:
 
     @property
     def all_received_s(self) -> float:
-        """When all bytes written by the host will have been received."""
+        """Time at which all bytes written by the host will have been received."""
         return max((at_s for at_s, _, _ in self._due), default=self.host_end_s)
 
     @property
     def replies_end_s(self) -> float:
-        """When the last byte of all replies so far has passed over the line."""
+        """Time at which the last byte of all replies so far has passed over the line."""
         return max((reply.end_s for reply in self._replies), default=0.0)
 
     @property
     def next_event_s(self) -> float | None:
-        """When the next frame will have been received, or None if the line is idle."""
+        """Time at which the next frame will have been received, or None if the line is idle."""
         return self._due[0][0] if self._due else None
 
     def set_baud(self, baud: int) -> None:
@@ -298,7 +298,7 @@ class Line:
             receive(start_s + delay_s, byte_s, self._add_noise(data))
 
     def _garble_both_ways(self, speech: _BusTransmission) -> None:
-        """Garble a reply and what the host transmits at the same time."""
+        """Garble a reply and the host's simultaneous bytes."""
         for host in self._hosts:
             if _is_overlapping(host, speech):
                 host.garbled = speech.garbled = True
@@ -331,7 +331,7 @@ def _is_overlapping(one: _BusTransmission, other: _BusTransmission) -> bool:
 
 
 def _merge_overlapping(speeches: list[_BusTransmission]) -> list[_BusTransmission]:
-    """Merge transmissions that overlap into the one that a receiver reads."""
+    """Merge overlapping transmissions into the one that a receiver reads."""
     if all(one.end_s <= other.start_s for one, other in itertools.pairwise(speeches)):
         return speeches
     merged: list[_BusTransmission] = []

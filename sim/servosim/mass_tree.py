@@ -12,7 +12,7 @@ import numpy as np
 from servosim.urdf import Mass, Matrix, MovingJoint
 
 GRAVITY_M_S2 = 9.81
-# The cross product by a vector as a matrix: v @ _CROSS is v's, row after row.
+# Cross product with a vector as a matrix: v @ _CROSS holds the matrix of v, row by row.
 _CROSS = np.zeros((3, 9))
 _CROSS[0, [7, 5]] = _CROSS[1, [2, 6]] = _CROSS[2, [3, 1]] = 1.0, -1.0
 
@@ -30,13 +30,13 @@ class LocalDynamics:
     """The equations of motion of an arm near a posture q0: `M a = load + forces`.
 
     Kinetic and potential energy are expanded about q0, the mass matrix to the first and the
-    potential to the second order, and the equations are exactly those of the expanded energies:
-    a motion of theirs conserves energy.
+    potential to the second order. The equations are exactly those of the expanded energies, so that
+    their motions conserve energy.
 
     Attributes:
         positions: q0 (n,) [rad or m].
         load: Gravity's torques (forces) at q0 (n,).
-        load_slope: Their derivative by the positions (n, n).
+        load_slope: Derivative of the load by the positions (n, n).
         mass: M at q0 (n, n).
         christoffel: Velocity forces are `-christoffel[i, j, k] v[j] v[k]` (n, n, n); the derivative
             of `M[i, j]` by `q[k]` is `christoffel[i, j, k] + christoffel[j, i, k]`.
@@ -67,7 +67,7 @@ class MassTree:
 
         M[i, j] = sum tr(X_i S X_j'),   christoffel[i, j, k] = sum tr(X_i S (X_j X_k)')
 
-    over the bodies that hang on all of the joints, the joint nearer to the base first in `X_j X_k`
+    over the bodies that all of these joints carry, the joint nearer to the base first in `X_j X_k`
     (Uicker 1965, Kahn 1969; Paul, "Robot Manipulators", 1981).
     """
 
@@ -80,7 +80,7 @@ class MassTree:
         self._at_zero = np.zeros((len(joints), 4, 4)) + np.eye(4)
         self._sliding = np.array([joint.sliding for joint in joints])[:, None]
         self._moments = np.array([_second_moments(joint.body) for joint in joints])
-        self._carries = np.zeros((len(joints), len(joints)))  # 1: the second hangs on the first
+        self._carries = np.zeros((len(joints), len(joints)))  # 1: the first carries the second
         for index in range(len(joints)):
             self._carries[index, self._subtree_joints(index)] = 1.0
         self._above = self._carries - np.eye(len(joints))
@@ -119,11 +119,11 @@ class MassTree:
         return (gears.T @ C.reshape(count, -1)).reshape(-1, *C.shape[1:])
 
     def _mirrored(self, A: Matrix) -> Matrix:
-        """Return symmetric matrices (..., n, n) of which one half is given."""
+        """Return symmetric matrices (..., n, n) from one given half."""
         return A + (A * (self._above + self._above.T)).swapaxes(-1, -2)
 
     def _twists_and_moments(self, positions: Sequence[float]) -> tuple[Matrix, Matrix]:
-        """Compute each joint's motion, and the second moments of all that hangs on it (n, 4, 4)."""
+        """Compute each joint's motion, and the second moments of all that it carries (n, 4, 4)."""
         T = self.frames(positions)
         axes, origins_m = T[:, :3, 2], T[:, :3, 3]
         turned = (axes @ _CROSS).reshape(-1, 3, 3)
@@ -141,7 +141,7 @@ class MassTree:
         return found
 
     def frames(self, positions: Sequence[float]) -> Matrix:
-        """The frame of each joint in the base (n, 4, 4)."""
+        """Compute the frame of each joint in the base (n, 4, 4)."""
         steps = self._mounts @ self._joint_motions(positions)
         frames = np.empty_like(steps)
         for index, joint in enumerate(self._joints):
@@ -150,7 +150,7 @@ class MassTree:
         return frames
 
     def _joint_motions(self, positions: Sequence[float]) -> Matrix:
-        """The motion of each joint's own coordinate: rotation about z, or translation along it."""
+        """Compute each joint coordinate's motion: rotation about z, or translation along it."""
         T = self._at_zero.copy()
         for index, (driver, multiplier, offset) in enumerate(self._driven):
             q = offset if driver < 0 else multiplier * positions[driver] + offset

@@ -32,19 +32,18 @@ class ThermalModel:
 
 
 AT_REST_RAD_S = 1e-6  # a motion slower than this sticks
-AT_FLANK_RAD = 1e-12  # nearer than this is on the flank: what rounding leaves
-STRIBECK_SPAN = 8.0  # beyond this multiple of its velocity the Stribeck friction has gone
+AT_FLANK_RAD = 1e-12  # nearer than this is on the flank, because of rounding
+STRIBECK_SPAN = 8.0  # above this multiple of its velocity Stribeck friction is zero
 # The output gear's and the horn's part of the armature, 10 g at a radius of gyration of 10 mm
-# (estimate): what moves across the play where a joint carries nothing.
+# (estimate): the mass that crosses the backlash when a joint carries nothing.
 OUTPUT_INERTIA_KG_M2 = 1e-6
 
 
-# Of a joint's step, in rad/s and rad/s for each N m. The output by itself: its velocity after it
-# without load and dry friction, gain of velocity by a torque, by how much its friction changes it,
-# least and greatest for the stops. The rotor by itself: its velocity after the step. Velocities of
-# the output against the rotor at which it comes to the flank behind and ahead. Both as one:
-# velocity and gain, by how much the output's and the rotor's friction change it, and the rotor's
-# share of the inertia.
+# Values of a joint's step, in rad/s and rad/s per N m. Output alone: its velocity after the step
+# without load and dry friction, gain of velocity by a torque, change by its friction, smallest and
+# largest velocity for the stops. Rotor alone: its velocity after the step. Relative velocities at
+# which the output reaches the flank behind and ahead. Both as one: velocity and gain, change by the
+# output's and by the rotor's friction, and the rotor's fraction of the inertia.
 JointStep = tuple[
     float, float, float, float, float, float, float, float, float, float, float, float, float
 ]
@@ -55,7 +54,7 @@ _STUCK: JointStep = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, *_FREE, 0.0, 0.0, 0.0, 0.0, 0
 def solve_velocity(step: JointStep, load_nm: float) -> float:
     """Compute the velocity of the output after a step under an external torque [rad/s].
 
-    Newton's law for rotor and output, which meet at the flanks of the play without a rebound: a
+    Newton's law for rotor and output, which meet at the flanks of the backlash without a rebound: a
     complementarity problem in the velocities after the step (Moreau 1988, "Unilateral contact and
     dry friction in finite freedom dynamics"; Jean 1999), of one dimension, so it has a closed form.
     Dry friction stops a motion but never reverses it, and no motion passes a stop.
@@ -100,7 +99,7 @@ def _stopped_pair(
 ) -> float:
     """Compute the output's velocity with dry friction, in the step that ends at a flank.
 
-    The output's friction acts against its own velocity, the rotor's against that less `met_rad_s`.
+    The output's friction acts against its velocity, the rotor's against that minus `met_rad_s`.
     """
     (low_rad_s, low), (high_rad_s, high) = sorted(((0.0, output_stop), (met_rad_s, rotor_stop)))
     if free_rad_s + low + high < low_rad_s:
@@ -125,18 +124,18 @@ class Motor:
         |tau_f| <= kc + kl g + kq g^2 + exp(-|w| / ws) (ks + kls g)             dry friction
         g = |tau_m - tau_e|                                                     load of the gears
 
-    with the duty u, the supply V, the rotor's speed w and the outer torque tau_e. Dry friction is
-    what stops the shaft and at most this bound: a servo holds with less than its load (tau_e and
-    tau_m oppose each other then, and g is their sum) and a limp one sinks slowly. Model m1 is
-    kl = kq = ks = kls = 0; m5 and m6, with other factors for tau_m and tau_e, explain the logs no
-    better. A step is implicit in everything that damps and explicit in the rest: the
-    stiffest gains stay stable at steps of 1 ms and the steady state is exact.
+    with the duty u, the supply V, the rotor's speed w and the outer torque tau_e. Dry friction
+    stops the shaft and is at most this bound: a servo holds with less than its load (tau_e and
+    tau_m then oppose each other, and g is their sum) and a limp one sinks slowly. Model m1 is kl =
+    kq = ks = kls = 0; m5 and m6, with other factors for tau_m and tau_e, do not explain the logs
+    better. A step is implicit in all damping and explicit in the rest: the stiffest gains stay
+    stable at steps of 1 ms and the steady state is exact.
 
-    These are rotor and gears on the flank that carries the load. There are two bodies: the rotor
-    with the armature, and the output with what it carries, the play between them. Of the friction
-    the output has the part ko and of kv the part kvo, both against the housing; the rotor has what
-    is left. Inside the play no torque passes: the rotor turns under the motor and its own friction
-    (g = |tau_m|), the output under tau_e and its own. At a flank they meet without a rebound. The
+    This holds for rotor and gears on the flank that carries the load. There are two bodies: the
+    rotor with the armature, and the output with its load, with the backlash between them. The
+    output has the part ko of the friction and kvo of kv, both against the housing; the rotor has
+    the rest. Inside the backlash no torque passes: the rotor turns under the motor and its own
+    friction (g = |tau_m|), the output under tau_e and its own. They meet without a rebound. The
     position sensor is on the output (magnetic on STS, X and MX, a potentiometer on SCS and AX).
 
     Attributes:
@@ -146,7 +145,7 @@ class Motor:
         torque_nm: Torque of the motor at the shaft, before friction.
         current_a: Signed current of the winding.
         pwm: Signed duty of the bridge, -1..1.
-        lash_rad: The angle of the output ahead of the middle of the play.
+        lash_rad: The angle of the output ahead of the middle of the backlash.
         moving: Whether the shaft is faster than the drive's threshold or the profile runs.
         heat: The thermal model of the servo.
         lower_stop_rad: The position of a hard stop of the shaft.
@@ -213,7 +212,7 @@ class Motor:
         self.load_inertia_kg_m2 = 0.0
         self.carried = self.stuck = False
         self.grip = 1.0
-        # The figures below are properties of the parameters; a step reads them several times.
+        # The values below are properties of the parameters; a step reads them several times.
         self._nm_per_a = parameters.torque_constant_nm_a
         self._resistance_ohm = parameters.resistance_ohm
         self._nm_per_v = self._nm_per_a / self._resistance_ohm
@@ -230,7 +229,7 @@ class Motor:
         self.place(position_rad)
 
     def place(self, position_rad: float) -> None:
-        """Set the output's position inside its stops, at rest, in the middle of the play."""
+        """Set the output's position inside its stops, at rest, in the middle of the backlash."""
         self.position_rad = min(self.upper_stop_rad, max(self.lower_stop_rad, position_rad))
         self.lash_rad = self.velocity_rad_s = self.rotor_rad_s = self._pressed_nm = 0.0
         self._alone_rad_s = self._behind_rad_s = self._ahead_rad_s = 0.0
@@ -246,7 +245,7 @@ class Motor:
 
     @property
     def is_on_flank(self) -> bool:
-        """Whether the output touches a tooth of the gears, on either side of the play."""
+        """Whether the output touches a tooth of the gears, on either side of the backlash."""
         return abs(self.lash_rad) >= self._half_play_rad
 
     @property
@@ -284,7 +283,7 @@ class Motor:
             after_rad_s = solve_velocity(self.begin_motion(dt_s, pressed_nm, load_nm), load_nm)
         self.finish_step(dt_s, drive, after_rad_s)
 
-    # The parts of a step, for outputs that are coupled by what they move.
+    # The parts of a step, for outputs that are coupled by their load.
 
     def press(self, dt_s: float, drive: DriveCommand, supply_v: float) -> float:
         """Run the controller; return the motor's torque that reaches the gears, before friction."""
@@ -310,13 +309,13 @@ class Motor:
     def begin_motion(
         self, dt_s: float, pressed_nm: float, load_nm: float, held_nm_s: float = 0.0
     ) -> JointStep:
-        """Compute the equations of the velocities after the step: inertia, friction, play, stops.
+        """Compute the equations of velocities after the step: inertia, friction, backlash, stops.
 
         Args:
             dt_s: Time that passes [s].
             pressed_nm: Torque of the motor that reaches the gears [N m].
-            load_nm: External torque, as far as it is known, with that of accelerations [N m].
-            held_nm_s: The decrease of that torque with the speed of the output [N m s].
+            load_nm: External torque, as far as known, including that of accelerations [N m].
+            held_nm_s: Decrease of that torque per speed of the output [N m s].
         """
         if self.stuck:
             self._alone_rad_s, self._behind_rad_s, self._ahead_rad_s = 0.0, -math.inf, math.inf
@@ -399,7 +398,7 @@ class Motor:
         lash_rad: float | None = None,
         rotor_rad_s: float | None = None,
     ) -> None:
-        """Set the state of the output; without that of the rotor, it turns along with it."""
+        """Set the state of the output; if none is given for the rotor, it turns along."""
         self.position_rad, self.velocity_rad_s = position_rad, velocity_rad_s
         self.lash_rad = self.lash_rad if lash_rad is None else lash_rad
         self.rotor_rad_s = velocity_rad_s if rotor_rad_s is None else rotor_rad_s
@@ -434,7 +433,7 @@ class Motor:
         current_a = self.current_a = torque_nm / self._nm_per_a
         full_nm, back_emf_nm = self._full_nm, self._back_emf * self.rotor_rad_s
         if self._limits_itself and full_nm:
-            self.pwm = self._duty  # the bridge gives it, but the current does not rise
+            self.pwm = self._duty  # the bridge gives this duty, but the current does not rise
         else:
             self.pwm = (torque_nm + back_emf_nm) / full_nm if full_nm else 0.0
         self.heat.step(dt_s, current_a * current_a * self._resistance_ohm)

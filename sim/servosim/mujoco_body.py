@@ -17,21 +17,21 @@ from servosim.surroundings import COLOURS, CUBE_HALF_M, Cube
 
 Array = NDArray[np.float64]
 
-PLAY_SOLREF = (0.002, 1.0)  # a flank stops what meets it in two steps, without a rebound
-CUBE_KG = 0.03  # of beech
-CUBE_FRICTION = (1.0, 0.01, 0.0005)  # of wood on printed jaws: sliding, about the normal, rolling
-FORCE_RATIO = 20.0  # with less, what is gripped creeps out of the jaws
+PLAY_SOLREF = (0.002, 1.0)  # a flank stops the rotor in two steps, without a rebound
+CUBE_KG = 0.03  # beech
+CUBE_FRICTION = (1.0, 0.01, 0.0005)  # wood on printed jaws: sliding, about the normal, rolling
+FORCE_RATIO = 20.0  # with less, a gripped cube creeps out of the jaws
 AT_REST_M_S = 0.002
-FRICTION_HOLDS = 0.9999  # MuJoCo's own 0.95 lets a joint without torque creep by degrees a second
+FRICTION_HOLDS = 0.9999  # MuJoCo's default 0.95 lets limp joints creep by degrees per second
 
 
 class MujocoBody:
     """An arm on a floor in MuJoCo: all joints are coupled, links collide.
 
     It integrates the joints itself: a world passes the torques of the motors and sets the motors to
-    the joints' state (`Motor.carried`, `Motor.set_state`). Each joint has a second body, the
-    rotors of its servos in the joint's own unit, and the play is a limit of their distance; dry
-    and viscous friction of both, rotor inertia and the joint stops are MuJoCo's.
+    the joints' state (`Motor.carried`, `Motor.set_state`). Each joint has a second body, the rotors
+    of its servos in the joint's own unit, and the backlash is a limit of their distance; dry and
+    viscous friction of both, rotor inertia and the joint stops are MuJoCo's.
 
     Args:
         urdf_path: The arm; masses, limits and collision shapes are used, visual shapes are not.
@@ -101,7 +101,7 @@ class MujocoBody:
         """Apply the motors' inertia and friction to the joints through their transmissions.
 
         Args:
-            slopes: Joint motion for one radian of each horn [rad or m].
+            slopes: Joint motion per radian of each horn [rad or m].
         """
         if slopes == self._slopes:
             return
@@ -114,7 +114,7 @@ class MujocoBody:
         self._dry, self._square = self._friction_nm / ratio, self._square_per_nm * ratio
         half = self._half_play_rad * ratio
         self._model.tendon_range[self._plays] = np.stack([-half, half], axis=1)
-        mujoco.mj_setConst(self._model, self._scratch)  # constraints are scaled by the inertias
+        mujoco.mj_setConst(self._model, self._scratch)  # rescales constraints by the inertias
 
     def step(
         self, dt_s: float, torques: Sequence[float], hands: Mapping[int, Hand]
@@ -122,10 +122,10 @@ class MujocoBody:
         """Advance time under the motors' torques (forces on prismatic joints) and hands, by joint.
 
         Returns:
-            Of each joint: position, velocity, lash and the rotors' velocity.
+            Position, velocity, lash and the rotors' velocity of each joint.
         """
         data, model = self._data, self._model
-        # The gears carry the motor's torque against gravity and what the other links do.
+        # The gears carry the motor's torque against gravity and the forces of the other links.
         gear = np.abs(np.asarray(torques) + data.qfrc_bias[self._dof])
         model.dof_frictionloss[self._rotor_dof] = self._dry + gear * (
             self._load_friction + self._square * gear
@@ -150,11 +150,11 @@ class MujocoBody:
 
     @property
     def is_at_rest(self) -> bool:
-        """Whether nothing moves but, perhaps, the arm."""
+        """Whether nothing moves except, perhaps, the arm."""
         return not bool((np.abs(self._data.qvel[self._cube_speeds]) > AT_REST_M_S).any())
 
     def cube_poses(self) -> list[Array]:
-        """Return where the cubes are (4, 4), base frame, the origin in their middles."""
+        """Return the poses of the cubes (4, 4), base frame, with the origin in their middles."""
         poses: list[Array] = []
         for k in self._cubes:
             T = np.eye(4)
@@ -164,7 +164,7 @@ class MujocoBody:
 
     @property
     def contacts(self) -> int:
-        """How many contacts there are at present."""
+        """Present number of contacts."""
         return int(self._data.ncon)
 
 
@@ -194,7 +194,7 @@ def _compile_model(
 
 
 def _add_cube(spec: mujoco.MjSpec, cube: Cube, floor_m: float) -> None:
-    """Add a cube on the floor; what is gripped by friction needs a better solution of contacts."""
+    """Add a cube on the floor; gripping by friction needs a more exact solution of contacts."""
     spec.option.cone, spec.option.impratio = mujoco.mjtCone.mjCONE_ELLIPTIC, FORCE_RATIO
     body = spec.worldbody.add_body(name=cube.name, pos=(cube.x_m, cube.y_m, floor_m + CUBE_HALF_M))
     body.add_freejoint(name=cube.name)
@@ -209,7 +209,7 @@ def _add_cube(spec: mujoco.MjSpec, cube: Cube, floor_m: float) -> None:
 
 
 def _exclude_contacts(spec: mujoco.MjSpec, parent: mujoco.MjsBody) -> None:
-    """Exclude contacts between links and the fixed links that carry them, which MuJoCo has."""
+    """Exclude contacts between links and the fixed links that carry them."""
     for link in parent.bodies:
         spec.add_exclude(bodyname1=parent.name, bodyname2=link.name)
         if not link.joints:
@@ -217,7 +217,7 @@ def _exclude_contacts(spec: mujoco.MjSpec, parent: mujoco.MjsBody) -> None:
 
 
 def _add_rotor(spec: mujoco.MjSpec, name: str) -> None:
-    """Add the rotors of a joint: a body that turns by itself, and the play as a limit."""
+    """Add the rotors of a joint: a body that turns by itself, and the backlash as a limit."""
     rotor = spec.worldbody.add_body(name=_rotor(name), mass=1e-6, inertia=(1e-9, 1e-9, 1e-9))
     rotor.explicitinertial = True
     rotor.add_joint(name=_rotor(name), type=mujoco.mjtJoint.mjJNT_HINGE, axis=(0.0, 0.0, 1.0))

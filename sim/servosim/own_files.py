@@ -9,7 +9,7 @@ from typing import Any
 
 MAX_BYTES = 256 * 1024
 MAX_DOTS = 64
-"""Of a line of TOML: tomllib takes time and memory in the square of the dots in a key."""
+"""Dots per line of TOML, because tomllib's time and memory grow with their square."""
 
 
 def read_text(path: Path) -> str:
@@ -17,9 +17,9 @@ def read_text(path: Path) -> str:
 
     Raises:
         OSError: It cannot be read.
-        ValueError: It is not UTF-8, no regular file or too large.
+        ValueError: It is not UTF-8, not a regular file, or too large.
     """
-    if not path.is_file() and path.exists():  # a pipe would be waited for
+    if not path.is_file() and path.exists():  # reading a pipe would wait forever
         raise ValueError("it is not a regular file")
     with path.open("rb") as file:
         data = file.read(MAX_BYTES + 1)

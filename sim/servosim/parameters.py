@@ -1,4 +1,4 @@
-"""The motor behind each model's gears: fits to measurements, and figures scaled from them."""
+"""The motor behind each model's gears: fits to measurements, and values scaled from them."""
 
 from __future__ import annotations
 
@@ -6,14 +6,14 @@ import math
 from dataclasses import dataclass, replace
 
 RAD_S_PER_RPM = 2.0 * math.pi / 60.0
-HEAT_J_GK = 0.8  # between plastic and copper (estimate)
-# An STS3215 that held 15 kg cm rose by 23 K within ten minutes and stayed there for an hour
-# (SO-ARM100 issue 134). Scaled by the surface for other sizes.
+HEAT_J_GK = 0.8  # heat capacity between plastic and copper (estimate)
+# Surface cooling: an STS3215 that held 15 kg cm warmed by 23 K within ten minutes and stayed there
+# for an hour (SO-ARM100 issue 134). Scaled by the surface for other sizes.
 COOLING_K_W = 10.0
-# Friction on the output side of the play. Pendulums on bare servos swing across it at rest as if
-# nothing braked them there (tools/bench/limit_cycle.py): at most 0.003 N m on the STS3215, a
-# hundredth of its dry friction fits. In an arm there are a second bearing and cables besides.
-# That is unknown, 0 to 0.05 N m and 0 to 0.01 N m s, and part of the whole, which stays as fitted.
+# Friction on the output side of the backlash. Pendulums on bare servos swing across it at rest as
+# if nothing braked them there (tools/bench/limit_cycle.py): at most 0.003 N m on the STS3215, a
+# hundredth of its dry friction, fits. An arm adds a second bearing and cables. Their friction is
+# unknown, 0 to 0.05 N m and 0 to 0.01 N m s, and part of the total, which stays as fitted.
 BARE_SHARE = 0.01
 OUTPUT_FRICTION_NM, MOST_OF_FRICTION = 0.03, 0.75
 OUTPUT_VISCOUS_NM_S, MOST_OF_VISCOUS = 0.005, 0.5
@@ -25,25 +25,25 @@ class MotorParameters:
 
     Attributes:
         nominal_v: Supply voltage of the model.
-        torque_constant_nm_a: kt: torque at the shaft for each ampere, gears included, before
-            friction; also the back-EMF for each rad/s.
+        torque_constant_nm_a: kt: torque at the shaft per ampere, gears included, before friction;
+            also the back-EMF per rad/s.
         resistance_ohm: R: resistance of winding and bridge.
         current_limit_a: Limit of the winding's current, by the firmware or the bridge.
         friction_nm: kc: dry friction of the unloaded gears.
-        viscous_nm_s: kv: friction for each rad/s.
-        stribeck_nm: ks: dry friction that a slow shaft has besides.
+        viscous_nm_s: kv: friction per rad/s.
+        stribeck_nm: ks: additional dry friction of a slow shaft.
         stribeck_rad_s: ws: velocity at which that has fallen to 37 %.
-        load_friction: kl: dry friction for each N m of load in the gears.
-        load_stribeck: kls: the same, added for a slow shaft.
-        load_square_per_nm: kq: dry friction for the square of that load.
+        load_friction: kl: dry friction per N m of load in the gears.
+        load_stribeck: kls: the same, additional for a slow shaft.
+        load_square_per_nm: kq: dry friction per square of that load.
         armature_kg_m2: Inertia of rotor and gears, at the shaft.
-        gear_ratio: Revolutions of the motor for one of the shaft.
+        gear_ratio: Revolutions of the motor per revolution of the shaft.
         backlash_rad: Free play of the gears, from one tooth face to the other.
-        output_friction_nm: The part of the dry friction that is on the output side of the play.
-        output_viscous_nm_s: The same for kv: what brakes the output inside the play.
+        output_friction_nm: The part of the dry friction on the output side of the backlash.
+        output_viscous_nm_s: The same part of kv, which brakes the output inside the backlash.
         mass_kg: Mass of the whole servo.
         heat_capacity_j_k: Heat that warms the whole servo by one kelvin.
-        thermal_resistance_k_w: Kelvin above ambient for each watt, at rest.
+        thermal_resistance_k_w: Kelvin above ambient per watt, at rest.
     """
 
     nominal_v: float
@@ -68,7 +68,7 @@ class MotorParameters:
 
     @property
     def duty_torque_nm(self) -> float:
-        """Torque of the motor at the blocked shaft for the whole duty, were there no limit."""
+        """Torque of the motor at the blocked shaft at full duty, without any limit."""
         return self.torque_constant_nm_a * self.nominal_v / self.resistance_ohm
 
     @property
@@ -83,7 +83,7 @@ class MotorParameters:
 
     @property
     def no_load_speed_rad_s(self) -> float:
-        """Speed of the free shaft at full duty; its gears carry too little for kq to matter."""
+        """Speed of the free shaft at full duty; with so little load kq does not matter."""
         kt, full_a = self.torque_constant_nm_a, self.nominal_v / self.resistance_ohm
         driven_nm = kt * full_a * (1.0 - self.load_friction) - self.friction_nm
         braked_nm_s = kt * kt / self.resistance_ohm * (1.0 - self.load_friction)
@@ -91,15 +91,15 @@ class MotorParameters:
 
     @property
     def static_friction_nm(self) -> float:
-        """Outer torque that sets the resting, limp shaft in motion."""
+        """Outer torque that starts to turn the resting, limp shaft."""
         rest = 1.0 - self.load_friction - self.load_stribeck
         dry_nm = self.friction_nm + self.stribeck_nm
-        # The smaller root of kq x^2 - rest x + dry = 0, in the form that has no cancellation.
+        # The smaller root of kq x^2 - rest x + dry = 0, in a form without cancellation.
         return 2.0 * dry_nm / (rest + math.sqrt(rest**2 - 4.0 * self.load_square_per_nm * dry_nm))
 
 
 def _row(figures: tuple[float, ...], build: tuple[float, ...]) -> MotorParameters:
-    """Return a row: electrical figures, torque limit and friction, then how the servo is built."""
+    """Return a row: electrical values, torque limit and friction, then construction."""
     volts, kt, ohm, most_nm, friction_nm, viscous, stribeck, slow, load, load_slow, square = figures
     armature, gears, play_deg, mass_g = build
     return MotorParameters(
@@ -142,19 +142,19 @@ def in_an_arm(
 # Motors, fitted by tools/identify_motor.py to logs of pendulums (mass 0.5 to 1.2 kg at 0.1 to
 # 0.15 m): STS3215-C018 and STS3250 on 240 logs of K-Scale Labs (kscalelabs/sysid, commit d66b22c)
 # each and validated on 240 others, XL330-M288 on 8 logs of Rhoban's BAM (commit af22604).
-# kt and R are known as kt/R and kt*kt/R: torque for a volt, brake for a rad/s. The XL330 needs no
-# torque limit: its friction grows with the square of the load.
-# Torque limits: 3.4 N m is also what an STS3215 of 12 V pressed on a scale (SO-ARM100 issue 134).
+# Only kt/R and kt*kt/R are known: torque per volt, brake per rad/s. The XL330 needs no torque
+# limit, because its friction grows with the square of the load.
+# Torque limits: a 12 V STS3215 also pressed 3.4 N m on a scale (SO-ARM100 issue 134).
 # STS3215 (7.4 V): kt, R and kv of BAM (params/feetech_sts3215_7_4V, model m1: commits 1b5a1ce and
 # 6d2ada2 have kv = 0.059 and 0.045, dry friction of 0.052 and 0.068 N m), and 0.38 of the dry
 # friction of _GEAR, 0.065 N m of an unloaded slow shaft. _GEAR is an earlier fit of the 12 V one,
-# without kq, 7 % less friction. The SCS are scaled from it, too.
+# without kq, with 7 % less friction. The SCS are also scaled from it.
 # Other rows are scaled, from the relative that `_scaled` names, to the torque and speed of the
-# makers' sheets. MX64 is BAM's fit (params/mx64, model m4). No sheet says an armature: where no
-# measurement does, a servo has the rotor of its relative in the same case.
-# Play: Feetech promises at most 0.5°; 0.87° and 1° were measured on the STS3215 (SO-ARM100 issue
-# 134), 1° stands in its MJCF, and 1° makes the logs' pendulums swing as they do at rest; 0.4° does
-# for the STS3250.
+# makers' sheets. MX64 is BAM's fit (params/mx64, model m4). No sheet gives an armature: unless it
+# was measured, a servo has the rotor of its relative in the same case.
+# Backlash: Feetech promises at most 0.5°; 0.87° and 1° were measured on the STS3215 (SO-ARM100
+# issue 134), its MJCF has 1°, and 1° makes the logs' pendulums swing as they do at rest; 0.4° does
+# so for the STS3250.
 # ROBOTIS says 0.25° for XM540, 0.33° for MX-28, nothing for others.
 # fmt: off
 #               V     kt     ohm    N m   kc      kv      ks      ws     kl     kls    kq
@@ -171,22 +171,22 @@ _M288 = _row(( 5.0, 0.3993, 3.083, math.inf, 0.00077, 0.00231, 0.00423, 0.2518, 
 _MX64 = _row((12.0, 1.663, 3.156, 6.32, 0.0615, 0.0148, 0.0239, 1.521, 0.000, 0.234, 0.000),
              (0.0110, 200.0, 0.33, 135.0))
 # fmt: on
-_SHEET_STALL_NM = {_GEAR: 4.6, _M288: 0.52, _MX64: 6.0}  # the first: shaft, without its limit
+_SHEET_STALL_NM = {_GEAR: 4.6, _M288: 0.52, _MX64: 6.0}  # first: at the shaft, no limit
 
 
 def _scaled(
     relative: MotorParameters, volts: float, stall_nm: float, rpm: float, armature: float,
     gears: float, play_deg: float, mass_g: float,
 ) -> MotorParameters:  # fmt: skip
-    """Return a row with a relative's friction, as shares of its torque and speed.
+    """Return a row with a relative's friction, scaled by its torque and speed.
 
     Args:
         relative: A fitted motor with gears of the same kind.
-        volts: Supply voltage of the figures.
+        volts: Supply voltage of the values.
         stall_nm: Torque of the blocked shaft at full duty.
         rpm: Speed of the free shaft at full duty.
         armature: Inertia at the shaft [kg m²].
-        gears: Revolutions of the motor for one of the shaft.
+        gears: Revolutions of the motor per revolution of the shaft.
         play_deg: Backlash.
         mass_g: Mass.
     """
@@ -222,7 +222,7 @@ PARAMETERS: dict[str, MotorParameters] = {
     "XC330-T288": _scaled(_M288, 12.0,  1.00,   71.0, 0.00156, 288.4, 0.25,  23.0),
     "XC330-T181": _scaled(_M288, 12.0,  0.80,  113.0, 0.00061, 180.6, 0.25,  23.0),
     "XL430-W250": _scaled(_MX64, 12.0,  1.50,   61.0, 0.0053,  258.5, 0.25,  57.2),
-    "2XL430-W250": _scaled(_MX64, 12.0, 1.50,   61.0, 0.0053,  257.4, 0.25,  49.1),  # of each shaft
+    "2XL430-W250": _scaled(_MX64, 12.0, 1.50,   61.0, 0.0053,  257.4, 0.25,  49.1),  # per shaft
     "XC430-W240": _scaled(_MX64, 12.0,  1.90,   70.0, 0.0048,  245.2, 0.25,  65.0),
     "XC430-W150": _scaled(_MX64, 12.0,  1.60,  106.0, 0.0020,  159.6, 0.25,  65.0),
     "2XC430-W250": _scaled(_MX64, 12.0, 1.80,   64.0, 0.0053,  257.4, 0.25,  51.0),

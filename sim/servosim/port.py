@@ -16,13 +16,13 @@ from servosim.line import Line, LineOptions
 from servosim.specimen import Specimen, read_specimen
 from servosim.surroundings import parse_cubes
 
-POLL_S = 10e-6  # virtual time that a poll of the buffer costs, so that no polling loop hangs
+POLL_S = 10e-6  # virtual time of a poll of the buffer, so that polling loops end
 
 
 def open_port(url: str) -> SimulatedPort:
     """Open a port to a fresh simulated arm: ``sim:/path/to/arm.toml?seed=3&pose=home``.
 
-    The query may hold ``urdf`` (a file that replaces the arm file's), ``pose``, ``seed``,
+    The query may contain ``urdf`` (a file that replaces the arm file's), ``pose``, ``seed``,
     ``faults`` (a file), ``hand`` (sweep or calibrate), and ``physics``, ``backlash_deg``,
     ``goal_keeps_torque``, ``echo``, ``noise``, ``wire_time``, ``usb_frame_ms``, ``latency_ms`` as
     numbers; ``paced=1`` limits virtual time to real time. ``mass_scale`` and ``payload_g`` change
@@ -33,7 +33,7 @@ def open_port(url: str) -> SimulatedPort:
     Raises:
         ArmFileError: The arm file cannot be used.
         FaultError: The fault file cannot be used.
-        SimulatorError: The URL is none, or the arm cannot be built.
+        SimulatorError: The URL is not valid, or the arm cannot be built.
     """
     parts = urlsplit(url)
     if parts.scheme != "sim" or not parts.path:
@@ -88,7 +88,7 @@ class _Query:
             raise SimulatorError(f"{key}={value} is not a number") from error
 
     def optional(self, key: str) -> float | None:
-        """Return a value as a number, None where there is none."""
+        """Return a value as a number, None if it is missing."""
         return self.number(key, 0.0) if self.text(key, "") else None
 
     def specimen(self) -> Specimen:
@@ -126,7 +126,7 @@ class SimulatedPort:
     nothing sleeps, unless time is ``paced`` for display.
 
     Attributes:
-        port: The address it was opened with.
+        port: The address with which it was opened.
         timeout: Seconds that ``read`` waits; None waits for all bytes, 0 does not wait.
         clock: The virtual clock.
         line: The simulated line, for tests: ``line.servos[1].read("present_position")``.
@@ -142,7 +142,7 @@ class SimulatedPort:
 
     @property
     def baudrate(self) -> int:
-        """Bits a second; servos at another rate do not reply."""
+        """Rate in bit/s; servos at another rate do not reply."""
         return self.line.baud
 
     @baudrate.setter
@@ -158,7 +158,7 @@ class SimulatedPort:
         return waiting
 
     def read(self, size: int = 1) -> bytes:
-        """Return ``size`` bytes, or what has come when the timeout is over."""
+        """Return ``size`` bytes, or those that have arrived by the timeout."""
         self._check_open()
         start_s = self.clock.now_s()
         self.line.run_until(start_s)
@@ -182,12 +182,12 @@ class SimulatedPort:
         self.clock.sleep_until(self.line.host_end_s)
 
     def reset_input_buffer(self) -> None:
-        """Discard what has arrived."""
+        """Discard the bytes that have arrived."""
         self._check_open()
         self.line.inbox.clear(self.clock.now_s())
 
     def reset_output_buffer(self) -> None:
-        """Do nothing: an adapter sends what it has received."""
+        """Do nothing, because an adapter sends the bytes that it has received."""
         self._check_open()
 
     def close(self) -> None:

@@ -63,8 +63,8 @@ def line_speed(fd: int) -> int | None:
 SPIN_S = 100e-6  # the kernel wakes us about this late: the rest is waited for awake
 ACTIVE_STEP_S = 0.002  # a world in motion is kept up to date in small steps
 IDLE_STEP_S = 0.050
-NO_CLIENT_STEP_S = 0.010  # between two polls whether a client has opened the terminal
-MAX_LATE_S = 0.030  # of the server: what it was held up for beyond passes for no servo
+NO_CLIENT_STEP_S = 0.010  # time between two polls for a client
+MAX_LATE_S = 0.030  # largest delay of the server; servos do not see more
 
 
 class PtyBus:
@@ -74,9 +74,9 @@ class PtyBus:
     transmission time of the bytes. Only the client holds the slave end open, so that exclusive
     opening and hanging up work as on a real port.
 
-    A server that was not scheduled makes up for at most `MAX_LATE_S` before it replies. Longer
-    hold-ups are left out of the line's time: when waiting bytes were written is unknown, and
-    servos that moved on meanwhile would have been without the goals among them, and reply late.
+    A server that was not scheduled catches up by at most `MAX_LATE_S` before it replies. Longer
+    delays are left out of the line's time, because it is unknown when waiting bytes were written,
+    and servos that moved on meanwhile would have missed the goals among them, and reply late.
 
     Attributes:
         path: The slave's device file.
@@ -112,7 +112,7 @@ class PtyBus:
             remove_link(self.link, self.path)
 
     def now_s(self) -> float:
-        """Compute the line's time: real seconds since the start, without long hold-ups."""
+        """Compute the line's time: real seconds since the start, without long delays."""
         return time.monotonic() - self._start_s
 
     def process_events(self, also: Sequence[int] = ()) -> list[int]:
@@ -140,12 +140,12 @@ class PtyBus:
         return IDLE_STEP_S if self.line.world.is_idle else ACTIVE_STEP_S
 
     def _leave_out_hold_up(self) -> None:
-        """Leave what the server is late by out of the line's time, but for a little."""
+        """Leave all but a little of the server's delay out of the line's time."""
         late_s = self.now_s() - self.line.world.time_s - self._step_s()
         self._start_s += max(0.0, late_s - MAX_LATE_S)
 
     def _update_cable(self) -> None:
-        """A fault may pull the cable and plug it in again."""
+        """Follow a fault that pulls the cable and plugs it in again."""
         if self.line.plugged and self._master < 0:
             self.plug()
         elif not self.line.plugged and self._master >= 0:
@@ -171,11 +171,11 @@ class PtyBus:
             self.line.run_until(self.line.all_received_s)
 
     def _split_after_instructions(self, data: bytes) -> list[bytes]:
-        """Cut what was read behind each instruction, so that each waits for the reply before it.
+        """Cut the received bytes after each instruction, so that each waits for the previous reply.
 
-        The times of waiting bytes are unknown. A server that was not scheduled in time finds
-        an instruction and its repetition in one read; taken for one burst they would collide with
-        the reply, as they never do on servos, which reply at once.
+        The times of waiting bytes are unknown. A server that was not scheduled in time finds an
+        instruction and its repetition in one read; as one burst they would collide with the reply,
+        which never happens on real servos, because they reply at once.
         """
         for framing in {servo.framing for servo in self.line.world.servos} - set(self._readers):
             self._readers[framing] = framing()
@@ -195,7 +195,7 @@ class PtyBus:
             return b""
 
     def _handle_no_client(self) -> None:
-        """No client has the terminal open: discard its replies and poll again a little later."""
+        """Discard replies while no client has the terminal open, and poll again a little later."""
         time.sleep(NO_CLIENT_STEP_S)
         now_s, world = self.now_s(), self.line.world
         if not world.is_idle or now_s - world.time_s > IDLE_STEP_S:
@@ -209,7 +209,7 @@ class PtyBus:
         try:
             os.write(self._master, data)
         except BlockingIOError:
-            pass  # the client does not read; a real adapter's buffer overflows just so
+            pass  # the client does not read; a real adapter's buffer also overflows
         except OSError as error:
             if error.errno != errno.EIO:
                 raise

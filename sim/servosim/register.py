@@ -14,14 +14,14 @@ Order = Literal["little", "big"]
 
 
 class SimulatedArea(Enum):
-    """EEPROM survives loss of power; RAM does not."""
+    """Memory area: EEPROM survives loss of power; RAM does not."""
 
     EEPROM = "E"
     RAM = "M"
 
 
 class Sign(Enum):
-    """Encoding of negative numbers; the value is the sign bit's number."""
+    """Encoding of negative numbers; the value is the number of the sign bit."""
 
     NONE = -1
     TWOS = 0
@@ -48,10 +48,10 @@ class SimulatedRegister:
     Attributes:
         address: Its first byte.
         size: Bytes.
-        name: The vendor's English, snake_case.
+        name: The vendor's English name, snake_case.
         writable: Whether an instruction may write it.
         area: EEPROM or RAM.
-        default: Value of a servo fresh from the factory, or after power-up for RAM.
+        default: Factory value, or value after power-up for RAM.
         lower: Smallest value a write may carry.
         upper: Largest value a write may carry.
         sign: Encoding of negative numbers.
@@ -60,7 +60,7 @@ class SimulatedRegister:
         persists: Whether it survives loss of power.
         sign_bit: The bit that makes a sign-magnitude number negative, or 0.
         twos: Whether negative numbers are two's complements.
-        mask: All its bits.
+        mask: Mask of all its bits.
     """
 
     address: int
@@ -97,7 +97,7 @@ class SimulatedRegister:
         return -magnitude if value & bit else magnitude
 
     def encode(self, value: int) -> bytes:
-        """Encode the bytes of ``value``; what does not fit is cut off as the servo's RAM would."""
+        """Encode the bytes of ``value``; excess bits are cut off as in the servo's RAM."""
         bit = self.sign_bit
         if bit:
             value = abs(value) & (bit - 1) | (bit if value < 0 else 0)
@@ -121,7 +121,7 @@ class ServoTable:
         ticks_per_turn: Steps of the sensor in one revolution.
         middle_tick: The tick in the middle of the travel.
         travel_rad: Range of the shaft; infinite if it has no stops.
-        size: First address behind the table.
+        size: First address after the table.
     """
 
     model: str
@@ -169,8 +169,8 @@ class ServoTable:
 class Memory:
     """The bytes behind a control table.
 
-    ``image`` is what instructions read and write; ``eeprom`` is what survives loss of power.
-    power was off. Nothing here checks access: that is the servo's firmware.
+    ``image`` is the memory that instructions read and write; ``eeprom`` survives loss of power.
+    Nothing here checks access: that is the task of the servo's firmware.
 
     Attributes:
         get: Returns a register's number by its name; called for every frame and every protection.
@@ -181,7 +181,7 @@ class Memory:
         self._eeprom_end = max(row.end for row in table.registers if row.persists)
         self.image = bytearray(table.size)  # always the same object: live servos reference it
         self._getters = {row.name: _make_getter(self.image, row) for row in table.registers}
-        self._numbers: dict[str, int] = {}  # of all registers, decoded whenever bytes change
+        self._numbers: dict[str, int] = {}  # numbers of all registers, decoded when bytes change
         self.get: Callable[[str], int] = self._numbers.__getitem__
         self.eeprom = bytearray(table.size)
         self.eeprom_writes = 0
@@ -192,7 +192,7 @@ class Memory:
             self._persist_register(table.by_name[name])
 
     def read(self, address: int, length: int) -> bytes:
-        """Read bytes; gaps between registers and addresses behind the table read as zero."""
+        """Read bytes; gaps between registers and addresses after the table read as zero."""
         raw = bytes(self.image[address : address + length])
         return raw if len(raw) == length else raw.ljust(length, b"\x00")
 
@@ -229,7 +229,7 @@ class Memory:
         self._decode_all()
 
     def store_backup(self) -> None:
-        """Keep the EEPROM registers of now for the next `restore_factory`."""
+        """Keep the present EEPROM registers for the next `restore_factory`."""
         kept = self._factory_image()
         for row in self.table.registers:
             if row.persists:
@@ -237,7 +237,7 @@ class Memory:
         self._backup = bytes(kept)
 
     def restore_factory(self, keep: tuple[str, ...] = ()) -> None:
-        """Set every register to its default, or as backed up, except those to keep."""
+        """Set every register to its default or backed-up value, except those to keep."""
         for row in self.table.registers:
             if row.name not in keep:
                 self.image[row.address : row.end] = self._backup[row.address : row.end]
@@ -262,7 +262,7 @@ class Memory:
 
 
 def _make_getter(image: bytearray, row: SimulatedRegister) -> Callable[[], int]:
-    """Make a function that reads a register's number: most are a byte, and read very often."""
+    """Make a function that reads a register's number, fast for the common single byte."""
     if row.size == 1 and row.sign is Sign.NONE:
         return partial(image.__getitem__, row.address)
     unpack = partial(Struct(_struct_format(row)).unpack_from, image, row.address)

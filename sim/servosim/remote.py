@@ -1,4 +1,4 @@
-"""Remote control of a running simulator: one JSON object a line, and its state as JSON.
+"""Remote control of a running simulator: one JSON object per line, and its state as JSON.
 
 >>> {"do": "state"}
 >>> {"do": "place", "joint": "elbow_flex", "deg": 30}
@@ -51,7 +51,7 @@ def servo_state(joint: SimulatedJoint, servo: Servo) -> dict[str, Any]:
 
 
 def joint_state(joint: SimulatedJoint) -> dict[str, Any]:
-    """Return the truth about a joint: degrees of a revolute one, metres of a prismatic one."""
+    """Return the true state of a joint: degrees if it is revolute, metres if prismatic."""
     if joint.is_prismatic:
         return {"position_m": joint.position, "velocity_m_s": joint.velocity}
     return {
@@ -118,7 +118,7 @@ class RemoteControl:
                 line, _, rest = bytes(buffer).partition(b"\n")
                 buffer[:] = rest
                 client.sendall(json.dumps(self.respond(line)).encode() + b"\n")
-            if len(buffer) > MAX_BYTES:  # a line without an end
+            if len(buffer) > MAX_BYTES:  # the line has no end
                 data = b""
         except OSError:
             data = b""
@@ -196,7 +196,7 @@ class RemoteControl:
         self._line.faults.add(fault)
 
     def _start_event(self, request: Request) -> None:
-        """Start a fault of the same name now; the keys are the fault's."""
+        """Start the fault of this name now; the keys are the fault's."""
         keys = {key: value for key, value in request.items() if key != "do"}
         self._add_fault({"fault": {"kind": request["do"], **keys}})
 
@@ -219,7 +219,7 @@ class RemoteControl:
 
 
 def _listen_at(path: Path) -> socket.socket:
-    """Return a socket listening at a path; an older socket is replaced, anything else is not."""
+    """Return a socket listening at a path; an older socket is replaced, anything else is kept."""
     if path.exists() and not path.is_socket():
         raise SimulatorError(f"{path} is there already and is not a socket; choose another name")
     path.unlink(missing_ok=True)
@@ -235,7 +235,7 @@ def _listen_at(path: Path) -> socket.socket:
 
 
 def _parse_coordinate(request: Request) -> float:
-    """Parse the joint coordinate that a request names in degrees, radians or metres."""
+    """Parse the joint coordinate that a request gives in degrees, radians or metres."""
     if "deg" in request:
         return math.radians(_require_finite(request["deg"], "deg"))
     name = "rad" if "rad" in request else "m"
@@ -245,5 +245,5 @@ def _parse_coordinate(request: Request) -> float:
 def _require_finite(value: float | str, name: str, above: float = -math.inf) -> float:
     number = float(value)
     if not above < number < math.inf:
-        raise SimulatorError(f"{name} = {value!r} will not do")
+        raise SimulatorError(f"{name} = {value!r} cannot be used")
     return number

@@ -65,7 +65,7 @@ class ServerOptions(argparse.Namespace):
 
 
 def parse_options(argv: Sequence[str]) -> ServerOptions:
-    """Parse the options; exits with a message when they make no sense."""
+    """Parse the options; exits with a message if they make no sense."""
     parser = _make_parser()
     options = parser.parse_args(argv, ServerOptions())
     options.servos = [servo for group in options.groups or [] for servo in group]
@@ -104,17 +104,15 @@ def _make_parser() -> argparse.ArgumentParser:
         "may be repeated",
     )
     add("--protocol", type=int, choices=(1, 2), help="protocol of --servo Dynamixel X servos")
-    add(
-        "--baud", type=_parse_rate, help="rate the servos are set to (--servo: as from the factory)"
-    )
-    add("--urdf", type=Path, metavar="FILE", help="geometry of the arm (that of its file)")
+    add("--baud", type=_parse_rate, help="baud rate of the servos (--servo: factory setting)")
+    add("--urdf", type=Path, metavar="FILE", help="geometry of the arm (default: that of its file)")
     add("--pose", help="pose of the arm to start at (rest)")
-    add("--seed", type=int, help="of all chance, and of one arm of the family (nominal)")
+    add("--seed", type=int, help="seed of random numbers and of the arm (nominal)")
     add("--link", type=Path, help="symbolic link to the port, removed at exit")
-    add("--faults", type=Path, metavar="FILE", help="what goes wrong, TOML or JSON")
+    add("--faults", type=Path, metavar="FILE", help="faults to inject, TOML or JSON")
     add("--no-wire-time", dest="wire_time", action="store_false", help="bytes take no time")
     add("--physics", action="store_true", help="bodies and contacts from MuJoCo")
-    add("--backlash-deg", type=float, metavar="DEG", help="free play of the arm's gears")
+    add("--backlash-deg", type=float, metavar="DEG", help="backlash of the arm's gears")
     add("--mass-scale", type=float, metavar="FACTOR", help="factor of the arm's masses (1)")
     add("--payload-g", type=float, metavar="GRAMS", help="mass in the arm's jaws (0)")
     add("--parameters", type=Path, metavar="FILE", help="masses and motors of one arm, TOML")
@@ -128,7 +126,7 @@ def _make_parser() -> argparse.ArgumentParser:
         action="store_true",
         help="a goal written to an STS servo does not switch its torque on",
     )
-    add("--log", type=Path, metavar="FILE", help="write each frame down")
+    add("--log", type=Path, metavar="FILE", help="write each frame to this file")
     add("--audit", type=Path, metavar="FILE", help="write a report at exit, JSON")
     add("--control", type=Path, metavar="PATH", help="unix socket for commands, JSON lines")
     add("--echo", action="store_true", help="the host hears its own bytes")
@@ -139,7 +137,7 @@ def _make_parser() -> argparse.ArgumentParser:
 
 
 def _parse_servos(text: str) -> list[BenchServo]:
-    """Read ``1-3:xl430-w250``, ``1,4:sts3215`` or, at a rate of its own, ``7:ax-12a@57600``."""
+    """Parse ``1-3:xl430-w250``, ``1,4:sts3215`` or, with its own rate, ``7:ax-12a@57600``."""
     ids, _, wanted = text.partition(":")
     wanted, at, rate = wanted.partition("@")
     model = _find_model(wanted)
@@ -159,7 +157,7 @@ def _parse_servos(text: str) -> list[BenchServo]:
 
 
 def _find_model(wanted: str) -> str | None:
-    """Find the model of a name, or the only one that continues it: ax-12 means AX-12A."""
+    """Find the model of a name, or the only one that starts with it: ax-12 means AX-12A."""
     models = {name.lower(): name for name in TABLES}
     if wanted.lower() in models:
         return models[wanted.lower()]
@@ -228,7 +226,7 @@ class StatusScreen:
         return [HEAD, *(_format_servo_row(row) for row in rows)]
 
     def _write_text(self, text: str) -> None:
-        with contextlib.suppress(OSError):  # the terminal may be gone: the servos keep running
+        with contextlib.suppress(OSError):  # servos keep running without the terminal
             sys.stdout.write(text)
             sys.stdout.flush()
 
@@ -242,8 +240,8 @@ def _format_servo_row(state: dict[str, Any]) -> str:
     )
 
 
-ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)  # the last: its terminal was closed
-GAP_S = 0.020  # a client's scheduler tears frames apart where a wire would not
+ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)  # SIGHUP: its terminal was closed
+GAP_S = 0.020  # a client's scheduler may split frames, unlike a wire
 
 
 def serve(argv: Sequence[str]) -> int:
@@ -286,7 +284,7 @@ def build_line(options: ServerOptions) -> Line:
     """Build the line that the options describe.
 
     Raises:
-        SimulatorError: An arm file, a model, a rate or a fault that cannot be used.
+        SimulatorError: An arm file, a model, a rate or a fault cannot be used.
     """
     line_options = LineOptions(
         wire_time=options.wire_time,
@@ -337,12 +335,12 @@ def _attach_listeners(line: Line, options: ServerOptions, stack: contextlib.Exit
         audit = Audit(line.world.servos)
         line.witnesses.append(audit)
         written = options.audit.with_name(f"{options.audit.name}.part")
-        written.touch()  # an unwritable place is reported now and not at the end
+        written.touch()  # reports an unwritable path now instead of at the end
         stack.callback(_write_report, written, options.audit, audit, line)
 
 
 def _write_report(written: Path, path: Path, audit: Audit, line: Line) -> None:
-    """Write the audit beside its file, and rename it."""
+    """Write the audit next to its file, and rename it."""
     text = json.dumps(audit.report(list(line.readers.values())), indent=2)
     try:
         written.write_text(f"{text}\n", encoding="utf-8")
@@ -366,10 +364,10 @@ def _work_until_signal(bus: PtyBus, remote: RemoteControl, screen: StatusScreen)
 
 
 def _raise_priority() -> None:
-    """Raise the priority of this process, if permitted: real servos share no processor."""
+    """Raise the priority of this process, if permitted, because real servos share no processor."""
     with contextlib.suppress(PermissionError):
         os.setpriority(os.PRIO_PROCESS, 0, REAL_TIME_NICENESS)
-        if os.getsid(0) == os.getpid():  # Linux may first divide the processors among sessions
+        if os.getsid(0) == os.getpid():  # Linux may divide processors among sessions first
             with contextlib.suppress(OSError):
                 Path("/proc/self/autogroup").write_text(str(REAL_TIME_NICENESS))
 
@@ -392,4 +390,4 @@ def _signals_as_pipe() -> Generator[int, None, None]:
 
 
 def _ignore_signal(_: int, __: object) -> None:
-    """Ignored: the wake-up pipe reports it."""
+    """Do nothing, because the wake-up pipe reports the signal."""

@@ -17,22 +17,22 @@ TURN_RAD = 2.0 * math.pi
 
 
 class BusProtocol(Enum):
-    """Protocol of a servo; two of them have the same framing."""
+    """Protocol of a servo; two of the protocols have the same framing."""
 
     DYNAMIXEL_1 = "dynamixel 1.0"
     DYNAMIXEL_2 = "dynamixel 2.0"
     FEETECH = "feetech"
 
-    __hash__ = object.__hash__  # used for every frame, and an Enum's own is slow
+    __hash__ = object.__hash__  # used for every frame; an Enum's own is slow
 
     @property
     def framing(self) -> type[FrameReader]:
-        """The reader of its frames."""
+        """The reader class of its frames."""
         return Dynamixel2Reader if self is BusProtocol.DYNAMIXEL_2 else Dynamixel1Reader
 
 
 class InstructionError(Enum):
-    """Why a servo refuses an instruction."""
+    """Reason why a servo refuses an instruction."""
 
     RESULT_FAIL = "result fail"
     INSTRUCTION = "instruction"
@@ -54,12 +54,12 @@ class AlarmBits:
         self.bits = self.injected = 0
 
     def inject_alarm(self, bits: int) -> None:
-        """Raise alarm bits without a cause, or take back those that were raised so."""
+        """Raise alarm bits without a cause, or clear those that were raised without a cause."""
         self.bits = self.bits & ~self.injected | bits
         self.injected = bits
 
     def set_alarm(self, bit: int, present: bool) -> None:
-        """Raise or clear a bit by its cause; injected bits stay."""
+        """Raise or clear a bit because of its cause; injected bits stay."""
         self.bits = self.bits | bit if present else self.bits & ~bit
         self.bits |= self.injected
 
@@ -97,7 +97,7 @@ _Live = tuple[SimulatedRegister, Callable[[], int]]
 
 
 class Servo:
-    """A servo on the line: instructions access its memory only.
+    """A servo on the line; instructions access only its memory.
 
     The families fill ``live`` (registers that the firmware measures, by name) and ``effects``
     (effects of a write to a register), and define ``check_write`` for their access rules.
@@ -110,22 +110,22 @@ class Servo:
         supply_v: Voltage at its plug.
         time_s: The simulated time of the firmware.
         booting_until_s: While booting a servo neither receives nor replies.
-        replying_until_s: Until then an instruction is lost, if the family has room for one only.
+        replying_until_s: Until then instructions are lost, if the family has room for only one.
         received_s: Time of the last instruction packet.
         pending: A registered write that waits for its action.
         changed: Called when an instruction or a script has changed something.
         on_write: Called with every write before it is checked.
         knows_fast_reads: Whether it replies to the fast reads of protocol 2.0.
-        goal_enables_torque: Whether a goal position written while torque is off switches it on,
-            if the family leaves that open.
+        goal_enables_torque: Whether a goal position that is written while torque is off switches it
+            on, if the family leaves this open.
     """
 
-    reboot_s = 0.3  # assumed; the sheets give none
+    reboot_s = 0.3  # assumed, because the sheets give no value
     protocol = BusProtocol.DYNAMIXEL_2
     framing: type[FrameReader] = Dynamixel2Reader
     bauds: Mapping[int, float] = {}  # rate by number of the baud register
     registered_flag = "registered_instruction"
-    instructions: frozenset[int] = frozenset()  # the supported ones of protocol 1 framing
+    instructions: frozenset[int] = frozenset()  # supported instructions with protocol 1 framing
     answers_broadcast_ping = False
     knows_fast_reads = True
     kept_by_recovery: tuple[str, ...] = ()
@@ -202,7 +202,7 @@ class Servo:
         return self.memory.read(address, length)
 
     def write_bytes(self, address: int, data: bytes) -> InstructionError | None:
-        """Execute a write instruction, or return why not; a refused write changes nothing."""
+        """Execute a write instruction, or return why it is refused; it then changes nothing."""
         if self.on_write is not None:
             self.on_write(address, data)
         refusal = self.check_write(address, data)
@@ -298,7 +298,7 @@ class Servo:
         motor.heat.step(dt_s, watts)
 
     def run_protections(self, dt_s: float) -> None:
-        """Periodic checks of the firmware: temperature, load, voltage, watchdog."""
+        """Run the periodic checks of the firmware: temperature, load, voltage, watchdog."""
         raise NotImplementedError
 
     def reboot(self) -> None:
@@ -326,7 +326,7 @@ class Servo:
         self.changed()
 
     def inject_alarm(self, bits: int) -> None:
-        """Raise alarm bits without a cause; 0 takes them back where the family allows it."""
+        """Raise alarm bits without a cause; 0 clears them if the family allows it."""
         raise NotImplementedError
 
     def is_goal_allowed(self, goal: int) -> bool:
@@ -350,4 +350,4 @@ class Servo:
 
 
 def _no_effect() -> None:
-    """No callback."""
+    """Do nothing."""

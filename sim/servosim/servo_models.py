@@ -55,7 +55,7 @@ def make_servo(
     delivered: Mapping[str, int] | None = None,
     seed: int = 0,
 ) -> Servo:
-    """Make a servo of a model, powered up, as delivered.
+    """Make a servo of a model, powered up, with factory settings.
 
     Raises:
         UnknownModelError: No table for such a model.

@@ -18,7 +18,7 @@ from servosim.urdf import Mass, Matrix, MovingJoint
 
 MAX_SCALE, MAX_PAYLOAD_KG, MAX_COMPLIANCE = 10.0, 20.0, 1.0
 
-# Keys of a joint's table that are figures of its motors, and the parameter of each.
+# Keys of a joint's table that are values of its motors, and the parameter of each.
 _MOTOR_KEYS = MappingProxyType(
     {
         "coulomb_nm": "friction_nm",
@@ -36,13 +36,13 @@ _MOTOR_KEYS = MappingProxyType(
 
 @dataclass(frozen=True, slots=True)
 class Specimen:
-    """What differs from the arm's files and from the models of its servos.
+    """Differences of one arm from its files and from the models of its servos.
 
     Attributes:
         mass_scale: Factor of every mass.
-        mass_scales: Further factor of what hangs on a joint, up to the next ones, by joint.
+        mass_scales: Further factor by joint, for the masses between this joint and the next ones.
         payload_kg: A point mass at the tip.
-        motors: Figures of the servos of a joint, by joint, with the keys of ``read_specimen``.
+        motors: Values of the servos of a joint, by joint, with the keys of ``read_specimen``.
         compliances: The compliance behind the sensor of each joint, by name: rad per N m, m per N.
     """
 
@@ -58,8 +58,8 @@ class Specimen:
     def __post_init__(self) -> None:
         for name, compliance in self.compliances.items():
             if not 0.0 <= compliance <= MAX_COMPLIANCE:
-                most = f"0 to {MAX_COMPLIANCE:g} rad for each N m"
-                raise SimulatorError(f"{name} gives way by {most}, not {compliance:g}")
+                most = f"0 to {MAX_COMPLIANCE:g} rad per N m"
+                raise SimulatorError(f"{name} yields by {most}, not {compliance:g}")
         for scale in (self.mass_scale, *self.mass_scales.values()):
             if not 0.0 < scale <= MAX_SCALE:
                 raise SimulatorError(f"a mass is scaled by 0 to {MAX_SCALE:g}, not {scale:g}")
@@ -74,7 +74,7 @@ class Specimen:
         return scaled or self.payload_kg != 0.0
 
     def with_load(self, mass_scale: float | None, payload_g: float | None) -> Specimen:
-        """Return the specimen with another scale of all masses, or payload, where one is given."""
+        """Return the specimen with another scale of all masses, or another payload, if given."""
         scale = self.mass_scale if mass_scale is None else mass_scale
         payload_kg = self.payload_kg if payload_g is None else payload_g / 1000.0
         return replace(self, mass_scale=scale, payload_kg=payload_kg)
@@ -85,12 +85,12 @@ class Specimen:
         """Return moving joints with the masses of this specimen.
 
         Args:
-            joints: The joints in the order of the URDF, parents first. A body on a joint without a
-                scale of its own (the jaws) has that of its parent.
+            joints: The joints in the order of the URDF, parents first. A body on a joint without
+                its own scale (the jaws) uses that of its parent.
             tip: The moving joint behind which the tip is, and the tip's frame in its frame.
 
         Raises:
-            SimulatorError: There is a payload, and no tip that could hold it.
+            SimulatorError: There is a payload but no tip to hold it.
         """
         scales: list[float] = []
         scaled: list[MovingJoint] = []
@@ -106,7 +106,7 @@ class Specimen:
         return scaled
 
     def motor_parameters(self, joint: str, parameters: MotorParameters) -> MotorParameters:
-        """Return the parameters of one of a joint's servos with the figures of this specimen."""
+        """Return the parameters of one of a joint's servos with the values of this specimen."""
         figures = self.motors.get(joint, {})
         changed = {to: figures[key] for key, to in _MOTOR_KEYS.items() if key in figures}
         kt, ohm = parameters.torque_constant_nm_a, parameters.resistance_ohm
@@ -131,15 +131,15 @@ def _scale_mass(mass: Mass, scale: float) -> Mass:
 def read_specimen(path: Path) -> Specimen:
     """Read the specimen that a TOML file describes.
 
-    Each table ``[[joints]]`` has a ``name`` and, as far as they are known, ``mass_scale`` of what
-    hangs on the joint and the figures of each of its servos: ``full_duty_nm`` (torque of the
-    blocked motor for the whole duty at the nominal supply), ``back_emf_nm_s``, ``coulomb_nm``,
-    ``viscous_nm_s``, ``slow_nm``, ``slow_rad_s``, ``load``, ``slow_load``,
-    ``backlash_rad``, ``output_friction_nm``, ``output_viscous_nm_s``; and ``compliance``, rad for
-    each N m behind the sensor. Other keys are ignored.
+    Each table ``[[joints]]`` has a ``name`` and, as far as known, the ``mass_scale`` of the masses
+    that the joint carries and the values of each of its servos: ``full_duty_nm`` (torque of the
+    blocked motor at full duty and nominal supply), ``back_emf_nm_s``, ``coulomb_nm``,
+    ``viscous_nm_s``, ``slow_nm``, ``slow_rad_s``, ``load``, ``slow_load``, ``backlash_rad``,
+    ``output_friction_nm``, ``output_viscous_nm_s``; and ``compliance``, rad per N m behind the
+    sensor. Other keys are ignored.
 
     Raises:
-        ArmFileError: The file is missing, no TOML, or a figure cannot be used.
+        ArmFileError: The file is missing, not TOML, or a value cannot be used.
     """
     try:
         document = read_toml(path)

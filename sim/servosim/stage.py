@@ -31,7 +31,7 @@ _MOST_SHAPES = 1000
 
 @dataclass(frozen=True, slots=True)
 class StageCamera:
-    """A camera without distortion, whose axis meets the middle of its picture.
+    """A camera without distortion, whose axis passes through the middle of its picture.
 
     Attributes:
         T_base_camera: Its pose (4, 4): x to the right, y down, z ahead.
@@ -58,15 +58,15 @@ class MountedBoard:
 
 
 class Stage:
-    """What is before a camera: an arm on a table, a board on its tip, cubes.
+    """The scene of a camera: an arm on a table, a board on its tip, cubes.
 
-    Several threads may draw; each has its own context of OpenGL.
+    Several threads may draw; each has its own OpenGL context.
 
     Args:
-        around: The arm and the cubes. What its URDF shows is drawn, what it collides with where
-            it shows nothing.
+        around: The arm and the cubes. The visual shapes of its URDF are drawn, or its collision
+            shapes if a link has no visual ones.
         camera: The camera.
-        board: The board; None for none.
+        board: The board; None if there is no board.
 
     Raises:
         ArmFileError: MuJoCo cannot use the URDF.
@@ -82,7 +82,7 @@ class Stage:
         self._model = self._compile(around, camera, board)
         self._data = mujoco.MjData(self._model)
         self._names = [cube.name for cube in around.cubes] + ["board"] * (board is not None)
-        _open_context(1, 1).free()  # there is one
+        _open_context(1, 1).free()  # raises without OpenGL
 
     def draw(
         self, positions: Mapping[str, float], poses: Sequence[Matrix]
@@ -95,8 +95,8 @@ class Stage:
                 board's pattern is on the side of its -z.
 
         Returns:
-            The picture (h, w, 3), blue first, and how far ahead of the camera (h, w) [m] what it
-            shows is.
+            The picture (h, w, 3), blue first, and the distance of its contents ahead of the camera
+            (h, w) [m].
         """
         model, data = self._model, self._data
         for joint in self._joints:
@@ -110,14 +110,14 @@ class Stage:
         if not hasattr(self._drawings, "own"):
             self._drawings.own = _Drawing(model, self._size)
         colours, depth = self._drawings.own.draw(data)
-        # MuJoCo gives the depth as OpenGL keeps it: 1 at the near plane, 0 at the far one.
+        # MuJoCo gives the depth as stored by OpenGL: 1 at the near plane, 0 at the far one.
         ahead_m = 1.0 / (1.0 / _FAR_M + depth * (1.0 / _NEAR_M - 1.0 / _FAR_M))
         return np.ascontiguousarray(colours[::-1, :, ::-1]), ahead_m[::-1].astype(np.float64)
 
     def _compile(
         self, around: Surroundings, camera: StageCamera, board: MountedBoard | None
     ) -> mujoco.MjModel:
-        """Return the model that is drawn; nothing in it moves by itself."""
+        """Return the model to draw; nothing in it moves by itself."""
         path = around.arm.urdf
         try:
             spec = mujoco.MjSpec.from_file(str(path))
@@ -174,7 +174,7 @@ class Stage:
 
 
 class _Drawing:
-    """What one thread draws with."""
+    """Drawing objects of one thread."""
 
     def __init__(self, model: mujoco.MjModel, size: tuple[int, int]) -> None:
         self._opengl = _open_context(*size)
@@ -204,10 +204,10 @@ class _Drawing:
 
 
 def _open_context(width: int, height: int) -> mujoco.GLContext:
-    """Open a context of OpenGL; on Linux without a window system, unless another one is chosen.
+    """Open an OpenGL context; on Linux without a window system, unless another one is chosen.
 
     Raises:
-        SimulatorError: There is none.
+        SimulatorError: No context can be opened.
     """
     try:
         if sys.platform == "linux" and not os.environ.get("MUJOCO_GL"):
@@ -215,12 +215,12 @@ def _open_context(width: int, height: int) -> mujoco.GLContext:
         else:
             from mujoco import GLContext  # noqa: PLC0415 - of the others
         return GLContext(width, height)
-    except Exception as error:  # of each library its own
+    except Exception as error:  # each library has its own errors
         raise SimulatorError(f"MuJoCo cannot draw here ({error})") from error
 
 
 def _hide_collision_shapes(spec: mujoco.MjSpec) -> None:
-    """Hide what links collide with where there is something to show."""
+    """Hide the collision shapes of links that have visual shapes."""
     if any(shape.group == _VISUAL for shape in spec.geoms):
         for shape in spec.geoms:
             if shape.group == _COLLISION:

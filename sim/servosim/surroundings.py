@@ -1,4 +1,4 @@
-"""What is around a simulated arm besides its table: cubes to grip, and the board of a camera."""
+"""Surroundings of a simulated arm besides its table: cubes to grip, and the board of a camera."""
 
 from __future__ import annotations
 
@@ -23,12 +23,12 @@ _MAX_AWAY_M = 2.0
 
 @dataclass(frozen=True, slots=True)
 class Cube:
-    """A wooden cube that stands on the table at first.
+    """A wooden cube, which initially stands on the table.
 
     Attributes:
         colour: One of ``COLOURS``; no other cube has it.
-        x_m: Its middle, base frame.
-        y_m: The same, to the left.
+        x_m: Its middle, forward in the base frame.
+        y_m: Its middle, to the left.
     """
 
     colour: str
@@ -43,7 +43,7 @@ class Cube:
 
 @dataclass(frozen=True, slots=True)
 class Surroundings:
-    """What is around an arm.
+    """The surroundings of an arm.
 
     Attributes:
         arm: The arm's file.
@@ -60,7 +60,7 @@ def parse_cubes(text: str) -> tuple[Cube, ...]:
     """Parse ``red@0.24,-0.06;blue@0.2,0.08``: colours, and places on the table in metres.
 
     Raises:
-        SimulatorError: It is nothing like that, or a colour or a place that cannot be used.
+        SimulatorError: The text has another form, or a colour or a place cannot be used.
     """
     cubes: list[Cube] = []
     for part in filter(None, text.split(";")):
@@ -72,7 +72,7 @@ def parse_cubes(text: str) -> tuple[Cube, ...]:
         if colour not in COLOURS:
             raise SimulatorError(f"no cube is {colour!r}; known: {', '.join(COLOURS)}")
         if any(colour == other.colour for other in cubes):
-            raise SimulatorError(f"there is one {colour} cube only")
+            raise SimulatorError(f"there is only one {colour} cube")
         if not math.hypot(x_m, y_m) < _MAX_AWAY_M:  # also refuses NaN
             raise SimulatorError(f"the {colour} cube must be within {_MAX_AWAY_M:g} m of the base")
         cubes.append(Cube(colour, x_m, y_m))

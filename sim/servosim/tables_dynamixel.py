@@ -163,32 +163,32 @@ DYNAMIXEL_1 = (
 
 _E, _M = SimulatedArea.EEPROM, SimulatedArea.RAM
 _U, _S = Sign.NONE, Sign.TWOS
-_Column = int | str  # a number, or the fact of the model that it is
+_Column = int | str  # a number, or the name of a fact of the model
 _MAX_TURNS = 1_044_479
 _GOAL = 1_048_575
 
 
 @dataclass(frozen=True, slots=True)
 class _Model:
-    """What the sheets of the X servos differ in; a register whose fact is None is missing.
+    """Facts that differ between the sheets of X servos; None means that the register is missing.
 
     Attributes:
         number: The model number.
         volts_min: Lowest setting of the voltage limits, in 0.1 V.
-        volts_max: Highest setting, and the upper limit as delivered.
-        volts_low: The lower limit as delivered.
-        current: Greatest current, in its unit; None without a sensor.
+        volts_max: Highest setting, and factory value of the upper limit.
+        volts_low: Factory value of the lower limit.
+        current: Largest current, in its unit; None without a sensor.
         heat_limit: The temperature limit.
-        velocity: Limit as delivered.
-        velocity_i: Gain, as are the next four.
+        velocity: Factory value of the velocity limit.
+        velocity_i: I gain of the velocity.
         velocity_p: P gain of the velocity.
         position_d: D gain of the position.
         position_i: I gain of the position.
         position_p: P gain of the position.
-        shutdown: The value at delivery.
-        pwm_slope: The value at delivery; only the small ones of 330 have it.
-        port_mode: The value at delivery; only those of 540 have external ports.
-        shafts: Those with two lack the startup configuration, and the backup.
+        shutdown: Factory value.
+        pwm_slope: Factory value; only the small 330 servos have it.
+        port_mode: Factory value; only the 540 servos have external ports.
+        shafts: Number of shafts; servos with two lack the startup configuration and the backup.
     """
 
     number: int
@@ -210,7 +210,7 @@ class _Model:
 
     @property
     def facts(self) -> Mapping[str, int | None]:
-        """Each fact by its name, and those that follow from them."""
+        """Each fact by its name, and derived facts."""
         small = self.pwm_slope is not None
         return {field.name: getattr(self, field.name) for field in fields(self)} | {
             "firmware": 52 if small else 46,
@@ -314,7 +314,7 @@ _ROWS: tuple[tuple[int, int, str, str, SimulatedArea, _Column, _Column, _Column,
     (156, 2, "external_port_data_3",   "RW", _M, "port_data",             0,       4095,    _U),
 )
 
-# Indirect registers: (number of the first, how many, first address of the addresses, of the data)
+# Indirect registers: (number of the first, count, first address of the addresses, of the data)
 _INDIRECT_SMALL = ((1, 20, 168, 208),)
 _INDIRECT = ((1, 28, 168, 224), (29, 28, 578, 634))
 # fmt: on

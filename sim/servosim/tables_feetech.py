@@ -1,7 +1,7 @@
 """Control tables of Feetech SCS, STS and HLS servos (Feetech memory tables; program FD 1.9.8).
 
-Columns that differ between models hold one number a model, in the order of the models; None
-marks a register that the model lacks.
+Columns that differ between models have one number per model, in the order of the models; None marks
+a register that the model lacks.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ _ScsColumn = int | tuple[int | None, ...]
 # fmt: off
 _SCS_MODELS     = ("SCS0009", "SCS15", "SCS225")
 _SCS_NUMBER     = (1284, 1295, 2339)
-_TRAVEL_DEG = (300.0, 200.0, 300.0)        # of 1024 steps
+_TRAVEL_DEG = (300.0, 200.0, 300.0)        # travel of 1024 steps
 _LIMITS     = ((20, 0, 0), (1003, 1023, 1023))
 _FIRST, _SECOND = (0, 0, None), (None, None, 0)  # rows of one of the two series
 
@@ -111,7 +111,7 @@ _STS_U, _STS_SIGN_BIT_10, _B11, _STS_SIGN_BIT_15 = (
 _StsColumn = int | tuple[int, ...]
 
 # fmt: off
-_STS_MODELS = ("STS3215", "STS3215-C018", "STS3250", "STS3235")  # the first for 7.4 V
+_STS_MODELS = ("STS3215", "STS3215-C018", "STS3250", "STS3235")  # the first is for 7.4 V
 _STS_NUMBER = (777, 777, 2825, 2057)
 
 _STS_ROWS: tuple[tuple[int, int, str, str, SimulatedArea, _StsColumn, int, int, Sign], ...] = (

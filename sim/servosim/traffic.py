@@ -18,12 +18,12 @@ class ServoAudit:
     """Statistics of the instructions to one servo; positions in ticks of its registers.
 
     Attributes:
-        id: At the time of the report.
+        id: Its id at the time of the report.
         model: The model of the servo.
         goals: Goal positions written.
         goals_outside_limits: The number of these outside the servo's own position limits.
-        largest_goal_step: Between two goals that followed each other.
-        largest_goal_distance: From a goal to the present position when it was written.
+        largest_goal_step: Largest step between two successive goals.
+        largest_goal_distance: Largest distance of a goal from the present position when written.
         eeprom_writes: Registers of the EEPROM that were written permanently.
     """
 
@@ -146,7 +146,7 @@ class TrafficLog:
 
     def close(self) -> None:
         """Close the file."""
-        with contextlib.suppress(OSError):  # of a line that was reported already
+        with contextlib.suppress(OSError):  # that line was reported already
             self._file.close()
 
     def _write_line(self, at_s: float, arrow: str, raw: bytes, meaning: str) -> None:
@@ -171,7 +171,7 @@ class TrafficLog:
 def _status_error(servo: Servo, data: bytes) -> int:
     """Return the error byte of a status packet.
 
-    The second and later servos of a fast read send no header: their share of the common packet
+    The second and later servos of a fast read send no header: their part of the common packet
     begins with the error byte (e-manual, protocol 2.0, "Fast Sync Read").
     """
     if servo.protocol is not BusProtocol.DYNAMIXEL_2:
@@ -183,9 +183,9 @@ class FrameListener(Protocol):
     """A passive listener on the line."""
 
     def on_frame(self, at_s: float, frame: Frame, framing: type[FrameReader]) -> None:
-        """Called for a frame of the host."""
+        """Receive a frame of the host."""
         ...
 
     def on_reply(self, at_s: float, servo: Servo | None, data: bytes) -> None:
-        """Called when a reply starts; servo is None if several collide."""
+        """Receive a reply that starts; servo is None if several collide."""
         ...

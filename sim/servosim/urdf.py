@@ -22,7 +22,7 @@ Matrix = NDArray[np.float64]
 
 
 def read_origin(element: Element) -> Matrix:
-    """The homogeneous transform of an `<origin>`: fixed-axis roll, pitch, yaw."""
+    """Return the homogeneous transform of an `<origin>`: fixed-axis roll, pitch, yaw."""
     origin = element.find("origin")
     roll, pitch, yaw = read_numbers(origin, "rpy", (0.0, 0.0, 0.0))
     cr, sr, cp, sp, cy, sy = cos(roll), sin(roll), cos(pitch), sin(pitch), cos(yaw), sin(yaw)
@@ -44,7 +44,7 @@ def read_numbers(
     return default if text is None else tuple(float(word) for word in text.split())
 
 
-SPACING_M, MOST_STEPS = 0.02, 50  # of the points on a surface, along an edge
+SPACING_M, MOST_STEPS = 0.02, 50  # points on a surface, along an edge
 # A cylinder counts as the box whose square section has the same area; a sphere as the inner cube.
 SQUARE, CUBE = math.sqrt(math.pi) / 2.0, 1.0 / math.sqrt(3.0)
 
@@ -54,8 +54,8 @@ class BoxShape:
     """A box.
 
     Attributes:
-        body: Index of the moving joint it is fixed behind, -1 at the base.
-        T: Its frame in that joint's, its centre the origin.
+        body: Index of the moving joint behind which it is fixed, -1 at the base.
+        T: Its frame in that joint's frame; the origin is its centre.
         half_m: Half its edges (3,).
         points_m: Points on its surface (k, 3), in its own frame.
     """
@@ -67,12 +67,12 @@ class BoxShape:
 
 
 def link_shapes(link: Element, body: int, T: Matrix) -> list[BoxShape]:
-    """Return the boxes, cylinders and spheres of a link; without any for contact, those drawn.
+    """Return the boxes, cylinders and spheres of a link; visual ones if it has no others.
 
     Args:
         link: The element.
-        body: Index of the moving joint it is fixed behind.
-        T: The link's frame in that joint's.
+        body: Index of the moving joint behind which it is fixed.
+        T: The link's frame in that joint's frame.
     """
     found: list[BoxShape] = []
     for collision in link.findall("collision") or link.findall("visual"):
@@ -137,19 +137,19 @@ class Mass:
 
 @dataclass(slots=True)
 class MovingJoint:
-    """A joint with all that is rigidly fixed behind it; its frame's z axis is the joint's axis.
+    """A joint with everything rigidly fixed behind it; its frame's z axis is the joint's axis.
 
     Attributes:
-        name: In the file.
+        name: Its name in the file.
         parent: Index of the moving joint before it, -1 at the base.
-        sliding: Prismatic rather than revolute.
+        sliding: Whether it is prismatic instead of revolute.
         T_parent_joint: Its frame at zero, in the parent's frame.
         lower: Limit [rad or m]; -inf when continuous.
         upper: Limit [rad or m]; inf when continuous.
-        mimic: Joint that it copies, its own name when none.
+        mimic: Joint that it copies; its own name if none.
         multiplier: `q = multiplier * q_mimic + offset`.
         offset: See multiplier.
-        body: The body that hangs on it, up to the next moving joints.
+        body: The body that it carries, up to the next moving joints.
     """
 
     name: str
@@ -168,10 +168,10 @@ BASE_AXES = {"forward": 0, "left": 1, "raise": 2}
 
 
 def base_pose(words: str) -> Matrix:
-    """Return how the base of a URDF stands, as its arm file says: ``rotate 90, raise 0.05``.
+    """Return the pose of a URDF's base from the words of its arm file: ``rotate 90, raise 0.05``.
 
     Raises:
-        ValueError: It is nothing like that.
+        ValueError: The text does not have this form.
     """
     T = np.eye(4)
     for part in filter(None, words.split(",")):
@@ -185,7 +185,7 @@ def base_pose(words: str) -> Matrix:
         elif word in BASE_AXES:
             step[BASE_AXES[word], 3] = float(amount)
         else:
-            raise ValueError(f"no way to place a base: {word!r}")
+            raise ValueError(f"a base cannot be placed by {word!r}")
         T = step @ T
     return T
 
@@ -200,10 +200,10 @@ def read_joints(path: Path, base: str = "") -> list[MovingJoint]:
 
 
 def read_shapes(path: Path, base: str = "") -> list[BoxShape]:
-    """Read the collision shapes and behind which moving joint each is, as `read_joints` counts.
+    """Read the collision shapes and the moving joint behind which each is, as `read_joints` counts.
 
     Raises:
-        ArmFileError: The file is not a URDF that can be used, or a link of it collides as a mesh.
+        ArmFileError: The file is not a usable URDF, or one of its links has a collision mesh.
     """
     walk = _walk_tree(path, base)
     if walk.meshes:
@@ -213,7 +213,7 @@ def read_shapes(path: Path, base: str = "") -> list[BoxShape]:
 
 
 def read_link_frame(path: Path, link: str, base: str = "") -> tuple[int, Matrix]:
-    """Read behind which moving joint a link is, as `read_joints` counts, and its frame there.
+    """Read the moving joint behind which a link is, as `read_joints` counts, and its frame there.
 
     Raises:
         ArmFileError: The file is not a URDF that can be used, or has no such link.
@@ -242,7 +242,7 @@ def _walk_tree(path: Path, base: str) -> _TreeWalk:
 
 @lru_cache(maxsize=8)
 def _walk_document(text: bytes, base: str) -> _TreeWalk:
-    """Walk a document once for its joints, its shapes and its tip; nobody changes what it finds."""
+    """Walk a document once for its joints, shapes and tip; nobody changes the result."""
     return _TreeWalk(ElementTree.fromstring(text), base_pose(base))
 
 
@@ -266,7 +266,7 @@ class _TreeWalk:
         return (name for name in self._links if name not in hung)
 
     def _visit_link(self, link: str, parent: int, T: Matrix) -> None:
-        """`T` is the link's frame in the frame of the moving joint `parent`."""
+        """Visit a link; `T` is its frame in the frame of the moving joint `parent`."""
         self.shapes += link_shapes(self._links[link], parent, T)
         if self._links[link].find("collision/geometry/mesh") is not None:
             self.meshes.append(link)
@@ -303,7 +303,7 @@ def _make_moving_joint(joint: Element, parent: int, T: Matrix) -> MovingJoint:
 
 
 def _read_mass(link: Element) -> tuple[Mass, Matrix]:
-    """A link's body in the frame of its own inertial, and that frame in the link's."""
+    """Return a link's body in the frame of its inertial, and that frame in the link's frame."""
     inertial = link.find("inertial")
     if inertial is None:
         return Mass(), np.eye(4)
@@ -317,7 +317,7 @@ def _read_mass(link: Element) -> tuple[Mass, Matrix]:
 
 
 def _rotation_z_to(axis: tuple[float, ...]) -> Matrix:
-    """A rotation that takes z to the axis (Duff et al. 2017, without a branch at the pole)."""
+    """Return a rotation of z to the axis (Duff et al. 2017, without a branch at the pole)."""
     x, y, z = np.asarray(axis) / np.linalg.norm(axis)
     sign = copysign(1.0, z)
     a = -1.0 / (sign + z)

@@ -28,8 +28,8 @@ class PowerSupply:
 
     Attributes:
         open_v: Voltage without load.
-        resistance_ohm: From the source to the servos.
-        standby_a: Electronics of all servos together.
+        resistance_ohm: Resistance from the source to the servos.
+        standby_a: Current of the electronics of all servos together.
     """
 
     open_v: float
@@ -39,19 +39,19 @@ class PowerSupply:
     def voltage_v(self, motors: Iterable[Motor]) -> float:
         """Voltage at the servos' plugs.
 
-        A bridge draws the winding's current for the fraction of time of its duty; a motor
-        that brakes feeds none back (the servos have no such path).
+        A bridge draws the winding's current for its duty's fraction of the time; a motor that
+        brakes feeds no current back (the servos have no such path).
         """
         drawn_a = self.standby_a + sum(max(0.0, m.current_a * m.pwm) for m in motors)
         return max(0.0, self.open_v - self.resistance_ohm * drawn_a)
 
 
-LOAD_STEPS = 4  # steps between two updates of the arm's loads; a lone joint has each
-MASS_STEPS = 16  # likewise of its mass matrix
+LOAD_STEPS = 4  # steps between two updates of the arm's loads; 1 for a lone joint
+MASS_STEPS = 16  # the same for its mass matrix
 PROTECTION_STEPS = 10  # steps between two checks of temperature, load and watchdog by the firmware
-IDLE_CHECK_STEPS = 20  # likewise while nothing moves
+IDLE_CHECK_STEPS = 20  # the same while nothing moves
 AT_REST_STEPS = 20  # steps without any motion after which the world may be idle
-MAX_REST_DRIFT_RAD, DRIFT_CHECK_STEPS = 1e-4, 100  # likewise for a body with soft friction (MuJoCo)
+MAX_REST_DRIFT_RAD, DRIFT_CHECK_STEPS = 1e-4, 100  # the same for a body with soft friction (MuJoCo)
 
 
 @runtime_checkable
@@ -63,11 +63,11 @@ class ExternalDynamics(Protocol):
 
     @property
     def is_at_rest(self) -> bool:
-        """Whether nothing moves but, perhaps, the joints."""
+        """Whether nothing moves except, perhaps, the joints."""
         ...
 
     def cube_poses(self) -> list[Matrix]:
-        """Return where the cubes are (4, 4), base frame."""
+        """Return the poses of the cubes (4, 4), base frame."""
         ...
 
     def place(self, positions: Sequence[float]) -> None:
@@ -75,7 +75,7 @@ class ExternalDynamics(Protocol):
         ...
 
     def set_transmission_slopes(self, slopes: Sequence[float]) -> None:
-        """Set the slopes of the transmissions: joint motion for one radian of each horn."""
+        """Set the slopes of the transmissions: joint motion per radian of each horn."""
         ...
 
     def step(
@@ -84,7 +84,7 @@ class ExternalDynamics(Protocol):
         """Advance time under the motors' torques and hands, by joint.
 
         Returns:
-            Of each joint: position, velocity, lash and the rotors' velocity.
+            Position, velocity, lash and the rotors' velocity of each joint.
         """
         ...
 
@@ -92,16 +92,16 @@ class ExternalDynamics(Protocol):
 class World:
     """Servos, the body they move, the hands that hold it and the supplies that feed them.
 
-    ``rails`` are the supplies by nominal voltage: a Koch arm has one of 12 V and one of 5 V.
+    ``rails`` are the supplies by nominal voltage: a Koch arm has one with 12 V and one with 5 V.
 
     ``contacts`` act on joints without torque: a servo that holds does not feel them, and while a
-    hand moves the arm it is kept clear of its surroundings.
+    hand moves the arm the hand keeps it clear of its surroundings.
 
-    ``limits`` are the body's, by joint; ``tip`` is the arm's, None for servos without an arm, and
-    so are the ``surroundings``.
+    ``limits`` are the body's, by joint; ``tip`` is the arm's; it and ``surroundings`` are None for
+    servos without an arm.
 
     Nothing happens between two steps; ``advance_to`` makes as many as needed. A world in which
-    nothing moves and nothing changes is idle: only temperature and protections are updated.
+    nothing moves or changes is idle: only temperature and protections are updated.
     """
 
     def __init__(
@@ -143,7 +143,7 @@ class World:
             servo.changed = self.leave_idle
         if self._mover is not None:
             self._mover.place([joint.position for joint in self.joints])
-        self.placed = [joint.position for joint in self.joints]  # before it sank or was driven
+        self.placed = [joint.position for joint in self.joints]  # before the arm sank or was moved
 
     @property
     def time_s(self) -> float:
@@ -182,7 +182,7 @@ class World:
         ]
 
     def keep_torque_with_goals(self) -> None:
-        """Let no goal position switch the torque of a Feetech STS on."""
+        """Keep goal positions from switching on the torque of a Feetech STS."""
         for servo in self.servos:
             servo.goal_enables_torque = False
 
@@ -191,7 +191,7 @@ class World:
         self._still = 0
 
     def place(self, name: str, position: float) -> None:
-        """Set a joint's position, at rest, as by hand."""
+        """Set a joint's position, at rest, as if by hand."""
         self.joint(name).place(position)
         self._coupled.come_to_rest()
         if self._mover is not None:
@@ -212,7 +212,7 @@ class World:
         raise SimulatorError(f"no joint is named {name!r}; known: {known}")
 
     def cube_poses(self) -> list[Matrix]:
-        """Return where the cubes of the surroundings are (4, 4), base frame, in their order."""
+        """Return the poses of the cubes of the surroundings (4, 4), base frame, in their order."""
         return [] if self._mover is None else self._mover.cube_poses()
 
     def grasp(self, name: str, hand: Hand) -> None:
@@ -223,12 +223,12 @@ class World:
     def lead_tip(
         self, point_m: Sequence[float], speed: float = HAND_SPEED, limit: float = 10.0
     ) -> None:
-        """Let hands grasp the joints that move the tip and move it to a point, all in one time.
+        """Let hands grasp the joints that move the tip, and move it to a point simultaneously.
 
         Args:
-            point_m: In the base frame.
+            point_m: The point in the base frame.
             speed: The speed of the fastest joint [rad/s]; a tenth of it in m/s on sliding joints.
-            limit: The greatest force on each joint: N m, or N on a sliding joint.
+            limit: The largest force on each joint: N m, or N on a sliding joint.
 
         Raises:
             SimulatorError: The point is out of reach, or there is no tip.
@@ -266,7 +266,7 @@ class World:
             self._positions = positions
         busy = moving or self.hands or any(servo.is_active for servo in self.servos)
         if self._mover is None:
-            # A rotor that crosses the play turns while the output is still.
+            # A rotor that crosses the backlash turns while the output stands.
             busy = busy or any(motor.rotor_rad_s for motor in self._motors)
         else:
             busy = busy or not self._mover.is_at_rest
@@ -289,7 +289,7 @@ class World:
         self._coupled.step(self._loads, self._aimed_hands(self._gripped))
 
     def _aimed_hands(self, inertias: Sequence[float]) -> dict[int, Hand]:
-        """Return the hands by the index of their joint, ready for the next step."""
+        """Return the hands by the index of their joint, prepared for the next step."""
         hands = dict[int, Hand]()
         for k, joint in enumerate(self.joints):
             if joint.name in self.hands:
@@ -310,9 +310,9 @@ class World:
         return max(1, math.ceil(rest_s / STEP_S)) if rest_s < 1.0 else IDLE_CHECK_STEPS
 
     def _update_loads(self) -> None:
-        """Update loads and masses for the steps until the next time: at the posture amidst them.
+        """Update loads and masses for the next steps, at the posture in their middle.
 
-        Where the arm is now, they would be late, and drive what swings.
+        At the present posture they would lag, and drive joints that swing.
         """
         positions = [joint.position for joint in self.joints]
         velocities = [joint.velocity for joint in self.joints]
@@ -327,7 +327,7 @@ class World:
             self._update_contacts(self._contacts, positions, velocities)
 
     def _grip_inertias(self) -> list[float]:
-        """Compute each joint's inertia while all others give way: the least that a hand feels."""
+        """Compute each joint's inertia while all others yield: the smallest that a hand feels."""
         return (1.0 / np.linalg.inv(self._coupled.mass_matrix()).diagonal()).tolist()
 
     def _update_contacts(

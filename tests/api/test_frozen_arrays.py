@@ -105,7 +105,7 @@ def test_a_value_does_not_change_with_the_array_that_it_was_made_from(arm):
 
 def test_a_plan_with_another_goal_than_its_trajectory_is_refused(arm):
     plan = arm.plan_to((0.25, 0.05, 0.15))
-    with pytest.raises(RefusedError, match="goal is not where its trajectory ends"):
+    with pytest.raises(RefusedError, match="goal differs from the end of its trajectory"):
         arm.execute(replace(plan, goal=plan.goal + np.array([0.0, 0.3, 0.0, 0.0, 0.0, 0.0])))
 
 

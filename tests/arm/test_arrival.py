@@ -147,7 +147,7 @@ def test_an_error_that_the_arm_has_not_settled_has_the_report(arm, monkeypatch):
     monkeypatch.setattr(plan_execution, "settle", loose)
     target_m = arm.where().tip_m + np.array([0.0, 0.0, 0.05])
     with pytest.raises(
-        NotSettledError, match=r"shoulder_pan did .*; the tip is .* mm beside"
+        NotSettledError, match=r"shoulder_pan did .*; the tip is .* mm off its path"
     ) as line:
         arm.move_line(target_m)
     assert line.value.result.target_m == pytest.approx(target_m)

@@ -107,7 +107,7 @@ def test_the_least_force_grasps_what_stands_between_the_jaws(name):
 @pytest.mark.parametrize(("name", "least"), LEAST.items())
 def test_a_force_that_does_not_move_the_jaws_is_refused_with_the_least_that_does(name, least):
     with ikservo.open_arm(name, port="sim:?pose=home") as arm:
-        with pytest.raises(BadValueError, match=f"a share from {least:g} to 1 on this arm"):
+        with pytest.raises(BadValueError, match=f"a fraction from {least:g} to 1 on this arm"):
             arm.gripper("close", force=least - 0.01)
         assert not any(registers(arm, "torque_enable").values())
 

@@ -103,7 +103,7 @@ def test_one_moves_at_a_time(arms):
 
     def move_the_other(_):
         for command in (lambda: other.move_to((0.15, 0.0, 0.12)), lambda: other.gripper("open")):
-            with pytest.raises(RefusedError, match=r"so101, which this arm can reach, is moving\."):
+            with pytest.raises(RefusedError, match=r"so101, which is in reach, is moving\."):
                 command()
         with pytest.raises(RefusedError, match="is moving"):
             other.plan_to((0.15, 0.0, 0.12))
@@ -186,7 +186,7 @@ def test_an_arm_that_is_opened_again_stands_where_it_stood(arms):
 
         arm.move_to(LEFT, straight=True, on_progress=hold_up, wait=False)
         begun.wait(10.0)
-        with pytest.raises(RefusedError, match=r"so101, which this arm can reach, is moving\."):
+        with pytest.raises(RefusedError, match=r"so101, which is in reach, is moving\."):
             again.move_to((0.15, 0.0, 0.12))
         for change in (
             lambda: again.scene.change("so101", at_m=(0.4, 0.0, 0.0)),

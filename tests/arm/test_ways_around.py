@@ -202,13 +202,13 @@ def test_refusal_says_how_long_it_searched(monkeypatch, beside_post):
     monkeypatch.setattr(WaySearch, "find", lambda *_: time.sleep(0.06))
     with pytest.raises(CollisionError, match="the post") as refused:
         beside_post.plan_to(RIGHT, think_s=0.05)
-    assert "No way around it was found in 0.05 s; --think 0.15s" in refused.value.command_hint
+    assert "No path around it was found in 0.05 s; --think 0.15s" in refused.value.command_hint
 
 
 def test_think_time_is_a_field_of_the_motion():
     motion = MoveTo(LEFT, think_s=10.0)
     assert parse_motion(motion_fields(motion)) == motion
-    with pytest.raises(BadValueError, match="time to look for a way around"):
+    with pytest.raises(BadValueError, match="time to search for a path"):
         MoveTo(LEFT, think_s=0.0)
 
 

@@ -99,7 +99,7 @@ def test_the_click_after_its_button_is_one_on_the_tip_and_no_target(operator):
     button.click()
     assert button.get_attribute("aria-checked") == "true"
     operator.click(lens_of(operator).project(operator.served.tip_m())[0])
-    operator.page.wait_for_selector("text=A simulated arm's zeros are right")
+    operator.page.wait_for_selector("text=The zeros of a simulated arm are exact")
     operator.page.wait_for_selector("#mark-tip[aria-checked=false]")
     assert operator.page.evaluate("window.ikservo.scene.goal") is None
     operator.page.click("#views [value=top]")

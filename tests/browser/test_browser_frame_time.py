@@ -27,7 +27,7 @@ def test_slow_page_draws_less_and_says_why(browser, view):
     operator.page.evaluate(SLOW_FRAMES)
     operator.until(f"{level} === 3 && {WIDTH} === {fine / 4}")
     assert "The drawing takes" in operator.page.inner_text("#log")
-    assert "ms a frame" in operator.page.text_content("#slow")
+    assert "ms per frame" in operator.page.text_content("#slow")
     drawn = operator.page.evaluate("window.ikservo.drawn")
     operator.until(f"window.ikservo.drawn > {drawn + 2}")  # it still draws
     operator.page.evaluate("window.burnMs = 0; window.ikservo.frameTime.retryMs = 100")

@@ -32,7 +32,7 @@ def test_a_register_that_the_model_does_not_have_and_one_that_is_missing_are_rep
     place = ("joints", 0, "servo", "holds")
     assert issues_of(held) == {
         (*place, "homing_ofset"): ("is not a register", "one of STS3215"),
-        (*place, "homing_offset"): ("is missing", "what the servo held"),
+        (*place, "homing_offset"): ("is missing", "the number that the servo held"),
     }
 
 
@@ -44,7 +44,7 @@ def test_an_origin_that_a_touch_off_moved_twice_is_reported():
     origins = [{"joint": name, "moved_mm": [1.0, 0.0, 0.0]} for name in ("a", "b", "a", "b")]
     issues = issues_of(joint(), geometry=GEOMETRY | {"origins": origins})
     assert {place[2]: found for place, (found, _) in issues.items()} == {
-        2: 'is "a" a second time', 3: 'is "b" a second time',
+        2: 'repeats "a"', 3: 'repeats "b"',
     }  # fmt: skip
     assert issues_of(joint(), geometry=GEOMETRY | {"origins": origins[:2]}) == {}
 
@@ -52,8 +52,8 @@ def test_an_origin_that_a_touch_off_moved_twice_is_reported():
 def test_a_name_and_an_id_given_twice_are_informed_of_the_second_joint():
     issues = issues_of(joint(), joint("wrist", 2), joint("elbow", 1))
     assert issues == {
-        ("joints", 2, "name"): ('is "elbow" a second time', "a unique name"),
-        ("joints", 2, "servo", "id"): ("is 1 a second time", "a unique id"),
+        ("joints", 2, "name"): ('repeats "elbow"', "a unique name"),
+        ("joints", 2, "servo", "id"): ("repeats 1", "a unique id"),
     }
 
 

@@ -230,10 +230,10 @@ UNSWEPT = {"swept": "not swept", "lower_deg": None, "upper_deg": None}
         ({**UNSWEPT, "extended": True}, ["elbow was not swept; LeRobot gets a whole turn."]),
         (
             {"extended": True},
-            ["elbow counts on beyond a turn, which LeRobot's range does not tell."],
+            ["elbow counts beyond one turn, which LeRobot's range does not show."],
         ),
-        ({"user_lower_deg": 3.0}, ["elbow has limits of your own, which LeRobot does not get."]),
-        ({"user_upper_deg": 3.0}, ["elbow has limits of your own, which LeRobot does not get."]),
+        ({"user_lower_deg": 3.0}, ["LeRobot does not get your own limits of elbow."]),
+        ({"user_upper_deg": 3.0}, ["LeRobot does not get your own limits of elbow."]),
     ],
 )
 def test_what_lerobots_file_cannot_say_is_reported_joint_by_joint(changes, warning):
@@ -246,5 +246,5 @@ def test_a_second_servo_and_what_a_touch_off_found_are_said_to_be_left_out(tmp_p
     with arm.open_limp() as limp_arm:
         calibration = make_calibration(arm, limp_arm, datetime(2026, 11, 2, tzinfo=UTC))
     warning = "\n".join(lost_in_lerobot(calibration.model_copy(update={"geometry": GEOMETRY})))
-    assert "Servo 3 of shoulder is not in it" in warning
-    assert "that a touch-off found are not in it" in warning
+    assert "Servo 3 of shoulder is left out" in warning
+    assert "from a touch-off are left out" in warning

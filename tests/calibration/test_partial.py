@@ -24,7 +24,7 @@ def test_what_was_measured_is_read_as_it_was_written(tmp_path):
     path, partial = tmp_path / "so101.partial", PartialCalibration.model_validate(TABLE)
     path.write_text(dump_partial(partial))
     assert read_partial(path) == partial
-    assert "The next run goes on from here" in path.read_text()
+    assert "The next run continues from here" in path.read_text()
 
 
 def test_where_nothing_was_interrupted_there_is_nothing(tmp_path):

@@ -266,5 +266,5 @@ def test_a_register_that_the_servo_lacks_is_named_wherever_it_stands(interrupted
     changes = (EepromChange(id=1, old={REGISTER: OLD} | old, new={REGISTER: OLD} | new),)
     journal = interrupted.journal().model_copy(update={"changes": changes})
     write_atomic(interrupted.journal_path, dump_journal(journal))
-    with pytest.raises(CalibrationError, match="servo 1, which is another now"):
+    with pytest.raises(CalibrationError, match="servo 1, which has changed since"):
         interrupted.act(recover)

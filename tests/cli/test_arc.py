@@ -30,7 +30,7 @@ def test_a_preview_of_an_arc_says_its_length_and_its_tool_speed(run_cli):
     assert answer["path_m"] == pytest.approx(math.pi * radius_m, rel=2e-3)
     assert answer["tool_speed"]["requested_m_s"] == 0.02
     text = run_cli(f"{preview} --tool-speed 20").out
-    assert "tip      20.0 mm/s, constant but for the ramps at both ends" in text
+    assert "tip      20.0 mm/s, constant except for the ramps at both ends" in text
 
 
 @pytest.mark.full

@@ -188,7 +188,7 @@ def require_sentence(done, file, why, before, place):
     assert text.count("cannot be written") == 1
     assert f"{file} cannot be written: {why}" in text
     after = content(place)
-    if "What was recorded until then is in" not in text:
+    if "The samples until then are in" not in text:
         assert after == before
     assert before.items() <= after.items()
 
@@ -243,7 +243,7 @@ def break_disk(monkeypatch, folder, number):
 @pytest.mark.full
 def test_what_was_recorded_until_the_disk_was_full_is_read(place, tmp_path):
     done = run_limited(RECORDING.format(place / "a.jsonl"), BYTES, tmp_path)
-    assert "What was recorded until then is in" in done.stderr
+    assert "The samples until then are in" in done.stderr
     assert len(read_recording(place / "a.jsonl").times_s) > 10
 
 

@@ -353,5 +353,5 @@ def test_joints_are_written_only_where_they_fit(out):
 
 
 def test_there_is_no_result_before_a_question():
-    with pytest.raises(BadValueError, match="last question"):
+    with pytest.raises(BadValueError, match="last problem"):
         _ = Solver(planar(0.3, 0.2)).result

@@ -25,7 +25,7 @@ def test_a_direction_has_a_length():
 
 @pytest.mark.parametrize("matrix", [np.zeros((3, 3)), np.diag([1, 1, -1]), 2 * np.eye(3)])
 def test_an_orientation_is_a_rotation(matrix):
-    with pytest.raises(BadValueError, match="no rotation matrix"):
+    with pytest.raises(BadValueError, match="not a rotation matrix"):
         Target((0, 0, 0), orientation=matrix)
 
 

@@ -24,7 +24,7 @@ def refused(path: Path, content: str) -> FileFormatError:
 NAMES = "1 to 64 of the characters A-Z a-z 0-9 _ -"
 IDS = "a whole number from 0 to 252"
 PAYLOAD = "the heaviest payload that the servos are to lift, 0 to 5 kg"
-BACKLASH = "degrees the horn turns in vain, 0 to 10"
+BACKLASH = "degrees of free horn travel, 0 to 10"
 TICKS = "a finite number, such as 2048"
 EEPROM = "register = raw value, such as { drive_mode = 1 }"
 
@@ -77,7 +77,7 @@ SLIPS = {
     "zero tick is a date": ("zero_tick = 1024", "zero_tick = 1979-05-27", "joints[1].servo.zero_tick", "is 1979-05-27", TICKS),
     "servo is a list":     ("servo = { id = 3", "servo = []\nx = { id = 3", "joints[1].x", "is not a known key (and 1 more to correct)",
                             "one of name, role, zero_from, servo, backlash_deg, limits_deg, limits_m, shadows"),
-    "slides backwards":    ("m_per_turn = 0.0722", "m_per_turn = -0.0722", "joints[2].servo.m_per_turn", "is -0.0722", "metres a turn, above 0"),
+    "slides backwards":    ("m_per_turn = 0.0722", "m_per_turn = -0.0722", "joints[2].servo.m_per_turn", "is -0.0722", "metres per turn, above 0"),
     "register with space": ("drive_mode = 0", '"drive mode" = 0', "joints[0].servo.eeprom", 'has the key "drive mode"', EEPROM),
     "register is true":    ("drive_mode = 0", "drive_mode = true", "joints[0].servo.eeprom.drive_mode", "is true", EEPROM),
     "register too large":  ("drive_mode = 0", "drive_mode = 0x1_0000_0000", "joints[0].servo.eeprom.drive_mode", "is 4294967296", EEPROM),

@@ -161,7 +161,7 @@ def test_a_goal_that_is_no_joint_vector_is_refused_and_the_old_one_stays(goal):
 def test_time_does_not_go_back(time_s, what):
     course = OnlineTrajectory(np.zeros(3), PACES)
     course.retarget([1, 0, 0], 0.5)
-    with pytest.raises(BadValueError, match="time of the aim"):
+    with pytest.raises(BadValueError, match="time of the goal"):
         course.retarget([0, 0, 0], time_s) if what == "aim" else course.stop(time_s)
 
 

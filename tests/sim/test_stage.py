@@ -133,7 +133,7 @@ def test_a_cube_that_is_pushed_moves_and_another_one_stays():
         ("physics=1&cubes=red@0.2", "is not a cube"),
         ("physics=1&cubes=red@0.2,0,1", "is not a cube"),
         ("physics=1&cubes=pink@0.2,0", "no cube is 'pink'; known: red"),
-        ("physics=1&cubes=red@0.2,0;red@0.3,0", "one red cube only"),
+        ("physics=1&cubes=red@0.2,0;red@0.3,0", "only one red cube"),
         ("physics=1&cubes=red@nan,0", "within 2 m"),
         ("physics=1&cubes=red@5,0", "within 2 m"),
         ("board=off", "board=off is not a number"),

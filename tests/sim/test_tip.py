@@ -105,7 +105,7 @@ def test_a_tip_that_is_there_already_is_held(port):
 
 
 def test_a_point_out_of_reach_is_refused_and_nothing_is_grasped(port):
-    with pytest.raises(SimulatorError, match=r"cannot be led to \(0.900, 0.000, 0.000\) m: \d+"):
+    with pytest.raises(SimulatorError, match=r"cannot be moved to \(0.900, 0.000, 0.000\) m: \d+"):
         port.line.world.lead_tip((0.9, 0.0, 0.0))
     assert port.line.world.hands == {}
 

@@ -18,12 +18,12 @@ from ikservo.model import Model
 
 
 class TouchedPoints:
-    """The touches of a test, kept also where it is stopped.
+    """Touches of a test; they are kept if the test is stopped.
 
     Attributes:
-        tips: For each touch of a known point its name, the point (3,), and where the tip was (3,)
-            by the arm's joints; metres, base frame.
-        stopped: Why it ended early; None where it did not.
+        tips: Name and position (3,) of each touched point, and the position (3,) of the tip by the
+            measured joints; metres, base frame.
+        stopped: Why the test ended early; None if it is complete.
     """
 
     def __init__(self) -> None:

@@ -36,18 +36,18 @@ from ikservo.motion import KinematicLimits, OnlineTrajectory
 from ikservo.planning.context import ArmContext
 from ikservo.registers import RegisterName
 
-_SPEED_FRACTION = 0.45  # than slow
-_BACK_OFF_RAD = math.radians(4.0)  # the horn's angle
+_SPEED_FRACTION = 0.45  # of the speed "slow"
+_BACK_OFF_RAD = math.radians(4.0)  # angle of the horn
 _ARRIVED_RAD = math.radians(1.5)
 _POLL_PERIOD_S = 0.05
-# Of the maximum lead: beyond it goals slow down, and at 0.9 of it a joint counts as blocked. Every
-# servo of the catalogue gives half of its torque there, at the gains it has.
+# Fraction of the maximum lead at which a joint presses: beyond it goals slow down, and at 0.9 it
+# counts as blocked. Every servo of the catalogue gives half of its torque there, at its gains.
 _PRESSING_SHARE = 0.75
 
 
 @dataclass(frozen=True, slots=True)
 class ContactResult:
-    """What stopped a joint.
+    """Result of moving a joint until something stops it.
 
     Attributes:
         position: The position at which it stopped, rad or m.
@@ -74,9 +74,9 @@ def probe_end_stop(
         runner: Runs the motion.
         bus: Its servos.
         joint: The joint.
-        end: Its goal, rad or m: past the stop that is searched.
-        fraction: The fraction of its torque that the servo may use, 0 to 1; the whole torque again
-            afterwards.
+        end: Its goal, rad or m, beyond the stop that is searched for.
+        fraction: The fraction of its torque that the servo may use, 0 to 1; afterwards it may use
+            all of it.
         on_positions: Called with the measured joints (n,) in every control cycle.
 
     Raises:
@@ -110,7 +110,7 @@ class _EndStopSearch:
         self._trajectory: OnlineTrajectory | None = None
         self._polled_s = -math.inf
         self._leaving = False
-        # Compute the lag behind the goal at which the servo presses as hard as it may
+        # The lag behind the goal at which the servo presses as hard as it may.
         limits = self._context.servos.driven_joints[self._column]
         speed = self._context.planner.motion_limits("slow")[self._column].speed_rad_s
         lead_rad = limits.max_lead_ticks(speed) * limits.joint_map.horn_rad_per_tick
@@ -125,7 +125,7 @@ class _EndStopSearch:
         return self._trajectory
 
     def _slow_limits(self) -> list[KinematicLimits]:
-        """Return limits that are slow and yet stop soon: the goal must not run past the stop."""
+        """Return slow limits that still brake hard: the goal must not run past the stop."""
         planner = self._context.planner
         pairs = zip(planner.motion_limits("slow"), planner.motion_limits("normal"), strict=True)
         return [
@@ -152,7 +152,7 @@ class _EndStopSearch:
             trajectory.retarget(self._with_position(cycle.goals, at - back), cycle.time_s)
 
     def _update_detector(self, at: float, goal: float) -> None:
-        """Update the detector; the servo's load is read only where it decides."""
+        """Update the detector; read the servo's load only if the decision depends on it."""
         now_s, horn, ahead = self._context.now_s(), at / self._per_horn, goal / self._per_horn
         if not self.detector.may_be_blocked(now_s, horn, ahead):
             self.detector = self.detector.update(now_s, horn)
@@ -178,7 +178,7 @@ class RangeEnd:
         joint: The joint.
         start: The position from which the search starts: the middle of its range.
         expected: Its position in the arm file.
-        past: The goal of the search, beyond it.
+        past: The goal of the search, beyond the expected position.
     """
 
     joint: str
@@ -209,7 +209,7 @@ def is_end_stop(found: ContactResult, end: RangeEnd, subject: JointUnderCalibrat
 def early_contact_error(
     found: ContactResult, end: RangeEnd, subject: JointUnderCalibration
 ) -> CalibrationError:
-    """Return the error of a joint that was stopped where its stop cannot be."""
+    """Return the error for a joint that was stopped where it has no end stop."""
     text = subject.joint_map.format
     if found.contact is ContactState.NO_CONTACT:
         return CalibrationError(
@@ -228,7 +228,7 @@ def early_contact_error(
 def missing_stop_error(
     found: ContactResult, end: RangeEnd, subject: JointUnderCalibration
 ) -> CalibrationError:
-    """Return the error of a joint that moved past where its stop is expected."""
+    """Return the error for a joint that moved past the expected position of its stop."""
     return CalibrationError(
         f"{end.joint} found no end stop up to {subject.joint_map.format(found.position)}.",
         "Nothing was saved. Check that the arm was in the pose when it was recorded. If the "
@@ -237,7 +237,7 @@ def missing_stop_error(
 
 
 def unreached(subject: JointUnderCalibration, lower: float | str, upper: float | str) -> str:
-    """Describe a joint of which an end cannot be searched.
+    """Describe a joint one or both of whose ends cannot be searched for.
 
     Args:
         subject: The joint.
@@ -254,7 +254,7 @@ def unreached(subject: JointUnderCalibration, lower: float | str, upper: float |
 
 
 def nearly_a_turn(subject: JointUnderCalibration) -> str:
-    """Describe a joint whose range is too wide to search stops."""
+    """Describe a joint whose range is too wide for a search of its stops."""
     text, expected = subject.joint_map.format, subject.expected
     low, high = expected.lower.value, expected.upper.value
     return (
@@ -263,14 +263,14 @@ def nearly_a_turn(subject: JointUnderCalibration) -> str:
     )
 
 
-_TORQUE_FRACTIONS = (0.3, 0.45, 0.6)  # of a servo's torque, one after the other
+_TORQUE_FRACTIONS = (0.3, 0.45, 0.6)  # of a servo's torque, tried one after the other
 
 
 def check_auto_allowed(model: Model) -> None:
     """Refuse arms whose arm file forbids automatic calibration.
 
     Raises:
-        CalibrationError: It does; carries its reason.
+        CalibrationError: The arm file forbids it; the message carries its reason.
     """
     if model.auto_unsafe:
         raise CalibrationError(
@@ -291,7 +291,7 @@ class AutoCalibration:
     Attributes:
         state: The calibration state with all measurements so far.
         arm: The arm with the limits of the search.
-        partial_limits: The limits of joints of which only one end could be searched.
+        partial_limits: The limits of joints for which only one end could be searched.
     """
 
     def __init__(
@@ -314,13 +314,13 @@ class AutoCalibration:
         names = frozenset(subject.name for subject in state.subjects)
         self.state = replace(state, known_signs=names, motor_driven=True)
         self.partial_limits: dict[str, Limits] = {}
-        self._place = ""  # of the joint whose stops are searched, among all
+        self._place = ""  # "joint 2 of 6": the joint whose stops are searched now
 
     def run(self) -> Dialogue[CalibrationState]:
         """Show each joint's direction, search the stops, and return the state for review.
 
         Raises:
-            CalibrationError: A joint is not the expected one, or a stop is not where it can be.
+            CalibrationError: Another joint moved than expected, or a stop is in the wrong place.
             StoppedError: The user stopped it; the arm holds.
             RefusedError: The guard stopped it; the arm holds.
         """
@@ -332,10 +332,10 @@ class AutoCalibration:
         return self.finish()
 
     def sweep(self) -> Dialogue[None]:
-        """Search the stops of every joint that has some and was not measured before, tip first.
+        """Search the stops of every joint that has stops and was not measured before, tip first.
 
         Raises:
-            CalibrationError: A joint was stopped where its stop cannot be, or not at all.
+            CalibrationError: A joint was stopped in the wrong place, or found no stop.
             StoppedError: The user stopped it; the arm holds.
             RefusedError: The guard stopped it; the arm holds.
         """
@@ -384,7 +384,7 @@ class AutoCalibration:
         self.partial_limits[subject.name] = Limits(subject.name, low, high, expected.unit)
 
     def _learn(self, subject: JointUnderCalibration) -> None:
-        """Use the measured range of a joint in the postures for other joints."""
+        """Let the postures for other joints use the measured range of a joint."""
         names = self.arm.model.chain.names
         ends = measure_joint(self.state, subject).range_inside_margin(0.0)
         if ends is not None and subject.name in names:
@@ -431,7 +431,7 @@ class AutoCalibration:
         """Plan the path to a posture in which the joint can move to its end.
 
         Raises:
-            RefusedError: There is none; nothing has moved.
+            RefusedError: There is no path; nothing has moved.
         """
         if end.joint not in self.arm.model.chain.names:
             return []
@@ -447,7 +447,7 @@ class AutoCalibration:
         return self._context.index.chain_joints(self._context.servos.reference())
 
     def _update_state(self, joints: Vector) -> None:
-        """Update the calibration state; further servos of a joint move with its first."""
+        """Update the calibration state; further servos of a joint follow its first one."""
         ticks, positions = dict[int, int](), self._context.index.by_name(joints)
         for subject in self.state.subjects:
             anchor = self.state.reference_ticks[subject.servo_id]

@@ -1,7 +1,7 @@
 """Preparation of an automatic calibration: limited torque, postures, stored progress.
 
-The limits are not known yet; the zeros are, for the arm was held in a named pose. So the guard has
-the arm file's ranges with a margin, and the arm's slowest speed.
+The limits are not known yet, but the zeros are, because the arm was held in a named pose. So the
+guard uses the arm file's ranges with a margin, and the arm's slowest speed.
 
 The travel of a joint between its stops is stored in raw encoder ticks: these do not depend on what
 is written into the servo, nor on the pose in which the next run starts.
@@ -46,9 +46,9 @@ from ikservo.planning.context import ArmContext
 from ikservo.registers import RegisterName
 
 SEARCH_MARGIN_RAD = math.radians(20.0)
-"""How far past its expected end a joint may search its stop, the horn's angle."""
+"""Angle of the horn by which a joint may search beyond its expected end."""
 
-_MAX_SEARCHED_FRACTION = 300 / 360  # of a revolution: a joint with more has no useful stops
+_MAX_SEARCHED_FRACTION = 300 / 360  # of a revolution; a joint with a wider range has no end stops
 _SPEED_MARGIN = 1.2
 
 
@@ -65,17 +65,17 @@ def can_probe(subject: JointUnderCalibration, state: CalibrationState) -> bool:
 def configure_encoders(
     loose: TorqueOffArm, state: CalibrationState, pose: str
 ) -> CalibrationResult:
-    """Configure every servo so that its count does not wrap inside the search; torque is off.
+    """Configure every servo so that its count does not wrap during the search; torque is off.
 
     The calibration file is not changed; see ``restore_encoders``. If the program is killed, the
-    next one that opens the arm undoes it by the journal.
+    next one that opens the arm undoes the change from the journal.
 
     Returns:
         The calibration of the arm from its pose alone.
 
     Raises:
         CalibrationError: A joint would cross a wrap-around that cannot be moved.
-        IkservoError: A servo cannot be written; nothing is changed, or it says how to continue.
+        IkservoError: A servo cannot be written; nothing is changed, or the hint says how to go on.
     """
     subjects = tuple(_widen_range(subject, state) for subject in state.subjects)
     names = frozenset(subject.name for subject in subjects)
@@ -93,18 +93,18 @@ def configure_encoders(
 
 @contextmanager
 def restore_encoders(loose: TorqueOffArm, on_status: Callable[[str], None]) -> Generator[None]:
-    """Restore the registers of limp servos where the block ends without a calibration.
+    """Restore the registers of servos with torque off if the block ends without a calibration.
 
-    Where the arm holds its torque stays on; the user is told how to restore them.
+    If the arm holds, its torque stays on, and the user is told how to restore them.
 
     Args:
         loose: The servos, with the configuration read before.
-        on_status: Called with what was done, or is to do.
+        on_status: Called with what was done, or what the user must do.
     """
     try:
         yield
     except BaseException:
-        with contextlib.suppress(BusError):  # silent servos are in the error already
+        with contextlib.suppress(BusError):  # the error of the block names silent servos already
             _restore_registers(loose, on_status)
         raise
 
@@ -163,7 +163,7 @@ def _search_limits(
 
 
 def _widen_range(subject: JointUnderCalibration, state: CalibrationState) -> JointUnderCalibration:
-    """Compute a joint with the range in which its stops are searched."""
+    """Return a joint with the range in which its stops are searched for."""
     if not can_probe(subject, state):
         return subject
     beyond = SEARCH_MARGIN_RAD / subject.joint_map.horn_rad_per_tick  # ticks
@@ -189,10 +189,10 @@ def _registers_without_limits(facts: ServoConfig, held: Mapping[str, int]) -> di
 
 _SAMPLES = 30
 _MAX_TRIES, _DETOURS = 400, 40
-_LIMIT_MARGIN_RAD = 0.26  # from the arm file's ends: the true ones are not known yet
-_INSIDE_MEASURED_RAD = 0.06  # from ends that have been measured
-# This near its end a joint may touch its neighbour, as many stops do. It must never touch the table
-# or a keep-out box.
+_LIMIT_MARGIN_RAD = 0.26  # kept from the arm file's ends, because the true ones are not known yet
+_INSIDE_MEASURED_RAD = 0.06  # kept from measured ends
+# So close to its end a joint may touch its neighbour, because many stops are made that way. It must
+# never touch the table or a keep-out box.
 _NEARBY_RAD = 0.22
 # Random postures seldom have clearance for a long arm above its table; the best are improved.
 _IMPROVED = 10
@@ -217,7 +217,7 @@ class PosturePlanner:
         self._low, self._high = np.minimum(low, high), np.maximum(low, high)
 
     def learn(self, column: int, low: float, high: float) -> None:
-        """Use the measured range of a joint: postures may be nearer to measured ends."""
+        """Use the measured range of a joint; postures may come closer to measured ends."""
         low, high = low + _INSIDE_MEASURED_RAD, high - _INSIDE_MEASURED_RAD
         if low < high:
             self._low[column], self._high[column] = low, high
@@ -232,11 +232,11 @@ class PosturePlanner:
             present: The present posture (dof,).
 
         Returns:
-            Postures (dof,) one after the other, the last with the joint at its start.
+            Postures (dof,) in order; in the last one the joint is at its start.
 
         Raises:
-            RefusedError: The arm would touch something in every tried posture; says what in the
-                best of them.
+            RefusedError: The arm would touch something in every tried posture; the message names
+                the contact of the best one.
         """
         search = _JointSearch(column, start, end)
         nearest = (-np.inf, "")
@@ -295,13 +295,13 @@ class PosturePlanner:
         return rows
 
     def _min_distance(self, search: _JointSearch, posture: Vector) -> tuple[float, str]:
-        """Compute the smallest distance [m] on the path to an end, and the pair that has it."""
+        """Return the smallest distance [m] on the path to an end, and the pair of parts there."""
         distance_m = self._distances(search, posture).min(axis=0)
         pair = int(np.argmin(distance_m))
         return float(distance_m[pair]), " would touch ".join(self.space.pairs[pair])
 
     def _distances(self, search: _JointSearch, posture: Vector) -> Matrix:
-        """Compute the distances (samples, pairs) [m] that count on the path to an end."""
+        """Return the relevant distances (samples, pairs) [m] along the path to an end."""
         path = search.sample_path(posture)
         distance_m = self.space.distances(path)
         distance_m[
@@ -339,7 +339,7 @@ class _JointSearch:
 
     @property
     def clear_travel(self) -> float:
-        """How far it moves before it may touch its neighbour."""
+        """Travel before the joint may touch its neighbour."""
         return max(abs(self.end - self.start) - _NEARBY_RAD, 0.0)
 
     def start_posture(self, posture: Vector) -> Vector:
@@ -372,8 +372,8 @@ class MeasuredRanges:
 
     Attributes:
         path: The file.
-        travels: The measured joints of the file; none where it is missing or malformed.
-        written: When the file was written; empty where there is none.
+        travels: The measured joints of the file; empty if it is missing or malformed.
+        written: When the file was written; empty if there is no file.
     """
 
     def __init__(self, loose: TorqueOffArm) -> None:
@@ -451,6 +451,6 @@ def _with_known_range(
 def _read_matching(loose: TorqueOffArm) -> PartialCalibration | None:
     try:
         found = read_partial(loose.partial_path)
-    except FileFormatError:  # a few minutes of work: measured again
+    except FileFormatError:  # only some minutes are lost: measure again
         return None
     return found if found and found.arm == loose.model.name else None

@@ -1,4 +1,4 @@
-"""``ikservo calibrate`` by hand: its options, and what it prints besides its dialogue."""
+"""``ikservo calibrate`` by hand: options, and output besides the dialogue."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def calibrate(
     *,
     json: bool,
 ) -> None:
-    """Run a calibration by hand, and save its result; a hand of the simulator moves its arm."""
+    """Run a calibration by hand and save its result; the simulator moves a simulated arm."""
     options.check(model)
     if port is not None and is_simulated(port) and "?" not in port:
         port = with_simulator_option(port, f"pose={options.pose}&hand=calibrate")
@@ -64,7 +64,7 @@ def calibrate(
         return
     tested = check_new_signs(model, port, opposite, operator)
     if known and tested and all(s.name in state.signs for s in state.subjects):
-        confirm_directions(model, port_name)  # each joint was observed to move as the files say
+        confirm_directions(model, port_name)  # each joint moved as the files say
 
 
 @contextmanager
@@ -111,7 +111,7 @@ def parse_limits(model: Model, texts: Sequence[str]) -> Mapping[str, Limits]:
     """Parse the ranges of ``--limit``, by joint.
 
     Raises:
-        BadValueError: One is not a range.
+        BadValueError: A value is not a range.
         UnknownNameError: The arm has no such joint.
     """
     limits: dict[str, Limits] = {}

@@ -117,9 +117,9 @@ def command(
         raise InputError("--uncalibrated goes with --wiggle.", "Leave it out.")
     if camera.from_pictures is not None:
         if camera != CameraOptions(from_pictures=camera.from_pictures):
-            raise InputError("--from-pictures says all of the camera.", "Leave the others out.")
+            raise InputError("--from-pictures needs no camera options.", "Leave the others out.")
         if auto or touch or wiggle or joint:
-            raise InputError("--from-pictures moves nothing.", "Leave the other ways out.")
+            raise InputError("--from-pictures moves nothing.", "Leave out the other procedures.")
         model = model_from_option(connection.arm)
         operator = answers.operator(read_script)
         from_pictures = find_part("calibrate --from-pictures")

@@ -32,7 +32,7 @@ def read_points(path: Path) -> list[TouchTarget]:
     """Read the points in a file; ``#`` starts a comment.
 
     Raises:
-        FileFormatError: The file cannot be read, or a line is not a point; names the line.
+        FileFormatError: The file cannot be read, or a line is not a point; the message names it.
     """
     targets: list[TouchTarget] = []
     for number, line in enumerate(read_text(path, _MAX_BYTES).splitlines(), start=1):
@@ -70,7 +70,7 @@ class TouchOffOptions:
             parser=parse_length_m,
             help="Distance from the base to the near edge of the sheet.",
         ),
-    ] = None  # the sheet is then below the tool of the pose home
+    ] = None  # None: the sheet is below the tool of the pose home
     block_m: Annotated[
         float | None,
         typer.Option(

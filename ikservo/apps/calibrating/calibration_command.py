@@ -170,7 +170,7 @@ def _of_file(
     """Find the calibration file of an arm, and read or restore it.
 
     Raises:
-        CalibrationError: There is none.
+        CalibrationError: The arm has no calibration file.
     """
     model = model_from_option(connection.arm)
     path = _find_file(model, connection.port)
@@ -188,7 +188,7 @@ def _report_restored(path: Path, calibration: Calibration) -> None:
 
 
 def _find_file(model: Model, port: str | None) -> Path:
-    """Find the calibration of the arm at a port, or else the only one there is of it."""
+    """Find the calibration of the arm at a port, or else its only calibration."""
     if port is not None:
         refuse_other_machines(port)
         return calibration_path(model.name, serial_number_of(resolve_port(model, port)))
@@ -202,7 +202,7 @@ def _find_file(model: Model, port: str | None) -> Path:
 
 
 def _confirm_transfer(limp_arm: TorqueOffArm, target: str, *, yes: bool) -> bool:
-    """Print what differs and ask; returns whether there is a difference to write.
+    """Print the differences and ask; return whether there is something to write.
 
     Raises:
         IkservoError: The user declines.
@@ -223,7 +223,7 @@ def import_recorded(model: Model, port: str | None, path: Path, *, yes: bool, js
     """Save the calibration that is attached to a recording as the arm's own.
 
     Raises:
-        CalibrationError: It does not fit the servos, or the recording has none.
+        CalibrationError: The calibration does not fit the servos, or none is attached.
         FileFormatError: The file cannot be read.
     """
     calibration = read_recorded_calibration(path)

@@ -1,7 +1,7 @@
 """The dialogue of a calibration by hand: torque off, pose, directions, sweep, review.
 
-Step 1 is the pose, then comes one step for each joint's direction, then the sweep, then the
-review. A skipped joint leaves a gap, so that the numbers do not change.
+Step 1 is the pose; then follow one step per joint for its direction, the sweep and the review. The
+number of a skipped joint is left out, so that the other numbers do not change.
 """
 
 from __future__ import annotations
@@ -58,8 +58,8 @@ from ikservo.model.tool import describe_direction
 ANSWERS = (ACCEPT, "undo", "remeasure JOINT", "skip JOINT", "continuous JOINT")
 _FORMER_VERBS = {"again": "remeasure", "free": "continuous"}
 
-_UNCHANGED_S = 1.0  # without a new extreme, once every range looks whole
-_COMPLETE_AFTER_S = 4.0  # as above, where ranges are narrower than the arm file's
+_UNCHANGED_S = 1.0  # time without a new extreme, once every range looks complete
+_COMPLETE_AFTER_S = 4.0  # the same time, if ranges are narrower than in the arm file
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,7 +68,7 @@ class CalibrationOptions:
 
     Attributes:
         pose: The named reference pose.
-        margin_rad: Margin between each end stop and the limit, horn's angle.
+        margin_rad: Margin between each end stop and the limit, angle of the horn.
         continuous: Joints without end stops.
         skip: Joints that keep the arm file's range and sign.
         joints: Joints to be calibrated again; none for all.
@@ -113,7 +113,7 @@ class CalibrationOptions:
 def calibrate_by_hand(
     limp_arm: TorqueOffArm, options: CalibrationOptions, base: Calibration | None = None
 ) -> Dialogue[tuple[CalibrationState, CalibrationResult]]:
-    """Calibrate a limp arm by hand; return the last state, and what is to be saved.
+    """Calibrate a limp arm by hand; return the last state and the result to save.
 
     Args:
         limp_arm: The arm, torque off.
@@ -130,7 +130,7 @@ def calibrate_by_hand(
         state = yield from record_ranges(limp_arm, state, options.pose, refused=refused)
         try:
             _build_outcome(limp_arm, state, options, base)
-        except CalibrationError as error:  # while the joint can still be measured again
+        except CalibrationError as error:  # the joint can still be measured again
             state, refused = state.undo(), error
             continue
         answer, outcome = yield from review(
@@ -146,7 +146,7 @@ def switch_torque_off(limp_arm: TorqueOffArm) -> Dialogue[None]:
 
     Raises:
         FileWriteError: No calibration could be saved afterwards.
-        IkservoError: Servos hold the arm and it was not confirmed; nothing was changed.
+        IkservoError: Servos hold the arm, and the user did not confirm; nothing was changed.
     """
     for path in (limp_arm.path, limp_arm.journal_path):
         check_writable(path.parent)
@@ -176,7 +176,7 @@ def record_ranges(
         state: The state of the calibration.
         pose: The named reference pose.
         stages: The stages to run.
-        refused: Why the answer that ended these stages last was refused; None if it was not.
+        refused: Why the answer that last ended these stages was refused; None if it was accepted.
 
     Raises:
         BusError: The servos stopped replying.
@@ -204,7 +204,7 @@ def apply_answer(state: CalibrationState, text: str) -> CalibrationState:
     Raises:
         BadValueError: It is not an answer.
         UnknownNameError: The arm has no joint of that name.
-        CalibrationError: Something is missing before it can be accepted; names it.
+        CalibrationError: Something is missing before it can be accepted.
     """
     verb, _, joint = text.strip().partition(" ")
     steps = {
@@ -220,7 +220,7 @@ def apply_answer(state: CalibrationState, text: str) -> CalibrationState:
 
 
 def read_script(path: Path) -> list[str]:
-    """Read the answers in a file, one a line; ``#`` begins a comment.
+    """Read the answers in a file, one per line; ``#`` begins a comment.
 
     Raises:
         FileFormatError: The file cannot be read, or a line is not an answer.
@@ -257,7 +257,7 @@ def possible_answers(state: CalibrationState, at_s: float) -> HandRequest:
 
 
 def _sweep_choices(state: CalibrationState, issue: CalibrationError | None) -> tuple[Choice, ...]:
-    """Return the answers of a sweep; its keys mean the current joint, or that of an issue."""
+    """Return the answers of a sweep; keys refer to the current joint, or to that of an issue."""
     complete = all(range_complete(state, subject) for subject in state.subjects)
     wait_s = None if issue else _UNCHANGED_S if complete else _COMPLETE_AFTER_S
     joints = tuple(subject.name for subject in state.subjects)
@@ -274,7 +274,7 @@ def _sweep_choices(state: CalibrationState, issue: CalibrationError | None) -> t
 
 
 def _request(model: Model, pose: str, state: CalibrationState) -> tuple[int, str]:
-    """Compute the number of the step that a calibration is at, and what is to be done in it."""
+    """Return the number of the present step of a calibration, and its instruction."""
     if state.stage is CalibrationStage.REFERENCE_POSE:
         return 1, _pose_request(model, pose, state)
     if state.current_joint:
@@ -317,18 +317,18 @@ def review(
     more: tuple[Choice, ...] = (),
     may_have_sagged: bool = False,
 ) -> Dialogue[tuple[str, CalibrationResult]]:
-    """Tell the result, and ask whether to save it.
+    """Show the result, and ask whether to save it.
 
     Args:
         limp_arm: The arm.
         state: The calibration at its review.
         options: The choices that were made beforehand.
         base: The calibration of which some joints are replaced; None if all are new.
-        more: Answers besides saving where there are buttons.
+        more: Answers besides saving, for a page with buttons.
         may_have_sagged: See ``find_shifted_zeros``.
 
     Returns:
-        The answer, and what is to be saved.
+        The answer, and the result to save.
 
     Raises:
         CalibrationError: A zero is implausible, and the user did not confirm the pose.
@@ -371,7 +371,7 @@ def _build_outcome(
     """Build the calibration, with the limits in the servos if the options say so.
 
     Raises:
-        CalibrationError: The ranges that bind a joint exclude each other.
+        CalibrationError: The ranges of a joint do not overlap.
     """
     found = limp_arm.build_calibration(
         state,
@@ -388,10 +388,10 @@ def check_zeros(
 ) -> Dialogue[None]:
     """Ask whether the arm was in its pose if a zero is implausible.
 
-    After a calibration by hand, a smaller shift of both ends is only told: a person held the pose.
+    After a calibration by hand, a smaller shift of both ends is only reported.
 
     Raises:
-        CalibrationError: It was not, or the user may not be asked; nothing was changed.
+        CalibrationError: It was not in its pose, or the user cannot be asked; nothing was changed.
     """
     shifted = list(find_shifted_zeros(state, may_have_sagged=may_have_sagged))
     for zero in find_shifted_zeros(state, may_have_sagged=True):
@@ -411,12 +411,12 @@ def check_zeros(
 def confirm_saving(
     limp_arm: TorqueOffArm, calibration: Calibration, more: tuple[Choice, ...] = ()
 ) -> Dialogue[str]:
-    """Tell what would be saved and what it replaces, and return the answer of who agrees.
+    """Show what would be saved and what it replaces; return the answer of a user who agrees.
 
     Args:
         limp_arm: The arm.
         calibration: The calibration that would be saved.
-        more: Answers besides ``accept`` where there are buttons.
+        more: Answers besides ``accept``, for a page with buttons.
 
     Raises:
         IkservoError: The user declined; nothing was changed.
@@ -434,7 +434,7 @@ def confirm_saving(
 
 
 def _replaced_lines(path: Path, calibration: Calibration) -> Iterator[str]:
-    """Yield what differs from the file that a calibration would replace, if there is one."""
+    """Yield the differences from the file that a calibration would replace, if there is one."""
     try:
         old = load_calibration_file(path, calibration.arm)
     except FileFormatError as error:

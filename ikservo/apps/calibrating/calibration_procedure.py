@@ -19,9 +19,8 @@ from ikservo.control.stillness import StillnessDetector
 from ikservo.errors import CalibrationError, UnknownNameError
 from ikservo.maintenance.dialogue import JointProgress, JointReadout
 
-_MAX_WIDTH_RATIO = (
-    300 / 360
-)  # of a revolution: an arm file with such a range means a joint without stops
+# Fraction of a revolution; a joint with a wider range in the arm file has no stops.
+_MAX_WIDTH_RATIO = 300 / 360
 _ALMOST_FULL_TURN = 2 / 360
 _COMPLETE = 0.8  # of the arm file's range
 _MIRRORED_RAD = math.radians(30.0)
@@ -46,7 +45,7 @@ def range_complete(state: CalibrationState, subject: JointUnderCalibration) -> b
 
 
 def blocking_issues(state: CalibrationState) -> Iterator[CalibrationError]:
-    """Yield what prevents the sweep from ending."""
+    """Yield the issues that prevent the sweep from ending."""
     yield from _direction_issues(state)
     for subject in state.subjects:
         if state.is_measured(subject) and subject.name not in state.free:
@@ -171,7 +170,7 @@ def _format_expected_range(subject: JointUnderCalibration) -> str:
 
 MARGIN_RAD = math.radians(2.0)
 
-_RETURNED_FRACTION = 1 / 3  # of the motion that shows a direction: a joint so close has returned
+_RETURNED_FRACTION = 1 / 3  # of the motion that shows a direction; closer than that has returned
 
 
 class CalibrationStage(StrEnum):
@@ -189,7 +188,7 @@ class CalibrationState:
 
     Attributes:
         subjects: The joints, base to tip.
-        margin_rad: Distance of limits from ends that were found by hand, horn's angle.
+        margin_rad: Distance of limits from ends that were found by hand, angle of the horn.
         stage: The stage of the procedure.
         tracks: Position and range of each servo, by id; shadows included.
         stillness: The readings of the last half second.
@@ -199,9 +198,9 @@ class CalibrationState:
             such a joint must be moved again.
         returned: Whether the joint that must be moved again is back at its start.
         skipped: Joints that keep the arm file's range and sign.
-        reasons: Why a program could not measure a joint, by joint.
+        reasons: Reason why a program could not measure a joint, by joint.
         free: Joints that the user marked as having no stops.
-        known_signs: Joints whose sign in the arm file is right.
+        known_signs: Joints whose sign in the arm file is known to be right.
         motor_driven: Whether the servos move the joints, not a hand.
         direction_start: The tick from which the current joint must be moved.
         before: The state before the last input.
@@ -293,7 +292,7 @@ class CalibrationState:
         return after._update_direction()
 
     def update_unwrapped(self, at_s: float, ticks: Mapping[int, int]) -> CalibrationState:
-        """Add bare ticks that the servos' driver has unwrapped already."""
+        """Add bare ticks that the servo driver has already unwrapped."""
         tracks = {i: track.update_unwrapped(ticks[i], at_s) for i, track in self.tracks.items()}
         return replace(self, tracks=tracks)
 
@@ -301,7 +300,7 @@ class CalibrationState:
         """Continue: take the pose, or end the sweep.
 
         Raises:
-            CalibrationError: Something is missing; names it, and the stage stays.
+            CalibrationError: Something is missing; the message names it, and the stage stays.
         """
         if self.stage is CalibrationStage.REFERENCE_POSE:
             return self._take_anchor()
@@ -327,7 +326,7 @@ class CalibrationState:
         )
 
     def mark_continuous(self, joint: str) -> CalibrationState:
-        """Mark a joint as having no stops: its range is the arm file's, however far it moves."""
+        """Mark a joint as having no stops; its range is the arm file's, however far it is moved."""
         return self._remember_previous(free=self.free | {self.find_joint(joint).name})
 
     def remeasure(self, joint: str) -> CalibrationState:
@@ -345,7 +344,8 @@ class CalibrationState:
 
     def _remember_previous(self, **changes: object) -> CalibrationState:
         if self.stage is not CalibrationStage.SWEEP:
-            raise CalibrationError("Only possible during the sweep.", f"This is: {self.stage}.")
+            hint = f"The calibration is in stage {self.stage}."
+            raise CalibrationError("This is only possible during the sweep.", hint)
         after: CalibrationState = replace(self, before=self, **changes)  # pyright: ignore[reportArgumentType]
         return after._update_direction()
 
@@ -380,7 +380,7 @@ class CalibrationState:
         )
 
     def _set_sign(self, subject: JointUnderCalibration, sign: int) -> CalibrationState:
-        """Set a joint's sign; one opposite to the arm file's only the second time."""
+        """Set a joint's sign; if it is opposite to the arm file's, only the second time."""
         name = subject.name
         if sign != subject.joint_map.sign and name not in self.unconfirmed_signs:
             return self._remember_previous(

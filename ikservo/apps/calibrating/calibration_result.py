@@ -22,10 +22,10 @@ from ikservo.calibration.uncalibrated_joint import JointUnderCalibration
 from ikservo.errors import CalibrationError
 from ikservo.registers import Family
 
-# The largest shift of the zero that is not doubted, by unit: where the range differs from the arm
-# file's, and where it is as wide, so that its stops are known to be those of the arm file. Less
-# than 5° is not doubted: a pose that is set by eye, and the stops of printed parts, differ by some
-# degrees, and good calibrations would be asked about.
+# The largest shift of the zero that is accepted without a question, by unit: for a range that
+# differs from the arm file's, and for one that is as wide, which has the arm file's stops. Less
+# than 5° would question good calibrations: a pose that is set by eye and the stops of printed parts
+# differ by some degrees.
 _MAX_SHIFT = {"rad": math.radians(10.0), "m": 0.004}
 _MAX_SHIFT_OF_SAME_WIDTH = {"rad": math.radians(5.0), "m": 0.002}
 _SAME_WIDTH = {"rad": math.radians(1.0), "m": 0.0005}
@@ -36,7 +36,7 @@ class MeasuredJoint:
     """A joint's mounting and travel.
 
     Attributes:
-        joint_map: Its sign and zero; in bare ticks, after ``shift_ticks`` in reported ones.
+        joint_map: Its sign and zero; in bare ticks; in reported ticks after ``shift_ticks``.
         travel: Its range, in the same ticks.
         swept: The source of the range.
     """
@@ -64,7 +64,7 @@ class MeasuredJoint:
         """Return the intersection of recorded range, arm file and user's limits.
 
         Raises:
-            CalibrationError: It is empty; names the two that exclude each other.
+            CalibrationError: It is empty; the message names the two ranges that do not overlap.
         """
         ends = self.range_inside_margin(margin_rad)
         if ends:
@@ -106,9 +106,7 @@ def _travel_around(subject: JointUnderCalibration, known: TickRange, anchor: flo
     return TickRange(known.low + shift, known.high + shift)
 
 
-_SAME_TICKS = (
-    3  # smaller differences between servos of one joint are within the play of their gears
-)
+_SAME_TICKS = 3  # smaller differences between servos of one joint are within their backlash
 
 ServoConfigs = Mapping[int, ServoConfig]
 RegisterValues = Mapping[int, Mapping[str, int]]
@@ -117,7 +115,7 @@ RegisterValues = Mapping[int, Mapping[str, int]]
 
 @dataclass(frozen=True, slots=True)
 class CalibrationMetadata:
-    """Data of a calibration file besides the joints."""
+    """The data of a calibration file except the joints."""
 
     arm: str
     written: datetime
@@ -194,7 +192,7 @@ def _make_calibration(
 def _apply_homing(
     state: CalibrationState, subject: JointUnderCalibration, configs: ServoConfigs
 ) -> tuple[Homing, MeasuredJoint]:
-    """Compute the homing of the joint's servo, and the joint in the ticks it then reports."""
+    """Compute the homing of the joint's servo, and the joint in the ticks that it then reports."""
     lead, found = configs[subject.servo_id], measure_joint(state, subject)
     homing = choose_homing(
         subject.name,
@@ -322,8 +320,8 @@ def find_shifted_zeros(
 
     Args:
         state: The calibration at its review.
-        may_have_sagged: Whether nobody held the arm in its pose to the last: then both ends may be
-            off by the same angle, which a hand that moves the joints to their ends would notice.
+        may_have_sagged: Whether nobody held the arm in its pose until the end. Both ends may then
+            be off by the same angle; a user who moves the joints to their ends would notice that.
 
     Raises:
         CalibrationError: A range that was known before does not contain the reference pose.

@@ -65,7 +65,7 @@ class TorqueOffArm:
         bus: The servos' bus.
         facts: The configuration of every servo as read, by id.
         serial_number: The serial number of the USB adapter; empty if it has none.
-        settled: The way in which an interrupted write was recovered; empty if there was none.
+        settled: Text that says how an interrupted write was recovered; empty if none was.
     """
 
     def __init__(self, model: Model, bus: ServoBus, *, settled: bool = True) -> None:
@@ -78,7 +78,7 @@ class TorqueOffArm:
 
     @property
     def path(self) -> Path:
-        """The path of its calibration."""
+        """The path of the calibration file."""
         return calibration_path(self.model.name, self.serial_number)
 
     @property
@@ -225,7 +225,7 @@ def open_torque_off(
         settled: Whether an interrupted write is recovered first.
 
     Raises:
-        PortError: No port, or it cannot be opened.
+        PortError: There is no port, or it cannot be opened.
         ServoSilentError: A servo does not reply.
         CalibrationError: A servo is of another model, or a write was interrupted.
     """
@@ -248,7 +248,7 @@ def load_own_calibration(loose: TorqueOffArm) -> Calibration:
     """Load the arm's calibration.
 
     Raises:
-        CalibrationError: There is none.
+        CalibrationError: The arm has no calibration.
         FileFormatError: It is malformed.
     """
     name = loose.model.name
@@ -269,19 +269,19 @@ def register_differences(loose: TorqueOffArm) -> list[RegisterMismatch]:
 
 
 def find_lost_camera(before: Calibration) -> Iterator[str]:
-    """Yield a warning for each camera where new zeros end what is known of it."""
+    """Yield a warning for each camera whose calibration is lost with the old zeros."""
     for name, camera in before.cameras_by_name.items():
         named = f" --camera-name {name}" if name else ""
         yield (
             f"The camera of {camera.seen:%Y-%m-%d} was calibrated with the old zeros and is "
-            f"lost with them. Repeat that: ikservo calibrate {before.arm} "
+            f"lost with them. Calibrate it again: ikservo calibrate {before.arm} "
             f"--camera {public_source(camera.source)}{named}"
         )
 
 
 def lost_geometry_warning(loose: TorqueOffArm) -> Iterator[str]:
-    """Yield warnings where a new calibration loses corrections of a touch-off, or a camera."""
-    with contextlib.suppress(FileFormatError):  # a malformed one has nothing to lose
+    """Yield warnings if a new calibration loses corrections of a touch-off, or a camera."""
+    with contextlib.suppress(FileFormatError):  # a malformed file has nothing to lose
         before = load_calibration(loose.model.name, loose.serial_number)
         if before:
             yield from find_lost_camera(before)
@@ -297,7 +297,7 @@ def push_calibration(loose: TorqueOffArm) -> Path:
     """Write the file's registers into the servos; torque is switched off first.
 
     Raises:
-        CalibrationError: There is no file, or it is of other servos than the arm file's.
+        CalibrationError: There is no file, or its servos are not those of the arm file.
         IkservoError: It failed; nothing is changed, or the message says how to continue.
     """
     calibration = _load_matching_calibration(loose)
@@ -310,8 +310,8 @@ def pull_calibration(loose: TorqueOffArm) -> Path:
     """Write the servos' registers into the file; zeros and travels move with the offsets.
 
     Raises:
-        CalibrationError: There is no file, it is of other servos than the arm file's, or the
-            count direction has changed, or a count wraps inside a joint's range.
+        CalibrationError: There is no file, its servos are not those of the arm file, the count
+            direction has changed, or a count wraps inside a joint's range.
     """
     calibration = _load_matching_calibration(loose)
     joints = tuple(_shift_joint(joint, loose.facts) for joint in calibration.joints)
@@ -359,7 +359,7 @@ def _count_shift(joint: CalibratedJoint, lead: ServoConfig) -> int:
     turn = encoder_of(lead.table)
     if not turn.wraps or joint.extended:
         return shift
-    # With another start of the count the travel may have moved by a revolution.
+    # If the count starts elsewhere, the travel may have moved by a revolution.
     low = joint.travel_ticks[0] + shift
     return shift + (low % turn.ticks - low)
 
@@ -373,10 +373,10 @@ def find_adoptable(loose: TorqueOffArm, path: Path | None = None) -> tuple[Path,
 
     Args:
         loose: The arm.
-        path: The file; None for those of this arm on other adapters.
+        path: The file; None: the files of this arm on other adapters.
 
     Raises:
-        CalibrationError: None fits, or several do; says why.
+        CalibrationError: No calibration fits, or several do.
         FileFormatError: The file is malformed.
     """
     paths = [path] if path else [p for p in calibrations_of(loose.model.name) if p != loose.path]
@@ -396,15 +396,15 @@ def find_adoptable(loose: TorqueOffArm, path: Path | None = None) -> tuple[Path,
 
 
 def adopt_calibration(loose: TorqueOffArm, calibration: Calibration) -> Path:
-    """Save a calibration for this adapter; the one before is kept as a copy."""
+    """Save a calibration for this adapter; keep a copy of the previous one."""
     update = {"usb_serial_number": loose.serial_number}
     return save_calibration(calibration.model_copy(update=update))
 
 
 def find_mismatches(loose: TorqueOffArm, calibration: Calibration) -> Iterator[str]:
-    """Yield why a calibration does not match this arm."""
+    """Yield the reasons why a calibration does not match this arm."""
     if calibration.arm != loose.model.name:
-        yield f"made for {calibration.arm}."
+        yield f"It was made for {calibration.arm}."
     try:
         check_joints_match(calibration, loose.model, "it")
     except CalibrationError as error:
@@ -442,7 +442,7 @@ def merge_outcome(base: Calibration, outcome: CalibrationResult) -> CalibrationR
 
 
 def find_replaced_zeros(base: Calibration, joints: Collection[str]) -> Iterator[str]:
-    """Yield what calibrating some joints again replaces: zeros of a touch-off, and a camera."""
+    """Yield a warning for each result that a new calibration of some joints replaces."""
     yield from find_lost_camera(base)
     if base.geometry:
         yield (

@@ -1,4 +1,4 @@
-"""A calibration in plain words: zeros, signs and ranges, and what differs from an earlier one."""
+"""A calibration as text: zeros, signs and ranges, and the differences from an earlier one."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def calibration_lines(calibration: Calibration) -> Iterator[str]:
 
 
 def difference_lines(new: Calibration, old: Calibration) -> Iterator[str]:
-    """Yield a line for each joint whose zero, sign or range is another one than before."""
+    """Yield a line for each joint whose zero, sign or range has changed."""
     for joint in new.joints:
         before = old.joint(joint.name)
         if before is None:

@@ -1,4 +1,4 @@
-"""``ikservo import lerobot``: a calibration of LeRobot becomes this arm's."""
+"""``ikservo import lerobot``: import a calibration from LeRobot for this arm."""
 
 from __future__ import annotations
 
@@ -81,7 +81,7 @@ def command(
 def _measure_and_review(
     limp_arm: TorqueOffArm, joints: Sequence[LerobotJoint], pose: str, margin_rad: float
 ) -> Dialogue[tuple[CalibrationState, CalibrationResult]]:
-    """Measure what LeRobot's file does not say; return the last state, and what is to be saved."""
+    """Measure what LeRobot's file lacks; return the last state and the result to save."""
     subjects = limp_arm.make_subjects(pose, lerobot_travels(joints, limp_arm))
     free = frozenset(joint.name for joint in joints if joint.is_continuous)
     state = replace(CalibrationState.begin(subjects, margin_rad), free=free)
@@ -99,7 +99,7 @@ def _measure_and_review(
 def _build_outcome(
     limp_arm: TorqueOffArm, joints: Sequence[LerobotJoint], state: CalibrationState, pose: str
 ) -> CalibrationResult:
-    """Build the calibration, its joints in LeRobot's order so that it can be exported again."""
+    """Build the calibration, with joints in LeRobot's order so that it can be exported again."""
     facts = with_lerobot_homing(joints, limp_arm.facts)
     outcome = limp_arm.build_calibration(state, pose, datetime.now(UTC), facts=facts)
     found = {joint.name: joint for joint in outcome.calibration.joints}

@@ -1,4 +1,4 @@
-"""``ikservo import recording``: the calibration of a recording becomes this arm's."""
+"""``ikservo import recording``: import the calibration of a recording for this arm."""
 
 from __future__ import annotations
 

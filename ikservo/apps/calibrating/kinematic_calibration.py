@@ -27,7 +27,7 @@ from ikservo.kinematics.geometric_errors import (
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TouchPoint:
-    """The tip on a point.
+    """One touch of a point with the tip.
 
     Attributes:
         q: The measured joints (dof,), rad or m.
@@ -54,8 +54,8 @@ def unknown_points(touches: Sequence[TouchPoint]) -> tuple[str, ...]:
     return tuple(dict.fromkeys(touch.point for touch in touches if touch.position_m is None))
 
 
-# Standard deviations before the first touch: a zero set by eye, printed links, a sheet aligned
-# with the arm by its edge.
+# Standard deviations before the first touch, for a zero set by eye, printed links, and a sheet
+# whose edge is aligned with the arm.
 ZERO_RAD, ZERO_M = math.radians(3.0), 0.002
 BASE_M, BASE_RAD = 0.004, math.radians(1.0)
 ORIGIN_M = 0.0012
@@ -170,7 +170,7 @@ class ParameterVector:
 
 
 TOUCH_M = 0.0006
-"""Error of a touch by hand, each axis, one standard deviation; a tick included."""
+"""Standard deviation of a touch by hand per axis, including one tick of the joints."""
 
 Mask = NDArray[np.bool_]
 
@@ -234,8 +234,8 @@ class LeastSquaresProblem:
         return vector
 
 
-_MEDIAN_OF_CHI3 = 1.538  # the median length of three normal numbers
-_OUTLIER_DEVIATIONS = 4.5  # such lengths further than a touch may be: one in a thousand good ones
+_MEDIAN_OF_CHI3 = 1.538  # median length of a vector of three standard normal numbers
+_OUTLIER_DEVIATIONS = 4.5  # one in a thousand good touches has a larger residual
 _MAX_OUTLIER_FRACTION = 1.0 / 3.0
 _MAX_ITERATIONS = 5
 _MAX_OUTLIER_M = 0.005
@@ -246,11 +246,11 @@ class CalibrationFit:
     """An arm fitted to touches.
 
     Attributes:
-        layout: The meaning of the numbers.
+        layout: The meaning of the parameters.
         values: The vector (k,).
         covariance: Its covariance (k, k); zero for parameters that were not estimated.
         scaled: Singular values, descending, of the touches' Jacobian by all estimated parameters,
-            each scaled by its prior: above 1 the touches add information.
+            each scaled by its prior. Touches add information if a value is above 1.
         kept: The touches (n,) that were used.
         residuals_m: Distance of the tip from each point (n,), outliers included.
     """
@@ -315,7 +315,7 @@ def fit_robustly(
     all_touches = np.ones(len(touches), dtype=np.bool_)
     found = _solve_parameters(problem, all_touches, robust=True)
     for _ in range(_MAX_ITERATIONS):
-        # The touches whose error is explained by chance
+        # Keep the touches whose error can be explained by noise.
         spread = float(np.median(found.residuals_m[found.kept])) / _MEDIAN_OF_CHI3
         kept = found.residuals_m <= _OUTLIER_DEVIATIONS * max(spread, TOUCH_M)
         if np.count_nonzero(~kept) > _MAX_OUTLIER_FRACTION * len(touches):
@@ -362,7 +362,7 @@ def _check_scatter(found: CalibrationFit) -> None:
     if spread_m > _MAX_OUTLIER_M:
         raise CalibrationError(
             f"The touches do not fit this arm: median residual {1000 * spread_m:.0f} mm.",
-            "Check the place of the sheet, its print scale (100 %) and the order of the points. "
+            "Check where the sheet lies, its print scale (100 %) and the order of the points. "
             "Nothing was saved.",
         )
 
@@ -371,5 +371,5 @@ def _contradiction_error(touches: Sequence[TouchPoint], kept: Mask) -> Calibrati
     names = ", ".join(t.point for t, good in zip(touches, kept, strict=True) if not good)
     return CalibrationError(
         f"{np.count_nonzero(~kept)} of {len(touches)} touches are outliers: {names}.",
-        "Check the place of the sheet and its print scale (100 %). Nothing was saved.",
+        "Check where the sheet lies and its print scale (100 %). Nothing was saved.",
     )

@@ -24,9 +24,9 @@ from ikservo.kinematics.geometric_errors import GeometricErrors
 
 MIN_TOUCHES = 5
 _FOLDS = 5
-_BETTER = 0.95  # more parameters are estimated only if that reduces the error by a twentieth
-_MIN_IMPROVEMENT = 0.9  # and any at all only if that reduces it by a tenth
-_SAMPLES = 200  # postures at which the deviation of the tip is evaluated
+_BETTER = 0.95  # more parameters are estimated only if that reduces the error by 5 %
+_MIN_IMPROVEMENT = 0.9  # parameters are estimated at all only if that reduces the error by 10 %
+_SAMPLES = 200  # number of postures at which the deviation of the tip is evaluated
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -37,8 +37,8 @@ class CalibrationEstimate:
         fit: The arm fitted to all touches but outliers.
         cross_validation_rms_m: The root mean square error on touches that were left out of the fit,
             by extent.
-        deviation_m: Deviation of the tip over the joints' ranges: one standard deviation, its
-            median and its 95th percentile over postures.
+        deviation_m: Standard deviation of the tip, median and 95th percentile over postures in the
+            joints' ranges.
     """
 
     fit: CalibrationFit
@@ -81,14 +81,14 @@ def select_and_fit(
 ) -> CalibrationEstimate:
     """Select the parameters that touches identify, and fit them.
 
-    Every touch is held out once while the others are fitted; from zeros alone to the whole arm,
-    the set with the smallest errors there is selected, then all touches are fitted together.
+    Every touch is held out once while the others are fitted, for each set from zeros alone to the
+    whole arm. The set with the smallest held-out error is selected and fitted to all touches.
 
     Args:
         chain: The arm as described.
         touches: The touches.
-        present: The arm as calibrated at present, if it differs from the description: the error
-            to improve on.
+        present: The arm as calibrated at present, if it differs from the description; the new fit
+            must have a smaller error.
 
     Raises:
         CalibrationError: Too few touches, or a third of them contradicts the others.
@@ -108,7 +108,7 @@ def select_and_fit(
 
 
 def _candidate_sets(touches: Sequence[TouchPoint]) -> list[ParameterSet]:
-    """Return the sets that can be estimated, smallest first: unmeasured points fix no base."""
+    """Return the sets that can be estimated, smallest first; the base needs measured points."""
     if all(touch.position_m is None for touch in touches):
         return [ParameterSet.NONE, ParameterSet.ZEROS, ParameterSet.LINKS]
     return [

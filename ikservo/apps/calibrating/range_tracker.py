@@ -1,8 +1,8 @@
 """Range tracking of one joint: unwrapped ticks, standstill and end-stop detection.
 
-One of the three alone is not reliable: a joint stands still because it has not started to move;
-its load is high because it lifts something; it lags because the bus was busy. Only if it is at
-rest for a while, well behind its goal, with its servo near its maximum load, there is a stop.
+None of the three is reliable alone: a joint stands still because it has not started to move;
+its load is high because it lifts something; it lags because the bus was busy. A stop is found only
+if the joint rests for a while, well behind its goal, with its servo near its maximum load.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from ikservo.calibration.joint_map import unwrap
 # Between two readings a hand moves a joint far less than a quarter revolution. After a longer
 # interval the count is ambiguous if the joint could have moved the other way round meanwhile.
 _MAX_STEP = 1024
-_MAX_TURNS_PER_S = 1.6  # of a hand: 10 rad/s
+_MAX_TURNS_PER_S = 1.6  # fastest motion by hand: 10 rad/s
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,7 +50,7 @@ class RangeTracker:
         return self.high - self.low
 
     def update(self, reading: int, at_s: float) -> RangeTracker:
-        """Add one more reading to the track."""
+        """Add a reading to the track."""
         tick = unwrap(self.tick, reading, self.ticks_per_turn) if self.ticks_per_turn else reading
         jumped = self.ticks_per_turn and abs(tick - self.tick) > _MAX_STEP
         other_direction = self.ticks_per_turn - abs(tick - self.tick)
@@ -65,7 +65,7 @@ class RangeTracker:
         )
 
     def update_unwrapped(self, tick: int, at_s: float) -> RangeTracker:
-        """Add one more reading that is already unwrapped to the track."""
+        """Add a reading that is already unwrapped to the track."""
         low, high = min(self.low, tick), max(self.high, tick)
         return replace(self, tick=tick, low=low, high=high, at_s=at_s)
 
@@ -80,9 +80,9 @@ class RangeTracker:
 
 
 _BLOCKED_S = 0.25
-_BLOCKED_RAD = 0.004  # less than three ticks of 4096
+_BLOCKED_RAD = 0.004  # less than three of 4096 ticks per revolution
 _CONTACT_LOAD_PERCENT = 0.4  # fraction of its maximum, as the servo reports it
-_TIME_TOLERANCE_S = 1.5  # at rest for so long without load is not a stop
+_TIME_TOLERANCE_S = 1.5  # a joint at rest for longer than this without load is not at a stop
 
 
 class ContactState(Enum):
@@ -97,15 +97,15 @@ class ContactState(Enum):
 class EndStopDetector:
     """Detects the stop of one joint; angles are of the servo's horn.
 
-    Static friction and gravity hold a joint until its servo presses with as much torque as it may.
-    So a joint at rest is at a stop only when its lag is so large that the servo does.
+    Static friction and gravity may hold a joint until its servo presses with its full allowed
+    torque. So a joint at rest is at a stop only if its lag is large enough for that torque.
 
     Attributes:
         max_load_percent: The load limit of its servo.
         min_lag_rad: The lag behind its goal from which it counts as blocked.
         contact: The state of the joint.
         since_s: When it last moved; infinity before the first sample.
-        at_rad: Its position then.
+        at_rad: Its position at that time.
     """
 
     max_load_percent: float
@@ -120,7 +120,7 @@ class EndStopDetector:
         return at_rest_s >= _BLOCKED_S and abs(goal_rad - at_rad) >= self.min_lag_rad
 
     def update(self, at_s: float, at_rad: float) -> EndStopDetector:
-        """Add one more position sample."""
+        """Add a position sample."""
         if self.since_s == math.inf or abs(at_rad - self.at_rad) > _BLOCKED_RAD:
             return replace(self, since_s=at_s, at_rad=at_rad, contact=ContactState.MOVING)
         return self
@@ -128,7 +128,7 @@ class EndStopDetector:
     def update_with_load(
         self, at_s: float, at_rad: float, goal_rad: float, load_percent: float
     ) -> EndStopDetector:
-        """Add one more sample of position and load.
+        """Add a sample of position and load.
 
         Args:
             at_s: The time.

@@ -15,7 +15,7 @@ def read_recorded_calibration(path: Path) -> Calibration:
     """Read the calibration that is attached to a recording.
 
     Raises:
-        CalibrationError: It has none.
+        CalibrationError: The recording has none.
         FileFormatError: It is not an MCAP file, or the calibration is malformed.
     """
     text: str | None = find_part("import recording")(path)
@@ -31,7 +31,7 @@ def check_adoptable(loose: TorqueOffArm, path: Path, calibration: Calibration) -
     """Check that a calibration matches the servos on this bus.
 
     Raises:
-        CalibrationError: It does not; says why.
+        CalibrationError: It does not match; the message says why.
     """
     reason = next(find_mismatches(loose, calibration), "")
     if reason:

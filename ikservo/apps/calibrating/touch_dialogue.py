@@ -1,4 +1,4 @@
-"""The dialogue of a touch-off: points that the tip is put on by hand, then the estimate."""
+"""The dialogue of a touch-off: the user puts the tip on points, then reviews the estimate."""
 
 from __future__ import annotations
 
@@ -31,11 +31,11 @@ from ikservo.maintenance.dialogue import (
 )
 
 TOUCH_ANSWERS = ("touch", "skip", "undo", ACCEPT)
-_DETERMINED = 0.5  # of the prior deviation: a parameter counts as identified from here on
+_DETERMINED = 0.5  # a parameter is identified if its deviation is below this part of the prior
 
 
 def read_touch_script(path: Path) -> list[str]:
-    """Read the answers in a file, one a line; after the last the touches are evaluated.
+    """Read the answers in a file, one per line; the touches are evaluated after the last.
 
     Raises:
         FileFormatError: The file cannot be read, or a line is not an answer.
@@ -51,7 +51,7 @@ def touch_points(
     Args:
         limp_arm: The arm, torque off.
         state: The touch-off at its first point.
-        kept: Takes the touches as they are made; it then ends after the last, unevaluated.
+        kept: Receives the touches as they are made; the dialogue then ends without evaluation.
 
     Raises:
         BusError: The servos stopped replying.
@@ -88,7 +88,7 @@ def _apply_answer(state: TouchOffState, answer: str) -> TouchOffState:
 def _touch_request(
     state: TouchOffState, at_s: float, last: str, refused: IkservoError | None
 ) -> HandRequest:
-    """Return what the user is to do next; ``last`` says what ``accept`` does."""
+    """Return the next request to the user; ``last`` describes the effect of ``accept``."""
     target, done = state.current_target, len(state.touches)
     undo, skip = Choice("undo", "undo", "u"), Choice("skip", "skip", "s")
     if target is None:
@@ -112,7 +112,7 @@ def _touch_request(
 def estimate_geometry(
     limp_arm: TorqueOffArm, state: TouchOffState
 ) -> Dialogue[tuple[TouchOffState, CalibrationEstimate]]:
-    """Touch points, tell the estimate, and ask whether to save it.
+    """Touch points, show the estimate, and ask whether to save it.
 
     Raises:
         CalibrationError: The touches do not suffice, or they do not improve the calibration.

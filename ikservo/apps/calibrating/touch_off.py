@@ -31,7 +31,7 @@ from ikservo.planning.calibrated_arm import (
     check_calibration_matches,
 )
 
-# A point that the model reaches this closely can be reached by hand, whatever its errors.
+# A point that the model reaches this closely can be reached by hand despite model errors.
 _REACHED_M = 0.01
 
 
@@ -42,8 +42,8 @@ class TouchOffSession:
         loose: Its servos.
         calibration: Its calibration file.
         chain: The chain of the arm file, without the corrections of an earlier touch-off.
-        present: With the corrections of an earlier touch-off.
-        maps: From ticks to positions, of the chain's joints.
+        present: The chain with the corrections of an earlier touch-off.
+        maps: The conversion from ticks to positions, per joint of the chain.
 
     Raises:
         CalibrationError: It is not calibrated, or its servos contradict the calibration.
@@ -69,10 +69,10 @@ class TouchOffSession:
         return [target for target in targets if self._is_reachable(target.position_m)]
 
     def save(self, found: CalibrationEstimate, written: datetime) -> Path:
-        """Save the calibration with the result of a touch-off; the one before is kept as a copy.
+        """Save the calibration with the result of a touch-off; keep a copy of the previous one.
 
         Raises:
-            FileWriteError: The disk is full or not writable; the one before is unchanged.
+            FileWriteError: The disk is full or not writable; the old calibration is unchanged.
         """
         return save_calibration(apply_touch_off(self.calibration, self.maps, found, written))
 
@@ -91,7 +91,7 @@ def apply_touch_off(
 ) -> Calibration:
     """Make a calibration with the zeros and the geometry of a touch-off.
 
-    It has no camera: that stood where the zeros before put it.
+    The new calibration has no camera, because the pose of the camera depended on the old zeros.
     """
     joints = shift_zeros(calibration.joints, maps, found.zeros)
     written = written.replace(microsecond=0)

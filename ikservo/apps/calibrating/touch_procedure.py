@@ -26,10 +26,10 @@ from ikservo.kinematics.arrays import Vector, freeze_arrays
 from ikservo.model.model import Model
 from ikservo.model.tool import view_axes
 
-WIDE_M, HIGH_M = 0.297, 0.210  # A4, its long edge before the arm
-EDGE_M = 0.030  # from the near edge to the first row
+WIDE_M, HIGH_M = 0.297, 0.210  # A4; its long edge is at the arm
+EDGE_M = 0.030  # distance from the near edge to the first row
 STEP_M = 0.050
-ROWS, COLUMNS = "1234", "ABCDE"  # rows away from the arm, columns from its left to its right
+ROWS, COLUMNS = "1234", "ABCDE"  # rows count away from the arm, columns from its left to right
 
 _MIN_DISTANCE_M = 0.05
 _MIDDLE_M = EDGE_M + 0.5 * STEP_M * (len(ROWS) - 1)
@@ -63,14 +63,13 @@ def grid_points() -> Iterator[tuple[str, float, float]]:
 def place_sheet(
     model: Model, edge_m: float | None, block_m: float | None
 ) -> tuple[float, list[TouchTarget]]:
-    """Compute the points of the sheet before an arm.
+    """Compute the points of a sheet in front of an arm.
 
     Args:
         model: The arm; straight ahead is the direction of its tool in the pose ``home``.
-        edge_m: From the arm's base frame straight ahead to the near edge; None for where the
-            middle of the sheet is beneath that tool.
-        block_m: The height of the block that the tip is put on at every other cross, if there is
-            one.
+        edge_m: Distance from the arm's base frame straight ahead to the near edge; None: the middle
+            of the sheet is beneath that tool.
+        block_m: The height of a block that stands on every other cross; None without one.
 
     Returns:
         The distance of the near edge [m], and the places in the order in which to touch them.

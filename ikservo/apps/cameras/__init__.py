@@ -1,4 +1,4 @@
-"""Cameras: where one stands, what it says of the arm's joints, boards, and pictures."""
+"""Cameras: their pose, calibration of the arm's joints from pictures, and printed boards."""
 
 from ikservo.app import App, Command
 

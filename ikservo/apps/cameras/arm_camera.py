@@ -1,4 +1,4 @@
-"""The calibrated camera before an arm: points on the table, and on things, from pixels."""
+"""The calibrated camera in front of an arm: points on the table and on things from pixels."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ from ikservo.planning.context import ArmContext
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SeenPoint:
-    """What a pixel sees first.
+    """The first point that a pixel sees.
 
     Attributes:
         point_m: The point (3,), metres, base frame.
@@ -46,12 +46,12 @@ class SeenPoint:
 
 
 class ArmCamera:
-    """The camera that an arm was calibrated with; it stands still before the arm.
+    """The camera with which an arm was calibrated; it is fixed in front of the arm.
 
-    A pixel (u, v) is as OpenCV counts it: u to the right, v down, (0, 0) the centre of the first
-    one, in a picture as the camera gives it: the distortion of its lens is taken into account.
-    Points are in the arm's base frame, metres. Each call reads what `ikservo camera check` has
-    found last.
+    A pixel (u, v) is counted as in OpenCV: u to the right, v down, (0, 0) at the centre of the
+    first pixel, in a picture as the camera delivers it; the distortion of the lens is taken into
+    account. Points are in the arm's base frame, metres. Each call reads the last result of `ikservo
+    camera check`.
 
     Args:
         context: The arm.
@@ -68,10 +68,10 @@ class ArmCamera:
         return f"ArmCamera(of {self._context.model.name!r})"
 
     def named(self, name: str, source: str | None = None) -> ArmCamera:
-        """Return the camera of that name or source, where an arm was calibrated with several.
+        """Return the camera of that name or source, if an arm was calibrated with several.
 
         Raises:
-            UnknownNameError: It was not calibrated with one of that name.
+            UnknownNameError: It was not calibrated with a camera of that name.
             CalibrationError: It was not calibrated with the camera of that source.
             FileFormatError: A file about it is damaged.
         """
@@ -97,18 +97,18 @@ class ArmCamera:
         return camera_model(camera)
 
     def picture(self, source: str | None = None) -> Picture:
-        """Take a picture; the camera is opened with the first one, and stays open.
+        """Take a picture; the first call opens the camera, which stays open.
 
         Args:
-            source: The whole address of a camera that asks for a password, which the calibration
-                does not store; as calibrated if None.
+            source: The address with the password, which the calibration does not store; None: the
+                address as calibrated.
 
         Returns:
-            Grey (h, w) or colour (h, w, 3), blue first, as OpenCV's.
+            Grey (h, w) or colour (h, w, 3), blue first, as in OpenCV.
 
         Raises:
-            CalibrationError: The arm has no calibrated camera, it has moved since, gives no picture
-                any more, or one of another size.
+            CalibrationError: The arm has no calibrated camera, or the camera has moved since,
+                delivers no picture, or one of another size.
             InputError: OpenCV is not installed, or there is no such camera.
         """
         size, camera = self.model().lens.size, known_camera(self._context, self._name)[0]
@@ -122,11 +122,11 @@ class ArmCamera:
         return picture
 
     def point_on_table(self, u: float, v: float, height_m: float = 0.0) -> Vector:
-        """Return what a pixel sees of the table, or of the level plane above it.
+        """Return the point of the table, or of a level plane above it, that a pixel sees.
 
         Args:
-            u: To the right, pixels.
-            v: Down, pixels.
+            u: Pixels to the right.
+            v: Pixels down.
             height_m: The height of the plane above the table, metres; the table is that of the arm
                 file, or z = 0.
 
@@ -143,7 +143,7 @@ class ArmCamera:
         return first_seen(self._ray(u, v), (), z_m).point_m
 
     def point_seen(self, u: float, v: float) -> SeenPoint:
-        """Return what a pixel (u, v) sees first of the table and the things of the scene.
+        """Return the first point of the table and the things of the scene that a pixel (u, v) sees.
 
         Raises:
             BadValueError: The pixel is not in the picture.
@@ -153,11 +153,11 @@ class ArmCamera:
         return first_seen(self._ray(u, v), self._scene.things, table_m(self._context.model))
 
     def pixel(self, point_m: Vector) -> tuple[float, float]:
-        """Return the pixel (u, v) of a point (3,), metres, base frame; perhaps beside the picture.
+        """Return the pixel (u, v) of a point (3,), metres, base frame; it may be off the picture.
 
         Raises:
-            BadValueError: It is not a finite point.
-            InputError: It is not before the camera.
+            BadValueError: The point is not finite.
+            InputError: The point is not in front of the camera.
             CalibrationError: The arm has no calibrated camera, or it has moved since.
         """
         px, depth_m = self.model().project(finite_vector(point_m, 3, "The point"))
@@ -171,7 +171,7 @@ class ArmCamera:
 
 
 def camera_of(arm: OpenArm) -> ArmCamera:
-    """Return the calibrated camera before an open arm: points of the table from pixels.
+    """Return the calibrated camera of an open arm, which finds points on the table from pixels.
 
     Raises:
         RefusedError: The arm is on another machine.
@@ -181,24 +181,24 @@ def camera_of(arm: OpenArm) -> ArmCamera:
 
 
 def camera_key(context: ArmContext) -> str:
-    """Return what tells the cameras of arms of one name apart: the adapter's serial number."""
+    """Return the adapter's serial number: it tells the cameras of arms of one name apart."""
     return SIMULATED if context.zeros is ZeroSource.SIMULATED else context.serial_number
 
 
 def known_camera(
     context: ArmContext, name: str = "", source: str | None = None
 ) -> tuple[CalibratedCamera, CameraFile, str]:
-    """Return a camera of an arm, what is known of its place, and its name.
+    """Return a camera of an arm, the known facts about its place, and its name.
 
     Args:
         context: The arm.
-        name: The name of the camera; empty for the one without a name, or the only one.
-        source: The preferred source if no name is given; None for none.
+        name: The name of the camera; empty: the camera without a name, or the only camera.
+        source: The preferred source if no name is given; None: no preference.
 
     Raises:
         CalibrationError: The arm has no calibrated camera.
-        UnknownNameError: It has none of that name.
-        InputError: It has several, and a name is needed.
+        UnknownNameError: It has no camera of that name.
+        InputError: It has several cameras, and a name is needed.
         FileFormatError: A file about it is damaged.
     """
     arm, key = context.model.name, camera_key(context)
@@ -240,10 +240,10 @@ def table_m(model: Model) -> float:
 
 
 def first_seen(ray: Ray, things: Iterable[Obstacle], z_m: float) -> SeenPoint:
-    """Find what a ray meets first: a thing, or the level plane at z.
+    """Find the first point on a ray: on a thing, or on the level plane at z.
 
     Raises:
-        InputError: It meets neither.
+        InputError: The ray meets neither.
     """
     hits: list[tuple[float, str | None]] = [(ray.distance_to_level_m(z_m), None)]
     for thing in things:
@@ -257,16 +257,16 @@ def first_seen(ray: Ray, things: Iterable[Obstacle], z_m: float) -> SeenPoint:
 
 
 def size_error(found: tuple[int, ...], calibrated: tuple[int, int]) -> CalibrationError:
-    """Return the error for pictures of another size than those of the calibration."""
+    """Return the error for pictures whose size differs from the calibration's."""
     seen, known = (" x ".join(map(str, size)) for size in (found, calibrated))
     return CalibrationError(
         f"The pictures are {seen}; the camera was calibrated with {known}.",
-        "Name the camera that was calibrated.",
+        "Give the camera that was calibrated.",
     )
 
 
 def moved_error(moved_mm: float, turned_deg: float) -> CalibrationError:
-    """Return the error for a camera that is not any more where it was calibrated."""
+    """Return the error for a camera that has moved since its calibration."""
     return CalibrationError(
         f"The camera has moved by {moved_mm:.0f} mm and turned by {turned_deg:.1f}° since it was "
         "calibrated.",

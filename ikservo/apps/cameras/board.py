@@ -19,17 +19,17 @@ if TYPE_CHECKING:
 
 _NAME = re.compile(r"(\d{1,2})x(\d{1,2})-(\d{1,3}(?:\.\d)?)mm-([4-7]x[4-7])")
 _EXPECTED = "COLUMNSxROWS-SQUAREmm-FAMILY, such as 5x7-12mm-4x4"
-_MARKER_SHARE = 0.75  # of a square
+_MARKER_SHARE = 0.75  # side of a marker per side of a square
 _RULER_MM, _MARGIN_MM = 50, 10
 _PT_PER_MM = 72.0 / 25.4
-_FAMILY_SIZE = 100  # markers in a family
+_FAMILY_SIZE = 100  # number of markers in a family
 
 
 def require_opencv() -> None:
     """Raise if OpenCV is not installed.
 
     Raises:
-        InputError: It is not.
+        InputError: OpenCV is not installed.
     """
     if importlib.util.find_spec("cv2") is None:
         raise InputError(
@@ -40,11 +40,11 @@ def require_opencv() -> None:
 
 @dataclass(frozen=True, slots=True)
 class Board:
-    """A board of black and white squares, a marker in each white one.
+    """A board of black and white squares with a marker in each white one.
 
     Attributes:
-        columns: Squares in a row.
-        rows: Rows of them.
+        columns: Number of squares in a row.
+        rows: Number of rows.
         square_m: The side of a square, metres.
         family: The size of the markers: ``4x4``, ``5x5``, ``6x6`` or ``7x7`` bits.
     """
@@ -56,10 +56,10 @@ class Board:
 
     @classmethod
     def named(cls, name: str) -> Board:
-        """Return the board of a name such as ``5x7-12mm-4x4``.
+        """Return the board for a name such as ``5x7-12mm-4x4``.
 
         Raises:
-            BadValueError: It is not the name of a board, or a board that cannot be made.
+            BadValueError: It is not the name of a board, or the board cannot be made.
         """
         match = _NAME.fullmatch(name)
         columns, rows = (int(match[1]), int(match[2])) if match else (0, 0)
@@ -72,27 +72,27 @@ class Board:
 
     @property
     def name(self) -> str:
-        """Its name."""
+        """Name of the board."""
         return f"{self.columns}x{self.rows}-{1000 * self.square_m:g}mm-{self.family}"
 
     def corners_m(self) -> Matrix:
         """Return the inner corners (k, 3), metres, in the order of their numbers.
 
-        The origin is in the middle of the board, x to the right, y down, as OpenCV's axes of a
-        picture.
+        The origin is in the middle of the board, x to the right, y down, like the axes of a picture
+        in OpenCV.
         """
         x, y = np.meshgrid(np.arange(1, self.columns), np.arange(1, self.rows))
         flat = np.stack([x.ravel() - self.columns / 2, y.ravel() - self.rows / 2, 0.0 * x.ravel()])
         return np.asarray(self.square_m * flat.T, dtype=np.float64)
 
     def opencv(self) -> CharucoBoard:
-        """Return the board as OpenCV knows it.
+        """Return the board as an object of OpenCV.
 
         Raises:
             InputError: OpenCV is not installed.
         """
         require_opencv()
-        import cv2  # noqa: PLC0415  # of the extra `camera`
+        import cv2  # noqa: PLC0415  # from the extra `camera`
 
         family = getattr(cv2.aruco, f"DICT_{self.family.upper()}_{_FAMILY_SIZE}")
         return cv2.aruco.CharucoBoard(
@@ -162,7 +162,7 @@ class Board:
         """Yield the black rectangles: left, top, width and height on the page."""
         board, square = self.opencv(), 1000.0 * self.square_m
         marker, markers = _MARKER_SHARE * square, iter(board.getIds().ravel().tolist())
-        cells = int(self.family[0]) + 2  # a black frame of one bit around
+        cells = int(self.family[0]) + 2  # the marker has a black frame, one bit wide
         bit = marker / cells
         for row in range(self.rows):
             for column in range(self.columns):
@@ -178,7 +178,7 @@ class Board:
 
 
 def _pdf(objects: list[str]) -> bytes:
-    """Return a PDF file of these objects, the catalogue first."""
+    """Return a PDF file with these objects, the catalogue first."""
     parts, starts = ["%PDF-1.4\n"], list[int]()
     for number, body in enumerate(objects, start=1):
         starts.append(sum(map(len, parts)))

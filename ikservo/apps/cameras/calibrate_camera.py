@@ -1,4 +1,4 @@
-"""``ikservo calibrate --camera``: the arm shows a camera a board and learns how it is built."""
+"""``ikservo calibrate --camera``: the arm shows a board to a camera and learns its own geometry."""
 
 from __future__ import annotations
 
@@ -44,13 +44,13 @@ from ikservo.model import Model
 def calibrate_by_camera(
     connection: NamedServoConnection, options: CameraOptions, operator: Operator, *, json: bool
 ) -> None:
-    """Let the arm show its board to a camera, tell what that says, and save it if it helps.
+    """Let the arm show its board to a camera, print the result, and save it if it helps.
 
-    By hand it is limp, and somebody moves it.
+    In a calibration by hand, the arm is limp and the user moves it.
 
     Raises:
         CalibrationError: The board is not seen, or the arm has no calibration.
-        InputError: OpenCV is not installed, there is no such camera, or nobody can be asked.
+        InputError: OpenCV is not installed, there is no such camera, or no user can be asked.
     """
     require_opencv()
     name = check_camera_name(options.camera_name)
@@ -121,11 +121,11 @@ def _kept_at_failure(folder: Path, arm: str, *, chosen: bool) -> Generator[None]
 
 
 def calibrate_from_pictures(model: Model, folder: Path, operator: Operator, *, json: bool) -> None:
-    """Repeat a calibration by its saved pictures, with the calibration that the arm had then.
+    """Repeat a calibration from its saved pictures and the calibration that the arm had then.
 
     Raises:
         CalibrationError: The pictures do not suffice.
-        FileFormatError: The folder has none of this arm, or a file in it is damaged.
+        FileFormatError: The folder has no pictures of this arm, or a file in it is damaged.
     """
     require_opencv()
     saved = read_pictures(folder, model.name, model.chain.names)
@@ -141,8 +141,8 @@ def calibrate_from_pictures(model: Model, folder: Path, operator: Operator, *, j
     extents = before.extents(index.camera_name, by_hand=index.by_hand)
     result = pictures.result(missed, 0.0, extents, by_hand=index.by_hand)
     question = Question("Save this?", Unasked.YES)
-    if saved.calibration is not None:  # servos may have been mounted anew since
-        print_status(f"Saving it replaces what was calibrated since {saved.calibration.written}.")
+    if saved.calibration is not None:  # servos may have been remounted since
+        print_status(f"Saving it replaces any calibration made after {saved.calibration.written}.")
         question = Question("Save this nevertheless?", Unasked.NEEDS_YES)
     _tell_and_save(before, index.source, index.camera_name, result, operator, question, json=json)
 
@@ -157,7 +157,7 @@ def _tell_and_save(
     *,
     json: bool,
 ) -> None:
-    if json:  # stdout is for that alone; who is asked has to know
+    if json:  # stdout has the JSON only, but the user must see what to decide
         print_status("\n".join(_describe(result)))
     else:
         print_lines(_describe(result), indent=2)
@@ -166,7 +166,7 @@ def _tell_and_save(
         now = datetime.now(UTC).replace(microsecond=0)
         path = save_camera_result(before, source, result, now, name)
         if before.calibration is None:
-            print_status(f"A simulated arm has no calibration: its camera is in {path}.")
+            print_status(f"A simulated arm has no calibration. Its camera was saved to {path}.")
             print_status("It stands in front of the start pose: use it with the same --port.")
         else:
             undo = f"ikservo calibration undo {before.model.name}"
@@ -181,7 +181,7 @@ def _tell_and_save(
 
 
 def _describe(result: CameraResult) -> Iterator[str]:
-    """Yield what the pictures say, line by line."""
+    """Yield the result of the pictures, line by line."""
     estimate, fit = result.estimate, result.estimate.fit
     yield (
         f"{result.pictures} pictures in {result.duration_s:.0f} s. Error in test pictures: "
@@ -223,7 +223,7 @@ def _mm(metres: float) -> str:
 
 
 def _fields(result: CameraResult) -> dict[str, object]:
-    """Return what the pictures say for ``--json``; SI units."""
+    """Return the result of the pictures for ``--json``; SI units."""
     estimate, fit = result.estimate, result.estimate.fit
     return {
         "pictures": result.pictures,

@@ -1,4 +1,4 @@
-"""Calibration before a camera by hand: somebody moves the limp arm, its board before the camera."""
+"""Calibration by camera and by hand: the user shows the board on the limp arm to the camera."""
 
 from __future__ import annotations
 
@@ -31,26 +31,26 @@ from ikservo.errors import CalibrationError, PictureError
 from ikservo.kinematics.arrays import Vector
 
 _STILL_S, _STILL_RAD, _STILL_PX = 0.3, math.radians(0.3), 0.7
-_APART_RAD = math.radians(8.0)  # at least one joint, from every picture that there is
-_WAIT_S = 60.0  # for the next picture
+_APART_RAD = math.radians(8.0)  # a joint must differ so much from every picture so far
+_WAIT_S = 60.0  # time-out for the next picture
 _PERIOD_S = 0.1
 
 
 class HandCalibration:
-    """Watches an arm that somebody moves by hand, and uses pictures of its board.
+    """Watches an arm that the user moves by hand, and uses pictures of its board.
 
-    A picture is used when arm and board have been still, and a joint is 8° from where it was in
-    every picture before. The last picture is the asked number; or, once half of them are there, the
-    one after which none followed for a minute.
+    A picture is used when arm and board are still, and a joint differs by 8° from every earlier
+    picture. The calibration ends with the requested number of pictures, or, once half of them are
+    there, when none has followed for a minute.
 
     Args:
         arm: The arm; its torque is off.
         camera: The camera; it stands still.
         board: The board on the gripper.
         count: The number of pictures to use.
-        report: Takes a line on each picture, and on why none is used.
-        extents: The parameters that may be estimated, a part of ``HAND_EXTENTS``.
-        folder: The folder in which the pictures are kept, too; None to keep none.
+        report: Receives a line on each picture, and the reason if it is not used.
+        extents: The parameters that may be estimated, from ``HAND_EXTENTS``.
+        folder: The folder in which the pictures are also kept; None to keep none.
     """
 
     def __init__(
@@ -84,16 +84,16 @@ class HandCalibration:
             clock.sleep_until(clock.now_s() + _PERIOD_S)
         if len(self._pictures) < LEAST_SHARE * self._count:
             raise PictureError(
-                f"No new picture for {_WAIT_S:.0f} s, and {len(self._pictures)} of {self._count} "
+                f"No new picture for {_WAIT_S:.0f} s; only {len(self._pictures)} of {self._count} "
                 f"so far. {self._last_error}".rstrip(),
-                "Show the board in postures that differ, and keep the arm still for a second.",
+                "Show the board in different postures, and keep the arm still in each.",
             )
         self._report(ESTIMATING)
         duration_s = used_s - began_s
         return self._pictures.result(self._missed, duration_s, self._extents, by_hand=True)
 
     def _use_picture(self) -> bool:
-        """Look once; return whether the picture was used."""
+        """Take one picture; return whether it was used."""
         q = self._limp_joints()
         if any(np.abs(q - other).max() < _APART_RAD for other in self._pictures.joints):
             return False
@@ -116,18 +116,18 @@ class HandCalibration:
         """Measure the chain's joints (dof,).
 
         Raises:
-            CalibrationError: A servo holds: it would not be moved by hand.
+            CalibrationError: The torque of a servo is on, so that it cannot be moved by hand.
         """
         state = self._arm.where()
         if state.torque.any():
             raise CalibrationError(
-                "The arm is not limp any more: the torque of a servo is on.",
+                "The arm is no longer limp: the torque of a servo is on.",
                 "Close other programs that use the arm.",
             )
         return measured_joints(self._arm.chain, state)
 
     def _look(self) -> tuple[Picture, BoardView | None]:
-        """Find the board in a picture; tell once why it is not there.
+        """Find the board in a picture; report once why it is not found.
 
         Raises:
             CalibrationError: The camera gives no picture, or the same one again.
@@ -147,7 +147,7 @@ class HandCalibration:
 
 
 def _is_still(first: BoardView, second: BoardView) -> bool:
-    """Check whether a board has not moved between two pictures."""
+    """Check whether a board stayed still between two pictures."""
     both, at_first, at_second = np.intersect1d(first.ids, second.ids, return_indices=True)
     moved_px = first.pixels[at_first] - second.pixels[at_second]
     return len(both) > 0 and float(np.median(np.linalg.norm(moved_px, axis=1))) < _STILL_PX

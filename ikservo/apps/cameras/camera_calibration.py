@@ -1,4 +1,4 @@
-"""Calibration before a camera: the arm shows it a board on its gripper in postures it chooses."""
+"""Calibration by camera: the arm shows the board on its gripper in postures that it chooses."""
 
 from __future__ import annotations
 
@@ -49,39 +49,39 @@ from ikservo.planning.calibrated_arm import ZeroSource, known_bending, own_chain
 from ikservo.planning.reports import ArmState
 
 HAND_EXTENTS = (Extent.CAMERA, Extent.ZEROS)
-"""What is estimated by hand."""
+"""Sets of parameters that a calibration by hand can estimate."""
 
 PRINTED_COMPLIANCE = 0.05
-"""By which each joint of a printed arm gives way, rad for each N m: 0.05 to 0.1 were seen."""
+"""Compliance of each joint of a printed arm, rad per N m; 0.05 to 0.1 were measured."""
 
 LEAST_SHARE = 0.5
-"""Of the pictures that were asked for: with fewer nothing is estimated."""
+"""Least part of the requested pictures from which something is estimated."""
 
 ESTIMATING = "Estimating the camera and the arm from the pictures; this takes some seconds."
 
-_FIRST_STEP_RAD = math.radians(9.0)  # of each joint, before anything is known of the camera
-_REACH_RAD = math.radians(75.0)  # how far joints go from where the arm was put
+_FIRST_STEP_RAD = math.radians(9.0)  # step of each joint while the pose of the camera is unknown
+_REACH_RAD = math.radians(75.0)  # how far joints move from the first posture
 _CANDIDATES, _AT_ONCE, _MAX_MISSED = 1500, 4, 8
-_SETTLE_S = 0.3  # after a motion: what swings is blurred
-_TIP_M = 0.001  # by which a zero that nobody knows better may move the tip
-_EXPOSURE_TRIES, _STEADY_GREY = 5, 4.0  # pictures, and by how much their mean may differ, of 255
-_LENS_STEPS, _SAME_LENS = 6, 1e-3  # of its numbers
-_CARRIED = (0.0, 0.25, 0.5, 0.75, 1.0)  # shares of its weight that an arm in a hand may carry
+_SETTLE_S = 0.3  # wait after a motion, because a swinging board is blurred
+_TIP_M = 0.001  # a zero is uncertain if it may move the tip further
+_EXPOSURE_TRIES, _STEADY_GREY = 5, 4.0  # tries, and allowed change of the mean grey, of 255
+_LENS_STEPS, _SAME_LENS = 6, 1e-3  # iterations, and change of the lens numbers that ends them
+_CARRIED = (0.0, 0.25, 0.5, 0.75, 1.0)  # fractions of its weight that a hand-held arm may carry
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CameraResult:
-    """What the pictures say.
+    """The result of the pictures.
 
     Attributes:
         estimate: The estimate of camera, board and arm.
         intrinsics: The intrinsics of the camera.
         board: The board on the gripper.
-        pictures: In how many the board was seen.
-        missed: In how many it was not.
-        duration_s: From the first picture to the last, by the arm's clock.
-        carried: The fraction of its weight that the arm carried itself while somebody held it; None
-            if nobody did, or if the compliance of its links is unknown.
+        pictures: Number of pictures in which the board was seen.
+        missed: Number of pictures in which it was not.
+        duration_s: Time from the first picture to the last, by the arm's clock.
+        carried: The fraction of its weight that the arm carried itself while the user held it; None
+            if the user did not, or if the compliance of its links is unknown.
         sag_m: If that is unknown: the sag of the tip, root mean square, of an arm that carries
             itself in these postures with ``PRINTED_COMPLIANCE``. Otherwise None.
     """
@@ -97,16 +97,16 @@ class CameraResult:
 
     @property
     def tip_shows(self) -> str | None:
-        """The last joint if the pictures leave its zero so open that the tip is uncertain."""
+        """Name of the last joint if its zero leaves the tip uncertain; otherwise None."""
         chain = self.estimate.fit.bending.dynamics.chain
-        swing_m = np.linalg.norm(chain.jacobian(np.zeros(chain.dof))[:3, -1])  # each rad of it
+        swing_m = np.linalg.norm(chain.jacobian(np.zeros(chain.dof))[:3, -1])  # per rad of it
         is_open = self.estimate.zero_deviations[-1] * swing_m > _TIP_M
         return chain.names[-1] if is_open and chain.kinds[-1] is JointType.REVOLUTE else None
 
 
 @dataclass(frozen=True, slots=True)
 class ArmBefore:
-    """An arm as it is known before its pictures.
+    """An arm as known before its pictures.
 
     Attributes:
         model: The arm file's model.
@@ -118,10 +118,10 @@ class ArmBefore:
 
     @classmethod
     def of(cls, arm: Arm) -> ArmBefore:
-        """Return what is known of an open arm.
+        """Return the known facts about an open arm.
 
         Raises:
-            CalibrationError: It has no calibration that could be corrected.
+            CalibrationError: It has no calibration to correct.
             FileFormatError: Its calibration is damaged.
         """
         name = arm.model.name
@@ -130,16 +130,16 @@ class ArmBefore:
         calibration = load_calibration(name, arm.context.serial_number)
         if calibration is None:
             raise CalibrationError(
-                f"{name} has no calibration that could be corrected.",
+                f"{name} has no calibration to correct.",
                 f"Calibrate it first: ikservo calibrate {name}",
             )
         return cls(arm.model, calibration)
 
     def extents(self, name: str, *, by_hand: bool) -> Sequence[Extent]:
-        """Return what a camera of that name may show: where there are others, its place only.
+        """Return what a camera of that name may determine; if there are others, its pose only.
 
-        They were calibrated with the zeros and compliances that the arm has. A hand carries the
-        arm's weight, so how links give way is not shown by hand.
+        The other cameras were calibrated with the arm's present zeros and compliances. A hand
+        carries the arm's weight, so a calibration by hand does not show how links bend.
         """
         if self.calibration is None:
             names = camera_names(self.model.name, SIMULATED)
@@ -151,7 +151,7 @@ class ArmBefore:
 
     @property
     def bending(self) -> Bending:
-        """How its links give way, with its own links and base."""
+        """How the arm bends under load, with its own calibrated links and base."""
         calibration, chain = self.calibration, self.model.chain
         if calibration is not None:
             chain = own_chain(self.model, calibration)
@@ -159,7 +159,7 @@ class ArmBefore:
 
 
 class BoardPictures:
-    """What is seen of a board on the gripper in pictures, with the joints that belong to each.
+    """Views of a board on the gripper, with the joints that belong to each.
 
     Args:
         arm: The arm.
@@ -176,10 +176,10 @@ class BoardPictures:
         return len(self.views)
 
     def add(self, picture: Picture, view: BoardView, q: Vector) -> None:
-        """Add what is seen in a picture with the chain's joints at q (dof,).
+        """Add a view of the board from a picture taken with the chain's joints at q (dof,).
 
         Raises:
-            FileWriteError: It cannot be kept in the folder.
+            FileWriteError: The picture cannot be kept in the folder.
         """
         if self._folder is not None:
             self._folder.add(picture, q)
@@ -187,7 +187,7 @@ class BoardPictures:
         self.joints.append(q)
 
     def fit(self) -> tuple[CameraFit, Intrinsics]:
-        """Fit camera, lens and arm, in steps: how poses change with the lens holds near it only.
+        """Fit camera, lens and arm; iterate, because poses depend on the lens nonlinearly.
 
         Raises:
             CalibrationError: The pictures do not suffice.
@@ -213,11 +213,11 @@ class BoardPictures:
         """Estimate camera and arm; see ``CameraResult``.
 
         Args:
-            missed: In how many pictures the board was not seen.
-            duration_s: From the first picture to the last.
+            missed: Number of pictures in which the board was not seen.
+            duration_s: Time from the first picture to the last.
             extents: The parameters that may be estimated.
-            by_hand: Whether somebody held the arm. How much of its weight bent it is that share,
-                of some, with which pictures that are left out are predicted best.
+            by_hand: Whether the user held the arm. Several fractions of its weight are then tried;
+                the one that best predicts pictures left out is used.
 
         Raises:
             CalibrationError: The pictures do not suffice, or contradict each other.
@@ -258,14 +258,14 @@ class BoardPictures:
 
 
 class CameraCalibration:
-    """Shows a camera a board on the gripper, and says what that tells of arm and camera.
+    """Shows the board on the gripper to a camera, and estimates arm and camera from the pictures.
 
     Args:
-        arm: The arm, where the board is before the camera and about in the middle of the picture.
+        arm: The arm, with the board in front of the camera, near the middle of the picture.
         camera: The camera; it stands still.
         board: The board on the gripper.
         count: The number of pictures to take.
-        report: Takes a line on each picture.
+        report: Receives a line on each picture.
         extents: The parameters that may be estimated.
         folder: The folder in which the pictures are kept, too; None to keep none.
     """
@@ -288,15 +288,15 @@ class CameraCalibration:
         self._last: Picture | None = None
 
     def run(self) -> CameraResult:
-        """Take the pictures, and estimate; the arm ends where it began, if it can.
+        """Take the pictures and estimate; then move the arm back to its start, if possible.
 
         Raises:
             CalibrationError: The board is not seen, or the pictures do not suffice; the arm holds.
             RefusedError: The arm may not move.
         """
         self._began_s = self._arm.clock.now_s()
-        self._arm.enable()  # held by a hand or a table it bends otherwise
-        self._keep(self._take())  # nothing moves before the board was seen
+        self._arm.enable()  # an arm that lies in a hand or on a table bends differently
+        self._keep(self._take())  # nothing moves until the board was seen
         home = self._pictures.joints[0]
         for step in self._first_steps(home):
             if len(self._pictures) < self._count:
@@ -315,7 +315,7 @@ class CameraCalibration:
         return self._pictures.result(self._missed, duration_s, self._extents)
 
     def _first_steps(self, home: Vector) -> Matrix:
-        """Return postures around the first one, each joint moved once to either side."""
+        """Return postures around the first one, with each joint moved once to either side."""
         signs = np.resize([1.0, -1.0], len(home))
         steps = np.vstack(
             [np.diag(_FIRST_STEP_RAD * signs), np.diag(-0.7 * _FIRST_STEP_RAD * signs)]
@@ -323,7 +323,7 @@ class CameraCalibration:
         return self._arm.chain.clip(home + steps)
 
     def _visit_best(self, home: Vector) -> bool:
-        """Go to the postures that say most by what is known so far; return whether one was seen."""
+        """Visit the postures that promise most information; return whether the board was seen."""
         fit, intrinsics = self._pictures.fit()
         chain = self._arm.chain
         chance = np.random.default_rng(len(self._pictures) + self._missed)
@@ -347,7 +347,7 @@ class CameraCalibration:
             self._move(q)
         except RefusedError:
             return False  # something is in the way
-        picture = self._take()  # nothing moves further without a fresh one
+        picture = self._take()  # without a fresh picture nothing moves on
         try:
             self._keep(picture)
         except CalibrationError as error:
@@ -369,7 +369,7 @@ class CameraCalibration:
         """Take a picture of the resting arm.
 
         Raises:
-            CalibrationError: There is none, the same one again, or its brightness never settles.
+            CalibrationError: No picture comes, the same one again, or brightness never settles.
         """
         clock = self._arm.clock
         clock.sleep_until(clock.now_s() + _SETTLE_S)
@@ -388,7 +388,7 @@ class CameraCalibration:
         return picture
 
     def _keep(self, picture: Picture) -> None:
-        """Keep what is seen in a picture with the joints.
+        """Keep the view of the board in a picture with the measured joints.
 
         Raises:
             CalibrationError: The board is not seen.
@@ -413,12 +413,12 @@ def chain_maps(model: Model, calibration: Calibration) -> list[JointMap]:
 def save_camera_result(
     arm: ArmBefore, source: str, result: CameraResult, written: datetime, name: str = ""
 ) -> Path:
-    """Save what pictures say of the arm, and the camera, with its calibration.
+    """Save the estimated arm and camera in the calibration.
 
-    A simulated arm has none: of it the camera alone is saved. ``name`` is the camera's.
+    A simulated arm has no calibration, so only its camera is saved. ``name`` is the camera's.
 
     Raises:
-        FileWriteError: The disk is full or not writable; the one before is unchanged.
+        FileWriteError: The disk is full or not writable; the old file is unchanged.
     """
     model = arm.model
     if arm.calibration is None:
@@ -481,7 +481,7 @@ def _calibrated_camera(source: str, result: CameraResult, written: datetime) -> 
 
 
 def seen_board(name: str, T: Matrix, scale: float) -> SeenBoard:
-    """Return a board at a pose (4, 4) as it is stored; ``scale`` is of its size, by its name."""
+    """Return a board at a pose (4, 4) as stored; ``scale`` is its size relative to its name."""
     return SeenBoard(
         name=name,
         scale=scale,

@@ -1,4 +1,4 @@
-"""Whether a calibrated camera is still where it was: it looks at a board whose place is known."""
+"""Check whether a calibrated camera has moved, by a board whose place is known."""
 
 from __future__ import annotations
 
@@ -19,21 +19,21 @@ from ikservo.errors import CalibrationError, PictureError
 from ikservo.kinematics.arrays import Matrix
 from ikservo.kinematics.se3 import exp_so3, log_so3, make_pose
 
-_OFF_MM, _OFF_DEG = 3.0, 1.5  # what a picture's noise does not reach
-_ON_GRIPPER_MM, _ON_GRIPPER_DEG = 30.0, 10.0  # of a board that was pushed there, or a moved camera
-_GRIPPER_DEG = 1.0  # by which joints may tilt a board besides
+_OFF_MM, _OFF_DEG = 3.0, 1.5  # more than the noise of a picture
+_ON_GRIPPER_MM, _ON_GRIPPER_DEG = 30.0, 10.0  # closer than that it is still there
+_GRIPPER_DEG = 1.0  # further tilt of a board on the gripper, from errors of the joints
 _LOOKS = 5
 
 
 class BoardPlace:
-    """Where the board of a check is: as remembered on the table, or on the gripper.
+    """The place of the board of a check: as remembered on the table, or on the gripper.
 
     Args:
         camera: The camera.
-        known: Other facts that are known about it.
+        known: Further known facts about it.
 
     Raises:
-        CalibrationError: It was calibrated without saying where the board was.
+        CalibrationError: The calibration does not say where the board was.
     """
 
     def __init__(self, camera: CalibratedCamera, known: CameraFile) -> None:
@@ -42,8 +42,8 @@ class BoardPlace:
         stored = known.board or camera.board
         if stored is None:
             raise CalibrationError(
-                "It is not known where a board was when the camera was calibrated.",
-                "Calibrate it again, or remember a board on the table.",
+                "The calibration of the camera does not say where the board was.",
+                "Calibrate it again, or remember a board on the table: --remember",
             )
         self._stored, self.board = stored, Board.named(stored.name)
 
@@ -54,11 +54,11 @@ class BoardPlace:
 
     @property
     def scale(self) -> float:
-        """How large the board is, by its name."""
+        """Size of the board relative to the size in its name."""
         return self._stored.scale
 
     def limits(self, within_mm: float | None) -> tuple[float, float]:
-        """Return by how much a camera may seem to move [mm, degrees] that stands still."""
+        """Return the apparent motion [mm, degrees] up to which a camera counts as unmoved."""
         if self.on_table:
             return within_mm or _OFF_MM, _OFF_DEG
         return within_mm or _OFF_MM + 2.0 * self._camera.after_mm, _OFF_DEG + _GRIPPER_DEG
@@ -71,7 +71,7 @@ def check_camera(
     within_mm: float | None = None,
     name: str = "",
 ) -> tuple[CameraCheck, BoardPlace]:
-    """Look at the board, and save whether the camera has moved; the arm does not.
+    """Look at the board, and save whether the camera has moved; the arm does not move.
 
     Args:
         arm: The arm before the camera.
@@ -96,12 +96,12 @@ def check_camera(
 
 
 def remember_board(arm: Arm, source: PictureSource, board: Board, name: str = "") -> SeenBoard:
-    """Save where a board lies on the table, for later checks of the camera of that name.
+    """Save the place of a board on the table, for later checks of the camera of that name.
 
     Raises:
         CalibrationError: The arm has no calibrated camera, or it has moved.
         PictureError: The board is not seen, or still on the gripper.
-        FileWriteError: It cannot be saved.
+        FileWriteError: The place cannot be saved.
     """
     camera, known, name = known_camera(arm.context, name)
     model, view = arm.camera.named(name).model(), _look(source, board)
@@ -131,7 +131,7 @@ def compare_place(
     """Compare where a board is seen with where it should be.
 
     Args:
-        model: The camera where it was calibrated.
+        model: The camera with its calibrated pose.
         place: The place of the board.
         T_base_tip: The pose of the tip (4, 4).
         view: The board in a picture.
@@ -146,7 +146,7 @@ def compare_place(
     corners = place.scale * place.board.corners_m()[view.ids]
     px, depth_m = model.project(corners @ T_base_board[:3, :3].T + T_base_board[:3, 3])
     away_px = float(np.linalg.norm(px - view.pixels)) / math.sqrt(len(view.ids))
-    away_m = float(np.mean(np.abs(depth_m)))  # it may be expected behind the camera
+    away_m = float(np.mean(np.abs(depth_m)))  # a moved camera may expect it behind itself
     off_mm = 1000.0 * away_px * away_m / float(model.lens.matrix[0, 0])
     T_seen = make_pose(place.scale * T_seen[:3, 3], T_seen[:3, :3])
     T_base_camera = T_base_board @ np.linalg.inv(T_seen)
@@ -165,7 +165,7 @@ def compare_place(
 
 
 def _look(source: PictureSource, board: Board) -> BoardView:
-    """Find what is seen of a board, in the first of some pictures that shows it."""
+    """Find a board in the first of several pictures that shows it."""
     for _ in range(_LOOKS - 1):
         try:
             return find_board(board, source.take())
@@ -187,5 +187,5 @@ def _tip_pose(arm: Arm) -> Matrix:
 
 
 def stored_pose(stored: SeenBoard) -> Matrix:
-    """Return the pose (4, 4) of a board as it is stored."""
+    """Return the stored pose (4, 4) of a board."""
     return make_pose(np.array(stored.at_mm) / 1000.0, exp_so3(np.radians(stored.turned_deg)))

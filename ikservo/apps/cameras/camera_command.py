@@ -30,7 +30,7 @@ ACTIONS = {
     "check": ("--board", "--camera", "--camera-name", "--remember", "--within"),
     "tip": ("--camera-name", "--at"),
 }
-"""With the options that belong to each, besides --port and --json."""
+"""Actions, with the options of each besides --port and --json."""
 Action = Annotated[
     str,
     typer.Argument(
@@ -88,13 +88,13 @@ def command(
     port: ServoPortOption = None,
     json: JsonOption = False,
 ) -> None:
-    """Write the board for a calibration, check whether a camera has moved, or find a zero by it.
+    """Write the board for a calibration, check whether a camera has moved, or find a zero with it.
 
-    A check looks at the board on the gripper, where it was calibrated, or at one on the table that
-    was remembered. Nothing moves. Exit code 6: the camera has moved, and no target is taken from
-    its pictures until it is back; 1: the picture does not show the board. The zero of a last joint
-    that no board shows is found by the pixel of the tip, and saved. Each further click counts with
-    those before, best in another posture, which the command proposes.
+    A check looks at the board on the gripper, as calibrated, or at a remembered board on the table.
+    Nothing moves. Exit code 6: the camera has moved, and no target is taken from its pictures until
+    it is back; 1: the picture does not show the board. The zero of the last joint, if no board
+    shows it, is found from the pixel of the tip and saved. Further clicks add to the earlier ones,
+    best in another posture, which the command proposes.
 
     ikservo camera board board.svg --board 7x9-15mm-5x5
 
@@ -178,7 +178,7 @@ def _check(
 
 
 def open_camera(source: str, arm: Arm, board: Board) -> PictureSource:
-    """Open a camera before an arm, and print its hint.
+    """Open a camera in front of an arm, and print its hint.
 
     Raises:
         InputError: OpenCV is not installed, or there is no such camera.
@@ -195,7 +195,7 @@ def check_camera_name(name: str) -> str:
     """Return the name of a camera.
 
     Raises:
-        BadValueError: It cannot be one.
+        BadValueError: It is not a valid name.
     """
     if not re.fullmatch(r"[A-Za-z0-9_-]{0,64}", name):
         raise BadValueError("--camera-name", repr(name), "letters, digits, - and _; at most 64")

@@ -1,4 +1,4 @@
-"""What is known of the camera before an arm besides its calibration: whether it has moved since."""
+"""Facts about the camera of an arm besides its calibration: whether it has moved since."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from ikservo.files.validation import StrictModel, first_issue, validation_issues
 from ikservo.files.writing import strip_checksum, with_checksum, write_atomic
 
 SIMULATED = "sim"
-"""Stands for the serial number of a simulated arm's adapter."""
+"""Used in place of an adapter's serial number for a simulated arm."""
 
 _HEADER = (
     "# What is known of the camera before one arm besides its calibration; written by ikservo.\n"
@@ -26,7 +26,7 @@ NotBelowZero = Annotated[float, Field(ge=0)]
 
 
 class CameraCheck(StrictModel):
-    """``[check]``: what was last found of the camera's place."""
+    """``[check]``: the last result of a check of the camera's place."""
 
     seen: datetime = Field(description="a date and time with its offset")
     off_mm: NotBelowZero = Field(description="millimetres across the ray, at the board")
@@ -36,7 +36,7 @@ class CameraCheck(StrictModel):
 
 
 class CameraFile(StrictModel):
-    """The whole file; what belongs to an earlier calibration of the camera does not count."""
+    """The whole file; entries of an earlier calibration of the camera are ignored."""
 
     format: Literal[1] = Field(default=1, description="1")
     calibrated: datetime = Field(description="when the camera was calibrated")
@@ -48,7 +48,7 @@ class CameraFile(StrictModel):
 
 
 def camera_names(arm: str, usb_serial_number: str) -> list[str]:
-    """Return the names of an arm's cameras; empty for the one that was given none.
+    """Return the names of an arm's cameras; empty for a camera without a name.
 
     Raises:
         FileFormatError: The calibration is damaged.
@@ -64,7 +64,7 @@ def camera_names(arm: str, usb_serial_number: str) -> list[str]:
 def load_camera(
     arm: str, usb_serial_number: str, name: str = ""
 ) -> tuple[CalibratedCamera, CameraFile] | None:
-    """Load a camera that an arm was calibrated with, or None if there is none of that name.
+    """Load a camera with which an arm was calibrated; None if none has that name.
 
     Raises:
         FileFormatError: A file is damaged.
@@ -84,7 +84,7 @@ def load_camera(
 
 
 def save_camera(arm: str, usb_serial_number: str, known: CameraFile, name: str = "") -> Path:
-    """Write what is known of a camera.
+    """Write the facts about a camera.
 
     Raises:
         FileWriteError: The disk is full or not writable; the file is unchanged.

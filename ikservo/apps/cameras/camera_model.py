@@ -1,6 +1,6 @@
 """A calibrated camera: the pixel of a point, and the ray of a pixel, in the arm's base frame.
 
-A pixel (u, v) is as OpenCV counts it: u to the right, v down, (0, 0) the centre of the first one.
+A pixel (u, v) is counted as in OpenCV: u to the right, v down, (0, 0) at the centre of the first.
 """
 
 from __future__ import annotations
@@ -17,17 +17,17 @@ from ikservo.errors import BadValueError
 from ikservo.kinematics.arrays import Matrix, Vector, freeze_arrays
 from ikservo.kinematics.rays import Ray
 
-_WIDEST = 3.0  # tangent of the angle to the axis up to which a lens is believed
-_NEAR_FOLD = 0.95  # of the radius at which its polynomial turns back
+_WIDEST = 3.0  # tangent of the largest angle to the axis for which a lens is trusted
+_NEAR_FOLD = 0.95  # fraction of the radius at which the lens polynomial turns back
 _MIN_DEPTH_M = 1e-3
 _HALVINGS, _STEPS, _ENOUGH, _SMALL = 30, 20, 1e-12, 1e-6
 _PARALLEL = 1e-12
-_MAX_OFF_PX = 0.1  # of a direction that was found, by its own pixel
+_MAX_OFF_PX = 0.1  # allowed error of a direction that was found, projected back
 
 
 @dataclass(frozen=True, eq=False)
 class CameraModel:
-    """A camera that stands still before an arm.
+    """A camera that is fixed in front of an arm.
 
     Attributes:
         lens: The projection of its lens.
@@ -43,7 +43,7 @@ class CameraModel:
     def project(self, points_m: ArrayLike) -> tuple[Matrix, Vector]:
         """Compute pixels (…, 2) and depths [m] (…) of points (…, 3) in the base frame.
 
-        What is not before the camera has no pixel; it gets that of a point 1 mm ahead.
+        A point that is not in front of the camera has no pixel; it gets that of a point 1 mm ahead.
         """
         T = self.T_base_camera
         ahead = (np.asarray(points_m, dtype=np.float64) - T[:3, 3]) @ T[:3, :3]
@@ -52,11 +52,11 @@ class CameraModel:
         return self.pixels(flat), depth_m
 
     def ray(self, u: float, v: float) -> Ray:
-        """Return what a pixel sees, in the base frame.
+        """Return the ray of a pixel, in the base frame.
 
         Raises:
-            BadValueError: It is not in the picture, or no direction is known for it: the lens as
-                stored nearly turns back there.
+            BadValueError: The pixel is not in the picture, or its direction is unknown, because the
+                stored lens nearly turns back there.
         """
         width, height = self.lens.size
         if not (-0.5 <= u <= width - 0.5 and -0.5 <= v <= height - 0.5):  # also rejects NaN
@@ -79,7 +79,7 @@ class CameraModel:
         """Compute directions, as x/z and y/z (…, 2), of pixels (…, 2); inverse of ``pixels``."""
         wanted = (px - self._centre_px) / self._focal_px
         found = self._radially_straight(wanted)
-        for _ in range(_STEPS):  # Newton's
+        for _ in range(_STEPS):  # Newton's method
             off = self._bent(found) - wanted
             if float(np.abs(off).max(initial=0.0)) < _ENOUGH:
                 break
@@ -93,9 +93,9 @@ class CameraModel:
         return found
 
     def _radially_straight(self, bent: Matrix) -> Matrix:
-        """Return directions (…, 2) that are right but for tangential distortion, by bisection.
+        """Return directions (…, 2) without tangential distortion, by bisection.
 
-        Newton's method does not converge from everywhere where a lens nearly turns back.
+        Newton's method does not always converge if a lens nearly turns back.
         """
         k1, k2, _, _, k3 = self.lens.distortion.tolist()
         wanted: Vector = np.asarray(np.linalg.norm(bent, axis=-1))
@@ -112,9 +112,9 @@ class CameraModel:
 
     @cached_property
     def widest(self) -> float:
-        """The largest tangent of the angle to the axis at which the lens is followed.
+        """Tangent of the largest angle to the axis at which the lens polynomial is used.
 
-        A polynomial turns back at some radius; outside of it the picture is continued straight.
+        A polynomial turns back at some radius; beyond it the picture is continued linearly.
         """
         k1, k2, _, _, k3 = self.lens.distortion.tolist()
         turns = np.roots([7.0 * k3, 5.0 * k2, 3.0 * k1, 1.0])
@@ -122,7 +122,7 @@ class CameraModel:
         return min([_WIDEST, *(_NEAR_FOLD * math.sqrt(each) for each in squares)])
 
     def _bent(self, flat: Matrix) -> Matrix:
-        """Return where a lens with distortion sees directions (…, 2), of a focal length of 1."""
+        """Return directions (…, 2) as a lens with distortion and a focal length of 1 sees them."""
         k1, k2, p1, p2, k3 = self.lens.distortion.tolist()
         beyond = np.maximum(np.linalg.norm(flat, axis=-1) / self.widest, 1.0)
         x, y = np.moveaxis(flat / beyond[..., None], -1, 0)

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 _URL_TIMEOUT_MS = 3000
-_LARGEST = 2**31 - 1  # number that OpenCV takes; no camera has it
+_LARGEST = 2**31 - 1  # largest number that OpenCV takes; no camera has it
 _MAX_REQUEST_S = 10.0  # FFmpeg gives up a silent address after one or two of its time-outs
 _MAX_MEMORY_BYTES = 1024 * 1024 * 1024  # of a reader; that of 8K video needs less
 _WATCH_S = 0.01  # between two looks at the memory and time of a reader
@@ -34,7 +34,7 @@ _GRAB, _READ = b"g", b"r"
 
 
 class Capture(Protocol):
-    """What is used of ``cv2.VideoCapture``."""
+    """The used part of ``cv2.VideoCapture``."""
 
     def isOpened(self) -> bool:  # noqa: N802  # OpenCV's name
         """Check whether pictures can be read."""
@@ -54,10 +54,10 @@ class Capture(Protocol):
 
 
 def open_capture(source: str) -> Capture:
-    """Open a camera; OpenCV prints nothing of its own about one that is not there.
+    """Open a camera; OpenCV does not print messages of its own about a missing camera.
 
     Raises:
-        InputError: The source is a public name from which the password was left out.
+        InputError: The source is an address without its password.
     """
     if HIDDEN in source and "://" in source:
         raise InputError(
@@ -131,9 +131,9 @@ class AddressCapture:
 def _silent_opencv() -> ModuleType:
     """Return OpenCV, which prints nothing; neither does its FFmpeg."""
     os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
-    import cv2  # noqa: PLC0415  # of the extra `camera`
+    import cv2  # noqa: PLC0415  # from the extra `camera`
 
-    logging = cast("Any", cv2).utils.logging  # missing in its stubs
+    logging = cast("Any", cv2).utils.logging  # missing from its stubs
     logging.setLogLevel(logging.LOG_LEVEL_SILENT)
     return cv2
 

@@ -1,14 +1,14 @@
-"""What pictures of a board on the gripper tell of the camera and the arm: one joint estimate.
+"""Joint estimate of the camera and the arm from pictures of a board on the gripper.
 
-A sample is the measured joints and the pose of the board in the camera. With the pose C of the
-arm's base in the camera, that of the board on the tip B, and the arm's forward kinematics f behind
-zeros, compliance and play (``kinematics.bending``), the board is predicted at ``C f(q) B``. The
-estimate minimises ``Σ (e_k / σ_k)² + Σ ((x_j - m_j) / s_j)²`` over all of them: e has six rows in
-the frame of the ray to the board. The deviations σ of what is across the ray, along it, of the turn
-about it and of the tilt, which differ tenfold, are estimated from the residuals (variance
-components); m and s are what was known of x before any picture. What the pictures do not determine
-is not estimated, and stays as it was known: the zero of a last joint, which turns the board, would
-follow the smallest thing that the model leaves out.
+A sample consists of the measured joints and the pose of the board in the camera. With the pose C of
+the arm's base in the camera, the pose B of the board on the tip, and the forward kinematics f with
+zeros, compliance and backlash (``kinematics.bending``), the board is predicted at ``C f(q) B``. The
+estimate minimises ``Σ (e_k / σ_k)² + Σ ((x_j - m_j) / s_j)²`` over all samples: e has six rows in
+the frame of the ray to the board. The deviations σ across the ray, along it, of the turn about it
+and of the tilt differ tenfold; they are estimated from the residuals (variance components). m and s
+are the prior mean and deviation of x. Parameters that the pictures do not determine keep their
+prior: the zero of a last joint, which turns the board, would otherwise follow the smallest error of
+the model.
 """
 
 from __future__ import annotations
@@ -33,10 +33,10 @@ _Mask = NDArray[np.bool_]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LensTerms:
-    """What the corners of a board in one picture say of the lens, near numbers of it.
+    """Linearised information on the lens from the corners of a board in one picture.
 
     The numbers are focal length over width, less 1; ratio of the vertical to the horizontal focal
-    length, less 1; the middle's distance from that of the picture over width, right and down; k1
+    length, less 1; the principal point's offset from the middle over width, right and down; k1
     and k2 of the distortion.
 
     Attributes:
@@ -46,7 +46,7 @@ class LensTerms:
         slope: The derivative of half the squared error of the corners by these parameters (6,),
             with the best pose for each.
         information: The second derivative (6, 6).
-        noise: The covariance (6, 6) of that pose by the noise of the corners, as ``by_lens``.
+        noise: The covariance (6, 6) of that pose due to the noise of the corners, as ``by_lens``.
     """
 
     at: Vector
@@ -65,7 +65,7 @@ class BoardSample:
 
     Attributes:
         q: The measured joints (dof,), rad or m.
-        T_camera_board: The board's pose (4, 4); its origin is best in the middle of the board.
+        T_camera_board: The board's pose (4, 4); its origin should be in the middle of the board.
         name: The name of the picture.
         lens: The lens of the camera; None if its lens is known.
     """
@@ -80,7 +80,7 @@ class BoardSample:
 
 
 class Extent(Enum):
-    """What is estimated besides the poses of camera and board."""
+    """Parameters that are estimated besides the poses of camera and board."""
 
     CAMERA = "camera"
     ZEROS = "camera and zeros"
@@ -108,7 +108,7 @@ class FittedParameter:
         unit: rad, rad/N m; m and m/N for a prismatic joint.
         value: The estimate.
         deviation: Its standard deviation.
-        prior: That before any picture.
+        prior: The standard deviation before any picture.
     """
 
     name: str
@@ -119,40 +119,40 @@ class FittedParameter:
 
     @property
     def is_determined(self) -> bool:
-        """Whether the pictures say more of it than was known before."""
+        """Whether the pictures give more information on it than the prior."""
         return self.deviation < _DETERMINED * self.prior
 
 
-# Standard deviations before any picture: a zero set by eye, printed links and the play of gears.
+# Prior standard deviations: a zero set by eye, printed links and the backlash of gears.
 _ZERO_RAD, _ZERO_M = math.radians(3.0), 0.002
 _COMPLIANCE, _HALF_PLAY_RAD, _HALF_PLAY_M = 0.1, math.radians(0.25), 0.0003
-_POSE, _SCALE = 100.0, 0.005  # camera and board may be anywhere; a ruler shows so much of prints
-_LENS = (1.0, 0.003, 0.05, 0.05, 0.2, 0.2)  # as in LensTerms
-_POSES = 12 + 1 + 6  # numbers before the arm's: two poses, the scale and the lens
+_POSE, _SCALE = 100.0, 0.005  # camera and board may be anywhere; prints are checked with a ruler
+_LENS = (1.0, 0.003, 0.05, 0.05, 0.2, 0.2)  # of the six numbers of LensTerms
+_POSES = 12 + 1 + 6  # parameters before the arm's: two poses, the scale and the lens
 
-# The rows of a residual, and of which component each is.
+# The components of a residual, and the component of each of its rows.
 _ACROSS, _DEPTH, _TILT, _TURN = range(4)
 _COMPONENT = np.array([_ACROSS, _ACROSS, _DEPTH, _TILT, _TILT, _TURN])
-_DETERMINED = math.sqrt(0.5)  # of the deviation before: the pictures say as much as was known
-# The zero of the last joint is told from the board's mount by the arm's bending alone: half sure of
-# it, it came out 5° wrong.
+_DETERMINED = math.sqrt(0.5)  # of the prior deviation: pictures and prior give as much information
+# Only the bending of the arm tells the zero of the last joint from the mount of the board; with
+# half of the prior deviation it came out 5° wrong.
 _LAST_DETERMINED = 0.1
-_START_SIGMA = np.array([0.002, 0.01, 0.05, 0.02])  # m, m, rad, rad
-_ASSUMED = 6.0  # samples as which the ratios of these count
-_FINEST = 0.02  # deviations are not estimated smaller than that share of them
-# A sample so much further off than the median one, in squared deviations, is an outlier.
+_START_SIGMA = np.array([0.002, 0.01, 0.05, 0.02])  # first deviations: m, m, rad, rad
+_ASSUMED = 6.0  # their ratios count like so many samples
+_FINEST = 0.02  # deviations are estimated not smaller than this part of them
+# A sample is an outlier if its squared deviations exceed the median by this factor.
 _OUTLIER = 12.0
-# The median where deviations are as they start; few samples, fitted closely, have a smaller one.
+# The expected median for the first deviations; few samples, fitted closely, have a smaller one.
 _EXPECTED = 3.0
 _MAX_OUTLIER_FRACTION = 1.0 / 3.0
-_IMPLAUSIBLE = 250.0  # squared deviations of the median sample: centimetres
+_IMPLAUSIBLE = 250.0  # median of the squared deviations; this means centimetres
 _ROUNDS, _STEPS, _ENOUGH, _MAX_DAMPING = 4, 30, 1e-7, 1e6
 _STARTS, _START_SAMPLES = 40, 5
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _State:
-    """Poses and the arm's numbers; a step adds to them."""
+    """The estimated poses and parameters of the arm; a step adds to them."""
 
     camera: Matrix
     board: Matrix
@@ -175,20 +175,20 @@ class CameraFit:
     """Camera, board and arm fitted to some samples.
 
     Attributes:
-        bending: The arm that gives way.
+        bending: The arm with its bending.
         extent: The parameters that were estimated.
         T_camera_base: The pose (4, 4) of the arm's base.
         T_tip_board: The pose (4, 4) of the board on the tip.
         scale: The relative excess of the board's distance, because it was printed larger than
             stated.
-        lens: The numbers (6,) of the lens, as in ``LensTerms``; zeros where it is known.
+        lens: The numbers (6,) of the lens, as in ``LensTerms``; zeros if it is known.
         zeros: The offsets of the measured joints (dof,), rad or m.
         sigma: Standard deviations: across the ray and along it [m], tilt and turn [rad].
         kept: Whether each sample (n,) is not an outlier.
         covariance: The covariance of the six numbers of each pose, the scale, the lens, zeros,
             compliances and half plays.
-        asked: Whether each of these was to be estimated.
-        free: Those of them that the samples determine; the others are as they were.
+        asked: Whether each of these was requested.
+        free: Whether the samples determine it; otherwise it is unchanged.
     """
 
     bending: Bending
@@ -217,10 +217,11 @@ class CameraFit:
         return chain.forward(self.bending.link_joints(np.atleast_2d(q) + self.zeros))
 
     def residuals(self, samples: Sequence[BoardSample]) -> Matrix:
-        """Compute how far boards are from where they are predicted (n, 6).
+        """Compute the deviations (n, 6) of boards from their predictions.
 
         Returns:
-            Two columns across the ray and one along it [m], two of tilt, one of turn [rad].
+            Two columns across the ray and one along it [m], two for the tilt, one for the turn
+            [rad].
         """
         predicted = self.board_poses(np.array([sample.q for sample in samples]))
         seen = [self._rescaled(sample.T_camera_board) for sample in samples]
@@ -233,7 +234,7 @@ class CameraFit:
 
     @property
     def parameters(self) -> tuple[FittedParameter, ...]:
-        """The arm's numbers that were to be estimated."""
+        """The requested parameters of the arm."""
         chain, n = self.bending.dynamics.chain, len(self.zeros)
         values = np.concatenate([self.zeros, self.bending.compliance, self.bending.half_play])
         deviations, priors = (
@@ -256,13 +257,12 @@ class CameraFit:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CameraEstimate:
-    """The fit that predicts samples best that were left out.
+    """The fit that best predicts samples that were left out.
 
     Attributes:
         fit: The chosen fit, of all samples but outliers.
-        arm_fit: That of everything but the play.
-        left_out_m: The error across the ray by extent, root mean square over samples left out one
-            by one.
+        arm_fit: The fit of everything but the backlash.
+        left_out_m: Root mean square error across the ray of samples left out one by one, by extent.
     """
 
     fit: CameraFit
@@ -281,24 +281,23 @@ class CameraEstimate:
 
     @property
     def zero_deviations(self) -> Vector:
-        """How uncertain zeros (dof,) are, rad or m, whether or not they were estimated."""
+        """Standard deviations of the zeros (dof,), rad or m, estimated or not."""
         fit = self.fit if self.fit.extent.zeros else self.arm_fit
         last = _POSES + len(fit.zeros)
         return np.sqrt(np.diag(fit.covariance))[_POSES:last]
 
 
-_BETTER = 0.97  # more numbers are estimated only where that makes the error so much smaller
+_BETTER = 0.97  # more parameters are estimated only if that reduces the error by 3 %
 
 
 def estimate_camera(
     known: Bending, samples: Sequence[BoardSample], extents: Sequence[Extent] = tuple(Extent)
 ) -> CameraEstimate:
-    """Estimate camera, board and arm; of the arm as much as helps samples that are left out.
+    """Estimate camera, board, and those parameters of the arm that help to predict new samples.
 
     Args:
-        known: The arm as it is known, with its masses; what it carries besides, the board too, adds
-            to them.
-        samples: At least six, in postures that differ.
+        known: The arm as known, with its masses; the board and other payload add to them.
+        samples: At least six, in different postures.
         extents: The parameters that may be estimated, `Extent.CAMERA` among them.
 
     Raises:
@@ -307,7 +306,7 @@ def estimate_camera(
     if len(samples) < MIN_SAMPLES:
         raise CalibrationError(
             f"The board was seen in {len(samples)} pictures; at least {MIN_SAMPLES} are needed.",
-            "Show it in about 20 postures that differ, each near another part of the picture.",
+            "Show it in about 20 different postures, all over the picture.",
         )
     fullest = fit_camera(known, samples, Extent.ARM)
     found = {each: fit_camera(known, samples, each, fullest) for each in extents}
@@ -331,7 +330,7 @@ def fit_camera(
         known: The arm as it is known.
         samples: The samples (n), three or more.
         extent: The parameters that are estimated.
-        outliers_of: The fit whose outliers are left out; they are looked for if None.
+        outliers_of: The fit whose outliers are left out; None to search for outliers.
 
     Raises:
         CalibrationError: More than a third of the samples contradict the others.
@@ -354,15 +353,15 @@ def fit_camera(
 
 
 def picture_information(fit: CameraFit, samples: Sequence[BoardSample]) -> tuple[Matrix, Matrix]:
-    """Compute what pictures say of all that can be estimated but the play.
+    """Compute the information of pictures on all parameters except the backlash.
 
     Args:
         fit: The present knowledge of camera and arm.
         samples: Boards (n) where they are expected.
 
     Returns:
-        The information matrix (k, k) of all of them and of what was known before, and the rows
-        (n, 12, k) of each, in standard deviations.
+        The information matrix (k, k) of all pictures and the prior, and the rows (n, 12, k) of each
+        picture, in standard deviations.
     """
     problem = _Problem(fit.bending, samples, Extent.ARM)
     return problem.information(problem.state_of(fit), fit.sigma)
@@ -429,9 +428,10 @@ class _Problem:
         return _State(camera, board, 0.0, self.lens_at, self._known)
 
     def leave_undetermined(self, state: _State, sigma: Vector, weight: Vector) -> _State:
-        """Leave what is not determined as it is known, the least determined first.
+        """Keep the prior of undetermined parameters, the least determined first.
 
-        Of two numbers that cannot be told apart, one is left, and then the other is determined.
+        If two parameters cannot be told apart, one keeps its prior, and the other is then
+        determined.
         """
         curvature = self._equations(state, sigma, weight).curvature
         free, most = self._free.copy(), _DETERMINED * self._prior
@@ -471,8 +471,8 @@ class _Problem:
     def deviations(self, state: _State, sigma: Vector, weight: Vector) -> Vector:
         """Estimate the deviations of the four components.
 
-        They are those with which the others predict a sample: residuals themselves are
-        small where a sample is far from the others and the fit has followed it.
+        They come from the prediction of each sample by the others. Residuals are too small for a
+        sample far from the others, because the fit has followed it.
         """
         noise = np.diagonal(self._noise, axis1=1, axis2=2)
         squares = self.left_out(state, sigma, weight) ** 2 - noise
@@ -496,7 +496,7 @@ class _Problem:
     def left_out(self, state: _State, sigma: Vector, weight: Vector) -> Matrix:
         """Compute each sample's residual (n, 6) at the fit to all the others.
 
-        The fit without a sample is one step from that with it: its leverage says which.
+        The fit without a sample is one step from the fit with it; the leverage gives the step.
         """
         e, J = self._linearise(state)
         whiten = self._whiten(sigma)
@@ -508,7 +508,7 @@ class _Problem:
         return np.linalg.solve(whiten, alone)[:, :, 0].astype(np.float64)
 
     def _whiten(self, sigma: Vector) -> Matrix:
-        """Return what makes each sample's residual one of unit covariance (n, 6, 6)."""
+        """Return the matrices (n, 6, 6) that give each sample's residual unit covariance."""
         covariance = self._noise + np.diag(sigma[_COMPONENT] ** 2)
         return np.linalg.inv(np.linalg.cholesky(covariance)).astype(np.float64)
 
@@ -530,12 +530,12 @@ class _Problem:
         return prior + np.einsum("nik,nil->kl", rows, rows), rows
 
     def squares(self, state: _State) -> Vector:
-        """Compute each sample's squared residual (n,) in the deviations that are assumed first."""
+        """Compute each sample's squared residual (n,) in units of the first deviations."""
         e = self._linearise(state)[0]
         return np.sum((self._whiten(_START_SIGMA) @ e[:, :, None]) ** 2, axis=(1, 2))
 
     def tips(self) -> Matrix:
-        """Return the tip's poses (n, 4, 4) of the arm as it is known."""
+        """Return the tip's poses (n, 4, 4) for the arm as known."""
         return self._bending.dynamics.chain.forward(self._bending.link_joints(self._q))
 
     def _bent(self, state: _State) -> Bending:
@@ -545,7 +545,7 @@ class _Problem:
         )
 
     def _at_bound(self, state: _State, slope: Vector) -> _Mask:
-        """Tell which numbers would turn negative: compliances and plays that are zero."""
+        """Return which zero compliances and backlashes would become negative."""
         bound = np.zeros(len(slope), dtype=bool)
         first = _POSES + self.dof
         bound[first:] = (state.arm[self.dof :] <= 0.0) & (slope[first:] >= 0.0)
@@ -632,15 +632,15 @@ def _priors(bending: Bending) -> Vector:
 
 
 def _turned(T: Matrix, step: Vector) -> Matrix:
-    """Return a pose moved by (3,) and turned by a rotation vector (3,) about its own origin.
+    """Return a pose moved by (3,) and turned about its own origin by a rotation vector (3,).
 
-    The motion is in the frame the pose is in for a camera, and so for the board on its tip.
+    Both motions are in the parent frame of the pose.
     """
     return make_pose(T[:3, 3] + step[:3], exp_so3(step[3:]) @ T[:3, :3])
 
 
 def _residual(predicted: Matrix, seen: Matrix, turn: Matrix) -> tuple[Vector, Matrix]:
-    """Return the residual (6,) by R_ray_camera, and how the rotation vector changes (3, 3)."""
+    """Return the residual (6,) in the ray frame, and the derivative (3, 3) of its rotation."""
     phi = log_so3(predicted[:3, :3] @ seen[:3, :3].T)
     W = skew(phi)
     e = np.concatenate([turn @ (predicted[:3, 3] - seen[:3, 3]), turn @ phi])
@@ -656,7 +656,7 @@ def _ray_frame(point: Vector) -> Matrix:
 
 
 def _first_state(problem: _Problem) -> _State:
-    """Return the closed form of some samples that fits most of them."""
+    """Return the best of several closed-form solutions, each from some of the samples."""
     tips, seen = problem.tips(), np.array([s.T_camera_board for s in problem.samples])
     chance, indices = np.random.default_rng(0), np.arange(len(tips))
     count = min(_START_SAMPLES, len(indices))
@@ -700,6 +700,6 @@ def _contradiction_error(samples: Sequence[BoardSample], kept: _Mask) -> Calibra
     named = f"{len(wrong)} of {len(samples)}: {', '.join(wrong)}" if wrong else "most of them"
     return CalibrationError(
         f"The pictures contradict each other, {named}.",
-        "Does the board sit firmly on the gripper, and does the camera stand still? "
+        "Is the board fixed firmly to the gripper, and does the camera stand still? "
         "Nothing was saved.",
     )

@@ -33,7 +33,7 @@ Height = Annotated[
         "--height",
         parser=parse_length_m,
         metavar="LENGTH",
-        help="Of the level plane above the table; default: the table, or the first thing.",
+        help="Height of a plane above the table; default: the table, or the first thing.",
     ),
 ]
 Camera = Annotated[
@@ -64,8 +64,8 @@ def command(
 ) -> None:
     """Print the point that the pixel U V of the calibrated camera sees; move there with --move.
 
-    It is in the arm's base frame. Without --height it is on the table or on the first thing of the
-    scene. A camera that was found to have moved is refused.
+    The point is in the arm's base frame. Without --height it is on the table or on the first thing
+    of the scene. A camera that has moved is refused.
 
     ikservo look 480 360 --arm so101
 

@@ -1,4 +1,4 @@
-"""A folder of pictures of a board and the joints that belong to each, to estimate again later."""
+"""A folder with pictures of a board and the joints of each, for a later estimate."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _MAX_PICTURE_BYTES = 100_000_000
 
 
 class SavedPicture(StrictModel):
-    """``[[pictures]]``: one picture, and the measured joints."""
+    """``[[pictures]]``: a picture and its measured joints."""
 
     file: Annotated[str, Field(pattern=r"^picture-[0-9]{3}\.png$")] = Field(
         description="picture-001.png …"
@@ -61,8 +61,8 @@ class PictureFolder:
         calibration: The calibration with which the joints are measured; None for a simulated arm.
 
     Raises:
-        InputError: The folder has something in it.
-        FileWriteError: It cannot be written.
+        InputError: The folder is not empty.
+        FileWriteError: The folder cannot be written.
     """
 
     def __init__(self, path: Path, index: PictureIndex, calibration: Calibration | None) -> None:
@@ -74,10 +74,10 @@ class PictureFolder:
 
     @staticmethod
     def require_new(path: Path) -> None:
-        """Refuse a folder that has something in it.
+        """Refuse a folder that is not empty.
 
         Raises:
-            InputError: It has, or it is a file.
+            InputError: It is not empty, or it is a file.
         """
         if path.exists() and (not path.is_dir() or any(path.iterdir())):
             raise InputError(f"{path} exists and is not empty.", "Name a new folder.")
@@ -86,7 +86,7 @@ class PictureFolder:
         """Keep a picture and the joints (dof,), rad or m.
 
         Raises:
-            FileWriteError: The disk is full or not writable; the pictures before are kept.
+            FileWriteError: The disk is full or not writable; earlier pictures are kept.
         """
         import cv2  # noqa: PLC0415  # of the extra `camera`
 
@@ -106,7 +106,7 @@ class PictureFolder:
 
 @dataclass(frozen=True, slots=True)
 class SavedPictures:
-    """A folder of pictures, as it was read.
+    """A folder of pictures that was read.
 
     Attributes:
         folder: The folder of the pictures.
@@ -129,7 +129,7 @@ class SavedPictures:
         for saved in self.index.pictures:
             path = self.folder / saved.file
             is_small = path.is_file() and path.stat().st_size <= _MAX_PICTURE_BYTES
-            read = cast("Any", cv2)  # missing in its stubs
+            read = cast("Any", cv2)  # missing from its stubs
             picture = read.imread(str(path), read.IMREAD_UNCHANGED) if is_small else None
             if picture is None:
                 raise FileFormatError(path, "", "is missing or damaged", "a picture, as saved")
@@ -140,7 +140,7 @@ def read_pictures(folder: Path, arm: str, joints: Sequence[str]) -> SavedPicture
     """Read a folder of pictures of an arm with these joints.
 
     Raises:
-        FileFormatError: It has none, they are of another arm, or a file is damaged.
+        FileFormatError: The folder has no pictures, they show another arm, or a file is damaged.
     """
     path = folder / _INDEX
     tables = parse_toml(path, strip_checksum(path, read_text(path, MAX_BYTES)))

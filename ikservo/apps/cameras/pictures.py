@@ -1,4 +1,4 @@
-"""Pictures of a board: where they come from, and what is seen in them."""
+"""Pictures of a board: their source, and how the board is found in them."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ Picture = NDArray[np.uint8]
 """Grey (h, w) or colour (h, w, 3)."""
 
 _MIN_CORNERS = 8
-# A picture whose edges are less sharp, as the variance of its Laplacian over that of its grey.
+# Variance of the Laplacian over the variance of the grey; a picture with less is blurred.
 _MIN_SHARPNESS = 0.004
-_MAX_REPROJECTION_PX, _MAX_FIRST_PX = 2.0, 10.0  # of a lens that is known, and before that
+_MAX_REPROJECTION_PX, _MAX_FIRST_PX = 2.0, 10.0  # for a known lens, and for the first guess
 _LEAST_NOISE_PX = 0.05
-_STALE_PICTURES = 5  # that a driver may hold in its queue
+_STALE_PICTURES = 5  # number of old pictures that a driver may hold in its queue
 
 
 SAME_PICTURE = (
@@ -40,16 +40,16 @@ class PictureSource(Protocol):
     """Takes pictures.
 
     Attributes:
-        hint: A hint for people who look at them; empty for none.
+        hint: A hint for people who look at the pictures; empty for none.
     """
 
     hint: str
 
     def take(self) -> Picture:
-        """Take a picture of what is before the camera now.
+        """Take a current picture.
 
         Raises:
-            PictureError: There is none.
+            PictureError: No picture comes.
         """
         ...
 
@@ -73,15 +73,15 @@ class LiveCamera:
             )
 
     def take(self) -> Picture:
-        """Take a picture; older ones that the driver holds are thrown away.
+        """Take a picture; discard older ones in the driver's queue.
 
         Raises:
-            PictureError: The camera gives none any more.
+            PictureError: The camera no longer delivers pictures.
         """
         stale = 0 if self._file else _STALE_PICTURES
         all(self._capture.grab() for _ in range(stale))  # each failure may take a time-out
         taken, picture = self._capture.read()
-        if self._file and not taken:  # a picture, or the end of a film: it is repeated
+        if self._file and not taken:  # a file with one picture, or the end of a film: repeat it
             self._capture = open_capture(self._file)
             taken, picture = self._capture.read()
         if not taken:
@@ -93,11 +93,11 @@ class LiveCamera:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Intrinsics:
-    """How a camera projects.
+    """The projection of a camera.
 
     Attributes:
         matrix: fx, fy, cx, cy as the matrix (3, 3), pixels.
-        distortion: k1, k2, p1, p2, k3 (5,), as OpenCV's.
+        distortion: k1, k2, p1, p2, k3 (5,), as in OpenCV.
         size: Width and height of its pictures, pixels.
     """
 
@@ -110,7 +110,7 @@ class Intrinsics:
 
     @classmethod
     def of_numbers(cls, numbers: Vector, size: tuple[int, int]) -> Intrinsics:
-        """Return the lens of six numbers, as ``LensTerms`` has them."""
+        """Return the lens with the six numbers of ``LensTerms``."""
         width, height = size
         focal, ratio, right, down, k1, k2 = numbers.tolist()
         fx = (1.0 + focal) * width
@@ -137,7 +137,7 @@ class BoardView:
     """Corners of a board in a picture.
 
     Attributes:
-        ids: Their numbers (k,).
+        ids: The numbers (k,) of the corners.
         pixels: Their pixels (k, 2).
         size: Width and height of the picture.
     """
@@ -159,8 +159,8 @@ def find_board(board: Board, picture: Picture) -> BoardView:
     """Find a board in a picture.
 
     Raises:
-        PictureError: It is not there, or only a part of it, blurred, mirrored or another board;
-            says which.
+        PictureError: The board is missing, incomplete, blurred, mirrored or another one; the
+            message says which.
     """
     import cv2  # noqa: PLC0415  # of the extra `camera`
 
@@ -172,26 +172,26 @@ def find_board(board: Board, picture: Picture) -> BoardView:
         raise PictureError("The picture is mirrored.", "Switch that off in the camera.")
     if markers and not len(ids):
         raise PictureError(
-            f"There is too little of the board in the picture, or another one than {board.name}.",
-            "Name the board that you printed.",
+            f"The picture shows too little of the board, or another board than {board.name}.",
+            "Give the name of the board that you printed: --board",
         )
     contrast = float(grey.std())
     sharpness = float(cv2.Laplacian(grey, cv2.CV_64F).var()) / max(contrast**2, 1.0)
     if contrast > 5.0 and sharpness < _MIN_SHARPNESS:
         raise PictureError("The picture is blurred.", "Focus the camera; more light helps.")
-    raise PictureError(f"The board {board.name} is not seen.",
+    raise PictureError(f"The board {board.name} is not in the picture.",
                        "Hold it flat and well lit where the camera sees it.")  # fmt: skip
 
 
 def guess_intrinsics(board: Board, views: Sequence[BoardView]) -> Intrinsics:
-    """Estimate the focal length alone, from views of a board: where an estimate of all begins.
+    """Estimate the focal length alone from views of a board, as a start for the full estimate.
 
     Raises:
         CalibrationError: The views do not suffice.
     """
     import cv2  # noqa: PLC0415  # of the extra `camera`
 
-    cv = cast("Any", cv2)  # not all of it is in its stubs
+    cv = cast("Any", cv2)  # its stubs are incomplete
     if not views:
         raise CalibrationError(
             f"No picture shows the board {board.name}.", "Take pictures that show it."
@@ -226,10 +226,10 @@ def guess_intrinsics(board: Board, views: Sequence[BoardView]) -> Intrinsics:
 def board_sample(
     board: Board, view: BoardView, intrinsics: Intrinsics, q: Vector, name: str
 ) -> BoardSample:
-    """Return what a view says of the arm at measured joints (dof,), and of the lens.
+    """Return the sample of a view at measured joints (dof,), with its terms for the lens.
 
     Raises:
-        CalibrationError: The corners fit no pose.
+        CalibrationError: No pose fits the corners.
     """
     T = board_pose(board, view, intrinsics)
     return BoardSample(q, T, name, lens_terms(intrinsics, T, board.corners_m()[view.ids], view))
@@ -238,18 +238,18 @@ def board_sample(
 def lens_terms(
     intrinsics: Intrinsics, T: Matrix, corners_m: Matrix, view: BoardView | None = None
 ) -> LensTerms:
-    """Compute what corners (k, 3) of a board at a pose (4, 4) say of the lens.
+    """Compute the terms for the lens from corners (k, 3) of a board at a pose (4, 4).
 
     Args:
-        intrinsics: Near which.
-        T: The pose in the camera.
-        corners_m: In the board.
-        view: The place where they were seen; None: exactly where they are expected.
+        intrinsics: The lens around which to linearise.
+        T: The pose in the camera frame.
+        corners_m: The corners in the board frame.
+        view: The view of the corners; None: they are exactly where they are expected.
     """
     import cv2  # noqa: PLC0415  # of the extra `camera`
 
     from_origin = corners_m @ T[:3, :3].T
-    project = cast("Any", cv2).projectPoints  # missing in its stubs
+    project = cast("Any", cv2).projectPoints  # missing from its stubs
     projected, slopes = project(
         from_origin + T[:3, 3], np.zeros(3), np.zeros(3), intrinsics.matrix, intrinsics.distortion
     )
@@ -276,10 +276,10 @@ def lens_terms(
 def board_pose(board: Board, view: BoardView, intrinsics: Intrinsics) -> Matrix:
     """Compute the pose (4, 4) of the board in the camera.
 
-    Of the two poses that a flat board may have, that with the smaller error.
+    A flat board may have two poses; the one with the smaller error is returned.
 
     Raises:
-        PictureError: The corners fit none.
+        PictureError: No pose fits the corners.
     """
     import cv2  # noqa: PLC0415  # of the extra `camera`
 
@@ -288,7 +288,7 @@ def board_pose(board: Board, view: BoardView, intrinsics: Intrinsics) -> Matrix:
         points, view.pixels, intrinsics.matrix, intrinsics.distortion, flags=cv2.SOLVEPNP_IPPE
     )
     if not count or not float(np.ravel(errors)[0]) < _MAX_REPROJECTION_PX:
-        raise PictureError("The board is bent, or badly seen.", "Glue it on something flat.")
+        raise PictureError("The board is bent, or hard to see.", "Glue it on something flat.")
     turn, at = cv2.solvePnPRefineLM(
         points, view.pixels, intrinsics.matrix, intrinsics.distortion, turns[0], places[0]
     )

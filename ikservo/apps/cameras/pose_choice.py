@@ -1,4 +1,4 @@
-"""Postures for pictures: where the board will be seen, and the next picture says most."""
+"""Choice of postures in which the board is visible and the next picture is most informative."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from ikservo.apps.cameras.pictures import Intrinsics, lens_terms
 from ikservo.kinematics.arrays import Matrix
 
 _MAX_TILT_RAD = math.radians(50.0)
-_MARGIN = 0.04  # of the picture, around the board
-_NEAREST = 2.5  # sides of the board
-_MIN_SQUARE_PX = 18.0  # of a square, as it is foreshortened: two for each bit of a marker
+_MARGIN = 0.04  # free margin around the board, as a fraction of the picture
+_NEAREST = 2.5  # smallest distance, in sides of the board
+_MIN_SQUARE_PX = 18.0  # smallest foreshortened square: two pixels per bit of a marker
 
 
 def is_visible(board: Board, intrinsics: Intrinsics, T_camera_board: Matrix) -> NDArray[np.bool_]:
-    """Check whether boards (n, 4, 4) are wholly in the picture, large enough and not too tilted."""
+    """Check which boards (n, 4, 4) are fully in the picture, large enough and not too tilted."""
     half = np.array([board.columns, board.rows, 0.0]) * board.square_m / 2.0
     corners = np.array([[x, y, 0.0] for x in (-1, 1) for y in (-1, 1)]) * half
     points = T_camera_board[:, None, :3, :3] @ corners[:, :, None]
@@ -50,17 +50,17 @@ def choose_postures(
     done: Matrix,
     count: int,
 ) -> list[int]:
-    """Choose postures one after the other, each the one that says most after those before.
+    """Choose postures one by one, each the most informative one after its predecessors.
 
-    That is the one with the largest growth of the determinant of the information on camera, lens,
-    board, zeros and compliances together (D-optimality; Fedorov 1972).
+    The most informative posture is the one that increases the determinant of the information on
+    camera, lens, board, zeros and compliances most (D-optimality; Fedorov 1972).
 
     Args:
-        board: On the gripper.
+        board: The board on the gripper.
         fit: The present knowledge of camera and arm.
-        intrinsics: The intrinsics of the camera, as far as they are known.
+        intrinsics: The present estimate of the intrinsics of the camera.
         candidates: Postures to choose from (n, dof).
-        done: Postures of the pictures that there are (m, dof).
+        done: Postures (m, dof) of the existing pictures.
         count: The number of postures to choose.
 
     Returns:

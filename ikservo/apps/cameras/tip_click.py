@@ -1,9 +1,9 @@
-"""The zero of the last joint by clicks: where the tip is in the picture of a known camera.
+"""The zero of the last joint from clicks on the tip in the picture of a calibrated camera.
 
-A board on the gripper does not tell that zero from how it was fixed; the tip itself does. The zero
-moves the tip along an arc in the picture, of which the point nearest to the click is taken. Clicks
-are kept with the camera, and their mean counts: a click's own error averages out, the camera's does
-not.
+A board on the gripper cannot tell that zero from the way in which the board was fixed; the tip can.
+The zero moves the tip along an arc in the picture; the point of the arc nearest to the click is
+taken. Clicks are kept with the camera, and their mean is used: the errors of clicks average out,
+the camera's error does not.
 """
 
 from __future__ import annotations
@@ -30,35 +30,35 @@ from ikservo.kinematics.chain import Chain
 from ikservo.kinematics.joints import JointType
 from ikservo.kinematics.rays import Ray
 
-_MOST_RAD, _STEP_RAD = math.radians(10.0), math.radians(0.05)  # of zeros that are set by eye
-_LEAST_PX = 1.0  # by which a degree has to move the tip in the picture
-_CLICK_PX = 1.5  # standard error of a careful click, each way
-_DOUBTFUL = 4.0  # standard errors between a click and the mean of the others
-_ENOUGH, _KNOWN_MM = 3, 0.5  # clicks, of which one may be wrong; and how well the tip is known then
-_OFF_MM = 3.0  # by which a good click is beside the arc, besides what the camera is wrong
-_POSTURES, _APART_RAD = 37, math.radians(20.0)  # of each joint, for the next click; from here
-_EDGE_PX = 30.0  # beside which that one is expected
+_MOST_RAD, _STEP_RAD = math.radians(10.0), math.radians(0.05)  # search for a zero set by eye
+_LEAST_PX = 1.0  # a degree must move the tip by as many pixels
+_CLICK_PX = 1.5  # standard error of a careful click, per axis
+_DOUBTFUL = 4.0  # a click so many standard errors from the mean of the others is left out
+_ENOUGH, _KNOWN_MM = 3, 0.5  # clicks that suffice (one may be wrong), and the error of the tip then
+_OFF_MM = 3.0  # distance of a good click from the arc, in addition to the camera's error
+_POSTURES, _APART_RAD = 37, math.radians(20.0)  # tried per joint; at least so far from here
+_EDGE_PX = 30.0  # margin of the picture in which no next click is proposed
 _REST_S, _REST_RAD = 0.3, math.radians(0.1)
 _SAME_TICK = 0.01
 
 
 @dataclass(frozen=True, slots=True)
 class TipZero:
-    """What clicks on the tip say.
+    """The result of clicks on the tip.
 
     Attributes:
-        joint: The last one.
-        shift_rad: The angle by which the joint is further than it measured.
-        off_m: The distance of the last click from the tip then, across the line of sight.
-        px_per_deg: The pixels by which the tip moves there per degree of the joint.
-        others_deg: The remaining angle according to each click, the latest ones last.
-        counts: Whether each of these counts: one that is too far from two or more others does not.
-        are_apart: Whether there are two, too far apart for their errors.
+        joint: The last joint.
+        shift_rad: True angle of the joint less the measured one.
+        off_m: The distance of the last click from the corrected tip, across the line of sight.
+        px_per_deg: Motion of the tip in the picture per degree of the joint, pixels.
+        others_deg: The deviation of each click from the mean, the latest ones last.
+        counts: Whether each click counts; a click too far from two or more others does not.
+        are_apart: Whether only two count, and they are too far apart for their errors.
         error_deg: The standard error of the zero.
-        error_m: The remaining uncertainty of the tip.
+        error_m: The remaining standard error of the tip.
         advice: Advice where to click next; empty if another click is not worth it.
-        before: The calibration by which it was found.
-        calibration: The same with that zero, and the clicks.
+        before: The calibration with which the zero was found.
+        calibration: The same calibration with the new zero and the clicks.
     """
 
     joint: str
@@ -78,9 +78,9 @@ class TipZero:
         count, clicks = sum(self.counts), len(self.counts)
         of = "1 click" if clicks == 1 else f"{count} of {clicks} clicks"
         said = [
-            f"{self.joint} is {math.degrees(self.shift_rad):+.2f}° from where it measured, by "
+            f"{self.joint} is {math.degrees(self.shift_rad):+.2f}° from its measured angle, by "
             f"{of}; standard error {self.error_deg:.2f}°, {1000.0 * self.error_m:.1f}"
-            f" mm at the tip. The tip is then {1000.0 * self.off_m:.1f} mm beside the click."
+            f" mm at the tip. The corrected tip is {1000.0 * self.off_m:.1f} mm from the click."
         ]
         said += [
             f"Click {i} differs by {by:+.1f}°, more than clicks err, so it does not count."
@@ -103,29 +103,29 @@ def find_tip_zero(
     name: str = "",
     joints: Vector | None = None,
 ) -> TipZero:
-    """Find the zero of the last joint with which the tip is where it was clicked; nothing is saved.
+    """Find the zero of the last joint that puts the tip at the clicks; save nothing.
 
-    Clicks that the calibration has kept, of all its cameras, count as well.
+    Earlier clicks that the calibration has kept, for any of its cameras, count as well.
 
     Args:
         arm: The arm before the camera, at rest.
-        pixels: The pixels (u, v) at which the tip was clicked, one or more.
-        written: The time of the calibration with that zero.
+        pixels: The pixels (u, v) of one or more clicks on the tip.
+        written: The time stamp of the calibration with the new zero.
         name: The name of the camera; see ``known_camera``.
         joints: All joints (n,) of the resting arm; measured if None.
 
     Raises:
         BadValueError: A pixel is not in the picture.
-        CalibrationError: The arm has no such calibrated camera, it has moved, the calibration has
-            determined that zero or has changed since the arm was opened, the picture shows too
-            little of it, the arm moves, or no plausible zero explains a click.
+        CalibrationError: The arm has no such calibrated camera, the camera has moved, the
+            calibration has determined that zero or has changed since the arm was opened, the zero
+            is hardly visible, the arm moves, or no plausible zero fits a click.
     """
     camera, _, name = known_camera(arm.context, name)
     model, chain = arm.camera.named(name).model(), arm.chain
     joint, rays = chain.names[-1], [model.ray(*pixel) for pixel in pixels]
     calibration = ArmBefore.of(arm).calibration
     if calibration is None:
-        raise CalibrationError("A simulated arm's zeros are right; none is set by a click.")
+        raise CalibrationError("The zeros of a simulated arm are exact; a click cannot set them.")
     if camera.tip_shows != joint:
         raise CalibrationError(
             f"A click on the tip cannot set the zero of {joint}.",
@@ -162,11 +162,11 @@ def find_tip_zero(
 
 
 def save_tip_zero(arm: Arm, found: TipZero) -> Path:
-    """Save a zero, and return the file; ``undo_calibration`` takes it back.
+    """Save a zero, and return the file; ``undo_calibration`` undoes it.
 
     Raises:
         CalibrationError: The calibration has changed since the click.
-        FileWriteError: It cannot be saved.
+        FileWriteError: The calibration cannot be saved.
     """
     if ArmBefore.of(arm).calibration != found.before:
         raise CalibrationError(
@@ -178,10 +178,10 @@ def save_tip_zero(arm: Arm, found: TipZero) -> Path:
 def _read_click(
     arm: Arm, model: CameraModel, camera: CalibratedCamera, ray: Ray, joints: Vector
 ) -> tuple[TipClick, float]:
-    """Return what a click says, and by how many pixels a degree of the last joint moves the tip.
+    """Evaluate a click; return it, and the motion of the tip in pixels per degree of the joint.
 
     Raises:
-        CalibrationError: It says nothing, or nothing plausible.
+        CalibrationError: The click determines no zero, or an implausible one.
     """
     chain, q = arm.chain, arm.joint_index.chain_joints(joints)
     steps = np.arange(-_MOST_RAD, _MOST_RAD, _STEP_RAD)
@@ -199,14 +199,14 @@ def _read_click(
     if px_per_deg < _LEAST_PX:
         raise CalibrationError(
             f"Each degree of {chain.names[-1]} moves the tip by {px_per_deg:.1f} pixels in this "
-            "picture: too little.",
+            "picture, which is too little.",
             _next_posture(arm, model, joints)
             or "Calibrate with a camera that sees the arm from its side.",
         )
     if best in (0, len(steps) - 1):
         most_deg = math.degrees(_MOST_RAD)
         raise CalibrationError(
-            f"By this click the zero of {chain.names[-1]} would be off by {most_deg:.0f}° or more.",
+            f"By this click, the zero of {chain.names[-1]} is off by {most_deg:.0f}° or more.",
             hint,
         )
     px_per_mm = float(model.lens.matrix[0, 0] / model.project(tips_m[best])[1]) / 1000.0
@@ -221,7 +221,7 @@ def _read_click(
 def _mean(clicks: Sequence[TipClick]) -> tuple[float, float, NDArray[np.bool_], bool]:
     """Return the mean of clicks, its standard error [deg], which (n,) count, and if two disagree.
 
-    Where clicks scatter more than they should, they err more than was assumed.
+    If clicks scatter more than expected, their errors are larger than assumed.
     """
     off, click, camera = np.array([tuple(each.model_dump().values()) for each in clicks]).T
     counts = np.ones(len(clicks), dtype=bool)
@@ -229,7 +229,7 @@ def _mean(clicks: Sequence[TipClick]) -> tuple[float, float, NDArray[np.bool_], 
         weight = counts / (click**2 + camera**2)
         total, others = weight.sum(), np.maximum(weight.sum() - weight, 1e-12)
         mean_deg = float(weight @ off / total)
-        doubt = np.abs(off - mean_deg) * np.sqrt(weight * total / others)  # by the others' mean
+        doubt = np.abs(off - mean_deg) * np.sqrt(weight * total / others)  # from their mean
         is_doubtful = bool(doubt.max() > _DOUBTFUL)
         if not is_doubtful or counts.sum() == 2:
             scatter = weight @ (off - mean_deg) ** 2 / max(counts.sum() - 1, 1)
@@ -243,7 +243,7 @@ def _resting_joints(arm: Arm) -> Vector:
     """Return all measured joints (n,) of an arm whose chain is at rest.
 
     Raises:
-        CalibrationError: It moves.
+        CalibrationError: The arm moves.
     """
     before, clock = arm.where(), arm.clock
     clock.sleep_until(clock.now_s() + _REST_S)
@@ -252,7 +252,7 @@ def _resting_joints(arm: Arm) -> Vector:
         abs(after[name].position_rad - before[name].position_rad) > _REST_RAD
         for name in arm.chain.names
     ):
-        raise CalibrationError("The arm moves.", "Click once it rests.")
+        raise CalibrationError("The arm moves.", "Click when it rests.")
     return np.array([after[name].position_rad for name in arm.joint_index.names])
 
 
@@ -260,7 +260,7 @@ def _require_same(arm: Arm, calibration: Calibration) -> None:
     """Check that the arm's joints are measured with the zeros of a calibration.
 
     Raises:
-        CalibrationError: They are not.
+        CalibrationError: They are measured with other zeros.
     """
     present = {each.joint: each.joint_map for each in arm.context.servos.driven_joints}
     for own in chain_maps(arm.model, calibration):
@@ -273,9 +273,9 @@ def _require_same(arm: Arm, calibration: Calibration) -> None:
 
 
 def _px_per_deg(model: CameraModel, chain: Chain, q: Matrix, edge_px: float = 0.0) -> Vector:
-    """Compute by how many pixels (n,) a degree of the last joint moves the tip at joints (n, dof).
+    """Return the motion (n,) of the tip, pixels per degree of the last joint, at joints (n, dof).
 
-    Where the tip is not before the camera, or nearer to the picture's edge, that is 0.
+    It is 0 if the tip is not in front of the camera, or too near to the picture's edge.
     """
     (px, depth_m), (then, _) = (
         model.project(chain.forward(each)[:, :3, 3])
@@ -286,10 +286,10 @@ def _px_per_deg(model: CameraModel, chain: Chain, q: Matrix, edge_px: float = 0.
 
 
 def _next_posture(arm: Arm, model: CameraModel, joints: Vector) -> str:
-    """Return which joint to move, from all joints (n,), where the picture shows the zero best.
+    """Advise which joint of all joints (n,) to move so that the picture shows the zero best.
 
-    Nearer to the camera, and with the fingers along or across its line of sight, a click errs by
-    fewer degrees; in another posture the camera errs otherwise. Empty where no joint does.
+    A click has a smaller error nearer to the camera, and depends on the direction of the fingers;
+    in another posture the camera has another error. Empty if no joint helps.
     """
     chain, index, checker = arm.chain, arm.joint_index, arm.context.checked_collision
     low, high = (np.clip(each, -math.pi, math.pi) for each in arm.context.limits())
@@ -312,7 +312,7 @@ def _next_posture(arm: Arm, model: CameraModel, joints: Vector) -> str:
 def _with_last_zero(
     arm: Arm, calibration: Calibration, q: Vector, moved: Vector, written: datetime
 ) -> Calibration:
-    """Return a calibration with which joints (dof,) measure moved, and what is on the tip stays."""
+    """Return a calibration that measures joints (dof,) as moved; poses fixed to the tip stay."""
     joints = shift_zeros(calibration.joints, chain_maps(arm.model, calibration), moved - q)
     T_moved_tip = np.linalg.inv(arm.chain.forward(moved)) @ arm.chain.forward(q)
     cameras: dict[str, CalibratedCamera] = {}

@@ -1,4 +1,4 @@
-"""Foreign descriptions of arms, converted once: what `ikservo arms new` writes, `model` reads."""
+"""Import of foreign descriptions: `ikservo arms new` converts them, `model` reads the result."""
 
 from ikservo.app import App, Command
 

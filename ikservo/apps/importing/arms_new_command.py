@@ -37,10 +37,10 @@ Joint = Annotated[
 ]
 Tip = Annotated[
     list[str] | None,
-    typer.Option("--tip", metavar="LINK", help="The tool; repeated: one arm for each."),
+    typer.Option("--tip", metavar="LINK", help="Link of the tool; if repeated, one arm for each."),
 ]
 Base = Annotated[
-    str | None, typer.Option("--base", metavar="LINK", help="Leave out what does not hang on it.")
+    str | None, typer.Option("--base", metavar="LINK", help="Use only what this link carries.")
 ]
 BaseFrame = Annotated[
     str | None,
@@ -48,7 +48,7 @@ BaseFrame = Annotated[
 ]
 GripperJoint = Annotated[
     str | None,
-    typer.Option("--gripper", metavar="JOINT", help="The joint of the jaws; none for none."),
+    typer.Option("--gripper", metavar="JOINT", help="Joint of the jaws; none if there are none."),
 ]
 ServoOf = Annotated[
     list[str] | None,
@@ -64,16 +64,16 @@ ServoModel = Annotated[
 JointLimits = Annotated[
     list[str] | None,
     typer.Option(
-        "--limits", metavar="JOINT=LOW:HIGH", help="Its range, degrees or mm. Repeatable."
+        "--limits", metavar="JOINT=LOW:HIGH", help="Range of a joint, degrees or mm. Repeatable."
     ),
 ]
 Slide = Annotated[
     list[str] | None,
-    typer.Option("--m-per-turn", metavar="JOINT=METRES", help="Of a slide's servo. Repeatable."),
+    typer.Option("--m-per-turn", metavar="JOINT=METRES", help="Slide: metres per turn; repeatable"),
 ]
 Package = Annotated[
     list[str] | None,
-    typer.Option("--package", metavar="NAME=FOLDER", help="Where a package is. Repeatable."),
+    typer.Option("--package", metavar="NAME=FOLDER", help="Folder of a package. Repeatable."),
 ]
 XacroArgument = Annotated[
     list[str] | None,
@@ -87,15 +87,15 @@ NewPort = Annotated[
     typer.Option(
         "--port",
         metavar="PORT",
-        help="Find the servos on this port; each that --servo does not name moves a little.",
+        help="Find the servos on this port; those without --servo move a little.",
     ),
 ]
-Folder = Annotated[Path, typer.Option("--folder", help="Make the arm's folder in this one.")]
+Folder = Annotated[Path, typer.Option("--folder", help="Folder in which the arm's folder is made.")]
 Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace files of an existing arm.")]
 DryRun = Annotated[bool, typer.Option("--dry-run", help="Print what would be written.")]
 
 
-def command(  # one option each
+def command(  # one parameter per option
     name: Name,
     *,
     source: From = None,
@@ -152,7 +152,7 @@ def command(  # one option each
         options,
         port,
     )
-    with exiting_on_signals():  # a servo that is moved goes limp
+    with exiting_on_signals():  # switches torque of a moved servo off
         drafts = Operator.of(None, yes=False, no_input=json).run(draft_new_arm(new))
     written = [] if dry_run else write_drafts(drafts, folder)
     _print_drafts(drafts, written, folder, json=json)
@@ -162,7 +162,7 @@ def _refuse_given(options: Mapping[str, object], beside: str, usage: str) -> Non
     """Refuse options that would be ignored.
 
     Raises:
-        InputError: One is given.
+        InputError: Such an option is given.
     """
     given = [name for name, value in options.items() if value]
     if given:
@@ -182,7 +182,7 @@ def _parse_pairs(
     """Parse options like ``NAME=VALUE``.
 
     Raises:
-        BadValueError: One is nothing like the example.
+        BadValueError: A value does not have the form of the example.
     """
     for text in texts or ():
         name, found, value = text.partition(sign)

@@ -1,4 +1,4 @@
-"""From a foreign tree to one draft for each arm in it."""
+"""Conversion of a foreign tree to one draft per arm."""
 
 from __future__ import annotations
 
@@ -39,25 +39,25 @@ from ikservo.model.urdf_types import Urdf, UrdfJoint, UrdfJointType
 from ikservo.registers import control_table
 
 _LIFTERS = (("STS3215", 7.4), ("STS3215", 12.0), ("STS3250", None), ("XM540-W270", None))
-"""Servos that are assumed, the weakest first."""
-_MAX_SLIDE_M = 1.0  # of a slide whose description has no limits
+"""Servo models that may be assumed, the weakest first."""
+_MAX_SLIDE_M = 1.0  # assumed travel of a slide without limits, at most
 _MIN_FLOOR_M = -0.003
 
 
 @dataclass(frozen=True, slots=True)
 class ImportOptions:
-    """What the user decided; what is missing is found and noted.
+    """Decisions of the user; missing ones are found and noted.
 
     Attributes:
-        base: The link from which on the tree is used.
+        base: The link at which the used part of the tree begins.
         tips: The links of the tools; one arm is made for each.
         gripper: The joint of the jaws; empty for none.
         base_frame: The rotation and shift of the base frame, in words.
         limits: Ranges by joint, degrees or millimetres.
         servos: Servos by joint.
         servo_model: The model of servos that are not named.
-        m_per_turn: Metres for a turn of the servo, by sliding joint.
-        baud: Bits a second; 0 for the usual rate of the family.
+        m_per_turn: Metres per turn of the servo, by sliding joint.
+        baud: Bits per second; 0 for the usual rate of the family.
     """
 
     base: str | None = None
@@ -78,15 +78,15 @@ class ImportOptions:
 def build_drafts(
     description: Description, name: str, options: ImportOptions
 ) -> Generator[MeshStep, object, list[ArmDraft]]:
-    """Build a draft of each arm of a description, without poses; yields before each mesh.
+    """Build a draft of each arm of a description, without poses; yield before each mesh.
 
     Args:
         description: The tree.
-        name: The name of the arm; several get the names of their tips behind it.
+        name: The name of the arm; for several arms, the names of their tips are appended.
         options: The decisions of the user.
 
     Raises:
-        UnknownNameError: A link, joint or servo model that there is not.
+        UnknownNameError: A link, joint or servo model does not exist.
         InputError: There is no arm, or several and no tip was chosen.
     """
     urdf, decisions, dropped = description.urdf, list[str](), list(description.notes)
@@ -149,7 +149,7 @@ def _shape_draft(
     taken: set[str],
     taken_ids: set[int],
 ) -> None:
-    """Give a draft its joints, servos, limits and table."""
+    """Add joints, servos, limits and table to a draft."""
     note = draft.decisions.append
     own = [name for name in (*structure.joints, structure.gripper) if name and name not in taken]
     shared = [name for name in structure.joints if name in taken]
@@ -188,14 +188,14 @@ def _shape_draft(
         slide = options.m_per_turn.get(name)
         if body.kind is UrdfJointType.PRISMATIC and slide is None:
             slide = guessed_m_per_turn(body)
-            note(f"{name} slides; assumed is that a turn of its servo moves it by "
+            note(f"{name} slides; it is assumed that a turn of its servo moves it by "
                  f"{1000 * slide:.1f} mm (--m-per-turn {name}=METRES).")  # fmt: skip
         draft.joints = (*draft.joints, DraftJoint(name, name == structure.gripper, servos, slide))
     draft.baud = options.baud
 
 
 def _weightless(urdf: Urdf) -> list[str]:
-    """Return the links that move and have a shape but no mass; empty where none has a mass."""
+    """Return moving links with a shape but no mass; empty if no link at all has a mass."""
     if not any(link.mass_kg > 0.0 for link in urdf.links):
         return []
     return [
@@ -208,7 +208,7 @@ def _weightless(urdf: Urdf) -> list[str]:
 def _servos_of(
     name: str, model: str, options: ImportOptions, taken_ids: set[int]
 ) -> tuple[DraftServo, ...]:
-    """Return the servos of a joint: those of the user, or one with the next id."""
+    """Return the servos of a joint: as given by the user, or one with the next id."""
     given = options.servos.get(name)
     if given:
         return tuple(replace(servo, model=servo.model or model) for servo in given)
@@ -218,7 +218,7 @@ def _servos_of(
 
 
 def _limited(joint: UrdfJoint, options: ImportOptions, say: Callable[[str], None]) -> UrdfJoint:
-    """Give a joint the limits of the user, or limits that a servo has where it has none."""
+    """Set the limits of a joint: the user's, or those of a servo if it has none."""
     slides = joint.kind is UrdfJointType.PRISMATIC
     if joint.name in options.limits:
         given, unit = options.limits[joint.name], "mm" if slides else "°"
@@ -232,7 +232,7 @@ def _limited(joint: UrdfJoint, options: ImportOptions, say: Callable[[str], None
             f"way (--limits {joint.name}=LOW:HIGH).")  # fmt: skip
     elif not slides and joint.upper - joint.lower > math.tau + 1e-3:
         low, high = max(joint.lower, -math.pi), min(joint.upper, math.pi)
-        say(f"{joint.name} could do more than a turn ({format_range(joint)}): ±180°.")
+        say(f"{joint.name} could make more than a turn ({format_range(joint)}): ±180°.")
     elif slides and joint.upper - joint.lower > _MAX_SLIDE_M:
         low = min(max(joint.lower, 0.0), joint.upper - _MAX_SLIDE_M)
         high, bounded = low + _MAX_SLIDE_M, math.isfinite(joint.upper - joint.lower)
@@ -246,7 +246,7 @@ def _limited(joint: UrdfJoint, options: ImportOptions, say: Callable[[str], None
 
 
 def _limited_as_leader(joint: UrdfJoint, urdf: Urdf) -> UrdfJoint:
-    """Give a slide that follows a joint, and has no limits, those that it then keeps to."""
+    """Derive the limits of a slide without limits from the joint that it follows."""
     mimic, is_slide = joint.mimic, joint.kind is UrdfJointType.PRISMATIC
     if mimic is None or not is_slide or math.isfinite(joint.upper - joint.lower):
         return joint
@@ -256,9 +256,9 @@ def _limited_as_leader(joint: UrdfJoint, urdf: Urdf) -> UrdfJoint:
 
 
 def _lowest_m(urdf: Urdf, shapes: ShapeConversion) -> float:
-    """Return the lowest point of what stands on the table, in the base frame; 0 if nothing does."""
+    """Return the lowest point of the parts fixed to the base, in the base frame; 0 without any."""
     poses, lowest_m = {urdf.root: np.eye(4)}, list[float]()
-    for _ in urdf.joints:  # at worst one step deeper each time
+    for _ in urdf.joints:  # each pass gets at least one level deeper
         for joint in urdf.joints:
             if joint.parent in poses and joint.child not in poses and not joint.kind.is_movable:
                 T = make_pose(joint.xyz_m, rotation_rpy(*joint.rpy_rad))
@@ -271,7 +271,7 @@ def _lowest_m(urdf: Urdf, shapes: ShapeConversion) -> float:
 
 
 def _servo_model(draft: ArmDraft, options: ImportOptions) -> tuple[str, str]:
-    """Return the model of the servos, and why; leaves out masses that none could lift."""
+    """Return the servo model, and why; leave out masses that no servo could lift."""
     loads = _loads_nm(draft, options)
     choices = [(options.servo_model, None)] if options.servo_model else [*_LIFTERS]
     for model, supply_v in choices:

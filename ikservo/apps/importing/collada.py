@@ -1,4 +1,4 @@
-"""How large the scene of a Collada file (DAE) is, before its instances are multiplied."""
+"""Size of the scene of a Collada file (DAE), computed before its instances are expanded."""
 
 from __future__ import annotations
 
@@ -9,18 +9,18 @@ from ikservo.model.urdf_xml import XmlElement, parse_xml
 
 _SURFACES = ("triangles", "polylist", "polygons", "tristrips", "trifans")
 _MAX_LEVELS = 100
-_MAX_CHARS = 32 * 1024 * 1024  # as a file that has everything once
+_MAX_CHARS = 32 * 1024 * 1024  # with every instance expanded
 
 
 def check_collada(path: Path, place: str, data: bytes, max_elements: int) -> None:
-    """Raise where instances, each as often as it is used, are more than can be read.
+    """Raise if the scene with all instances expanded is too large to be read.
 
-    A node may show another one several times, which may do the same: thirty lines are a billion
-    surfaces. Counts that a file states are compared with the size of its text, which is read.
+    A node may instance another node several times, which may do the same: thirty lines can make a
+    billion surfaces. Counts that a file states are compared with the size of its text.
 
     Args:
         path: The origin of the data, for the messages.
-        place: Whose shape it is, for the messages.
+        place: The owner of the shape, for the messages.
         data: The file.
         max_elements: The largest number of triangles and elements in the whole scene.
 

@@ -24,7 +24,7 @@ _HEAD_BYTES = 64 * 1024
 
 @dataclass(slots=True)
 class Description:
-    """What was read.
+    """A description that was read.
 
     Attributes:
         path: The file.
@@ -40,20 +40,20 @@ class Description:
 
 
 def choose_description(source: Path, name: str | None = None) -> Path:
-    """Choose the description that is meant: a file, or the only one of its folder.
+    """Choose the description: a file, or the only one in a folder.
 
     Args:
         source: A file or folder.
         name: The name, or the end of the path, of a file in the folder.
 
     Raises:
-        InputError: There is none, or several; lists them.
+        InputError: There is none, or several; the message lists them.
     """
     if not source.is_dir():
         if name is not None:
             raise InputError(f"{source} is a file.", "--file chooses a file of a folder.")
         return source
-    with contextlib.suppress(OSError):  # of a name that is too long
+    with contextlib.suppress(OSError):  # raised for a name that is too long
         if name is not None and (source / name).is_file():
             return source / name
     found = sorted(_descriptions_in(source))
@@ -87,7 +87,7 @@ def _descriptions_in(folder: Path) -> Iterator[Path]:
 
 
 def _has_robot(path: Path) -> bool:
-    """Check whether a file begins with a robot: an MJCF, or a xacro that is not only macros."""
+    """Check whether a file describes a robot: an MJCF, or a xacro with more than macros."""
     try:
         with path.open("rb") as file:
             head = file.read(_HEAD_BYTES)
@@ -129,11 +129,11 @@ def read_foreign(
         packages: Folders of packages, by name.
         arguments: Arguments of a xacro, by name.
         allow_xacro: Whether the expressions of a xacro may be run.
-        folder: All of it may be read; if None, that of its package, or its own.
+        folder: The folder that may be read; None: that of its package, or its own.
 
     Raises:
-        FileFormatError: It cannot be used; names the place and the cause.
-        InputError: It would run code, or the reader of its format is not installed.
+        FileFormatError: It cannot be used; the message names the place and the cause.
+        InputError: Reading it would run code, or the reader of its format is not installed.
     """
     found = PackageFolders(path, packages, folder)
     if _is_mjcf(path):
@@ -173,7 +173,7 @@ _SHAPES = ("box", "cylinder", "sphere", "mesh")
 
 
 def _make_readable(root: XmlElement) -> list[str]:
-    """Change what published files have and no servo can drive; return what was changed."""
+    """Change joints of published files that no servo can drive; return notes on the changes."""
     joints = [each for each in root.child_elements("joint") if "name" in each.attributes]
     notes = [note for joint in joints for note in _repair_joint(joint)]
     notes += _repair_mimics(joints)
@@ -203,7 +203,7 @@ def _repair_joint(joint: XmlElement) -> Iterator[str]:
 
 
 def _repair_mimics(joints: Sequence[XmlElement]) -> Iterator[str]:
-    """Let joints that follow a follower follow its leader, and drop what follows nothing."""
+    """Let joints that follow a follower follow its leader; drop mimics without a leader."""
     by_name = {joint.attributes["name"]: joint for joint in joints}
     for name, joint in by_name.items():
         mimic = next(iter(joint.child_elements("mimic")), None)
@@ -236,7 +236,7 @@ def _repair_mimics(joints: Sequence[XmlElement]) -> Iterator[str]:
 def _repair_shape(
     link: XmlElement, each: XmlElement, shapes: Sequence[XmlElement]
 ) -> Iterator[str]:
-    """Replace a capsule by its cylinder and balls, and drop shapes that nobody reads."""
+    """Replace a capsule by a cylinder and balls, and drop unknown kinds of shapes."""
     kind = shapes[0].tag if len(shapes) == 1 else "nothing"
     if kind in _SHAPES:
         return

@@ -1,4 +1,4 @@
-"""An arm that is being made: what was decided about it, and the text of its files."""
+"""The draft of a new arm: the decisions about it, and the text of its files."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from ikservo.apps.importing.urdf_text import urdf_text
 from ikservo.model.urdf_types import Urdf, UrdfJoint, UrdfJointType
 from ikservo.registers import MODELS
 
-_EDGE = 0.001  # of a range
-_USED_TURN = 0.8  # of a servo's turn, by the whole range of a slide whose gear is not known
+_EDGE = 0.001  # distance of poses from the limits, as a fraction of the range
+_USED_TURN = 0.8  # of a servo's turn: the whole range of a slide with unknown gear
 _BAUD = {"feetech_sts": 1_000_000, "feetech_scs": 1_000_000, "dynamixel_2": 1_000_000,
          "dynamixel_1": 1_000_000}  # fmt: skip
 _SPEEDS = {"slow": (25.0, 50.0, 500.0), "normal": (60.0, 180.0, 1800.0),
@@ -23,7 +23,7 @@ _SPEEDS = {"slow": (25.0, 50.0, 500.0), "normal": (60.0, 180.0, 1800.0),
 _CONTACT_LINES = (
     "Capsules contain each mesh. Of a link with several, the smallest was fitted first, and what "
     "its capsules contain needs no others.",
-    "The farthest point of their surface is so far from the meshes of the link:",
+    "The excess is the largest distance of their surface from the meshes of the link:",
     "",
     "| link | mesh | triangles | capsules | excess |",
     "|---|---|---|---|---|",
@@ -46,8 +46,8 @@ class DraftJoint:
     Attributes:
         name: Its name in the URDF.
         is_gripper: Whether it moves the jaws.
-        servos: The first, and further ones that drive it together with that.
-        m_per_turn: Metres for a turn of the servo; None for a joint that turns.
+        servos: The first servo, and further ones that drive the joint together with it.
+        m_per_turn: Metres per turn of the servo; None for a joint that turns.
     """
 
     name: str
@@ -58,16 +58,16 @@ class DraftJoint:
 
 @dataclass(slots=True)
 class ArmDraft:
-    """An arm that is being made.
+    """The draft of a new arm.
 
     Attributes:
         name: Its name.
         source: The origin of its geometry.
         urdf: Its links and joints, with simple shapes.
         tip: The link of the tool.
-        joints: Base to tip, the jaws last.
-        baud: Bits a second on the bus.
-        supply_v: The supply of servos that are sold for several voltages; None if it is unknown.
+        joints: The joints from base to tip, the jaws last.
+        baud: Bits per second on the bus.
+        supply_v: Supply voltage of servos that are sold for several voltages; None if unknown.
         floor_m: Height of the table in the base frame.
         poses: Joint positions [rad or m] by pose and joint.
         pictures: The content of each mesh file by its name.
@@ -157,7 +157,7 @@ class ArmDraft:
         return ", ".join(fields)
 
     def _zero_tick(self, joint: DraftJoint, servo: DraftServo) -> float:
-        """Return the tick at zero: the middle of a turn, or where the range's middle is there."""
+        """Return the tick at zero: the middle of a turn, or so that the range's middle is there."""
         ticks = MODELS[servo.model].ticks_per_turn
         body = self.joint(joint.name)
         turn = math.tau if joint.m_per_turn is None else joint.m_per_turn
@@ -170,7 +170,7 @@ class ArmDraft:
         for joint in self.joints:
             body, at = self.joint(joint.name), pose[joint.name]
             edge = min(_EDGE * (body.upper - body.lower), math.radians(0.1))
-            inside = min(max(at, body.lower + edge), body.upper - edge)  # rounded it stays so
+            inside = min(max(at, body.lower + edge), body.upper - edge)  # inside when rounded
             if joint.m_per_turn is None:
                 turning.append(f"{joint.name} = {round(math.degrees(inside), 2)}")
             else:
@@ -179,7 +179,7 @@ class ArmDraft:
         return [f"{unit} = {{ {', '.join(values)} }}" for unit, values in tables if values]
 
     def report(self) -> str:
-        """Return what was decided and dropped, for people."""
+        """Return the report on decisions and dropped parts, as Markdown."""
         lines = [f"# {self.name}", "", f"Made by `ikservo arms new` from {self.source}.", ""]
         lines += ["## Decisions", "", *(f"- {each}" for each in self.decisions), ""]
         lines += ["## Joints", "", "| joint | servo | range |", "|---|---|---|"]
@@ -193,7 +193,7 @@ class ArmDraft:
         for fit in self.fits:
             excess = f"{1000 * fit.excess_m:.1f} mm"
             if fit.excess_m > fit.allowed_m:
-                excess += f", more than {1000 * fit.allowed_m:.0f} mm: no nearer eight were found"
+                excess += f", more than {1000 * fit.allowed_m:.0f} mm: no closer eight were found"
             lines.append(
                 f"| {fit.link} | {fit.name} | {fit.triangles:,} | {fit.capsules} | {excess} |"
             )
@@ -210,7 +210,7 @@ def format_range(joint: UrdfJoint) -> str:
 
 
 def guessed_m_per_turn(joint: UrdfJoint) -> float:
-    """Return metres for a turn of a servo that moves a slide within one turn."""
+    """Return metres per turn for a servo that moves a slide over its range within one turn."""
     return (joint.upper - joint.lower) / _USED_TURN
 
 

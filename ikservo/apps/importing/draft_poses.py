@@ -1,4 +1,4 @@
-"""A pose from which an arm can start: free, above the table, away from its limits."""
+"""Search of a start pose for an arm: free, above the table, away from its limits."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from ikservo.model.collision_model import capsules_of
 _TRIES, _BATCH = 600, 20
 _ENOUGH_M, _SHARE, _SPREAD = 0.01, 0.5, 40
 _CLEAR_M = 0.001
-_STRAIGHT = 0.4  # of the joints that are tried at zero
-_MAX_RAD = 2.2  # further from zero nobody expects a joint
+_STRAIGHT = 0.4  # fraction of the joints that are tried at zero
+_MAX_RAD = 2.2  # a joint further from zero would be a surprising start
 
 
 def propose_home(model: Model) -> dict[str, float]:
-    """Return a pose of an arm, rad or m by joint: the tool in front, as free as possible.
+    """Return a start pose, rad or m by joint: the tool in front, with as much room as possible.
 
-    The same arm gets the same pose.
+    The result is the same for the same arm.
     """
     chain = model.chain
     rng = np.random.default_rng(1)
@@ -44,7 +44,7 @@ def propose_home(model: Model) -> dict[str, float]:
 
 
 def _first_free(model: Model, postures: Matrix) -> Vector:
-    """Find the first posture of some (n, dof) with room around the body, or that with the most.
+    """Return the first of postures (n, dof) with room around the body, or the one with the most.
 
     Room is the distance from itself and the table, as far as each pair of links can have it.
     """
@@ -80,7 +80,7 @@ def table_height_m(model: Model) -> float:
 
 
 def _gaps_m(model: Model, body: CollisionBody, postures: Matrix) -> Matrix:
-    """Return the distances of all pairs of links, and of links and the table (n, pairs)."""
+    """Return the distances (n, pairs) of all pairs of links, and of links from the table."""
     return np.concatenate(
         [
             body.floor_distances(postures, model.floor_m or 0.0).gap_m,

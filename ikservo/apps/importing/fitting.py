@@ -1,4 +1,4 @@
-"""Capsules that contain a mesh, as few as keep their surface near it."""
+"""Fit of capsules to a mesh: as few as possible that contain it and stay close to it."""
 
 from __future__ import annotations
 
@@ -16,16 +16,16 @@ Triangles = NDArray[np.float64]
 
 MAX_CAPSULES = 8
 _EXCESS_M, _EXCESS_FRACTION = 0.010, 0.10
-_CELL_FRACTION = 1 / 200  # of the size of a mesh: vertices nearer to each other become one
-_PIECE_FRACTION = 1 / 10  # of the size: pieces that are contained by other meshes or not
+_CELL_FRACTION = 1 / 200  # of the size of a mesh: closer vertices are merged
+_PIECE_FRACTION = 1 / 10  # of the size: pieces are tested against the capsules of other meshes
 _SAMPLES = 40  # of the size: points of the surface are at most so far apart
-_MAX_FITTED = 30_000  # triangles: of a mesh with more, vertices farther apart become one
-_MAX_PIECES = 100_000  # into which triangles are cut: larger surfaces are sampled more coarsely
-_CUTS = (0.5, 0.35, 0.65)  # where a part is cut, of its extent
-_MAX_RATED = 6_000  # triangles that are cut to find the best plane
+_MAX_FITTED = 30_000  # triangles; a mesh with more is simplified
+_MAX_PIECES = 100_000  # pieces of cut triangles; larger surfaces are sampled coarsely
+_CUTS = (0.5, 0.35, 0.65)  # tried planes, as fractions of the extent of a part
+_MAX_RATED = 6_000  # number of triangles that are cut to find the best plane
 _CIRCLE_STEPS = 60
 _DIRECTIONS = 192
-_MAX_SEARCHED = 6_000  # points: of more, some are searched in all directions, and all in few
+_MAX_SEARCHED = 6_000  # points; if there are more, all are searched in few directions only
 _BLOCK = 2048
 
 
@@ -39,7 +39,7 @@ class FittedCapsule:
 
     @property
     def volume_m3(self) -> float:
-        """Its volume."""
+        """Volume of the capsule."""
         length_m = float(np.linalg.norm(self.end_m - self.start_m))
         return math.pi * self.radius_m**2 * (length_m + 4.0 / 3.0 * self.radius_m)
 
@@ -50,7 +50,7 @@ class FittedCapsule:
         return math.tau * self.radius_m * (length_m + 2.0 * self.radius_m)
 
     def depth_m(self, points: Matrix) -> Vector:
-        """Compute how deep points (n, 3) are inside (n,); negative outside."""
+        """Compute the depth (n,) of points (n, 3) inside; negative outside."""
         along = self.end_m - self.start_m
         squared = float(along @ along)
         s = np.clip((points - self.start_m) @ along / squared, 0.0, 1.0) if squared else 0.0
@@ -74,7 +74,7 @@ class MeshFit:
 
 
 def allowed_excess_m(triangles: Triangles) -> float:
-    """Return how far capsules may be from a mesh: 10 mm, or a tenth of its largest extent."""
+    """Return the allowed distance from a mesh: 10 mm, or a tenth of its largest extent."""
     return max(_EXCESS_M, _EXCESS_FRACTION * extent_m(triangles))
 
 
@@ -94,13 +94,13 @@ def fit_capsules(
     or there are eight. Each capsule contains the convex hull of its part, so cutting leaves no
     gap. Vertices are merged before, and the capsules are as much thicker as that moved them.
 
-    A mesh of a link that has others is fitted beside them: what their capsules contain needs no
-    further one, and what is near one of them is near the link.
+    If a link has other meshes, parts that their capsules contain need no capsule, and a capsule
+    that is close to any of the meshes counts as close to the link.
 
     Args:
-        triangles: At least one.
+        triangles: The triangles, at least one.
         beside: The other meshes of the link, in the coordinates of this one.
-        given: The capsules of those of them that were fitted before.
+        given: The capsules of other meshes that were fitted before.
     """
     allowed_m = allowed_excess_m(triangles)
     size_m = extent_m(triangles)
@@ -112,7 +112,7 @@ def fit_capsules(
     surface = _SampledSurface([merged, *filter(len, near)], max(size_m / _SAMPLES, 1e-6), given)
     parts = _cut_parts(_fit_parts([outside]), surface, allowed_m, moved_m, _COARSE)
     parts = _merge_parts(parts, surface, allowed_m, moved_m)
-    parts = _cut_parts(parts, surface, allowed_m, moved_m, _FINE)  # what coarse points have missed
+    parts = _cut_parts(parts, surface, allowed_m, moved_m, _FINE)  # see details
     excess_m = max(surface.excess_m(i, parts, moved_m, _FINE) for i in range(len(parts)))
     capsules = [FittedCapsule(p.fit.start_m, p.fit.end_m, p.fit.radius_m + moved_m) for p in parts]
     return MeshFit(tuple(capsules), excess_m, allowed_m)
@@ -125,7 +125,7 @@ def _cut_parts(
     moved_m: float,
     density: _Density,
 ) -> list[_Part]:
-    """Cut the part that is farthest, as long as one is too far and there are fewer than eight."""
+    """Cut the worst part until all are close enough or there are eight."""
     parts = list(parts)
     while len(parts) < MAX_CAPSULES:
         excesses = [surface.excess_m(i, parts, moved_m, density) for i in range(len(parts))]
@@ -141,7 +141,7 @@ def _cut_parts(
 
 
 def _near(triangles: Triangles, others: Triangles, away_m: float) -> Triangles:
-    """Return the triangles whose upright boxes are near that of all others together."""
+    """Return the triangles whose bounding boxes are near the box of all the others."""
     low, high = others.min(axis=(0, 1)) - away_m, others.max(axis=(0, 1)) + away_m
     near = (triangles.max(axis=1) >= low) & (triangles.min(axis=1) <= high)
     return triangles[near.all(axis=1)]
@@ -150,7 +150,7 @@ def _near(triangles: Triangles, others: Triangles, away_m: float) -> Triangles:
 def _outside(
     triangles: Triangles, capsules: Sequence[FittedCapsule], moved_m: float, edge_m: float
 ) -> Triangles:
-    """Return what of some triangles no capsule contains, in pieces about as long as an edge."""
+    """Return the pieces of triangles, about as long as an edge, that no capsule contains."""
     kept: list[Triangles] = []
     edge_m = _affordable_m(triangles, edge_m, _MAX_FITTED)
     while len(triangles) and capsules:
@@ -166,7 +166,7 @@ def _outside(
 
 
 def simplify(triangles: Triangles, cell_m: float) -> tuple[Triangles, float]:
-    """Merge vertices in cells of a grid, larger ones until few enough triangles are left.
+    """Merge vertices in cells of a grid; enlarge the cells until few enough triangles are left.
 
     Returns:
         The triangles left, and how far the farthest vertex was moved.
@@ -179,7 +179,7 @@ def simplify(triangles: Triangles, cell_m: float) -> tuple[Triangles, float]:
 
 
 def merge_vertices(triangles: Triangles, cell_m: float) -> tuple[Triangles, float]:
-    """Move all vertices of a cell of a grid to one of them; equal triangles become one.
+    """Merge the vertices in each cell of a grid; drop duplicate triangles.
 
     Returns:
         The triangles left, and how far the farthest vertex was moved.
@@ -208,7 +208,7 @@ _SPHERE = _sphere_directions(_DIRECTIONS)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Density:
-    """How a capsule is sampled: directions (n, 3) of its ends, rings, and points around it."""
+    """Sampling of a capsule: directions (n, 3) of its ends, rings, and points around it."""
 
     directions: Matrix
     rings: int
@@ -217,11 +217,11 @@ class _Density:
 
 _COARSE = _Density(_SPHERE, 9, 16)
 _FINE = _Density(_sphere_directions(2000), 30, 60)
-"""To state the result."""
+"""Density for the final result."""
 
 
 class _SampledSurface:
-    """Points of a surface, to measure how far capsules are from it."""
+    """Points of a surface, for measuring the distance of capsules."""
 
     def __init__(
         self, meshes: Sequence[Triangles], spacing_m: float, given: Sequence[FittedCapsule] = ()
@@ -234,12 +234,12 @@ class _SampledSurface:
     def excess_m(
         self, index: int, parts: Sequence[_Part], moved_m: float = 0.0, density: _Density = _COARSE
     ) -> float:
-        """Compute how far a capsule's surface is from the mesh, without what others contain."""
+        """Compute the largest distance of a capsule's surface from the mesh, outside the others."""
         away_m = self._distances_m(index, parts, density)
         return float(away_m.max()) + moved_m if len(away_m) else 0.0
 
     def badness(self, parts: Sequence[_Part], allowed_m: float) -> float:
-        """Rate parts by how much of their surface is far from the mesh, and how far; 0 is best."""
+        """Rate parts by the area and distance of their surface far from the mesh; 0 is best."""
         rated = 0.0
         for i, part in enumerate(parts):
             far_m = self._distances_m(i, parts, _COARSE)
@@ -258,9 +258,9 @@ class _SampledSurface:
 
 
 def _sample_surface(triangles: Triangles, spacing_m: float) -> Matrix:
-    """Sample points of a surface (n, 3), nowhere much farther apart than the spacing.
+    """Sample points (n, 3) of a surface, at about the given spacing.
 
-    If the surface is too large for that, they are farther apart: distances come out larger.
+    On a very large surface they are farther apart, so that distances come out larger.
     """
     done: list[Matrix] = []
     spacing_m = _affordable_m(triangles, spacing_m, _MAX_PIECES)
@@ -272,7 +272,7 @@ def _sample_surface(triangles: Triangles, spacing_m: float) -> Matrix:
 
 
 def _affordable_m(triangles: Triangles, edge_m: float, most: int) -> float:
-    """Return the edge, or a longer one, for which triangles need not be cut in too many pieces."""
+    """Return an edge length, at least the given one, that limits the number of pieces."""
     longest_m = _longest_edges(triangles)
     a, b, c = triangles.transpose(1, 0, 2)
     height_m = np.linalg.norm(np.cross(b - a, c - a), axis=1) / np.maximum(longest_m, 1e-12)
@@ -343,7 +343,7 @@ class _Part:
 
 
 def _fit_parts(pieces: Sequence[Triangles]) -> list[_Part]:
-    """Fit the smallest capsule with one of six axes around each of some pieces."""
+    """Fit the smallest capsule, of six possible axes, around each piece."""
     points = [piece.reshape(-1, 3) for piece in pieces]
     corners = np.stack([outermost(each) for each in points])
     axes = np.stack([np.concatenate([np.eye(3), _main_axes(each)]) for each in corners])
@@ -366,12 +366,12 @@ def _fit_parts(pieces: Sequence[Triangles]) -> list[_Part]:
 def _best_thickness(
     axis: Vector, across: Matrix, centre: Vector, points: Matrix
 ) -> tuple[float, float]:
-    """Return how far the best capsule along an axis is from points, and how thick it is.
+    """Return the distance of the best capsule along an axis from points, and its thickness.
 
-    The thinnest one ends a whole radius beyond a flat end; a thicker one ends nearer to it.
+    The thinnest capsule ends a whole radius beyond a flat end; a thicker one ends closer.
 
     Returns:
-        About how far it is [m], and its radius as a multiple of the smallest.
+        The approximate distance [m], and the radius as a multiple of the smallest.
     """
     along, flat = points @ axis, points @ across.T - centre
     away2 = _squares(flat)
@@ -389,7 +389,7 @@ def _best_thickness(
 
 
 def outermost(points: Matrix) -> Matrix:
-    """Return the points (k, 3) of some that are the farthest along evenly spread directions."""
+    """Return the points (k, 3) that are farthest along evenly spread directions."""
     if len(points) > _MAX_SEARCHED:
         some = points[:: math.ceil(len(points) / _MAX_SEARCHED)]
         points = np.concatenate([_farthest_along(_SPHERE[::8], points), some])
@@ -401,7 +401,7 @@ def _farthest_along(directions: Matrix, points: Matrix) -> Matrix:
     most, which = np.full(len(directions), -np.inf), np.zeros(len(directions), dtype=np.intp)
     across, rows = directions.astype(np.float32), np.arange(len(directions))
     middle = points.mean(axis=0)
-    for first in range(0, len(points), _BLOCK):  # what fits into a processor's cache
+    for first in range(0, len(points), _BLOCK):  # blocks fit into a processor's cache
         near = (points[first : first + _BLOCK] - middle).astype(np.float32)
         x, y, z = near.T.copy()
         along = across[:, :1] * x + across[:, 1:2] * y + across[:, 2:] * z
@@ -413,14 +413,14 @@ def _farthest_along(directions: Matrix, points: Matrix) -> Matrix:
 
 
 def _main_axes(points: Matrix) -> Matrix:
-    """Compute the principal axes (3, 3) of points, one a row, the longest first."""
+    """Compute the principal axes (3, 3) of points, one per row, the longest first."""
     return np.linalg.svd(points - points.mean(axis=0), full_matrices=False)[2]
 
 
 def _enclosing_circle_centres(flat: Matrix) -> Matrix:
-    """Return nearly the centres (m, 2) of the smallest circles around (m, n, 2).
+    """Approximate the centres (m, 2) of the smallest circles around points (m, n, 2).
 
-    Badoiu and Clarkson: the centre moves towards the farthest point, less each time.
+    Method of Badoiu and Clarkson: steps towards the farthest point, ever smaller.
     """
     centre = 0.5 * (flat.min(axis=1) + flat.max(axis=1))
     min_m = np.full(len(flat), np.inf)
@@ -444,7 +444,7 @@ def _capsule_along(
     radius_m = float(away_m.max()) * thickness + 1e-9
     cap_m = np.sqrt(np.maximum(radius_m**2 - away_m**2, 0.0))
     start, end = float((along + cap_m).min()), float((along - cap_m).max())
-    if start > end:  # one ball contains them all
+    if start > end:  # a ball contains all points
         start = end = 0.5 * (start + end)
     return FittedCapsule(centre @ across + start * axis, centre @ across + end * axis, radius_m)
 
@@ -454,7 +454,7 @@ def _best_cut(
 ) -> list[_Part] | None:
     """Return the two parts of the cut with the nearest capsules; None if nothing can be cut.
 
-    Of very many triangles some are cut everywhere, and all where that is best.
+    If there are very many triangles, all planes are tried on some, and the best one on all.
     """
     points = triangles.reshape(-1, 3)
     some = triangles[:: math.ceil(len(triangles) / _MAX_RATED)]
@@ -502,7 +502,7 @@ def _cut_by_plane(triangles: Triangles, axis: Vector, at_m: float) -> tuple[Tria
 def _merge_parts(
     parts: list[_Part], surface: _SampledSurface, allowed_m: float, moved_m: float
 ) -> list[_Part]:
-    """Put parts together where one capsule around two of them is near enough, too."""
+    """Merge two parts if one capsule around both is close enough."""
     worst_m = max(surface.excess_m(i, parts, moved_m) for i in range(len(parts)))
     limit_m, merging = max(allowed_m, worst_m), True
     while merging and len(parts) > 1:

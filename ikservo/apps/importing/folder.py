@@ -1,4 +1,4 @@
-"""The folder of an arm: drafts loaded, and written all at once."""
+"""The folder of an arm: load drafts, and write all files at once."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ _NAME = re.compile(r"[A-Za-z0-9_-]{1,64}")
 
 
 def check_name(name: str) -> None:
-    """Raise if an arm cannot be called so.
+    """Raise if a name is not allowed for an arm.
 
     Raises:
-        BadValueError: It has other characters, or is an arm that ships with ikservo.
+        BadValueError: It has other characters, or is the name of an arm of ikservo.
     """
     if not _NAME.fullmatch(name):
         raise BadValueError("The name", name, "1 to 64 of the characters A-Z a-z 0-9 _ -")
@@ -31,7 +31,7 @@ def check_new(names: Sequence[str], folder: Path, *, overwrite: bool) -> None:
     """Raise if a folder of an arm exists already.
 
     Raises:
-        InputError: It does, and may not be overwritten.
+        InputError: The folder exists and may not be overwritten.
     """
     for name in names:
         if (folder / name).exists() and not overwrite:
@@ -46,7 +46,7 @@ def load_draft(draft: ArmDraft, folder: Path | None = None) -> Model:
         folder: The folder of its two files; a temporary folder if None.
 
     Raises:
-        FileFormatError: It cannot be loaded; names the description that it was made from.
+        FileFormatError: It cannot be loaded; the message names its source description.
     """
     if folder is None:
         with tempfile.TemporaryDirectory() as name:
@@ -56,7 +56,7 @@ def load_draft(draft: ArmDraft, folder: Path | None = None) -> Model:
             write_atomic(folder / name, content)
     try:
         return load_model(folder)
-    except FileFormatError as error:  # the user knows the description, not a temporary file
+    except FileFormatError as error:  # name the description, not the temporary file
         where = f"{error.path.name} of the new arm, {error.where}".rstrip(", ")
         raise FileFormatError(draft.source, where, error.found, error.expected) from error
 
@@ -65,7 +65,7 @@ def write_drafts(drafts: Sequence[ArmDraft], folder: Path) -> list[Path]:
     """Write the files of all arms, or none; return the arms' folders.
 
     Raises:
-        FileWriteError: The disk is full, read-only or broken; names the file.
+        FileWriteError: The disk is full, read-only or broken; the message names the file.
     """
     files = {
         folder / draft.name / name: content

@@ -23,23 +23,23 @@ from ikservo.remedies import install_command
 _FORMATS = (".stl", ".obj", ".ply", ".glb", ".gltf", ".dae")
 _MAX_BYTES = 32 * 1024 * 1024
 MAX_TRIANGLES = 300_000
-"""Of a mesh; half a minute of fitting at worst, once."""
+"""Largest number of triangles of a mesh; fitting takes up to half a minute, once."""
 _UNIT_BYTES = 64 * 1024
 _STL_HEAD_BYTES, _STL_TRIANGLE_BYTES, _GLB_HEAD_BYTES = 84, 50, 20
 
 
 def read_triangles(path: Path, data: bytes, link: str) -> Triangles:
-    """Read the corners of all triangles (n, 3, 3), in the file's own unit; Collada in metres.
+    """Read the corners (n, 3, 3) of all triangles, in the file's own unit; Collada in metres.
 
     Files that the mesh names (buffers of glTF) are read from its own folder only.
 
     Args:
-        path: The origin of the mesh: its suffix is its format.
+        path: The origin of the mesh; its suffix tells the format.
         data: Its content.
-        link: Whose shape it is, for the messages.
+        link: The link that owns the shape, for the messages.
 
     Raises:
-        FileFormatError: It is none of the known formats, damaged, empty or too large.
+        FileFormatError: It has an unknown format, or is damaged, empty or too large.
         InputError: The extra ``import`` is not installed.
     """
     place, suffix = f"mesh of link {link}", path.suffix.lower()
@@ -64,7 +64,7 @@ _UNIT = re.compile(rb"""<unit\b[^>]*\bmeter\s*=\s*["']([0-9.eE+-]{1,24})["']""")
 
 
 def _collada_metre(data: bytes) -> float:
-    """Return how many metres the unit of a Collada file is, which names it; 1 if it does not."""
+    """Return the unit of a Collada file in metres; 1 if the file does not name it."""
     found = _UNIT.search(data[:_UNIT_BYTES])
     with contextlib.suppress(ValueError):
         metre = float(found[1]) if found else 1.0
@@ -79,7 +79,7 @@ def _check_count(path: Path, place: str, triangles: float) -> None:
 
 
 def _stated_triangles(suffix: str, data: bytes) -> float:
-    """Compute how many triangles a file says it has, before room is made for them; 0 if unknown."""
+    """Return the stated number of triangles, before memory is allocated; 0 if unknown."""
     if suffix == ".stl" and len(data) > _STL_HEAD_BYTES and not data.startswith(b"solid"):
         return (len(data) - _STL_HEAD_BYTES) // _STL_TRIANGLE_BYTES
     if suffix == ".obj":
@@ -93,7 +93,7 @@ def _stated_triangles(suffix: str, data: bytes) -> float:
 
 
 def _gltf_triangles(tree: Any) -> float:  # noqa: ANN401  # JSON of any shape
-    """Compute the corners in all primitives of all nodes, a third of them, as glTF counts them."""
+    """Compute the triangles of a glTF: a third of the corners of all primitives of all nodes."""
     counts: list[float] = [accessor.get("count", 0) for accessor in tree.get("accessors", ())]
     meshes: list[float] = []
     for mesh in tree.get("meshes", ()):
@@ -108,7 +108,7 @@ def _gltf_triangles(tree: Any) -> float:  # noqa: ANN401  # JSON of any shape
 def _load_mesh(path: Path, data: bytes, place: str) -> Triangles:
     trimesh = _import_trimesh(path, place)
     file = trimesh.util.wrap_as_stream(data)
-    logging.getLogger("trimesh").addHandler(logging.NullHandler())  # or it writes to the terminal
+    logging.getLogger("trimesh").addHandler(logging.NullHandler())  # silences the terminal
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
@@ -121,7 +121,7 @@ def _load_mesh(path: Path, data: bytes, place: str) -> Triangles:
                 resolver=_FolderResolver(path.parent),
             )
         return np.array(mesh.triangles, dtype=np.float64).reshape(-1, 3, 3)
-    except Exception as error:  # trimesh raises whatever the damage leads to
+    except Exception as error:  # trimesh raises any exception for damaged files
         why = " ".join(str(error).split())[:120] or type(error).__name__
         raise FileFormatError(path, place, f"it cannot be read ({why})", "a whole mesh") from error
 
@@ -154,11 +154,11 @@ class _FolderResolver:
         return self.get(name)
 
     def keys(self) -> list[str]:
-        """Return no names: nothing is searched for."""
+        """Return no names, because files are not searched for."""
         return []
 
     def namespaced(self, _: str) -> _FolderResolver:
-        """Return itself: names count from the folder."""
+        """Return itself, because names are relative to the folder."""
         return self
 
 
@@ -166,7 +166,7 @@ def mesh_triangles(link: str, mesh: Mesh) -> Triangles:
     """Return the corners of a mesh's triangles (n, 3, 3) [m] in its own frame.
 
     Raises:
-        FileFormatError: It is missing, outside the folder, or cannot be used.
+        FileFormatError: The file is missing, outside the folder, or cannot be used.
         InputError: The extra ``import`` is not installed.
     """
     path = _mesh_file(link, mesh)

@@ -38,7 +38,7 @@ from ikservo.remedies import install_command
 _MAX_BYTES = 4 * 1024 * 1024
 _MAX_INCLUDES = 32
 _MAX_MESH_BYTES = 32 * 1024 * 1024
-_MAX_MESHES_BYTES = 256 * 1024 * 1024  # in all, each as often as the model names it
+_MAX_MESHES_BYTES = 256 * 1024 * 1024  # in all; a mesh counts each time that the model names it
 _BROKEN_NAME = re.compile(r"""\b(file\w*|\w+dir)\s*=\s*("[^"]*[\t\r\n]|'[^']*[\t\r\n])""")
 _DROPPED_SECTIONS = (
     "size", "option", "statistic", "visual", "custom", "extension", "contact", "sensor", "actuator",
@@ -52,18 +52,18 @@ _DROPPED_ELEMENTS = {
     **dict.fromkeys(("worldbody", "body", "frame"), ("camera", "light")),
 }
 _DROPPED_ATTRIBUTES = {"material": ("texture",), "compiler": ("texturedir",)}
-"""What an arm's folder does not need: MuJoCo gets none of it."""
+"""Elements that an arm's folder does not need; they are removed before MuJoCo compiles."""
 
 
 def arm_xml(path: Path, folder: Path) -> str:
-    """Return an MJCF with what it includes, but only what says how an arm is built.
+    """Return an MJCF with its included files, reduced to the structure of the arm.
 
     Pictures, height fields, key frames, cameras, sensors and actuators are left out before
     anything is compiled. Meshes are named by their whole path.
 
     Raises:
         FileFormatError: A file is outside the folder, too large or not a regular file, or the XML
-            cannot be used; names the place.
+            cannot be used; the message names the place.
     """
     root, files = _read_whole(path, path.parent, folder, set())
     elements = _all_elements(root)
@@ -104,14 +104,14 @@ def arm_xml(path: Path, folder: Path) -> str:
 
 
 def _read_whole(path: Path, place: Path, folder: Path, seen: set[Path]) -> tuple[XmlElement, int]:
-    """Read an MJCF with what it includes in place; return it and how many files were read.
+    """Read an MJCF and insert its included files; return it and the number of files read.
 
     Raises:
-        FileFormatError: One is outside the folder, included twice, or cannot be used.
+        FileFormatError: A file is outside the folder, included twice, or cannot be used.
     """
     seen.add(path.resolve())
     text = read_text(path, _MAX_BYTES)
-    if _BROKEN_NAME.search(text):  # MuJoCo keeps what other readers of XML take as a blank
+    if _BROKEN_NAME.search(text):  # MuJoCo keeps these; other XML readers read blanks
         raise FileFormatError(path, "", "has a tab or a line break in a file's name", "a name")
     root = parse_xml(path, text)
     for element in _all_elements(root):
@@ -120,7 +120,7 @@ def _read_whole(path: Path, place: Path, folder: Path, seen: set[Path]) -> tuple
             if child.tag != "include" or "file" not in child.attributes:
                 children.append(child)
                 continue
-            # No folder of the compiler changes the name.
+            # The folder settings of the compiler must not change the name.
             inner = _resolve_inside(child, place, folder, child.attributes["file"])
             if inner.resolve() in seen:
                 raise child.error(f"includes {quote(inner.name)} again", "each file once")
@@ -135,14 +135,14 @@ _MULTIPLIES = ("replicate", "composite", "flexcomp", "attach", "model", "plugin"
 
 
 def _check_element(element: XmlElement) -> None:
-    """Refuse what makes a few bytes a large model, names one, or is a reversed range."""
+    """Refuse elements that expand a few bytes or name another model, and reversed ranges."""
     attributes = element.attributes
     if element.tag in _MULTIPLIES or (element.tag == "mesh" and "builtin" in attributes):
         raise element.error(f"<{element.tag}> is not for arms", "bodies one by one")
     for key in ("range", "actuatorfrcrange") if element.tag == "joint" else ():
         if key in attributes and attributes.get(_SWITCHES[key]) != "false":
             lower, upper = element.pair(key, most=math.inf)
-            if lower > upper:  # MuJoCo takes it as no limit
+            if lower > upper:  # MuJoCo would ignore the limit
                 found = f"joint {quote(attributes.get('name', ''))} has {key} {lower:g} {upper:g}"
                 raise element.error(found, "the lower number first")
 
@@ -152,7 +152,7 @@ _SWITCHES = {"range": "limited", "actuatorfrcrange": "actuatorfrclimited"}
 
 @dataclass(slots=True)
 class _LineCount:
-    """Where the text stands, so that MuJoCo names the lines of the file."""
+    """Keeps elements on their lines, so that MuJoCo reports the line numbers of the file."""
 
     show_lines: bool
     line: int = 1
@@ -195,10 +195,10 @@ def body_shapes(mujoco: Any, model: Any, body: int, shift_m: Vector) -> tuple[li
     Planes and height fields are surroundings and are left out.
 
     Args:
-        mujoco: The module.
+        mujoco: The module `mujoco`.
         model: A compiled model.
-        body: Its number.
-        shift_m: Origin of the link's frame in the body's (3,).
+        body: The number of the body.
+        shift_m: Origin (3,) of the link's frame in the body's frame.
     """
     collide, drawn = list[Shape](), list[Shape]()
     first = int(model.body_geomadr[body])
@@ -242,13 +242,13 @@ _NO_INERTIA = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 def read_mjcf(path: Path, folder: Path | None = None) -> Urdf:
     """Read bodies, hinges, slides, geoms and sites of an MJCF.
 
-    Bodies and sites are links; a body with several joints has one more link for each. A robot that
-    stands freely is fixed where it stands; things that nothing holds are left out. The files
-    that it names are checked first: none outside the model's folder is opened.
+    Bodies and sites are links; a body with several joints has one more link for each. A robot with
+    a free base is fixed at its place; loose objects are left out. The files that it names are
+    checked first, so that none outside the model's folder is opened.
 
     Args:
         path: The file.
-        folder: The folder of its files; its own if None.
+        folder: The folder of its files; None: the folder of the file.
 
     Raises:
         FileFormatError: A file is outside the folder, MuJoCo refuses the model, or it has a
@@ -262,7 +262,7 @@ def read_mjcf(path: Path, folder: Path | None = None) -> Urdf:
             model = mujoco.MjModel.from_xml_string(text)
     except (ValueError, OSError) as error:
         why = " ".join(str(error).split())[:200]
-        if len(text.split("\n")) == 1:  # of several files: the lines are not theirs
+        if len(text.split("\n")) == 1:  # with several files, line numbers mislead
             why = re.sub(r",? line -?\d+", "", why)
         raise FileFormatError(path, "", f"MuJoCo refuses it: {why}", "an MJCF") from error
     return _BodyTreeReader(path, mujoco, model).build_urdf()
@@ -270,7 +270,7 @@ def read_mjcf(path: Path, folder: Path | None = None) -> Urdf:
 
 @contextmanager
 def _warnings_withheld(mujoco: Any) -> Generator[None]:  # noqa: ANN401  # no types
-    """Keep MuJoCo from printing warnings, and from writing MUJOCO_LOG.TXT where the user is."""
+    """Keep MuJoCo from printing warnings and writing MUJOCO_LOG.TXT to the current folder."""
     before = mujoco.get_mju_user_warning()
     mujoco.set_mju_user_warning(_ignore)
     try:
@@ -300,7 +300,7 @@ class _BodyTreeReader:
         self._path, self._mujoco, self._model = path, mujoco, model
         self._links: list[UrdfLink] = []
         self._joints: list[UrdfJoint] = []
-        # Where each body's link frame is in the body's own frame: at its last joint.
+        # Origin of each body's link frame in the body's own frame: at its last joint.
         self._shift_m: list[Vector] = []
         self._names: list[str] = []
 
@@ -316,11 +316,11 @@ class _BodyTreeReader:
             if int(model.site_bodyid[site]) not in loose:
                 self._add_site(site)
         things = [body for body in sorted(loose) if model.body_rootid[body] == body]
-        notes = tuple(f"{self._names[each]} is held by nothing: it is left out." for each in things)
+        notes = tuple(f"{self._names[each]} is a loose object: it is left out." for each in things)
         return Urdf("", tuple(self._links), tuple(self._joints), self._names[0], notes)
 
     def _loose_bodies(self) -> set[int]:
-        """Find the bodies of things that nothing holds or drives: they move freely, or by mocap."""
+        """Find the bodies of loose objects, which move freely or by mocap."""
         model, root_of = self._model, self._model.body_rootid
         moves_freely = np.equal(model.jnt_type, self._mujoco.mjtJoint.mjJNT_FREE)
         loose = {*model.jnt_bodyid[moves_freely], *np.flatnonzero(model.body_mocapid >= 0)}
@@ -328,14 +328,14 @@ class _BodyTreeReader:
         return {body for body in range(model.nbody) if root_of[body] in loose}
 
     def _add_joints(self, body: int) -> Vector:
-        """Add the joints of a body and return where its link's frame is in the body's."""
+        """Add the joints of a body; return the origin of its link's frame in the body's frame."""
         model, parent = self._model, int(self._model.body_parentid[body])
         at = make_pose(-self._shift_m[parent]) @ make_pose(
             model.body_pos[body], quaternion_to_matrix(model.body_quat[body])
         )
         first, count = int(model.body_jntadr[body]), int(model.body_jntnum[body])
         if count and int(model.jnt_type[first]) == self._mujoco.mjtJoint.mjJNT_FREE:
-            count = 0  # a robot that nothing holds stands where it stands
+            count = 0  # the base of a free robot is fixed at its place
         above, shift_m = self._names[parent], np.zeros(3)
         for joint in range(first, first + count):
             anchor_m = np.array(model.jnt_pos[joint])

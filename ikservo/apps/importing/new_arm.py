@@ -1,4 +1,4 @@
-"""The dialogue of ``ikservo arms new``: a description and a bus become the folder of an arm."""
+"""The dialogue of ``ikservo arms new``: make an arm's folder from a description and a bus."""
 
 from __future__ import annotations
 
@@ -41,11 +41,11 @@ _MAX_JOINTS = 12
 
 @dataclass(frozen=True, slots=True)
 class NewArm:
-    """What the user said beforehand.
+    """The options of the user.
 
     Attributes:
         name: The name of the arm.
-        folder: The folder in which its own is made.
+        folder: The folder in which the arm's folder is made.
         source: A description, or a folder with one; None for an arm that is measured.
         file: The file in that folder.
         joints: Measured joints, base to tip, if there is no description.
@@ -71,11 +71,11 @@ class NewArm:
 
 
 def draft_new_arm(new: NewArm) -> EntryDialogue[list[ArmDraft]]:
-    """Make drafts of an arm's files, or of several arms'; nothing is written.
+    """Make drafts of the files of one or more arms; write nothing.
 
     Raises:
-        InputError: An option does not fit, or the folder exists; says which.
-        FileFormatError: The description cannot be used; names the place.
+        InputError: An option does not fit, or the folder exists; the message says which.
+        FileFormatError: The description cannot be used; the message names the place.
         UnknownNameError: It has no such link or joint.
     """
     check_name(new.name)
@@ -105,7 +105,7 @@ def draft_new_arm(new: NewArm) -> EntryDialogue[list[ArmDraft]]:
 
 
 def _mesh_progress(step: MeshStep, elapsed_s: float) -> str:
-    """Return which mesh is fitted, and about how long the others take, by those before."""
+    """Describe which mesh is fitted, and estimate the remaining time."""
     left = ""
     if step.done:
         left = f", about {elapsed_s / step.done * (step.count - step.done):.0f} s left"
@@ -152,7 +152,7 @@ def _ask_joints() -> EntryDialogue[tuple[RulerJoint, ...]]:
 
 
 def _choose_tips(description: Description, options: ImportOptions) -> EntryDialogue[ImportOptions]:
-    """Ask which of the links that can be the tip is, where there are several."""
+    """Ask which link is the tip, if there are several candidates."""
     if options.tips or options.base:
         return options
     try:
@@ -172,7 +172,7 @@ def _choose_tips(description: Description, options: ImportOptions) -> EntryDialo
 
 
 def _propose_home(draft: ArmDraft) -> EntryDialogue[None]:
-    """Give a draft the pose home, by search; rest is the same as long as it is not found."""
+    """Search the pose home for a draft; the pose rest is the same until it is found."""
     start = {
         joint.name: min(max(0.0, draft.joint(joint.name).lower), draft.joint(joint.name).upper)
         for joint in draft.joints
@@ -198,7 +198,7 @@ def _propose_home(draft: ArmDraft) -> EntryDialogue[None]:
 
 
 def _find_rest(draft: ArmDraft) -> EntryDialogue[None]:
-    """Give a draft the pose rest, where its limp simulation lies."""
+    """Find the pose rest for a draft: where the simulated arm lies when it is limp."""
     yield Progress(f"letting the simulated {draft.name} sink")
     try:
         with tempfile.TemporaryDirectory() as name:

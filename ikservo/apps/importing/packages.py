@@ -21,14 +21,14 @@ _DESCRIPTION_FOLDERS = ("urdf", "urdfs", "robots", "robot", "xacro", "xml", "mjc
 
 @dataclass(slots=True)
 class PackageFolders:
-    """Finds packages by what the user gave, or by looking upwards from the description.
+    """Finds packages that the user gave, or in folders above the description.
 
     Attributes:
         path: The description.
-        given: Folders by package, of the user.
-        folder: The folder that contains what the user named; its files may be read.
+        given: Folders by package, as given by the user.
+        folder: The folder that the user named, or that of the named file; its files may be read.
         used: Folders by package, as found so far.
-        outside: Names of meshes that were refused: they are outside of every folder.
+        outside: Names of meshes that were refused because they are outside of every folder.
     """
 
     path: Path
@@ -40,8 +40,8 @@ class PackageFolders:
     def find(self, name: str) -> Path | None:
         """Find the folder of a package: of that name, or with a package.xml of that name.
 
-        It is the user's, or a folder above the description, or one beside such a folder; the
-        search ends at the folder of a repository.
+        The package is given by the user, or is a folder above the description or beside such a
+        folder; the search ends at the root of a repository.
         """
         if name not in self.used:
             folder = self.given.get(name) or self._look_upwards(name)
@@ -51,17 +51,17 @@ class PackageFolders:
         return self.used[name]
 
     def find_mesh(self, filename: str) -> Path | None:
-        """Find the file of a mesh inside its package, or the description's own; else None."""
+        """Find a mesh file in its package, or in the description's own package; otherwise None."""
         path = self._mesh_path(filename)
         if path is None and filename not in self.outside:
             self.outside.append(filename)
         return path
 
     def require(self, name: str) -> Path:
-        """Find the folder of a package, which has to be there.
+        """Find the folder of a required package.
 
         Raises:
-            FileFormatError: It is not found.
+            FileFormatError: The package is not found.
         """
         folder = self.find(name)
         if folder is None:
@@ -70,7 +70,7 @@ class PackageFolders:
         return folder
 
     def own_folder(self) -> Path:
-        """Return the folder of the description's package, or else its own."""
+        """Return the folder of the description's package, or else of the description."""
         own = self.path.absolute().parent
         for folder in self._folders_above():
             if (folder / "package.xml").is_file():
@@ -82,20 +82,20 @@ class PackageFolders:
         if name:
             folder = self.find(name)
             own = [path_inside(folder, rest)] if folder else []
-            # A description that was copied out of its package has its meshes beside it.
+            # A description copied out of its package may have its meshes next to it.
             own += [path_inside(self.own_folder(), each) for each in (rest, f"{name}/{rest}")]
             inside = [path for path in own if path is not None]
             return next((path for path in inside if path.is_file()), inside[0] if inside else None)
         place = self.path.absolute().parent
         if filename.startswith(_FILE) or posixpath.isabs(filename):
             text = unquote(urlsplit(filename).path) if filename.startswith(_FILE) else filename
-            if text.startswith("//"):  # of file:///$(find NAME)/…; normpath would keep both
+            if text.startswith("//"):  # from file:///$(find NAME)/…; normpath keeps both
                 text = f"/{text.lstrip('/')}"
             return self._inside(posixpath.normpath(text))
         return self._inside(posixpath.normpath(posixpath.join(place.as_posix(), filename)))
 
     def _inside(self, text: str) -> Path | None:
-        """Return the file of an absolute name in the description's folder or a package's."""
+        """Return the file of an absolute path in the folder of the description or a package."""
         for folder in (self.folder or self.own_folder(), self.own_folder(), *self.used.values()):
             for home in dict.fromkeys((folder.absolute(), folder.resolve())):
                 if text.startswith(f"{home.as_posix()}/"):
@@ -122,7 +122,7 @@ class PackageFolders:
 
 
 def _split_package(filename: str) -> tuple[str, str]:
-    """Split ``package://NAME/PATH`` and ``$(find NAME)/PATH`` in two; blanks for other names."""
+    """Split ``package://NAME/PATH`` and ``$(find NAME)/PATH`` in two; empty for other names."""
     if filename.startswith(_PACKAGE):
         name, _, rest = filename.removeprefix(_PACKAGE).partition("/")
         return name, rest
@@ -136,7 +136,7 @@ _NAME_ELEMENT = re.compile(r"<name>\s*([\w.-]{1,128})\s*</name>")
 
 
 def _manifest_name(folder: Path) -> str:
-    """Return the name in a folder's package.xml; empty where there is none that can be read."""
+    """Return the name in a folder's package.xml; empty if none can be read."""
     manifest = folder / "package.xml"
     if not manifest.is_file():
         return ""

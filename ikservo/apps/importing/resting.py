@@ -1,4 +1,4 @@
-"""Where a limp arm comes to rest: found by letting the simulated arm sink."""
+"""Find where a limp arm comes to rest, by letting the simulated arm sink."""
 
 from __future__ import annotations
 
@@ -15,22 +15,22 @@ from ikservo.kinematics.arrays import Matrix
 from ikservo.model.model_loading import load_model
 
 _STEP_S, _MIN_S, _MAX_S = 1.0, 4.0, 60.0
-_STILL = 0.001  # rad or m, in a step
-_ROOM_M = 0.006  # of the arm as it would sag: its way down there is no straight line
-_MAX_SHARE, _SHARES = 0.4, 201  # of the way back to where it was released
+_STILL = 0.001  # largest motion per step, rad or m
+_ROOM_M = 0.006  # clearance of the sagging arm, whose path down is not straight
+_MAX_SHARE, _SHARES = 0.4, 201  # tried fractions of the path back to the release
 
 
 @dataclass(frozen=True, slots=True)
 class RestingPlace:
-    """Where an arm comes to rest.
+    """The place where an arm comes to rest.
 
     Attributes:
-        positions: Positions by joint, rad or m; a little above the place where the guard would find
-            a contact.
-        sank_s: The time that it took.
-        gap_m: The smallest distance of its body there, as the guard measures it; negative where
-            its shapes overlap.
-        pair: The two things that are so near; empty where nothing is checked.
+        positions: Positions by joint, rad or m; a little above the first contact that the guard
+            would find.
+        sank_s: The time of the motion.
+        gap_m: The smallest distance within its body there, as the guard measures it; negative if
+            shapes overlap.
+        pair: The two parts with that distance; empty if nothing is checked.
         still: Whether it came to rest.
     """
 
@@ -45,7 +45,7 @@ def find_resting_place(folder: Path, pose: str = "home") -> RestingPlace:
     """Simulate an arm that is released in a pose, until it lies still or a minute is over.
 
     Args:
-        folder: The arm's.
+        folder: The folder of the arm.
         pose: The pose in which it is released.
 
     Raises:
@@ -72,10 +72,10 @@ def find_resting_place(folder: Path, pose: str = "home") -> RestingPlace:
 def _free_above(
     arm: Arm, resting: Mapping[str, float], start: Mapping[str, float]
 ) -> dict[str, float]:
-    """Return the posture nearest to where an arm lies, up to which its way down is free.
+    """Return the lowest posture on the path down of an arm up to which the path is free.
 
-    A limp arm lies on its parts, and what the guard checks is a little thicker. The way down is
-    straight from where it was released; where it is blocked early, it is the place where it lies.
+    A limp arm lies on its own parts, and the shapes of the guard are a little thicker. The path is
+    straight from the posture of release. If it is blocked early, the resting posture is returned.
     """
     found: dict[str, float] | None = None
     room_m = min(_ROOM_M, 0.8 * _sagged_clearance_m(arm, start))
@@ -89,16 +89,16 @@ def _free_above(
 
 
 def _sagged_clearance_m(arm: Arm, positions: Mapping[str, float]) -> float:
-    """Compute the clearance of an arm, as the guard sees it while the arm moves [m]."""
+    """Compute the clearance [m] of a moving arm, as the guard sees it."""
     checker = arm.context.checked_collision
     if checker is None:
         return math.inf
-    load = arm.context.planner.dynamic_load_factor("normal")  # it sags more than at rest
+    load = arm.context.planner.dynamic_load_factor("normal")  # a moving arm sags more than at rest
     return float(checker.distances_with_sag(_body_joints(arm, positions), load).min())
 
 
 def _nearest_pair(arm: Arm, positions: Mapping[str, float]) -> tuple[float, tuple[str, ...]]:
-    """Compute the smallest distance of a posture [m], and of which two things it is."""
+    """Compute the smallest distance [m] in a posture, and the two parts that have it."""
     checker = arm.context.checked_collision
     if checker is None:
         return math.inf, ()
@@ -108,6 +108,6 @@ def _nearest_pair(arm: Arm, positions: Mapping[str, float]) -> tuple[float, tupl
 
 
 def _body_joints(arm: Arm, positions: Mapping[str, float]) -> Matrix:
-    """Return the joint vector (1, n) of a posture, as the guard has it."""
+    """Return the joint vector (1, n) of a posture, as the guard uses it."""
     joints = np.array([positions[name] for name in arm.context.servos.names])
     return arm.context.index.body_joints(joints)[None]

@@ -1,4 +1,4 @@
-"""An arm measured with a ruler: joints one above the other, upright at zero."""
+"""An arm measured with a ruler: joints above each other, upright at zero."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from ikservo.model.urdf_types import (
 )
 
 AXES = {"z": (0.0, 0.0, 1.0), "y": (0.0, 1.0, 0.0), "x": (1.0, 0.0, 0.0)}
-"""z turns about the upright part, y bends it forwards, x to the side."""
+"""Axes of joints: z turns about the upright part, y bends it forwards, x to the side."""
 
 _RADIUS_M, _FOOT_M = 0.02, 0.05
 _LIMIT_RAD = math.radians(90.0)
@@ -30,7 +30,7 @@ _MAX_LENGTH_M = 2.0
 
 @dataclass(frozen=True, slots=True)
 class RulerJoint:
-    """A joint, its axis while the arm stands upright, and the length of the part behind it [m]."""
+    """A joint, its axis in the upright arm, and the length [m] to the next joint or the tip."""
 
     name: str
     axis: str
@@ -41,7 +41,7 @@ def parse_measured(text: str) -> RulerJoint:
     """Parse ``NAME=AXIS:LENGTH``, such as ``shoulder=y:0.12``.
 
     Raises:
-        BadValueError: It is nothing like that.
+        BadValueError: The text has another form.
     """
     name, _, rest = text.partition("=")
     axis, _, length = rest.partition(":")
@@ -61,7 +61,7 @@ def describe_measured(
 
     Args:
         name: The arm.
-        joints: Base to tip.
+        joints: The joints from base to tip.
         foot_m: The height of the first joint above the table.
     """
     links, moving = [_part("base", foot_m, 2.0 * _RADIUS_M)], list[UrdfJoint]()
@@ -81,7 +81,7 @@ _ZERO: Triple = (0.0, 0.0, 0.0)
 
 
 def _part(name: str, length_m: float, radius_m: float) -> UrdfLink:
-    """Return a link upwards from its joint, whose shape does not reach its ends."""
+    """Return a link upwards from its joint, with a shape that ends short of both joints."""
     shapes: tuple[Shape, ...] = ()
     if radius_m and length_m:
         radius_m = min(radius_m, 0.4 * length_m)

@@ -1,4 +1,4 @@
-"""Which servo of a bus moves which joint: each is moved a little, and the user says what moved."""
+"""Assign servos to joints: each servo moves a little, and the user says which joint moved."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ _OPTION = "--servo JOINT=ID for each joint"
 def assign_servos(
     drafts: Sequence[ArmDraft], port: str, given: Mapping[str, Sequence[DraftServo]]
 ) -> EntryDialogue[None]:
-    """Give the joints of drafts, which have the pose ``home``, the servos of a bus.
+    """Assign the servos of a bus to the joints of drafts that have the pose ``home``.
 
     Args:
         drafts: The arms on the bus.
@@ -47,7 +47,7 @@ def assign_servos(
     Raises:
         PortError: The port cannot be opened.
         ServoSilentError: No servo replies, or one that was named does not.
-        InputError: Servos are of several families or of no known model, or too few.
+        InputError: Servos are of several families or of unknown models, or there are too few.
     """
     name = simulated_port_url(choose_port(port), None)
     rates = candidate_baud_rates()
@@ -59,7 +59,7 @@ def assign_servos(
         named = {servo.id for servos in assigned.values() for servo in servos}
         left = [each for each in found if each.id not in named]
         if left and len(assigned) < len(joints):
-            yield Notice("Hold the arm about as in this pose, where it may move a little:")
+            yield Notice("Hold the arm near this pose, where it has room to move a little:")
             for draft in drafts:
                 yield Notice(f"  {_format_pose(draft)}")
             specs = [ServoSpec(each.id, each.table) for each in found if each.table]
@@ -120,7 +120,7 @@ def _ask_about(
     joints: Mapping[str, ArmDraft],
     assigned: dict[str, list[DraftServo]],
 ) -> EntryDialogue[None]:
-    """Move a servo a little and back, and ask which joint moved, and which way."""
+    """Move a servo a little and back; ask which joint moved, and in which direction."""
     question = f"Servo {servo.id} ({servo.model}) moves by {_TEST_DEG:.0f}° and back. Move it?"
     if (yield Question(question, Unasked.NO)) != ACCEPT:
         raise InputError(f"Servo {servo.id} was not moved.", f"Name the servos: {_OPTION}")
@@ -149,9 +149,9 @@ def _ask_about(
 
 
 def _move_and_return(bus: ServoBus, servo_id: int) -> EntryDialogue[None]:
-    """Move one servo slowly to larger ticks and back; all others, and it afterwards, are limp.
+    """Move a servo slowly to larger ticks and back, with torque off for the others and afterwards.
 
-    Each step is told, so that whoever runs the dialogue can end it there.
+    Each step is reported, so that the caller of the dialogue can end it there.
     """
     spec = bus.servos[servo_id]
     travel = round(spec.table.ticks_per_turn * _TEST_DEG / 360.0)
@@ -196,4 +196,4 @@ def _set_servos(
         draft.supply_v = 12.0 if voltages and voltages[0] > 9.5 else usual_v
     else:
         draft.supply_v = None
-    draft.decisions.append("The servos are those of the bus, as each was seen to move or named.")
+    draft.decisions.append("Each servo of the bus was assigned by its motion, or as given.")

@@ -1,4 +1,4 @@
-"""The links of a foreign tree with simple shapes for contact, and meshes for pictures alone."""
+"""Conversion of foreign links to simple shapes for contact, and meshes for drawing only."""
 
 from __future__ import annotations
 
@@ -38,15 +38,15 @@ from ikservo.model.urdf_types import (
     UrdfLink,
 )
 
-_MAX_SIZE_M = 5.0  # of a mesh; a larger one is in millimetres, without a scale
-_ROD_M = 0.015  # the radius of what stands for a link whose shapes are missing
+_MAX_SIZE_M = 5.0  # a larger mesh is in millimetres without a scale
+_ROD_M = 0.015  # radius of the rod that replaces missing shapes of a link
 MAX_PICTURE_TRIANGLES = 12_000
-"""Of a mesh that is kept for pictures; finer ones are made coarser."""
+"""Largest number of triangles of a mesh for drawing; finer meshes are made coarser."""
 
 
 @dataclass(frozen=True, slots=True)
 class ContactFit:
-    """How one mesh became capsules.
+    """The result of fitting capsules to a mesh.
 
     Attributes:
         link: Its link.
@@ -67,7 +67,7 @@ class ContactFit:
 
 @dataclass(frozen=True, slots=True)
 class MeshStep:
-    """A mesh to which capsules are fitted next: its name, how many are done and how many are."""
+    """The next mesh to fit: its name, the number of finished meshes, and of all."""
 
     name: str
     done: int
@@ -76,7 +76,7 @@ class MeshStep:
 
 @dataclass(slots=True)
 class ShapeConversion:
-    """What becomes of the shapes of a tree.
+    """The converted shapes of a tree.
 
     Attributes:
         urdf: The tree of simple shapes; its meshes are files of ``pictures``.
@@ -94,7 +94,7 @@ class ShapeConversion:
 
 
 def convert_shapes(urdf: Urdf) -> Generator[MeshStep, object, ShapeConversion]:
-    """Fit capsules to the meshes of a tree, and make its visual meshes files of one kind.
+    """Fit capsules to the meshes of a tree, and convert its visual meshes to files of one format.
 
     Yields before each mesh. A mesh that cannot be used is left out and noted; a link without a
     usable collision shape gets its visual ones.
@@ -118,15 +118,15 @@ def _meshes(shapes: Sequence[Shape]) -> list[Mesh | Surface]:
 
 @dataclass(slots=True)
 class _LoadedMesh:
-    """A mesh, and what it has become; the same file is often used several times."""
+    """A mesh and its results, cached because a file is often used several times."""
 
     triangles: Triangles | None
-    fit: MeshFit | None = None  # where it is the only mesh of its link
+    fit: MeshFit | None = None  # set if it is the only mesh of its link
     picture: str = ""
 
     @property
     def size_m(self) -> float:
-        """Its largest extent."""
+        """Largest extent of the mesh."""
         return 0.0 if self.triangles is None else extent_m(self.triangles)
 
 
@@ -150,7 +150,7 @@ class _ShapeConverter:
                 contacts = self._contact_shapes(link.name, shapes)
         if not contacts and (link.collisions or link.visuals):
             contacts = self._rods(link.name)
-            instead = "a rod along it stands for it" if contacts else "it has no contact"
+            instead = "a rod along it is used instead" if contacts else "it has no contact"
             self._result.notes.append(f"link {link.name} has no usable shape: {instead}.")
         visuals, colours = list[Shape](), list[Triple | None]()
         for i, shape in enumerate(link.visuals):
@@ -172,7 +172,7 @@ class _ShapeConverter:
         return rods
 
     def _contact_shapes(self, link: str, shapes: Sequence[Shape]) -> list[Shape]:
-        """Return simple shapes of a link: those it has, and capsules around its meshes."""
+        """Return simple shapes of a link: its own, and capsules around its meshes."""
         simple: list[Shape] = []
         for shape in shapes:
             if not isinstance(shape, Mesh | Surface):
@@ -184,10 +184,10 @@ class _ShapeConverter:
         return [*simple, *(each for capsule in capsules for each in capsule_shapes(capsule))]
 
     def fit_next(self, link: str, shapes: Sequence[Shape]) -> bool:
-        """Fit capsules to the smallest mesh of a link that has none yet; False if all have.
+        """Fit capsules to the smallest mesh of a link without any yet; False if all have some.
 
-        The meshes of a link are fitted beside each other: a servo in its bracket, and the bracket
-        around the servo, have no surface where they touch.
+        The meshes of a link are fitted together: where a servo touches its bracket, neither has an
+        outer surface.
         """
         meshes, fitted = _meshes(shapes), self._fitted.setdefault(link, set())
         waiting = [shape for shape in meshes if id(shape) not in fitted]
@@ -259,7 +259,7 @@ class _ShapeConverter:
         return Mesh(loaded.picture, None, (1.0, 1.0, 1.0), shape.xyz_m, shape.rpy_rad)
 
 
-_BESIDE_FRACTION = 1 / 100  # of its size: detail of a mesh beside the one that is fitted
+_BESIDE_FRACTION = 1 / 100  # of its size: detail of the meshes next to the fitted one
 
 
 def _moved(capsule: FittedCapsule, R: Matrix, origin_m: Vector) -> FittedCapsule:
@@ -312,7 +312,7 @@ def _triple(values: Vector) -> Triple:
 
 
 def _coarser(triangles: Triangles) -> Triangles:
-    """Merge vertices until few enough triangles are left to be drawn quickly."""
+    """Merge vertices until the mesh can be drawn quickly."""
     cell_m = extent_m(triangles) / 400
     while len(triangles) > MAX_PICTURE_TRIANGLES:
         triangles, _ = merge_vertices(triangles, cell_m)

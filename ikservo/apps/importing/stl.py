@@ -1,4 +1,4 @@
-"""Binary STL: the meshes that are kept for pictures."""
+"""Binary STL: the format of meshes for drawing."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def read_stl(path: Path) -> NDArray[np.float64]:
     """Read the triangles (n, 3, 3) of a binary STL that was kept for pictures.
 
     Raises:
-        FileFormatError: It is missing, none, or larger than such files are.
+        FileFormatError: The file is missing, not an STL, or too large.
     """
     expected = "a binary STL, as `ikservo arms new` writes it"
     try:

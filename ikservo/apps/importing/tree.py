@@ -1,4 +1,4 @@
-"""Which part of a foreign tree is the arm, and the tree without the rest."""
+"""Find the arm in a foreign tree, and reduce the tree to it."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from ikservo.model.urdf_types import Triple, Urdf, UrdfJoint, UrdfJointType, Urd
 _TIP_WORDS = ("gripper_frame", "tcp", "ee_gripper", "grasp", "end_effector", "tool", "tip", "_ee",
               "ee_", "flange", "hand", "camera_lens")  # fmt: skip
 _GRIPPER_WORDS = re.compile(r"grip|finger|jaw|claw|hand|pinc|carriage", re.IGNORECASE)
-_MIN_OWN_JOINTS = 3  # of an arm, besides those that it shares with another
+_MIN_OWN_JOINTS = 3  # an arm has as many joints that it shares with no other arm
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,7 +28,7 @@ class Structure:
         tip: The link of the tool.
         joints: The joints that move it and follow no other, base to tip.
         gripper: The joint of the jaws; empty if there is none.
-        other_tips: Further links that could be the tip.
+        other_tips: Other links that could be the tip.
     """
 
     tip: str
@@ -52,7 +52,7 @@ def moving_joints(urdf: Urdf) -> dict[str, tuple[str, ...]]:
 
 
 def _joints_below(urdf: Urdf, base: str) -> Iterator[UrdfJoint]:
-    """Yield the joints that a link carries, each before those beyond it."""
+    """Yield the joints that a link carries, from base to tip."""
     carried: dict[str, list[UrdfJoint]] = {}
     for joint in urdf.joints:
         carried.setdefault(joint.parent, []).append(joint)
@@ -70,12 +70,12 @@ def find_structures(
 
     Args:
         urdf: The tree.
-        tips: The tips that the user gave; none to find it.
+        tips: The tips that the user gave; empty to find the tip.
         gripper: The joint of the jaws that the user gave; empty for none, None to find it.
 
     Raises:
         UnknownNameError: There is no such link or joint.
-        InputError: Nothing moves, or there are several arms; names them.
+        InputError: Nothing moves, or there are several arms; the message names them.
     """
     if gripper and gripper not in {joint.name for joint in urdf.joints if joint.kind.is_movable}:
         raise UnknownNameError(
@@ -85,7 +85,7 @@ def find_structures(
         return [_structure(urdf, urdf.link(tip).name, gripper) for tip in tips]
     found = _possible_arms(urdf, gripper)
     if not found:
-        raise InputError("No joint of the description moves.", "An arm needs one at least.")
+        raise InputError("No joint of the description moves.", "An arm needs at least one.")
     if len(found) > 1:
         named = " ".join(f"--tip {each.tip}" for each in found)
         raise InputError(
@@ -97,12 +97,12 @@ def find_structures(
 
 
 def _possible_arms(urdf: Urdf, gripper: str | None) -> list[Structure]:
-    """Return an arm for each branch that has joints enough of its own, the longest first."""
+    """Return an arm per branch with enough joints of its own, the longest first."""
     jaws = _jaws(urdf) if gripper is None else [gripper] if gripper else []
     joints_to = moving_joints(urdf)
     inner = {joint.parent for joint in urdf.joints}
     free = [name for name, moving in joints_to.items() if moving and not set(moving) & set(jaws)]
-    # Where all leaves are behind the jaws, the palm is the tip.
+    # If all leaves are behind the jaws, the palm is the tip.
     leaves = [name for name in free if name not in inner]
     palms = [joint.parent for joint in urdf.joints if joint.name in jaws and joint.parent in free]
     candidates = sorted(
@@ -139,13 +139,13 @@ def _structure(
 
 
 def _word_rank(name: str) -> int:
-    """Return how likely a link is the tool by its name; the lower the likelier."""
+    """Rank a link by its name; the lower the rank, the likelier it is the tool."""
     lowered = name.lower()
     return next((i for i, word in enumerate(_TIP_WORDS) if word in lowered), len(_TIP_WORDS))
 
 
 def _jaws(urdf: Urdf) -> list[str]:
-    """Return joints that look like those of jaws: the last of their branch, and named so."""
+    """Return joints that look like jaws: the last of their branch, with a name of jaws."""
     movable = {joint.name: joint for joint in urdf.joints if joint.kind.is_movable}
     leaders = {joint.mimic.joint for joint in movable.values() if joint.mimic}
     above = moving_joints(urdf)
@@ -164,9 +164,9 @@ def _jaws(urdf: Urdf) -> list[str]:
 
 
 def _is_wrist(urdf: Urdf, joint: UrdfJoint) -> bool:
-    """Return whether a joint turns a tool: one is behind it, or it turns a "hand" too far for jaws.
+    """Check whether a joint turns a tool: a tool follows, or it turns a "hand" too far for jaws.
 
-    Of links that are named like jaws the range says nothing: some programs export all as ±180°.
+    For links named like jaws the range is ignored: some programs export ±180° for all joints.
     """
     behind = [joint.child, *(each.child for each in _joints_below(urdf, joint.child))]
     tools = [name for name in behind if not _GRIPPER_WORDS.search(name)]
@@ -177,7 +177,7 @@ def _is_wrist(urdf: Urdf, joint: UrdfJoint) -> bool:
 
 
 def _own_jaws(urdf: Urdf, joints: Sequence[str]) -> str:
-    """Return the best of the joints of jaws that the last joints of an arm carry; may be empty."""
+    """Return the best jaws joint that the last joints of an arm carry; empty without one."""
     movable = {joint.name: joint for joint in urdf.joints}
     leaders = [joint.mimic.joint for joint in movable.values() if joint.mimic]
     above = moving_joints(urdf)
@@ -194,7 +194,7 @@ def _own_jaws(urdf: Urdf, joints: Sequence[str]) -> str:
 
 
 def below(urdf: Urdf, base: str) -> tuple[Urdf, list[str]]:
-    """Return the tree from a link on, and the names of the joints that were left out.
+    """Return the tree below a link, and the names of the joints that were left out.
 
     Raises:
         UnknownNameError: There is no such link.
@@ -213,7 +213,7 @@ def below(urdf: Urdf, base: str) -> tuple[Urdf, list[str]]:
 
 
 def fix_joints(urdf: Urdf, kept: Collection[str]) -> tuple[Urdf, dict[str, float]]:
-    """Fix all joints but some and those that follow them, at zero or the limit next to it.
+    """Fix all joints except the given ones and their followers, at zero or the nearest limit.
 
     Returns:
         The tree, and the position of each joint that was fixed and follows no other, rad or m.
@@ -249,9 +249,9 @@ def _fixed_at(joint: UrdfJoint, position: float) -> UrdfJoint:
 
 
 def lump_base(urdf: Urdf) -> Urdf:
-    """Give the root the shapes of all links that are fixed to it; the links stay as frames.
+    """Move the shapes of all links that are fixed to the root to the root; keep them as frames.
 
-    The table is the neighbour of the root alone: what stands on it must belong to the root.
+    Only contacts of the root with the table are allowed, so the root needs the parts on the table.
     """
     poses, links = {urdf.root: np.eye(4)}, {link.name: link for link in urdf.links}
     grew = True
@@ -285,7 +285,7 @@ _MAX_NAME_CHARS = 64
 
 
 def rename_joints(urdf: Urdf) -> tuple[Urdf, dict[str, str]]:
-    """Give joints names that an arm file may have; return the new by the old ones."""
+    """Give joints names that an arm file allows; return the new names by the old ones."""
     names: dict[str, str] = {}
     for joint in urdf.joints:
         name = _UNUSUAL.sub("_", joint.name)[: _MAX_NAME_CHARS - 4]

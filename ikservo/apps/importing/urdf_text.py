@@ -19,7 +19,7 @@ from ikservo.model.urdf_types import (
     UrdfLink,
 )
 
-_UNLIMITED = 1e6  # N m or rad/s: other readers refuse limits without both
+_UNLIMITED = 1e6  # N m or rad/s; some readers require both in limits
 
 
 def urdf_text(urdf: Urdf) -> str:
@@ -37,7 +37,7 @@ def urdf_text(urdf: Urdf) -> str:
 
 
 def _number(value: float) -> str:
-    """Return a number that is read back as the same."""
+    """Format a number so that it is read back exactly."""
     return repr(float(value)).removesuffix(".0") if value else "0"
 
 

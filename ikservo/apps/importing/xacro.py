@@ -16,8 +16,8 @@ from ikservo.errors import FileFormatError
 from ikservo.model.urdf_xml import MAX_URDF_BYTES, XmlElement
 from ikservo.remedies import install_command
 
-_NAMESPACE = "xacro}"  # how it ends; files spell the rest in several ways
-_HARMLESS = ("property", "arg")  # elements that change nothing where no expression uses them
+_NAMESPACE = "xacro}"  # end of the namespace; its beginning varies
+_HARMLESS = ("property", "arg")  # elements without effect if no expression uses them
 
 
 def needs_xacro(root: XmlElement) -> bool:
@@ -42,7 +42,7 @@ _MISSING, _UNKNOWN_PACKAGE = 97, 98  # exit codes of the child
 _MAX_PACKAGES = 20
 _TIMEOUT_S = 30.0
 _MEMORY_BYTES = 1024 * 1024 * 1024
-# Limits of the child are set by itself, so that none of them ever holds for this process.
+# The child sets its own limits, so that they never apply to this process.
 _RUN = f"""
 import sys
 try:
@@ -78,7 +78,7 @@ xacro.main()
 def expand_xacro(
     path: Path, packages: PackageFolders | None = None, arguments: Mapping[str, str] | None = None
 ) -> str:
-    """Return the URDF that a xacro file expands to; runs the Python expressions in the file.
+    """Return the URDF to which a xacro file expands; this runs Python expressions in the file.
 
     xacro runs in an isolated Python: it is imported from the installed packages, never from the
     current folder or ``PYTHONPATH``.
@@ -89,8 +89,8 @@ def expand_xacro(
         arguments: Values of the file's ``<xacro:arg>``, by name.
 
     Raises:
-        FileFormatError: xacro is not installed, does not accept the file, or needs more time,
-            memory or output than a description does, or a package is not found; names the cause.
+        FileFormatError: xacro is not installed, does not accept the file, or needs too much time,
+            memory or output, or a package is not found; the message names the cause.
     """
     if not path.is_file():
         raise FileFormatError(path, "", "it does not exist", "a xacro file")

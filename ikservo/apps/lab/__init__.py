@@ -1,4 +1,4 @@
-"""What measures an arm: accuracy after ISO 9283, excitation, identification, benchmarks."""
+"""Measurements of an arm: accuracy after ISO 9283, excitation, identification, health."""
 
 from ikservo.app import App, Command
 

@@ -23,19 +23,19 @@ from ikservo.kinematics.arrays import Matrix
 Fields = Mapping[str, Any]
 
 MEASURED_BY = (
-    "Measured with the arm's own joint sensors: what bends, has play behind the sensor or is "
-    "calibrated wrongly is not in these figures. They compare arms and settings, not with figures "
-    "of a measuring device outside the arm."
+    "Measured with the arm's own joint sensors: bending, backlash behind the sensor and wrong "
+    "calibration are not in these figures. Use them to compare arms and settings, but not with "
+    "figures of an external measuring device."
 )
 
 TOUCHED = (
-    "Measured by hand: the tip on known points, torque off. The figures are those of the arm's own "
-    "coordinates: errors of calibration, links, play and the hand are in them, the motors are not."
+    "Measured by hand with the tip on known points and torque off. The figures include errors of "
+    "calibration, links, backlash and the hand, but not of the motors."
 )
 
 
 def accuracy_fields(test: AccuracyTest, settings: TestSettings) -> dict[str, Any]:
-    """Return what was measured as JSON values: metres, seconds, base frame."""
+    """Return the measurements as JSON values: metres, seconds, base frame."""
     cube, drift = test.cube, test.drift
     return {
         "measured_by": "joints",
@@ -87,7 +87,7 @@ def accuracy_fields(test: AccuracyTest, settings: TestSettings) -> dict[str, Any
 
 
 def touched_fields(poses: Sequence[PoseResult]) -> dict[str, Any]:
-    """Return what was measured by touches, with the keys of ``accuracy_fields``."""
+    """Return the measurements by touches, with the keys of ``accuracy_fields``."""
     nothing: dict[str, Any] = {"cube": None, "settings": None, "top_speed_m_s": None}
     rest: dict[str, Any] = {"directions": [], "paths": [], "drift": None}
     return {"measured_by": "touches", **nothing, "poses": _pose_fields(poses), **rest}
@@ -109,7 +109,7 @@ def _pose_fields(poses: Sequence[PoseResult]) -> list[dict[str, Any]]:
 
 
 def summary_rows(fields: Fields) -> list[tuple[str, str, str, str]]:
-    """Return the figures as rows: quantity, where, value, cycles."""
+    """Return the figures as rows: quantity, place, value, cycles."""
     rows: list[tuple[str, str, str, str]] = []
     for pose in fields["poses"]:
         rows.append(("AP", pose["name"], _mm(pose["ap_m"]), str(pose["cycles"])))
@@ -132,7 +132,7 @@ def summary_rows(fields: Fields) -> list[tuple[str, str, str, str]]:
 
 
 def statements(fields: Fields) -> list[str]:
-    """Return what a reader must know to compare: how it was measured, and what is shorter."""
+    """Return statements for comparison: the method, and what is shorter than the standard."""
     if fields["measured_by"] == "touches":
         found = [TOUCHED]
     else:
@@ -164,7 +164,7 @@ def _small_cube(cube: Fields) -> list[str]:
     if cube["edge_m"] >= 0.25:
         return []
     return [
-        f"The cube has {1000 * cube['edge_m']:.0f} mm, the largest that is free; "
+        f"The edge of the cube is {1000 * cube['edge_m']:.0f} mm, the largest that is free; "
         "the standard's smallest has 250 mm."
     ]
 
@@ -281,13 +281,13 @@ def _line_plots(fields: Fields) -> Iterable[str]:
 
 
 def _pose_plots(fields: Fields) -> Iterable[str]:
-    about = "the known one, by touch" if fields["measured_by"] == "touches" else "the commanded one"
+    about = "the touched point" if fields["measured_by"] == "touches" else "the commanded one"
     off_mm = [
         1000.0 * np.subtract(pose["attained_m"], pose["target_m"]) for pose in fields["poses"]
     ]
     reach = _round_up(max((float(np.abs(off).max()) for off in off_mm), default=0.0))
     for pose, off in zip(fields["poses"], off_mm, strict=True):
-        # The attained points from above and from the side, about their target
+        # The attained points around their target, from above and from the side.
         text = f"{pose['name']}: attained points about {about}"
         above = _scatter(0, ("x", "y"), off[:, [0, 1]], reach)
         side = _scatter(170, ("x", "z"), off[:, [0, 2]], reach)
@@ -384,7 +384,7 @@ def _figure(parts: str, text: str, height: int) -> str:
 
 
 def _round_up(value: float) -> float:
-    """Compute the next of 1, 2, 4, 5, 10 times a power of ten."""
+    """Round up to 1, 2, 4, 5 or 10 times a power of ten."""
     value = max(value, 0.01)
     power = 10.0 ** math.floor(math.log10(value))
     return next(power * step for step in (1, 2, 4, 5, 10) if value <= power * step * (1 + 1e-9))

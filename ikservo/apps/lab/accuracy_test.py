@@ -1,4 +1,4 @@
-"""A test of an arm's accuracy and repeatability after ISO 9283, measured by its own joints."""
+"""Test of an arm's accuracy and repeatability after ISO 9283, with its own joint sensors."""
 
 from __future__ import annotations
 
@@ -28,22 +28,22 @@ PARTS = ("poses", "directions", "paths", "drift")
 
 SPEEDS_PERCENT = (100, 50, 10)
 STANDARD_CYCLES, STANDARD_PATH_CYCLES, STANDARD_DRIFT_S = 30, 10, 3600.0
-"""What the standard asks for; its drift is measured for eight hours, or until it is steady."""
+"""Cycles and times of the standard; its drift test takes eight hours, or until it is steady."""
 
 _DIRECTION_POSES = ("P1", "P2", "P4")
 _APPROACH_OF_EDGE = 0.1
 _PATH_POINTS = 50
-# Planes near the ends are not crossed by arms that are late.
+# An arm that lags may not cross planes near the ends.
 _ENDS = 0.08
 _DRIFT_CYCLES = 10
 
 OnStep = Callable[[str, float, float], None]
-"""Called after each cycle with what is measured, how many cycles are done, and of how many."""
+"""Called after each cycle with the name of the part, the finished and the total cycles."""
 
 
 @dataclass(frozen=True, slots=True)
 class TestSettings:
-    """How much is measured.
+    """Extent of the measurements.
 
     Attributes:
         cycles: Cycles of poses and directions.
@@ -53,7 +53,7 @@ class TestSettings:
 
     Raises:
         BadValueError: A number is too small.
-        UnknownNameError: No such part.
+        UnknownNameError: There is no such part.
     """
 
     cycles: int = STANDARD_CYCLES
@@ -73,7 +73,7 @@ class TestSettings:
 
     @property
     def is_standard(self) -> bool:
-        """Whether nothing is shorter than in the standard."""
+        """Whether no measurement is shorter than in the standard."""
         return (
             self.cycles >= STANDARD_CYCLES
             and self.path_cycles >= STANDARD_PATH_CYCLES
@@ -123,7 +123,7 @@ class DirectionResult:
 
     @property
     def vap_m(self) -> float | None:
-        """Return vAP_P; None before each direction was taken."""
+        """Return vAP_P; None until all directions are measured."""
         if not all(self.attained_m):
             return None
         return multidirectional_variation([np.array(points) for points in self.attained_m])
@@ -138,7 +138,7 @@ class PathResult:
         speed_percent: The percentage of the highest speed.
         tool_speed_m_s: The commanded speed of the tip.
         points_m: Points (m, 3) of the commanded path.
-        attained_m: The points at which each cycle crossed the planes there (m, 3).
+        attained_m: For each cycle, its crossings (m, 3) of the planes at these points.
     """
 
     shape: str
@@ -166,11 +166,11 @@ class PathResult:
 
 @dataclass(slots=True, eq=False)
 class DriftResult:
-    """Pose accuracy over time, of groups of cycles.
+    """Pose accuracy over time, by groups of cycles.
 
     Attributes:
         name: The pose.
-        times_s: When each group ended, since the first began.
+        times_s: The end of each group, from the beginning of the first.
         groups: The groups.
     """
 
@@ -193,24 +193,24 @@ class DriftResult:
 
 
 class AccuracyTest:
-    """Runs the test on an arm and keeps what was measured, also where it is stopped.
+    """Runs the test on an arm and keeps the measurements, even if it is stopped.
 
     Args:
-        arm: The arm, opened; moved at the speed class ``fast``.
+        arm: The open arm; it moves at the speed class ``fast``.
         settings: The extent of the measurements.
         on_step: Called after each cycle.
 
     Attributes:
         on_step: Called after each cycle.
-        cube: The cube in which they are made.
-        top_speed_m_s: 100 % speed of the tip: what the joints allow on each path. 0 until known.
+        cube: The cube of the test.
+        top_speed_m_s: Tip speed of 100 %, as the joints allow on both paths; 0 until known.
         poses: Pose accuracy and repeatability.
         directions: Multi-directional pose accuracy variation.
         paths: Path accuracy and repeatability.
         drift: Drift; None until measured.
 
     Raises:
-        RefusedError: There is no free space for it.
+        RefusedError: There is no free space for the test.
     """
 
     def __init__(self, arm: OpenArm, settings: TestSettings, on_step: OnStep | None = None) -> None:
@@ -227,8 +227,8 @@ class AccuracyTest:
         """Measure each part.
 
         Raises:
-            StoppedError, KeyboardInterrupt: It was stopped; what was measured is kept.
-            IkservoError: The arm cannot go on; see ``Arm``. What was measured is kept.
+            StoppedError, KeyboardInterrupt: It was stopped; measurements are kept.
+            IkservoError: The arm cannot go on; see ``Arm``. Measurements are kept.
         """
         steps = {
             "poses": self._measure_poses,
@@ -244,7 +244,7 @@ class AccuracyTest:
                     steps[part]()
 
     def _measure_poses(self) -> None:
-        """Take P5 to P1 in each cycle; a first one, without results, lets the arm find its way."""
+        """Move to P5 … P1 in each cycle; the first cycle is a rehearsal without results."""
         results = {name: PoseResult(name, at) for name, at in self.cube.poses_m.items()}
         for cycle in range(self._settings.cycles + 1):
             for name in reversed(results):
@@ -271,7 +271,7 @@ class AccuracyTest:
                 self.on_step("multi-directional variation", done, total)
 
     def _approaches(self, target: Vector) -> Iterator[Vector]:
-        """Yield where an approach begins, relative to its pose (3,): towards the centre."""
+        """Yield the starts (3,) of approaches relative to their pose, on the side of the centre."""
         for axis in range(2 if self.cube.is_planar else 3):
             offset = np.zeros(3)
             inwards = self.cube.center_m[axis] - target[axis]

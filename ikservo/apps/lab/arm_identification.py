@@ -1,4 +1,4 @@
-"""Identify an arm: plan and make its tour, estimate its parameters, and write them to its file."""
+"""Identify an arm: plan and run its tour, estimate its parameters, and write them to its file."""
 
 from __future__ import annotations
 
@@ -38,11 +38,11 @@ QUICK_TOUR = TourOptions(postures=3, slow_postures=0, swings=0)
 
 @dataclass(frozen=True, slots=True)
 class WeighResult:
-    """The mass in the jaws.
+    """Result of weighing the mass in the jaws.
 
     Attributes:
         payload: The mass, kg.
-        with_identified: Whether the arm without it was identified before.
+        with_identified: Whether the empty arm was identified before.
     """
 
     payload: ParameterEstimate
@@ -55,7 +55,7 @@ class IdentificationRun:
 
     Attributes:
         arm: The arm.
-        dynamics: The dynamics of its file.
+        dynamics: The dynamics by the arm file.
         excitation: The tour; starts and ends in the pose `START_POSE`.
     """
 
@@ -77,7 +77,7 @@ class IdentificationRun:
         if not masses:
             raise RefusedError(
                 f"{context.model.name} has no masses in its URDF.",
-                "Add <inertial> to its links: masses are estimated as shares of these.",
+                "Add <inertial> to its links: masses are estimated as multiples of these.",
             )
         dynamics = Dynamics.from_masses(context.chain, masses)
         nominal_priors(context.model, context.chain.names)  # refuses unknown motors
@@ -88,7 +88,7 @@ class IdentificationRun:
 
     @classmethod
     def plan_weighing(cls, arm: Arm) -> IdentificationRun:
-        """Plan a short tour that is enough for a mass in the jaws; nothing moves."""
+        """Plan a short tour that suffices for the mass in the jaws; nothing moves."""
         return cls.plan(arm, QUICK_TOUR)
 
     @property
@@ -99,7 +99,7 @@ class IdentificationRun:
 
     @property
     def duration_s(self) -> float:
-        """How long the tour takes, without the way to its start."""
+        """Duration of the tour, without the motion to its start."""
         return self.excitation.duration_s
 
     def go_to_start(self, on_progress: OnProgress | None = None) -> None:
@@ -110,7 +110,7 @@ class IdentificationRun:
                              on_progress=on_progress)  # fmt: skip
 
     def record(self, on_progress: OnProgress | None = None) -> DriveRecording:
-        """Make the tour and return what the servos measured.
+        """Run the tour and return the recording of the servos.
 
         Raises:
             RefusedError: The guard stopped it; the arm holds.
@@ -137,7 +137,7 @@ class IdentificationRun:
         return WeighResult(found, known is not None)
 
     def priors(self) -> list[JointPrior]:
-        """Read the gains in force, and return what is known of the joints' servos."""
+        """Read the gains in force, and return the priors of the joints' servos."""
         context = self.arm.context
         names = context.chain.names
         gains = context.servos.drive_reader(names).p_gains()
@@ -155,10 +155,10 @@ class IdentificationRun:
 
 
 def nominal_priors(model: Model, names: Sequence[str]) -> list[JointPrior]:
-    """Return what is known of the servos of some joints by the tables.
+    """Return the priors of the servos of some joints from the tables.
 
     Raises:
-        RefusedError: The motor of a servo is not known.
+        RefusedError: The motor of a servo is unknown.
     """
     priors: list[JointPrior] = []
     for name in names:
@@ -166,8 +166,8 @@ def nominal_priors(model: Model, names: Sequence[str]) -> list[JointPrior]:
         torque = find_servo_torque(joint.servo.model, model.supply_v)
         if torque is None:
             raise RefusedError(
-                f"The motor of {name} ({joint.servo.model}) is not known.",
-                "An arm can be identified whose servos are in docs/lab/motors.md.",
+                f"The motor of {name} ({joint.servo.model}) is unknown.",
+                "Only arms with servos of docs/lab/motors.md can be identified.",
             )
         priors.append(
             JointPrior(
@@ -181,7 +181,7 @@ def nominal_priors(model: Model, names: Sequence[str]) -> list[JointPrior]:
 
 
 def _factors(prior: JointPrior) -> Mapping[str, float]:
-    """Compute the figures of a joint for those of each of its servos, at the horn."""
+    """Compute the factors from figures of one servo, at the horn, to those of its joint."""
     force, per_horn_rad = prior.force, prior.per_horn_rad
     return {
         "full_duty_nm": force,
@@ -247,7 +247,7 @@ def _identified_joint(
 def known_identification(
     model: Model, dynamics: Dynamics, priors: Sequence[JointPrior], stored: IdentifiedArm
 ) -> Identification | None:
-    """Return a stored identification; None where a joint is missing in it."""
+    """Return a stored identification; None if it lacks a joint."""
     estimates: dict[str, ParameterEstimate] = {}
     joints = dict(zip(body_joints(model, dynamics), dynamics.bodies, strict=True))
     for name, prior in zip(dynamics.chain.names, priors, strict=True):

@@ -1,10 +1,10 @@
-"""Motors, position loops and backlash of single joints, from steady motion and from swings.
+"""Fit of motors, position loops and backlash of single joints, from steady motion and swings.
 
-A servo that measures its current says what its motor is: ``u V = R i + kt w``, with the duty u, the
-supply V and the speed w, has the resistance R and the torque constant kt, which is also the
-back-EMF. Its position loop is a spring to the goal: ``u = k (e - d w) + u0 sign(e)`` with the error
-e and the start-up force u0; d is what the D gain does between two goals, and delays. The speed of
-the motor by its back-EMF less that of the joint is what the gears lose in their backlash.
+A servo that measures its current reveals its motor: ``u V = R i + kt w``, with the duty u, the
+supply V and the speed w, determines the resistance R and the torque constant kt, which is also the
+back-EMF. The position loop is a spring to the goal: ``u = k (e - d w) + u0 sign(e)`` with the error
+e and the start-up force u0; d stands for delays and the D gain between two goals. The speed of the
+motor, by its back-EMF, less that of the joint shows motion within the backlash.
 """
 
 from __future__ import annotations
@@ -19,47 +19,47 @@ from ikservo.apps.lab.drive_recording import Cube, DriveRecording, SteadyWindows
 from ikservo.kinematics.arrays import Matrix, Vector
 from ikservo.model.servo_torque import ServoTorque
 
-# Errors of a window's volts: counts of the duty, and steps of the supply's reading, which windows
-# alike share: they count as no more than this many.
+# Errors of a window's volts, from counts of the duty and from steps of the supply's reading.
+# Similar windows share the latter, so together they count as no more than this many windows.
 _VOLTS, _SUPPLY_VOLTS, _MIN_WINDOWS = 0.01, 0.03, 10
-# A window in which gears cross their backlash has another speed of the motor than of the joint: it
-# differs by more than this many of those errors, and than this many times as much as most windows.
-# Where more than half of the windows do, the joint swings by itself.
+# In a window in which gears cross their backlash, motor and joint have different speeds: by more
+# than this many of those errors, and this many times the difference of most windows. If more than
+# half of the windows differ, the joint swings by itself.
 _SWINGING, _OUTLIER = 3.0, 4.0
-_TRIMMING_ROUNDS = 4  # in which the windows that differ are found
-_NOMINAL_SHARE = 0.1  # by which a servo's winding and magnets may differ from its model's
-# By which the duty of a rad may differ from the firmware's, and where its gain was not read.
+_TRIMMING_ROUNDS = 4  # iterations that find the differing windows
+_NOMINAL_SHARE = 0.1  # relative deviation of a servo's winding and magnets from its model's
+# Relative deviation of the duty per rad from the firmware's, with a known and with an unread gain.
 _KNOWN_GAIN_SHARE, _GAIN_SHARE = 0.02, 0.3
 _DELAY_S, _DELAY_DEVIATION_S = 0.0, 0.03
-_LOOP_NOISE = 0.004  # of a window's mean duty, at least
-_NOISY_DUTY = 0.015  # of a window's mean: by more, duties say less than leads do
-_NOISE_ROUNDS = 3  # in which the noise is found
+_LOOP_NOISE = 0.004  # least noise of a window's mean duty
+_NOISY_DUTY = 0.015  # noise of a window's mean above which leads are more precise than duties
+_NOISE_ROUNDS = 3  # iterations that find the noise
 _MOVING_RAD_S, _MIN_SWINGS = 0.05, 4
-# A motor that seems slower stands still: a step of the current of an XL330 or STS is as much.
+# A slower motor counts as at rest: a step of the current of an XL330 or STS is as large.
 _STUCK_RAD_S = 0.01
-# A joint whose gravity torque is below this share of that of the whole duty has its gears free.
+# The gears of a joint are unloaded if its gravity torque is below this part of the full duty's.
 _FREE_SHARE = 0.01
-# Places that are compared, from the middle of a swing, and how far around each, in shares of it.
+# Compared places, from the middle of a swing, and the width around each, in parts of the swing.
 _PLACES, _PLACE_WIDTH = np.linspace(-0.4, 0.4, 17), 0.03
-# Where so many places show as much of the play, but for this much of it, they show all.
+# If so many places agree on the backlash within this tolerance, they show all of it.
 _ALIKE_PLACES, _ALIKE_SHARE, _ALIKE_RAD = 3, 0.1, 0.002
 _MAX_BACKLASH_RAD = 0.2
-# By which a motor's speed is known to differ from the joint's at most, but for gears that cross;
-# and how much more its changes count: its rotor has inertia, and the joint is read in ticks.
+# Largest difference of the motor's and the joint's speed unless gears cross their backlash, and the
+# weight of changes of the motor's speed: its rotor has inertia, and the joint is read in ticks.
 _CROSSING_RAD_S, _INERTIA = 0.2, 4.0
-_MIN_BACKLASH_ERROR_RAD = 0.001  # a tick
+_MIN_BACKLASH_ERROR_RAD = 0.001  # about a tick
 
 
 @dataclass(frozen=True, slots=True)
 class JointPrior:
-    """What is known of a joint's drive before: of its servos' models.
+    """Prior of a joint's drive, from the models of its servos.
 
     Attributes:
         servo: The model of one of its servos.
         servos: The number of servos that drive it.
         nominal_v: The supply of these figures.
-        per_horn_rad: Motion of the joint for each rad of the horns.
-        full_duty_share: Standard deviation of the torque of the whole duty, as a share of it.
+        per_horn_rad: Motion of the joint per rad of the horns.
+        full_duty_share: Relative standard deviation of the torque at full duty.
         gain: The P gain in force, as a share of the servo's; None where it was not read.
     """
 
@@ -72,7 +72,7 @@ class JointPrior:
 
     @property
     def full_duty_nm(self) -> float:
-        """The torque of the whole duty of all servos, at the joint."""
+        """Torque of all servos at full duty, at the joint."""
         return self.force * self.servo.full_duty_nm
 
     @property
@@ -87,7 +87,7 @@ class JointPrior:
 
     @property
     def force(self) -> float:
-        """The torque at the joint for each N m at the horn of each servo."""
+        """Torque at the joint per N m at the horn of each servo."""
         return self.servos / self.per_horn_rad
 
 
@@ -97,7 +97,7 @@ class Winding:
 
     Attributes:
         ohm: R.
-        kt: Its torque constant, N m/A.
+        kt: The torque constant, N m/A.
         covariance: The covariance of the errors of the two (2, 2).
     """
 
@@ -107,18 +107,18 @@ class Winding:
 
     @property
     def torque_error(self) -> float:
-        """The standard error of the torque for each volt, as a share of it."""
+        """Relative standard error of the torque per volt."""
         gradient = np.array([-1.0 / self.ohm, 1.0 / self.kt])
         return float(np.sqrt(gradient @ self.covariance @ gradient))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MotorConstants:
-    """Motors of all servos of a joint together, at the joint.
+    """The motors of all servos of a joint together, at the joint.
 
     Attributes:
         windings: The windings of each servo.
-        nominal_v: The supply of the whole duty.
+        nominal_v: The supply for the full duty.
         per_horn_rad: Motion of the joint for each rad of the horns.
     """
 
@@ -128,19 +128,19 @@ class MotorConstants:
 
     @property
     def full_duty_nm(self) -> float:
-        """Torque of the whole duty at the nominal supply."""
+        """Torque at full duty and nominal supply."""
         torque_nm = sum(each.kt / each.ohm for each in self.windings) * self.nominal_v
         return torque_nm / self.per_horn_rad
 
     @property
     def full_duty_error(self) -> float:
-        """Its standard error, as a share of it."""
+        """Relative standard error of ``full_duty_nm``."""
         errors = np.array([each.torque_error for each in self.windings])
         return float(np.linalg.norm(errors) / len(errors))
 
     @property
     def back_emf_nm_s(self) -> float:
-        """The torque kb by which each rad/s brakes the joint."""
+        """Braking torque kb of the joint per rad/s."""
         return sum(each.kt**2 / each.ohm for each in self.windings) / self.per_horn_rad**2
 
 
@@ -149,9 +149,9 @@ class LoopFit:
     """The position loop of a joint's servos.
 
     Attributes:
-        duty_per_rad: Duty for each rad (m) between goal and joint.
+        duty_per_rad: Duty per rad (m) between goal and joint.
         duty_per_rad_error: Its standard error.
-        share_before: Its standard deviation before, as a share of it.
+        share_before: Its relative prior standard deviation.
         startup_duty: Duty that is added in the direction of the error.
         delay_s: The age of the position to which the duty seems to belong: d.
         noise: The deviation of the duty from that within a window, rms: the response of the D gain
@@ -167,10 +167,10 @@ class LoopFit:
 
 
 def fit_motors(windows: SteadyWindows, prior: JointPrior) -> MotorConstants | None:
-    """Fit the motors of a joint; None where one of its servos does not measure its current.
+    """Fit the motors of a joint; None if one of its servos does not measure its current.
 
     Args:
-        windows: The windows of the joint; its currents have a direction.
+        windows: The windows of the joint; currents have a sign.
         prior: The prior of its servos.
     """
     found = [_winding(windows, k, prior) for k in range(prior.servos)]
@@ -181,10 +181,10 @@ def fit_motors(windows: SteadyWindows, prior: JointPrior) -> MotorConstants | No
 
 
 def _winding(windows: SteadyWindows, servo: int, prior: JointPrior) -> Winding | None:
-    """Return the motor of one servo; None where it does not measure its current.
+    """Return the motor of one servo; None if it does not measure its current.
 
-    While gears cross their backlash the motor has another speed than the joint. Windows of that are
-    left out; a joint that swings in its backlash has too few others, and its motor is the nominal.
+    While gears cross their backlash, motor and joint have different speeds; such windows are left
+    out. A joint that swings in its backlash has too few others; its motor is the nominal one.
     """
     current = windows.current_a[:, servo]
     used = np.isfinite(current)
@@ -237,11 +237,11 @@ def fit_loop(windows: SteadyWindows, prior: JointPrior) -> LoopFit:
 
 
 def mean_duties(windows: SteadyWindows, loops: Sequence[LoopFit]) -> SteadyWindows:
-    """Return windows with the duties in the mean over time, which balance friction and load.
+    """Return windows with their mean duties over time, which balance friction and load.
 
-    Servos are read at some times between two goals. There the D gain brakes the joint; with each
-    goal it drives it on by as much, in a moment that is hardly ever read. And the error falls from
-    goal to goal. Where that makes the duties noisy, those that follow from the leads are taken.
+    Servos are read between two goals. There the D gain brakes the joint, and with each new goal it
+    drives it by as much, for a moment that is hardly ever read; the error also falls between goals.
+    If that makes the duties noisy, duties computed from the leads are used.
 
     Args:
         windows: The windows that were read.
@@ -260,11 +260,11 @@ def mean_duties(windows: SteadyWindows, loops: Sequence[LoopFit]) -> SteadyWindo
 
 
 def sign_currents(recording: DriveRecording, priors: Sequence[JointPrior]) -> DriveRecording:
-    """Return a recording whose currents have a direction where servos measure only their size.
+    """Return a recording with signs for currents of which servos measure only the size.
 
-    Of the two it is the one in which the motor's speed by its back-EMF is nearer to the joint's and
-    to what it was before and after: while gears cross their backlash the motor has another speed
-    than the joint, but its rotor has inertia.
+    Of both signs, the one is taken for which the motor's speed, by its back-EMF, is closer to the
+    joint's and to its own before and after: the speeds differ while gears cross their backlash, but
+    the rotor has inertia.
 
     Args:
         recording: The recording that was read.
@@ -284,10 +284,10 @@ def sign_currents(recording: DriveRecording, priors: Sequence[JointPrior]) -> Dr
 
 
 def _likeliest(motor: Matrix, joint: Vector) -> NDArray[np.intp]:
-    """Return which of two speeds the motor has had in each sample (m,).
+    """Choose between two possible speeds of the motor in each sample (m,).
 
-    Of all sequences it is the one with the least sum of differences from the joint's speed and from
-    one sample to the next (the algorithm of Viterbi, 1967).
+    The sequence with the least sum of differences from the joint's speed and between samples is
+    returned (algorithm of Viterbi, 1967).
 
     Args:
         motor: Both speeds (m, 2).
@@ -308,20 +308,20 @@ def _likeliest(motor: Matrix, joint: Vector) -> NDArray[np.intp]:
 def fit_backlash(
     recording: DriveRecording, joint: int, gravity: Vector, motors: MotorConstants
 ) -> tuple[float, float] | None:
-    """Fit the backlash of a joint and its standard error, rad; None where it does not show.
+    """Fit the backlash of a joint and its standard error, rad; None if it does not show.
 
-    Where it swings by itself, nearly without load, its gears cross their backlash: pushed one way
-    the motor is ahead of the joint, pushed the other way behind it. Where the joint passes the same
-    place both ways, errors of kt cancel. A joint that falls through its balance is pushed one way
-    and then the other in each swing: all of it shows only around there, at the places with the
-    largest difference. Errors of R and kt together are less than those of each: the steady motion
-    that they were fitted to needs currents like those of a swing.
+    If a joint swings alone, nearly without load, its gears cross their backlash: the motor is ahead
+    of the joint in one direction and behind it in the other. Errors of kt cancel if the joint
+    passes the same place both ways. A joint that falls through its balance is pushed one way and
+    then the other in each swing, so the full backlash shows only near the balance, at the places
+    with the largest difference. The joint error of R and kt is smaller than each error, because the
+    steady motion of their fit needs currents like those of a swing.
 
     Args:
-        recording: The recording of the motion; its currents have a direction.
+        recording: The recording of the motion; currents have a sign.
         joint: The joint.
-        gravity: Its gravity torque in each sample (m,), as far as known: one that keeps its sign
-            keeps the gears on one side.
+        gravity: Its gravity torque in each sample (m,), as far as known; if it keeps its sign, the
+            gears stay on one side.
         motors: The motors of its servos.
     """
     swings = _swings(recording, joint)
@@ -344,7 +344,7 @@ def fit_backlash(
     lost = turned - by_joint[:, alike].mean(axis=1)
     value = float(np.median(lost))
     spread = 1.48 * np.median(np.abs(lost - value)) / np.sqrt(len(lost))
-    gradient = np.array([  # of the value, by R and by kt
+    gradient = np.array([  # of the backlash by R and kt
         -motors.per_horn_rad / motor.kt * np.median(by_amps),
         -np.median(turned) / motor.kt,
     ])  # fmt: skip
@@ -353,7 +353,7 @@ def fit_backlash(
 
 
 def _swings(recording: DriveRecording, joint: int) -> list[NDArray[np.intp]]:
-    """Compute the samples of each leg in which a joint alone moves between two reversals."""
+    """Return the samples of each leg in which one joint moves alone between two reversals."""
     speed = np.abs(recording.speed)
     legs = [np.flatnonzero(recording.leg == leg) for leg in np.unique(recording.leg)]
     alone = [
@@ -368,10 +368,10 @@ def _swings(recording: DriveRecording, joint: int) -> list[NDArray[np.intp]]:
 def _lost_motions(
     recording: DriveRecording, joint: int, swings: Sequence[NDArray[np.intp]], motor: Winding
 ) -> Cube:
-    """Compute how volts, amperes (integrated) and joint differ between the two ways (k, places, 3).
+    """Compute differences (k, places, 3) of volts, amperes (integrated) and joint between ways.
 
-    Each swing is compared with those before and after: what drifts evenly cancels. A motor whose
-    speed is not told from rest has stuck: what a step of its sensors would add up to is not motion.
+    Each swing is compared with the swings before and after, so that steady drift cancels. A motor
+    whose speed cannot be told from rest counts as stuck, because steps of its sensors would add up.
     """
     time_s, position = recording.time_s, recording.position[:, joint]
     current = recording.current_a[:, joint, 0]

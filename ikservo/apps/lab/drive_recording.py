@@ -1,4 +1,4 @@
-"""What servos measured along a motion, and means over windows of steady speed."""
+"""Recordings of servos along a motion, and means over windows of steady speed."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ Cube = NDArray[np.float64]
 """Three axes: samples, joints, servos of each joint."""
 
 _WINDOW_S = 0.2
-_SETTLED_S = 0.12  # after a change of speed: the servo's own profile and its loop follow
-_STEADY_RAD_S = 0.004  # by which the speed may differ inside a window, or by 3 % of it
-_MAX_LAG = 0.25  # of the way of the goals in a window
+_SETTLED_S = 0.12  # wait after a change of speed, until the servo's profile and loop have settled
+_STEADY_RAD_S = 0.004  # allowed change of speed in a window; or 3 % of it
+_MAX_LAG = 0.25  # of the travel of the goals in a window
 _MIN_RAD_S = 0.04  # slower shafts stick and slip
 
 
@@ -24,18 +24,18 @@ class DriveRecording:
     """Samples of the chain's joints, and of up to ``most`` servos of each joint.
 
     Attributes:
-        time_s: When the servos were read (m,).
+        time_s: Times (m,) of the readings.
         leg: The part of the motion to which each sample belongs (m,).
         speed: The speed of the reference (m, dof), rad/s or m/s.
         goal: Goals (m, dof), rad or m.
         position: Measured with the duty (m, dof), rad or m.
-        duty: Share of the whole duty (m, dof, most), -1 to 1, positive towards larger positions.
+        duty: Fraction of the full duty (m, dof, most), -1 to 1, positive towards larger positions.
             NaN for a servo that a joint does not have.
-        current_a: Current of the winding (m, dof, most), or its size where the servo does not
-            measure the direction; NaN where it measures none.
+        current_a: Current of the winding (m, dof, most), or its size if the servo does not measure
+            the sign; NaN if it measures no current.
         voltage_v: Voltage at the servo (m, dof, most).
-        goal_age_s: For how much longer than in the mean a joint's goal had been in force when its
-            servos were read (m, dof), seconds; less what its profile takes to be there.
+        goal_age_s: Age (m, dof) of a joint's goal when its servos were read, less the mean age and
+            the time that its profile needs, seconds.
     """
 
     time_s: Vector
@@ -63,7 +63,7 @@ class SteadyWindows:
         speed: The speed of the joint, rad/s.
         lead: Goal less position, rad.
         goal_age_s: See `DriveRecording`.
-        duty: Share of the whole duty of each servo of the joint (k, most).
+        duty: Fraction of the full duty of each servo of the joint (k, most).
         current_a: Current of each servo (k, most); see `DriveRecording`.
         voltage_v: Voltage at each servo (k, most).
     """
@@ -80,7 +80,7 @@ class SteadyWindows:
 
     @property
     def joint_duty(self) -> Vector:
-        """The mean duty of the servos of the joint (k,)."""
+        """Mean duty (k,) of the servos of the joint."""
         duty: Vector = np.nanmean(self.duty, axis=1)
         return duty
 
@@ -89,7 +89,7 @@ class SteadyWindows:
         return self.where(self.joint == joint)
 
     def where(self, mask: NDArray[np.bool_]) -> SteadyWindows:
-        """Return some of the windows."""
+        """Return the selected windows."""
         return SteadyWindows(
             *(getattr(self, name)[mask] for name in SteadyWindows.__dataclass_fields__)
         )
@@ -132,7 +132,7 @@ def _windows_of(recording: DriveRecording, joint: int) -> list[slice]:
 
 
 def _follows(recording: DriveRecording, joint: int, window: slice) -> bool:
-    """Check whether a joint has moved as its goals have; at a reversal it sticks for a while."""
+    """Check whether a joint has moved like its goals; after a reversal it sticks for a while."""
     moved = np.ptp(recording.position[window, joint])
     asked = np.ptp(recording.goal[window, joint])
     return bool(abs(moved - asked) < _MAX_LAG * asked)

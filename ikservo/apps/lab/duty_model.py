@@ -1,4 +1,4 @@
-"""The duties that the joints of an arm need in steady motion, as a function of its parameters.
+"""Model of the duties of joints in steady motion, as a function of the arm's parameters.
 
 In steady slow motion the torque of a joint's motor balances gravity and friction (model m4 of
 Duclusaud, Passault et al., "Extended Friction Models for the Physics Simulation of Servo
@@ -7,9 +7,9 @@ Actuators", 2024)::
     T u V / V0 - kb w = g(q) + kv w + sign(w) (kc + kl h + kq h² + exp(-|w| / ws) (ks + kls h))
     h = |T u V / V0 - kb w + g(q)|                                  load of the gears
 
-with the duty u, the supply V and its nominal value V0, the speed w, the torque T of the whole duty
-and the back-EMF kb; kq is that of the tables. Gravity is ``g(q) = Σ_b s_b g_b(q) + m g_p(q)``,
-with a scale s_b of the mass of each body and a payload m at the tip.
+with the duty u, the supply V and its nominal value V0, the speed w, the torque T at full duty and
+the back-EMF kb; kq is taken from the tables. Gravity is ``g(q) = Σ_b s_b g_b(q) + m g_p(q)``, with
+a scale s_b of the mass of each body and a payload m at the tip.
 """
 
 from __future__ import annotations
@@ -39,17 +39,17 @@ COMMON_SCALE, BODY_SCALE = 0.3, 0.08
 """Standard deviation of the scale of all masses, and of each body's difference from it."""
 PAYLOAD_KG = 0.5
 _N, _LOGARITHMIC = len(JOINT_PARAMETERS), (0, len(JOINT_PARAMETERS) - 1)
-_DUTY_NOISE = 0.004  # of a window's mean: whole ticks and counts
+_DUTY_NOISE = 0.004  # noise of a window's mean, from whole ticks and counts
 _LOAD_FRICTION, _MAX_LOAD_FRICTION = 0.1, 0.45
-# Back-EMF is kt (kt / R): the torque of the whole duty tells kt / R to 5 %, magnets differ by 10 %.
+# Back-EMF is kt (kt / R): the torque at full duty gives kt / R to 5 %, and magnets differ by 10 %.
 _DAMPING_SHARE = 0.15
-_SENSOR_SHARE = 0.02  # scale of current and voltage sensors
-_STEP = 1e-4  # of a derivative
+_SENSOR_SHARE = 0.02  # relative error of current and voltage sensors
+_STEP = 1e-4  # step of numerical derivatives
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ParameterPrior:
-    """What is known of the parameters x before: means, standard deviations and bounds.
+    """Prior of the parameters x: means, standard deviations and bounds.
 
     x are the `JOINT_PARAMETERS` of each joint, with logarithms of the first and the last, then the
     common scale of all masses, each body's difference from it, and the payload [kg].
@@ -63,17 +63,17 @@ class ParameterPrior:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DutyModel:
-    """Residuals of the duties and of what is known before, as functions of the parameters x.
+    """Residuals of the duties and of the prior, as functions of the parameters x.
 
     Attributes:
-        windows: Steady motion.
+        windows: Windows of steady motion.
         gravity: Gravity torques of each window's own joint (k, bodies + 1): of each body, and of a
             payload of 1 kg.
         prior: The prior.
-        back_emf_nm_s: Back-EMF of each joint (dof,); infinite where all damping counts as back-EMF.
+        back_emf_nm_s: Back-EMF of each joint (dof,); infinite if all damping counts as back-EMF.
         nominal_v: Supply of each joint's servos (dof,).
-        square_per_nm: Friction for the square of the load of each joint's gears (dof,).
-        noise: Standard deviation of the duties, of each joint (dof,).
+        square_per_nm: Friction per squared load of each joint's gears (dof,).
+        noise: Standard deviation of the duties of each joint (dof,).
     """
 
     windows: SteadyWindows
@@ -95,7 +95,7 @@ class DutyModel:
         """Return the model of an arm.
 
         Args:
-            windows: Steady motion.
+            windows: Windows of steady motion.
             gravity: Gravity torques at each window's posture (k, dof, bodies + 1).
             joints: The priors of each joint's servos.
             prior: The prior of the parameters; None to derive it from ``joints``.
@@ -114,15 +114,15 @@ class DutyModel:
         )
 
     def with_prior(self, prior: ParameterPrior) -> DutyModel:
-        """Return the model with other knowledge of its parameters."""
+        """Return the model with another prior."""
         return replace(self, prior=prior)
 
     def only(self, mask: NDArray[np.bool_]) -> DutyModel:
-        """Return the model of some of the windows."""
+        """Return the model of the selected windows."""
         return replace(self, windows=self.windows.where(mask), gravity=self.gravity[mask])
 
     def with_noise(self, x: Vector) -> DutyModel:
-        """Return the model with the noise of each joint's duties as it was found, if it moved."""
+        """Return the model with the measured noise of the duties of each joint that moved."""
         pairs = zip(self.errors_by_joint(x), self.noise, strict=True)
         found = np.array([np.sqrt(np.mean(r**2)) if len(r) else old for r, old in pairs])
         return replace(self, noise=np.maximum(found, 0.5 * _DUTY_NOISE))
@@ -139,7 +139,7 @@ class DutyModel:
         sign, fade = np.sign(w.speed), np.exp(-np.abs(w.speed) / ws)
         steady = 2.0 * g + (drag - brake) * w.speed + sign * (kc + fade * ks)
         # With friction the load h solves t kq h² - (1 - t k) h + |steady| = 0, where t is 1 if
-        # friction adds to it and -1 if it takes from it.
+        # friction adds to it and -1 if friction reduces it.
         t, square = sign * np.sign(steady), self.square_per_nm[joints]
         rest = 1.0 - t * (kl + fade * kls)
         root = np.sqrt(np.maximum(rest**2 - 4.0 * t * square * np.abs(steady), 0.0))
@@ -148,7 +148,7 @@ class DutyModel:
         return (load - g + brake * w.speed) / full * volts
 
     def residuals(self, x: Vector) -> Vector:
-        """Compute the weighted residuals of the duties, then those of what is known before."""
+        """Compute the weighted residuals of the duties, then those of the prior."""
         w = self.windows
         return np.concatenate(
             [
@@ -179,7 +179,7 @@ class DutyModel:
         return self.gravity @ np.append(x[at] + x[at + 1 : -1], x[-1])
 
     def errors_by_joint(self, x: Vector) -> list[Vector]:
-        """Compute the errors of the duties, of each joint its own."""
+        """Return the errors of the duties, grouped by joint."""
         w = self.windows
         errors = self.duties(x) - w.joint_duty
         return [errors[w.joint == j] for j in range(len(self.noise))]
@@ -188,7 +188,7 @@ class DutyModel:
 def nominal_prior(
     joints: Sequence[tuple[JointPrior, MotorConstants | None]], bodies: int
 ) -> ParameterPrior:
-    """Return what is known of an arm by its files and the tables of its servos."""
+    """Return the prior of an arm from its files and the tables of its servos."""
     rows = [row for joint in joints for row in _joint_prior(*joint)]
     rows += [(1.0, COMMON_SCALE, 0.05, 5.0)]
     rows += [(0.0, BODY_SCALE, -0.9, 5.0)] * bodies + [(0.0, PAYLOAD_KG, 0.0, 20.0)]

@@ -26,31 +26,31 @@ from ikservo.planning.context import ArmContext
 _CANDIDATES, _MAX_DRAWS = 12, 400
 _SEED = 1
 _CLEARANCE_M = 0.02
-_LIMIT_MARGIN = 0.05  # of the range of a joint, at both ends
-# The motions are slow, but goals may lead loaded joints by as much as in a usual motion. The servos
-# go to each goal slowly: pushed on in bursts, their gears have more friction in the mean.
+_LIMIT_MARGIN = 0.05  # margin at both ends, as a fraction of the range of a joint
+# The motions are slow, but goals may lead loaded joints by as much as in a normal motion. The
+# servos move to each goal slowly, because bursts increase the mean friction of their gears.
 _SPEED_CLASS, _PROFILE_CLASS = "normal", "slow"
-_LEAD_SHARE = 0.75  # of the lead of a goal that the guard allows
+_LEAD_SHARE = 0.75  # of the lead that the guard allows
 _HALVINGS = 30
-_HEAVIER = 1.4  # links that are heavier than in the arm file, or hold something
-_PATH_STEP = 10  # samples of a path between two where gravity is evaluated
-_MAX_WAY = 1.5  # rad of each joint between two postures
-_PAUSE_S, _TURN_S = 0.3, 0.05  # at rest in every posture, and between two swings
-_SLOW = 0.3  # of the speed class: the speed of the last part of a tour
-# Between two readings: a reading delays the next goal, then some come in time again.
+_HEAVIER = 1.4  # factor for links heavier than in the arm file, or with a payload
+_PATH_STEP = 10  # gravity is evaluated at every tenth sample of a path
+_MAX_WAY = 1.5  # largest motion of a joint between two postures, rad
+_PAUSE_S, _TURN_S = 0.3, 0.05  # pauses in every posture, and between two swings
+_SLOW = 0.3  # speed of the last part of a tour, as a fraction of the class
+# Time between readings: a reading delays the next goal; the goals after it are on time again.
 _READ_PERIOD_S, _READ_CYCLES = 0.01, 2.5
-_PHASE_SHARE, _GOLDEN = 0.7, 0.6180339887498949  # of the cycle in which servos are read
-# Half a loop of the servo until a goal counts, and half of one since what it tells was measured.
+_PHASE_SHARE, _GOLDEN = 0.7, 0.6180339887498949  # readings are spread over this part of the cycle
+# Half a servo loop until a goal takes effect, and half a loop of age of a measured value.
 _SERVO_LOOP_S = 0.001
-_SWING_RAD = 0.07  # of the horn, to both sides
-# Postures drawn for the upright one, first anywhere, then around the best ones, ever nearer.
+_SWING_RAD = 0.07  # amplitude of a swing at the horn
+# Draws for the upright posture: first anywhere, then around the best ones in ever smaller spreads.
 _UPRIGHT_DRAWS, _UPRIGHT_SPREADS, _UNLOADED_SHARE = 1200, (0.1, 0.03, 0.01, 0.003), 0.01
-_PRIOR = 1e-3  # of the largest information: what is not excited yet counts most
+_PRIOR = 1e-3  # of the largest information; directions not excited yet count most
 
 
 @dataclass(frozen=True, slots=True)
 class TourOptions:
-    """How long a tour is.
+    """Length of a tour.
 
     Attributes:
         postures: The number of its postures.
@@ -69,7 +69,7 @@ class ExcitationLeg:
     """A motion between two postures, with a pause before it.
 
     Attributes:
-        start_s: When the motion starts.
+        start_s: Time at which the motion starts.
         move: The motion.
     """
 
@@ -78,7 +78,7 @@ class ExcitationLeg:
 
     @property
     def end_s(self) -> float:
-        """When the motion ends."""
+        """Time at which the motion ends."""
         return self.start_s + self.move.duration_s
 
 
@@ -86,9 +86,9 @@ class Excitation:
     """A tour of postures as one trajectory, with a pause in each posture.
 
     Args:
-        waypoints: The postures (k, n), rad or m; the first is where it starts.
+        waypoints: The postures (k, n), rad or m, the start first.
         limits: The kinematic limits of the joints, for each motion between two of them.
-        pauses_s: The pause before each of them; another one follows the last.
+        pauses_s: The pause before each motion, and one after the last.
     """
 
     def __init__(
@@ -108,7 +108,7 @@ class Excitation:
         self.start, self.duration_s = waypoints[0], at_s + _PAUSE_S
 
     def starting_at(self, start: Vector) -> Excitation:
-        """Return the tour from another start (n,), near its own."""
+        """Return the tour with another start (n,) near its own."""
         return Excitation([start, *self._waypoints[1:]], self._limits, self._pauses_s)
 
     def state(self, time_s: float) -> TrajectoryPoint:
@@ -129,12 +129,12 @@ class Excitation:
 def plan_excitation(
     context: ArmContext, dynamics: Dynamics, start: Vector, options: TourOptions | None = None
 ) -> Excitation:
-    """Plan a tour of postures whose gravity torques tell the masses apart.
+    """Plan a tour of postures whose gravity torques identify the masses.
 
-    Each posture is drawn within the limits, with room around the body, and each way between two is
-    free. Of several the one is taken that adds most to the information about the masses
-    (D-optimality). The tour is made at the speed ``slow`` there and back, for friction is what
-    differs between the two directions, and a part of it more slowly.
+    Postures are drawn within the limits, with room around the body and free paths between them. Of
+    several candidates, the one that adds most information about the masses is taken (D-optimality).
+    The tour runs at the speed ``slow`` forth and back, because friction is the difference between
+    both directions, and a part of it more slowly.
 
     Args:
         context: The arm.
@@ -143,7 +143,7 @@ def plan_excitation(
         options: The length of the tour.
 
     Raises:
-        RefusedError: There is no free way from there to any posture.
+        RefusedError: There is no free path from the start to any posture.
     """
     options = options or TourOptions()
     there = _draw_postures(context, dynamics, start, options.postures)[1:]
@@ -166,7 +166,7 @@ def plan_excitation(
 def _draw_postures(
     context: ArmContext, dynamics: Dynamics, start: Vector, most: int
 ) -> list[Vector]:
-    """Compute start and postures (n,) of a tour, each reached freely from the one before."""
+    """Return start and postures (n,) of a tour, each with a free path from the one before."""
     random, space = np.random.default_rng(_SEED), _FreeSpace.of(context, dynamics, start)
     postures, way = [start], [start]
     information = np.zeros((len(dynamics.bodies) + 1,) * 2)
@@ -177,7 +177,7 @@ def _draw_postures(
             best = int(np.argmax([_determinant(information + gain) for gain in gains]))
             information += gains[best]
             way.append(candidates[best])
-        else:  # back along the way that was free
+        else:  # go back along the free path
             way.pop()
         postures += way[-1:]
     if len(postures) == 1:
@@ -189,10 +189,10 @@ def _draw_postures(
 
 
 def _swings(context: ArmContext, dynamics: Dynamics, start: Vector, times: int) -> list[Vector]:
-    """Compute postures (n,) between which one joint after the other swings, reached from the start.
+    """Return postures (n,), reachable from the start, between which joints swing one by one.
 
-    Gears cross their backlash where the load changes its sign. Gravity loads no joint of an arm
-    that stands upright, whatever its links weigh. Empty where there is no room for it.
+    Gears cross their backlash where the load changes its sign. Gravity does not load the joints of
+    an upright arm, whatever its links weigh. Empty if there is no room for that.
     """
     space = _FreeSpace.of(context, dynamics, start)
     for upright in space.upright_postures(start, np.random.default_rng(_SEED)) if times else ():
@@ -207,7 +207,7 @@ def _swings(context: ArmContext, dynamics: Dynamics, start: Vector, times: int) 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _FreeSpace:
-    """Postures that an arm may be moved to.
+    """Postures to which an arm may move.
 
     Attributes:
         context: The arm.
@@ -215,8 +215,8 @@ class _FreeSpace:
         clearance_m: The distance that the body must keep; links beside each other may always be
             this near.
         limits: The kinematic limits of all joints.
-        max_torque: Gravity torque of each joint (dof,) that its servo holds without being taken
-            for one that does not follow.
+        max_torque: Gravity torque (dof,) that the servo of each joint can hold without being judged
+            as blocked.
     """
 
     context: ArmContext
@@ -233,7 +233,7 @@ class _FreeSpace:
         return cls(context, dynamics, clearance_m, limits, np.array(most))
 
     def reachable_postures(self, at: Vector, random: np.random.Generator) -> Iterator[Vector]:
-        """Yield postures (n,) with free ways to them from ``at``."""
+        """Yield postures (n,) with a free path from ``at``."""
         (lower, upper), near = self._inner_limits(), self.context.index.chain_joints(at)
         lower = np.minimum(np.maximum(lower, near - _MAX_WAY), near)
         upper = np.maximum(np.minimum(upper, near + _MAX_WAY), near)
@@ -244,7 +244,7 @@ class _FreeSpace:
                 yield posture
 
     def upright_postures(self, at: Vector, random: np.random.Generator) -> Iterator[Vector]:
-        """Yield postures (n,) in which links load joints less than in most, best first."""
+        """Yield postures (n,) in which links load the joints little, the best first."""
         (lower, upper), near = self._inner_limits(), self.context.index.chain_joints(at)
         pool = random.uniform(lower, upper, (_UPRIGHT_DRAWS, len(near)))
         for spread in _UPRIGHT_SPREADS:
@@ -253,14 +253,14 @@ class _FreeSpace:
             drawn = np.clip(random.normal(around, spread * (upper - lower)), lower, upper)
             pool = np.vstack([pool, drawn])
         loads = self._loads(pool)
-        # Joints that gravity does not load stay where they are.
+        # Joints that gravity never loads keep their position.
         pool = np.where(loads.max(axis=0) > _UNLOADED_SHARE * loads.max(), pool, near)
         order = np.argsort(loads.sum(axis=1))
         for k in range(int(np.log2(len(order)))):
             yield self.context.index.with_chain(at, pool[order[2**k - 1]])
 
     def _loads(self, q: Matrix) -> Matrix:
-        """Compute the gravity torques of all links on each joint, all with one sign (k, dof)."""
+        """Compute the sum of the absolute gravity torques of all links on each joint (k, dof)."""
         return np.abs(gravity_columns(self.dynamics, q)).sum(axis=2)
 
     def _inner_limits(self) -> tuple[Vector, Vector]:
@@ -279,7 +279,7 @@ class _FreeSpace:
         if (torques > self.max_torque).any():
             return False
         try:
-            # As of a faster motion, there and back: the arm sags a little more than it will.
+            # Check a faster motion, forth and back, which sags a little more than the real one.
             for ends in ((start, goal), (goal, start)):
                 self.context.check_streamed_path(JointMove(*ends, self.limits), _SPEED_CLASS)
         except RefusedError:
@@ -288,11 +288,10 @@ class _FreeSpace:
 
 
 def _max_gravity(context: ArmContext, column: int) -> float:
-    """Compute the nominal gravity torque up to which a joint is moved; no limit if not known.
+    """Compute the nominal gravity torque up to which a joint may move; infinite if unknown.
 
-    It is that of links heavier by `_HEAVIER` that the servo still lifts, against the friction of
-    its loaded gears, while its goal leads the joint by no more than the guard allows and by no more
-    than its motor can press for long.
+    The servo can still lift links that are heavier by `_HEAVIER`, against the friction of its
+    loaded gears, with a lead that the guard allows and that its motor can press for long.
     """
     driven, model = context.servos.driven_joints[column], context.model
     drive = joint_drive(model.joint(driven.joint), model.supply_v)
@@ -327,13 +326,13 @@ def record_excitation(
     excitation: Excitation,
     on_cycle: Callable[[ControlCycle], None] | None = None,
 ) -> DriveRecording:
-    """Make the tour and return what the servos measured.
+    """Run the tour and return the recording of the servos.
 
-    While one joint moves alone, only its servos are read, but after each goal: gears cross their
-    backlash within a few hundredths of a second. The values of the others stay as they were.
+    While a joint moves alone, only its servos are read, after each goal, because gears cross their
+    backlash within a few hundredths of a second. The other values stay unchanged.
 
     Raises:
-        IkservoError: Those of every motion; see ``Arm``.
+        IkservoError: An error of every motion; see ``Arm``.
     """
     excitation = excitation.starting_at(context.servos.reference())
     context.check_streamed_path(excitation, "slow")
@@ -383,7 +382,7 @@ def record_excitation(
     ages_s = (
         _sample_ages(np.array(replies), drives[0]) - context.servos.goals_wire_s - _SERVO_LOOP_S
     )
-    # A servo's profile goes to each goal at its speed limit: it is there after a share of a cycle.
+    # A servo's profile moves to each goal at its speed limit and arrives after a part of a cycle.
     profile_speeds = context.servos.profile_speeds(profile_rad_s)[list(context.index.chain)]
     profile_share = np.minimum(np.abs(recording.speed) / profile_speeds, 1.0)
     mean_s = _mean_age_s(np.array(goals_s)) * (1.0 + profile_share)
@@ -393,11 +392,11 @@ def record_excitation(
 def _sample_ages(replies: Matrix, drive: Matrix) -> Matrix:
     """Sample the time from the goals to the sample of each joint's servos (m, joints), seconds.
 
-    No manual says whether a servo takes it when the instruction comes or when its turn to reply
-    has: the middle is assumed, which is off by at most half of the time between the two.
+    No manual says whether a servo samples when the instruction arrives or when its turn to reply
+    comes. The middle is assumed; it is off by at most half of the time between both.
 
     Args:
-        replies: When each reading began and ended, after the goals (m, 2).
+        replies: Begin and end (m, 2) of each reading, after the goals.
         drive: One reading (joints, most, 4): servos reply one after the other.
     """
     counts = np.isfinite(drive[..., 0]).sum(axis=1)
@@ -406,7 +405,7 @@ def _sample_ages(replies: Matrix, drive: Matrix) -> Matrix:
 
 
 def _mean_age_s(goals_s: Vector) -> float:
-    """Compute the age of a goal in the mean over time, of goals that came at some times (k,)."""
+    """Compute the mean age over time of goals that were sent at some times (k,)."""
     held_s = np.diff(goals_s)
     return float(0.5 * (held_s @ held_s) / held_s.sum())
 
@@ -414,8 +413,8 @@ def _mean_age_s(goals_s: Vector) -> float:
 def _phases(longest_s: float) -> Iterator[float]:
     """Yield times between 0 and the longest, evenly spread.
 
-    Goals come once a cycle, and the duty follows each step: how it depends on the time since is
-    fitted to readings at different times; see `DriveRecording`.
+    Goals come once per cycle, and the duty follows each step. Its dependence on the time since the
+    goal is fitted to readings at different times; see `DriveRecording`.
     """
     for k in count():
         yield longest_s * (_GOLDEN * k % 1.0)
@@ -426,7 +425,7 @@ def _make_recording(
 ) -> DriveRecording:
     columns = list(context.index.chain)
     clock_s, motion_s, read_s = times.T
-    # The motion's own time passes more slowly while a joint lags.
+    # The motion's own time runs more slowly while a joint lags.
     rate = np.gradient(motion_s, clock_s)
     speeds = np.array([excitation.state(time_s).velocity for time_s in motion_s])
     return DriveRecording(

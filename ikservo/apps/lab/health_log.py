@@ -1,8 +1,8 @@
-"""The health of an arm's servos over time: a record for each measurement, and what has changed.
+"""The health of an arm's servos over time: a record per measurement, and changes.
 
-``health/<arm>-<adapter>.jsonl`` in the user's folder has a line for each `ikservo monitor` and each
-`ikservo identify`. Wear shows as play or friction that rises by more than both measurements are
-uncertain; heat, voltage and load are of the moment and are only listed.
+``health/<arm>-<adapter>.jsonl`` in the user's folder has a line per run of `ikservo monitor` and
+`ikservo identify`. Wear shows as backlash or friction that rises by more than the uncertainty of
+both measurements; heat, voltage and load are momentary values and only listed.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ Count = Annotated[int, Field(ge=0)]
 
 
 class JointHealth(StrictModel):
-    """What was measured of one servo; what was not is None."""
+    """Measurements of one servo; None if not measured."""
 
     name: Name = Field(description="the joint")
     id: Annotated[int, Field(ge=0, le=253)] = Field(description="the servo's id")
@@ -66,7 +66,7 @@ def health_path(arm: str, usb_serial_number: str) -> Path:
 
 
 def read_records(path: Path) -> list[HealthRecord]:
-    """Read the records of an arm, the oldest first; none where there is no file.
+    """Read the records of an arm, the oldest first; empty if there is no file.
 
     Raises:
         FileFormatError: The file is damaged, or too large.
@@ -92,7 +92,7 @@ def _parse_lines(path: Path, text: str) -> Iterator[HealthRecord]:
 
 
 def append_record(path: Path, record: HealthRecord) -> None:
-    """Add a record to the file of an arm; of very many the oldest are dropped.
+    """Add a record to the file of an arm; if there are very many, drop the oldest.
 
     Raises:
         FileFormatError: The file is damaged; it is unchanged.
@@ -147,7 +147,7 @@ def _summary(
 
 
 def identified_health(bus: ServoBus, found: Identification) -> tuple[JointHealth, ...]:
-    """Return the play and the friction of each joint that a motion has determined."""
+    """Return the backlash and friction of each joint that an identification has determined."""
     ids = {servo.name: servo.id for servo in bus.servos.values()}
     rows: list[JointHealth] = []
     for name in found.joints:
@@ -180,15 +180,15 @@ def latest_health(records: Sequence[HealthRecord]) -> list[JointHealth]:
 
 @dataclass(frozen=True, slots=True)
 class Change:
-    """Play or friction of a joint that has risen.
+    """A rise of the backlash or friction of a joint.
 
     Attributes:
         joint: The joint.
         key: ``backlash_rad`` or ``friction_nm``.
         before: The mean of the earlier measurements.
         now: The latest measurement.
-        since: When the earlier ones began.
-        sigmas: The rise, in standard errors of it.
+        since: The time of the first earlier measurement.
+        sigmas: The rise, in multiples of its standard error.
     """
 
     joint: str
@@ -199,20 +199,20 @@ class Change:
     sigmas: float
 
 
-# A measurement differs from the next by this much although nothing has changed: what the errors
-# of one motion do not contain (posture, temperature of the grease, supply).
-_REPEATS: Mapping[str, tuple[float, float]] = {  # a floor and a share of the value
+# Repeated measurements differ by this much although nothing has changed, because of posture,
+# temperature of the grease and supply; the errors of one motion do not contain that.
+_REPEATS: Mapping[str, tuple[float, float]] = {  # smallest difference, and fraction of the value
     "backlash_rad": (math.radians(0.05), 0.02),
     "friction_nm": (0.01, 0.10),
 }
-_SIGMAS = 3.0  # one false alarm in 740 for each joint and quantity: 2 % for six joints
+_SIGMAS = 3.0  # one false alarm in 740 per joint and quantity: 2 % for six joints
 
 
 def changes_of(records: Sequence[HealthRecord]) -> list[Change]:
-    """Return what has risen between the earlier measurements and the latest, beyond doubt.
+    """Return significant rises from the earlier measurements to the latest.
 
-    Each joint's play and friction are compared with the weighted mean of the earlier values. A rise
-    counts from three standard errors on, so that a report on six joints is wrong once in fifty.
+    Each joint's backlash and friction are compared with the weighted mean of earlier values. A rise
+    counts from three standard errors on, so that one report in fifty on six joints is wrong.
     """
     names = dict.fromkeys(joint.name for record in records for joint in record.joints)
     changes = (_change(records, name, key) for name in names for key in _REPEATS)

@@ -1,16 +1,15 @@
-"""Identification: motors, friction, masses and payload of an arm from what its servos measured.
+"""Identification of motors, friction, masses and payload of an arm from its servos' recordings.
 
-Torque is known only as far as the torque of the whole duty is: servos that measure their current
-say it, because duty, current and speed have the torque constant and the resistance (see
-`lab.drive_fit`); of others only the ratio of all torques to it is determined, and the
-nominal one decides.
+Torques are only as certain as the torque at full duty. Servos that measure their current reveal it,
+because duty, current and speed determine the torque constant and the resistance (see
+`lab.drive_fit`). For others only the ratios of torques to it are determined, and the nominal value
+sets the scale.
 
-The parameters are those that explain the duties best (see `maintenance.duty_model`; nonlinear
-least squares within physical bounds) together with what is known before, as a normal distribution
-of each (maximum a posteriori). Standard errors are those of the sandwich of Liang and Zeger,
-"Longitudinal data analysis using generalized linear models", 1986, over the legs of the motion,
-because neighbouring windows err alike. A parameter whose error stays near that of before is not
-determined.
+The parameters are those that explain the duties best (see `lab.duty_model`; nonlinear least squares
+within physical bounds), with a normal prior of each (maximum a posteriori). Standard errors come
+from the sandwich estimator of Liang and Zeger, "Longitudinal data analysis using generalized linear
+models", 1986, over the legs of the motion, because neighbouring windows have similar errors. A
+parameter whose error stays near its prior is not determined.
 """
 
 from __future__ import annotations
@@ -45,11 +44,11 @@ from ikservo.kinematics.dynamics import Dynamics
 
 _N, _LOGARITHMIC = len(JOINT_PARAMETERS), (0, len(JOINT_PARAMETERS) - 1)
 _DETERMINED = 0.5
-"""A parameter is determined where its standard error is below this share of that before."""
-_KEPT_ASIDE = 4  # every fourth pair of legs: there and back
-_MIN_WINDOWS = 12  # of a joint
-_BACKLASH_RAD = 0.02  # standard deviation before
-_TIGHT = 1e-3  # of what is not estimated
+"""A parameter is determined if its standard error is below this part of its prior."""
+_KEPT_ASIDE = 4  # every fourth pair of legs, forth and back, is kept aside
+_MIN_WINDOWS = 12  # per joint
+_BACKLASH_RAD = 0.02  # prior standard deviation
+_TIGHT = 1e-3  # prior of a parameter that is not estimated
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,7 +58,7 @@ class ParameterEstimate:
     Attributes:
         value: Its value.
         error: Its standard error.
-        error_before: Its standard deviation before.
+        error_before: Its prior standard deviation.
     """
 
     value: float
@@ -68,13 +67,13 @@ class ParameterEstimate:
 
     @property
     def determined(self) -> bool:
-        """Whether the data say more about it than was known before."""
+        """Whether the data add enough to the prior."""
         return self.error < _DETERMINED * self.error_before
 
 
 @dataclass(frozen=True, slots=True)
 class Validation:
-    """How well a joint's lag behind its goals is predicted on legs kept aside.
+    """Quality of the prediction of a joint's lag behind its goals, on legs kept aside.
 
     Attributes:
         identified: Root mean square of the error with the parameters of the other legs, rad or m.
@@ -118,17 +117,17 @@ class Identification:
 
     @property
     def mass_scales(self) -> Vector:
-        """The scale of each body's mass (bodies,)."""
+        """Scales (bodies,) of the masses of the bodies."""
         return np.array([self.estimates[f"{body}.mass_scale"].value for body in self.bodies])
 
     @property
     def payload_kg(self) -> float:
-        """The mass at the tip."""
+        """Mass at the tip."""
         return self.estimates["payload_kg"].value
 
 
 def gravity_columns(dynamics: Dynamics, q: Matrix) -> Cube:
-    """Compute the gravity torques of each body and of a payload of 1 kg (n, dof, bodies + 1).
+    """Compute the gravity torques (n, dof, bodies + 1) by each body and by a payload of 1 kg.
 
     Args:
         dynamics: The arm.
@@ -197,7 +196,7 @@ def identify_payload(
         dynamics: The dynamics of the chain, by the arm file.
         priors: The priors of each joint's servos.
         recording: A recording of slow motion with the payload.
-        known: The arm without a payload, identified before; None where it was not.
+        known: The earlier identification of the arm without payload; None if there is none.
 
     Raises:
         CalibrationError: A joint has not moved enough.
@@ -261,7 +260,7 @@ def _solve(model: DutyModel) -> tuple[Vector, DutyModel]:
 
 
 def _sandwich(model: DutyModel, x: Vector) -> Matrix:
-    """Compute the covariance of x, with the residuals of a leg and a joint as one group."""
+    """Compute the covariance of x; residuals of a leg and a joint are one group."""
     windows, J, residuals = model.windows, model.jacobian(x), model.residuals(x)
     H = np.linalg.pinv(J.T @ J, hermitian=True)
     rows = len(windows.joint)
@@ -295,7 +294,7 @@ def _stiffness_estimates(
     loops: Sequence[LoopFit],
     priors: Sequence[JointPrior],
 ) -> dict[str, ParameterEstimate]:
-    """Return the stiffness of each joint: torque of the whole duty times the duty of a rad."""
+    """Return the stiffness of each joint: torque at full duty times the duty per rad."""
     found: dict[str, ParameterEstimate] = {}
     for name, loop, prior in zip(joints, loops, priors, strict=True):
         full = estimates[f"{name}.full_duty_nm"]
@@ -348,7 +347,7 @@ def _mass_estimates(
 def _validate(
     joints: Sequence[str], model: DutyModel, loops: Sequence[LoopFit], nominal: ParameterPrior
 ) -> dict[str, Validation]:
-    """Fit all legs but those kept aside, and predict these."""
+    """Fit all legs except those kept aside, and predict the latter."""
     aside = model.windows.leg // 2 % _KEPT_ASIDE == 1
     x, kept = _solve(model.only(~aside))[0], model.only(aside)
     found: dict[str, Validation] = {}
@@ -361,7 +360,7 @@ def _validate(
 
 
 def _known_prior(known: Identification, nominal: ParameterPrior) -> ParameterPrior:
-    """Return what is known of an identified arm; its payload is not."""
+    """Return the prior of an identified arm; its payload is unknown."""
     mean, deviation = nominal.mean.copy(), nominal.deviation.copy()
     keys = [(name, key) for name in known.joints for key in JOINT_PARAMETERS]
     for k, (name, key) in enumerate(keys):

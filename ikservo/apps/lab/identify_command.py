@@ -48,7 +48,7 @@ _KEYS = (*JOINT_PARAMETERS, "stiffness_nm_rad", "backlash_rad")
 
 @dataclass(frozen=True, kw_only=True)
 class IdentifyOptions(MotionOptions):
-    """Those of a motion; a dry run moves, too."""
+    """Options of the motion; even a dry run moves."""
 
     dry_run: Annotated[bool, typer.Option("--dry-run", help="Identify, but save nothing.")] = False
 
@@ -68,7 +68,7 @@ def command(
     """
     with open_from_options(connection, options) as machine:
         run = IdentificationRun.plan(require_own_port(machine), QUICK_TOUR if quick else None)
-        if not options.dry_run:  # a full disk is found before the arm moves for minutes
+        if not options.dry_run:  # find a full disk before the arm moves for minutes
             check_writable(run.path.parent)
             read_records(health_path(machine.model.name, run.arm.context.serial_number))
         announce_tour(run, options)
@@ -96,7 +96,7 @@ def announce_tour(run: IdentificationRun, options: MotionOptions) -> None:
     machine, legs = run.arm, len(run.excitation.legs)
     print_status(
         f"{machine.model.title} on {format_port(machine.port_name)}: to its pose home, then "
-        f"{legs} slow motions of all joints through its room, {run.duration_s:.0f} s. "
+        f"{legs} slow motions of all joints in its reach, {run.duration_s:.0f} s. "
         "Clear its reach. Ctrl-C stops it; it then holds."
     )
     confirm_motion(machine, yes=options.yes)
@@ -127,10 +127,10 @@ def _print_report(found: Identification, carried: dict[str, str], path: Path | N
     )
     print_lines(
         [
-            "Stiffness in N m/rad, friction in N m; ± one standard error. In parentheses: not",
-            "determined by the motion, nearly as in the tables of servos and the arm file.",
-            "Backlash is found with servos that measure their current, and room to swing upright;",
-            "with --quick there are no swings.",
+            "Stiffness in N m/rad, friction in N m; ± one standard error. Values in parentheses",
+            "are not determined by the motion: they are near those of servo tables and arm file.",
+            "Backlash needs servos that measure their current, and room to swing upright; with",
+            "--quick there are no swings.",
             *_payload_lines(found),
             *_validation_lines(found),
             "Nothing was saved." if path is None else f"Saved to {path}",
@@ -161,7 +161,7 @@ def _format(estimate: ParameterEstimate | None, sign: str = "") -> str:
 
 
 def _format_sum(one: ParameterEstimate | None, other: ParameterEstimate | None) -> str:
-    """Format friction at rest, of which the two parts differ only in how they fade with speed."""
+    """Format the friction at rest, a sum of two parts that fade differently with speed."""
     if one is None or other is None:
         return "–"
     error = min(one.error, other.error)
@@ -188,7 +188,7 @@ def _payload_lines(found: Identification) -> Iterator[str]:
 def _validation_lines(found: Identification) -> Iterator[str]:
     tables = [name for name, own in found.validation.items() if not own.is_better]
     if tables:
-        yield f"The tables predict {', '.join(tables)} no worse than the motion: their values stay."
+        yield f"The tables predict {', '.join(tables)} as well as the motion: their values stay."
     worst = max(found.validation, key=lambda name: found.validation[name].identified, default=None)
     if worst is not None:
         own = found.validation[worst]

@@ -1,7 +1,7 @@
 """Performance criteria of ISO 9283:1998: accuracy and repeatability of poses and paths, drift.
 
-Positions only: attained points (n, 3) of n cycles, in any unit of length, which the results have,
-too.
+Only positions are evaluated: attained points (n, 3) of n cycles in any unit of length; results have
+the same unit.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ def pose_accuracy(attained: ArrayLike, commanded: ArrayLike) -> float:
         commanded: The commanded point (3,).
 
     Raises:
-        BadValueError: There is no point, or the shape is another.
+        BadValueError: There is no point, or the shape is wrong.
     """
     points = _cluster(attained, 1)
     return float(np.linalg.norm(points.mean(axis=0) - np.asarray(commanded, dtype=np.float64)))
@@ -42,7 +42,7 @@ def pose_repeatability(attained: ArrayLike) -> float:
         attained: The points (n, 3), n at least 2.
 
     Raises:
-        BadValueError: There are fewer points, or the shape is another.
+        BadValueError: There are fewer points, or the shape is wrong.
     """
     points = _cluster(attained, 2)
     return float(_sphere_radii(points[:, None, :])[0])
@@ -57,7 +57,7 @@ def multidirectional_variation(clusters: Sequence[ArrayLike]) -> float:
         clusters: The points (n, 3) attained from each of two or more directions.
 
     Raises:
-        BadValueError: There is one direction only, or one without points.
+        BadValueError: There is only one direction, or a direction has no points.
     """
     centres = [_cluster(points, 1).mean(axis=0) for points in clusters]
     if len(centres) < 2:
@@ -77,7 +77,7 @@ def path_accuracy(attained: ArrayLike, commanded: ArrayLike) -> float:
         commanded: The points (m, 3) of the commanded path.
 
     Raises:
-        BadValueError: There is no cycle, or a shape is another.
+        BadValueError: There is no cycle, or a shape is wrong.
     """
     paths = _paths(attained, 1)
     off = paths.mean(axis=0) - np.asarray(commanded, dtype=np.float64)
@@ -93,7 +93,7 @@ def path_repeatability(attained: ArrayLike) -> float:
         attained: The crossings (n, m, 3) of n cycles, n at least 2.
 
     Raises:
-        BadValueError: There are fewer cycles, or the shape is another.
+        BadValueError: There are fewer cycles, or the shape is wrong.
     """
     return float(_sphere_radii(_paths(attained, 2)).max())
 
@@ -110,9 +110,9 @@ def largest_drift(values: Sequence[float]) -> float:
 
 
 def path_crossings(measured: ArrayLike, points: ArrayLike, tangents: ArrayLike) -> Matrix:
-    """Compute where a measured path crosses the planes normal to a commanded one.
+    """Compute the crossings of a measured path with the planes normal to a commanded path.
 
-    Where it crosses a plane several times, as a circle does, the crossing nearest to the commanded
+    If it crosses a plane several times, as a circle does, the crossing nearest to the commanded
     point counts.
 
     Args:

@@ -21,14 +21,14 @@ EDGES_M = (0.25, 0.2, 0.16, 0.125, 0.1, 0.08, 0.063, 0.05, 0.04)
 
 # The poses P2 to P5 are 10 % of a diagonal from its ends.
 _OF_HALF_DIAGONAL = 0.8
-# The diameter of the large circle, of the edge.
+# Diameter of the large circle, as a fraction of the edge.
 _CIRCLE_OF_EDGE = 0.8
-# Between the arm's body and itself, the table and boxes; less where parts are always nearer.
+# Clearance of the arm's body from itself, the table and boxes, or 90 % of that in the pose home.
 _CLEARANCE_M, _OF_HOME = 0.02, 0.9
-# Of the tip above the surface that the arm stands on.
+# Least height of the tip above the surface on which the arm stands.
 _HEIGHT_M = 0.05
 _XS_M, _ZS_M = np.arange(0.1, 0.55, 0.025), np.arange(0.05, 0.4, 0.025)
-# Points between two of the cube, and what a joint may turn from one to the next.
+# Steps between two points of the cube, and the largest turn of a joint in a step.
 _STEPS, _MAX_STEP_RAD = 6, 0.5
 
 
@@ -36,8 +36,8 @@ _STEPS, _MAX_STEP_RAD = 6, 0.5
 class IsoCube:
     """A cube with edges along the axes of the base frame, and its test plane.
 
-    The plane holds two edges along y that are diagonally opposite; an arm that moves in a plane has
-    that plane instead.
+    The test plane contains two diagonally opposite edges along y; for an arm that moves in a plane,
+    it is that plane.
 
     Attributes:
         center_m: The centre (3,), which is P1.
@@ -79,12 +79,12 @@ class IsoCube:
 
     @property
     def circle_start_m(self) -> Vector:
-        """Where the circle about P1 begins (3,)."""
+        """Start (3,) of the circle about P1."""
         v = self.along_m[1]
         return self.center_m + self.radius_m * v / np.linalg.norm(v)
 
     def lattice_m(self) -> Matrix:
-        """Compute points (k, 3) all over the cube, in the order in which they are visited."""
+        """Return points (k, 3) all over the cube, in the order of the visit."""
         steps = (-1.0, 0.0, 1.0)
         heights = (0.0,) if self.is_planar else steps
         cells = [(x, y, z) for z in heights for x in steps for y in steps]
@@ -93,13 +93,13 @@ class IsoCube:
 
 
 def place_cube(arm: OpenArm) -> IsoCube:
-    """Return the largest cube in the part of the workspace that the arm's pose home is in.
+    """Return the largest cube in the part of the workspace that contains the pose home.
 
-    All over it the tip is reached without a change of branch, and the body is as clear of itself,
-    the table and boxes as in the pose home, or by 20 mm.
+    The tip reaches all of it without a change of branch, and the body keeps the clearance that it
+    has in the pose home, or 20 mm, from itself, the table and boxes.
 
     Raises:
-        RefusedError: There is none of 40 mm.
+        RefusedError: Not even a cube of 40 mm fits.
     """
     home_m = arm.chain.forward(arm.model.chain_pose("home"))[:3, 3]
     is_planar = bool(np.allclose(arm.chain.jacobian(arm.model.chain_pose("home"))[2], 0.0))
@@ -112,19 +112,19 @@ def place_cube(arm: OpenArm) -> IsoCube:
                 return cube
     raise RefusedError(
         f"No cube of {1000 * EDGES_M[-1]:.0f} mm is free and within reach of this arm.",
-        "Nothing moved. Clear the space before the arm, or check its limits.",
+        "Nothing moved. Clear the space in front of the arm, or check its limits.",
     )
 
 
 def _centers(home_m: Vector, *, is_planar: bool) -> Iterator[Vector]:
-    """Yield centres (3,) ahead of the arm, those nearest to the tip in the pose home first."""
+    """Yield centres (3,) in front of the arm, the nearest to the tip in the pose home first."""
     heights = [home_m[2]] if is_planar else _ZS_M.tolist()
     found = [np.array([x, 0.0, z]) for x in _XS_M.tolist() for z in heights]
     yield from sorted(found, key=lambda center: math.dist(center, home_m))
 
 
 def _is_free(arm: OpenArm, solver: Solver, cube: IsoCube) -> bool:
-    """Check whether the arm can go all over the cube, keeping its branch and its distances."""
+    """Check whether the arm reaches the whole cube in one branch and with its clearance."""
     q = arm.model.chain_pose("home")
     for points_m in pairwise([arm.chain.forward(q)[:3, 3], *cube.lattice_m()]):
         q = _follow(solver, *points_m, q)
@@ -134,7 +134,7 @@ def _is_free(arm: OpenArm, solver: Solver, cube: IsoCube) -> bool:
 
 
 def _follow(solver: Solver, begin_m: Vector, end_m: Vector, q: Vector) -> Vector | None:
-    """Compute the joints (dof,) at the end of a line, followed in steps; None where it is lost."""
+    """Follow a line in steps; return the joints (dof,) at its end, or None if that fails."""
     T = np.eye(4)
     for fraction in np.linspace(0.0, 1.0, _STEPS + 1)[1:].tolist():
         T[:3, 3] = begin_m + fraction * (end_m - begin_m)
@@ -146,9 +146,9 @@ def _follow(solver: Solver, begin_m: Vector, end_m: Vector, q: Vector) -> Vector
 
 
 def _is_clear(arm: OpenArm, cube: IsoCube) -> bool:
-    """Check whether the body is clear where the arm keeps its orientation as motions do.
+    """Check whether the body is clear if the tool keeps its orientation, as in motions.
 
-    How the tool stands depends on where it was before, so the cube is visited twice.
+    The orientation of the tool depends on the earlier motion, so the cube is visited twice.
     """
     home, tool = arm.model.chain_pose("home"), tool_frame(arm.model)
     everything = np.array([arm.model.pose("home").get(name, 0.0) for name in arm.joint_names])

@@ -1,4 +1,4 @@
-"""``ikservo monitor``: log the health of an arm's servos, and report what wears."""
+"""``ikservo monitor``: log the health of an arm's servos, and report wear."""
 
 from __future__ import annotations
 
@@ -75,7 +75,7 @@ def command(
 ) -> None:
     """Log temperature, voltage, load and losses of an arm's servos; nothing moves.
 
-    Each `ikservo identify` adds play and friction. What has risen beyond doubt is reported.
+    Each `ikservo identify` adds backlash and friction. Significant rises are reported.
 
     ikservo monitor --arm so101
 
@@ -104,7 +104,7 @@ def command(
 
 
 def _unknown_play(model: Model, latest: Iterable[JointHealth]) -> Iterator[str]:
-    """Say of which joints wear of the gears cannot be seen, and what would show it."""
+    """Yield the joints whose wear of gears is unknown, and what would reveal it."""
     known = {one.name for one in latest if one.backlash_rad is not None}
     rows = [joint for joint in model.joints if joint.role == "arm" and joint.name not in known]
     blind = [one.name for one in rows if not one.servo.measures_current]

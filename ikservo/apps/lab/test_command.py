@@ -91,11 +91,11 @@ class ReportOptions:
     ] = ""
 
     def page_path(self, arm: str, started: datetime) -> Path:
-        """Return where the page is written.
+        """Return the path for the page.
 
         Raises:
             BadValueError: The file exists.
-            FileWriteError: It cannot be written; said before half an hour of motions.
+            FileWriteError: It cannot be written; raised before half an hour of motions.
         """
         path = self.html or Path(f"ikservo-test-{arm}-{started:%Y%m%d-%H%M%S}.html")
         if path.exists() and not self.overwrite:
@@ -122,8 +122,8 @@ def command(
 ) -> None:
     """Measure accuracy and repeatability of poses and paths, and drift, after ISO 9283.
 
-    The arm moves fast, for about half an hour, in a cube of free space before it; Ctrl-C stops it
-    and keeps what was measured. The figures come from its own joint sensors.
+    The arm moves fast, for about half an hour, in a cube of free space in front of it; Ctrl-C stops
+    it and keeps the measurements. The figures come from its own joint sensors.
 
     ikservo test so101 --port sim
 
@@ -146,7 +146,7 @@ def command(
         stopped: BaseException | None = None
         try:
             _run(test)
-        except (IkservoError, KeyboardInterrupt, SystemExit) as error:  # SIGTERM, too
+        except (IkservoError, KeyboardInterrupt, SystemExit) as error:  # SystemExit: SIGTERM
             stopped = error
         fields = _fields(machine, test, settings, started, report.note, stopped)
         if any(fields[part] for part in PARTS):
@@ -163,7 +163,7 @@ def _test_by_touch(
     touches: int,
     options: MotionOptions,
 ) -> None:
-    """Measure accuracy from touches, and report it as the test by motions is."""
+    """Measure accuracy from touches, and report it like the test by motions."""
     model, started = model_from_option(connection.arm), datetime.now(UTC)
     path = report.page_path(model.name, started)
     operator = Operator.of(None, yes=options.yes)
@@ -178,7 +178,7 @@ def _test_by_touch(
 
 
 def _prepare(machine: OpenArm, settings: TestSettings, *, yes: bool) -> AccuracyTest:
-    """Say where and how the arm will move, and ask."""
+    """Tell the user where and how the arm will move, and ask."""
     test = AccuracyTest(machine, settings)
     print_status(
         f"{machine.model.title} on {format_port(machine.port_name)}: it moves fast in a cube of "

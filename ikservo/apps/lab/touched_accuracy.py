@@ -1,4 +1,4 @@
-"""Pose accuracy measured by hand: the tip is put on known points, and the arm says where it is."""
+"""Pose accuracy by hand: the tip is put on known points, and the arm measures its position."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ from ikservo.kinematics.arrays import Vector
 
 
 def touched_poses(tips: Iterable[tuple[str, Vector, Vector]]) -> list[PoseResult]:
-    """Group touches of known points: they contain backlash, bending, and the error of the hand.
+    """Group touches of known points; errors include backlash, bending and the hand.
 
     Args:
-        tips: For each touch its point's name, the point (3,), and the tip (3,); metres, base frame.
+        tips: Name, position (3,) and tip (3,) of each touched point; metres, base frame.
     """
     found: dict[str, PoseResult] = {}
     for name, point_m, tip_m in tips:

@@ -1,4 +1,4 @@
-"""Which arms and ports there are to choose from: catalogue, own calibrations, adapters."""
+"""The arms and ports that the page offers: catalogue, own calibrations, adapters."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ _SIMULATED = "sim"
 
 @dataclass(frozen=True, slots=True)
 class ArmChoices:
-    """What can be opened from the page, and nothing else.
+    """Arms and ports that can be opened from the page; nothing else can.
 
     Attributes:
         models: The arms by name.
         ports: The remark on each port, by its name.
-        own: The user's own arms: arm, adapter and port, which is empty while it is unplugged.
+        own: The user's own arms: arm, adapter and port, which is empty while unplugged.
     """
 
     models: Mapping[str, Model] = field(default_factory=dict[str, Model])
@@ -33,10 +33,10 @@ class ArmChoices:
     own: Sequence[Mapping[str, str]] = ()
 
     def choose(self, arm: str, port: str) -> ArmAtPort:
-        """Choose an arm at a port of those offered.
+        """Choose one of the offered arms at one of the offered ports.
 
         Raises:
-            BadMessageError: It was not offered, or is unplugged by now.
+            BadMessageError: It was not offered, or is unplugged now.
         """
         if arm not in self.models:
             raise BadMessageError(f"There is no arm {arm[:64]!r} to choose.")
@@ -47,10 +47,10 @@ class ArmChoices:
         """Check that a port was offered.
 
         Raises:
-            BadMessageError: It was not, or is unplugged by now.
+            BadMessageError: It was not offered, or is unplugged now.
         """
         if port not in self.ports:
-            raise BadMessageError(f"There is no port {port[:64]!r} any more.", "Is it plugged in?")
+            raise BadMessageError(f"The port {port[:64]!r} is gone.", "Is it plugged in?")
 
     def fields(self) -> dict[str, object]:
         """Return the choices as the page lists them."""
@@ -62,7 +62,7 @@ class ArmChoices:
 
 
 def find_choices(given: Sequence[ArmAtPort] = ()) -> ArmChoices:
-    """Find what there is to choose now; opens no port.
+    """Find the present choices; open no port.
 
     Args:
         given: Arms and ports that the command line has named.
@@ -82,7 +82,7 @@ def _load_each(arms: Sequence[str | Path]) -> list[Model]:
     for name in arms:
         try:
             models.append(load_model(name))
-        except IkservoError:  # a damaged file of one arm hides that arm alone
+        except IkservoError:  # a damaged file hides only its own arm
             continue
     return models
 
@@ -93,7 +93,7 @@ def _describe(adapter: SerialAdapter) -> str:
 
 
 def _own_arms(name: str, adapters: Sequence[SerialAdapter]) -> list[dict[str, str]]:
-    """Return an arm's adapters that were calibrated, or used last, plugged in or not."""
+    """Return an arm's calibrated or last used adapters, even if they are not plugged in."""
     files = set(calibrations_of(name))
     last = remembered_serial_number(name)
     rows: list[dict[str, str]] = []
@@ -116,7 +116,7 @@ def _own_arm(name: str, adapter: str, port: str, calibrated: bool) -> dict[str, 
 
 
 class ChoiceFinder:
-    """Looks for choices in a thread of its own: that takes longer than a control cycle.
+    """Looks for choices in a thread of its own, because that takes longer than a control cycle.
 
     Args:
         given: Arms and ports that the command line has named.
@@ -132,13 +132,13 @@ class ChoiceFinder:
         self._thread: threading.Thread | None = None
 
     def start(self) -> None:
-        """Look once; does nothing while it is looking."""
+        """Start one search; do nothing while a search is running."""
         if self._thread is None or not self._thread.is_alive():
             self._thread = threading.Thread(target=self._look, name="ikservo ports", daemon=True)
             self._thread.start()
 
     def wait(self) -> None:
-        """Wait until what was started is found."""
+        """Wait until the search has ended."""
         if self._thread is not None:
             self._thread.join()
 

@@ -1,4 +1,4 @@
-"""The page's list of arms: what is open, what could be, and one stop for all."""
+"""The page's list of arms: open arms, arms that can be opened, and one stop for all."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from ikservo.apps.page.server.downloads import Download, DownloadOffers
 from ikservo.apps.page.server.server import Frame
 from ikservo.clock import Clock
 
-_PERIOD_S = 0.1  # between two frames
+_PERIOD_S = 0.1  # least time between two frames
 Choice = Annotated[str, Field(min_length=1, max_length=512)]
 
 
@@ -36,7 +36,7 @@ class FindChoices(PageMessage):
 
 
 class OpenChoice(PageMessage):
-    """Open one of the arms at one of the ports that were offered."""
+    """Open an offered arm at an offered port."""
 
     kind: Literal["open_arm"]
     arm: Choice
@@ -44,14 +44,14 @@ class OpenChoice(PageMessage):
 
 
 class CloseArm(PageMessage):
-    """Close an open arm, or forget one that could not be opened; torque stays as it is."""
+    """Close an open arm, or forget one that could not be opened; torque stays unchanged."""
 
     kind: Literal["close_arm"]
     name: Name
 
 
 class ShowCamera(PageMessage):
-    """Ask for the address of the pictures of an arm's camera, which is valid once."""
+    """Ask for the address, valid once, of the pictures of an arm's camera."""
 
     kind: Literal["show_camera"]
     arm: Name
@@ -91,13 +91,13 @@ def read_arm_list_message(text: str) -> ArmListMessage:
     """Parse and validate a message of the list.
 
     Raises:
-        BadMessageError: It is too long, no JSON, or not one of those above.
+        BadMessageError: It is too long, not JSON, or not one of the messages above.
     """
     return validate_message(_MESSAGES, text)
 
 
 class ArmList:
-    """Shows the arms to every client; whoever may move one may open, stop and close them.
+    """Shows the arms to every client; clients that may move an arm may open, stop and close arms.
 
     Args:
         arms: The arms.
@@ -150,7 +150,7 @@ class ArmList:
             url = self._downloads.offer(Download("", arm.video.stream, VIDEO_TYPE))
             self._addresses.setdefault(client_id, []).append({"kind": "camera_url", "url": url})
             return
-        if isinstance(message, StopArms):  # whoever sees the arms
+        if isinstance(message, StopArms):  # any client may stop them
             self._stop_arms(message)
             return
         if self._permissions[client_id] is not Permission.CONTROL:
@@ -180,7 +180,7 @@ class ArmList:
         self._new_arm.start(message)
 
     def frames(self, client_id: int) -> list[Frame]:
-        """Return what is new for a client: the list, the address of the camera's pictures."""
+        """Return the new frames for a client: the list, the address of the camera's pictures."""
         return self._addresses.pop(client_id, []) + self._list_frames(client_id)
 
     def _list_frames(self, client_id: int) -> list[Frame]:

@@ -1,4 +1,4 @@
-"""The session controller: what a client may do and what its messages change."""
+"""The session controller: permissions of clients, and the effects of their messages."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ from ikservo.errors import IkservoError
 
 _ORBIT_RAD_PX = 0.008
 _AWAY_TEXT = "Stopped: the page that controls was hidden, closed or replaced."
-_HARMLESS = ("up", "cancel", "hover", "leave")  # of a pointer: no new target
+_HARMLESS = ("up", "cancel", "hover", "leave")  # pointer events without a new target
 _GO_LIVE_TEXT = "The arm does not follow. The last goal is dropped."
 
 Handler = Callable[[Any, Client], None]
@@ -59,7 +59,7 @@ class SessionController:
     Args:
         arm_thread: Owns the arm.
         clock: The time of the page.
-        downloads: The place that offers files; a new one if None.
+        downloads: Offers files for download; a new one if None.
         find_arm: Finds another arm of the page, to be followed.
         cameras: The cameras that the arm may show; None for none.
         add_other_arm: Makes another arm of the page an obstacle to this one.
@@ -82,7 +82,7 @@ class SessionController:
         self._arm = arm_thread.arm
         self._interaction = Interaction(arm_thread.arm, clock)
         self._planner = GoalPlanner(arm_thread.arm)
-        self._fallback: StopNotice | None = None  # why Live has ended
+        self._fallback: StopNotice | None = None  # the reason why Live has ended
         self._plots, self.downloads = PlotFeed(), downloads or DownloadOffers(clock)
         self._lease = arm_thread.lease
         self._camera_view = self._find_camera_view()
@@ -217,7 +217,7 @@ class SessionController:
 
     def _set_viewport(self, message: msg.SetViewport, client: Client) -> None:
         if message.view not in self._composer.views:
-            raise BadMessageError(f"This arm is not seen from the {message.view}.")
+            raise BadMessageError(f"This arm has no view {message.view}.")
         client.viewport = Viewport(message.w, message.h, message.dpr)
         client.webgl = message.webgl and message.view == "orbit"
         client.handles, client.height_m = message.handles, message.height_m
@@ -226,7 +226,7 @@ class SessionController:
 
     def _orbit_camera(self, message: msg.OrbitCamera, client: Client) -> None:
         if client.view.name == "camera":
-            return  # it stands where it stands
+            return  # the camera of a picture is fixed
         if message.zoom != 1.0:
             client.view = self._zoom_view(message, client)
         view = client.view
@@ -237,7 +237,7 @@ class SessionController:
         client.view = view
 
     def _zoom_view(self, message: msg.OrbitCamera, client: Client) -> Viewpoint:
-        """Compute a client's view zoomed about a pixel."""
+        """Return a client's view, zoomed about a pixel."""
         zoomed = client.view.zoom_by(message.zoom)
         if message.at is None or client.viewport is None:
             return zoomed
@@ -333,7 +333,7 @@ class SessionController:
         self._program.handle(message, self._interaction)
 
     def _handle_thing(self, message: ThingMessage, _client: Client) -> None:
-        """Change what stands around the arm."""
+        """Change the things around the arm."""
         self._require_ready()
         if self._arm_thread.command.live:
             raise BadMessageError("Things stay while the arm follows.", "Switch Live off first.")
@@ -341,7 +341,7 @@ class SessionController:
         self._interaction.set_things(self._arm.scene.things)
 
     def _move_thing(self) -> None:
-        """Show a thing where it is dragged to; once it is dropped, it stands there."""
+        """Show a thing where it is dragged; put it there once it is dropped."""
         moved = self._interaction.moved_thing
         if moved is None or not moved.shift_m.any():
             self._things.show_moved(None)
@@ -357,7 +357,7 @@ class SessionController:
                 self._interaction.set_things(self._arm.scene.things)
 
     def _set_torque(self, message: msg.SetTorque, _client: Client) -> None:
-        """Switch a servo's torque; the goal of the preview started from where the arm was."""
+        """Switch a servo's torque, and drop the goal, which started from the old position."""
         self._require_ready()
         if self._arm_thread.command.live:
             raise BadMessageError("Torque is on while the arm follows.", "Switch Live off first.")
@@ -377,7 +377,7 @@ class SessionController:
         change(self._arm_thread.snapshot)
 
     def _start_action(self, message: msg.ArmAction, client: Client) -> None:
-        """Let the arm go to the target of the preview, lower itself, or go limp."""
+        """Let the arm go to the target of the preview, relax, or go limp."""
         self._require_ready()
         if message.action == "release":
             self._interaction.reset()
@@ -401,7 +401,7 @@ class SessionController:
         self._arm_thread.request_job(ExecutePath(path))
 
     def _mark_tip(self, message: msg.MarkTip, client: Client) -> None:
-        """Set the zero that the tip shows where it was clicked."""
+        """Set the zero that follows from a click on the tip."""
         self._require_ready()
         picture, camera = self._composer.camera_view(client), self._composer.camera(client)
         if picture is None or not isinstance(camera, LensCamera):
@@ -411,7 +411,7 @@ class SessionController:
         self._arm_thread.request_job(SetTipZero(found))
 
     def _choose_camera(self, message: msg.ChooseCamera, _client: Client) -> None:
-        """Show another camera; who looks through one that is not a view sees the first view."""
+        """Show another camera; clients whose camera is no longer a view see the first view."""
         if self._cameras is None:
             raise BadMessageError("This arm has no camera.")
         self._cameras.choose(message.camera)
@@ -438,21 +438,21 @@ class SessionController:
         self._interaction.reset()
 
     def _require_ready(self) -> None:
-        """Raise where the arm takes no targets.
+        """Raise if the arm accepts no targets.
 
         Raises:
             BadMessageError: It was stopped, is being calibrated, or moves by itself.
         """
         snapshot, job = self._arm_thread.snapshot, self._arm_thread.job
         if snapshot.calibration:
-            raise BadMessageError("The arm is being calibrated.", "Finish that, or leave it.")
+            raise BadMessageError("The arm is being calibrated.", "Finish or cancel that first.")
         if snapshot.stop_notice:
             raise BadMessageError("The arm was stopped.", "Check it, then acknowledge.")
         if job is not None:
             raise BadMessageError(f"The arm is busy: {job.title}.", "Wait for its end, or stop it.")
 
     def _handle_input(self, message: Any, client: Client) -> None:  # noqa: ANN401
-        """Handle pointer, wheel, key and gamepad messages; a press that does nothing is told."""
+        """Handle pointer, wheel, key and gamepad messages; report a press that has no effect."""
         snapshot = self._arm_thread.snapshot
         if client.viewport is None:
             return
@@ -470,7 +470,7 @@ class SessionController:
         self._move_thing()
 
     def _set_live(self, message: msg.SetLive, _client: Client) -> None:
-        """Switch Live: the arm starts at its measured position, whatever the preview showed."""
+        """Switch Live; the arm starts at its measured position, not at the goal of the preview."""
         arm_thread, on = self._arm_thread, message.on
         if on:
             self._require_ready()
@@ -521,7 +521,7 @@ class SessionController:
         return ThingsPanel(self._arm, self.downloads, self._find_arm, self._add_other_arm)
 
     def _find_camera_view(self) -> CameraView | None:
-        """Find the view of the arm's camera, or None and say why its picture is one only."""
+        """Find the view of the arm's camera; if there is none, report why clicks have no effect."""
         cameras = self._cameras
         if cameras is None or cameras.video is None:
             return None
@@ -532,7 +532,7 @@ class SessionController:
             return None
 
     def _forget_targets(self) -> None:
-        """Drop the goal and the earlier ones: the arm holds."""
+        """Drop the goal and earlier goals; the arm holds."""
         self._interaction.reset()
         self._interaction.history.clear()
 
@@ -550,14 +550,14 @@ class SessionController:
         self._arm_thread.post(replace(self._arm_thread.command, live=False, goal=None))
 
     def _update_path(self) -> None:
-        """Plan the path to the goal of the preview; in Live tell whether the guard refused it."""
+        """Plan the path to the goal of the preview; in Live, report a refusal by the guard."""
         goal, now_s = self._interaction.goal, self._clock.now_s()
         if self._arm_thread.command.live:
             self._planner.update(None, now_s)
             refused = self._arm_thread.snapshot.refusal
             is_of_goal = refused is not None and refused.goal is goal
             self._interaction.show_path(None, refused if is_of_goal else None)
-        elif self._arm_thread.job is None:  # what is carried out stays shown
+        elif self._arm_thread.job is None:  # a path that is carried out stays visible
             self._planner.update(self._plan_request(), now_s)
             path = self._planner.path
             if path is not None and path.plan is not None and not self._interaction.is_choosing:
@@ -565,7 +565,7 @@ class SessionController:
             self._interaction.show_path(path, None if path is None else path.refusal)
 
     def _plan_request(self) -> PlanRequest | None:
-        """Return what is to be planned now; None where there is no goal, or the arm is there."""
+        """Return the path to plan now; None if there is no goal, or the arm is at it."""
         goal, snapshot = self._interaction.goal, self._arm_thread.snapshot
         is_idle = not (snapshot.stop_notice or snapshot.calibration)
         if goal is None or not is_idle or not self._arm.zeros.are_known:

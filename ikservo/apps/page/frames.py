@@ -54,8 +54,8 @@ from ikservo.model.model import HealthLimits, at_distance, limit_distance, near_
 _MAX_STATUS_MESSAGES = 12
 
 _STATUS_PERIOD_S, _HEARTBEAT_PERIOD_S = 0.066, 0.1
-_KEPT_CAMERAS = 16  # one for each client; that of the side turns with the arm
-_AT_REST_RAD = 2e-3  # change between two status frames
+_KEPT_CAMERAS = 16  # one per client; that of the side view turns with the arm
+_AT_REST_RAD = 2e-3  # an arm at rest moves less between two status frames
 
 
 def mode(snapshot: ArmSnapshot, *, live: bool) -> str:
@@ -70,7 +70,7 @@ def mode(snapshot: ArmSnapshot, *, live: bool) -> str:
 
 
 def banner(snapshot: ArmSnapshot, fallback: StopNotice | None) -> dict[str, str] | None:
-    """Return why the arm was stopped, or else why Live has ended, with what a user can do."""
+    """Return why the arm was stopped or Live has ended, and what the user can do."""
     notice = snapshot.stop_notice or fallback
     if notice is None or snapshot.calibration:
         return None
@@ -81,7 +81,7 @@ def banner(snapshot: ArmSnapshot, fallback: StopNotice | None) -> dict[str, str]
 def messages(
     snapshot: ArmSnapshot, interaction_messages: Sequence[LogEntry]
 ) -> list[dict[str, object]]:
-    """Return the latest messages of the arm and of the interaction in the order of time."""
+    """Return the latest messages of the arm and of the interaction, ordered by time."""
     entries = sorted((*snapshot.messages, *interaction_messages), key=lambda entry: entry.time_s)
     return [
         {"message": entry.message, "level": entry.level, "time_s": round(entry.time_s, 1)}
@@ -131,7 +131,7 @@ def arm_frame(
     views: Sequence[ViewName],
     now_s: float,
 ) -> Frame:
-    """Return the frame of what does not change while an arm is open."""
+    """Return the frame with everything that does not change while an arm is open."""
     arm, model = arm_thread.arm, arm_thread.arm.model
     return {
         "kind": "arm_info",
@@ -152,7 +152,7 @@ def arm_frame(
 
 
 def known_poses(arm: Arm) -> list[str]:
-    """Return the names of the arm's poses; without the taught ones where their file is broken."""
+    """Return the names of the arm's poses, without taught ones if their file is damaged."""
     try:
         return list(arm.poses.all_poses())
     except IkservoError:
@@ -168,7 +168,7 @@ def status_frame(
     posture: Sequence[tuple[str, str, str]] = (),
     fallback: StopNotice | None = None,
 ) -> Frame:
-    """Return the frame with everything that the page shows beside the drawing.
+    """Return the frame with everything that the page shows next to the drawing.
 
     Args:
         arm_thread: Has the snapshot.
@@ -219,7 +219,7 @@ def _tip_rows(arm_thread: ArmThread, interaction: Interaction) -> list[tuple[str
     rows = [("tip", format_point(tip_m), "")]
     if marker is not None:
         good = marker.reached and interaction.refusal is None
-        of_link = "" if marker.frame is None else f" of {marker.frame}"  # where it was taken
+        of_link = "" if marker.frame is None else f" of {marker.frame}"  # the grabbed link
         what, at = f"target{of_link}", format_point(marker.target_m)
         rows.append((what, at, "good" if good else "bad"))
         if not marker.reached:
@@ -291,11 +291,11 @@ class FrameComposer:
         self._analyser.close()
 
     def camera_view(self, client: Client) -> CameraView | None:
-        """Return the camera whose picture is a client's view; None in other views."""
+        """Return the camera whose picture a client views; None in other views."""
         return self._camera_view if client.view.name == "camera" else None
 
     def camera(self, client: Client) -> Camera:
-        """Return a client's camera; that of the one in control does not change during a drag.
+        """Return a client's camera; during a drag that of the client in control does not change.
 
         Raises:
             BadMessageError: The page has not sent the size of its drawing.
@@ -416,7 +416,7 @@ class FrameComposer:
         return [*self._arm_frames(client), scene]
 
     def _arm_frames(self, client: Client) -> list[Frame]:
-        """Return what a client has to know of the arm before its next scene, and does not yet."""
+        """Return the frames on the arm that a client still needs before its next scene."""
         frames: list[Frame] = []
         if client.sent.get("graph") is not self._graph:
             client.sent["graph"] = self._graph
@@ -433,23 +433,23 @@ class FrameComposer:
         return client.handles and moves and self._lease.is_held_by(client.lease)
 
     def _refusal_text(self) -> str | None:
-        """Return why the goal is refused."""
+        """Return the reason why the goal is refused."""
         refusal, goal = self._interaction.refusal, self._interaction.goal
         return None if refusal is None or goal is None else refusal.reason
 
     def _trace_fields(self) -> dict[str, object]:
-        """Return the iterations of a solver, and which one is shown now."""
+        """Return the iterations of a solver, and the index of the shown one."""
         trace = self._interaction.solver_trace
         step = self._interaction.trace_step(self._clock.now_s())
         return {"trace": None if trace is None else trace.page_fields, "trace_step": step}
 
     def plane_m(self, client: Client) -> Vector | None:
-        """Return a point (3,) of the plane for clicks on nothing; None for the tip's plane."""
+        """Return a point (3,) of the plane for clicks on the background; None: the tip's plane."""
         plane = self._tip_plane(client) if client.view.name == "side" else None
         return None if plane is None else plane.T_world_plane[:3, 3]
 
     def _tip_plane(self, client: Client) -> SlicePlane | None:
-        """Return the plane in which the tip is dragged: that of the goal, if there is one."""
+        """Return the plane in which the tip is dragged; it contains the tip of the goal, if any."""
         q = self._chain_joints(self._arm_thread.snapshot.measured)
         picture = self.camera_view(client)
         if picture is not None:

@@ -45,8 +45,8 @@ _SWITCH_S = 0.0005
 def low_jitter() -> Generator[None]:
     """Switch threads often, and exclude loaded modules from garbage collection.
 
-    A full collection over all that pydantic has loaded takes a tenth of a second, in which no
-    thread runs; frozen objects are not visited again.
+    A full collection over all objects of pydantic takes a tenth of a second, in which no thread
+    runs; frozen objects are not visited again.
     """
     before = sys.getswitchinterval()
     sys.setswitchinterval(_SWITCH_S)
@@ -64,8 +64,8 @@ class ViewUrls:
     """URLs of the page.
 
     Attributes:
-        control: With the key that permits moving the arm.
-        watch: With the key that permits watching.
+        control: The URL with the key that permits moving the arm.
+        watch: The URL with the key that permits watching.
         fingerprint: SHA-256 of its certificate; empty for plain HTTP.
         warnings: Warnings about the address.
     """
@@ -77,7 +77,7 @@ class ViewUrls:
 
 
 class ViewApp:
-    """A view of several arms; entering opens those given, leaving lets all of them hold.
+    """The panel for several arms; entering opens the given arms, leaving lets all of them hold.
 
     Args:
         places: The arms and their ports; simulated ones run in real time. Others can be opened on
@@ -90,7 +90,7 @@ class ViewApp:
         dead_man_s: The time for which the arm follows without a heartbeat of the page.
         cameras: See ``PageCameras``.
         camera_name: See ``PageCameras``.
-        servos: Instead of arms: the port of the servos that the page works on, and their arm.
+        servos: Instead of arms: the port of the servos that the page shows, and their arm.
     """
 
     def __init__(
@@ -121,10 +121,10 @@ class ViewApp:
         self._exits = ExitStack()
 
     def __enter__(self) -> ViewUrls:
-        """Open the arms and the address; an arm that cannot be opened leaves the others alone.
+        """Open the arms and the address; an arm that cannot be opened does not affect the others.
 
         Raises:
-            IkservoError: None of the arms, or not the address, can be opened.
+            IkservoError: None of the arms can be opened, or the address cannot.
         """
         with ExitStack() as stack:
             self._address = self._bind()
@@ -167,7 +167,7 @@ class ViewApp:
         serve(self._app, self._address)
 
     def serve_in_thread(self) -> ExitStack:
-        """Serve in a separate thread until the stack is closed, for a program that goes on."""
+        """Serve in a separate thread until the stack is closed, so that the program goes on."""
         stack = ExitStack()
         stack.enter_context(serve_in_thread(self._app, self._address))
         return stack
@@ -200,7 +200,7 @@ class ViewApp:
         """Check that one of the open arms shows a picture, if that was asked for.
 
         Raises:
-            IkservoError: Why the first of them shows none.
+            IkservoError: The reason why the first of them shows no picture.
         """
         arms = [arm for arm in self.arms.all() if arm.is_open]
         if not any(arm.video for arm in arms):

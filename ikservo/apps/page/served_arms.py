@@ -1,4 +1,4 @@
-"""The arms of one page: each has a thread and a controller of its own, and fails alone."""
+"""The arms of one page; each has its own thread and controller, and fails alone."""
 
 from __future__ import annotations
 
@@ -31,13 +31,13 @@ from ikservo.model.scene_file import PlacedArm
 from ikservo.planning.reports import describe_torque
 
 _MAX_ARMS = 8
-# Where another arm is put from the page, before its place is typed.
+# Initial place of another arm that the page adds, until the user types its place.
 _OPPOSITE_M, _FACING_DEG = (0.5, 0.0, 0.0), (0.0, 0.0, 180.0)
 _FAILED_HINT = "See the terminal, then open the arm again."
 
 
 class ServedArmState(StrEnum):
-    """What became of opening an arm."""
+    """State of an arm of the page."""
 
     OPENING = "opening"
     OPEN = "open"
@@ -47,11 +47,11 @@ class ServedArmState(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class ArmAtPort:
-    """An arm to be opened, and where.
+    """An arm to open, and its port.
 
     Attributes:
         model: The arm.
-        port: Its port; None for the one that is remembered, or the only one.
+        port: Its port; None: the remembered or the only port.
         other_arms: The bases of other arms that are opened with it, by their names on the page.
     """
 
@@ -62,7 +62,7 @@ class ArmAtPort:
 
 @dataclass(frozen=True, slots=True)
 class ViewSettings:
-    """What all arms of a page have in common.
+    """Common settings of all arms of a page.
 
     Attributes:
         open_arm: Opens an arm at a port.
@@ -80,7 +80,7 @@ class ViewSettings:
 
 
 def page_names(models: Iterable[str], taken: Iterable[str] = ()) -> list[str]:
-    """Return what arms are called on a page: as their models, from the second one on with a number.
+    """Return the names of arms on a page: the model's, with a number from the second arm on.
 
     Args:
         models: The names of their models, in the order of opening.
@@ -102,15 +102,15 @@ class ServedArm:
         place: The arm and its port.
         settings: The settings that all arms share.
         find_arm: Finds another arm of the page, to be followed.
-        before: The things around it when it was closed, if it was open before.
+        before: The things around it when it was last closed, if it was open before.
 
     Attributes:
         state: Whether it is open; written by the thread that opens it, then by the server's.
-        error: Why it could not be opened.
+        error: The reason why it could not be opened.
         arm_thread: Owns the arm; exists while it is open.
         controller: Handles the clients; exists while the arm is open.
         cameras: The cameras that it may show; None for none.
-        camera_error: Why it has none though there should be one.
+        camera_error: The reason why an expected camera is missing.
     """
 
     arm_thread: ArmThread
@@ -137,7 +137,7 @@ class ServedArm:
         """Open the arm; nothing moves and no torque changes.
 
         Raises:
-            IkservoError: It cannot be opened; ``error`` says why, too.
+            IkservoError: It cannot be opened; ``error`` also gives the reason.
         """
         try:
             self._exits = self._start()
@@ -205,7 +205,7 @@ class ServedArm:
         if other is None or other is self.arm_thread:
             raise InputError(f"No other arm {name!r} is open.", "Open it in the list.")
         if other.job is not None or other.command.live or other.snapshot.calibration:
-            raise InputError(f"{name} is moving.", "Wait until it is at rest, Live off.")
+            raise InputError(f"{name} is moving.", "Switch its Live off, and wait until it rests.")
         self.arm_thread.arm.scene.add_arm(other.arm, name, at_m, rpy_deg, own_name=self.name)
 
     def close(self) -> None:
@@ -214,11 +214,11 @@ class ServedArm:
 
     @property
     def is_open(self) -> bool:
-        """Whether pages can show it."""
+        """Whether pages can show the arm."""
         return self.state is ServedArmState.OPEN
 
     def fields(self) -> dict[str, object]:
-        """Return what the list of arms says of it."""
+        """Return the fields for the list of arms."""
         what = StopNotice("", "") if self.error is None else self.error
         state = self.state.value
         if self.is_open:
@@ -241,7 +241,7 @@ class ServedArm:
         return self.cameras and self.cameras.video
 
     def _camera_fields(self) -> dict[str, object] | None:
-        """Return its camera, what is wrong with it, and which there are; None if it has none."""
+        """Return the camera, its problem, and the choices; None without a camera."""
         if self.camera_error is not None:
             return {"name": "no camera", "trouble": self.camera_error.message}
         if self.cameras is None or self.video is None:
@@ -280,7 +280,7 @@ class ServedArm:
         self.controller.receive(client_id, message)
 
     def frames(self, client_id: int) -> list[Frame]:
-        """Return the new frames for a client; the first tells which arm it is.
+        """Return the new frames for a client; the first names the arm.
 
         Raises:
             SessionEndedError: The arm was closed.
@@ -310,15 +310,15 @@ class ServedArms:
 
     @property
     def camera_names(self) -> list[str]:
-        """What the cameras are called that arms show once they are open."""
+        """Names of the cameras that arms show once they are open."""
         return self._settings.cameras.names if self._settings.cameras else []
 
     def all(self) -> list[ServedArm]:
-        """Return every arm, those that could not be opened included, in the order of opening."""
+        """Return every arm in the order of opening, including those that could not be opened."""
         return list(self._arms.values())
 
     def find(self, name: str) -> ServedArm | None:
-        """Find the open arm of a name, the first without one; None if there is none."""
+        """Find the open arm of a name, or without a name the first; None if there is none."""
         found = [arm for arm in self.all() if arm.is_open and name in ("", arm.name)]
         return found[0] if found else None
 
@@ -330,8 +330,8 @@ class ServedArms:
         """Open arms and wait for them; those that cannot be opened stay in the list.
 
         Raises:
-            IkservoError: The error of the first of them, if none could be opened, or not all of
-                those whose place is given; or one of these cannot be an obstacle.
+            IkservoError: The first error, if no arm could be opened, or an arm with a given place
+                could not be opened or made an obstacle.
         """
         failed: list[IkservoError] = []
         added = [self._add(place) for place in places]
@@ -347,7 +347,7 @@ class ServedArms:
                 arm.add_other_arm(each.name, each.at_m, each.rpy_deg)
 
     def start_opening(self, place: ArmAtPort) -> None:
-        """Open an arm in a thread of its own; ``all`` tells how that went.
+        """Open an arm in a thread of its own; ``all`` shows its state.
 
         Raises:
             BadMessageError: Its port is in use here, or there are too many arms.
@@ -380,10 +380,10 @@ class ServedArms:
         return arm
 
     def stop(self, name: str | None, by: str) -> None:
-        """Stop an arm and let it hold until acknowledged; every open one without a name.
+        """Stop an arm, or without a name every open arm; it holds until acknowledged.
 
         Args:
-            name: The arm; None for every open one.
+            name: The arm; None: every open arm.
             by: The actor, as the beginning of a sentence.
         """
         for arm in self.all():
@@ -391,7 +391,7 @@ class ServedArms:
                 arm.controller.stop(by)
 
     def start_closing(self, name: str) -> None:
-        """Close an arm in a thread of its own, its torque as it is.
+        """Close an arm in a thread of its own; torque stays unchanged.
 
         Raises:
             BadMessageError: There is no such arm, or it is still being opened.

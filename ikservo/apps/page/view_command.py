@@ -125,9 +125,9 @@ def command(
     app = ViewApp(places, listen, http_port, insecure=insecure, collisions=options.collision,
                   uncalibrated=options.uncalibrated, cameras=camera or (), camera_name=camera_name,
                   servos=bench)  # fmt: skip
-    with exiting_on_signals(), app as urls:  # what moves brakes, what is written is finished
+    with exiting_on_signals(), app as urls:  # moving arms brake, and writes are finished
         print_status("To control the arm:")
-        sys.stderr.flush()  # the label of what follows
+        sys.stderr.flush()  # prints the label before the URL
         print_lines([urls.control])
         sys.stdout.flush()
         print_status(f"To watch only:\n{urls.watch}")
@@ -148,10 +148,10 @@ def command(
 def _bench_from_options(
     arms: Sequence[str] | None, connection: ServoConnection, camera: Sequence[str] | None
 ) -> tuple[str, Model | None]:
-    """Return the port of the servos, and their arm if one is named.
+    """Return the port of the servos, and their arm if it is given.
 
     Raises:
-        InputError: No port is named, or what belongs to an arm is.
+        InputError: No port is given, or an option for arms is given.
     """
     if arms or camera:
         raise InputError("--servos shows no arm.", "Name the servos' arm with --arm, or none.")
@@ -163,10 +163,10 @@ def _bench_from_options(
 
 
 def _places_from_options(arms: Sequence[str], arm: str | None, port: str | None) -> list[ArmAtPort]:
-    """Return the arms to open, and where.
+    """Return the arms to open, with their ports.
 
     Raises:
-        InputError: No such arm, or one port for several arms.
+        InputError: There is no such arm, or several arms have one port.
     """
     from ikservo.apps.page.served_arms import ArmAtPort  # noqa: PLC0415  # what --help does not need
 
@@ -186,12 +186,12 @@ def _places_from_options(arms: Sequence[str], arm: str | None, port: str | None)
 
 
 def _among_things(places: list[ArmAtPort], scene: Path) -> list[ArmAtPort]:
-    """Put the things of a scene file around the only arm that it does not name.
+    """Put the things of a scene file around the only opened arm that the file does not name.
 
-    The others are opened at the ports that it says where none is given.
+    Other arms are opened at the ports of the file, unless ports are given.
 
     Raises:
-        InputError: There is none, or there are several: the file is in one arm's base frame. Or it
+        InputError: There is not exactly one such arm, in whose base frame the file is; or the file
             has an arm that is not opened.
         FileFormatError: The file is malformed.
     """
@@ -223,7 +223,7 @@ def _among_things(places: list[ArmAtPort], scene: Path) -> list[ArmAtPort]:
 
 
 def _print_arms(app: ViewApp, *, has_camera: bool) -> None:
-    """Say which of several arms could not be opened, or that there is none yet."""
+    """Print which arms could not be opened, or that none is open yet."""
     served = app.arms.all()
     if not served:
         shown = " The camera's picture is shown with it." if has_camera else ""
@@ -237,7 +237,7 @@ def _is_loopback(address: str) -> bool:
     try:
         return ipaddress.ip_address(address).is_loopback
     except ValueError:
-        return True  # it will be refused
+        return True  # an invalid address is refused later
 
 
 def _check_installed(needs: Sequence[str], extra: str = "view") -> None:
@@ -250,8 +250,8 @@ def _check_installed(needs: Sequence[str], extra: str = "view") -> None:
 
 
 def _print_certificate(urls: ViewUrls) -> None:
-    """Print what proves the page to another machine, and its addresses for a phone's camera."""
-    import segno  # noqa: PLC0415  # only beyond this machine
+    """Print the fingerprint of the page, and QR codes of its addresses for a phone."""
+    import segno  # noqa: PLC0415  # needed only for other machines
 
     print_status(f"SHA-256 fingerprint of its certificate:\n{urls.fingerprint}")
     for label, url in (("to watch only", urls.watch), ("to control the arm", urls.control)):
@@ -263,7 +263,7 @@ def _print_certificate(urls: ViewUrls) -> None:
 
 @contextmanager
 def _open_browser(url: str, *, enabled: bool) -> Generator[None]:
-    """Open a browser through a file readable by its owner only: command lines are public."""
+    """Open a browser through a private file, because other users can read command lines."""
     if not enabled:
         yield
         return

@@ -12,7 +12,7 @@ from ikservo.errors import BadValueError, InputError
 
 SCHEME = "zenoh"
 DEFAULT_PORT = 7448
-"""Beside 7447, at which ROS 2's own Zenoh router listens."""
+"""The usual port; it differs from 7447, at which the Zenoh router of ROS 2 listens."""
 
 _NAME = re.compile(r"[A-Za-z0-9_-]{1,64}")
 _EXPECTED_NAME = "1 to 64 of the characters A-Z a-z 0-9 _ -"
@@ -27,7 +27,7 @@ Protocol = Literal["tcp", "tls"]
 
 @dataclass(frozen=True, slots=True)
 class Endpoint:
-    """Where a process listens or connects.
+    """The endpoint at which a process listens or to which it connects.
 
     Attributes:
         protocol: ``tcp`` for this machine only, ``tls`` with certificates.
@@ -40,13 +40,13 @@ class Endpoint:
     port: int
 
     def __str__(self) -> str:
-        """Return it as Zenoh writes it: ``tls/lab-pi:7448``."""
+        """Return the endpoint as Zenoh writes it: ``tls/lab-pi:7448``."""
         host = f"[{self.host}]" if ":" in self.host else self.host
         return f"{self.protocol}/{host}:{self.port}"
 
     @property
     def is_loopback(self) -> bool:
-        """Whether only this machine can reach it."""
+        """Whether only this machine can reach the endpoint."""
         return _is_loopback(self.host)
 
 
@@ -63,7 +63,7 @@ class ArmAddress:
     endpoint: Endpoint
 
     def __str__(self) -> str:
-        """Return it as a user writes it for ``--port``."""
+        """Return the address as a user writes it for ``--port``."""
         protocol = "tcp" if self.endpoint.is_loopback else "tls"
         place = str(self.endpoint)
         if protocol == self.endpoint.protocol:
@@ -72,7 +72,7 @@ class ArmAddress:
 
 
 def listens(endpoint: Endpoint) -> bool:
-    """Check whether anything listens there; a session of Zenoh waits for seconds to know."""
+    """Check whether a process listens there, because a session of Zenoh takes seconds to fail."""
     try:
         socket.create_connection((endpoint.host, endpoint.port), _PROBE_TIMEOUT_S).close()
     except OSError:
@@ -81,10 +81,10 @@ def listens(endpoint: Endpoint) -> bool:
 
 
 def check_arm_name(name: str) -> str:
-    """Check a name under which an arm is to be served.
+    """Check the name under which an arm will be served.
 
     Raises:
-        BadValueError: It has other characters, or none.
+        BadValueError: It has other characters, or is empty.
     """
     if not _NAME.fullmatch(name):
         raise BadValueError("The name of the served arm", repr(name), _EXPECTED_NAME)
@@ -95,7 +95,7 @@ def check_host(host: str) -> str:
     """Check the name or address of a machine.
 
     Raises:
-        BadValueError: It is none.
+        BadValueError: It is not valid.
     """
     if not (_is_ip(host) or _HOST.fullmatch(host)):
         raise BadValueError("The host", repr(host), "a name or an address, as in lab-pi")
@@ -105,11 +105,11 @@ def check_host(host: str) -> str:
 def parse_address(text: str) -> ArmAddress:
     """Parse the address in ``zenoh:NAME@HOST[:PORT]``.
 
-    This machine is reached without certificates, every other one with them; ``tls/`` or ``tcp/``
-    before the host says otherwise.
+    This machine is reached without certificates, other machines with them, unless ``tls/`` or
+    ``tcp/`` precedes the host.
 
     Raises:
-        BadValueError: It is none; says which part.
+        BadValueError: It is not an address; the message names the wrong part.
     """
     scheme, colon, rest = text.partition(":")
     name, at, place = rest.rpartition("@")
@@ -119,10 +119,10 @@ def parse_address(text: str) -> ArmAddress:
 
 
 def parse_host(text: str) -> Endpoint:
-    """Parse the endpoint in ``[tls/|tcp/]HOST[:PORT]`` that is connected to.
+    """Parse the endpoint of a connection in ``[tls/|tcp/]HOST[:PORT]``.
 
     Raises:
-        BadValueError: It is none.
+        BadValueError: It is not valid.
     """
     protocol, slash, place = text.rpartition("/")
     host, port = _split_place(place, text, _EXPECTED)
@@ -132,10 +132,10 @@ def parse_host(text: str) -> Endpoint:
 
 
 def parse_listen(text: str) -> Endpoint:
-    """Parse the endpoint at which an arm is to be served.
+    """Parse the endpoint at which an arm will be served.
 
     Raises:
-        BadValueError: It is none.
+        BadValueError: It is not valid.
         InputError: Other machines could reach it without certificates.
     """
     protocol, slash, place = text.rpartition("/")

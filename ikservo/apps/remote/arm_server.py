@@ -1,4 +1,4 @@
-"""The process beside an arm: serves states, plans and motions of it, one operator at a time."""
+"""The server of an arm: states, plans and motions, for one operator at a time."""
 
 from __future__ import annotations
 
@@ -55,19 +55,19 @@ _QUICK = ("lease", "release", "acknowledge", "disable_torque")
 class ArmServer:
     """Serves an open arm in a Zenoh session, in threads of its own, until it is closed.
 
-    Motions run one at a time. Where the operator of a running motion is not heard for 0.3 s, or
-    its connection is lost, the arm is braked, holds, and stays stopped until it is acknowledged.
+    Motions run one at a time. If the operator of a running motion is silent for 0.3 s, or the
+    connection is lost, the arm brakes, holds, and stays stopped until that is acknowledged.
 
     Args:
         session: The session; the caller closes it after the server.
         arm: The arm; the caller closes it after the server.
         name: The name under which it is served.
-        rate_hz: The number of states per second that are published while somebody subscribes.
+        rate_hz: The number of states per second that are published while there are subscribers.
         clock: The clock of the lease.
 
     Attributes:
         service: The service that clients use.
-        lease: Who controls the arm.
+        lease: The lease of control.
     """
 
     def __init__(
@@ -90,7 +90,7 @@ class ArmServer:
         arm.runner.caches_states = True
 
     def __enter__(self) -> ArmServer:
-        """Start to serve."""
+        """Start serving."""
         with ExitStack() as stack:
             self._start(stack)
             self._stack = stack.pop_all()
@@ -138,20 +138,20 @@ class ArmServer:
     # requests
 
     def _requested(self, request: ServiceRequest) -> AbstractContextManager[None]:
-        """Return the context of a request that arrives now: a later stop ends what it moves.
+        """Return the context of a request that arrives now, whose motion a later stop ends.
 
-        So does one that was made on the way, or while the request still waited in its program. A
-        count of stops that are still to come would make it survive them.
+        A stop that was made while the request was on its way, or waited in its program, ends it,
+        too. A count of future stops would make it survive them.
         """
         background, count = self._arm.background, request.stop_count
         present = background.stop_count
         return background.requested(present if count is None else min(count, present))
 
     def check(self, request: ServiceRequest, service: str) -> None:
-        """Refuse a request of the operator at its arrival where the lease does.
+        """Refuse a request of the operator at its arrival if the lease refuses it.
 
         Raises:
-            RefusedError: It does.
+            RefusedError: The lease refuses it.
         """
         if service in (*MOTIONS, *STREAMED, "move", "execute", "acknowledge", "disable_torque"):
             self.lease.check_request(request.lease, request.number, request.sent_s)
@@ -203,7 +203,7 @@ class ArmServer:
                 return self._move(service, request)
 
     def _move(self, service: str, request: ServiceRequest) -> object:
-        """Do what may move the arm; what cannot be used is refused before the lease moves."""
+        """Run a request that may move the arm; refuse invalid ones before the lease changes."""
         progress = bool(request.arguments.pop("progress", False))
         on_progress = self._publish_progress() if progress else None
         if service in ("move", "execute"):
@@ -241,7 +241,7 @@ class ArmServer:
     # the lease
 
     def _on_setpoint(self, sample: zenoh.Sample) -> None:
-        with suppress(IkservoError):  # what is not a setpoint is dropped
+        with suppress(IkservoError):  # drop messages that are not setpoints
             setpoint = decode(Setpoint, sample.payload.to_bytes(), MAX_SETPOINT_BYTES)
             if self.lease.accept_setpoint(setpoint.lease, setpoint.number, setpoint.sent_s):
                 self._inbox.put(setpoint)
@@ -269,8 +269,8 @@ class ArmServer:
         publisher = cast("zenoh.Publisher", self._news["state"])
         due_s = self._clock.now_s()
         while not self._closing.is_set():
-            with suppress(Exception):  # a servo that does not answer is in the health
-                status: object = publisher.matching_status  # an object, whatever its stub says
+            with suppress(Exception):  # the health names silent servos
+                status: object = publisher.matching_status  # an object, despite its stub
                 if bool(getattr(status, "matching", status)):
                     self._publish("state", self._arm.where())
             due_s = max(due_s + 1.0 / self._rate_hz, self._clock.now_s())

@@ -1,4 +1,4 @@
-"""Certificates of a small authority of one's own, and what each of them allows."""
+"""Certificates of the user's own small authority, and their permissions."""
 
 from __future__ import annotations
 
@@ -25,11 +25,11 @@ if TYPE_CHECKING:
 
 Role = Literal["server", "operator", "watcher"]
 ROLES: tuple[Role, ...] = ("server", "operator", "watcher")
-"""Who a certificate is for: its common name."""
+"""Roles of certificates, which are their common names."""
 
 _AUTHORITY = "authority"
 _VARIABLE = "IKSERVO_KEYS"
-_DAYS = 825  # the longest that common TLS libraries accept
+_DAYS = 825  # longest validity that common TLS libraries accept
 _ANYWHERE = ("localhost", "127.0.0.1", "::1")
 
 
@@ -40,7 +40,7 @@ def keys_folder() -> Path:
 
 
 def client_certificate(endpoint: Endpoint) -> Certificate | None:
-    """Return the certificate with which this machine connects: an operator's, else a watcher's.
+    """Return the certificate of this machine for connections: of an operator, else of a watcher.
 
     Raises:
         InputError: TLS needs one, and there is none.
@@ -95,17 +95,17 @@ def make_keys(folder: Path, hosts: Sequence[str], *, overwrite: bool = False) ->
     """Make an authority, and a folder with a certificate for each role.
 
     Args:
-        folder: Gets the folders ``authority``, ``server``, ``operator`` and ``watcher``.
-        hosts: The names and addresses under which the server is reached; this machine always is.
-        overwrite: Whether those of an earlier call are replaced; they are then worthless.
+        folder: The parent of the folders ``authority``, ``server``, ``operator`` and ``watcher``.
+        hosts: The names and addresses of the server; this machine is always included.
+        overwrite: Whether to replace earlier certificates, which become useless.
 
     Returns:
         The folders.
 
     Raises:
-        BadValueError: There are some already, or a host is neither a name nor an address.
+        BadValueError: There are certificates already, or a host is not valid.
         IkservoError: The extra ``net`` is not installed.
-        FileWriteError: A file cannot be written; those of an earlier call are unchanged.
+        FileWriteError: A file cannot be written; earlier certificates are unchanged.
     """
     if (folder / _AUTHORITY).exists() and not overwrite:
         raise BadValueError("The folder", f"{folder}, which has certificates", "another folder")
@@ -128,7 +128,7 @@ def make_keys(folder: Path, hosts: Sequence[str], *, overwrite: bool = False) ->
 
 
 def _make_authority() -> _Signed:
-    from cryptography import x509  # noqa: PLC0415  # an extra
+    from cryptography import x509  # noqa: PLC0415  # from an extra
     from cryptography.hazmat.primitives.asymmetric import ec  # noqa: PLC0415
 
     key = ec.generate_private_key(ec.SECP256R1())
@@ -237,10 +237,10 @@ def _files_of(folder: Path, name: str, own: _Signed, authority: _Signed) -> dict
 
 
 def access_control(name: str) -> Mapping[str, object]:
-    """Return Zenoh's access control of a served arm: everything is refused that is not listed.
+    """Return Zenoh's access control for a served arm; everything that is not listed is refused.
 
-    A watcher may ask for states and stop the arm; an operator may also drive it. Nobody but the
-    server publishes news or answers requests.
+    A watcher may ask for states and stop the arm; an operator may also drive it. Only the server
+    publishes news and answers requests.
 
     Args:
         name: The name under which the arm is served.

@@ -1,4 +1,4 @@
-"""A client's connection to a served arm: requests, the lease of control, signs of life."""
+"""A client's connection to a served arm: requests, the lease of control, heartbeats."""
 
 from __future__ import annotations
 
@@ -39,25 +39,25 @@ if TYPE_CHECKING:
 
 _SIGN_OF_LIFE_PERIOD_S = 0.05
 _SYNC_PERIOD_S = 10.0
-_MAX_ROUND_TRIP_S = 0.2  # of the message that compares the clocks
+_MAX_ROUND_TRIP_S = 0.2  # largest round trip of the message that compares the clocks
 _QUICK_S, _LONG_S = 5.0, 3600.0
 _POLL_S = 0.05
 _SCHEMA = "ikservo/net/1"
 
 
 def lost_connection(address: str) -> PortLostError:
-    """Return the error of a request to another machine that is not answered."""
+    """Return the error for a request to another machine without an answer."""
     error = PortLostError(address, "no answer")
     error.command_hint = "Is that machine on and reachable, and `ikservo serve` running there?"
     return error
 
 
 class PendingCall:
-    """A request whose answer is still to come.
+    """A request that waits for its answer.
 
     Args:
         address: The address of the arm, for messages.
-        on_lease_lost: Called where the answer is that this program does not control the arm.
+        on_lease_lost: Called if the answer says that this program does not control the arm.
     """
 
     def __init__(self, address: str, on_lease_lost: Callable[[], None]) -> None:
@@ -71,16 +71,16 @@ class PendingCall:
             self._data = reply.ok.payload.to_bytes()
 
     def on_end(self) -> None:
-        """Note that no more answers come."""
+        """Note that no more answers will come."""
         self._ended.set()
 
     def wait(self, timeout_s: float) -> bool:
-        """Wait for the answer; return whether it is there."""
+        """Wait for the answer; return whether it has arrived."""
         return self._ended.wait(timeout_s)
 
     @property
     def done(self) -> bool:
-        """Whether it has been answered, or never will be."""
+        """Whether the request has been answered, or never will be."""
         return self._ended.is_set()
 
     def result(self) -> object:
@@ -134,7 +134,7 @@ class Connection:
             self._stack = stack.pop_all()
 
     def close(self) -> None:
-        """Give the lease back and close the session; the second call does nothing."""
+        """Release the lease and close the session; a second call does nothing."""
         if not self._closed.is_set():
             self._closed.set()
             with self._stack, suppress(IkservoError):
@@ -142,20 +142,20 @@ class Connection:
 
     @property
     def is_open(self) -> bool:
-        """Whether it was not closed."""
+        """Whether the connection is open."""
         return not self._closed.is_set()
 
     def watch(self, service: str, **arguments: object) -> object:
         """Return the result of a request that moves nothing.
 
         Raises:
-            IkservoError: It failed there, or the connection is lost.
+            IkservoError: The request failed there, or the connection is lost.
         """
         key, request = keys.watch(self.address.name, service), self._request(arguments)
         return self._call_again(key, request)
 
     def stop(self, reason: str, kind: str, *, wait: bool = True) -> object:
-        """Stop the arm; without ``wait`` return at once, from a signal too."""
+        """Stop the arm; without ``wait`` return at once, so that a signal handler may call it."""
         request = self._request({"reason": reason, "kind": kind}, lease=self._lease)
         key = keys.stop(self.address.name)
         if wait:
@@ -165,7 +165,7 @@ class Connection:
         return None
 
     def acknowledge(self) -> None:
-        """End a stop; those that are still on their way from here arrive first."""
+        """End a stop; stops of this program that are still on their way arrive first."""
         for each in self._stopping:
             each.wait(_QUICK_S)
         self.drive("acknowledge")
@@ -184,7 +184,7 @@ class Connection:
     def start(
         self, service: str, *, stop_count: int | None = None, **arguments: object
     ) -> PendingCall:
-        """Send a request of the operator, who gets the lease first; see ``ServiceRequest``."""
+        """Send a request of the operator, after getting the lease; see ``ServiceRequest``."""
         with self._lock:
             lease = self.acquire()
             request = self._request(
@@ -193,7 +193,7 @@ class Connection:
             return self._send(keys.drive(self.address.name, service), request, _LONG_S)
 
     def plan(self, service: str, **arguments: object) -> object:
-        """Answer a request of the operator that needs no lease.
+        """Return the result of a request of the operator that needs no lease.
 
         Raises:
             RefusedError: This machine's certificate is not an operator's.
@@ -207,7 +207,7 @@ class Connection:
         return result_of(answers[0][1])
 
     def send_setpoint(self, **goal: object) -> None:
-        """Send a sign of life, with a goal or without; see ``Setpoint``."""
+        """Send a heartbeat with or without a goal; see ``Setpoint``."""
         with self._lock:
             if not self._lease:
                 return
@@ -218,7 +218,7 @@ class Connection:
             self._setpoints.put(encode(setpoint, MAX_SETPOINT_BYTES))  # pyright: ignore[reportUnknownMemberType]
 
     def acquire(self) -> str:
-        """Return the lease of control; get it where this program has none.
+        """Return the lease of control; get it if this program has none.
 
         Raises:
             RefusedError: Another program has it.
@@ -244,7 +244,7 @@ class Connection:
         return cast("Mapping[str, object]", result_of(answers[0][1]))
 
     def _not_allowed(self) -> RefusedError:
-        """Return the error of a request that the other end does not let through.
+        """Return the error for a request that the other end refuses.
 
         Raises:
             PortLostError: The connection is lost.
@@ -256,10 +256,10 @@ class Connection:
         )
 
     def release(self) -> None:
-        """Give the lease back, where this program has it."""
+        """Release the lease, if this program has it."""
         with self._lock:
             lease, self._lease = self._lease, ""
-            with self._lease_stack:  # closed, whatever becomes of the request
+            with self._lease_stack:  # closed even if the request fails
                 if lease:
                     request = self._request({}, lease=lease, number=next(self._numbers))
                     key = keys.drive(self.address.name, "release")
@@ -275,7 +275,7 @@ class Connection:
     def subscribed(self, topic: str, on_value: Callable[[object], None]) -> Generator[None]:
         """Call a function with each value of a topic, in a thread of Zenoh, within the block.
 
-        What is older than the dead-man timeout, repeated or overtaken is dropped, as goals are.
+        Values older than the dead-man timeout, repeated or overtaken ones are dropped, like goals.
         """
         newest = 0
 
@@ -303,9 +303,9 @@ class Connection:
         self._lease_stack = stack
 
     def _send_signs_of_life(self, ended: threading.Event) -> None:
-        """Send a sign of life for as long as this program has the lease."""
+        """Send heartbeats for as long as this program has the lease."""
         while not ended.wait(_SIGN_OF_LIFE_PERIOD_S):
-            with suppress(Exception):  # the link is lost: the server notices
+            with suppress(Exception):  # if the link is lost, the server notices
                 self.send_setpoint()
                 if time.monotonic() - self._synced_s > _SYNC_PERIOD_S:
                     self._synced_s = time.monotonic()
@@ -316,7 +316,7 @@ class Connection:
             self._compare_clocks(attempts=1)
 
     def _compare_clocks(self, attempts: int = 5) -> None:
-        """Estimate the server's clock from the quickest of some answers.
+        """Estimate the server's clock from the quickest of several answers.
 
         Raises:
             PortError: The network is too slow to control an arm.
@@ -331,7 +331,7 @@ class Connection:
         if trip_s > _MAX_ROUND_TRIP_S:
             raise PortError(
                 f"{self.address} answers after {trip_s:.2f} s, too late to control an arm.",
-                f"At most {_MAX_ROUND_TRIP_S:g} s: use a faster network.",
+                f"At most {_MAX_ROUND_TRIP_S:g} s are allowed: use a faster network.",
             )
         self._offset_s, self._synced_s = offset_s, time.monotonic()
 
@@ -379,7 +379,7 @@ class Connection:
             raise PortError(f"{self.address} was closed.", "Open the arm again: open_arm().")
 
     def _call_again(self, key: str, request: bytes) -> object:
-        """Return the answer to a request that may come twice: ask again where the link was cut."""
+        """Return the answer to a request that may come twice; ask again if the link was cut."""
         end_s = time.monotonic() + _QUICK_S
         while True:
             try:

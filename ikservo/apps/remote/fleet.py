@@ -24,14 +24,14 @@ class FleetArm:
 
     Attributes:
         host: The machine.
-        name: The name under which it is served there; empty where the machine is not reached.
+        name: The name under which it is served there; empty if the machine is unreachable.
         arm: The kind of arm.
         state: ``moving``, ``holds``, ``limp``, ``stopped``, or ``unreachable``.
-        operator: Who controls it; empty where nobody does.
-        stopped_for: Why it was stopped; empty where it is not stopped.
+        operator: Who controls it; empty if nobody does.
+        stopped_for: Why it was stopped; empty if it is not stopped.
         temperature_c: The temperature of its hottest servo.
         alarms: The alarms of its servos.
-        latency_s: From the request to the answer, which includes reading its servos.
+        latency_s: Time from the request to the answer, including reading its servos.
         error: Why the machine cannot be reached.
     """
 
@@ -48,7 +48,7 @@ class FleetArm:
 
 
 def read_fleet(hosts: Sequence[Endpoint]) -> list[FleetArm]:
-    """Read the arms of some machines; one that cannot be reached is a row with an error."""
+    """Read the arms of several machines; an unreachable machine becomes a row with an error."""
     rows: list[FleetArm] = []
     for host, found in zip(hosts, on_each_host(list(hosts), _read_host), strict=True):
         if isinstance(found, IkservoError):

@@ -6,8 +6,8 @@
 ``ikservo/NAME/drive/SERVICE``   requests of the operator
 ``ikservo/NAME/setpoint``        signs of life and goals of the operator
 ``ikservo/NAME/operator/TOKEN``  liveliness token of the operator
-``ikservo/NAME/server``          liveliness token of the process beside the arm
-``ikservo/NAME/news/TOPIC``      states, progress, streams, published by that process
+``ikservo/NAME/server``          liveliness token of the server of the arm
+``ikservo/NAME/news/TOPIC``      states, progress, streams, published by the server
 =============================  ==============================================================
 """
 
@@ -44,7 +44,7 @@ def operator(name: str, token: str) -> str:
 
 
 def operator_token(lease: str) -> str:
-    """Return what an operator's liveliness token is called; others read it, so not the lease."""
+    """Return the name of an operator's liveliness token; others can read it, unlike the lease."""
     return hashlib.sha256(lease.encode()).hexdigest()[:24]
 
 
@@ -54,5 +54,5 @@ def server(name: str) -> str:
 
 
 def news(name: str, topic: str) -> str:
-    """Return the key of what the server publishes."""
+    """Return the key of the topics of the server."""
     return f"{PREFIX}/{name}/news/{topic}"

@@ -1,4 +1,4 @@
-"""Plans and motions asked for over a connection, stopped where the caller cannot go on."""
+"""Requests of plans and motions over a connection; motions stop if the caller fails."""
 
 from __future__ import annotations
 
@@ -21,10 +21,10 @@ _STOP_TIMEOUT_S = 5.0
 
 
 class MotionCalls:
-    """Requests plans and motions of the process beside an arm.
+    """Requests plans and motions from the server of an arm.
 
     Args:
-        connection: To that process.
+        connection: The connection to the server.
 
     Attributes:
         stop_request: Stops the arm, and marks which motions were requested before a stop.
@@ -36,7 +36,7 @@ class MotionCalls:
         self._failures: list[Exception] = []
 
     def plan(self, motion: MotionValue[Any]) -> MotionPlan:
-        """Request a plan, which stays there; its samples are fetched where they are needed."""
+        """Request a plan, which stays on the server; its samples are fetched when needed."""
         found = self._connection.plan("plan", motion=motion_fields(motion))
         return plan_from_fields(cast("Mapping[str, Any]", found), motion, self._fetch_samples)
 
@@ -48,22 +48,22 @@ class MotionCalls:
             return self.await_result(self.start(service, **arguments, **more), None)
 
     def start(self, service: str, **arguments: object) -> PendingCall:
-        """Send the request of a motion; a stop since it was made in this program ends it."""
+        """Send the request of a motion; any stop since the program made the request ends it."""
         count = self.stop_request.marked_count
         return self._connection.start(service, stop_count=count, **arguments)
 
     def await_result(
         self, pending: PendingCall, go_on: Callable[[], None] | None, poll_s: float = _POLL_S
     ) -> object:
-        """Wait for the end of a motion; a signal or an error of the caller's stops it first.
+        """Wait for the end of a motion; a signal or an error of the caller stops it.
 
         Args:
             pending: The motion.
-            go_on: Called again and again meanwhile.
-            poll_s: Between two of these calls.
+            go_on: Called periodically while waiting.
+            poll_s: Time between two of these calls.
 
         Raises:
-            IkservoError: The motion's.
+            IkservoError: The error of the motion.
             KeyboardInterrupt: Ctrl-C; the arm was braked and holds.
         """
         try:
@@ -91,7 +91,7 @@ class MotionCalls:
             if isinstance(value, MotionProgress) and not self._failures:
                 try:
                     on_progress(value)
-                except Exception as error:  # raised where the motion is waited for
+                except Exception as error:  # raised by await_result
                     self._failures.append(error)
 
         return self._connection.subscribed("progress", report)
@@ -112,14 +112,13 @@ class MotionCalls:
 
 
 class RemoteStopRequest(StopRequest):
-    """Stops of an arm on another machine: requested there, and counted there.
+    """Stops of an arm on another machine, which performs and counts them.
 
     Args:
-        connection: To that machine.
+        connection: The connection to that machine.
 
     Attributes:
-        count_here: The number of times that this program has stopped the arm, cancelled motions not
-            counted.
+        count_here: The number of stops by this program, not counting cancelled motions.
     """
 
     def __init__(self, connection: Connection) -> None:
@@ -129,16 +128,16 @@ class RemoteStopRequest(StopRequest):
 
     @property
     def count(self) -> int:
-        """How often the arm was stopped by any program, as the other machine says."""
+        """Number of stops of the arm by any program, as the other machine reports it."""
         return int(cast("int", self._connection.watch("stop_count")))
 
     def count_stop(self, reason: StopReason) -> None:
-        """Count a stop of this program's, which may arrive there after later requests."""
+        """Count a stop by this program, which may arrive there after later requests."""
         if reason.kind is not StopKind.CANCELLED:
             self.count_here += 1
 
     def set(self, reason: StopReason, signal: int = 0) -> None:
-        """Request a stop there; does not wait until the arm stands."""
+        """Request a stop there; do not wait until the arm rests."""
         self.count_stop(reason)
         self._connection.stop(reason.text, reason.kind.name, wait=False)
 

@@ -29,7 +29,7 @@ def keys(
     new: New = False,
     json: JsonOption = False,
 ) -> None:
-    """Make certificates with which other machines may watch or drive an arm.
+    """Make certificates that allow other machines to watch or drive an arm.
 
     ikservo net keys --host lab-pi --host 192.168.1.7
     """
@@ -40,7 +40,7 @@ def keys(
     print_lines([str(path) for path in made])
     print_status(f"Copy the folder of its role to each machine, as {keys_folder()}:")
     print_status("server beside the arm, operator where it is driven, watcher where it is watched.")
-    print_status("Keep the folder authority to yourself: who has it can make operators.")
+    print_status("Keep the folder authority secret: anyone who has it can make operators.")
 
 
 def acknowledge(*, port: PortOption = None, json: JsonOption = False) -> None:

@@ -1,4 +1,4 @@
-"""Plans as messages: what a plan says, and its path, which stays beside the arm until asked for."""
+"""Plans as messages: fields of a plan, and its path, which stays on the server until requested."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _STEP_S = 0.01
 
 _KEPT_THERE = ("trajectory", "solution", "motion", "requested", "clamped", "limp_arm")
 _ITERATES = ("trace", "question")
-"""What is not sent of a plan, and of its solution."""
+"""Fields of a plan and of its solution that are not sent."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -34,7 +34,7 @@ class PathSamples:
     """The path of a plan at equal time steps.
 
     Attributes:
-        step_s: Between two samples.
+        step_s: Time between two samples.
         positions: The positions of all joints (k, n), rad or m.
         velocities: The velocities of all joints (k, n).
     """
@@ -45,18 +45,18 @@ class PathSamples:
 
 
 class PlanRegistry:
-    """The latest plans of an arm, by an id; older ones are forgotten."""
+    """The latest plans of an arm, by an id; older plans are forgotten."""
 
     def __init__(self) -> None:
         self._plans: OrderedDict[str, MotionPlan] = OrderedDict()
         self._count = 0
 
     def __len__(self) -> int:
-        """Return how many are kept."""
+        """Return the number of kept plans."""
         return len(self._plans)
 
     def add(self, plan: MotionPlan) -> dict[str, JsonValue]:
-        """Keep a plan; return what it says."""
+        """Keep a plan; return its fields."""
         self._count += 1
         name = f"{self._count:x}"
         self._plans[name] = plan
@@ -69,7 +69,7 @@ class PlanRegistry:
         """Get a plan.
 
         Raises:
-            RefusedError: It is not kept, or no longer.
+            RefusedError: The plan is unknown, or no longer kept.
         """
         if name not in self._plans:
             raise RefusedError(
@@ -81,7 +81,7 @@ class PlanRegistry:
         """Sample the path of a plan.
 
         Raises:
-            RefusedError: It is not kept, or no longer.
+            RefusedError: The plan is unknown, or no longer kept.
         """
         plan = self.get(name)
         step_s = max(_STEP_S, plan.duration_s / _MAX_SAMPLES)
@@ -95,7 +95,7 @@ class PlanRegistry:
 
 
 class RemoteTrajectory:
-    """The path of a plan that is kept beside the arm; fetched when first looked at.
+    """The path of a plan that is kept on the server; fetched at the first access.
 
     Args:
         plan: The id of the plan.
@@ -109,7 +109,7 @@ class RemoteTrajectory:
 
     @property
     def duration_s(self) -> float:
-        """Its duration."""
+        """Duration of the path."""
         return self._duration_s
 
     def state(self, time_s: float) -> TrajectoryPoint:
@@ -142,7 +142,7 @@ def _hermite(
 def plan_from_fields(
     fields: Mapping[str, Any], motion: MotionValue[Any], fetch: Callable[[str], PathSamples]
 ) -> MotionPlan:
-    """Read the plan that a server keeps, with a path that is fetched when needed.
+    """Make the plan that a server keeps, with a path that is fetched when needed.
 
     Args:
         fields: The fields that ``PlanRegistry.add`` returned there.
@@ -150,7 +150,7 @@ def plan_from_fields(
         fetch: Returns the samples of a plan by its id.
 
     Raises:
-        IkservoError: They are of another version.
+        IkservoError: The fields are of another version.
     """
     match fields:
         case {"plan": str(name), "solution": solution, "duration_s": float(duration_s), **plain}:

@@ -53,16 +53,16 @@ _TARGET_PERIOD_S = 0.01
 class RemoteArm(MotionMethods):
     """An open arm on another machine; see ``Arm`` for what each method does.
 
-    It takes control with its first motion and gives it back when it is closed. Plans stay beside
-    the arm.
+    It takes control with its first motion and releases it when it is closed. Plans stay on the
+    server of the arm.
 
     Args:
-        model: The arm, as this machine describes it.
-        connection: To the process beside it; closed with the arm.
+        model: The arm as described on this machine.
+        connection: The connection to its server; closed with the arm.
         on_exit: The torque after ``close``: ``hold`` or ``relax``.
 
     Raises:
-        InputError: The arm that is served there has other joints than the model.
+        InputError: The served arm has other joints than the model.
     """
 
     is_remote = True
@@ -125,7 +125,7 @@ class RemoteArm(MotionMethods):
         """Return the state of the last control cycle.
 
         Raises:
-            IkservoError: There was none yet.
+            IkservoError: No control cycle has run yet.
         """
         return cast("ArmState", self._connection.watch("last_state"))
 
@@ -134,7 +134,7 @@ class RemoteArm(MotionMethods):
         return cast("Mapping[str, Any]", self._connection.watch("health"))
 
     def close(self, on_exit: OnExit | None = None) -> None:
-        """Give control back and close the connection; see ``Arm.close``."""
+        """Release control and close the connection; see ``Arm.close``."""
         chosen = check_exit(on_exit or self._on_exit)
         if not self._connection.is_open:
             return
@@ -160,7 +160,7 @@ class RemoteArm(MotionMethods):
         self._connection.drive("disable_torque")
 
     def reconnect(self, within_s: float = 10.0) -> None:
-        """Refuse: the port is opened again beside the arm.
+        """Refuse, because only the server of the arm can reopen the port.
 
         Raises:
             RefusedError: Always.
@@ -177,24 +177,24 @@ class RemoteArm(MotionMethods):
 
     @property
     def stop_requests(self) -> int:
-        """How often a stop was requested since the last ``acknowledge``."""
+        """Number of requested stops since the last ``acknowledge``."""
         return int(self.health()["stop_requests"])
 
     @property
     def stop_reason(self) -> StopReason | None:
-        """Why the arm was stopped, until ``acknowledge``; None where it is not stopped."""
+        """Reason of the stop until ``acknowledge``; None if the arm is not stopped."""
         health = self.health()
         kind = str(health["stop_kind"])
         return StopReason(StopKind[kind], str(health["stop_text"])) if kind else None
 
     def acknowledge(self) -> None:
-        """End a stop: the arm may be moved again; nothing moves yet."""
+        """End a stop: the arm may move again, but nothing moves yet."""
         self._connection.acknowledge()
 
     # plans
 
     def plan(self, motion: MotionValue[Any]) -> MotionPlan:
-        """Plan a motion from where the arm is; see ``Arm.plan``."""
+        """Plan a motion from the present position; see ``Arm.plan``."""
         return self._calls.plan(check_motion(motion))
 
     def pose_within_limits(self, pose: str, start: Vector | None = None) -> PoseWithinLimits:
@@ -246,7 +246,7 @@ class RemoteArm(MotionMethods):
         speed: str = "normal",
         on_progress: OnProgress | None = None,
     ) -> FollowResult:
-        """Follow a stream of targets, a hundred a second, until it ends; see ``Arm.follow``."""
+        """Follow a stream of targets, a hundred per second, until it ends; see ``Arm.follow``."""
         check_iterable("The stream of targets", targets, "an iterable of targets")
         items = next_items(self.clock, targets, _TARGET_PERIOD_S)
 
@@ -264,7 +264,7 @@ class RemoteArm(MotionMethods):
     follow_arm = follow_arm
 
     def target_period_s(self) -> float:
-        """Return the time between two targets that are sent."""
+        """Return the time between two sent targets."""
         return _TARGET_PERIOD_S
 
     @contextmanager
@@ -291,7 +291,7 @@ class RemoteArm(MotionMethods):
     def teach(
         self, name: str, until: Callable[[], object] | None = None, *, hold: bool = False
     ) -> dict[str, float]:
-        """Save the measured joints as a pose, in the file beside the arm; see ``Arm.teach``."""
+        """Save the measured joints as a pose on the machine of the arm; see ``Arm.teach``."""
         check_callable("until", until)
         self.poses.check_name(name)
         if until is not None:
@@ -303,4 +303,4 @@ class RemoteArm(MotionMethods):
 
     def _not_here(self, what: str) -> IkservoError:
         host = self._connection.address.endpoint.host
-        return RefusedError(f"{what} is possible beside the arm only.", f"Run it on {host}.")
+        return RefusedError(f"{what} works only on the arm's computer.", f"Run it on {host}.")

@@ -1,4 +1,4 @@
-"""What an arm on another machine is, checked against the model of it here; its poses."""
+"""Description of an arm on another machine, checked against the local model; its poses."""
 
 from __future__ import annotations
 
@@ -21,15 +21,15 @@ from ikservo.serving.replies import other_version_error
 
 
 def describe(model: Model, connection: Connection) -> ArmDescription:
-    """Ask what an arm is, and compare it with the model that this machine has of it.
+    """Request the description of an arm, and compare it with the local model.
 
     Raises:
-        InputError: It has other joints.
+        InputError: The arm has other joints.
         IkservoError: The answer is of another version.
     """
     found = connection.watch("describe")
     said = cast("Mapping[str, object]", found if isinstance(found, Mapping) else {})
-    known = {each.name for each in fields(ArmDescription)}  # a newer version may say more
+    known = {each.name for each in fields(ArmDescription)}  # a newer version may have more fields
     there = decode_fields(ArmDescription, {key: said[key] for key in said.keys() & known})
     if there.zeros not in ZeroSource.__members__:
         raise other_version_error()
@@ -45,13 +45,13 @@ def describe(model: Model, connection: Connection) -> ArmDescription:
 
 
 def described_chain(model: Model, there: ArmDescription) -> Chain:
-    """Return the chain of a model as it was calibrated there, inside its limits there."""
+    """Return the chain of a model with the calibration and the limits of the other machine."""
     origins = {name: np.reshape(rows, (4, 4)) for name, rows in there.origins.items()}
     return model.chain.with_origins(origins).with_limits(there.chain_lower, there.chain_upper)
 
 
 class RemotePoses(PoseLibrary):
-    """The poses of an arm on another machine: of its arm file, and those taught there."""
+    """The poses of an arm on another machine: those of its arm file and those taught there."""
 
     def __init__(self, model: Model, connection: Connection) -> None:
         super().__init__(model, "")
@@ -68,7 +68,7 @@ class RemotePoses(PoseLibrary):
         return dict(cast("Mapping[str, Positions]", self._fetch()["taught"]))
 
     def save(self, name: str, positions: Positions) -> Path:
-        """Refuse: a pose is saved beside the arm.
+        """Refuse, because poses are saved on the machine of the arm.
 
         Raises:
             UnknownNameError: Always.

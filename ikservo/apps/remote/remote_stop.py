@@ -1,4 +1,4 @@
-"""Stops arms on other machines, whoever controls them, and asks again until they confirm it.
+"""Stop arms on other machines, whoever controls them; repeat until they confirm the stop.
 
 ``ikservo stop`` imports this module and, besides Zenoh, nothing large: see ``control_client``.
 """
@@ -63,7 +63,7 @@ def stop_listed_machines() -> StopAllResult:
 
 
 def _machines_to_stop() -> tuple[list[Endpoint], list[IkservoError]]:
-    """Return all machines that can be asked to stop, and what is wrong with the others' names."""
+    """Return all machines that can be asked to stop, and errors for names that are not valid."""
     hosts: list[Endpoint] = []
     errors: list[IkservoError] = []
     for text in os.environ.get(FLEET_VARIABLE, "").replace(",", " ").split():
@@ -78,15 +78,15 @@ def _machines_to_stop() -> tuple[list[Endpoint], list[IkservoError]]:
 
 
 def stop_machine(host: Endpoint, name: str = "*") -> StopAllResult:
-    """Stop the arms of a machine; ask again where one has not confirmed it.
+    """Stop the arms of a machine; repeat for arms that have not confirmed the stop.
 
     Args:
         host: The host that serves them.
-        name: Under which name; every arm of that machine if not given.
+        name: The name of the arm; if not given, every arm of that machine.
 
     Returns:
-        The arms that have confirmed it, and an error for each that has not; with an error for the
-        machine itself where none is known there.
+        The arms that have confirmed the stop, and an error for each arm that has not, or for the
+        machine itself if no arm is known there.
 
     Raises:
         InputError: This machine has no certificate for it.
@@ -101,7 +101,7 @@ def stop_machine(host: Endpoint, name: str = "*") -> StopAllResult:
 
 
 class _MachineStop:
-    """What is known of the stop of one machine.
+    """State of the stop of one machine.
 
     Args:
         host: The machine.
@@ -118,7 +118,7 @@ class _MachineStop:
 
     @property
     def is_confirmed(self) -> bool:
-        """Whether all that are known have confirmed it, and one is known."""
+        """Whether an arm is known, and all known arms have confirmed the stop."""
         return bool(self._stopped) and self._expected <= self._stopped.keys()
 
     def attempt(self) -> None:
@@ -134,7 +134,7 @@ class _MachineStop:
             self._unreached = error
 
     def result(self) -> StopAllResult:
-        """Return what was confirmed, and an error for what was not."""
+        """Return confirmed arms, and errors for the others."""
         silent = sorted(self._expected - self._stopped.keys() - self._errors.keys())
         errors = [*self._errors.values(), *(self._not_confirmed(name) for name in silent)]
         if not (self._expected or self._stopped or errors):
@@ -162,10 +162,10 @@ class _MachineStop:
 
 
 def _stop_result(data: bytes) -> StopResult:
-    """Return the outcome in a reply; ``messages.result_of`` reads every reply, but loads much.
+    """Return the outcome in a reply; ``wire_messages.result_of`` would import too much.
 
     Raises:
-        IkservoError: The error in the reply; or it is not a reply to a stop.
+        IkservoError: The error in the reply, or it is not a reply to a stop.
     """
     reply: Any = None
     with contextlib.suppress(ValueError, RecursionError):

@@ -27,10 +27,10 @@ class RemoteStream:
 
     Attributes:
         sent: The number of setpoints that were sent.
-        unreached: The number that were out of reach; known at the end of the block.
-        refused: The number that the guard refused; known at the end of the block.
-        reason: Why the last of those was refused.
-        kept: None: the goal that the arm kept is known on its machine only.
+        unreached: The number of setpoints out of reach; known at the end of the block.
+        refused: The number of setpoints that the guard refused; known at the end of the block.
+        reason: Why the last refused setpoint was refused.
+        kept: Always None, because the goal that the arm kept is known only on its machine.
     """
 
     def __init__(
@@ -71,7 +71,7 @@ class RemoteStream:
 
     @property
     def progress(self) -> MotionProgress | None:
-        """None: the control loop runs on the machine of the arm."""
+        """None, because the control loop runs on the machine of the arm."""
         return None
 
     @property
@@ -83,8 +83,8 @@ class RemoteStream:
         """Send a setpoint; it replaces the one before. See ``SetpointStream.send``.
 
         Raises:
-            BadValueError: It is none, or a number is not finite.
-            UnknownNameError: No such joint.
+            BadValueError: It is not a setpoint, or a number is not finite.
+            UnknownNameError: There is no such joint.
             IkservoError: The error that ended the stream; the arm holds.
         """
         goal = goal_fields(parse_setpoint(setpoint, self.names))
@@ -99,7 +99,7 @@ class RemoteStream:
             self._arm.clock.sleep_until(self._due_s)
 
     def _end(self, pending: PendingCall) -> None:
-        """Say that no more goals come, until it is answered: one that comes late is dropped."""
+        """Announce the end of the stream until it is confirmed; later goals are dropped."""
         end_s = time.monotonic() + _CLOSE_TIMEOUT_S
         while time.monotonic() < end_s:
             self._connection.send_setpoint(wanted=False)
@@ -118,7 +118,7 @@ class RemoteStream:
 
 
 def goal_fields(goal: Target | Mapping[str, float] | Matrix) -> dict[str, object]:
-    """Return a goal, as ``target_tracking`` parses it, as the fields of a ``Setpoint``."""
+    """Return the fields of a ``Setpoint`` for a goal that ``target_tracking`` has parsed."""
     if isinstance(goal, Target):
         return {"target": TargetFields.of(goal)}
     return {"positions" if isinstance(goal, Mapping) else "pose": goal}
@@ -127,7 +127,7 @@ def goal_fields(goal: Target | Mapping[str, float] | Matrix) -> dict[str, object
 def next_items(
     clock: Clock, targets: Iterable[CartesianOrJointTarget | None], period_s: float
 ) -> Generator[tuple[CartesianOrJointTarget | None, bool]]:
-    """Yield an item in every period, and whether the stream has ended; then ends for ever."""
+    """Yield an item and whether the stream has ended, once per period; repeat the end for ever."""
     items = iter(targets)
     for _ in Rate(clock, period_s):
         try:

@@ -1,4 +1,4 @@
-"""Requests of clients: checked when they arrive, answered one after another in threads."""
+"""Queue of client requests, which are checked at arrival and answered in threads."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from ikservo.errors import IkservoError, InputError, RefusedError
 if TYPE_CHECKING:
     import zenoh
 
-_MAX_PENDING = 16  # requests that wait; more are refused
+_MAX_PENDING = 16  # limit of waiting requests; more are refused
 _THREADS = 4
 
 
@@ -28,12 +28,12 @@ class RequestQueue:
     """Answers the requests of one key expression; Zenoh calls it in a thread of its own.
 
     Args:
-        key: ``…/*`` for services by name, or the key of one.
-        answer: Does what is requested, given the service; returns the result.
-        check: Refuses a request at its arrival, given the service.
+        key: ``…/*`` for services by name, or the key of one service.
+        answer: Runs the request of a service; returns the result.
+        check: Refuses a request of a service at its arrival.
         requested: Called with a request at its arrival; returns the context of its answer.
-        quick: The services of an operator that need not wait for the ones before; all others of
-            ``…/drive/*`` run one after another.
+        quick: Services of an operator that do not wait for earlier requests; all others of
+            ``…/drive/*`` run one by one.
     """
 
     def __init__(
@@ -52,7 +52,7 @@ class RequestQueue:
         self._single = ThreadPoolExecutor(1, thread_name_prefix="ikservo-drive")
 
     def __enter__(self) -> RequestQueue:
-        """Return itself; leaving the block waits for the requests that are being answered."""
+        """Return itself; leaving the block waits for requests in progress."""
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -71,7 +71,7 @@ class RequestQueue:
             return
         waits = self._driving and service not in self._quick
         pool = self._single if waits else self._several
-        with suppress(RuntimeError):  # it is being closed
+        with suppress(RuntimeError):  # raised while the queue is being closed
             pool.submit(self._work, query, service, request, self._requested(request))
 
     def _read(self, query: zenoh.Query, service: str) -> ServiceRequest:
@@ -94,7 +94,7 @@ class RequestQueue:
         try:
             with requested:
                 data = encode_result(self._answer(service, request))
-        except BaseException as error:  # a client must not end this program
+        except BaseException as error:  # a request must not end this program
             data = encode_failure(error)
         finally:
             self._free.release()
@@ -102,5 +102,5 @@ class RequestQueue:
 
     def _reply(self, query: zenoh.Query, service: str, data: bytes) -> None:
         key = self._key.replace("*", service)
-        with suppress(Exception), query:  # the client is gone
+        with suppress(Exception), query:  # the client may be gone
             query.reply(key, data)  # pyright: ignore[reportUnknownMemberType]

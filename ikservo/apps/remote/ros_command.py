@@ -73,7 +73,7 @@ def command(
 
 
 def _with_port(router: str) -> str:
-    """Return an endpoint with the protocol and the port that routers of ROS 2 have by default."""
+    """Return an endpoint, completed with the default protocol and port of ROS 2 routers."""
     text = router if "/" in router else f"tcp/{router}"
     return text if text.rpartition(":")[2].isdecimal() else f"{text}:{_ROUTER_PORT}"
 
@@ -82,7 +82,7 @@ def _domain(given: int | None) -> int:
     """Return the domain of ROS 2.
 
     Raises:
-        BadValueError: The variable has none.
+        BadValueError: The variable is not a valid domain.
     """
     if given is not None:
         return given
@@ -95,7 +95,7 @@ def _domain(given: int | None) -> int:
 def _announce(
     machine: OpenArm, router: Endpoint, domain: int, namespace: str, *, json: bool
 ) -> None:
-    """Say what the graph has now."""
+    """Print the topics, services and actions of the node."""
     outputs, inputs = ([f"{namespace}{topic.name}" for topic in each] for each in (OUTPUTS, INPUTS))
     services = [f"{namespace}{name}" for name in SERVICES]
     actions = [f"{namespace}{ACTION}"]
@@ -107,7 +107,7 @@ def _announce(
         )  # fmt: skip
         return
     print_status(
-        f"{machine.model.title} on {port} is in domain {domain} of ROS 2, by the router at "
+        f"{machine.model.title} on {port} is in domain {domain} of ROS 2, via the router at "
         f"{router}; Ctrl-C ends it."
     )
     print_status(f"says    {' '.join(outputs)}")

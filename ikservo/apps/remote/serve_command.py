@@ -1,4 +1,4 @@
-"""``ikservo serve``: the process beside an arm, which programs on other machines drive."""
+"""``ikservo serve``: serve an arm to programs on other machines."""
 
 from __future__ import annotations
 
@@ -86,7 +86,7 @@ def command(
 
 
 def _announce(machine: Arm, address: ArmAddress, *, json: bool) -> None:
-    """Say where the arm is served."""
+    """Print where the arm is served."""
     if json:
         print_json(
             "serve",
@@ -104,7 +104,7 @@ def _announce(machine: Arm, address: ArmAddress, *, json: bool) -> None:
 
 
 def _reachable(address: ArmAddress) -> ArmAddress:
-    """Return the address with this machine's name where it listens at every address."""
+    """Return the address, with this machine's name if it listens at every address."""
     import platform  # noqa: PLC0415  # rarely needed
 
     endpoint = address.endpoint
@@ -115,10 +115,10 @@ def _reachable(address: ArmAddress) -> ArmAddress:
 
 @contextmanager
 def ended_by_signal() -> Generator[Callable[[], None]]:
-    """Take Ctrl-C, SIGTERM and SIGHUP as the end of the command, without an error.
+    """End the command without an error at Ctrl-C, SIGTERM and SIGHUP.
 
     Yields:
-        What waits for one of them; one that came since the start of the block counts.
+        A function that waits for a signal; signals since the start of the block count.
     """
     ended = threading.Event()
 
@@ -129,7 +129,7 @@ def ended_by_signal() -> Generator[Callable[[], None]]:
         while not ended.wait(0.5):
             pass
 
-    names = ("SIGINT", "SIGTERM", "SIGHUP")  # the last: its terminal was closed; not on Windows
+    names = ("SIGINT", "SIGTERM", "SIGHUP")  # SIGHUP: the terminal was closed; not on Windows
     numbers = [getattr(signal, name) for name in names if hasattr(signal, name)]
     before = {number: signal.signal(number, end) for number in numbers}
     try:

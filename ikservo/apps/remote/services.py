@@ -21,12 +21,12 @@ Positions = dict[str, float]
 
 
 class Arguments(BaseModel):
-    """The arguments of a service; unknown ones are refused."""
+    """Arguments of a service; unknown arguments are refused."""
 
     model_config = ConfigDict(extra="forbid", arbitrary_types_allowed=True)
 
     def given(self) -> dict[str, Any]:
-        """Return the arguments that were given, by name."""
+        """Return the given arguments by name."""
         return {name: getattr(self, name) for name in self.model_fields_set}
 
 
@@ -35,13 +35,13 @@ class Nothing(Arguments):
 
 
 class AtSpeed(Arguments):
-    """With a speed class."""
+    """Arguments with a speed class."""
 
     speed: Name = "normal"
 
 
 class OfMotion(Arguments):
-    """Of a motion, see ``parse_motion``."""
+    """Arguments of a motion, see ``parse_motion``."""
 
     motion: dict[str, JsonValue]
 
@@ -49,30 +49,30 @@ class OfMotion(Arguments):
         """Parse the motion.
 
         Raises:
-            InputError: It cannot be used: the error that ``Arm`` raises for it.
+            InputError: It cannot be used; the error is the same as from ``Arm``.
             RefusedError: It would read a file of this machine.
         """
         motion = parse_motion(self.motion)
         if isinstance(motion, OwnMotion):
-            raise RefusedError(f"{motion}: this is possible beside the arm only.", "Run it there.")
+            raise RefusedError(f"{motion} works only on the arm's computer.", "Run it there.")
         return motion
 
 
 class Jog(Arguments):
-    """Of a joint or the tip."""
+    """Arguments to jog a joint or the tip."""
 
     what: Name
     speed: float | None = None
 
 
 class OfPlan(Arguments):
-    """Of a plan that is kept."""
+    """Arguments of a kept plan."""
 
     plan: Name
 
 
 class OfPositions(Arguments):
-    """Joint positions."""
+    """Arguments with joint positions."""
 
     positions: Positions
 
@@ -85,7 +85,7 @@ class Taught(Arguments):
 
 
 class InPose(Arguments):
-    """A pose, and where the arm would be."""
+    """A pose, and the joints at which the arm would be."""
 
     pose: Name
     start: FloatArray | None = None
@@ -97,7 +97,7 @@ class Service:
 
     Attributes:
         arguments: The schema of its arguments.
-        method: The method of the arm that does it.
+        method: The method of the arm that runs it.
         reports_progress: Whether the method takes ``on_progress``.
     """
 
@@ -110,7 +110,7 @@ def parse_arguments(kind: type[Arguments], given: Mapping[str, JsonValue]) -> Ar
     """Parse the arguments of a request.
 
     Raises:
-        InputError: One is missing, unknown, or of another type.
+        InputError: An argument is missing, unknown, or of another type.
     """
     try:
         return kind.model_validate(given)
@@ -150,7 +150,7 @@ MOTIONS: Mapping[str, Service] = {
     "return_within_limits": Service(Nothing, Arm.return_within_limits),
     "teach": Service(Taught, Arm.teach),
 }
-"""Requests, besides motions and plans, that may move the arm: one at a time, under the lease."""
+"""Other requests that may move the arm; they run one at a time, under the lease."""
 
 STREAMED: Mapping[str, type[Arguments]] = {"jog": Jog, "follow": AtSpeed, "stream": AtSpeed}
-"""Motions that go on for as long as the operator sends setpoints."""
+"""Motions that continue while the operator sends setpoints."""

@@ -1,4 +1,4 @@
-"""The setpoints of the operator on their way from the network to the motion that takes them."""
+"""Inbox for setpoints of the operator, between the network and the running motion."""
 
 from __future__ import annotations
 
@@ -22,8 +22,8 @@ _POLL_S = 0.05
 class SetpointInbox:
     """Holds the newest goal, and whether the operator wants the motion to go on.
 
-    The request that starts a motion and the setpoints for it may overtake each other. So what came
-    before ``begin`` is kept, and counts where it was sent after that request.
+    The request that starts a motion and its setpoints may overtake each other. So setpoints that
+    arrive before ``begin`` are kept, and count if they were sent after that request.
     """
 
     def __init__(self) -> None:
@@ -35,7 +35,7 @@ class SetpointInbox:
         self._goal_s = math.inf
 
     def begin(self, lease: str, number: int) -> None:
-        """Start a motion, requested under a lease with a number: what was sent later counts."""
+        """Start a motion that was requested under a lease with a number; later setpoints count."""
         with self._changed:
             self._begun, self._closed, self._goal_s = (lease, number), False, math.inf
 
@@ -43,7 +43,7 @@ class SetpointInbox:
         """Take a setpoint that the lease has accepted.
 
         Raises:
-            BadValueError: Its target is none.
+            BadValueError: Its target is not valid.
         """
         goal = _goal_of(setpoint)
         with self._changed:
@@ -56,7 +56,7 @@ class SetpointInbox:
             self._changed.notify_all()
 
     def close(self) -> None:
-        """End the motion: the operator is gone."""
+        """End the motion, because the operator is gone."""
         with self._changed:
             self._closed = True
             self._changed.notify_all()
@@ -67,7 +67,7 @@ class SetpointInbox:
         return not (self._closed or self._counts(self._end))
 
     def take(self) -> CartesianOrJointTarget | None:
-        """Take the newest goal once; None where there is no new one."""
+        """Take the newest goal once; None if there is no new goal."""
         with self._changed:
             found, self._goal = self._goal, None
             if found is None or not self._counts(found[0]):
@@ -76,16 +76,16 @@ class SetpointInbox:
             return found[1]
 
     def wait(self) -> None:
-        """Wait until there is a new goal or the motion is to end, or after a while."""
+        """Wait until there is a new goal, the motion must end, or a time-out."""
         with self._changed:
             self._changed.wait_for(lambda: self._goal is not None or not self.wanted, _POLL_S)
 
     def silence_s(self) -> float:
-        """Return for how long there was no new goal; negative before the first."""
+        """Return the time since the last new goal; negative before the first."""
         return time.monotonic() - self._goal_s
 
     def keep_going(self) -> bool | None:
-        """Check whether to go on: None where nothing was said since."""
+        """Check whether to go on; None if there is no news."""
         with self._changed:
             if not self.wanted:
                 return False
@@ -107,7 +107,7 @@ def _goal_of(setpoint: Setpoint) -> CartesianOrJointTarget | None:
 
 
 class _Pace:
-    """Makes simulated time wait for the computer's, in which the operator lives."""
+    """Slows simulated time down to real time, in which the operator acts."""
 
     def __init__(self, arm: OpenArm) -> None:
         self._clock = arm.clock
@@ -137,13 +137,13 @@ def run_jog(arm: OpenArm, inbox: SetpointInbox, what: str, speed: float | None) 
 def run_follow(arm: OpenArm, inbox: SetpointInbox, speed: str, timeout_s: float) -> object:
     """Follow the operator's goals until no more are wanted; see ``Arm.follow``.
 
-    An operator who lives and sends none for so long as the timeout stops the arm, which holds.
+    If the operator is alive but sends no goal within the time-out, the arm stops and holds.
 
     Raises:
-        StoppedError: It was stopped.
+        StoppedError: The arm was stopped.
     """
     result = arm.follow(_goals(arm, inbox, timeout_s), speed=speed)
-    if inbox.wanted:  # it has ended for want of a goal
+    if inbox.wanted:  # it has ended because no goal came
         _stop_without_goal(arm)
         raise StoppedError(arm.stopped_for, RELAX_HINT)
     return result
@@ -170,10 +170,10 @@ def _stop_without_goal(arm: OpenArm) -> None:
 def run_stream(arm: OpenArm, inbox: SetpointInbox, speed: str, timeout_s: float) -> object:
     """Send the operator's goals through ``Arm.stream`` until no more are wanted.
 
-    An operator who lives and sends none for so long as the timeout stops the arm, which holds.
+    If the operator is alive but sends no goal within the time-out, the arm stops and holds.
 
     Returns:
-        How many were out of reach and refused, and why.
+        The numbers of goals out of reach and of refused goals, and the reason.
     """
     with arm.stream(speed=speed) as stream:
         while inbox.wanted and arm.stop_reason is None:

@@ -20,7 +20,7 @@ SCHEMA = "ikservo/net/1"
 MAX_REQUEST_BYTES = 1_000_000
 MAX_REPLY_BYTES = 4_000_000
 MAX_SETPOINT_BYTES = 4_096
-"""Bytes of each kind of message; longer ones are refused unread."""
+"""Largest size of each kind of message, bytes; longer ones are refused unread."""
 
 Lease = Annotated[str, Field(max_length=64, pattern=r"^[0-9a-f]*$")]
 Number = Annotated[int, Field(ge=0, le=2**53)]
@@ -35,14 +35,14 @@ class _NetworkMessage(BaseModel):
 
 
 class ServiceRequest(_NetworkMessage):
-    """A request to the process beside an arm; the service is in the key.
+    """A request to the server of an arm; the service is in the key.
 
     Attributes:
-        lease: The lease of control that it is made under; empty where none is needed.
+        lease: The lease of control for the request; empty if none is needed.
         number: The number of this request under the lease, growing; 0 without a lease.
         sent_s: When it was sent, by the clock of the server.
-        stop_count: The number of stops of the arm when the motion was requested, which may be long
-            before it was sent; None: the number at the arrival.
+        stop_count: The number of stops of the arm when the motion was requested, maybe long before
+            sending; None: the number at the arrival.
         arguments: The arguments of the service.
     """
 
@@ -59,7 +59,7 @@ class ServiceReply(_NetworkMessage):
 
     Attributes:
         result: See ``encode_value``.
-        error: Why there is none; see ``error_fields``.
+        error: The error if there is no result; see ``error_fields``.
     """
 
     schema_: Literal["ikservo/net/1"] = Field(SCHEMA, alias="schema")
@@ -106,16 +106,16 @@ class TargetFields(_NetworkMessage):
 
 
 class Setpoint(_NetworkMessage):
-    """A sign of life of the operator, with a goal where there is a new one.
+    """A heartbeat of the operator, with a goal if there is a new one.
 
     Attributes:
         lease: The operator's lease of control.
         number: The number of this message under the lease, growing.
         sent_s: When it was sent, by the clock of the server.
-        wanted: Whether a jog, or the stream of goals, continues; None for no news of that.
+        wanted: Whether a jog or the stream of goals continues; None: no news.
         positions: The goal: joint positions by name, rad or m.
-        pose: Or the pose of the tip T_base_tip (4, 4).
-        target: Or a target.
+        pose: Instead, the pose of the tip T_base_tip (4, 4).
+        target: Instead, a target.
     """
 
     schema_: Literal["ikservo/net/1"] = Field(SCHEMA, alias="schema")
@@ -129,10 +129,10 @@ class Setpoint(_NetworkMessage):
 
 
 class Announcement(_NetworkMessage):
-    """What a served arm publishes on its own: states, progress, how a stream goes on.
+    """A message that a served arm publishes: states, progress, state of a stream.
 
     Attributes:
-        number: Growing.
+        number: A growing number.
         sent_s: When it was sent, by the clock of the server.
         value: See ``encode_value``.
     """
@@ -166,7 +166,7 @@ def decode(kind: type[M], data: bytes, max_bytes: int) -> M:
     """Decode the message in JSON.
 
     Raises:
-        InputError: It is too long, or none of this kind.
+        InputError: The message is too long or of another kind.
     """
     if len(data) > max_bytes:
         raise InputError(f"A message is longer than {max_bytes} bytes.", "Nothing was done.")
@@ -194,7 +194,7 @@ def result_of(data: bytes) -> object:
     """Return the result in a reply.
 
     Raises:
-        IkservoError: The error in the reply; or it is not a valid reply.
+        IkservoError: The error in the reply, or it is not a valid reply.
     """
     reply = decode(ServiceReply, data, MAX_REPLY_BYTES)
     return decode_value(cast("JsonValue", result_in(reply.model_dump())))
@@ -204,7 +204,7 @@ def arguments_of(values: Mapping[str, object]) -> dict[str, JsonValue]:
     """Return arguments of a service as JSON values: arrays as lists.
 
     Raises:
-        InputError: One is not a number, text, list or mapping of these.
+        InputError: A value is not a number, text, list or mapping of these.
     """
     return {name: _as_json(name, value) for name, value in values.items()}
 

@@ -59,10 +59,10 @@ NETWORK = ZenohNetwork()
 
 
 def fleet_hosts(given: tuple[str, ...] | list[str]) -> list[Endpoint]:
-    """Return the machines that the user has named, else those of ``IKSERVO_FLEET``.
+    """Return the machines that the user has named, or else those of ``IKSERVO_FLEET``.
 
     Raises:
-        BadValueError: One is no ``HOST[:PORT]``.
+        BadValueError: One is not ``HOST[:PORT]``.
     """
     return [parse_host(host) for host in list(given) or _listed_hosts()]
 

@@ -1,4 +1,4 @@
-"""Zenoh sessions with a configuration of our own: explicit endpoints, TLS, access control."""
+"""Zenoh sessions with explicit endpoints, TLS and access control."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     import zenoh
 
 LINK_LEASE_S = 1.0
-"""After this time without a sign of the other end a link is closed."""
+"""Time without a sign of the other end after which a link is closed."""
 
 _CONNECT_TIMEOUT_S = 2.0
 
@@ -58,7 +58,7 @@ def open_server(
         access: Zenoh's access control; needed for TLS.
 
     Raises:
-        PortError: It is in use, or the certificate cannot be used.
+        PortError: The endpoint is in use, or the certificate cannot be used.
         IkservoError: The extra ``net`` is not installed.
     """
     config = _common_settings() | {"listen/endpoints": [str(listen)]}
@@ -98,7 +98,7 @@ def open_router_client(
         IkservoError: The extra ``net`` is not installed.
     """
     config = _client_settings([router], certificate)
-    config |= {"mode": "client", "timestamping/enabled": True}  # which a publisher's cache needs
+    config |= {"mode": "client", "timestamping/enabled": True}  # a publisher's cache needs it
     hint = "Start it: ros2 run rmw_zenoh_cpp rmw_zenohd. Elsewhere: --router tcp/HOST:7447"
     with _opened(config, f"No Zenoh router of ROS 2 at {router}", hint) as session:
         yield session
@@ -121,7 +121,7 @@ def _client_settings(
 def ask(
     session: zenoh.Session, key: str, payload: bytes, timeout_s: float
 ) -> list[tuple[str, bytes]]:
-    """Send a request; return key and payload of each answer that came in time."""
+    """Send a request; return key and payload of each answer that arrives in time."""
     answers: list[tuple[str, bytes]] = []
     for reply in session.get(key, payload=payload, timeout=timeout_s):
         if reply.ok is not None:
@@ -130,7 +130,7 @@ def ask(
 
 
 def on_each_host(hosts: list[Endpoint], do: Callable[[Endpoint], T]) -> list[T | IkservoError]:
-    """Call a function with each machine at the same time; return its results, or errors."""
+    """Call a function for all machines in parallel; return its results or errors."""
 
     def attempt(host: Endpoint) -> T | IkservoError:
         try:
@@ -151,7 +151,7 @@ def served_names(session: zenoh.Session, timeout_s: float) -> list[str]:
 
 
 def who_asks() -> str:
-    """Return the user of this program and its machine, as others read it."""
+    """Return the user and machine of this program, as shown to others."""
     try:
         user = getpass.getuser()
     except (ImportError, KeyError, OSError):  # an account without a name
@@ -160,7 +160,7 @@ def who_asks() -> str:
 
 
 def _common_settings() -> dict[str, object]:
-    """Return settings of both ends: nothing is searched for, and nothing is announced."""
+    """Return settings of both ends, which neither search nor announce anything."""
     return {
         "mode": "peer",
         "scouting/multicast/enabled": False,
@@ -212,14 +212,14 @@ def _opened(settings: Mapping[str, object], what: str, hint: str) -> Generator[z
     try:
         yield session
     finally:
-        with contextlib.suppress(zenoh.ZError):  # the link is gone
+        with contextlib.suppress(zenoh.ZError):  # the link may be gone
             session.close()  # pyright: ignore[reportUnknownMemberType]
 
 
 def _why_unreachable(settings: Mapping[str, object]) -> tuple[str, str] | None:
-    """Return why the only endpoint cannot be reached, and what to do; None where Zenoh knows more.
+    """Return why the only endpoint is unreachable, and a hint; None if Zenoh knows more.
 
-    Zenoh reports no such host, nobody who listens and TLS of one end only as the same timeout.
+    Zenoh reports the same timeout for a missing host, a closed port, and TLS at only one end.
     """
     match settings.get("connect/endpoints"):
         case [str(place)]:
@@ -245,21 +245,21 @@ def _why_unreachable(settings: Mapping[str, object]) -> tuple[str, str] | None:
 
 
 def _answers_tls(connection: socket.socket) -> bool:
-    """Check whether the other end answers a TLS greeting as such; nothing is verified or sent."""
+    """Check whether the other end answers a TLS greeting; nothing is verified or sent."""
     context = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
     context.check_hostname, context.verify_mode = False, ssl.CERT_NONE
     connection.settimeout(_CONNECT_TIMEOUT_S)
     try:
         context.wrap_socket(connection).close()
     except ssl.SSLError as error:
-        return "ALERT" in str(error).upper()  # it wants a certificate: that is TLS
-    except OSError:  # silent, or closed at once
+        return "ALERT" in str(error).upper()  # it requires a certificate, so it is TLS
+    except OSError:  # it is silent, or closes at once
         return False
     return True
 
 
 def _first_reason(text: str) -> str:
-    """Return an error of Zenoh without the places in its sources."""
+    """Return the message of a Zenoh error without its source locations."""
     reason = text.partition(" at /")[0].strip().rstrip(".!")
     if "Timeout" in reason:
         return "it does not answer"

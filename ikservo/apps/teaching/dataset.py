@@ -1,4 +1,4 @@
-"""``ikservo import dataset`` and ``ikservo export dataset``: episodes of LeRobot, recordings."""
+"""``ikservo import dataset`` and ``ikservo export dataset``: convert episodes and recordings."""
 
 from __future__ import annotations
 
@@ -26,12 +26,12 @@ from ikservo.files.writing import FileWriteError, make_folder
 from ikservo.kinematics.arrays import Matrix
 from ikservo.model import Model
 
-_OWN_TYPES = ("ikservo",)  # robots whose values have the geometry's zeros
+_OWN_TYPES = ("ikservo",)  # robots whose values use the zeros of the geometry
 
 
 @dataclass(frozen=True, kw_only=True)
 class DatasetOptions:
-    """How episodes become recordings."""
+    """Options of the conversion of episodes to recordings."""
 
     to: Annotated[
         Path, typer.Option("--to", metavar="FOLDER", help="Folder for the recordings.")
@@ -51,7 +51,7 @@ class DatasetOptions:
             metavar="ID|FILE",
             help="LeRobot calibration used when the data were recorded.",
         ),
-    ] = ""  # the recordings are then of ikservo
+    ] = ""  # empty: the data were recorded by ikservo
     percent: Annotated[
         bool,
         typer.Option("--percent", help="Data were recorded with use_degrees=false (-100 to 100)."),
@@ -59,10 +59,10 @@ class DatasetOptions:
 
 
 def import_dataset(model: Model, folder: Path, options: DatasetOptions, *, json: bool) -> None:
-    """Write each episode as a recording of the arm; nothing is written if one cannot be.
+    """Write each episode as a recording of the arm; write nothing if one fails.
 
     Raises:
-        IkservoError: The data set, a calibration or the folder is not as needed.
+        IkservoError: The data set, a calibration or the folder cannot be used.
     """
     dataset = read_dataset(folder, options.what)
     episodes = [_positions(episode, dataset, model, options) for episode in _values_of(dataset)]
@@ -70,7 +70,7 @@ def import_dataset(model: Model, folder: Path, options: DatasetOptions, *, json:
     paths = [options.to / f"{folder.resolve().name}-{e.number:03d}.jsonl" for e in dataset.episodes]
     for path in paths:
         if path.exists():
-            raise InputError(f"File {path} exists.", "Name another folder with --to.")
+            raise InputError(f"File {path} exists.", "Give another folder with --to.")
     make_folder(options.to)
     try:
         for path, episode, positions in zip(paths, dataset.episodes, episodes, strict=True):
@@ -97,7 +97,7 @@ def export_dataset(
     if not recordings:
         raise InputError("No recording given.", "Name them: ikservo export dataset wave.jsonl")
     if to is None:
-        raise InputError("No folder given.", "Name a new one with --to.")
+        raise InputError("No folder given.", "Give a new one with --to.")
     frames = write_dataset(to, model, [read_recording(path) for path in recordings], fps, task)
     print_lines([f"{to}: {len(recordings)} episodes, {frames} frames"])
 

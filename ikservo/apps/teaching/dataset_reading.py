@@ -1,4 +1,4 @@
-"""Episodes of a LeRobotDataset (version 3): read by pyarrow alone, no torch, no LeRobot."""
+"""Read episodes of a LeRobotDataset (version 3) with pyarrow, without torch or LeRobot."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ from ikservo.kinematics.arrays import Matrix, Vector, freeze_arrays
 from ikservo.remedies import install_command
 
 COLUMNS: Mapping[str, str] = {"state": "observation.state", "action": "action"}
-"""What of an episode is read: what was measured, or what was commanded."""
+"""Kinds of values of an episode: measured or commanded."""
 
 _MAX_BYTES = 16 * 1024 * 1024
 MAX_FRAMES = 1_000_000
-"""In a file; LeRobot begins a new one at 100 MB."""
-_SUFFIX = ".pos"  # of a joint's value
+"""Largest number of frames in a file; LeRobot begins a new file at 100 MB."""
+_SUFFIX = ".pos"  # end of the name of a joint's value
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -31,7 +31,7 @@ class Episode:
 
     Attributes:
         number: Its number in the data set.
-        times_s: When each frame was taken (k,), growing.
+        times_s: Times (k,) of the frames, growing.
         values: The values of the joints (k, n), in LeRobot's units.
     """
 
@@ -49,10 +49,10 @@ class Dataset:
 
     Attributes:
         folder: The folder of the data set.
-        robot_type: LeRobot's type of the robot that it is of.
-        fps: Frames a second.
-        joints: The joints whose values it has, without ``.pos``.
-        episodes: All of them.
+        robot_type: LeRobot's type of the robot.
+        fps: Frames per second.
+        joints: The names of the joints with values, without ``.pos``.
+        episodes: All episodes.
     """
 
     folder: Path
@@ -63,7 +63,7 @@ class Dataset:
 
 
 def require_pyarrow() -> None:
-    """Refuse to go on without pyarrow.
+    """Raise if pyarrow is not installed.
 
     Raises:
         IkservoError: It is not installed.
@@ -77,14 +77,14 @@ def read_dataset(folder: Path, what: str = "state") -> Dataset:
     """Read all episodes of a data set.
 
     Args:
-        folder: With ``meta`` and ``data`` in it.
-        what: ``state`` for what was measured, ``action`` for what was commanded.
+        folder: The folder with ``meta`` and ``data``.
+        what: ``state`` for measured values, ``action`` for commanded ones.
 
     Raises:
-        UnknownNameError: ``what`` is neither of the two.
-        InputError: The folder is none of a data set.
+        UnknownNameError: ``what`` is neither of these.
+        InputError: The folder has no data set.
         IkservoError: pyarrow is not installed.
-        FileFormatError: It is not a data set of version 3, or has no joints; says where.
+        FileFormatError: It is not a data set of version 3, or has no joints.
     """
     if what not in COLUMNS:
         raise UnknownNameError("column", what, COLUMNS)
@@ -92,7 +92,7 @@ def read_dataset(folder: Path, what: str = "state") -> Dataset:
     if not path.is_file():
         raise InputError(
             f"{folder} is not a LeRobotDataset: it has no meta/info.json.",
-            "Give the folder in which meta and data are.",
+            "Give the folder that contains meta and data.",
         )
     info = _read_info(path)
     require_pyarrow()
@@ -146,7 +146,7 @@ def _read_episodes(folder: Path, column: str, columns: list[int], width: int) ->
                 folder, where, "has values that are not numbers", "finite numbers"
             )
         if np.any(np.diff(episode.times_s) <= 0.0):
-            raise FileFormatError(folder, where, "has two frames of one time", "growing timestamps")
+            raise FileFormatError(folder, where, "has two frames at one time", "growing timestamps")
         yield episode
 
 
@@ -161,9 +161,9 @@ def _read_frames(folder: Path, column: str, width: int) -> tuple[Vector, Vector,
 
 
 def _read_file(path: Path, column: str, width: int) -> tuple[Vector, Vector, Matrix]:
-    import pyarrow as pa  # noqa: PLC0415  # the extra `dataset`
+    import pyarrow as pa  # noqa: PLC0415  # from the extra `dataset`
 
-    pq: Any = importlib.import_module("pyarrow.parquet")  # its types are partial
+    pq: Any = importlib.import_module("pyarrow.parquet")  # its type hints are incomplete
     names = ["episode_index", "timestamp", column]
     try:
         _check_size(path, pq.ParquetFile(path), names, width)
@@ -180,12 +180,12 @@ def _read_file(path: Path, column: str, width: int) -> tuple[Vector, Vector, Mat
         text = str(error).partition("\n")[0]
         raise FileFormatError(path, "", f"cannot be read: {text}", "LeRobot's frames") from error
     if rows.shape != (len(times_s), width):
-        raise FileFormatError(path, column, f"has shape {rows.shape}", f"{width} values a frame")
+        raise FileFormatError(path, column, f"has shape {rows.shape}", f"{width} values per frame")
     return numbers, times_s, rows
 
 
 def _check_size(path: Path, file: Any, names: Sequence[str], width: int) -> None:  # noqa: ANN401  # no types
-    """Refuse too many frames, or values, before any of them is read: a few bytes can hold many."""
+    """Refuse too many frames or values before reading any; a few bytes can expand to many."""
     metadata = file.metadata
     rows, values, size = metadata.num_rows, 0, 0
     for group in range(metadata.num_row_groups):

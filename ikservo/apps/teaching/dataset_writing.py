@@ -1,4 +1,4 @@
-"""Recordings as a LeRobotDataset (version 3), with the files and columns that LeRobot reads."""
+"""Write recordings as a LeRobotDataset (version 3) with the files that LeRobot reads."""
 
 from __future__ import annotations
 
@@ -36,23 +36,23 @@ def write_dataset(
 ) -> int:
     """Write recordings as the episodes of a new data set; return the number of its frames.
 
-    Each is sampled at ``fps``. An action is where the joints are in the next frame.
+    Each recording is sampled at ``fps``. The action of a frame is the joints of the next frame.
 
     Args:
         folder: The folder of the data set; must not exist, or be empty.
         model: The arm of all recordings.
-        recordings: At least one.
-        fps: Frames a second; those of the first recording if None.
+        recordings: The recordings, at least one.
+        fps: Frames per second; None: as in the first recording.
         task: The task of the episodes, in a sentence.
 
     Raises:
         InputError: pyarrow is not installed, or the folder is not empty.
         FileFormatError: A recording is another arm's.
-        FileWriteError: A file cannot be written; then none is.
+        FileWriteError: A file cannot be written; no files are kept.
     """
     require_pyarrow()
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
-        raise InputError(f"{folder} exists.", "Name a new folder with --to.")
+        raise InputError(f"{folder} exists.", "Give a new folder with --to.")
     fps = fps or round(1.0 / recordings[0].header.period_s)
     if not 1 <= fps <= 500:
         raise BadValueError("--fps", fps, "1 to 500 frames per second")
@@ -96,7 +96,7 @@ def _files(
     folder: Path, names: list[str], episodes: Sequence[Frames], fps: int, task: str
 ) -> dict[Path, bytes]:
     """Return the content of each file of a data set."""
-    import pyarrow as pa  # noqa: PLC0415  # the extra `dataset`
+    import pyarrow as pa  # noqa: PLC0415  # from the extra `dataset`
 
     whole = {key: np.concatenate([each[key] for each in episodes]) for key in episodes[0]}
     tasks = pa.table({"task_index": [0], "task": [task]}).replace_schema_metadata(
@@ -200,7 +200,7 @@ def _json(table: Mapping[str, object]) -> bytes:
     return (json.dumps(table, indent=4) + "\n").encode()
 
 
-# LeRobot reads the tasks by pandas, with the sentence as the index.
+# LeRobot reads the tasks with pandas, with the sentence as the index.
 _INDEXED_BY_TASK = {
     "index_columns": ["task"],
     "column_indexes": [],

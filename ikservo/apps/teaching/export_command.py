@@ -1,4 +1,4 @@
-"""``ikservo export``: this arm's calibration, or recordings, for another program."""
+"""``ikservo export``: export this arm's calibration, or recordings, for other programs."""
 
 from __future__ import annotations
 

@@ -1,12 +1,12 @@
-"""Hand guiding: the arm carries its own weight and follows the hand that moves it.
+"""Hand guiding: the arm carries its own weight and follows the user's hand.
 
-Each servo stays in its position mode: a goal that leads its joint by the sag under gravity holds it
-there with just the torque of gravity. The joint's anchor stays where it is until a hand has moved
-the joint by a small angle off it, and then follows at that distance. So the servo's torque is that
-of gravity and at most the stiffness times that angle, and an arm that is left alone rests.
+Each servo stays in position mode: a goal that leads its joint by the sag under gravity makes the
+servo hold with just the torque of gravity. Each joint has an anchor, which stays until the hand has
+moved the joint by a small angle from it, and then follows at that distance. So the torque is that
+of gravity plus at most the stiffness times that angle, and an arm that is left alone rests.
 
-Modes of current or duty would need a write to the EEPROM of a Dynamixel, and the arm would fall if
-the program were killed: here it holds.
+Current or duty modes would need an EEPROM write on a Dynamixel, and the arm would fall if the
+program were killed. In position mode it holds.
 """
 
 from __future__ import annotations
@@ -25,27 +25,27 @@ from ikservo.motion import TrajectoryPoint
 from ikservo.planning.context import ArmContext
 
 ANCHOR_RAD = 0.01
-"""How far a horn is moved off its anchor before that follows: some ticks more than noise."""
+"""Angle of a horn from its anchor at which the anchor follows: some ticks above noise."""
 
-# A joint that weighs less than its dry friction has its anchor so near that this friction alone
-# holds it when the hand lets go, but no nearer than noise: a rotor that springs back throws the
-# link across the play of its gears.
+# If gravity loads a joint less than its dry friction, its anchor follows so closely that friction
+# alone holds it when the hand lets go, but not closer than noise: a rotor that springs back would
+# throw the link across the backlash.
 _UNLOADED, _NOISE_TICKS = 1.0, 2.0
 
-_SPEED_CLASS = "fast"  # up to which anchors follow the hand
-_FADE_S = 0.5  # in which the goals in force turn into those of gravity alone
-_MAX_STEP_S = 0.02  # a cycle that comes late counts as this long
+_SPEED_CLASS = "fast"  # speed class up to which anchors follow the hand
+_FADE_S = 0.5  # time of the change from the present goals to those of gravity alone
+_MAX_STEP_S = 0.02  # a late cycle counts as at most this long
 
 
 class HandGuiding:
-    """Goals of the servos that carry the arm and follow its joints; a trajectory without an end.
+    """Goals of the servos that carry the arm and follow its joints; an endless trajectory.
 
-    It is asked once in each control cycle, after the joints were measured.
+    It is called once per control cycle, after the joints are measured.
 
     Args:
         context: The arm.
         feed_forward: The feed-forward of its masses and servos.
-        goals: Those in force (n,), rad or m.
+        goals: The goals in force (n,), rad or m.
     """
 
     def __init__(self, context: ArmContext, feed_forward: FeedForward, goals: Vector) -> None:
@@ -88,7 +88,7 @@ class HandGuiding:
         self._anchor = self._anchor + np.clip(target - self._anchor, -step, step)
 
     def _lead(self) -> Vector:
-        """Compute by how much goals lead the anchors (n,) so that the servos carry the links."""
+        """Compute the leads (n,) of goals over anchors with which servos carry the links."""
         at_rest = TrajectoryPoint.at_rest(self._anchor)
         return self._feed_forward.offsets(at_rest, np.zeros_like(self._anchor))
 
@@ -98,16 +98,16 @@ def guide_by_hand(arm: Arm, until: Callable[[], bool]) -> dict[str, float]:
 
     Args:
         arm: The arm; its torque is switched on. Its gripper holds.
-        until: Called in every control cycle; ends it by returning True.
+        until: Called in every control cycle; returns True to end.
 
     Returns:
-        The joints in the end, rad or m by name.
+        The final joints, rad or m by name.
 
     Raises:
-        CalibrationError: The arm is not calibrated; gravity is not known.
-        RefusedError: Gravity is not known, for the arm file has no masses or the motor of a servo
-            is not known; or the hand was faster than the arm may move. It holds.
-        StoppedError: It was stopped; it holds.
+        CalibrationError: The arm is not calibrated, so gravity is unknown.
+        RefusedError: Gravity is unknown, because the arm file has no masses or the motor of a servo
+            is unknown; or the hand was faster than the arm may move. The arm holds.
+        StoppedError: The arm was stopped; it holds.
     """
     context, runner = arm.context, arm.runner
     context.require_zeros()
@@ -131,7 +131,7 @@ def guide_by_hand(arm: Arm, until: Callable[[], bool]) -> dict[str, float]:
 
 
 def _require_gravity(context: ArmContext) -> FeedForward:
-    """Return the arm's feed-forward, at the gains in force.
+    """Return the arm's feed-forward for the gains in force.
 
     Raises:
         RefusedError: The torque that gravity needs is unknown.
@@ -146,7 +146,7 @@ def _require_gravity(context: ArmContext) -> FeedForward:
         if drive is None:
             model = context.model.joint(name).servo.model
             raise RefusedError(
-                f"The motor of {name} ({model}) is not known, so its weight cannot be carried.",
+                f"The motor of {name} ({model}) is unknown, so its weight cannot be carried.",
                 "Teach it with torque off: leave out --float.",
             )
     return found

@@ -1,4 +1,4 @@
-"""``ikservo import dataset``: the episodes of a LeRobotDataset become recordings."""
+"""``ikservo import dataset``: convert the episodes of a LeRobotDataset to recordings."""
 
 from __future__ import annotations
 

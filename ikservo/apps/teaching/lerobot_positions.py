@@ -1,4 +1,4 @@
-"""Joint values that LeRobot recorded, as positions: its zeros are the middles of its sweep."""
+"""Conversion of LeRobot's joint values, whose zeros are the middles of its sweep, to positions."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from ikservo.kinematics.arrays import Matrix, Vector
 from ikservo.model import Model
 from ikservo.registers import MODELS, Family
 
-_DEGREES_PER_TICK = 360.0 / 4095.0  # as LeRobot counts
+_DEGREES_PER_TICK = 360.0 / 4095.0  # the scale of LeRobot
 
 
 def positions_of_lerobot(
@@ -26,18 +26,18 @@ def positions_of_lerobot(
     *,
     percent: bool = False,
 ) -> Matrix:
-    """Compute positions (k, n), rad or m, of values (k, m) of one of LeRobot's own robots.
+    """Compute positions (k, n), rad or m, from values (k, m) of a robot of LeRobot.
 
     Args:
         values: Degrees from the middle of the sweep, or -100 to 100 of it; the gripper 0 to 100.
         names: The joint of each column of values.
-        joints: LeRobot's calibration of the arm then.
-        calibration: The same arm's calibration by ikservo: it knows the geometry's zeros.
-        model: The arm; its joints are the columns returned.
-        percent: Whether the values are percents.
+        joints: LeRobot's calibration of the arm at that time.
+        calibration: The same arm's calibration by ikservo, which has the zeros of the geometry.
+        model: The arm; its joints are the columns of the result.
+        percent: Whether the values are percentages.
 
     Raises:
-        CalibrationError: A joint is missing in one of them, or has another servo.
+        CalibrationError: A joint is missing from a calibration, or has another servo.
     """
     recorded = {joint.name: joint for joint in joints}
     columns: list[Vector] = []
@@ -56,7 +56,7 @@ def positions_of_lerobot(
 
 
 def _ticks_of(values: Vector, joint: LerobotJoint, *, percent: bool, is_gripper: bool) -> Vector:
-    """Compute the ticks that the servo reported with LeRobot's offset (k,)."""
+    """Compute the ticks (k,) that the servo reported with LeRobot's offset."""
     low, high = joint.range_min, joint.range_max
     if not percent:
         return (low + high) / 2.0 + values / _DEGREES_PER_TICK
@@ -69,7 +69,7 @@ def _ticks_of(values: Vector, joint: LerobotJoint, *, percent: bool, is_gripper:
 def _positions_of(
     ticks: Vector, theirs: LerobotJoint, own: CalibratedJoint, joint_map: JointMap
 ) -> Vector:
-    """Compute positions (k,): the servo's offset may have changed since the recording."""
+    """Compute positions (k,); the servo's offset may have changed since the recording."""
     feetech = MODELS[own.servo.model].family is Family.FEETECH_STS
     shift = theirs.homing_offset - own.servo.holds.get("homing_offset", 0)
     reported = ticks + (shift if feetech else -shift)

@@ -1,4 +1,4 @@
-"""Joints as LeRobot has them: ``<joint>.pos`` in degrees, the gripper in percent of its opening."""
+"""Joints in the format of LeRobot: ``<joint>.pos`` in degrees, the gripper in percent."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ class JointValue:
     Attributes:
         name: The joint.
         zero: Its position at value 0, rad or m.
-        factor: Degrees a radian, millimetres a metre, or percent a radian or metre.
+        factor: Degrees per radian, millimetres per metre, or percent per radian or metre.
     """
 
     name: str
@@ -36,8 +36,8 @@ class JointValue:
 class JointValues:
     """The values of all joints of an arm, base to tip, the gripper last.
 
-    The zeros are those of the geometry. A gripper is 0 where its jaws meet and 100 where they are
-    furthest apart; a prismatic joint is in millimetres.
+    The zeros are those of the geometry. A gripper is at 0 if its jaws meet and at 100 if they are
+    fully open; a prismatic joint is in millimetres.
 
     Args:
         model: The arm.
@@ -76,7 +76,7 @@ class JointValues:
         """Compute positions (n,), rad or m; joints without a value keep their ``last``.
 
         Raises:
-            KeyError: There is a value of none of the joints.
+            KeyError: A value belongs to no joint.
         """
         known = [i for i, joint in enumerate(self._joints) if joint.key in values]
         if not known:

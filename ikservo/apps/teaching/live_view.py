@@ -1,4 +1,4 @@
-"""Shows what is recorded in Foxglove, live: its websocket server, on this machine only."""
+"""Show a recording live in Foxglove, through its websocket server on this machine only."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ if TYPE_CHECKING:
     from foxglove.websocket import ChannelView, Client
 
 FOXGLOVE_PORT = 8765
-"""Where Foxglove looks for a server."""
+"""The port at which Foxglove looks for a server."""
 
 
 def _import_foxglove() -> Any:  # noqa: ANN401  # a module
     try:
-        import foxglove  # noqa: PLC0415  # an extra
+        import foxglove  # noqa: PLC0415  # from an extra
     except ImportError:
         raise IkservoError(
             "Foxglove is served with the library foxglove-sdk.",
@@ -41,14 +41,14 @@ def _listener(on_subscribe: Callable[[str], None]) -> object:
 
 
 class FoxgloveServer:
-    """Serves messages to every Foxglove that connects.
+    """Serves messages to all connected Foxglove clients.
 
     Args:
-        port: The TCP port, on this machine only; 0 for any that is free.
-        name: Shown by Foxglove.
+        port: The TCP port, on this machine only; 0 for any free port.
+        name: The name that Foxglove shows.
 
     Attributes:
-        port: The port it listens at.
+        port: The port at which it listens.
 
     Raises:
         PortError: The port is in use.
@@ -80,7 +80,7 @@ class FoxgloveServer:
         self.port = int(self._server.port)
 
     def publish(self, message: RosMessage) -> None:
-        """Send a message to those who subscribe its topic."""
+        """Send a message to the subscribers of its topic."""
         if message.topic.latched:
             self._latched[message.topic.name] = message
         with self._lock:
@@ -90,7 +90,7 @@ class FoxgloveServer:
         self._send(message)
 
     def flush(self) -> None:
-        """Messages are sent at once."""
+        """Do nothing, because messages are sent at once."""
 
     def close(self) -> None:
         """Disconnect all clients."""

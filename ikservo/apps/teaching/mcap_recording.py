@@ -1,7 +1,7 @@
 """Recordings as MCAP with the messages of ROS 2: joints, goals, link poses, health, description.
 
-The file is flushed every second of the recording: what was interrupted, by a power cut of the
-program or a full disk, is read to its last flush.
+The file is flushed every second of the recording, so that an interrupted recording can be read up
+to its last flush.
 
 Source: the MCAP specification, https://mcap.dev/spec, with the profile ``ros2``.
 """
@@ -51,7 +51,7 @@ __all__ = ["CALIBRATION_FILE", "MAGIC", "McapFile", "MessageSink", "RecordedArm"
 
 
 CALIBRATION_FILE = "calibration.toml"
-"""The attachment with the arm's calibration."""
+"""Name of the attachment with the arm's calibration."""
 
 _METADATA = "ikservo"
 _FLUSH_PERIOD_S = 1.0
@@ -69,7 +69,7 @@ class MessageSink(Protocol):
         ...
 
     def flush(self) -> None:
-        """Flush the messages received until now to the system."""
+        """Flush all received messages to the system."""
         ...
 
     def close(self) -> None:
@@ -79,14 +79,14 @@ class MessageSink(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class RecordedArm:
-    """What is recorded besides samples.
+    """Data of a recording besides its samples.
 
     Attributes:
         header: The description of the columns.
         model: The arm.
         chain: Its own chain, calibrated.
         zeros: The source of the zeros of its joints.
-        calibration: Its calibration file; empty where there is none.
+        calibration: The text of its calibration file; empty if there is none.
     """
 
     header: RecordingHeader
@@ -96,7 +96,7 @@ class RecordedArm:
     calibration: str = ""
 
     def urdf(self) -> str:
-        """Return its description; empty where it is not a URDF.
+        """Return the description of the arm; empty if it is not a URDF.
 
         Raises:
             FileFormatError: A file has changed since it was loaded, and cannot be read any more.
@@ -104,7 +104,7 @@ class RecordedArm:
         return description_text(self.model)
 
     def files(self) -> dict[str, str]:
-        """Return the texts of all attachments by name, but the description.
+        """Return the texts of all attachments by name, except the description.
 
         Raises:
             FileFormatError: A file has changed since it was loaded, and cannot be read any more.
@@ -117,7 +117,7 @@ class RecordedArm:
         return texts
 
     def metadata(self) -> dict[str, str]:
-        """Return the header and the versions of what made the recording, as MCAP holds them."""
+        """Return the header and the software versions of the recording as MCAP metadata."""
         header = self.header
         return {
             "schema": SCHEMA,
@@ -145,7 +145,7 @@ class McapFile:
 
     Raises:
         InputError: The file exists and ``overwrite`` is false.
-        FileWriteError: It cannot be written.
+        FileWriteError: The file cannot be written.
         IkservoError: The extra ``record`` is not installed.
     """
 
@@ -187,7 +187,7 @@ class McapFile:
             self._writer.flush()
 
     def close(self) -> None:
-        """Write the index and close the file, and let it replace an existing one.
+        """Write the index and close the file; it then replaces an existing file.
 
         Raises:
             FileWriteError: The disk is full or not writable.
@@ -203,7 +203,7 @@ class McapFile:
 
 
 class _NamingTheFile:
-    """Turns an error of the system into one that names the file."""
+    """Converts an error of the system to one that names the file."""
 
     def __init__(self, target: RecordingFile) -> None:
         self._target = target
@@ -219,7 +219,7 @@ class _NamingTheFile:
 
 
 class _WholeWrites:
-    """An unbuffered file that writes all it is given: a short write is not the end."""
+    """An unbuffered file whose write() repeats short writes until all bytes are written."""
 
     def __init__(self, file: IO[bytes]) -> None:
         self._file, self.tell, self.flush = file, file.tell, file.flush
@@ -237,12 +237,12 @@ class _WholeWrites:
 
 
 class RosRecordingWriter:
-    """Makes messages of samples, and gives them to sinks.
+    """Converts samples to messages, and passes them to sinks.
 
     Args:
         arm: The arm.
-        urdf: Its description; empty where there is none.
-        sinks: Take the messages.
+        urdf: Its description; empty if there is none.
+        sinks: Receive the messages.
 
     Attributes:
         samples: The number of samples that were written.
@@ -257,11 +257,11 @@ class RosRecordingWriter:
         if urdf:
             self._publish([self._messages.description(time.time_ns(), urdf)])
         still = dict.fromkeys(self._names, 0.0)
-        self._messages.transforms(0, still)  # the first messages take long: code is generated
+        self._messages.transforms(0, still)  # the first messages are slow: they generate code
         self._messages.joint_states(0, still)
 
     def write_sample(self, time_s: float, sample: ArmSample) -> None:
-        """Write what is known of one instant, seconds since the first.
+        """Write the sample of one instant, seconds since the first.
 
         Raises:
             FileWriteError: The disk is full or not writable.
@@ -306,7 +306,7 @@ def read_calibration_text(path: Path) -> str | None:
 
 
 def read_attachment(path: Path, name: str) -> str | None:
-    """Read the text of an attachment of an MCAP file; None where it has none.
+    """Read the text of an attachment of an MCAP file; None if it is missing.
 
     Raises:
         FileFormatError: It cannot be read, or the attachment is not text.
@@ -323,7 +323,7 @@ def read_attachment(path: Path, name: str) -> str | None:
 
 
 def read_mcap(path: Path) -> Recording:
-    """Read the joints of an MCAP file: of ``ikservo record``, or another one of ROS 2.
+    """Read the joints of an MCAP file of ``ikservo record`` or of ROS 2.
 
     Raises:
         FileFormatError: It cannot be read, or has no joint states.
@@ -337,8 +337,8 @@ def read_mcap(path: Path) -> Recording:
 class _JointStateReader:
     """Collects joint states from the records of a file.
 
-    Joints that are published one by one are put together: a sample is where all of them are known.
-    Samples are sorted by their stamps: messages of several publishers are recorded as they come.
+    Joints that are published separately are merged: samples begin when all of them are known.
+    Samples are sorted by time stamp, because messages of several publishers arrive in any order.
     """
 
     def __init__(self, path: Path) -> None:
@@ -346,8 +346,8 @@ class _JointStateReader:
         self._header: RecordingHeader | None = None
         self._schemas: dict[int, str] = {}
         self.channels: set[int] = set()
-        # Numbers by message, of those with the same names under one of few layouts: a dictionary
-        # for each of two million messages would be gigabytes.
+        # Numbers per message, with the joint names in one of few layouts: a dictionary for each of
+        # two million messages would take gigabytes.
         self._layouts: dict[tuple[str, ...], int] = {}
         self._times_ns, self._layout_of, self._positions = array("q"), array("l"), array("d")
 
@@ -370,7 +370,7 @@ class _JointStateReader:
         """Return the collected recording.
 
         Raises:
-            FileFormatError: There is nothing.
+            FileFormatError: There are no samples.
         """
         times_ns, rows = np.unique(np.array(self._times_ns, dtype=np.int64), return_inverse=True)
         names = self._header.joints if self._header else tuple(self._names())
@@ -394,7 +394,7 @@ class _JointStateReader:
         return dict.fromkeys(name for layout in self._layouts for name in layout)
 
     def _table(self, names: tuple[str, ...], rows: NDArray[np.intp], count: int) -> Matrix:
-        """Compute the positions (count, n); a joint that is not in a row is where it was before."""
+        """Compute the positions (count, n); a joint missing from a row keeps its position."""
         table = np.full((count, len(names)), np.nan)
         widths = np.array([len(layout) for layout in self._layouts])
         layout_of, values = np.array(self._layout_of), np.array(self._positions)
@@ -433,7 +433,7 @@ class _JointStateReader:
             found = f"has {len(message.name):,} joints"
             raise FileFormatError(self._path, where, found, f"at most {MAX_JOINTS}")
         if len(message.name) != len(message.position) or not np.isfinite(message.position).all():
-            raise FileFormatError(self._path, where, "has other positions", "a number for a joint")
+            raise FileFormatError(self._path, where, "has other positions", "a number per joint")
         stamp = message.header.stamp
         time_ns = stamp.sec * _NS + stamp.nanosec or log_time_ns
         if time_ns > _LATEST_NS:
@@ -447,7 +447,7 @@ class _JointStateReader:
             )
 
     def _layout(self, names: tuple[str, ...], where: str) -> int:
-        """Compute the number of the messages with these names."""
+        """Return the number of the layout with these names."""
         if names not in self._layouts:
             self._layouts[names] = len(self._layouts)
             if len(self._names()) > MAX_JOINTS or len(self._layouts) > _MAX_LAYOUTS:

@@ -1,4 +1,4 @@
-"""The records of an MCAP file, inflated to no more than what they state."""
+"""Reader of MCAP records that never inflates more than the stated size."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ MAGIC = b"\x89MCAP0\r\n"
 """The first bytes of an MCAP file."""
 
 MAX_CHUNK_BYTES = 32 * 1024 * 1024
-"""Of a chunk when it is inflated; writers make chunks of about one to ten MiB."""
+"""Largest inflated size of a chunk; writers make chunks of about 1 to 10 MiB."""
 
 # In all: of a small file; of a large one, several times its size.
 _MAX_INFLATED_BYTES, _MAX_RATIO = 256 * 1024 * 1024, 10
@@ -30,9 +30,9 @@ _MAX_RECORD_BYTES = 64 * 1024 * 1024
 
 
 def import_mcap() -> Any:  # noqa: ANN401  # a module
-    """Return the module that writes MCAP, or say what to install."""
+    """Return the module that writes MCAP; without it, raise with what to install."""
     try:
-        import mcap.writer  # noqa: PLC0415  # an extra
+        import mcap.writer  # noqa: PLC0415  # from an extra
     except ImportError:
         raise IkservoError(
             "MCAP files need the library mcap.", f"Install it: {install_command('record')}"
@@ -41,14 +41,13 @@ def import_mcap() -> Any:  # noqa: ANN401  # a module
 
 
 def read_records(path: Path, wanted: Container[int] = ()) -> Iterator[Any]:
-    """Yield the records of an MCAP file; one that was cut short ends with its last whole one.
+    """Yield the records of an MCAP file; a truncated file ends with its last whole record.
 
-    Of the messages in chunks, those of the wanted channels only: there may be a million.
-
-    So does a damaged file, with a warning that names the position.
+    Messages in chunks are yielded only for the wanted channels, because there may be a million. A
+    damaged file also ends early, with a warning that names the position.
 
     Raises:
-        FileFormatError: It cannot be read.
+            FileFormatError: It cannot be read.
     """
     require_file(path)
     import_mcap()
@@ -57,7 +56,7 @@ def read_records(path: Path, wanted: Container[int] = ()) -> Iterator[Any]:
     try:
         with path.open("rb") as file:
             if file.read(len(MAGIC)) != MAGIC:
-                raise FileFormatError(path, "", "is not an MCAP file", "what ikservo record wrote")
+                raise FileFormatError(path, "", "is not an MCAP file", "a file of ikservo record")
             file.seek(0)
             reader = StreamReader(
                 cast("IO[bytes]", _BoundedReads(file)), validate_crcs=True, emit_chunks=True,
@@ -68,11 +67,11 @@ def read_records(path: Path, wanted: Container[int] = ()) -> Iterator[Any]:
                 for record in reader.records:
                     most -= getattr(record, "uncompressed_size", 0)
                     if most < 0:
-                        raise FileFormatError(path, "", "inflates to too much", "a shorter one")
+                        raise FileFormatError(path, "", "has too much data", "a shorter file")
                     yield from _records_of_chunk(path, record, wanted)
             except (FileFormatError, OSError):
                 raise
-            except Exception as error:  # the reader has no error of its own for what is cut short
+            except Exception as error:  # the reader has no error class for truncated files
                 if file.read(1):
                     _warn_damaged(path, file.tell() - 1, error)
     except OSError as error:
@@ -80,7 +79,7 @@ def read_records(path: Path, wanted: Container[int] = ()) -> Iterator[Any]:
 
 
 class _BoundedReads:
-    """A file of which no more than a record is read at once, whatever a length in it says."""
+    """A file that reads at most a record at once, whatever a length in it says."""
 
     def __init__(self, file: BinaryIO) -> None:
         self._file = file
@@ -89,7 +88,7 @@ class _BoundedReads:
         """Read the next bytes.
 
         Raises:
-            ValueError: Too many are wanted.
+            ValueError: Too many bytes are requested.
         """
         if size > _MAX_RECORD_BYTES:
             raise ValueError(f"a length of {size} bytes")
@@ -97,10 +96,10 @@ class _BoundedReads:
 
 
 def _records_of_chunk(path: Path, record: Any, wanted: Container[int]) -> Iterator[Any]:  # noqa: ANN401  # mcap's
-    """Return the records in a chunk, inflated to the size that it states at most; others as is.
+    """Return the records in a chunk, inflated to at most its stated size; pass other records on.
 
     Raises:
-        FileFormatError: It would inflate to too much.
+        FileFormatError: Its inflated size is too large.
     """
     from mcap.records import Chunk, Message  # noqa: PLC0415
     from mcap.stream_reader import breakup_chunk  # noqa: PLC0415
@@ -115,7 +114,7 @@ def _records_of_chunk(path: Path, record: Any, wanted: Container[int]) -> Iterat
         data = _INFLATE[record.compression](record.data, record.uncompressed_size + 1)
         if len(data) != record.uncompressed_size:
             found = "a chunk of it inflates to another size than it states"
-            raise FileFormatError(path, "", found, "an MCAP file that is whole")
+            raise FileFormatError(path, "", found, "an undamaged MCAP file")
         record = replace(record, data=data, compression="")
     if record.uncompressed_crc not in (0, zlib.crc32(record.data)):
         raise ValueError("the checksum of a chunk is wrong")
@@ -128,7 +127,7 @@ def _records_of_chunk(path: Path, record: Any, wanted: Container[int]) -> Iterat
         if others > _MAX_DEFINITIONS:
             found = "a chunk of it has too many channels and schemas"
             raise FileFormatError(path, "", found, f"at most {_MAX_DEFINITIONS:,}")
-        if kind == _MESSAGE and channel in wanted:  # a reader for each would take most of the time
+        if kind == _MESSAGE and channel in wanted:  # a reader per message is slow
             head = _MESSAGE_HEAD.unpack_from(data, at + _RECORD_HEAD.size)
             channel_id, sequence, log_time, publish_time = head
             start = at + _RECORD_HEAD.size + _MESSAGE_HEAD.size

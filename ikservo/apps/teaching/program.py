@@ -1,11 +1,11 @@
-"""Programs: files of steps that an arm makes one after the other, readable and edited by hand.
+"""Programs: files of steps that an arm runs one after the other, to be edited by hand.
 
 ::
 
     format = 1
     arm = "so101"
-    speed = "slow"          # of steps without a speed of their own; normal where it is missing
-    repeat = 2              # how often all steps are made; once where it is missing
+    speed = "slow"          # of steps without a speed of their own; default: normal
+    repeat = 2              # number of repetitions of all steps; default: 1
 
     [[steps]]
     pose = "home"           # a pose of the arm file, or a taught one
@@ -63,7 +63,7 @@ from ikservo.planning.motions import (
 )
 
 ACTIONS = ("pose", "tip_m", "joints", "gripper", "wait_s", "recording", "motion")
-"""What a step can do; each step does one of them. ``joints`` are given by ``deg`` and ``m``."""
+"""Actions of steps; each step has one. ``joints`` are given by ``deg`` and ``m``."""
 
 MAX_STEPS = 1000
 """The most steps of a program."""
@@ -116,12 +116,12 @@ class ProgramStep(StrictModel):
 
     @property
     def action(self) -> str:
-        """Which of ``ACTIONS`` it does."""
+        """Action of the step, one of ``ACTIONS``."""
         return self._actions()[0]
 
     @property
     def description(self) -> str:
-        """What it does, in a few words."""
+        """Description of the step, in a few words."""
         if self.action == "joints":
             moved = [f"{name} {value:g}°" for name, value in self.deg.items()]
             words = ", ".join(moved + [f"{name} {value:g} m" for name, value in self.m.items()])
@@ -131,18 +131,18 @@ class ProgramStep(StrictModel):
 
     @property
     def has_speed(self) -> bool:
-        """Whether what it does has a speed class."""
+        """Whether the action has a speed class."""
         return self._to_motion().has_speed
 
     def to_motion(self, model: Model, speed: str) -> MotionValue[Any]:
-        """Return the motion that it is.
+        """Return the motion of the step.
 
         Args:
-            model: The arm, which knows what joints slide.
-            speed: The speed class, of a motion that has one.
+            model: The arm, which knows the prismatic joints.
+            speed: The speed class, for a motion that has one.
 
         Raises:
-            BadValueError: A joint that turns is given in metres, or one that slides in degrees; or
+            BadValueError: A revolute joint is given in metres, or a prismatic one in degrees; or
                 the motion refuses a value.
             UnknownNameError: There is no such joint.
         """
@@ -183,7 +183,7 @@ class ProgramStep(StrictModel):
 
     @model_validator(mode="after")
     def _check_keys(self) -> Self:
-        """Refuse a step that does nothing or two things, and options of another action."""
+        """Refuse a step with no action or two actions, and options of another action."""
         actions = self._actions()
         if len(actions) != 1:
             raise ValueError(f"does {' and '.join(actions) or 'nothing'}")
@@ -193,7 +193,7 @@ class ProgramStep(StrictModel):
             raise ValueError("needs both: path = arc, and via_m")
         if self.tool_speed_m_s is not None and self.path not in ("line", "arc"):
             raise ValueError("has tool_speed_m_s without a line or an arc")
-        self._to_motion()  # refuses what the motion refuses
+        self._to_motion()  # raises if the motion refuses a value
         return self
 
 
@@ -219,7 +219,7 @@ def read_program(path: Path | str) -> Program:
     """Read a program.
 
     Raises:
-        FileFormatError: It is malformed; names each step and key, counting steps from 1.
+        FileFormatError: It is malformed; the message names each step, from 1, and its key.
     """
     path = Path(path)
     try:
@@ -232,13 +232,13 @@ _SHOWN_ISSUES = 10
 
 
 def _format_error(path: Path, error: ValidationError) -> FileFormatError:
-    """Format all mistakes of a program as one error, one a line and each once."""
+    """Format all mistakes of a program as one error, one mistake per line and each once."""
     lines: list[str] = []
     issues = validation_issues(error, Program)
     places = [issue.location for issue in issues]
     for issue in issues:
         if any(p[: len(issue.location)] == issue.location != p for p in places):
-            continue  # a table that is wrong only because of a value in it
+            continue  # the error of the value is reported instead
         where = "".join(_format_place(issue.location))
         expected = f"; expected {issue.expected}" if issue.expected else ""
         lines.append(f"{where}: {issue.found}{expected}")
@@ -251,7 +251,7 @@ def _format_error(path: Path, error: ValidationError) -> FileFormatError:
 
 
 def _format_place(location: Location) -> Iterator[str]:
-    """Yield ``step 2``, then its keys: steps are counted from 1, as a run prints them."""
+    """Yield ``step 2``, then its keys; steps are counted from 1, as in the output of a run."""
     if location[:1] == ("steps",) and len(location) > 1:
         yield f"step {int(location[1]) + 1}"
         location = location[2:]

@@ -37,14 +37,14 @@ EachStep = Annotated[bool, typer.Option("--step", help="Wait for Enter before ea
 
 
 def new(file: File, arm: ArmOption = None, *, overwrite: OverwriteOption = False) -> None:
-    """Write a program that any arm of this kind can make: each action that it has, once.
+    """Write a program that any arm of this kind can run, with each possible action once.
 
     ikservo program new tea.toml --arm so101
     """
     model = model_from_option(arm)
     if file.exists() and not overwrite:
         raise IkservoError(f"File {file} exists.", "Replace it: --overwrite")
-    x, y, z = (round(float(value), 3) + 0.0 for value in _home_tip_m(model))  # no -0.0
+    x, y, z = (round(float(value), 3) + 0.0 for value in _home_tip_m(model))  # never -0.0
     steps = [
         ProgramStep(name="begin", pose="home"),
         ProgramStep(name="beside it", tip_m=(x, y, z), speed="slow"),
@@ -106,7 +106,7 @@ def run(
 def _opened(
     file: Path, connection: ArmConnection, options: MotionOptions, scene: Path | None
 ) -> Generator[tuple[OpenArm, Program, ProgramRun]]:
-    """Read a program, and open the arm that is given, or else the one that it names."""
+    """Read a program, and open the given arm, or else the arm that the program names."""
     program = read_program(file)
     connection = replace(connection, arm=connection.arm or program.arm)
     with open_from_options(connection, options, scene) as machine:
@@ -123,10 +123,10 @@ def _check(
     """Check each step.
 
     Raises:
-        IkservoError: Steps cannot be made; all of them have been named.
+        IkservoError: Steps are impossible; all of them have been printed.
     """
     checks: list[StepCheck] = []
-    failed: dict[int, IkservoError] = {}  # by step, which repetitions check again
+    failed: dict[int, IkservoError] = {}  # by step, because repetitions check again
     for each in run.check(first):
         checks.append(each)
         if each.error is not None and each.number not in failed:
@@ -150,7 +150,7 @@ def _check(
 
 
 def _run(run: ProgramRun, program: Program, first: int, *, wait: bool) -> list[StepResult]:
-    """Make the steps; say before each which it is, and after a failure where to go on."""
+    """Run the steps; print each before it begins, and after a failure where to continue."""
     total = program.repeat * len(program.steps) - (first - 1)
     done: list[StepResult] = []
     with motion_progress_bar() as on_progress:

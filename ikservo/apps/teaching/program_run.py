@@ -1,4 +1,4 @@
-"""Programs checked and run: each step is planned from where the step before it ends."""
+"""Check and run programs: each step is planned from the end of the previous step."""
 
 from __future__ import annotations
 
@@ -24,17 +24,17 @@ from ikservo.planning.reports import (
 )
 
 StepReport = MoveResult | JointMoveResult | GraspResult | ReplayResult
-"""How the motion of a step has ended."""
+"""Report on the motion of a step."""
 
 
 @dataclass(frozen=True, slots=True)
 class StepCheck:
-    """What the check of a program says of one step.
+    """Result of the check of a step.
 
     Attributes:
         number: The number of the step, from 1.
         step: The step.
-        error: Why it cannot be made; None where it can.
+        error: Why the step is impossible; None if it is possible.
     """
 
     number: int
@@ -44,7 +44,7 @@ class StepCheck:
 
 @dataclass(frozen=True, slots=True)
 class StepResult:
-    """A step that was made.
+    """Result of a step that was run.
 
     Attributes:
         number: The number of the step, from 1.
@@ -60,17 +60,17 @@ class StepResult:
 
 
 class ProgramRun:
-    """A program on one arm: checked, then made as a whole, from a step on, or step by step.
+    """A program on an arm: check it, then run all of it, from a step on, or step by step.
 
     Args:
         arm: The arm.
         program: Its steps.
-        folder: The program's, in which its recordings are.
+        folder: The folder of the program, with its recordings.
         poses: The poses of the arm.
-        on_wait: Called now and then during a wait.
+        on_wait: Called regularly during a wait.
 
     Raises:
-        BadValueError: It is another arm's program.
+        BadValueError: The program is for another arm.
     """
 
     def __init__(
@@ -86,14 +86,14 @@ class ProgramRun:
             raise BadValueError("The program", f"one for {program.arm}", f"one for {name}")
         self._arm, self._program, self._folder, self._poses = arm, program, folder, poses
         self._on_wait = on_wait
-        self._has_moved = False  # before that torque may be off
+        self._has_moved = False  # torque may be off before the first motion
 
     def check(self, first: int = 1) -> Iterator[StepCheck]:
-        """Plan each step from where the one before it ends; nothing moves.
+        """Plan each step from the end of the previous step; nothing moves.
 
-        The first one starts where the arm is. With ``repeat`` the first step is checked from the
-        end of the last one as well. After a step that cannot be made it goes on from where the arm
-        would be without it.
+        The first step starts at the present position. With ``repeat``, the first step is also
+        checked from the end of the last one. After an impossible step the check continues as if the
+        program did not have that step.
 
         Args:
             first: The step to begin with, from 1.
@@ -114,10 +114,10 @@ class ProgramRun:
             yield StepCheck(index + 1, step, error)
 
     def run(self, first: int = 1, on_progress: OnProgress | None = None) -> Iterator[StepResult]:
-        """Make the steps, one with each value that is taken from the iterator.
+        """Run the steps, one per value that is taken from the iterator.
 
         Args:
-            first: The step to begin with, from 1; repetitions begin with the first of all.
+            first: The step to begin with, from 1; repetitions begin with the first step.
             on_progress: Called in every control cycle.
 
         Raises:
@@ -140,7 +140,7 @@ class ProgramRun:
         return number - 1
 
     def _find_error(self, step: ProgramStep, start: PlannedStart) -> IkservoError | None:
-        """Plan a step, and let the next one start at its end; return why it cannot be made."""
+        """Plan a step, and let the next step start at its end; return why it is impossible."""
         context = self._arm.context
         preflight = PreflightPlanner(context, start, self._poses)
         try:
@@ -162,7 +162,7 @@ class ProgramRun:
         """Return the motion of a step; a recording is in the program's folder.
 
         Raises:
-            BadValueError: It cannot be used by this arm.
+            BadValueError: This arm cannot use it.
             UnknownNameError: There is no such joint.
         """
         motion = step.to_motion(self._arm.context.model, self._program.speed_of(step))

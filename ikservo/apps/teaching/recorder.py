@@ -1,4 +1,4 @@
-"""Record an arm at a fixed rate: as JSON lines, or as MCAP where the file ends in ``.mcap``."""
+"""Record an arm at a fixed rate, as JSON lines, or as MCAP if the file ends in ``.mcap``."""
 
 from __future__ import annotations
 
@@ -50,12 +50,12 @@ _HEALTH_PERIOD_S = 1.0
 
 @dataclass(frozen=True, slots=True)
 class RecordResult:
-    """What was recorded.
+    """Result of a recording.
 
     Attributes:
         path: The file.
         samples: The number of samples.
-        duration_s: From the first to the last.
+        duration_s: Time from the first to the last sample.
     """
 
     path: Path
@@ -65,7 +65,7 @@ class RecordResult:
 
 @dataclass(frozen=True, slots=True)
 class RecordSettings:
-    """What the caller of ``arm.record`` has chosen; see `record_open_arm`."""
+    """Options of the caller of ``arm.record``; see `record_open_arm`."""
 
     path: Path | str
     duration_s: float | None = None
@@ -118,7 +118,7 @@ def describe_arm(
     zeros: ZeroSource,
     serial_number: str | None = None,
 ) -> RecordedArm:
-    """Describe an arm as a recording does, besides its samples.
+    """Return the data of an arm for a recording, besides its samples.
 
     Args:
         model: The arm.
@@ -148,25 +148,24 @@ def record_open_arm(
     overwrite: bool = False,
     foxglove_port: int | None = None,
 ) -> RecordResult:
-    """Write the measured joints to a file at a fixed rate; torque stays as it is.
+    """Write the measured joints to a file at a fixed rate; torque stays unchanged.
 
-    Ctrl-C ends it; the file is complete up to then.
+    Ctrl-C ends it; the file is then complete.
 
     Args:
         arm: The arm; it may be on another machine.
-        path: A new file: a header, then one line of JSON for each sample; or, where it ends
-            in ``.mcap``, messages of ROS 2, with goals, link poses and health.
-        duration_s: The duration; None: as long as ``until`` says.
+        path: A new file: a header, then one line of JSON per sample; or, if it ends in ``.mcap``,
+            messages of ROS 2 with goals, link poses and health.
+        duration_s: The duration; None: until ``until`` returns True.
         until: Called at each sample; ends the recording by returning True.
         period_s: Between two samples.
         overwrite: Whether an existing file may be replaced.
-        foxglove_port: The port on this machine that serves the same messages to Foxglove; None for
-            none.
+        foxglove_port: The port on this machine that serves the messages to Foxglove; None: no port.
 
     Raises:
         BadValueError: The file exists, or a number is out of its range.
         FileWriteError: It cannot be written.
-        ServoSilentError: A servo does not answer; the samples before are kept.
+        ServoSilentError: A servo does not answer; earlier samples are kept.
     """
     settings = RecordSettings(path, duration_s, until, period_s, overwrite, foxglove_port)
     if isinstance(arm, Arm):
@@ -189,7 +188,7 @@ def _positions_only(context: ArmContext) -> Callable[[], ArmSample]:
 
 
 class _OwnArm:
-    """Measures the joints each time, and the servos' health every second."""
+    """Measures the joints at each call, and the servos' health every second."""
 
     def __init__(self, context: ArmContext, runner: MotionRunner) -> None:
         self._context, self._runner = context, runner
@@ -210,7 +209,7 @@ class _OwnArm:
 def record(
     measure: Callable[[], ArmSample], clock: Clock, arm: RecordedArm, settings: RecordSettings
 ) -> RecordResult:
-    """Write what ``measure`` returns to a file at a fixed rate.
+    """Write the results of ``measure`` to a file at a fixed rate.
 
     Raises:
         BadValueError: There is no end, or a number is out of its range.
@@ -229,7 +228,7 @@ def record(
                 last_s = elapsed_s
                 if elapsed_s + period_s > max_s or (until and until()):
                     break
-        except KeyboardInterrupt:  # ends the recording; every sample that was written is complete
+        except KeyboardInterrupt:  # ends the recording; every written sample is complete
             pass
     return RecordResult(path, writer.samples, last_s)
 
@@ -239,7 +238,7 @@ def record_other_process(
     port: str | None,
     settings: RecordSettings,
 ) -> RecordResult | None:
-    """Record an arm that another program moves, by state requests; None where none has its port.
+    """Record an arm that another program moves, by state requests; None if no program has its port.
 
     Raises:
         IkservoError: That program has ended, or the file cannot be written.
@@ -293,7 +292,7 @@ def read_recording(path: Path | str) -> Recording:
     An MCAP file that was cut short is read to its last whole second.
 
     Raises:
-        FileFormatError: It cannot be read, or a part of it is malformed; says which.
+        FileFormatError: It cannot be read, or a part of it is malformed.
     """
     path = parse_path(path)
     require_file(path)
@@ -305,7 +304,7 @@ def read_recording(path: Path | str) -> Recording:
     return recording
 
 
-_LARGEST = 1e6  # rad, m or s: differences of larger numbers overflow
+_LARGEST = 1e6  # rad, m or s; differences of larger numbers would overflow
 
 
 def _is_mcap_file(path: Path) -> bool:

@@ -1,4 +1,4 @@
-"""Recordings of joint positions as JSON lines: what they are, written and read.
+"""Recordings of joint positions as JSON lines: format, writer and reader.
 
 ::
 
@@ -33,17 +33,17 @@ from ikservo.kinematics.arrays import Matrix, Vector, freeze_arrays
 from ikservo.motion.sampled_trajectory import SampledTrajectory
 
 SCHEMA = "ikservo/recording/1"
-_PLACES = 6  # of a radian or a metre: a hundredth of a tick
+_PLACES = 6  # decimals of rad or m: a hundredth of a tick
 
 
 @dataclass(frozen=True, slots=True)
 class RecordingHeader:
-    """What the columns of a recording are.
+    """Description of the columns of a recording.
 
     Attributes:
-        arm: The arm's name; empty where another program made the recording.
-        joints: A name a column.
-        units: ``rad`` or ``m``, a unit a column; ``rad_or_m`` where another program made it.
+        arm: The arm's name; empty if another program made the recording.
+        joints: A name per column.
+        units: ``rad`` or ``m`` per column; ``rad_or_m`` if another program made it.
         period_s: The nominal time between two samples.
     """
 
@@ -59,9 +59,9 @@ class Recording:
 
     Attributes:
         header: The description of its columns.
-        times_s: When each sample was taken (k,), increasing.
-        joints: The joints then (k, n), rad or m.
-        first_line: The line of the first sample; None where the file has no lines.
+        times_s: Times (k,) of the samples, increasing.
+        joints: The joints (k, n) at these times, rad or m.
+        first_line: The line of the first sample; None if the file has no lines.
     """
 
     header: RecordingHeader
@@ -73,7 +73,7 @@ class Recording:
         freeze_arrays(self)
 
     def place(self, index: int | None) -> str:
-        """Return where in the file a sample is, or the header for None."""
+        """Return the place of a sample in the file, or of the header for None."""
         if self.first_line is None:
             return "its arm" if index is None else f"sample {index + 1}"
         return f"line {1 if index is None else self.first_line + index}"
@@ -86,7 +86,7 @@ class Recording:
         return SampledTrajectory(header.joints, header.units, self.times_s, self.joints, velocities)
 
     def to_csv(self, path: Path | str | None = None, *, overwrite: bool = False) -> str:
-        """Format the recording as CSV, and write it to a file where a path is given.
+        """Format the recording as CSV, and write it to a file if a path is given.
 
         Raises:
             InputError: The file exists and ``overwrite`` is false.
@@ -106,9 +106,9 @@ class ArmSample:
 
     Attributes:
         positions: The measured joints (n,), rad or m.
-        goals: The servos' goals (n,); None where they have none.
-        states: The health of each joint; empty where it was not read now.
-        stopped_for: Why the arm is stopped; empty where it is not, or that is not known.
+        goals: The servos' goals (n,); None if they have none.
+        states: The health of each joint; empty if it was not read in this sample.
+        stopped_for: Why the arm is stopped; empty if it is not, or if that is unknown.
     """
 
     positions: Vector
@@ -121,7 +121,7 @@ class ArmSample:
 
     @classmethod
     def of_states(cls, states: tuple[JointState, ...], stopped_for: str = "") -> ArmSample:
-        """Make the sample of the states of all joints."""
+        """Make a sample from the states of all joints."""
         goals = [state.goal_rad for state in states]
         return cls(
             np.array([state.position_rad for state in states]),
@@ -169,7 +169,7 @@ class RecordingWriter:
         self.write(time_s, sample.positions)
 
     def close(self) -> None:
-        """Close the file, and let it replace an existing one.
+        """Close the file, which then replaces an existing one.
 
         Raises:
             FileWriteError: The disk is not writable.
@@ -201,7 +201,7 @@ class RecordingWriter:
 
 
 class RecordingFile:
-    """A file for a recording; one that replaces another is written beside it and renamed last.
+    """A file for a recording; a replacement is written next to the old file and renamed at the end.
 
     Args:
         path: The file.
@@ -227,18 +227,18 @@ class RecordingFile:
             raise FileWriteError(path, os_error_text(error)) from error
 
     def failed(self, error: OSError) -> FileWriteError:
-        """Return the error that says what there is of the recording; the old file stays."""
+        """Return the error that names the incomplete recording; the old file stays."""
         self._has_failed = True
-        kept = f"What was recorded until then is in {self._written}"
+        kept = f"The samples until then are in {self._written}"
         if self._replaces:
             kept = f"The existing file is unchanged. {kept}"
         return FileWriteError(self._path, os_error_text(error), kept=kept)
 
     def finish(self) -> None:
-        """Close the file; it replaces the existing one where all of it was written.
+        """Close the file; it replaces the existing one if it is complete.
 
         Raises:
-            FileWriteError: That failed.
+            FileWriteError: The file cannot be replaced.
         """
         try:
             self.file.close()
@@ -249,7 +249,7 @@ class RecordingFile:
 
     @contextlib.contextmanager
     def closing_on_error(self) -> Generator[None]:
-        """Close the file where its first bytes cannot be written."""
+        """Close the file if its first bytes cannot be written."""
         try:
             yield
         except BaseException:
@@ -265,7 +265,7 @@ def os_error_text(error: OSError | ValueError) -> str:
 
 _MAX_LINE_CHARS = 16_384
 MAX_SECONDS = 20_000.0
-MAX_SAMPLES = 2_000_000  # at 100 Hz
+MAX_SAMPLES = 2_000_000  # over five hours at 100 Hz
 MAX_JOINTS = 100
 _KEYS = {"schema", "arm", "joints", "units", "period_s"}
 
@@ -274,11 +274,11 @@ def read_json_lines(path: Path) -> Recording:
     """Read a recording of JSON lines.
 
     Raises:
-        FileFormatError: It cannot be read, or a line is malformed; says which.
+        FileFormatError: It cannot be read, or a line is malformed; the message names it.
     """
     lines = _read_lines(path)
     header = _parse_header(path, next(lines, ""))
-    times_s, joints = array("d"), array("d")  # lists of numbers need three times the memory
+    times_s, joints = array("d"), array("d")  # lists would need three times the memory
     for number, line in enumerate(lines, start=2):
         time_s, q = _parse_sample(path, number, line, len(header.joints))
         if times_s and time_s <= times_s[-1]:
@@ -341,7 +341,7 @@ def check_header(path: Path, where: str, row: Mapping[str, object]) -> Recording
     """Check the header in arm, joints, units and period_s.
 
     Raises:
-        FileFormatError: One of them is missing, or cannot be used.
+        FileFormatError: A value is missing, or cannot be used.
     """
     arm, joints, units = row.get("arm"), _text_tuple(row.get("joints")), row.get("units")
     if len(joints) > MAX_JOINTS:
@@ -371,7 +371,7 @@ def _parse_sample(path: Path, number: int, line: str, n: int) -> tuple[float, li
                      f"seconds since the first sample, {MAX_SECONDS:.0f} at most")  # fmt: skip
     values = [_finite_number(x) for x in cast("list[object]", q)] if isinstance(q, list) else []
     if len(values) != n:
-        raise _recording_error(path, number, f"has {len(values)} positions", f"{n}, one a joint")
+        raise _recording_error(path, number, f"has {len(values)} positions", f"{n}, one per joint")
     if None in values:
         raise _recording_error(
             path, number, "has a position that is not a number", "finite numbers"

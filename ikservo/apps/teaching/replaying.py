@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from scipy.interpolate import CubicSpline
 
 _GRID_S = 0.02
-# Removes quantization and tremor, below a tenth of a second; intended motions are slower.
+# Smoothing removes quantization and tremor below 0.1 s; intended motions are slower.
 _SMOOTH_S = 0.04
 # Limits of the playback rate, which goes from 0 to 1 and back, per second.
 _FADE = KinematicLimits(1.0, 1.0, 8.0)
@@ -43,8 +43,8 @@ class RecordedTrajectory:
     """The motion through recorded samples, from rest at the first to rest at the last.
 
     Args:
-        times_s: When they were taken (k,), growing.
-        joints: The joints then (k, n), rad or m.
+        times_s: Times (k,) of the samples, growing.
+        joints: The joints (k, n) at these times, rad or m.
         limits: The kinematic limits of each joint; a faster recording is slowed down as a whole.
         lower: The lower limits (n,).
         upper: The upper limits (n,).
@@ -83,7 +83,7 @@ class RecordedTrajectory:
 
     @property
     def duration_s(self) -> float:
-        """The duration, fading in and out included."""
+        """Duration, including fading in and out."""
         return self._law.duration_s
 
     def state(self, time_s: float) -> TrajectoryPoint:
@@ -115,7 +115,7 @@ def _fit_spline(times_s: Vector, joints: Matrix, span_s: float) -> CubicSpline:
         even[:, column] = np.interp(grid, times_s, samples)
     width = _SMOOTH_S / float(grid[1])
     margin = min(4 * math.ceil(width), len(grid) - 1)
-    # Beyond its ends the motion is continued point-symmetrically, without a jerk.
+    # Continue the motion point-symmetrically beyond its ends, without a jerk.
     longer = np.pad(even, ((margin, margin), (0, 0)), mode="reflect", reflect_type="odd")
     smooth: Matrix = gaussian_filter1d(longer, width, axis=0)[margin:-margin]
     return CubicSpline(grid, smooth, bc_type="natural")
@@ -128,7 +128,7 @@ def _time_grid(span_s: float) -> Vector:
 def _required_slowdown(
     spline: CubicSpline, span_s: float, limits: Sequence[KinematicLimits]
 ) -> float:
-    """Compute how many times slower the recording has to be played within the limits."""
+    """Compute the factor by which the recording must be slowed down to stay within the limits."""
     grid = _time_grid(span_s)
     middles = (grid[:-1] + grid[1:]) / 2
     speed, bend, twist = (
@@ -152,7 +152,7 @@ def _parse_file(value: object) -> str:
     return fspath(parse_path(value))
 
 
-# By hand, joints are pushed a little beyond their limits.
+# A hand may push joints a little beyond their limits.
 _LIMIT_TOLERANCE_RAD = math.radians(3.0)
 # A limp arm that turns no joint by more than this in one period lies; it falls no longer than that.
 _LIES_RAD, _LIES_PERIOD_S, _MAX_FALL_S = math.radians(0.1), 0.2, 3.0
@@ -214,11 +214,11 @@ def _explain_contact(context: ArmContext, error: CollisionError, path: Matrix) -
 
 @dataclass(frozen=True)
 class Replay(OwnMotion[ReplayResult]):
-    """The joints move to the first pose of a recording of this arm, then along it.
+    """Moves the joints to the first pose of a recording of this arm, then along it.
 
     Attributes:
         path: The file.
-        speed: The speed class within which it is as fast as it was recorded.
+        speed: The speed class, within which it is as fast as recorded.
     """
 
     path: Annotated[Path | str, _parse_file]
@@ -275,10 +275,10 @@ def replay(
 ) -> ReplayResult | RunningMotion[ReplayResult]:
     """Move to the first pose of a recording of this arm, then along it.
 
-    It is as fast as recorded where that is within the speed class, else slowed down as a whole.
+    It is as fast as recorded if the speed class allows that, or else slowed down as a whole.
 
     Raises:
-        FileFormatError: It is malformed, or another arm's; says in which line.
+        FileFormatError: It is malformed, or of another arm; the message names the line.
         RefusedError: It leaves this arm's limits, or something is in the way; nothing moved.
     """
     motion = Replay(path, speed=speed)
@@ -290,21 +290,21 @@ def replay(
 def load_replay(
     arm: OpenArm, path: Path | str, *, speed: str = "normal"
 ) -> tuple[Recording, RecordedTrajectory]:
-    """Read a recording, and what ``replay`` would play after its first pose; nothing moves.
+    """Read a recording, and the motion that ``replay`` would play; nothing moves.
 
     Raises:
-        FileFormatError, RefusedError, CalibrationError: The errors of ``replay``; the arm is not
-            here.
+        FileFormatError, RefusedError, CalibrationError: The errors of ``replay``; or the arm is on
+            another machine.
     """
     motion, own = Replay(fspath(parse_path(path)), speed=speed), require_own_port(arm)
     return _load(own.context, motion, position_at_rest(own))
 
 
 def _of_this_arm(context: ArmContext, recording: Recording, path: Path) -> Recording:
-    """Return a recording with the joints of an arm; one of another program may have more.
+    """Return a recording with the joints of an arm only; other programs may record more.
 
     Raises:
-        FileFormatError: It is another arm's.
+        FileFormatError: It is of another arm.
     """
     header, place = recording.header, recording.place(None)
     own = recording_header(context.model, header.period_s)

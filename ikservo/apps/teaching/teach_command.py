@@ -133,7 +133,7 @@ def _end_check(machine: OpenArm, duration: float | None) -> Generator[Callable[[
 
     def is_over() -> bool:
         now_s = machine.clock.now_s()
-        if not ends_s:  # the time begins with the guiding: torque comes on before it
+        if not ends_s:  # the time begins with the guiding, after torque-on
             ends_s.append(now_s + duration)
         return now_s >= ends_s[0]
 
@@ -141,7 +141,7 @@ def _end_check(machine: OpenArm, duration: float | None) -> Generator[Callable[[
 
 
 def _announce_teaching(machine: OpenArm, name: str, *, now: bool, hold: bool) -> None:
-    """Print what happens to the arm, before any of it does."""
+    """Announce what will happen to the arm."""
     stiff = any(state.torque for state in machine.where().joints)
     as_it_is = "as it is" if now else "off"
     last = "torque comes on: the arm holds it" if hold else f"torque stays {as_it_is}"

@@ -1,7 +1,7 @@
 """Time the bus: reads and writes per second, host time, jitter.
 
-Goals would switch on the torque of limp Feetech servos. So what is written is the profile velocity
-that each servo has already: it has as many bytes as a goal.
+Writing goals would switch on the torque of Feetech servos. So the present profile velocity of each
+servo is written instead, which has as many bytes as a goal.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from ikservo.model import Model
 from ikservo.registers import Family, RegisterName
 
 CYCLES = 1000
-_WARM_UP = 50  # cycles in which the adaptive timeout settles
+_WARM_UP = 50  # cycles until the adaptive time-out has settled
 
 OnProgress = Callable[[str, int], None]
 
@@ -37,16 +37,16 @@ _TASKS = {"positions + goals": POSITIONS, "full telemetry + goals": TELEMETRY}
 
 @dataclass(frozen=True, slots=True)
 class BusTiming:
-    """How long cycles of one kind took.
+    """Timing of cycles of one kind.
 
     Attributes:
         what: The work of a cycle.
-        cycles_s: Each cycle's duration, ascending, seconds.
-        host_s: The host's own part of it, median, seconds.
+        cycles_s: Durations of the cycles, ascending, seconds.
+        host_s: Median time of the host in a cycle, seconds.
         wire_s: The time of the bytes and return delays of one cycle, seconds.
         sent_bytes: The bytes that one cycle sends.
         received_bytes: The bytes that one cycle receives.
-        lost: Replies that did not come.
+        lost: Number of missing replies.
     """
 
     what: str
@@ -59,12 +59,12 @@ class BusTiming:
 
     @property
     def rate_hz(self) -> float:
-        """Return cycles a second."""
+        """Return cycles per second."""
         return len(self.cycles_s) / sum(self.cycles_s)
 
     @property
     def limit_hz(self) -> float:
-        """The cycles a second that the wire allows."""
+        """Cycles per second that the wire allows."""
         return 1.0 / self.wire_s
 
     def cycle_s(self, quantile: float) -> float:
@@ -78,19 +78,19 @@ def benchmark_bus(
     cycles: int = CYCLES,
     on_cycle: OnProgress | None = None,
 ) -> list[BusTiming]:
-    """Measure an arm's bus; nothing moves, and torque stays as it is.
+    """Measure an arm's bus; nothing moves, and torque stays unchanged.
 
-    On a simulated bus time is virtual; the host's own time is added to it.
+    On a simulated bus, time is virtual, and the host's own time is added to it.
 
     Args:
         model: The arm.
         port: See ``choose_port``.
         cycles: The number of cycles of each kind.
-        on_cycle: Called with what is measured and the number of cycles done.
+        on_cycle: Called with the kind of cycle and the number of finished cycles.
 
     Raises:
-        PortError: No port, or it is lost.
-        ServoSilentError: A servo does not answer; names all that do not.
+        PortError: There is no port, or it is lost.
+        ServoSilentError: Servos do not answer; the message names them.
         BadReplyError: Two servos share an id.
     """
     name = resolve_port(model, port)
@@ -140,7 +140,7 @@ class _Benchmark:
         self._bus.sync_write(RegisterName.PROFILE_VELOCITY, self._speeds, raw=True)
 
     def _time_cycle(self, names: Sequence[RegisterName]) -> tuple[float, float]:
-        """Run a cycle; return its duration, and the host's own part of it."""
+        """Run a cycle; return its duration, and the time of the host in it."""
         inside_s, busy_s = self._meter.inside_s, time.thread_time()
         bus_s = self._bus.clock.now_s()
         self._run_cycle(names)

@@ -28,7 +28,7 @@ class ConfiguredServo:
     Attributes:
         servo: Its id, table and joint.
         found: The settings before.
-        written: Descriptions of what was changed; empty where nothing was.
+        written: Descriptions of the changes; empty if there were none.
     """
 
     servo: ServoSpec
@@ -50,7 +50,7 @@ def planned_settings(model: Model) -> list[ServoSettings]:
 
 
 def remaining_settings(model: Model, start: str | None) -> list[ServoSettings]:
-    """Return the settings of an arm's servos from a joint on; of all of them if it is None.
+    """Return the settings of an arm's servos from a joint on; None: all servos.
 
     Raises:
         UnknownNameError: The arm has no such joint.
@@ -65,10 +65,10 @@ def remaining_settings(model: Model, start: str | None) -> list[ServoSettings]:
 
 
 def open_line(model: Model, port: str | None) -> Port:
-    """Open the port to which an arm's servos are plugged in one by one.
+    """Open the port for servos that are plugged in one by one.
 
     Raises:
-        PortError: No port, or it cannot be opened.
+        PortError: There is no port, or it cannot be opened.
     """
     return open_port(resolve_port(model, port), model.baud_rate)
 
@@ -81,7 +81,7 @@ def configure_servo(
     Args:
         line: The port, see ``open_line``.
         model: The arm.
-        settings: The settings that the servo is to have.
+        settings: The desired settings of the servo.
         wait_s: The time to wait until it is plugged in.
 
     Raises:
@@ -97,9 +97,7 @@ def configure_servo(
     model_name = servo.table.model_name
     place = f"{ids.index(servo.id) + 1} of {len(ids)}"
     yield Notice(f"{place}: plug in only the {model_name} of {servo} …")
-    yield Notice(
-        "Searching for it at every baud rate; Ctrl-C stops, servos already set up stay so."
-    )
+    yield Notice("Searching at every baud rate. Ctrl-C stops; finished servos keep their settings.")
     found = yield from _find_servo(line, settings, wait_s)
     check_model(found, settings)
     yield Notice(f"Found {found}, firmware {found.firmware}.")
@@ -111,7 +109,7 @@ def configure_servo(
 
 
 def _find_servo(line: Port, settings: ServoSettings, wait_s: float) -> Dialogue[FoundServo]:
-    """Wait for the only servo on the line; tell what is searched, and whether several reply."""
+    """Wait for the only servo on the line; report the search, and if several servos reply."""
     search = wait_for_servo(line, settings.servo.table, settings.baud_rate, wait_s)
     while True:
         try:
@@ -123,16 +121,16 @@ def _find_servo(line: Port, settings: ServoSettings, wait_s: float) -> Dialogue[
         elif len(seen) > 1 or any(servo.shares_id for servo in seen):
             listed = "; ".join(map(str, seen))
             name = settings.servo.name
-            yield Notice(f"More than one servo answers: {listed}. Leave only that of {name}.")
+            yield Notice(f"More than one servo answers: {listed}. Plug in only that of {name}.")
 
 
 def wait_for_unplugging(
     line: Port, configured: ConfiguredServo, settings: ServoSettings, wait_s: float
 ) -> None:
-    """Wait until a servo that was set up does not reply any more.
+    """Wait until a finished servo no longer replies.
 
     Raises:
-        ServoSilentError: It was not pulled out in time.
+        ServoSilentError: It was not unplugged in time.
         PortLostError: The port is lost.
     """
     found = configured.found

@@ -32,9 +32,9 @@ from ikservo.hardware.servo import ServoSpec
 from ikservo.model import Model
 
 READS = 1000
-"""How often the positions are read to measure the line quality."""
+"""Number of position reads that measure the line quality."""
 
-_SLOW_S = 0.004  # median; a USB frame is 1 ms, FTDI's timer 16 ms
+_SLOW_S = 0.004  # a slower median is reported; a USB frame is 1 ms, FTDI's timer 16 ms
 _MAX_LOSS_FRACTION = 0.01
 _INSTALL = (
     f"ikservo doctor --rules | sudo tee /etc/udev/rules.d/{RULES_FILE} && "
@@ -47,15 +47,15 @@ Progress = Callable[[str, float, float], None]
 def diagnose(
     port: str | None = None, model: Model | None = None, on_progress: Progress | None = None
 ) -> Iterator[Finding]:
-    """Diagnose adapter, port, bus and servos; ends at a failure that hides the rest.
+    """Diagnose adapter, port, bus and servos; end at a failure that hides the rest.
 
     Args:
         port: See ``choose_port``.
-        model: The expected arm; all servos that reply are checked if None.
-        on_progress: Called with the present step, how much of it is done, and of how much.
+        model: The expected arm; None: check all servos that reply.
+        on_progress: Called with the present step, its finished part and its total.
 
     Raises:
-        InputError: The model names no servos, or a bus is to be simulated without one.
+        InputError: The model has no servos, or a simulated bus needs a model.
     """
     try:
         name = resolve_port(model, port) if model else simulated_port_url(choose_port(port), None)

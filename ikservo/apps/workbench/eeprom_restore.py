@@ -18,7 +18,7 @@ from ikservo.hardware.register_batches import RegisterRef
 from ikservo.hardware.servo import ServoSpec
 from ikservo.registers import Access, ControlTable, Register, RegisterName
 
-_PROTOCOL = "protocol_type"  # with another one the servo would no longer reply on this bus
+_PROTOCOL = "protocol_type"  # with another protocol the servo would not reply on this bus
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,8 +29,8 @@ class Restoration:
         servo: The servo.
         backup: The backup.
         changes: The registers that differ and will be written.
-        kept: The registers that differ and are not written: id, baud rate, protocol, read-only
-            ones, and values that a servo of another model does not accept.
+        kept: The registers that differ but are not written: id, baud rate, protocol, read-only
+            registers, and values that another model does not accept.
     """
 
     servo: ServoSpec
@@ -47,12 +47,12 @@ def plan_restoration(
     Args:
         bus: The bus, with the arm's servos.
         backup: The backup to restore.
-        target: The joint or the id of the servo to write, which may then have another id than
-            the backup; the servo with the backup's id if None.
+        target: The joint or the id of the servo to write, which may differ from the backup's id;
+            None: the servo with the backup's id.
         other_model: Whether the backup may be of another model.
 
     Raises:
-        InputError: The backup is of another servo or model, and that was not allowed.
+        InputError: The backup is of another servo or model, which was not allowed.
         CalibrationError: The connected servo is of another model than the arm file says.
         RegisterAccessError: Torque is on, or the servo does not accept a value.
         BusError: The servo does not answer.
@@ -101,7 +101,7 @@ def _find_servo(bus: ServoBus, backup: Backup, target: str | None) -> ServoSpec:
         raise InputError(
             f"{backup.path} is a backup of the servo with id {backup.servo_id}, "
             "which the arm does not have.",
-            "Name the servo that it is meant for: --servo JOINT.",
+            "Give the servo for this backup: --servo JOINT.",
         )
     return bus.servos[backup.servo_id]
 

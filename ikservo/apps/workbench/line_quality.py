@@ -49,7 +49,7 @@ def measure_line_quality(
     """Read positions of servos round robin.
 
     Args:
-        bus: The bus; must not retry, or retries hide losses.
+        bus: The bus, without retries, which would hide losses.
         servo_ids: The servos to read.
         reads: Number of reads.
         on_read: Called with the number of reads so far.
@@ -93,7 +93,7 @@ class MeteredTransport:
 
     @property
     def baudrate(self) -> int:
-        """Return bits a second."""
+        """Return bits per second."""
         return self._transport.baudrate
 
     @baudrate.setter
@@ -102,7 +102,7 @@ class MeteredTransport:
 
     @property
     def timeout(self) -> float | None:
-        """The seconds that ``read`` waits."""
+        """Time-out of ``read``, seconds."""
         return self._transport.timeout
 
     @timeout.setter
@@ -112,7 +112,7 @@ class MeteredTransport:
 
     @property
     def in_waiting(self) -> int:
-        """How many bytes wait."""
+        """Number of bytes that can be read."""
         with self._timed_transfer():
             return self._transport.in_waiting
 
@@ -140,7 +140,7 @@ class MeteredTransport:
             self._transport.reset_input_buffer()
 
     def flush(self) -> None:
-        """Return once everything is on the line."""
+        """Wait until everything is sent."""
         with self._timed_transfer():
             self._transport.flush()
 

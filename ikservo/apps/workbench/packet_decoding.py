@@ -1,4 +1,4 @@
-"""Decode recorded bytes of a line: instructions and replies in words, with times and errors."""
+"""Decode recorded bytes of a line: instructions and replies as text, with times and errors."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ class DecodedPacket:
     """A packet, or bytes that are not a packet.
 
     Attributes:
-        time_s: When its first byte was recorded, seconds.
+        time_s: Time of its first byte, seconds.
         sent: Whether it is an instruction; a reply otherwise.
-        servo_id: The servo; 254 for all; None if the bytes are not a packet.
+        servo_id: The id of the servo; 254: all servos; None if the bytes are not a packet.
         meaning: The packet in words.
-        error: The error of the packet; empty for a good one.
-        data: Its bytes.
+        error: The error of the packet; empty if there is none.
+        data: The bytes of the packet.
     """
 
     time_s: float
@@ -46,7 +46,7 @@ _HEADER_1, _HEADER_2 = b"\xff\xff", b"\xff\xff\xfd\x00"
 
 @dataclass(frozen=True, slots=True)
 class _Frame:
-    """The parts of a packet that both protocols have.
+    """The common parts of packets of both protocols.
 
     Attributes:
         servo_id: Its id.
@@ -68,8 +68,8 @@ def decode_packets(
 
     Args:
         logged: The bytes that ports sent and received.
-        tables: The control table of each servo by id, for the names of registers; those of other
-            ids are addresses.
+        tables: The control table of each servo by id, for the names of registers; other ids show
+            addresses.
     """
     decoder = _Decoder(tables)
     for chunk in logged:
@@ -78,7 +78,7 @@ def decode_packets(
 
 
 class _Decoder:
-    """Knows the latest instruction, which tells what replies are about."""
+    """Decodes replies with the help of the latest instruction."""
 
     def __init__(self, tables: Mapping[int, type[ControlTable]]) -> None:
         self._tables = tables
@@ -107,12 +107,12 @@ class _Decoder:
         yield from self._parse_received(final=False)
 
     def flush(self) -> Iterator[DecodedPacket]:
-        """Decode what was received before the next instruction."""
+        """Decode the bytes that were received before the next instruction."""
         yield from self._parse_received(final=True)
 
     def _parse_received(self, *, final: bool) -> Iterator[DecodedPacket]:
         received, at = self._received, 0
-        if self._sent and received.startswith(self._sent):  # an adapter that echoes
+        if self._sent and received.startswith(self._sent):  # the adapter echoes sent bytes
             at, self._sent = len(self._sent), b""
         while at < len(received):
             frame, end = _parse_frame(received, at, status=True)
@@ -147,7 +147,7 @@ class _Decoder:
         return "; ".join(texts)
 
     def _note_spans(self, frame: _Frame) -> None:
-        """Keep which memory each servo is asked for."""
+        """Store the memory that is requested from each servo."""
         width, data = 2 if frame.wide else 1, frame.data
         self._spans, self._fast_ids = {}, ()
         if frame.code in (_READ, _SYNC_READ, _FAST_SYNC_READ) and len(data) >= 2 * width:
@@ -205,11 +205,11 @@ class _Decoder:
 
 
 def _parse_frame(data: bytes | bytearray, at: int, *, status: bool) -> tuple[_Frame | None, int]:
-    """Parse the packet that begins at an index; return it and where it ends."""
+    """Parse the packet that begins at an index; return it and its end."""
     start = data[at : at + 7]
     if start.startswith(_HEADER_2):
         length = int.from_bytes(start[5:], "little")
-        # Without a limit each false header would cost a checksum over up to 64 KiB
+        # Without a limit, each false header would cost a checksum over up to 64 KiB.
         if len(start) < 7 or not 3 <= length <= MAX_PACKET_BYTES:
             return None, at
         end = at + 7 + length
@@ -231,7 +231,7 @@ def _parse_frame(data: bytes | bytearray, at: int, *, status: bool) -> tuple[_Fr
 
 
 def _next_header(data: bytearray, at: int) -> int:
-    """Find where the next packet may begin, after the byte at an index."""
+    """Find the next possible start of a packet after an index."""
     found = data.find(_HEADER_1, at + 1)
     return len(data) if found < 0 else found
 

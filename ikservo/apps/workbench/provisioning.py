@@ -41,7 +41,7 @@ class ServoSettings:
 
     @property
     def baud_code(self) -> int:
-        """The code of this rate in the baud rate register.
+        """Code of the rate in the baud rate register.
 
         Raises:
             BadValueError: The model does not support this rate.
@@ -55,9 +55,9 @@ class ServoSettings:
 
 
 def provision(port: Port, found: FoundServo, settings: ServoSettings) -> tuple[str, ...]:
-    """Configure the only servo on a line; return descriptions of what was written.
+    """Configure the only servo on a line; return descriptions of the writes.
 
-    Values that are already right are not written. The EEPROM is locked again, also after a failure.
+    Values that are already right are not written. The EEPROM is always locked at the end.
 
     Args:
         port: The port; afterwards at the servo's new rate.
@@ -106,7 +106,7 @@ def check_address_is_free(port: Port, servo: ServoSpec, new_id: int, new_rate: i
     """Check that no other servo replies at an id, at the port's rate or at a new one.
 
     Raises:
-        InputError: One does; nothing was written.
+        InputError: Another servo does; nothing was written.
     """
     present_rate, framing = port.baudrate, framing_of(servo.table.family)
     for rate in dict.fromkeys((present_rate, new_rate)):
@@ -142,7 +142,7 @@ def _expected_registers(settings: ServoSettings) -> dict[RegisterRef, int]:
     """Compute the expected registers except id and baud rate.
 
     Raises:
-        BadValueError: The model has no register of some name.
+        BadValueError: The model lacks a register.
     """
     table = settings.servo.table
     missing = [name for name in settings.eeprom if name not in table.registers]
@@ -170,7 +170,7 @@ class _ServoBeingProvisioned:
         return self
 
     def __exit__(self, kind: object, error: object, at: object) -> None:
-        """Lock the memory in any case; an earlier failure has precedence over one here."""
+        """Lock the memory in any case; an earlier failure takes precedence."""
         lock = self._table.eeprom_lock
         if lock is None:
             return
@@ -183,7 +183,7 @@ class _ServoBeingProvisioned:
         return ServoBus(self._port, [ServoSpec(self._id, self._table, self._settings.servo.name)])
 
     def set_id_and_rate(self, servo_id: int, baud_code: int) -> None:
-        """Set its id, then its rate; it replies at the old or the new one."""
+        """Set the id, then the rate; the servo may reply at the old or the new ones."""
         if self._id != servo_id:
             self._unlock_eeprom()
             self._write_unconfirmed(self._table.id, servo_id)
@@ -197,7 +197,7 @@ class _ServoBeingProvisioned:
         self._verify_register(self._table.baud_rate, baud_code)
 
     def write_registers(self, expected: Mapping[RegisterRef, int]) -> None:
-        """Write what differs of everything else, and verify it."""
+        """Write all other registers that differ, and verify them."""
         for change in update_eeprom(self._bus, self._id, expected):
             self.written.append(str(change))
 
@@ -226,9 +226,9 @@ class _ServoBeingProvisioned:
             )
 
 
-_FACTORY_RATES = (1_000_000, 57_600)  # Feetech's and ROBOTIS'
-_LOW_IDS = range(21)  # the ids of new servos and of most arms: quick to try everywhere
-_PERIOD_STEPS = 4  # scans, of which one tries every rate at low ids and one every rate at every id
+_FACTORY_RATES = (1_000_000, 57_600)  # of Feetech and of ROBOTIS
+_LOW_IDS = range(21)  # ids of new servos and most arms, quick to try at all rates
+_PERIOD_STEPS = 4  # of 4 scans, one tries low ids at all rates and one all ids at all rates
 _PAUSE_S = 0.1
 Place = tuple[int, Framing]
 """A baud rate and the framing of packets at it."""
@@ -240,11 +240,11 @@ def wait_for_servo(
     rate: int,
     wait_s: float,
 ) -> Generator[int | Sequence[FoundServo], None, FoundServo]:
-    """Find the one servo that replies, once the same has replied twice in a row.
+    """Find the only servo that replies, once it has replied twice in a row.
 
-    It may have any known baud rate and be of any family. While several reply, which two servos
-    at one id do as well, the wait continues. Each baud rate is yielded before it is tried, and
-    the servos that reply each time they change.
+    It may have any known baud rate and be of any family. The wait continues while several servos
+    reply, even at one id. Yields each baud rate before it is tried, and the replying servos when
+    they change.
 
     Args:
         port: The port.
@@ -253,7 +253,7 @@ def wait_for_servo(
         wait_s: The time to wait.
 
     Raises:
-        ServoSilentError: No servo came, or several stayed.
+        ServoSilentError: No servo replies, or several do.
         PortLostError: The port is lost.
     """
     before: list[FoundServo] = []
@@ -272,33 +272,33 @@ def wait_for_servo(
         if port.clock.now_s() > give_up_s:
             raise _timeout_error(port, last, wait_s)
         _pause_scan(port)
-    raise AssertionError  # count() has no end
+    raise AssertionError  # count() never ends
 
 
 def wait_until_unplugged(port: Port, found: FoundServo, wait_s: float) -> None:
-    """Wait until a servo does not reply any more; others may.
+    """Wait until a servo no longer replies; others may reply.
 
     Raises:
-        ServoSilentError: It was not pulled out in time.
+        ServoSilentError: It was not unplugged in time.
         PortLostError: The port is lost.
     """
     give_up_s = port.clock.now_s() + wait_s
-    assert found.table is not None  # noqa: S101  # a servo of no known model is never set up
+    assert found.table is not None  # noqa: S101  # a servo of an unknown model is never set up
     framing = framing_of(found.table.family)
     port.setBaudRate(found.baud_rate)
     while identify(port, framing, found.id):
         if port.clock.now_s() > give_up_s:
             still = f"still has a servo with id {found.id} after {wait_s:.0f} s"
-            raise ServoSilentError(still, "Unplug the servo that is done.", port=port.name)
+            raise ServoSilentError(still, "Unplug the finished servo.", port=port.name)
         _pause_scan(port)
 
 
 def _search_places(
     table: type[ControlTable], rate: int, before: Sequence[FoundServo], attempt: int
 ) -> list[Place]:
-    """Find the rates and framings to scan next: first where a servo replied the last time.
+    """Return the rates and framings to scan next, first those at which a servo replied last.
 
-    That one is confirmed at once, without the long search through all rates.
+    That servo is confirmed at once, without the long search through all rates.
     """
     own = framing_of(table.family)
     places = [

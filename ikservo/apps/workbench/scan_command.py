@@ -89,7 +89,7 @@ def _silence_message(rates: Sequence[int]) -> str:
 def _port_url(port: str | None, arm: str | None) -> str:
     if not arm:
         return simulated_port_url(choose_port(port), None)
-    from ikservo.arm.opening import resolve_port  # noqa: PLC0415  # needed for the simulator only
+    from ikservo.arm.opening import resolve_port  # noqa: PLC0415  # needed only for the simulator
     from ikservo.model import load_model  # noqa: PLC0415  # likewise
 
     return resolve_port(load_model(arm), port)

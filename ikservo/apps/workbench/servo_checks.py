@@ -30,7 +30,7 @@ _CALIBRATED_REGISTERS = {
     "homing_offset",
     "min_position_limit",
     "max_position_limit",
-}  # may be this arm's
+}  # a calibration of this arm may have set them
 
 
 def check_eeprom(bus: ServoBus, model: Model) -> Iterator[Finding]:
@@ -70,11 +70,11 @@ def _differing_registers(bus: ServoBus, own: ModelServo, calibrated: bool) -> It
 
 
 def _has_calibrated_registers(bus: ServoBus, model: Model) -> bool:
-    """Check whether a calibration of this arm has set some of the registers."""
+    """Check whether a calibration of this arm has set any of the registers."""
     try:
         return load_calibration(model.name, serial_number_of(bus.port.name)) is not None
     except FileFormatError:
-        return True  # a malformed calibration is still one
+        return True  # a malformed calibration counts, too
 
 
 def _expected_registers(
@@ -107,13 +107,12 @@ def expected_eeprom(servo: ServoSpec, values: Mapping[str, int]) -> dict[Registe
 def write_eeprom(bus: ServoBus, model: Model) -> dict[ServoSpec, list[RegisterDifference]]:
     """Write the arm file's EEPROM values and no return delay; return the changes.
 
-    Registers that a calibration of this arm has set are not written. Numbers that were only tried
-    when a program was killed become the former ones.
+    Registers that a calibration of this arm has set are not written. Trial values that a killed
+    program has left are replaced by the former ones.
 
     Raises:
-        FileFormatError: The file of former numbers of a servo is damaged; nothing is written.
-        RegisterAccessError: Torque is on, or a value is out of range; servos before it are
-            written.
+        FileFormatError: The file of former values of a servo is damaged; nothing is written.
+        RegisterAccessError: Torque is on, or a value is out of range; earlier servos are written.
         ServoRejectedError: A value was not kept.
         BusError: A servo does not answer.
     """
@@ -133,17 +132,17 @@ def write_eeprom(bus: ServoBus, model: Model) -> dict[ServoSpec, list[RegisterDi
 
 
 def zero_return_delay(servo: ServoSpec) -> dict[RegisterRef, int]:
-    """Return a zero return delay, where the servo has that register."""
+    """Return a zero return delay, if the servo has that register."""
     has_delay = RegisterName.RETURN_DELAY not in servo.table.missing
     return {servo.table.return_delay: 0} if has_delay else {}
 
 
 _USUAL_HEALTH = HealthLimits()
-_LONG_DELAY_S = 1e-4  # of all servos together
+_LONG_DELAY_S = 1e-4  # sum over all servos
 
 
 def check_servos(bus: ServoBus, model: Model | None) -> Iterator[Finding]:
-    """Check servos that reply; changes nothing.
+    """Check servos that reply; change nothing.
 
     Args:
         bus: The bus, with those servos.
@@ -263,7 +262,7 @@ def _settings_apart(bus: ServoBus, groups: Sequence[Sequence[ServoSpec]]) -> str
 
 
 def _check_alarms(bus: ServoBus, wrong_supply: Collection[int]) -> Iterator[Finding]:
-    """Check alarms; that of the voltage is told already of servos whose supply is wrong."""
+    """Check alarms, except voltage alarms of servos whose supply was already reported."""
     known = frozenset({Alarm.VOLTAGE})
     alarms_by_id = {
         i: frozenset(bus.read_alarms(i)) - (known if i in wrong_supply else frozenset())
@@ -317,15 +316,14 @@ def _check_trials(bus: ServoBus) -> Iterator[Finding]:
             texts = (f"{each.register} {each.found}, not {each.expected}" for each in left)
             yield warning(
                 "trial",
-                f"{servo} has numbers that were only tried when a program was killed: "
-                f"{', '.join(texts)}",
-                "Switch its power off and on, or write the former ones: "
+                f"{servo} has trial values that a killed program has left: {', '.join(texts)}",
+                "Switch its power off and on, or write the former values: "
                 "ikservo doctor --write-eeprom",
             )
 
 
 def _format_servos(bus: ServoBus, servo_ids: Collection[int]) -> str:
-    """Name servos with one cause in common; all of several are only counted."""
+    """List servos with a common cause; if all are affected, give their number."""
     if len(servo_ids) == len(bus.servos) > 1:
         return f"all {len(servo_ids)} servos"
     return ", ".join(str(bus.servos[i]) for i in servo_ids)
@@ -337,7 +335,7 @@ def _format_names(names: Iterable[str]) -> str:
 
 
 def _format_range(values: Iterable[float], form: str) -> str:
-    """Format as ``11.9 to 12.1``, or one number where all are equal."""
+    """Format as ``11.9 to 12.1``, or as one number if all are equal."""
     ordered = sorted(values)
     ends = dict.fromkeys((f"{ordered[0]:{form}}", f"{ordered[-1]:{form}}"))
     return " to ".join(ends)

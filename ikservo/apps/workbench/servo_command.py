@@ -147,7 +147,7 @@ class ServoLineOptions:
         """
         if self.arm:
             if self.servo_model or self.baud:
-                raise InputError("--model and --baud belong to servos of no arm.", "Omit --arm.")
+                raise InputError("--model and --baud are for servos without an arm.", "Omit --arm.")
             return open_servos(model_from_option(self.arm), self.port)
         if servo_id is not None and not servo_id.isdecimal():
             raise InputError(
@@ -440,7 +440,7 @@ def _write(
     if changes and not dry_run:
         print_status(f"{servo}: {', '.join(texts)}")
         moving = any(each.register.name.startswith("goal_") for each in changes)
-        warning = " The joint moves at once; nothing checks what it meets." if moving else ""
+        warning = " The joint moves at once, without any collision check." if moving else ""
         if holds_torque(line, servo):
             warning += " Its torque is on: support the arm."
         question = Question(f"Write {servo}?{warning}", Unasked.ERROR)
@@ -485,7 +485,7 @@ def _restart(
 def _print_packets(
     path: Path, arm: str | None, servo: str | None, model: str | None, *, faulty: bool, json: bool
 ) -> None:
-    """Print packets as they are read; those to all servos are shown with each servo's."""
+    """Print packets as they are read; packets to all servos are shown for each servo."""
     specs = servo_specs(model_from_option(arm)) if arm else []
     only = {spec.id for spec in specs if servo in (spec.name, str(spec.id))}
     if servo is not None and not only:

@@ -25,7 +25,7 @@ from ikservo.registers import RegisterName
 _COLUMNS = ("servo", "register", "now", "lowest", "highest", "")
 _BLOCKS = " ▁▂▃▄▅▆▇█"
 _SHORTEST_CURVE, _OTHER_COLUMNS_CHARS = 10, 60
-_TALL_ROWS, _TALL_UP_TO = 3, 6  # curves of three lines, for few of them
+_TALL_ROWS, _TALL_UP_TO = 3, 6  # up to six curves have three lines each
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,12 +86,12 @@ def show_plot(
 
     Args:
         line: The servos of the line.
-        servos: Those that are plotted.
+        servos: The servos to plot.
         names: The registers, by the vendor's or the common names, and the joints; the registers of
             motion if there are none.
         joints: See `read_joint_maps`.
-        period_s: Between two readings.
-        duration_s: Ends after this time; None for none.
+        period_s: Time between two readings.
+        duration_s: Time after which to end; None: no end.
         json: Whether to print lines of JSON.
 
     Raises:
@@ -115,7 +115,7 @@ def show_plot(
     }
     ends_s = math.inf if duration_s is None else duration_s
     samples = sample_registers(line.bus, watched, period_s, ends_s)
-    with contextlib.suppress(KeyboardInterrupt):  # the user ends it this way
+    with contextlib.suppress(KeyboardInterrupt):  # the user ends the plot with Ctrl-C
         if json:
             for sample in samples:
                 values: dict[int, dict[str, float | None]] = {i: {} for i in sample.values}
@@ -133,7 +133,7 @@ def show_plot(
 
 
 def _print_csv(samples: Iterator[Sample], curves: Sequence[_Curve]) -> None:
-    """Print a line for each sample; a servo that did not reply has empty cells."""
+    """Print a line per sample; a servo that did not reply has empty cells."""
     heads: list[str] = []
     for each in curves:
         name, unit = each.name_and_unit()
@@ -171,11 +171,11 @@ def _draw(samples: Iterator[Sample], curves: Sequence[_Curve], period_s: float) 
 
 
 def block_curve(values: Sequence[float | None], rows: int) -> list[str]:
-    """Return a curve as lines of blocks, the highest first, between its lowest and highest value.
+    """Return a curve as lines of blocks, the top line first, scaled to its range of values.
 
     Args:
-        values: One for each column; None is a gap.
-        rows: Lines; each has eight steps.
+        values: A value per column; None is a gap.
+        rows: Number of lines; each has eight steps.
     """
     known = [value for value in values if value is not None]
     low = min(known, default=0.0)

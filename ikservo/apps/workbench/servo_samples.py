@@ -1,4 +1,4 @@
-"""Registers of servos read again and again: what a plot of them shows."""
+"""Samples of servo registers for plots."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ _LIVE = (
     RegisterName.PRESENT_VOLTAGE,
     RegisterName.PRESENT_TEMPERATURE,
 )
-_SHORTEST_S, _ROUNDING = 1e-4, 1e-6  # no line is faster; of a period
-_CURRENT = "present_current"  # beside the load where a model measures both
+_SHORTEST_S, _ROUNDING = 1e-4, 1e-6  # shortest period; rounding, relative to a period
+_CURRENT = "present_current"  # shown with the load if a model measures both
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,9 +27,9 @@ class Sample:
     """Registers of servos at one time.
 
     Attributes:
-        time_s: Since the first sample.
-        values: The values by id and register, in the register's unit; a servo that did not reply is
-            missing.
+        time_s: Time since the first sample.
+        values: The values by id and register, in the register's unit, without servos that did not
+            reply.
     """
 
     time_s: float
@@ -37,7 +37,7 @@ class Sample:
 
 
 def live_registers(table: type[ControlTable]) -> list[Register]:
-    """Return what a model tells of its motion: goal, position, velocity, load, voltage, heat."""
+    """Return the registers of a model for motion, load, voltage and temperature."""
     found = {table.find(name): None for name in _LIVE}
     if _CURRENT in table.registers:
         found[table.registers[_CURRENT]] = None
@@ -55,11 +55,11 @@ def sample_registers(
     Args:
         bus: The servos.
         watched: The registers of each servo, by id.
-        period_s: Between two samples; what takes longer is read as fast as the line allows.
-        duration_s: Ends before the first sample that is due later; without end if infinite.
+        period_s: Time between two samples; if too short, as fast as the line allows.
+        duration_s: Time after which no sample is taken; may be infinite.
 
     Raises:
-        BusError: A servo did not reply at first; later it is missing from a sample.
+        BusError: A servo did not reply to the first read; later it is left out of a sample.
         PortLostError: The port is lost.
     """
     bus.bulk_read(watched).require_all()

@@ -1,4 +1,4 @@
-"""Measure by how much and how late a servo follows a sine, or a sine of rising frequency."""
+"""Measure amplitude ratio and phase lag of a servo on a sine, or a sine of rising frequency."""
 
 from __future__ import annotations
 
@@ -21,15 +21,15 @@ from ikservo.motion import TrajectoryPoint
 
 _LEAST_AMPLITUDE_RAD = np.radians(0.5) - 1e-9
 _FREQUENCIES_HZ = (0.1, 20.0)
-_CYCLES = 8.0  # of a sine of one frequency
-_WINDOW_CYCLES = 3.0  # of a sweep in each half of an octave, from its lower frequency
-_FADE_CYCLES = 1.5  # in which the amplitude rises, and falls at the end
-_STEP_S = 0.0005  # between two points of a motion
+_CYCLES = 8.0  # number of cycles at a single frequency
+_WINDOW_CYCLES = 3.0  # cycles of a sweep per half octave
+_FADE_CYCLES = 1.5  # cycles for the rise and the fall of the amplitude
+_STEP_S = 0.0005  # time between two points of a motion
 
 
 @dataclass(frozen=True, slots=True)
 class FrequencyPoint:
-    """How a servo follows at one frequency.
+    """Response of a servo at one frequency.
 
     Attributes:
         frequency_hz: The frequency.
@@ -43,17 +43,17 @@ class FrequencyPoint:
 
 
 class SineMotion:
-    """One joint on a sine around its start, of a frequency that rises exponentially.
+    """Sine of a joint around its start, with an exponentially rising frequency.
 
     Args:
         start: The joints (n,).
         column: The column of the joint that moves.
-        amplitude_rad: To both sides.
+        amplitude_rad: The amplitude.
         from_hz: The lowest frequency.
-        to_hz: The highest; the same for one frequency.
+        to_hz: The highest frequency; equal to the lowest for a single one.
 
     Attributes:
-        windows: When it swings fully, one interval [s] for each half of an octave.
+        windows: Intervals [s] of full amplitude, one per half octave.
         top_rad_s: Its highest speed.
         top_rad_s2: Its highest acceleration.
     """
@@ -72,7 +72,7 @@ class SineMotion:
         self.windows = list(pairwise(edges.tolist()))
         self._times = np.arange(0.0, self.duration_s, _STEP_S)
         x = np.clip(np.minimum(self._times / rise_s, (sweep_s - self._times) / fall_s), 0.0, 1.0)
-        envelope = amplitude_rad * x**3 * (10 - 15 * x + 6 * x * x)  # at rest at both ends
+        envelope = amplitude_rad * x**3 * (10 - 15 * x + 6 * x * x)  # with zero slope at both ends
         angle = envelope * np.sin(self.phase_rad(self._times))
         speed = np.gradient(angle, _STEP_S)
         self._moved = angle, speed, np.gradient(speed, _STEP_S)
@@ -96,12 +96,12 @@ class SineMotion:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SineResponse:
-    """A joint on a sine, without corrections by ikservo.
+    """Response of a joint to a sine, without corrections by ikservo.
 
     Attributes:
         time_s: The times of the motion (m,).
         goal_rad: The goals of the servo (m,).
-        position_rad: Measured (m,).
+        position_rad: Measured positions (m,).
         sine: The motion.
     """
 
@@ -115,7 +115,7 @@ class SineResponse:
 
     @property
     def points(self) -> list[FrequencyPoint]:
-        """What the joint does at each frequency: one for each half of an octave of a sweep."""
+        """Responses of the joint, one per half octave of a sweep."""
         points: list[FrequencyPoint] = []
         for start_s, end_s in self.sine.windows:
             rows = (self.time_s >= start_s) & (self.time_s <= end_s)
@@ -126,36 +126,36 @@ class SineResponse:
             found, *_ = np.linalg.lstsq(basis, both, rcond=None)
             goal, position = found[1] + 1j * found[0]
             ratio = position / goal
-            lag_rad = (-np.angle(ratio) + 0.5) % math.tau - 0.5  # a lead is a small negative lag
+            lag_rad = (-np.angle(ratio) + 0.5) % math.tau - 0.5  # a small lead is a negative lag
             middle_hz = self.sine.frequency_hz((start_s + end_s) / 2)
             points.append(FrequencyPoint(middle_hz, float(abs(ratio)), float(lag_rad)))
         return points
 
     @property
     def swing_rad(self) -> float:
-        """How far it still moves back and forth at rest afterwards."""
+        """Peak-to-peak motion at rest after the sine."""
         return swing_at_rest(self.time_s, self.position_rad, self.sine.duration_s)
 
 
 def measure_sine(
     arm: Arm, joint: str, amplitude_rad: float, from_hz: float, to_hz: float
 ) -> SineResponse:
-    """Move a joint on a sine around where it is, and return how its servo followed.
+    """Move a joint on a sine around its position, and return the response of its servo.
 
-    ikservo's own corrections are off: what is measured is the servo with its gains.
+    ikservo's own corrections are off, so that only the servo with its gains is measured.
 
     Args:
         arm: The arm; its other joints hold.
-        joint: A joint that turns.
-        amplitude_rad: To both sides.
-        from_hz: The frequency, or the lowest of a sweep.
-        to_hz: The highest; the same for one frequency.
+        joint: A revolute joint.
+        amplitude_rad: The amplitude.
+        from_hz: The frequency, or the lowest one of a sweep.
+        to_hz: The highest frequency; equal to the lowest for a single one.
 
     Raises:
         BadValueError: The amplitude is smaller than 0.5°, or a frequency is out of range.
         RefusedError: There is no room, the joint would be too fast, or something is in the way;
             nothing moved.
-        IkservoError: Those of every motion; see ``Arm``.
+        IkservoError: An error of every motion; see ``Arm``.
     """
     lowest_hz, highest_hz = _FREQUENCIES_HZ
     if not lowest_hz <= from_hz <= to_hz <= highest_hz:

@@ -1,4 +1,4 @@
-"""``ikservo servo tune``: a joint's quick motion with its gains, with others, with the best."""
+"""``ikservo servo tune``: quick motions of a joint with its own, given and best gains."""
 
 from __future__ import annotations
 
@@ -106,7 +106,7 @@ def tune_joint(
     yes: bool,
     json: bool,
 ) -> None:
-    """Measure a joint with its present gains, with those given, and, if asked, with the best found.
+    """Measure a joint with its present and the given gains, and on request search for better ones.
 
     The present gains are in force again at the end.
 
@@ -114,10 +114,10 @@ def tune_joint(
         connection: The arm.
         joint: The joint, or the id of its servo.
         settings: Gains to try, as ``p_gain=16``.
-        far_rad: The step, or the amplitude of a sine; usual ones if None.
-        sine_hz: The lowest and the highest frequency of a sine; a step if None.
-        suggest: Whether to search better gains.
-        yes: Whether to ask nothing.
+        far_rad: The step, or the amplitude of a sine; None: the default.
+        sine_hz: The lowest and the highest frequency of a sine; None: a step.
+        suggest: Whether to search for better gains.
+        yes: Whether to skip all questions.
         json: Whether to print JSON.
 
     Raises:
@@ -140,7 +140,7 @@ def tune_joint(
         print_status(
             f"{servo} of {arm.model.title} on {format_port(arm.port_name)}: "
             f"{math.degrees(far_rad):.3g}° {what} at the speed fast, "
-            f"{'some ten times' if suggest else 'once' if not given else 'twice'}."
+            f"{'about ten times' if suggest else 'once' if not given else 'twice'}."
         )
         confirm_motion(machine, yes=yes)
         if sine_hz:
@@ -187,7 +187,7 @@ def _parse_gains(servo: ServoSpec, settings: Sequence[str]) -> dict[Register, in
 
 def _print_advice(connection: ArmConnection, servo: ServoSpec, present: Trial, best: Trial) -> None:
     if present.response.swings and best is present:
-        print_status(f"{servo} does not come to rest with any gains that were tried.")
+        print_status(f"{servo} does not come to rest with any of the tried gains.")
     if best is present:
         print_status("The present gains are the best of these; they are in force.")
         return

@@ -1,4 +1,4 @@
-"""Measure how one servo follows a quick motion, and find gains with which it follows better."""
+"""Measure the response of a servo to a quick motion, and search for better gains."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ from ikservo.motion import JointMove, KinematicLimits, Trajectory, TrajectoryPoi
 from ikservo.planning.context import ArmContext
 from ikservo.registers import Register
 
-REST_S = 1.0  # after a motion
-_JUDGED_S = 0.5  # the last part of a rest, in which a joint should be still
+REST_S = 1.0  # rest after a motion
+_JUDGED_S = 0.5  # last part of a rest, in which a joint should be still
 _LEAST_STEP_RAD = np.radians(1.0) - 1e-9
 _SETTLED_RAD = np.radians(0.2)
 _SWINGING_RAD = np.radians(0.25)
@@ -31,18 +31,18 @@ _GAIN_NAMES = (("p_gain", "position_p_gain"), ("d_gain", "position_d_gain"))
 _P_FACTORS, _D_FACTORS, _FINE_FACTORS = (0.7, 1.4, 2.0, 2.8, 4.0), (0.5, 2.0, 4.0), (0.7, 1.4)
 _Motion = TypeVar("_Motion", bound=Trajectory)
 _Tried = TypeVar("_Tried")
-_FRACTIONS = (32, 16, 8)  # of the highest gain, tried where the present one is 0
+_FRACTIONS = (32, 16, 8)  # divisors of the highest gain, tried if the present gain is 0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StepResponse:
-    """A joint on a quick motion there and back, without corrections by ikservo.
+    """Response of a joint to a quick motion forth and back, without corrections by ikservo.
 
     Attributes:
-        time_s: Since the start (m,).
+        time_s: Times (m,) since the start.
         goal_rad: The goals of the servo (m,).
-        position_rad: Measured (m,).
-        ends_s: When the two motions ended.
+        position_rad: Measured positions (m,).
+        ends_s: End times of the two motions.
     """
 
     time_s: Vector
@@ -55,12 +55,12 @@ class StepResponse:
 
     @property
     def overshoot_rad(self) -> float:
-        """How far it went past where it came to rest, in the direction of the motion, at most."""
+        """Largest overshoot beyond the rest position, in the direction of the motion."""
         return 0.0 + max(float(beyond.max(initial=0.0)) for beyond in self._beyond_rest())
 
     @property
     def settling_s(self) -> float:
-        """How long after the goals it was within 0.2° of where it came to rest, at most."""
+        """Longest time after the goals until it stays within 0.2° of its rest position."""
         longest_s = 0.0
         for beyond, time_s, end_s in zip(
             self._beyond_rest(), self._rest_times(), self.ends_s, strict=True
@@ -71,20 +71,20 @@ class StepResponse:
 
     @property
     def steady_error_rad(self) -> float:
-        """How far it rests from its goal, at most."""
+        """Largest distance of the rest position from its goal."""
         rows = (self._judged(end_s) for end_s in self.ends_s)
         return max(abs(float(np.mean(self.goal_rad[r] - self.position_rad[r]))) for r in rows)
 
     @property
     def swing_rad(self) -> float:
-        """How far it still moves back and forth in the last half second of a rest, at most."""
+        """Largest peak-to-peak motion in the last half second of a rest."""
         return max(
             swing_at_rest(self.time_s, self.position_rad, end_s + REST_S) for end_s in self.ends_s
         )
 
     @property
     def lag_s(self) -> float:
-        """How far it is behind its goals while they move, as a time."""
+        """Lag behind the goals while they move, as a time."""
         speed = np.gradient(self.goal_rad, self.time_s)
         fast = np.abs(speed) > 0.7 * np.abs(speed).max(initial=1e-9)
         behind = (self.goal_rad - self.position_rad)[fast]
@@ -92,17 +92,17 @@ class StepResponse:
 
     @property
     def swings(self) -> bool:
-        """Whether it does not come to rest."""
+        """Whether the joint does not come to rest."""
         return self.swing_rad > _SWINGING_RAD
 
     @property
     def overshoots(self) -> bool:
-        """Whether it goes past where it comes to rest by more than it may be off there."""
+        """Whether it overshoots its rest position by more than the tolerance."""
         return self.overshoot_rad > _SETTLED_RAD
 
     @property
     def cost(self) -> float:
-        """One number to compare gains by: 1 for each degree and each 0.2 s, much for swinging."""
+        """Cost for comparing gains: 1 per degree and per 0.2 s, and a high cost for swinging."""
         far = np.degrees(self.overshoot_rad + self.steady_error_rad)
         return float(far + self.settling_s / 0.2 + (10.0 if self.swings else 0.0))
 
@@ -118,7 +118,7 @@ class StepResponse:
         return slice(int(first), max(int(last), int(first) + 1))
 
     def _beyond_rest(self) -> list[Vector]:
-        """Return how far the joint is past where it comes to rest, after each motion."""
+        """Return the distances of the joint beyond its rest position, after each motion."""
         there_rad = self.goal_rad[self._rest(self.ends_s[0])][0] - self.goal_rad[0]
         sign = 1.0 if there_rad > 0 else -1.0
         return [
@@ -129,7 +129,7 @@ class StepResponse:
 
 
 class _ThereAndBack:
-    """One joint to a goal and back, with a rest after each."""
+    """Motion of a joint to a goal and back, with a rest after each."""
 
     def __init__(self, start: Vector, goal: Vector, limits: Sequence[KinematicLimits]) -> None:
         self._there, self._back = JointMove(start, goal, limits), JointMove(goal, start, limits)
@@ -149,19 +149,19 @@ class _ThereAndBack:
 
 
 def measure_response(arm: Arm, joint: str, step_rad: float) -> StepResponse:
-    """Move a joint there and back at the speed ``fast``, and return how its servo followed.
+    """Move a joint forth and back at the speed ``fast``, and return the response of its servo.
 
-    ikservo's own corrections are off: what is measured is the servo with its gains.
+    ikservo's own corrections are off, so that only the servo with its gains is measured.
 
     Args:
         arm: The arm; its other joints hold.
-        joint: A joint that turns.
-        step_rad: The step; it goes the other way if there is no room.
+        joint: A revolute joint.
+        step_rad: The step; its direction is reversed if there is no room.
 
     Raises:
         BadValueError: The step is smaller than 1°.
         RefusedError: There is no room, or something is in the way; nothing moved.
-        IkservoError: Those of every motion; see ``Arm``.
+        IkservoError: An error of every motion; see ``Arm``.
     """
     if not abs(step_rad) >= _LEAST_STEP_RAD:
         raise BadValueError("The step", f"{np.degrees(step_rad):.3g}°", "at least 1°")
@@ -189,10 +189,10 @@ def measure_response(arm: Arm, joint: str, step_rad: float) -> StepResponse:
 
 
 def find_free_motion(context: ArmContext, motions: Sequence[_Motion]) -> _Motion:
-    """Return the first of some motions on which nothing is in the way.
+    """Return the first of several motions that is free of obstacles.
 
     Raises:
-        RefusedError: Something is in the way of each.
+        RefusedError: None of the motions is free.
     """
     *others, last = motions
     for motion in others:
@@ -212,7 +212,7 @@ def record_joint(
 ) -> tuple[Vector, Vector, Vector]:
     """Run a motion without ikservo's corrections; return times, goals, positions (m,) of a joint.
 
-    The times increase: of cycles in which the motion did not go on, the last one counts.
+    The times increase: of several cycles at the same time of the motion, the last one is used.
 
     Raises:
         IkservoError: Those of every motion; see ``Arm``.
@@ -228,7 +228,7 @@ def record_joint(
 
 
 def swing_at_rest(time_s: Vector, position_rad: Vector, end_s: float) -> float:
-    """Compute how far a joint moves back and forth in the last half second of a rest."""
+    """Compute the peak-to-peak motion of a joint in the last half second of a rest."""
     first, last = np.searchsorted(time_s, (end_s - _JUDGED_S, end_s))
     return float(np.ptp(position_rad[first : max(last, first + 1)]))
 
@@ -237,7 +237,7 @@ def gain_registers(servo: ServoSpec) -> tuple[Register, Register]:
     """Return the registers of the P and the D gain of a servo's position loop.
 
     Raises:
-        RefusedError: Its model has none.
+        RefusedError: Its model has no such gains.
     """
     registers = servo.table.registers
     found = [registers[name] for names in _GAIN_NAMES for name in names if name in registers]
@@ -250,7 +250,7 @@ def gain_registers(servo: ServoSpec) -> tuple[Register, Register]:
 
 
 def tunable_registers(servo: ServoSpec) -> list[Register]:
-    """Return what may be tried besides: P, D, I, and Feetech's start-up force and dead zones.
+    """Return the registers that can be tried: P, D, I, Feetech's start-up force and dead zones.
 
     Raises:
         RefusedError: Its model has no P and D gain.
@@ -264,7 +264,7 @@ def find_turning_servo(arm: Arm, joint: str) -> ServoSpec:
 
     Raises:
         UnknownNameError: There is no such joint.
-        InputError: It moves the jaws.
+        InputError: The joint moves the jaws.
     """
     servos = list(arm.context.servos.bus.servos.values())
     found = [each for each in servos if joint in (each.name, str(each.id))]
@@ -279,14 +279,14 @@ def find_turning_servo(arm: Arm, joint: str) -> ServoSpec:
 def keeping_gains(
     bus: ServoBus, servo: ServoSpec, tried: Iterable[Register] = ()
 ) -> Generator[Mapping[Register, int]]:
-    """Give the present gains, and write them again at the end, however the block ends.
+    """Yield the present gains, and restore them when the block ends, even after an error.
 
     Args:
         bus: The bus.
         servo: The servo.
-        tried: Those beside P and D that are kept, too.
+        tried: Further registers to restore besides P and D.
     """
-    restore_former(bus, servo)  # of a program that was killed
+    restore_former(bus, servo)  # left by a killed program
     kept = dict.fromkeys([*gain_registers(servo), *tried])
     before = {each: bus.read(servo.id, each, raw=True) for each in kept}
     note_former(bus, servo, before)
@@ -295,7 +295,7 @@ def keeping_gains(
     finally:
         try:
             write_gains(bus, servo, before)
-        except BaseException:  # a second Ctrl-C
+        except BaseException:  # such as a second Ctrl-C
             write_gains(bus, servo, before)
             forget_former(bus, servo)
             raise
@@ -303,7 +303,7 @@ def keeping_gains(
 
 
 def write_gains(bus: ServoBus, servo: ServoSpec, gains: Mapping[Register, int]) -> None:
-    """Write gains until the servo's power goes off; torque stays on.
+    """Write gains, which last until the servo's power goes off; torque stays on.
 
     Raises:
         RegisterAccessError: A number is outside its range.
@@ -315,17 +315,17 @@ def write_gains(bus: ServoBus, servo: ServoSpec, gains: Mapping[Register, int]) 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Trial:
-    """Gains that were tried, and how the servo followed with them."""
+    """Tried gains, and the response of the servo."""
 
     gains: Mapping[Register, int]
     response: StepResponse
 
 
 def search_gains(arm: Arm, servo: ServoSpec, before: Trial, step_rad: float) -> Generator[Trial]:
-    """Try gains on the joint: P, then D with the best P, then P around that; yield each trial.
+    """Try gains on the joint: P, then D with the best P, then P nearby; yield each trial.
 
-    Higher gains are not tried beyond one with which the joint swings, and of equal ones the
-    lower are better. A joint that does not overshoot gets no lower P: under a load it would lag
+    Gains are not raised beyond one with which the joint swings, and the lower one of two equal
+    gains is better. If a joint does not overshoot, lower P is not tried: under a load it would lag
     so far that the guard stops it.
 
     Args:
@@ -360,7 +360,7 @@ def search_gains(arm: Arm, servo: ServoSpec, before: Trial, step_rad: float) -> 
 
 
 def best_trial(trials: Sequence[Trial]) -> Trial:
-    """Return the trial whose response is best; of equal ones the first."""
+    """Return the trial with the best response; the first one if several are equal."""
     return min(trials, key=lambda one: one.response.cost)
 
 
@@ -371,9 +371,9 @@ def try_gains(
     try_one: Callable[[Mapping[Register, int]], _Tried],
     search: Callable[[Sequence[_Tried]], Iterable[_Tried]] | None = None,
 ) -> list[_Tried]:
-    """Return what becomes of the present gains, of those given, and of those a search tries.
+    """Return trials of the present gains, of the given gains, and of a search.
 
-    The present gains are in force again at the end, however it ends.
+    The present gains are restored at the end, even after an error.
     """
     bus = arm.context.servos.bus
     with exiting_on_signals(), keeping_gains(bus, servo, given) as present:
@@ -388,14 +388,14 @@ def try_gains(
 def try_steps(
     arm: Arm, servo: ServoSpec, given: Mapping[Register, int], step_rad: float, *, suggest: bool
 ) -> list[Trial]:
-    """Return the step responses with the present gains, with those given, and of a search.
+    """Return step responses with the present gains, the given gains, and those of a search.
 
     Args:
         arm: The arm.
         servo: The servo of the joint.
-        given: Gains to try; none if empty.
+        given: Gains to try; may be empty.
         step_rad: See ``measure_response``.
-        suggest: Whether to search better gains.
+        suggest: Whether to search for better gains.
 
     Raises:
         IkservoError: The errors of ``measure_response``; the present gains are in force again.

@@ -62,21 +62,21 @@ from ikservo.registers.delivered import delivered_value
 
 @dataclass(frozen=True, slots=True)
 class ServoLine:
-    """The servos that a command works on.
+    """The servos on which a command works.
 
     Attributes:
         bus: Their bus.
-        owner: The folder of their first EEPROM copies: the arm and its adapter, or the adapter.
+        owner: Name of the folder of first EEPROM copies: the arm and its adapter, or the adapter.
     """
 
     bus: ServoBus
     owner: str
 
     def find(self, target: str | None) -> ServoSpec:
-        """Find the servo of a joint or id; the only one if None.
+        """Find the servo of a joint or id; None: the only servo.
 
         Raises:
-            UnknownNameError: There is none.
+            UnknownNameError: There is no such servo.
             InputError: There are several.
         """
         servos = list(self.bus.servos.values())
@@ -86,11 +86,11 @@ class ServoLine:
             raise UnknownNameError("servo", str(target), names)
         if len(found) > 1:
             ids = ", ".join(str(each.id) for each in found)
-            raise InputError("Several servos could be meant.", f"Name one by its id: {ids}.")
+            raise InputError("It is not clear which servo is meant.", f"Name one by its id: {ids}.")
         return found[0]
 
     def with_ids(self, ids: Mapping[int, int]) -> ServoLine:
-        """Return the line with servos that have other ids than the arm file says, by that id."""
+        """Return the line with the given ids in place of ids of the arm file."""
         specs = [replace(each, id=ids.get(each.id, each.id)) for each in self.bus.servos.values()]
         return replace(self, bus=ServoBus(self.bus.port, specs))
 
@@ -110,15 +110,15 @@ def open_servos(
     Args:
         model: The arm; None for servos of no arm.
         port: See ``choose_port``.
-        servo_id: Without an arm: only this servo is searched; every id if None.
+        servo_id: Without an arm: search only this id; None: every id.
         table: Without an arm: its model, if it is known.
-        baud_rate: Without an arm: the rate; every known one is tried if None.
+        baud_rate: Without an arm: the rate; None: try every known rate.
         on_step: Called with the progress of a search.
 
     Raises:
         InputError: A servo of an unknown model replies, or several servos share an id.
         ServoSilentError: No servo replies.
-        PortError: No port, or it cannot be opened.
+        PortError: There is no port, or it cannot be opened.
     """
     if model is not None:
         with open_bus(model, port) as bus:
@@ -151,12 +151,12 @@ def _spec_of(found: FoundServo, table: type[ControlTable] | None) -> ServoSpec:
     known = table or found.table
     if known is None:
         raise InputError(
-            f"{found} is not in the tables.", "Name a model with the same registers: --model"
+            f"{found} is not in the tables.", "Give a model with the same registers: --model"
         )
     return ServoSpec(found.id, known)
 
 
-_SHOWN_UNITS = {  # of the register's unit: the unit that is shown, and how many make one
+_SHOWN_UNITS = {  # by the register's unit: the shown unit, and its number per register unit
     "rad": ("°", math.degrees(1)),
     "rad/s": ("°/s", math.degrees(1)),
     "rad/s²": ("°/s²", math.degrees(1)),
@@ -165,21 +165,21 @@ _SHOWN_UNITS = {  # of the register's unit: the unit that is shown, and how many
 
 
 def shown_unit(register: Register) -> tuple[str, float]:
-    """Return the unit in which people read a register, and how many of it make the register's."""
+    """Return the unit in which a register is shown, and its number per unit of the register."""
     symbol = register.unit.symbol
     return _SHOWN_UNITS.get(symbol, (symbol, 1.0))
 
 
 @dataclass(frozen=True, slots=True)
 class RegisterReading:
-    """A register and what it holds.
+    """A register and its value.
 
     Attributes:
         register: The register.
-        raw: The raw number it holds.
-        first: The raw number in the servo's first copy, made before ikservo changed anything;
-            None where there is no copy.
-        default: The raw number as delivered, by the sheet; None where it is not known.
+        raw: The raw number in the register.
+        first: The raw number in the servo's first copy, made before ikservo changed anything; None
+            without a copy.
+        default: The raw number as delivered, by the data sheet; None if unknown.
     """
 
     register: Register
@@ -189,7 +189,7 @@ class RegisterReading:
 
     @property
     def value(self) -> float:
-        """The quantity, in the register's unit."""
+        """Quantity in the register's unit."""
         return self.register.to_value(self.raw)
 
     @property
@@ -202,7 +202,7 @@ class RegisterReading:
 
     @property
     def changed(self) -> bool:
-        """Whether it differs from the first copy."""
+        """Whether the value differs from the first copy."""
         return self.first is not None and self.first != self.raw
 
 
@@ -232,7 +232,7 @@ def read_registers(
 
 
 def find_register(table: type[ControlTable], name: str) -> Register:
-    """Find a register by the vendor's name, or by the name that all families have.
+    """Find a register by the vendor's name, or by the common name of all families.
 
     Raises:
         UnknownNameError: The model has no such register.
@@ -248,13 +248,13 @@ def find_table(model_name: str) -> type[ControlTable]:
     """Find the control table of a model.
 
     Raises:
-        UnknownNameError: No such model; the closest name is offered.
+        UnknownNameError: There is no such model; the message suggests the closest name.
     """
     return control_table(model_name)
 
 
 def register_names(model_name: str | None) -> list[str]:
-    """Return the registers of a model, or of all known models where it is unknown or None."""
+    """Return the registers of a model, or of all known models if it is unknown or None."""
     tables = [MODELS[model_name]] if model_name and model_name in MODELS else MODELS.values()
     return sorted({name for table in tables for name in table.registers})
 
@@ -284,7 +284,7 @@ def _first_copy(line: ServoLine, servo: ServoSpec) -> Mapping[str, int]:
     return {}
 
 
-_UNITS = {  # the unit that a user may type, the register's unit, and its size in that
+_UNITS = {  # by a unit that users may type: the register's unit, and the size in it
     "deg": ("rad", math.radians(1)),
     "rad": ("rad", 1.0),
     "deg/s": ("rad/s", math.radians(1)),
@@ -303,7 +303,7 @@ _UNITS = {  # the unit that a user may type, the register's unit, and its size i
 
 
 def parse_register_value(register: Register, text: str) -> int:
-    """Parse the raw number of a value: a plain integer is raw, a number with a unit a quantity.
+    """Parse a value: a plain integer is the raw number, a number with a unit is a quantity.
 
     Raises:
         InputError: It is not a number, or the unit is not that of the register.
@@ -321,7 +321,7 @@ def parse_register_value(register: Register, text: str) -> int:
     return register.to_raw(float(match[1]) * size)
 
 
-_REPLY_LEVELS = {"response_level": 1, "status_return_level": 2}  # that reply to every packet
+_REPLY_LEVELS = {"response_level": 1, "status_return_level": 2}  # to reply to every packet
 _HIGHEST_ID = 252
 
 
@@ -331,8 +331,8 @@ def plan_writes(
     """Plan which registers would change; nothing is written.
 
     Raises:
-        RegisterAccessError: A register is read-only, does not accept its number, is in EEPROM
-            while torque is on, or is the EEPROM lock, which is opened and closed for each write.
+        RegisterAccessError: A register is read-only, does not accept its number, is in EEPROM while
+            torque is on, or is the EEPROM lock, which each write sets itself.
         BusError: The servo does not reply.
     """
     for register, raw in values.items():
@@ -340,16 +340,16 @@ def plan_writes(
             reason = "each write unlocks the EEPROM and locks it again"
             raise RegisterAccessError(str(servo), register.name, reason)
         if register.name in _REPLY_LEVELS and raw < _REPLY_LEVELS[register.name]:
-            reason = f"at {raw} the servo would not reply to a write any more"
+            reason = f"at {raw} the servo would no longer reply to a write"
             raise RegisterAccessError(str(servo), register.name, reason)
         if register.name == "protocol_type" and raw != line.bus.read(servo.id, register, raw=True):
-            reason = f"at {raw} the servo would not reply on this line any more"
+            reason = f"at {raw} the servo would no longer reply on this line"
             raise RegisterAccessError(str(servo), register.name, reason)
         if register.name == "secondary_id" and raw <= _HIGHEST_ID:
             reason = f"the servo would also obey the goals of servo {raw}"
             raise RegisterAccessError(str(servo), register.name, reason)
         if (register.name, raw) in servo.table.non_idempotent:
-            reason = f"{raw} sets another zero"
+            reason = f"{raw} would change the zero"
             raise RegisterAccessError(
                 str(servo), register.name, reason, "Calibrate instead: ikservo calibrate"
             )
@@ -364,15 +364,14 @@ def plan_writes(
 def write_registers(
     line: ServoLine, servo: ServoSpec, changes: Iterable[RegisterDifference]
 ) -> None:
-    """Write the planned changes and verify them; the first EEPROM copy is made before.
+    """Make the first EEPROM copy, then write the planned changes and verify them.
 
-    An EEPROM that a killed program has left unlocked is locked, also where nothing changes.
-
-    Torque comes on at the present position. Id and baud rate are written last: the servo replies
-    at them afterwards.
+    An EEPROM that a killed program has left unlocked is locked, even if nothing changes. Torque
+    comes on at the present position. Id and baud rate are written last, because the servo then
+    replies at the new ones.
 
     Raises:
-        RegisterAccessError: Torque is on, or off where a goal is written.
+        RegisterAccessError: Torque is on, or it is off and a goal is written.
         ServoRejectedError: A number was not stored.
         InputError: The new id belongs to another servo.
         BusError: The servo does not reply.
@@ -409,7 +408,7 @@ def write_registers(
 
 
 def _back_up(line: ServoLine, servo: ServoSpec) -> None:
-    """Copy the EEPROM to a file before its first change; simulated servos begin anew each time."""
+    """Copy the EEPROM of a real servo to a file before its first change."""
     if not is_simulator(line.bus.port.name):
         back_up_once(line.bus, line.owner, [servo.id])
 
@@ -426,20 +425,20 @@ def _verify(bus: ServoBus, servo: ServoSpec, register: Register, raw: int) -> No
 
 
 def restart_servo(line: ServoLine, servo: ServoSpec) -> None:
-    """Restart a servo and wait until it replies; its torque is off, unless it is set to hold then.
+    """Restart a servo and wait until it replies; its torque is off unless a register keeps it on.
 
     Raises:
-        BusError: It refused, its family cannot, or it does not come back.
+        BusError: It refused, its family does not support that, or it does not reply again.
     """
     line.bus.reboot(servo.id)
     wait_for_boot(line.bus, servo)
 
 
 def reset_servo(line: ServoLine, servo: ServoSpec) -> None:
-    """Give a servo its factory settings; id and baud rate stay, a copy is made before.
+    """Make a copy, then reset a servo to its factory settings; id and baud rate stay.
 
     Raises:
-        BusError: It refused, its family would lose its id, or it does not come back.
+        BusError: It refused, its family would lose its id, or it does not reply again.
         FileWriteError: The copy cannot be written; nothing was changed.
     """
     _back_up(line, servo)

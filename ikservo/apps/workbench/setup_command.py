@@ -47,7 +47,7 @@ Yes = Annotated[bool, typer.Option("--yes", "-y", help="Do not ask before a serv
 
 @dataclass(frozen=True, kw_only=True)
 class RestoreOptions:
-    """The EEPROM backup to restore, and to which servo."""
+    """The EEPROM backup to restore, and its servo."""
 
     restore: Annotated[
         Path | None,
@@ -90,7 +90,7 @@ def command(
         raise InputError("Missing argument 'ARM'.", "Name it, as in: ikservo setup so101")
     model = load_model(arm)
     if not model.joints:
-        raise InputError(f"{model.path} names no servos.", "An arm that moves needs an arm.toml.")
+        raise InputError(f"{model.path} names no servos.", "A real arm needs an arm.toml.")
     if backup.restore:
         copy = read_backup(backup.restore)
         with open_servos(model, port) as line:

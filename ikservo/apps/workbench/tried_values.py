@@ -1,7 +1,7 @@
-"""Numbers that are in a servo on trial: the former ones are on disk until they are in force again.
+"""Trial values in a servo: the former values are kept on disk until they are restored.
 
-A program that is killed in between leaves the tried numbers in force until the servo's power goes
-off; the file tells which were there before.
+A program that is killed in between leaves the trial values in force until the servo's power goes
+off; the file has the former values.
 """
 
 from __future__ import annotations
@@ -28,10 +28,10 @@ _MOST_BYTES = 10_000
 
 
 def note_former(bus: ServoBus, servo: ServoSpec, former: Mapping[Register, int]) -> None:
-    """Write the numbers that a servo has before others are tried; simulated ones begin anew.
+    """Write the present values of a real servo to a file before others are tried.
 
     Raises:
-        FileWriteError: They cannot be written.
+        FileWriteError: The file cannot be written.
     """
     if not is_simulator(bus.port.name):
         text = json.dumps({register.name: raw for register, raw in former.items()})
@@ -39,20 +39,20 @@ def note_former(bus: ServoBus, servo: ServoSpec, former: Mapping[Register, int])
 
 
 def forget_former(bus: ServoBus, servo: ServoSpec) -> None:
-    """Remove the file: what the servo holds now is wanted."""
+    """Remove the file, because the present values of the servo are wanted."""
     if (path := _path(bus, servo)).exists():
         remove_durably(path)
 
 
 def forget_if_former(bus: ServoBus, servo: ServoSpec, registers: Container[Register]) -> None:
-    """Remove the file if it has one of some registers; a damaged one has none, and stays."""
+    """Remove the file if it has any of the registers; keep a damaged file."""
     with contextlib.suppress(FileFormatError):
         if any(register in registers for register in read_former(bus, servo)):
             forget_former(bus, servo)
 
 
 def read_former(bus: ServoBus, servo: ServoSpec) -> dict[Register, int]:
-    """Return the numbers from before a trial that did not end; none if there was no such.
+    """Return the values from before an interrupted trial; empty if there was none.
 
     Raises:
         FileFormatError: The file is damaged.
@@ -69,7 +69,7 @@ def read_former(bus: ServoBus, servo: ServoSpec) -> dict[Register, int]:
 
 
 def tried_differences(bus: ServoBus, servo: ServoSpec) -> list[RegisterDifference]:
-    """Return what a trial that did not end has left in a servo.
+    """Return the trial values that an interrupted trial has left in a servo.
 
     Raises:
         FileFormatError: The file is damaged.
@@ -80,7 +80,7 @@ def tried_differences(bus: ServoBus, servo: ServoSpec) -> list[RegisterDifferenc
 
 
 def restore_former(bus: ServoBus, servo: ServoSpec) -> list[RegisterDifference]:
-    """Write the numbers from before a trial that did not end, and return the changes.
+    """Write the values from before an interrupted trial, and return the changes.
 
     Raises:
         FileFormatError: The file is damaged.

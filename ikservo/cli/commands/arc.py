@@ -102,10 +102,10 @@ def command(
 
 
 def _end_of(*coordinates: float | None) -> tuple[float, float, float] | None:
-    """Return the end (3,) [m]; None where it is not given.
+    """Return the end (3,) [m]; None if it is not given.
 
     Raises:
-        typer.BadParameter: Only a part of it is.
+        typer.BadParameter: Only a part of it is given.
     """
     x, y, z = coordinates
     if x is not None and y is not None and z is not None:

@@ -41,7 +41,7 @@ def command(*, json: JsonOption = False) -> None:
 
 
 def _readable_models() -> Iterator[Model]:
-    """Yield all arms; one of another package whose files are damaged is named and left out."""
+    """Yield all arms; an arm of another package with damaged files is named and left out."""
     for name in arm_names():
         try:
             yield load_model(name)

@@ -62,7 +62,7 @@ def command(
         raise InputError(
             "--weigh cannot be used with a motion of the jaws."
             if weigh
-            else "Where to is not given.",
+            else "No motion of the jaws is given.",
             "Give open, close, a width like 30mm, or --weigh.",
         )
     if to is None:

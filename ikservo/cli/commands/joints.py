@@ -62,7 +62,7 @@ def command(
 def make_joint_motion(
     machine: OpenArm, motion: MoveJoints | LookAt, options: MotionOptions
 ) -> JointMoveResult | None:
-    """Announce and execute a motion of joints; a dry run prints its plan, and returns None."""
+    """Announce and execute a joint motion; a dry run prints its plan and returns None."""
     plan = plan_motion(machine, motion)
     announce(plan, machine, options)
     if options.dry_run:
@@ -85,7 +85,7 @@ _FIELDS: Fields[JointMoveResult] = (
 
 
 def print_report(report: JointMoveResult | None, model: Model, *, json: bool) -> None:
-    """Print the result of a motion of joints, if one was made; exit 1 if one is off its goal."""
+    """Print the result of a joint motion, if one was made; exit 1 if a joint is off its goal."""
     if report is None:
         return
     width = max(8, *map(len, report.goal_rad)) + 2

@@ -1,4 +1,4 @@
-"""``ikservo move``: move the tip to a point, on a line or through others; or look at a point."""
+"""``ikservo move``: move the tip to a point, on a line or through points; or look at a point."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ Blend = Annotated[
     ),
 ]
 LookAtOption = Annotated[
-    bool, typer.Option("--look-at", help="Point the tool at X Y Z, wherever the tip is then.")
+    bool, typer.Option("--look-at", help="Point the tool at X Y Z; the tip may move.")
 ]
 
 
@@ -88,7 +88,7 @@ def command(
     within = path.within()
     if straight and (line or via or tool_speed is not None):
         raise BadValueError(
-            "--straight", "given for a path through points", "no option: such a path is never left"
+            "--straight", "given for a path through points", "no --straight: the path is never left"
         )
     if look_at:
         others = {"--line": line, "--via": via, "--tool-speed": tool_speed}

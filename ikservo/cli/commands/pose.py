@@ -33,7 +33,7 @@ from ikservo.planning.poses import PoseLibrary
 Name = Annotated[
     str | None,
     typer.Argument(
-        metavar="NAME", help="rest, home, zero, or one you taught.", autocompletion=complete_poses
+        metavar="NAME", help="rest, home, zero, or a taught pose.", autocompletion=complete_poses
     ),
 ]
 
@@ -95,7 +95,7 @@ def _print_all_poses(libraries: Mapping[str, PoseLibrary], *, json: bool) -> Non
 
 
 def _pose_library(connection: ArmConnection) -> PoseLibrary:
-    """Return the poses of an arm; without a port those taught on the adapter it was last on."""
+    """Return the poses of an arm; without a port the poses taught on its most recent adapter."""
     model = model_from_option(connection.arm)
     try:
         serial_number = serial_number_of(resolve_port(model, connection.port))

@@ -1,4 +1,4 @@
-"""``ikservo scene``: the things of a scene file, and which of an arm's poses touch them."""
+"""``ikservo scene``: the things of a scene file, and the poses of an arm that touch them."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def show(file: SceneFile, *, json: JsonOption = False) -> None:
 
 
 def check(file: SceneFile, arm: ArmOption = None, *, json: JsonOption = False) -> None:
-    """Say which poses of an arm touch a thing of a scene file; nothing moves.
+    """Show which poses of an arm touch a thing of a scene file; nothing moves.
 
     ikservo scene check table.toml --arm so101
     """
@@ -76,7 +76,7 @@ def check(file: SceneFile, arm: ArmOption = None, *, json: JsonOption = False) -
 
 
 def _touched(model: Model) -> Iterator[tuple[str, str, str, float]]:
-    """Yield each pose, what of the arm touches which thing there, and how deep [m]."""
+    """Yield each pose, the touching part of the arm, the touched thing, and the depth [m]."""
     from ikservo.arm.opening import make_collision_checker  # noqa: PLC0415  # loads the kernels
 
     checker = make_collision_checker(model)

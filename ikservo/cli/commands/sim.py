@@ -39,7 +39,7 @@ def command(arguments: SimArguments = None) -> None:
 
 
 def _served(serve: Callable[[list[str]], int], args: list[str]) -> int:
-    """Return the exit code of the simulator, which ends by itself after its help."""
+    """Return the exit code of the simulator, which also exits after printing its help."""
     try:
         return serve(args)
     except SystemExit as end:

@@ -113,7 +113,7 @@ def command(
         posed or everything or comparison or method not in LEANING
     ):
         raise InputError(
-            "--prefer and --weight lean in the null space of the pseudo-inverse.",
+            "--prefer and --weight act in the null space of the pseudo-inverse.",
             "Give them with --method auto or pseudo_inverse, and without --all, --compare, "
             "--pitch, --roll, --keep and --within.",
         )
@@ -175,7 +175,7 @@ def _force_n(force: tuple[str, str, str] | None, *, single: bool) -> Vector | No
         return None
     if not single:
         raise InputError(
-            "--force shows the torques of one answer.",
+            "--force shows the torques of one solution.",
             "Give it without --all, --compare and --trace.",
         )
     return np.array([parse_force_n(part) for part in force])

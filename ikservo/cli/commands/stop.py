@@ -1,4 +1,4 @@
-"""``ikservo stop``: stop the arm, whatever program moves it."""
+"""``ikservo stop``: stop the arm, whichever program moves it."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def command(
 
 
 def _stop_one(connection: ArmConnection) -> StopResult:
-    """Stop one arm; at an address it is known which."""
+    """Stop one arm; the program at an address knows its arm."""
     network_address = find_network(connection.port)
     if network_address is not None:
         return network_address[0].stop_arm(network_address[1])

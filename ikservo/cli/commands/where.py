@@ -138,7 +138,7 @@ def _print_arm_state(here: ArmState, model: Model) -> None:
 
 
 def _limit_lines(here: ArmState) -> list[str]:
-    """Return the sources of the limits: each with its joints, or one for all."""
+    """Return the sources of the limits: each with its joints, or one source for all."""
     sources: dict[str, list[str]] = {}
     for state in here.joints:
         sources.setdefault(format_source(state.limit_from), []).append(state.name)
@@ -152,7 +152,7 @@ def _alarm_lines(here: ArmState) -> list[str]:
 
 
 def _chain_joints(here: ArmState, model: Model) -> Vector:
-    """Return the measured joints (dof,) of the chain, without the gripper's."""
+    """Return the measured joints (dof,) of the chain, without the gripper."""
     return np.array([here[name].position_rad for name in model.chain.names])
 
 
@@ -168,7 +168,7 @@ def _format_joint_row(state: JointState, model: Model) -> list[str]:
     ]
 
 
-# Characters between the limits, and of the other columns.
+# Widths in characters: of the bar between the limits, and of the other columns.
 _MIN_BAR_CHARS, _MAX_BAR_CHARS, _OTHER_COLUMNS_CHARS = 9, 31, 68
 
 ReadState = Callable[[], ArmState]
@@ -188,12 +188,12 @@ def watch_arm(
 
     Args:
         model: The arm.
-        port: Its port; chosen as for every command if None.
-        period_s: Between two readings.
+        port: Its port; None chooses it as for every command.
+        period_s: Time between two readings.
         count: Number of readings; until Ctrl-C if None.
         uncalibrated: Whether an arm without calibration may be opened.
         json: Whether to print lines of JSON.
-        clock: Measures the period; the computer's if None, on simulated arms too.
+        clock: Measures the period; None uses the computer's clock, for simulated arms too.
     """
     with _state_reader(model, port, uncalibrated=uncalibrated) as read_state, _suppressed_output():
         states = _poll_states(read_state, period_s, count, clock or RealClock())
@@ -215,7 +215,7 @@ def watch_arm(
 
 @contextmanager
 def _state_reader(model: Model, port: str | None, *, uncalibrated: bool) -> Generator[ReadState]:
-    """Yield a function that reads the state: from the program that owns the port, or directly."""
+    """Yield a function that reads the state: from the program with the port, or directly."""
     if query_state(model, port) is not None:
         yield lambda: _read_from_owner(model, port)
         return
@@ -233,7 +233,7 @@ def _read_from_owner(model: Model, port: str | None) -> ArmState:
 
 @contextmanager
 def _suppressed_output() -> Generator[None]:
-    with contextlib.suppress(KeyboardInterrupt):  # the user ends it this way
+    with contextlib.suppress(KeyboardInterrupt):  # Ctrl-C is the way to end it
         yield
 
 
@@ -277,7 +277,7 @@ def _watch_row(state: JointState, model: Model, length: int) -> list[Text | str]
 
 
 def heat_colour(temperature_c: float, limits: HealthLimits) -> str:
-    """Return red from the temperature of a stop on, yellow from that of a warning."""
+    """Return red at or above the temperature of a stop, yellow at or above that of a warning."""
     hot, warm = (temperature_c >= c for c in (limits.hold_c, limits.warn_c))
     return "red" if hot else "yellow" if warm else ""
 

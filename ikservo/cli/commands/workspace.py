@@ -25,7 +25,7 @@ from ikservo.kinematics.arrays import Matrix, Vector
 from ikservo.model import Model
 
 COLLIDES = "every posture found collides with the arm itself, the table or a box"
-"""Why a point within the limits is excluded."""
+"""Reason why a point within the limits is excluded."""
 
 
 class Slice(Enum):
@@ -149,7 +149,7 @@ class SliceOptions:
         """Check for options that would be ignored, before any work is done.
 
         Raises:
-            InputError: There is one.
+            InputError: An option would be ignored.
         """
         if self.height_m is not None and self.cut is not Slice.TOP:
             raise InputError("--height needs --slice top.", "For side and front: --yaw.")

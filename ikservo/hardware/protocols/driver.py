@@ -10,8 +10,8 @@ from ikservo.hardware.packets import MemoryRange, Reply, ScanResult, Status, Sta
 from ikservo.hardware.protocols.transceiver import Transceiver
 
 _SLOT_BYTES = 14  # the longest ping reply
-_MAX_PAUSE_S = 0.003  # maximum delay of a servo after the one before it
-_MARGIN = 2.0  # times the measured time per slot
+_MAX_PAUSE_S = 0.003  # maximum delay of a servo after the previous one
+_MARGIN = 2.0  # multiple of the measured time per slot
 
 
 @dataclass(frozen=True, slots=True)
@@ -19,7 +19,7 @@ class BroadcastPingResult:
     """The replies to a broadcast ping.
 
     Attributes:
-        replies: All replies by id; two of one id are two servos, or one reply doubled.
+        replies: All replies by id; two replies from one id are two servos, or one reply doubled.
         junk: Bytes that belong to no reply: noise, or several servos sending at once.
     """
 
@@ -32,9 +32,9 @@ def broadcast_ping(
 ) -> BroadcastPingResult:
     """Send a broadcast ping and receive until no servo up to an id can still reply.
 
-    Servos reply in the order of their ids, each in its slot. The SDK always waits for 253 slots
-    of 3 ms, busily (docs/sdk-defects.md D13). Here the wait ends with the slot of the highest id,
-    and the first replies show how long a slot is.
+    Servos reply in the order of their ids, each in its slot. The SDK always waits for 253 slots of
+    3 ms, spinning (docs/sdk-defects.md D13). Here the wait ends with the slot of the highest id,
+    and the first replies show the length of a slot.
 
     Raises:
         PortLostError: The port is lost.
@@ -98,7 +98,7 @@ class ProtocolDriver(Protocol):
         ...
 
     def can_bulk_read(self, servo_ids: Iterable[int], /) -> bool:
-        """Whether one request can read these servos, each its own bytes."""
+        """Whether one request can read different bytes of each of these servos."""
         ...
 
     @property
@@ -132,7 +132,7 @@ class ProtocolDriver(Protocol):
         ...
 
     def bulk_read(self, spans: Mapping[int, MemoryRange]) -> dict[int, Reply]:
-        """Read many servos, each its own bytes."""
+        """Read different bytes of each of many servos."""
         ...
 
     def sync_write(self, address: int, data: Mapping[int, bytes]) -> None:

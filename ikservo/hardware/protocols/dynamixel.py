@@ -47,15 +47,15 @@ _SYNC_READ, _SYNC_WRITE, _FAST_SYNC_READ = 0x82, 0x83, 0x8A
 _BULK_READ, _BULK_WRITE = 0x92, 0x93
 _REQUEST_INSTRUCTIONS = frozenset((_READ, _SYNC_READ, _FAST_SYNC_READ, _BULK_READ))
 _PING_SIZE = 3  # model number and firmware
-_FAST_FAILURES = 2  # in a row; then the firmware is too old, a servo is missing, or the line is bad
-_RETRY_FAST_AFTER = 200  # readings, after which fast sync read is tried again
+_FAST_FAILURES = 2  # consecutive; reasons: old firmware, a missing servo, a bad line
+_RETRY_FAST_AFTER = 200  # readings after which fast sync read is tried again
 
 
 class DynamixelDriver:
     """X-series servos and everything else that speaks protocol 2.0.
 
-    Groups are read by fast sync read, which saves a third of the wire time, until it fails twice
-    in a row for the same servos (D5: a missing one suppresses all replies); then, and whenever it
+    Groups are read by fast sync read, which saves a third of the wire time, until it fails twice in
+    succession for the same servos (D5: a missing one suppresses all replies). Then, and whenever it
     fails, they are read by sync read.
     """
 
@@ -76,7 +76,7 @@ class DynamixelDriver:
             exchange.set_return_delay(return_delay_s)
 
     def can_bulk_read(self, servo_ids: Iterable[int]) -> bool:
-        """Whether one request can read these servos, each its own bytes."""
+        """Whether one request can read different bytes of each of these servos."""
         return True
 
     def ping(self, servo_id: int) -> Reply:
@@ -152,7 +152,7 @@ class DynamixelDriver:
         return {i: span.extract(reply, window) for i, reply in replies.items() if reply}
 
     def bulk_read(self, spans: Mapping[int, MemoryRange]) -> dict[int, Reply]:
-        """Read many servos, each its own bytes."""
+        """Read different bytes of each of many servos."""
         with self._port.lock:
             windows = {i: self.transceiver.choose_window((i,), span) for i, span in spans.items()}
             rows = (bytes((i,)) + _two_byte_words(w.address, w.size) for i, w in windows.items())
@@ -213,7 +213,7 @@ class DynamixelDriver:
         return replies[servo_id]
 
     def _send(self, servo_id: int, instruction: int, parameters: bytes) -> int:
-        """Send a packet, by the SDK where it is new; it adds header and CRC. Its result code."""
+        """Send a packet, through the SDK if it is new; return the SDK's result code."""
         key = (servo_id, instruction, parameters)
         if (result := self._repeated.send(key)) is not None:
             return result
@@ -228,7 +228,7 @@ def _two_byte_words(*numbers: int) -> bytes:
 
 _REBOOT_1, _BULK_READ_1 = 0x08, 0x92
 
-# Error bits about the request; the others are alarms of the servo itself.
+# Error bits about the request; the other bits are alarms of the servo itself.
 _DAMAGED = 0x10
 _REFUSALS = {
     0x02: "reports a goal outside its angle limits",
@@ -265,7 +265,7 @@ class Dynamixel1Driver(Protocol1Driver):
         self._bulk_ids = frozenset(bulk_ids)
 
     def can_bulk_read(self, servo_ids: Iterable[int]) -> bool:
-        """Whether one request can read these servos, each its own bytes."""
+        """Whether one request can read different bytes of each of these servos."""
         return self._bulk_ids.issuperset(servo_ids)
 
     def sync_read(self, servo_ids: Sequence[int], address: int, size: int) -> dict[int, Reply]:
@@ -273,7 +273,7 @@ class Dynamixel1Driver(Protocol1Driver):
         return self.bulk_read(dict.fromkeys(servo_ids, MemoryRange(address, size)))
 
     def bulk_read(self, spans: Mapping[int, MemoryRange]) -> dict[int, Reply]:
-        """Read many servos, each its own bytes; those without bulk read one after the other."""
+        """Read different bytes of each servo; servos without bulk read one after the other."""
         together = {i: span for i, span in spans.items() if i in self._bulk_ids}
         if len(together) < 2:
             return super().bulk_read(spans)
@@ -292,7 +292,7 @@ class Dynamixel1Driver(Protocol1Driver):
         return {i: spans[i].extract(reply, windows[i]) for i, reply in replies.items()}
 
     def factory_reset(self, servo_id: int) -> Reply:
-        """Return a fault: it would become id 1, which another servo may have."""
+        """Return a fault, because the servo would get id 1, which another servo may have."""
         found = "would become id 1 by a factory reset; restore a backup instead"
         return ReplyFault(servo_id, FaultKind.REFUSED, found)
 

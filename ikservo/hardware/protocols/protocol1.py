@@ -39,7 +39,7 @@ def parse_in_order(data: bytes, sizes: Mapping[int, int]) -> dict[int, Reply] | 
     at = 0
     for servo_id, size in sizes.items():
         end = at + size + 6
-        # The sum of everything behind the header, its inverse included, has all bits set.
+        # The sum of everything after the header, including its inverse, has all bits set.
         if sum(data[at + 2 : end]) & 0xFF != 0xFF:
             return None
         if data[at : at + _DATA] != bytes((0xFF, 0xFF, servo_id, size + 2, 0)):
@@ -85,8 +85,8 @@ def _has_valid_checksum(data: bytes, at: int, length: int) -> bool:
 def _is_spliced(data: bytes, at: int, end: int, sizes: Collection[int]) -> bool:
     """Check whether an expected packet begins inside this one and ends after it.
 
-    Then this is the beginning of a truncated packet, followed by the next: one checksum in 256 is
-    right by chance.
+    In that case it is the beginning of a truncated packet, followed by the next one: one checksum
+    in 256 is right by chance.
     """
     inner = data.find(_HEADER, at + 1, end + 1)
     while inner >= 0:
@@ -103,7 +103,7 @@ def _continues_behind(data: bytes, at: int, length: int, end: int, sizes: Collec
 
 
 def _packet_length(data: bytes, at: int) -> int | None:
-    """Compute the length of the packet that seems to begin here, None if none does."""
+    """Compute the length of the packet that seems to begin here; None if there is none."""
     if data[at : at + 2] != _HEADER or len(data) <= at + _LEN:
         return None
     if data[at + 2] > _HIGHEST_ID or data[at + _LEN] < 2:
@@ -131,7 +131,7 @@ _PING, _READ, _WRITE, _REG_WRITE, _ACTION = 0x01, 0x02, 0x03, 0x04, 0x05
 _SYNC_WRITE = 0x83
 _REQUEST_INSTRUCTIONS = frozenset(
     (_READ, 0x82, 0x92)
-)  # of one servo, and of many: sync read, bulk read
+)  # read of one servo, and of many: sync read, bulk read
 _PING_SIZE = 0
 
 SendPacket = Callable[[Port, list[int]], int]
@@ -156,12 +156,12 @@ class Protocol1Codec:
         return parse_in_order(data, sizes)
 
     def interpret(self, frame: StatusPacket, size: int) -> Reply | None:
-        """Interpret a frame as the reply to a request for ``size`` bytes; None if it is none."""
+        """Interpret a frame as the reply to a request for ``size`` bytes; None if it is not one."""
         raise NotImplementedError
 
 
 class Protocol1Driver:
-    """Instructions that both families have.
+    """Instructions that both families support.
 
     Args:
         port: The port.
@@ -181,7 +181,7 @@ class Protocol1Driver:
         self.transceiver.set_return_delay(return_delay_s)
 
     def can_bulk_read(self, servo_ids: Iterable[int]) -> bool:
-        """Whether one request can read these servos, each its own bytes."""
+        """Whether one request can read different bytes of each of these servos."""
         return False
 
     def ping(self, servo_id: int) -> Reply:
@@ -212,7 +212,7 @@ class Protocol1Driver:
         return {servo_id: self.read(servo_id, address, size) for servo_id in servo_ids}
 
     def bulk_read(self, spans: Mapping[int, MemoryRange]) -> dict[int, Reply]:
-        """Read many servos, each its own bytes, here one after the other."""
+        """Read different bytes of each servo, here one after the other."""
         return {i: self.read(i, span.address, span.size) for i, span in spans.items()}
 
     def sync_write(self, address: int, data: Mapping[int, bytes]) -> None:
@@ -248,7 +248,7 @@ class Protocol1Driver:
         return replies[servo_id]
 
     def _send(self, servo_id: int, instruction: int, parameters: bytes) -> int:
-        """Send a packet, by the vendor's SDK where it is new; return the SDK's result code."""
+        """Send a packet, through the vendor's SDK if it is new; return the SDK's result code."""
         key = (servo_id, instruction, parameters)
         if (result := self._repeated.send(key)) is not None:
             return result

@@ -31,7 +31,7 @@ def unstuff(inside: bytes) -> bytes:
     """Remove the one FD after each FF FF FD.
 
     The SDK's own ``removeStuffing`` searches FF FF FD FD in data that is not yet unstuffed and
-    loses a byte of ``FF FF FD FF FD FD`` and its like (docs/sdk-defects.md D2).
+    loses a byte of ``FF FF FD FF FD FD`` and similar data (docs/sdk-defects.md D2).
     """
     return inside.replace(_STUFFED_HEADER + bytes((_MARK,)), _STUFFED_HEADER)
 
@@ -68,7 +68,7 @@ _CRCS = tuple(map(_byte_crc, range(256)))
 
 @cache
 def _word_crc_table() -> Sequence[int]:
-    """Compute the CRC of every two bytes, so that two need one lookup; built when first needed."""
+    """Compute the CRC of every pair of bytes, for one lookup per pair; built when first needed."""
     with_zero_behind = [(crc << 8 & 0xFF00) ^ _CRCS[crc >> 8] for crc in _CRCS]
     return array("H", [before ^ last for before in with_zero_behind for last in _CRCS])
 
@@ -129,7 +129,7 @@ class Protocol2Codec:
         return replies
 
     def _parse_plain_status(self, packet: bytes, servo_id: int, size: int) -> Status | None:
-        """Parse the reply in a packet without stuffing and without error; None for others."""
+        """Parse the reply in a packet without stuffing and error; None for other packets."""
         expected = _HEADER + bytes((servo_id, size + 4 & 0xFF, size + 4 >> 8, _STATUS, 0))
         if packet[: _INSIDE + 2] != expected or _STUFFED in packet[_INSIDE:]:
             return None
@@ -149,7 +149,7 @@ class Protocol2Codec:
         return Status(frame.servo_id, frame.data, alert)
 
     def _packet_length(self, data: bytes, at: int) -> int:
-        """Compute the length of the packet that begins here: 0 if none does, a lot if unknown."""
+        """Compute the length of the packet that begins here; 0 if none, large if unknown."""
         start = data[at : at + _INSIDE]
         if start[:4] != _HEADER[: len(start)]:
             return 0
@@ -173,7 +173,7 @@ class Protocol2Codec:
         return len(start) <= _INSIDE or start[_INSIDE] == _STATUS
 
     def _status_frames(self, packet: bytes) -> list[StatusPacket]:
-        """Return the status frame of a packet; an instruction, such as our own echo, is none."""
+        """Return the status frame of a packet; none for an instruction, such as our own echo."""
         if packet[_INSIDE] != _STATUS or packet[4] > self.highest_id or len(packet) < 11:
             return []
         inside = self._unstuff_body(packet[_INSIDE:-2])
@@ -188,7 +188,7 @@ def _max_stuffed_size(size: int) -> int:
 
 
 class FastSyncCodec(Protocol2Codec):
-    """The one packet of a fast sync read: never stuffed, its error byte is the first servo's."""
+    """The one packet of a fast sync read: never stuffed; its error byte is the first servo's."""
 
     highest_id = 0xFE
 
@@ -243,7 +243,7 @@ def fast_sync_size(count: int, size: int) -> int:
 
 
 def split_fast_sync(data: bytes, servo_ids: Sequence[int], size: int) -> list[StatusPacket]:
-    """Split each servo's reply; nothing, if they are not the requested ones in their order.
+    """Split each servo's reply; return nothing if servos or their order differ from the request.
 
     Args:
         data: From the first ERR to the last data byte; one checksum covers all of it.

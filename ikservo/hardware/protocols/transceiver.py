@@ -41,7 +41,7 @@ class ReplyReader:
         self._replies: dict[int, Reply] = {}
 
     def read_replies(self, delays_s: float) -> dict[int, Reply]:
-        """Receive until all servos have replied, or none can reply any more.
+        """Receive until all servos have replied, or no more reply can come.
 
         Args:
             delays_s: Sum of the servos' return delays, seconds.
@@ -106,7 +106,7 @@ class ReplyReader:
         return early <= 0
 
     def _last_slot_passed(self) -> bool:
-        """Check whether the last servo has replied, so that no earlier one still can."""
+        """Check whether the last servo has replied, so that no earlier one can still reply."""
         last, now_s = next(reversed(self._sizes)), self._port.clock.now_s()
         return last in self._replies and not self._port.pending.pending_until_s((last,), now_s)
 
@@ -119,9 +119,9 @@ class ReplyReader:
         self._replies = self._interpret_frames(self._scan.frames, final=final)
 
     def _strip_echo(self, raw: bytes, *, final: bool) -> bytes:
-        """Return what came after our own bytes; bytes before them are older."""
+        """Return the bytes after our own; bytes before them are older."""
         sent = self._port.sent
-        # A ping may have a reply of its very own bytes.
+        # The reply to a ping may consist of the same bytes as the ping.
         anywhere = self._port.echoes or any(self._sizes.values())
         self._older = raw.find(sent) if anywhere else raw.startswith(sent) - 1
         if self._older >= 0:
@@ -151,7 +151,7 @@ class ReplyReader:
         return self._port.pending.pending_until_s((reply.servo_id,), now_s) is not None
 
     def _prefer_data(self, first: Reply, second: Reply) -> Reply:
-        """Return the reply with data beside a refusal; of two with data that differ, a fault."""
+        """Return the reply with data instead of a refusal; a fault if two data differ."""
         if isinstance(first, ReplyFault):
             return second
         if isinstance(second, ReplyFault):
@@ -174,7 +174,7 @@ class ReplyReader:
         """Update timeout and byte rate if no reply came; first check for an echo-like reply."""
         port = self._port
         if bytes(self._raw) == port.sent and port.echoes is None and not any(self._sizes.values()):
-            # A reply that equals its request: a Feetech ping under a voltage alarm.
+            # A reply may equal its request: a Feetech ping under a voltage alarm.
             self._scan = self._scan_packets(bytes(self._raw), final=True)
             self._replies = self._interpret_frames(self._scan.frames, final=True)
         if not self._replies:
@@ -217,10 +217,10 @@ class Transceiver:
     def choose_window(
         self, servo_ids: tuple[int, ...], span: MemoryRange, size_of: Callable[[int], int] = int
     ) -> MemoryRange:
-        """Choose the window through which a span is best read now.
+        """Choose the best window for reading a span now.
 
         It is the span itself unless a reply of that length is still pending from one of the servos;
-        see ``PendingReplies``. If replies of every length are pending, it waits until none is.
+        see ``PendingReplies``. If replies of every length are pending, it waits for them.
         """
         port = self.port
         find = port.pending.distinct_window
@@ -246,7 +246,7 @@ class Transceiver:
         Args:
             send: Sends the packet through the vendor's SDK; returns its result code.
             sizes: Bytes of data of each reply, by servo id in the order of the replies.
-            ranges: The memory that is read, of all servos or of each; None for other requests.
+            ranges: The memory to read, of all servos or of each; None for other requests.
 
         Returns:
             A status or a fault for every id.
@@ -266,13 +266,13 @@ class Transceiver:
         """Send without waiting for a reply.
 
         Raises:
-            BusError: It is too long.
+            BusError: The packet is too long.
             PortLostError: The port is lost.
         """
         result = send()
         if result == self.codec.too_long:
             raise BusError(
-                "cannot send so long a packet", "Read fewer servos at once.", port=self.port.name
+                "cannot send such a long packet", "Read fewer servos at once.", port=self.port.name
             )
         if result != 0:
             raise PortLostError(self.port.name, "the packet was not sent completely")
@@ -333,7 +333,7 @@ CacheKey = tuple[int, int, bytes]
 
 
 class RepeatedPackets:
-    """Packets that the SDK has built once: those without values, which a program repeats.
+    """Packets that the SDK has built once: packets without values, which a program repeats.
 
     Args:
         port: The port.
@@ -345,7 +345,7 @@ class RepeatedPackets:
         self._packets: dict[CacheKey, bytes] = {}
 
     def send(self, key: CacheKey) -> int | None:
-        """Clear the input and send a recorded packet; the SDK's result code, None if it is new."""
+        """Clear the input and send a recorded packet; return the result code, None if it is new."""
         packet = self._packets.get(key)
         if packet is None:
             return None

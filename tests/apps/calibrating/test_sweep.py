@@ -206,10 +206,10 @@ def test_undo_at_the_review_keeps_how_far_a_joint_has_moved_since():
 
 def test_joints_are_skipped_during_the_sweep_only():
     hand = Hand(subject())
-    with pytest.raises(CalibrationError, match="Only possible during the sweep"):
+    with pytest.raises(CalibrationError, match="only possible during the sweep"):
         hand.state.skip("elbow")
     reviewed = hand.rest().accept().move(900).move(-1900).accept().state
-    with pytest.raises(CalibrationError, match="Only possible during the sweep"):
+    with pytest.raises(CalibrationError, match="only possible during the sweep"):
         reviewed.mark_continuous("elbow")
 
 

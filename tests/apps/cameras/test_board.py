@@ -94,5 +94,5 @@ def test_pictures_that_show_no_board_say_why(camera, spoil, message):
 
 
 def test_another_board_is_named(camera):
-    with pytest.raises(CalibrationError, match=r"another one than 7x5"):
+    with pytest.raises(CalibrationError, match=r"another board than 7x5"):
         find_board(Board.named("7x5-12mm-4x4"), camera.take())

@@ -201,7 +201,7 @@ def test_without_the_board_it_ends(monkeypatch, spoil, message):
 
 
 def test_an_arm_that_holds_is_refused(monkeypatch):
-    with pytest.raises(CalibrationError, match="not limp any more"):
+    with pytest.raises(CalibrationError, match="no longer limp"):
         run_by_hand(monkeypatch, meanwhile=lambda opened: opened.enable())
 
 

@@ -131,7 +131,7 @@ def test_look_prints_the_point_that_a_pixel_sees_and_moves_there(run_cli, camera
         (f"camera tip {ARM} --at=-5,3", 2, "The pixel is -5, 3.\nExpected one of"),
         (f"camera tip {ARM} --at -5,3", 2, "The pixel is -5, 3.\nExpected one of"),
         (f"camera tip {ARM} --at 480,nan", 2, "one of the picture's 960 x 720"),
-        (f"camera tip {ARM} --at 480,360", 6, "A simulated arm's zeros are right"),
+        (f"camera tip {ARM} --at 480,360", 6, "The zeros of a simulated arm are exact"),
         (f"camera tip {ARM} --at 480,360 --camera-name left", 2, "no camera named 'left'"),
         (f"camera check {ARM} --camera sim --overwrite", 2, "an option of board only"),
         ("camera checks", 2, "check"),

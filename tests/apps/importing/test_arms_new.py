@@ -274,7 +274,7 @@ def test_a_missing_mesh_is_left_out_and_said(make, source, tmp_path):
     assert make().code == 0
     report = (tmp_path / "mine" / "import.md").read_text()
     assert "bar.stl is left out: the file does not exist" in report
-    assert "link turret has no usable shape: a rod along it stands for it" in report
+    assert "link turret has no usable shape: a rod along it is used instead" in report
     assert capsules_of(ikservo.load_model(tmp_path / "mine"))
 
 

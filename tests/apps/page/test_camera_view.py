@@ -85,7 +85,7 @@ def test_clicks_in_the_picture_of_another_simulated_arm_are_refused(arm, camera)
     video.before = arm.context.port.transport
     view.require_usable()
     video.before = object()
-    with pytest.raises(BadMessageError, match="of another simulated arm"):
+    with pytest.raises(BadMessageError, match="shows another simulated arm"):
         view.require_usable()
     view.close()
 

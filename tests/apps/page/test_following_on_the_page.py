@@ -115,10 +115,10 @@ def silence_servo(pair):
 @pytest.mark.parametrize(
     ("fault", "reported", "leader_too"),
     [
-        (pull_cable, "planar3-2 does not lead any more: Lost connection", True),
+        (pull_cable, "planar3-2 no longer leads: Lost connection", True),
         (
             lambda pair: pair.arms.stop("planar3-2", STOPPED),
-            "planar3-2 does not lead any more: The arm was stopped: Stopped",
+            "planar3-2 no longer leads: The arm was stopped: Stopped",
             True,
         ),
         (silence_servo, "joint3 (id 3)", False),
@@ -150,7 +150,7 @@ def test_a_leader_that_holds_or_is_not_there_is_refused(pair):
     pair.leader.arm_thread.arm.enable()
     until(lambda: all(state.torque for state in pair.leader.arm_thread.snapshot.states))
     for name, why in [
-        ("planar3-2", "nobody can guide it"),
+        ("planar3-2", "you cannot guide it"),
         ("planar3", "No other arm"),
         ("x", "No other"),
     ]:

@@ -199,7 +199,7 @@ def test_a_drag_is_looked_at_straight_and_searched_for_once_it_is_released(sessi
 CHANGES = {
     "a thing": (
         lambda session: session.arm.scene.change("the post", size_m=(0.16, 0.04, 0.25)),
-        "What is around the arm has changed",
+        "The things around the arm have changed",
     ),
     "torque": (
         lambda session: (session.arm.disable_torque(), session.arm.enable()),
@@ -223,7 +223,7 @@ def test_what_has_changed_since_is_not_carried_out_but_planned_again(session, ch
     said = session.arm_thread.snapshot.messages[-1].message
     assert said.startswith(f"{reason}; planning again.")
     assert session.arm_thread.snapshot.stop_notice is None
-    if reason == "What is around the arm has changed":
+    if reason == "The things around the arm have changed":
         assert registers(session.arm, "goal_position") == before
     session.arm_thread.step()
     with pytest.raises(BadMessageError, match=reason):

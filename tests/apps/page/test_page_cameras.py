@@ -103,7 +103,7 @@ def test_each_simulated_arm_has_a_simulated_camera_before_it():
         arms = [each.arm_thread.arm for each in app.arms.all()]
         assert [video.before for video in videos] == [arm.context.port.transport for arm in arms]
         view = CameraView(arms[1], videos[0], RealClock())
-        with pytest.raises(BadMessageError, match="of another simulated arm"):
+        with pytest.raises(BadMessageError, match="shows another simulated arm"):
             view.require_usable()
         view.close()
 

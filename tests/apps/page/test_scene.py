@@ -104,8 +104,8 @@ def test_the_arm_keeps_out_of_a_scene_and_the_page_draws_it(scene):
         ("box = 3", "box"),
         (ARM.replace("at_m", "centre_m"), r"arm\[0\].centre_m"),
         (ARM.replace("0.45", "inf"), r"arm\[0\].at_m"),
-        (ARM * 2, "a second time"),
-        (SCENE + ARM.replace("the second", "the ball"), "a second time"),
+        (ARM * 2, "repeats"),
+        (SCENE + ARM.replace("the second", "the ball"), "repeats"),
     ],
 )
 def test_a_malformed_scene_names_the_key(scene, text, where):
@@ -132,7 +132,7 @@ def test_a_name_that_is_taken_is_refused(tmp_path, name):
     taken = name if name in ("crate", "the table") else model.chain.frames[-1]
     one = f'[[sphere]]\nname = "{taken}"\ncentre_m = [1.0, 0.0, 0.0]\nradius_m = 0.1\n'
     path.write_text(one * 2 if name == "crate" else one)
-    with pytest.raises(FileFormatError, match="a second time"):
+    with pytest.raises(FileFormatError, match="repeats"):
         with_scene(model, path)
 
 

@@ -125,9 +125,9 @@ def test_a_servo_that_is_silent_while_it_is_plotted_leaves_a_gap(session):
 def test_mistakes_are_notes(session):
     for fields, said in (
         ({"joint": "elbow"}, "elbow_flex"),
-        ({"joint": "elbow_flex", "name": "goal_position", "value": "5"}, "not written here"),
-        ({"joint": "elbow_flex", "name": "profile_velocity", "value": "5"}, "not written here"),
-        ({"joint": "elbow_flex", "name": "id", "value": "5"}, "not written here"),
+        ({"joint": "elbow_flex", "name": "goal_position", "value": "5"}, "cannot write"),
+        ({"joint": "elbow_flex", "name": "profile_velocity", "value": "5"}, "cannot write"),
+        ({"joint": "elbow_flex", "name": "id", "value": "5"}, "cannot write"),
         ({"joint": "elbow_flex", "name": "p_gain", "value": "x"}, "not a value"),
         ({"joint": "elbow_flex", "name": "p_gain", "value": "255"}, "outside"),
     ):

@@ -232,7 +232,7 @@ def test_arms_of_a_scene_are_obstacles_to_each_other_and_stay_so_when_opened_aga
         planned = PlanRequest(arm, goal, start, "slow")
         with table.arms.find("koch").arm_thread.arm.context.surroundings.in_turn():
             now = PlanRequest(arm, goal, start, "slow")
-            assert now.change_since(planned) == "What is around the arm has changed"
+            assert now.change_since(planned) == "The things around the arm have changed"
         assert PlanRequest(arm, goal, start, "slow").change_since(planned) == ""
         table.arms.start_closing("koch")
         until(lambda: len(table.arms.all()) == 1)

@@ -403,7 +403,7 @@ def test_a_motion_without_the_lease_is_refused(served):
 @pytest.mark.parametrize("service", ["plan", "move"])
 def test_a_recording_of_the_other_machine_is_not_replayed_from_here(served, service):
     client = served.connect()
-    with pytest.raises(RefusedError, match="beside the arm only"):
+    with pytest.raises(RefusedError, match="only on the arm's computer"):
         client.drive(service, motion={"replay": {"path": "/etc/passwd"}})
     client.close()
 

@@ -153,7 +153,7 @@ def at_one_time(folder):
         (lambda f: (f / "meta" / "info.json").unlink(), "info.json"),
         (cut, "cannot be read"),
         (without_numbers, "episode 1: has values that are not numbers"),
-        (at_one_time, "episode 0: has two frames of one time"),
+        (at_one_time, "episode 0: has two frames at one time"),
     ],
 )
 def test_a_damaged_data_set_is_one_error_and_nothing_is_written(
@@ -176,7 +176,7 @@ def test_without_pyarrow_the_error_says_what_to_install(exported, run_cli, monke
     assert done.code == 1  # as for every extra
     assert install_command("dataset") in done.err
     done = run_cli(f"import dataset {tmp_path} --arm so101 --to {tmp_path / 'back'}")
-    assert (done.code, "in which meta and data are" in done.err) == (2, True), done.err
+    assert (done.code, "that contains meta and data" in done.err) == (2, True), done.err
 
 
 def test_another_arms_data_are_refused(exported, wave, run_cli, tmp_path):

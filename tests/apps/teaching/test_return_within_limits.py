@@ -98,7 +98,7 @@ def test_way_back_inside_limits_is_refused_if_it_touches():
         add_box_in_the_way_back(arm)
         before = pan_deg(arm)
         for move in MOTIONS:
-            with pytest.raises(RefusedError, match="on the way back"):
+            with pytest.raises(RefusedError, match="on its path back"):
                 move(arm)
         assert pan_deg(arm) == pytest.approx(before, abs=0.1)
         arm.scene.remove("post")

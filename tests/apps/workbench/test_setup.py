@@ -272,7 +272,7 @@ def test_a_servo_that_stays_plugged_in_stops_it_at_the_next_joint(run_cli, monke
     assert result.err.splitlines()[-3:] == [
         "Continue with: ikservo setup so101 --start gripper",
         f"sim:{CONFIGS / 'so101' / 'arm.toml'} still has a servo with id 5 after 3 s.",
-        "Unplug the servo that is done.",
+        "Unplug the finished servo.",
     ]
 
 
@@ -344,4 +344,4 @@ def test_a_servo_that_answers_only_now_and_then_is_not_called_absent(run_cli, mo
 
 def test_it_says_what_it_is_doing_and_how_to_end_it(set_up):
     _, result = set_up["koch"]
-    assert "Searching for it at every baud rate; Ctrl-C stops" in result.err
+    assert "Searching at every baud rate. Ctrl-C stops" in result.err

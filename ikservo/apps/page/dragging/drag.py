@@ -1,8 +1,8 @@
-"""Dragging: pointer, wheel and keys become targets for the tip, a link or a joint.
+"""Dragging: conversion of pointer, wheel and keys to targets for the tip, a link or a joint.
 
-Where links, objects and the free plane overlap under the pointer, a click without a motion, or a
-key, selects the next one; once the pointer has moved, or something else is under it, the first one
-is selected again. None is the free plane: the tip moves to the pointer.
+If links, objects and the free plane overlap under the pointer, a click without a motion, or a key,
+selects the next one. Once the pointer has moved, or something else is under it, the first one is
+selected again. None stands for the free plane: the tip moves to the pointer.
 
 A state machine without clock, page or servo; every event returns a command or None::
 
@@ -87,7 +87,7 @@ class JointDrag:
     lever_px: Vector | None
 
     def move_pointer(self, px: Vector) -> JointDrag:
-        """Compute the drag after the pointer has moved to a pixel (2,)."""
+        """Return the drag after the pointer has moved to a pixel (2,)."""
         return replace(self, px=px, position=self.position + self._angle_change(px))
 
     def _angle_change(self, px: Vector) -> float:
@@ -121,7 +121,7 @@ def start_joint_drag(
     *,
     slides: bool,
 ) -> JointDrag:
-    """Start to drag a joint.
+    """Start a drag of a joint.
 
     Args:
         column: The joint's entry of q.
@@ -136,7 +136,7 @@ def start_joint_drag(
     line_of_sight = camera.ray(camera.project(pivot)[0]).direction
     lever_px = None
     if slides or abs(float(line_of_sight @ axis)) < _MIN_FACING_COSINE:
-        # Compute the screen velocity (2,) of a point at a velocity (3,); upwards if almost zero
+        # Screen velocity (2,) of a point with a velocity (3,); upwards if it is almost zero.
         velocity = axis if slides else np.cross(axis, point_m - pivot)
         ends, _ = camera.project(point_m + np.array([[-_SMALL], [_SMALL]]) * velocity)
         lever: Vector = (ends[1] - ends[0]) / (2.0 * _SMALL)
@@ -155,7 +155,7 @@ class CandidateSelection:
     """Selection among the overlapping things under a resting pointer.
 
     Args:
-        hit_tester: Finds them.
+        hit_tester: Finds the things.
     """
 
     def __init__(self, hit_tester: HitTester) -> None:
@@ -167,19 +167,19 @@ class CandidateSelection:
     def candidates_at(
         self, at: Vector, context: PointerContext
     ) -> tuple[PickCandidate | None, ...]:
-        """Return what a press at a pixel (2,) may grab: links, objects, None, fixed links."""
+        """Return the options of a press at a pixel (2,): links, objects, None, fixed links."""
         found = self._hit_tester.candidates_at(at, context)
         fixed = tuple(each for each in found if each.kind == "fixed")
         return (*found[: len(found) - len(fixed)], None, *fixed)
 
     def selected_index(self, at: Vector, options: tuple[PickCandidate | None, ...]) -> int:
-        """Return which of the options at a pixel (2,) is selected."""
+        """Return the index of the selected option at a pixel (2,)."""
         return (
             self._index % len(options) if self._is_same_place(at, _candidate_names(options)) else 0
         )
 
     def selected(self, at: Vector, context: PointerContext) -> PickCandidate | None:
-        """Return what a press at a pixel (2,) grabs."""
+        """Return the option that a press at a pixel (2,) grabs."""
         options = self.candidates_at(at, context)
         return options[self.selected_index(at, options)]
 
@@ -222,11 +222,11 @@ class _GrabbedPoint:
     """A grabbed point of a link, or the tip if ``link`` is None.
 
     Attributes:
-        frame: The link moved by q to which the grabbed one is attached: not a jaw itself.
+        frame: The link that q moves and that carries the grabbed link, which may be a jaw.
         offset_m: The point (3,) in that link's coordinates.
         depth_m: Depth [m] of the plane parallel to the screen in which it is dragged.
-        offset_px: From the pixel of the point to the pointer's (2,).
-        surface: The surface on which the tip is dragged instead of that plane.
+        offset_px: Offset (2,) from the pixel of the point to the pointer.
+        surface: The surface on which the tip is dragged instead of in that plane.
     """
 
     camera: Camera
@@ -261,7 +261,7 @@ class MovedThing:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _GrabbedThing:
-    """The grabbed point of an object: it moves level, or in the plane of a level view."""
+    """The grabbed point of an object, which moves horizontally or in the plane of a level view."""
 
     camera: Camera
     point_m: Vector
@@ -276,7 +276,7 @@ class _GrabbedThing:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Fixture:
-    """A pressed link that cannot be moved: the base."""
+    """A pressed link that cannot be moved, such as the base."""
 
     camera: Camera
     found: PickCandidate
@@ -324,7 +324,7 @@ class Drag:
         """Grab the link at a pixel (2,), move the tip there, or with shift grab its joint.
 
         Raises:
-            InputError: The pixel of a camera's picture sees neither the table nor a thing.
+            InputError: The pixel in a camera's picture shows neither the table nor a thing.
         """
         if self._grabbed is not None:
             return None
@@ -336,7 +336,7 @@ class Drag:
             self._grabbed = self._make_joint_drag(at, context, found)
             return None if self._grabbed is None else self._turn_command(self._grabbed)
         if found is not None and found.kind == "object" and context.surface is not None:
-            found = None  # the tip goes to it
+            found = None  # the tip moves to the pointer
         if found is not None and found.kind == "object":
             self._grabbed = _GrabbedThing(context.camera, found.hit.point_m)
             self.moved_thing = MovedThing(found.hit.link, np.zeros(3))
@@ -370,12 +370,12 @@ class Drag:
         if isinstance(self._grabbed, JointDrag):
             self._grabbed = self._grabbed.move_pointer(at)
             return self._turn_command(self._grabbed)
-        with suppress(InputError):  # beside the table and the picture the last target stays
+        with suppress(InputError):  # outside the table and the picture, keep the last target
             return self._pull_command(self._grabbed, at, is_click=False)
         return None
 
     def release(self, pointer: int = 0) -> None:
-        """End the drag; the last command stays. A click selects what is behind for the next."""
+        """End the drag; the last command stays. After a click, the next selects what is behind."""
         if pointer != self._pointer:
             return
         self._grabbed = None
@@ -430,24 +430,24 @@ class Drag:
     def candidates_under(
         self, px: ArrayLike, context: PointerContext
     ) -> tuple[tuple[PickCandidate | None, ...], int]:
-        """Compute everything that a press at a pixel (2,) may grab, and the selected index.
+        """Return all options of a press at a pixel (2,), and the selected index.
 
-        None is the plane of the view: the tip moves there.
+        None stands for the plane of the view: the tip moves there.
         """
         at = np.asarray(px, dtype=np.float64)
         options = self._selection.candidates_at(at, context)
         return options, self._selection.selected_index(at, options)
 
     def select_next(self, px: ArrayLike, context: PointerContext, step: int = 1) -> None:
-        """Select what is behind, or with -1 before, the selected thing at a pixel (2,)."""
+        """Select the thing behind the selected one at a pixel (2,), or with -1 in front of it."""
         self._selection.select_next(np.asarray(px, dtype=np.float64), context, step)
 
     def set_objects(self, objects: Picker) -> None:
-        """Find other objects of the scene from now on."""
+        """Replace the objects of the scene."""
         self._hit_tester.set_objects(objects)
 
     def _has_left_press(self, at: Vector) -> bool:
-        """Check whether the pointer has just left the place where it was pressed."""
+        """Check whether the pointer has just left the place of the press."""
         if self._pressed is None or float(np.hypot(*(at - self._pressed[0]))) < AT_REST_PX:
             return False
         self._pressed = None
@@ -512,5 +512,5 @@ def _fixed_error(found: PickCandidate) -> InputError:
     where = ", ".join(f"{x:z.3f}" for x in found.hit.point_m.tolist())
     return InputError(
         f"{found.hit.link} cannot be dragged: no joint moves it; it was pressed at ({where}) m.",
-        "Grab a link of the arm; a click, or N, chooses what is behind.",
+        "Grab a link of the arm; a click, or N, selects the thing behind it.",
     )

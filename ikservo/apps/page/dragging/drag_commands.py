@@ -1,4 +1,4 @@
-"""What a gesture or a typed value asks of the arm: the commands that a solver makes goals of."""
+"""Commands from gestures and typed values, which a solver turns into goals."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ class ToolPoseTarget:
     Attributes:
         position_m: Position (3,) of the tip, base frame.
         orientation: Orientation (3, 3) of the tip: R_base_tip.
-        in_plane: Whether that is in the arm's own plane instead, and kept as well as possible.
+        in_plane: Whether the orientation is relative to the arm's own plane, kept if possible.
     """
 
     position_m: Vector

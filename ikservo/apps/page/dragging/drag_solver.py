@@ -71,7 +71,7 @@ class DragSolver:
 
     Attributes:
         method: ``auto``, or one of ``ikservo.ik.METHODS``.
-        posture: Preferred posture where the target leaves freedom (null-space motion), for
+        posture: Preferred posture if the target leaves freedom (null-space motion), for
             ``auto`` and ``pseudo_inverse``; the other methods have no null space.
     """
 
@@ -183,7 +183,7 @@ class DragSolver:
         return Posture(self.posture.q, weights)
 
     def _limit_step(self, start: Vector, q: Vector) -> tuple[Vector, bool]:
-        """Limit the joints to 8° from the start towards q, and whether the step was scaled."""
+        """Limit q to 8° per joint from the start; return it, and whether the step was scaled."""
         max_distance = _max_joint_distance(q, start)
         if max_distance <= MAX_STEP_RAD:
             return q, False
@@ -249,7 +249,7 @@ class PosturePreference:
             here: Their current positions (dof,).
 
         Raises:
-            UnknownNameError: No such pose, or no such joint.
+            UnknownNameError: There is no such pose or joint.
         """
         for name in self.weights:
             if name not in chain.names:

@@ -1,4 +1,4 @@
-"""Earlier targets of a page, to be undone and made again."""
+"""Earlier targets of a page, for undo and redo."""
 
 from __future__ import annotations
 
@@ -10,15 +10,15 @@ from ikservo.errors import InputError
 from ikservo.kinematics.arrays import Vector
 
 _MAX_GOALS = 100
-_ONE_GESTURE_S = 0.7  # messages of one kind that follow each other sooner are one gesture
+_ONE_GESTURE_S = 0.7  # messages of one kind within this time are one gesture
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PastGoal:
-    """A target as it was.
+    """An earlier target.
 
     Attributes:
-        goal: All joints (n,), rad or m; None where there was none.
+        goal: All joints (n,), rad or m; None if there was no goal.
         marker: Its marker, if there was one.
     """
 
@@ -27,7 +27,7 @@ class PastGoal:
 
 
 class GoalHistory:
-    """Targets before the present one, and those that were undone."""
+    """Earlier targets, and targets that were undone."""
 
     def __init__(self) -> None:
         self._past: deque[PastGoal] = deque(maxlen=_MAX_GOALS)
@@ -70,7 +70,7 @@ class GoalHistory:
         """Return the target before the present one.
 
         Raises:
-            InputError: There is none.
+            InputError: There is no earlier target.
         """
         if not self._past:
             raise InputError("There is nothing to undo.", "The target stays.")
@@ -82,7 +82,7 @@ class GoalHistory:
         """Return the target that was undone last.
 
         Raises:
-            InputError: There is none.
+            InputError: No target was undone.
         """
         if not self._undone:
             raise InputError("There is nothing to redo.", "The target stays.")

@@ -1,4 +1,4 @@
-"""The path to the goal of the preview: planned in the background as every motion is, then shown."""
+"""Planning of the path to the goal of the preview in the background, before it is shown."""
 
 from __future__ import annotations
 
@@ -28,11 +28,11 @@ from ikservo.planning.checked_planning import PlannedStart, PreflightPlanner
 from ikservo.planning.motion_plan import sample_states
 from ikservo.planning.motions import MoveJoints, MoveTo
 
-_PERIOD_S = 0.04  # between two plans during a drag, whose picture has to be drawn meanwhile
-_POSTURES = 25  # along a path as it is shown
+_PERIOD_S = 0.04  # between plans during a drag, so that its picture can be drawn
+_POSTURES = 25  # number of postures along a path for drawing
 _NEAR_TICKS = 3.0
 _SAG_TICKS = 100.0  # a joint of a limp arm may sink so far until its torque is on
-_STRAIGHT = 1.001  # longer, in proportion, is not straight
+_STRAIGHT = 1.001  # a path is straight if it is at most this factor longer than a line
 _numbers = itertools.count(1)
 
 
@@ -45,15 +45,15 @@ def refusal_of(goal: Vector, error: IkservoError) -> GoalRefusal:
 
 
 class PlanRequest:
-    """A plan that is wanted, and what it depends on now; reads no servo.
+    """A requested plan, and the present state on which it depends; reads no servo.
 
     Args:
         arm: The arm.
         goal: All joints (n,), the array of the preview.
         start: The start of the motion (n,).
         speed: The speed class.
-        is_chosen: Whether the goal is chosen; during a drag only its straight path is looked at.
-        marker: The target of the tip to which the goal was found, if there is one.
+        is_chosen: Whether the goal is final; during a drag only its straight path is checked.
+        marker: The target of the tip for which the goal was found, if there is one.
     """
 
     def __init__(
@@ -73,7 +73,7 @@ class PlanRequest:
         is_first = servos.torque.first_motion_due or self.is_limp
         self.allowed_speed = "slow" if is_first else speed
         ticks = [driven.joint_map.unit_per_tick for driven in servos.driven_joints]
-        self.near = _NEAR_TICKS * np.array(ticks)  # where else a plan may begin
+        self.near = _NEAR_TICKS * np.array(ticks)  # tolerance of the start of a plan
         self.sag = _SAG_TICKS * np.array(ticks)
         scene, here = arm.scene, arm.context.surroundings
         moving = [each.turn.is_of_other(here) for each in scene.arms]
@@ -86,7 +86,7 @@ class PlanRequest:
         return bool((np.abs(self.goal - self.start) <= self.near).all())
 
     def has_sagged_since(self, before: PlanRequest) -> bool:
-        """Return whether nothing has changed but that a limp arm sank a little."""
+        """Return whether the only change is that a limp arm sank a little."""
         there = copy(self)
         there.start = before.start
         sunk = np.abs(self.start - before.start)
@@ -97,13 +97,13 @@ class PlanRequest:
         )
 
     def change_since(self, before: PlanRequest) -> str:
-        """Say what has changed since another request; nothing where its plan may be carried out."""
+        """Describe the change since another request; empty if its plan may be carried out."""
         if self.goal is not before.goal:
             return "Another target was chosen"
         if (np.abs(self.start - before.start) > self.near).any():
             return "The arm has moved since"
         if self._around != before._around:
-            return "What is around the arm has changed"
+            return "The things around the arm have changed"
         is_too_fast = self.allowed_speed == "slow" != before.allowed_speed
         if self.speed != before.speed or is_too_fast:
             return "Its speed has changed"
@@ -112,15 +112,15 @@ class PlanRequest:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PlannedPath:
-    """What came of a request: a plan, or why there is none; neither while it is being planned.
+    """The result of a request: a plan, or a refusal; neither while it is being planned.
 
     Attributes:
-        request: The request; its goal is another one where the target is reached otherwise.
+        request: The request; its goal differs if the target is reached in another posture.
         plan: The plan.
         postures: The joints of the chain (dof,), and all by name, at even times along it.
         is_straight: Whether the joints go straight to the goal.
         refusal: Why the goal is refused.
-        number: No other path has it.
+        number: A unique number.
     """
 
     request: PlanRequest
@@ -131,10 +131,10 @@ class PlannedPath:
     number: int = field(default_factory=lambda: next(_numbers))
 
     def plan_for(self, now: PlanRequest) -> MotionPlan:
-        """Return the plan, as long as nothing has changed that it depends on but a limp arm's sag.
+        """Return the plan if nothing on which it depends has changed, except a limp arm's sag.
 
         Raises:
-            RefusedError: Something has, or there is no plan.
+            RefusedError: Something has changed, or there is no plan.
         """
         change = now.change_since(self.request)
         if change and not now.has_sagged_since(self.request):
@@ -142,22 +142,22 @@ class PlannedPath:
         if self.refusal is not None:
             raise RefusedError(self.refusal.reason, "Nothing moves. Choose another target.")
         if self.plan is None:
-            raise RefusedError("The path there is not planned yet.", "Nothing moves before that.")
+            raise RefusedError("The path there is not planned yet.", "Wait until it is shown.")
         return self.plan
 
     def is_of(self, request: PlanRequest) -> bool:
-        """Return whether it is what comes of another request; a free straight path always is."""
+        """Return whether it answers a request; a free straight path of that request always does."""
         is_same = not request.change_since(self.request)
         return is_same and (self.plan is not None or self.request.is_chosen >= request.is_chosen)
 
 
 def plan_path(arm: Arm, request: PlanRequest, withdrawn: Event | None = None) -> PlannedPath:
-    """Plan the path to a requested goal; it holds the refusal where there is none.
+    """Plan the path to a requested goal; the result carries the refusal if there is no path.
 
     Args:
         arm: The arm; nothing moves, and no servo is read.
         request: The request.
-        withdrawn: Ends the search; it was not wanted any more.
+        withdrawn: Ends the search if the request was withdrawn.
     """
     index = arm.joint_index
     start = PlannedStart(request.start, request.allowed_speed)
@@ -182,7 +182,7 @@ def plan_path(arm: Arm, request: PlanRequest, withdrawn: Event | None = None) ->
 
 
 def _plan_to_goal(planner: PreflightPlanner, arm: Arm, request: PlanRequest) -> MotionPlan:
-    """Plan to the goal; where it is refused, to other joints with the tip at the target."""
+    """Plan to the goal; if it is refused, to other joints with the tip at the target."""
     index, marker, speed = arm.joint_index, request.marker, request.speed
     goals = index.by_name(request.goal)
     try:
@@ -197,13 +197,13 @@ def _plan_to_goal(planner: PreflightPlanner, arm: Arm, request: PlanRequest) -> 
 
 
 class GoalPlanner:
-    """Plans one path at a time in a thread of its own; a newer request ends the search for another.
+    """Plans one path at a time in a thread of its own; a newer request replaces the running one.
 
     Args:
         arm: The arm; nothing moves, and no servo is read.
 
     Attributes:
-        path: The path to the goal; None where there is none.
+        path: The path to the goal; None if there is none.
     """
 
     def __init__(self, arm: Arm) -> None:
@@ -214,7 +214,7 @@ class GoalPlanner:
         self.path: PlannedPath | None = None
 
     def update(self, request: PlanRequest | None, now_s: float) -> None:
-        """Plan what is requested now, unless that was done, and drop what is not any more.
+        """Plan the present request unless that was done, and drop an obsolete one.
 
         During a drag the path to a goal just before is kept until the next one is planned.
         """
@@ -233,13 +233,13 @@ class GoalPlanner:
             self._busy = request, withdrawn, future
 
     def close(self) -> None:
-        """End the search that runs."""
+        """End the running search."""
         if self._busy is not None:
             self._busy[1].set()
         self._worker.shutdown(wait=False, cancel_futures=True)
 
     def _collect_result(self, wanted: PlanRequest | None) -> bool:
-        """Take the plan that was made; return whether it is wanted. End a search that is not."""
+        """Take a finished plan; return whether it is still wanted. End an obsolete search."""
         if self._busy is None:
             return False
         request, withdrawn, future = self._busy
@@ -255,7 +255,7 @@ class GoalPlanner:
 
 
 def _failed_path(request: PlanRequest, error: BaseException) -> PlannedPath:
-    """Return the refusal of a goal whose planning failed by a bug: the page has to go on."""
+    """Return a refusal if planning failed because of a bug, so that the page goes on."""
     return PlannedPath(
         request, refusal=GoalRefusal(request.goal, f"The planner has failed: {error!r}.")
     )

@@ -11,9 +11,9 @@ from ikservo.arm import Arm
 from ikservo.ik import Target
 from ikservo.kinematics.arrays import Vector
 
-_FULL_TRAVEL_S = 1.5  # from closed to open
-_LEAD_FRACTION = 0.06  # of the range: limits how far goals lead a blocked gripper
-_MAX_GRIP_STEP_S = 0.1  # between two messages; a longer gap counts as released
+_FULL_TRAVEL_S = 1.5  # time from closed to open
+_LEAD_FRACTION = 0.06  # largest lead of a blocked gripper, as a fraction of its range
+_MAX_GRIP_STEP_S = 0.1  # a longer gap between two messages counts as released
 
 
 class GripperControl:
@@ -36,7 +36,7 @@ class GripperControl:
         """Compute the next goal of the joint, rad or m; None while no button is held.
 
         Args:
-            grip: 1 closes, -1 opens, smaller values do it more slowly.
+            grip: 1 closes, -1 opens; smaller values move more slowly.
             goal: Its goal so far, rad or m.
             measured: Measured positions of all joints (n,), which the goal must not lead by much;
                 None in the preview, where nothing presses.
@@ -67,8 +67,8 @@ def gripper_control(arm: Arm) -> GripperControl | None:
 
 
 _SPEED_M_S = 0.12
-_MAX_STICK_STEP_S = 0.1  # between two messages; a longer gap counts as released
-_LEAD_M = 0.05  # limits how far the target leads an arm that cannot follow
+_MAX_STICK_STEP_S = 0.1  # a longer gap between two messages counts as released
+_LEAD_M = 0.05  # largest lead of the target if the arm cannot follow
 
 
 class GamepadControl:
@@ -81,7 +81,7 @@ class GamepadControl:
     def make_command(
         self, message: Gamepad, camera: Camera, tip_m: Vector, now_s: float
     ) -> DragTarget | None:
-        """Make the next target of the tip; None while the sticks are centred.
+        """Return the next target of the tip; None while the sticks are centred.
 
         Args:
             message: Deflection of the sticks.

@@ -1,4 +1,4 @@
-"""User input to goals: pointer gestures, held controls, typed values, poses."""
+"""Conversion of user input to goals: pointer gestures, held controls, typed values, poses."""
 
 from __future__ import annotations
 
@@ -58,11 +58,11 @@ class Interaction:
     Attributes:
         goal: Goal of all joints (n,), rad or m; None to hold position.
         marker: The target of the goal, if there is one.
-        path: The path to the goal in the preview; None where there is none.
+        path: The path to the goal in the preview; None if there is none.
         refusal: Why the guard refuses the goal; None if it does not.
         hover: The link that a press would grab.
         under: Everything under the pointer; None for the plane in which a click moves the tip.
-        chosen: Index of the one that a press selects.
+        chosen: Index of the thing under the pointer that a press selects.
         solve_s: Duration of the last solve.
         solver_text: Progress of a chosen solver method in the current drag.
         preference: The preferred posture.
@@ -145,7 +145,7 @@ class Interaction:
         self.revision += 1
 
     def show_path(self, path: PlannedPath | None, refusal: GoalRefusal | None) -> None:
-        """Show the path to the goal, or why the guard refuses it; logged once it is chosen."""
+        """Show the path to the goal, or its refusal; log it once the goal is final."""
         if path is not self.path or refusal is not self.refusal:
             self.path, self.refusal = path, refusal
             self.revision += 1
@@ -156,13 +156,13 @@ class Interaction:
             self.log(refusal.reason, "bad")
 
     def take_posture(self, goal: Vector) -> None:
-        """Take other joints (n,) with the tip at the target, where the goal was refused."""
+        """Use other joints (n,) with the tip at the target, if the goal was refused."""
         if goal is not self.goal:
             self.goal = goal
             self.log("The arm reaches this target in another posture.")
 
     def log(self, message: str, level: str = "") -> None:
-        """Append a message; a message that was told before is moved to the end."""
+        """Append a message; move an earlier equal message to the end."""
         for entry in [each for each in self.messages if each.message == message]:
             self.messages.remove(entry)
         self.messages.append(LogEntry(self._clock.now_s(), message, level))
@@ -171,7 +171,7 @@ class Interaction:
         """Select the solver for clicks and drags.
 
         Raises:
-            UnknownNameError: There is none of that name.
+            UnknownNameError: There is no solver of that name.
         """
         if name not in self.solvers:
             raise UnknownNameError("solver", name, self.solvers)
@@ -179,7 +179,7 @@ class Interaction:
         self.solver_text = ""
 
     def set_preference(self, preference: PosturePreference, measured: Vector) -> None:
-        """Prefer a posture where the target leaves freedom (null-space motion).
+        """Prefer a posture if the target leaves freedom (null-space motion).
 
         Raises:
             UnknownNameError: There is no such pose, or no such joint.
@@ -229,12 +229,12 @@ class Interaction:
         self._set_tool_goal(snapshot, *self._tool_targets.solve_direction(q, direction))
 
     def tool_fields(self, measured: Vector) -> dict[str, object]:
-        """Return the tool's values at the goal, or where the joints (n,) are measured."""
+        """Return the tool's values at the goal, or without a goal at the measured joints (n,)."""
         q = self._index.chain_joints(measured if self.goal is None else self.goal)
         return self._tool_targets.fields(q)
 
     def goal_fields(self, measured: Vector) -> list[float]:
-        """Return each joint's goal, or where it is measured (n,), in degrees or mm."""
+        """Return each joint's goal, or without one its measured position (n,), in degrees or mm."""
         shown = measured if self.goal is None else self.goal
         return [
             round(self._ranges.to_shown(column, position), 1)
@@ -253,7 +253,7 @@ class Interaction:
         self.marker = marker
 
     def undo(self, snapshot: ArmSnapshot) -> None:
-        """Take the goal before this one.
+        """Go back to the previous goal.
 
         Raises:
             InputError: There is none.
@@ -261,7 +261,7 @@ class Interaction:
         self._restore(self.history.undo(self._present_goal(snapshot)))
 
     def redo(self, snapshot: ArmSnapshot) -> None:
-        """Take the goal that was undone last.
+        """Restore the goal that was undone last.
 
         Raises:
             InputError: There is none.
@@ -269,7 +269,7 @@ class Interaction:
         self._restore(self.history.redo(self._present_goal(snapshot)))
 
     def finish_target(self) -> None:
-        """End a drag and the solving for it: the goal stays as it is shown."""
+        """End a drag and its solver; the goal stays as shown."""
         self._end_drag()
         self._command = None
 
@@ -282,7 +282,7 @@ class Interaction:
         self.goal, self.marker = past.goal, past.marker
 
     def _present_goal(self, snapshot: ArmSnapshot) -> PastGoal:
-        """Return the goal; without one in Live, where the arm stands."""
+        """Return the goal; without a goal in Live, the present position of the arm."""
         goal = self.goal if snapshot.reference is None else self._goal_or_rest(snapshot)
         return PastGoal(goal, self.marker)
 
@@ -290,7 +290,7 @@ class Interaction:
         self.history.record(self._present_goal(snapshot), kind, self._clock.now_s())
 
     def _set_goal(self, goal: Vector, snapshot: ArmSnapshot, kind: str) -> None:
-        """Set a goal (n,) that no pointer gave; a drag ends."""
+        """Set a goal (n,) that did not come from a pointer, and end a drag."""
         self._record_goal(snapshot, kind)
         self.reset()
         self.goal = goal
@@ -299,7 +299,7 @@ class Interaction:
         """Set a named pose as goal, clipped to this arm's limits.
 
         Raises:
-            UnknownNameError: The arm has none of that name.
+            UnknownNameError: The arm has no pose of that name.
         """
         limited = self._arm.pose_within_limits(name, snapshot.measured)
         goal = np.array([limited.positions[joint] for joint in self._index.names])
@@ -325,7 +325,7 @@ class Interaction:
             self._solve_pending(snapshot, now_s)
 
     def _record_gesture(self, message: Message, before: PastGoal, now_s: float) -> None:
-        """Record the goal before a gesture: of a drag once, when the pointer comes down."""
+        """Record the goal before a gesture, once per drag when the pointer goes down."""
         if isinstance(message, msg.Pointer | msg.DragTool):
             if message.phase == "down" or not self._drag_recorded:
                 self.history.record(before, "", now_s)
@@ -345,7 +345,7 @@ class Interaction:
         return self._drag.moved_thing
 
     def set_things(self, things: Sequence[Obstacle]) -> None:
-        """Let these be the things around the arm that a press may grab."""
+        """Set the things around the arm that a press may grab."""
         self._drag.set_objects(Picker(thing_shapes(things)))
         self._drag.moved_thing = None
 
@@ -379,7 +379,7 @@ class Interaction:
         plane_m: Vector | None = None,
         surface: PictureSurface | None = None,
     ) -> PointerContext:
-        """Return what the user sees; for ``plane_m`` and ``surface`` see ``PointerContext``."""
+        """Return the context of a pointer; for ``plane_m``, ``surface`` see ``PointerContext``."""
         measured = self._index.chain_joints(snapshot.measured)
         goal = self.shown_goal
         arms = (measured,) if goal is None else (goal, measured)
@@ -434,7 +434,7 @@ class Interaction:
         elif message.phase == "cancel":
             self.reset()
         elif message.phase == "leave" and message.touch:
-            return None  # keep the list after a finger was lifted
+            return None  # a lifted finger keeps the list
         self._update_hover(None if message.phase in ("cancel", "leave") else at, context)
         return None
 
@@ -453,7 +453,7 @@ class Interaction:
         return None
 
     def _update_hover(self, at: tuple[float, float] | None, context: PointerContext) -> None:
-        """Update what is under the pointer, and which of it a press would grab."""
+        """Update the things under the pointer, and the one that a press would grab."""
         self._pointer, self.hover, self.under, self.chosen = at, None, (), 0
         if at is not None:
             self.under, self.chosen = self._drag.candidates_under(at, context)
@@ -479,9 +479,9 @@ class Interaction:
             self._warn_unreached()
 
     def _solve_command(self, command: DragCommand, q: Vector, now_s: float) -> tuple[Vector, bool]:
-        """Find the chain's goal (dof,), and whether solving again leads no further."""
+        """Return the chain's goal (dof,), and whether another solve would not improve it."""
         if self.solver != AUTO and isinstance(command, DragTarget) and command.is_click:
-            # Solve a click with the chosen method, and keep its iterations to be drawn
+            # Solve a click with the chosen method, and keep its iterations for drawing.
             posture = self._solver.posture
             self.solver_trace = trace_method(
                 self._chain, command.target.position, q, self.solver, posture

@@ -29,8 +29,8 @@ STOP_TEXTS: dict[StopInput, str] = {
 
 _LOADED_PERCENT = 80.0
 _SAME_POINT_M = 1e-4
-# A supply outside these fractions of the nominal one is a wrong or an exhausted one: the three
-# cells of an 11.1 V battery give 9 to 12.6 V.
+# A supply outside these fractions of the nominal voltage is wrong or exhausted: the three cells of
+# an 11.1 V battery give 9 to 12.6 V.
 _LOW_SUPPLY, _HIGH_SUPPLY = 0.8, 1.2
 
 
@@ -58,7 +58,7 @@ def describe_target(marker: TargetMarker, method: str | None = None) -> str:
 
 
 def path_rows(path: PlannedPath | None) -> list[tuple[str, str, str]]:
-    """Return the row about the path to the goal: how it leads, its length, time and clearance."""
+    """Return the row about the path to the goal: kind, length, time and clearance."""
     if path is None or path.refusal is not None:
         return []
     plan = path.plan
@@ -83,7 +83,7 @@ def format_solve_time(solve_s: float) -> str:
 
 
 def format_supply(volts: Sequence[float]) -> str:
-    """Format voltages as ``7.4 V``, or as ``11.8 – 12.1 V`` where servos measure different ones."""
+    """Format voltages as ``7.4 V``, or as ``11.8 – 12.1 V`` if servos measure various voltages."""
     low, high = f"{min(volts):.1f}", f"{max(volts):.1f}"
     return f"{low} V" if low == high else f"{low} – {high} V"
 
@@ -112,11 +112,11 @@ def health_rows(states: Sequence[JointState], limits: HealthLimits) -> list[dict
 def condition_rows(
     states: Sequence[JointState], supply_v: float | None, limits: HealthLimits
 ) -> list[tuple[str, str, str]]:
-    """Return rows of name, text and level for what is wrong now: supply, alarms, limp servos.
+    """Return rows of name, text and level for present faults: supply, alarms, torque off.
 
     Args:
         states: The servos.
-        supply_v: The nominal supply of the arm; None where the arm file does not say.
+        supply_v: The nominal supply of the arm; None if the arm file does not give it.
         limits: The limits of the supply that the arm file gives.
     """
     rows = [(names, alarms, "bad") for names, alarms in describe_alarms(states)]

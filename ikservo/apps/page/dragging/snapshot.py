@@ -1,6 +1,6 @@
 """Values that cross the thread boundary: commands to the arm thread, snapshots from it.
 
-Each has one writer and is replaced as a whole, so that no thread waits for another.
+Each value has one writer and is replaced as a whole, so that no thread waits for another.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ class LogEntry:
     """A message for the user.
 
     Attributes:
-        time_s: When, by the clock of the page.
+        time_s: The time, by the clock of the page.
         message: The event.
         level: ``bad`` for what went wrong, empty for news.
     """
@@ -52,9 +52,9 @@ class GoalRefusal:
 
     Attributes:
         goal: Goal of all joints (n,), the array that was refused.
-        reason: Why, in one sentence.
-        pair: The pair that would touch: a link, and another link or a thing; empty if nothing
-            would.
+        reason: The reason, in one sentence.
+        pair: The two parts that would touch: a link, and another link or a thing; empty without a
+            contact.
     """
 
     goal: Vector
@@ -64,7 +64,7 @@ class GoalRefusal:
 
 @dataclass(frozen=True, slots=True)
 class StopNotice:
-    """Why the arm holds until a user acknowledges it, as the command line formats it.
+    """The reason why the arm holds until a user acknowledges it, as the command line formats it.
 
     Attributes:
         message: The event.
@@ -83,7 +83,7 @@ class CalibrationView:
         item: The question or request.
         request: The last request, with its reading; None while torque is still on.
         lines: The lines since the last answer.
-        number: The number of the screen, from 1; an answer names the screen that it was given on.
+        number: The number of the screen, from 1; an answer names its screen.
     """
 
     item: HandRequest | Question
@@ -99,16 +99,16 @@ class ArmSnapshot:
     Attributes:
         measured: Measured joint positions (n,), rad or m.
         start: The start of a motion (n,).
-        read_s: When they were measured.
+        read_s: The time of the measurement.
         reference: The reference of the joints (n,); None while no session runs.
         states: Telemetry of the servos, a little older.
         stop_notice: Why the arm holds; None if it is not stopped.
-        stop_count: Number of stops that were carried out; confirms them to the page.
+        stop_count: Number of completed stops; confirms them to the page.
         ended_session: The last session that has ended.
         refusal: The goal that was refused last in a session; None if there is none.
         messages: Messages for the user, the oldest first.
         calibration: The running calibration, if any.
-        activity: The activity of the arm by itself; empty if there is none.
+        activity: Text of what the arm does without the page; empty if nothing.
     """
 
     measured: Vector

@@ -4,7 +4,7 @@
 
     model = load_model("planar3")                     # or any flat arm
     trace = trace_method(model.chain, target_m, q0, "ccd")
-    trace.page_fields                                 # what the page draws, sent once
+    trace.page_fields                                 # drawn by the page, sent once
     for k in range(trace.count):
         text = trace.format_step(k)                   # "ccd, iteration 12 of 40: 3.2 mm left"
 
@@ -29,7 +29,7 @@ SOLVERS: tuple[str, ...] = tuple(METHODS)
 """The methods to choose from."""
 
 ITERATIVE = ("pseudo_inverse", "transpose", "ccd")
-"""Methods that iterate from the current joints: they need not end at the nearest point."""
+"""Methods that iterate from the current joints and may end short of the nearest point."""
 
 _MAX_SHOWN = 200
 _DIGITS = 5
@@ -53,7 +53,7 @@ class SolverTrace:
 
     @property
     def count(self) -> int:
-        """How many steps there are to show, the start included."""
+        """Number of steps to show, including the start."""
         return len(self.numbers)
 
     def distance_left_m(self, step: int) -> float:
@@ -62,7 +62,7 @@ class SolverTrace:
 
     @cached_property
     def page_fields(self) -> dict[str, object]:
-        """What the page draws step by step, see ``page/marks.js``."""
+        """Fields that the page draws step by step; see ``page/static/marks.js``."""
         return {
             "lines": np.round(self.lines_m, _DIGITS).tolist(),
             "target": self.target_m.tolist(),
@@ -100,7 +100,7 @@ def trace_method(
     steps = np.array(result.trace or (chain.clip(q0), result.q))
     shown = np.unique(np.linspace(0, len(steps) - 1, min(len(steps), _MAX_SHOWN)).round())
     numbers = shown.astype(int)
-    # Compute the pivots and the tip (n, points, 3) at joints (n, dof)
+    # The pivots and the tip (n, points, 3) at joints (n, dof).
     q = steps[numbers]
     links = [step.joint.child for step in chain.joints_to() if step.scale]
     points = [chain.forward(q, link)[:, :3, 3] for link in (*links, chain.tip)]

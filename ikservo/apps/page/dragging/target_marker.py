@@ -21,7 +21,7 @@ class TargetMarker:
         reached: Whether these are the same.
         binding: The active limits.
         frame: The link that was grabbed; None for the tip.
-        stance: The wanted stance of the tool; None if it, or the link, is not the tool's.
+        stance: The wanted stance of the tool; None if there is none, or a link was grabbed.
         turn_error_rad: The angle between the tool and its wanted orientation; 0 if none.
     """
 
@@ -35,5 +35,5 @@ class TargetMarker:
 
     @property
     def gap_m(self) -> float:
-        """How far the nearest point is from the target."""
+        """Distance of the nearest point from the target."""
         return float(np.linalg.norm(self.target_m - self.nearest_m))

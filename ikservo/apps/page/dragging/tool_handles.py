@@ -1,4 +1,4 @@
-"""Handles of the tool in the 3D scene: where the arm lets the tool go and turn, and drags of them.
+"""Handles of the tool in the 3D scene: its possible motions, and drags of the handles.
 
 ::
 
@@ -23,10 +23,10 @@ from ikservo.kinematics.arrays import Matrix, Vector
 from ikservo.kinematics.se3 import exp_so3, log_so3, make_pose
 from ikservo.planning.tool_orientation import ORIENTATION_TOLERANCE_RAD, ArmPlane
 
-_SAMPLES = 16  # postures, of which the freest tells what the arm can do
-_RANK = 1e-3  # of the largest singular value
-_ALONG = 0.5  # of the tool axis: below it the tool cannot roll
-_PASSES = 3  # of the arm's plane, which turns with the solution
+_SAMPLES = 16  # number of postures; the one with most freedom decides
+_RANK = 1e-3  # rank tolerance, relative to the largest singular value
+_ALONG = 0.5  # part of the tool axis below which the tool cannot roll
+_PASSES = 3  # iterations, because the arm's plane turns with the solution
 
 
 class ToolHandles:
@@ -46,14 +46,14 @@ class ToolHandles:
 
     @property
     def description(self) -> dict[str, object]:
-        """Along which axes of the base frame the tool moves, and about how many it turns."""
+        """The base axes along which the tool moves, and the number of axes about which it turns."""
         return {"moves": self._moves, "turns": self._turns}
 
     def axes(self, q: Vector) -> Matrix:
         """Compute R_base_handles (3, 3) at joints (dof,); the tool turns about its first columns.
 
-        They are the tool axis, where the tool rolls, and axes across it: those about which the
-        tool turns while its tip stays, by the null space of the tip's velocity.
+        The columns are the tool axis, if the tool can roll, and axes across it about which the tool
+        can turn while its tip stays (null space of the tip's velocity).
         """
         T, J = self._chain.forward_and_jacobian(q)
         approach = T[:3, :3] @ self._approach
@@ -76,7 +76,7 @@ def _sample_postures(chain: Chain) -> Matrix:
 
 
 def _turning(J: Matrix) -> Matrix:
-    """Compute angular velocities (3, 3) that leave the tip where it is, at a Jacobian (6, dof)."""
+    """Compute angular velocities (3, 3) that do not move the tip, from a Jacobian (6, dof)."""
     _, sizes, rows = np.linalg.svd(J[:3])
     still = rows[int((sizes > _RANK * sizes[0]).sum()) :].T
     padded = np.zeros((3, max(3, still.shape[1])))
@@ -85,7 +85,7 @@ def _turning(J: Matrix) -> Matrix:
 
 
 def _frame_along(first: Vector, R: Matrix) -> Matrix:
-    """Compute a frame (3, 3) with a first axis, the others near those of an orientation (3, 3)."""
+    """Compute a frame (3, 3) with a given first axis, otherwise near an orientation (3, 3)."""
     across = R[:, int(np.argmin(np.abs(R.T @ first)))]
     second = across - first * float(across @ first)
     second = second / np.linalg.norm(second)
@@ -93,7 +93,7 @@ def _frame_along(first: Vector, R: Matrix) -> Matrix:
 
 
 class ToolDrag:
-    """A drag of the handles; the tool is moved from where it was when they were pressed.
+    """A drag of the handles, relative to the pose of the tool when they were pressed.
 
     Args:
         chain: The arm.
@@ -116,8 +116,8 @@ class ToolDrag:
     def move(self, shift_m: Vector, turn_rad: Vector) -> ToolPoseTarget | None:
         """Compute the target for a shift and a rotation vector (3,) since the press, base frame.
 
-        Where the tool is only shifted, an arm with four or five joints keeps its orientation in
-        the arm's own plane, which turns with the shift; None if the handles are not held.
+        If the tool is only shifted, an arm with four or five joints keeps its orientation in the
+        arm's own plane, which turns with the shift. None if the handles are not held.
         """
         if self._pressed is None:
             return None
@@ -162,7 +162,7 @@ class ToolPoseSolver:
     def _marker(
         self, target: ToolPoseTarget, wanted: Matrix, q: Vector, binding: tuple[ActiveLimit, ...]
     ) -> TargetMarker:
-        """Return the marker; an orientation that is kept as well as possible is always reached."""
+        """Return the marker; an orientation that is kept only if possible counts as reached."""
         T, solved = self._chain.forward(q), self._solver.result
         error_rad = float(np.linalg.norm(log_so3(wanted @ T[:3, :3].T)))
         turned = error_rad <= ORIENTATION_TOLERANCE_RAD

@@ -18,12 +18,12 @@ from ikservo.model.tool import tool_frame
 from ikservo.planning.tool_orientation import solve_with_orientation
 
 _MM = 1000.0
-_ROUNDING = 0.05  # of limits as they are shown, degrees or mm
+_ROUNDING = 0.05  # rounding error of shown limits, degrees or mm
 _STAYS = "Nothing was changed."
 
 
 class JointRanges:
-    """The positions of each joint, as the page shows and sends them.
+    """Positions of joints, as the page shows and sends them.
 
     Args:
         arm: The arm, with its own limits.
@@ -55,7 +55,7 @@ class JointRanges:
         return position * _MM if self._prismatic[column] else math.degrees(position)
 
     def moved(self, goal: Vector, joint: str, value: float) -> Vector:
-        """Compute the goal (n,) with one joint at a position, degrees or mm.
+        """Return the goal (n,) with one joint at a position, degrees or mm.
 
         Raises:
             UnknownNameError: No such joint.
@@ -74,7 +74,7 @@ class JointRanges:
         return q
 
     def stepped(self, goal: Vector, joint: str, step: float) -> Vector:
-        """Compute the goal (n,) with one joint further by a step, at its limit at most.
+        """Return the goal (n,) with one joint moved by a step, at most to its limit.
 
         Raises:
             UnknownNameError: No such joint.
@@ -107,7 +107,7 @@ class JointRanges:
 
 
 class ToolTargets:
-    """Solves targets of the tool: one of its values is given, the others stay if they can.
+    """Solves targets of the tool: one value is given, the others stay if possible.
 
     Args:
         arm: The arm.
@@ -121,7 +121,7 @@ class ToolTargets:
         return self._values_at(self._chain.forward(q))
 
     def fields(self, q: Vector) -> dict[str, object]:
-        """Compute the rounded values for a page, and where the tool points, at joints (dof,)."""
+        """Return the rounded values for a page and the direction of the tool, at joints (dof,)."""
         T = self._chain.forward(q)
         direction = T[:3, :3] @ self._tool.approach_axis
         values = {name: round(value, 1) for name, value in self._values_at(T).items()}
@@ -140,7 +140,7 @@ class ToolTargets:
         """Find joints (dof,) with one value of the tool, and the marker of its target.
 
         Raises:
-            UnreachableError: There are none; also ``OrientationError``.
+            UnreachableError: There are no such joints; also ``OrientationError``.
             InputError: An angle is beyond its range.
         """
         T = self._chain.forward(q)
@@ -156,11 +156,11 @@ class ToolTargets:
         """Find joints (dof,) with the tool in a direction (3,), and the marker of its target.
 
         Raises:
-            UnreachableError: There are none.
+            UnreachableError: There are no such joints.
             InputError: The direction has no length.
         """
         if float(np.linalg.norm(direction)) < 1e-6:
-            raise InputError("The direction 0, 0, 0 points nowhere.", _STAYS)
+            raise InputError("The direction 0, 0, 0 has no length.", _STAYS)
         position = self._chain.forward(q)[:3, 3]
         return self._solve(q, position, ToolOrientation(direction=direction))
 

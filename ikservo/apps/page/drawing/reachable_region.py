@@ -72,13 +72,13 @@ def slice_plane(
 ) -> SlicePlane | None:
     """Compute the plane of a view at joints (dof,); None for a view without one.
 
-    From above and from the front it is the plane of the tip, rounded to a centimetre.
+    In the views from above and from the front it contains the tip, rounded to a centimetre.
 
     Args:
         extent: The extent of the arm.
         name: The view.
         q: The joints.
-        find_tip_m: Returns where the tip is (3,), for the views that need it.
+        find_tip_m: Returns the position (3,) of the tip, for views that need it.
     """
     if name == "orbit":
         return None

@@ -1,11 +1,11 @@
-"""The arm as the page draws it: described once, then positions of the joints and marks.
+"""The arm as the page draws it: a description once, then joint positions and marks.
 
-The page computes the drawing by itself, in 2D from the capsules, in 3D from the shapes::
+The page draws the arm itself, in 2D from the capsules and in 3D from the shapes::
 
     graph = SceneGraph(model, chain, extent)
     graph.description             # sent once
     graph.shapes                  # sent once to a page that draws in 3D
-    graph.fields(state)           # sent with every scene, where it differs from the last one
+    graph.fields(state)           # sent with every scene, if it differs from the last one
 
 Lengths are metres, angles rad, poses T_parent_child (4, 4) row by row, all in the base frame or in
 the frame of the link.
@@ -39,13 +39,13 @@ from ikservo.model.collision_model import capsules_of
 from ikservo.model.model import at_distance, near_distance
 from ikservo.model.tool import tool_frame
 
-_DIGITS = 7  # of positions: at a metre's distance 0.1 µm
+_DIGITS = 7  # decimals of positions, 0.1 µm
 _AXIS_DIGITS = 4
-_SWEPT = slice(4, 24, 4)  # of the postures along a path, those at which the whole arm is drawn
+_SWEPT = slice(4, 24, 4)  # postures along a path at which the whole arm is drawn
 
 
 class SceneGraph:
-    """What the page needs to draw an arm.
+    """Data from which the page draws an arm.
 
     Args:
         model: The arm.
@@ -53,7 +53,7 @@ class SceneGraph:
         extent: The space it can occupy.
 
     Attributes:
-        description: Everything that does not move, but for the shapes of 3D.
+        description: Everything that does not move, except the shapes of 3D.
     """
 
     def __init__(self, model: Model, chain: Chain, extent: ArmExtent) -> None:
@@ -114,7 +114,7 @@ class SceneGraph:
         }
 
     def _camera_fields(self, camera: Camera) -> Fields:
-        """Return a camera's fields; a drag keeps its camera, so they are kept, too."""
+        """Return a camera's fields, cached because a drag keeps its camera."""
         if self._camera is None or self._camera[0] is not camera:
             self._camera = camera, _camera_fields(camera)
         return self._camera[1]
@@ -151,7 +151,7 @@ class _JointPositions:
         self._others = [(i, step.joint) for i, step in enumerate(moving) if not step.scale]
 
     def at(self, q: Vector, others: Mapping[str, float]) -> list[float]:
-        """Compute the positions, rad or m, at joints (dof,) and those that q does not move."""
+        """Compute the positions, rad or m, at joints (dof,) and joints that q does not move."""
         at: Vector = self._scales * q[self._columns] + self._shifts
         for i, joint in self._others:
             other = other_joint_position(joint, others)
@@ -164,7 +164,7 @@ def _rounded(numbers: Vector) -> list[float]:
 
 
 def _joint_fields(step: ChainJoint | None) -> Fields:
-    """Return how a link is fixed to its parent; of the base, that it has none."""
+    """Return the joint of a link to its parent; the base has no parent."""
     if step is None:
         return {"parent": None, "origin": row_major(np.eye(4)), "joint": "fixed"}
     joint = step.joint
@@ -182,7 +182,7 @@ def _capsule_fields(capsule: Capsule) -> Fields:
 
 
 def _dial_fields(chain: Chain, dial: JointDial) -> Fields:
-    """Return a joint's range, and the distances from its limits at which it is near or at them."""
+    """Return a joint's range, and the distances that count as near and at a limit."""
     low, high = float(chain.lower_rad[dial.column]), float(chain.upper_rad[dial.column])
     limited = math.isfinite(high - low)
     unit = "m" if dial.is_prismatic else "rad"

@@ -1,7 +1,7 @@
 """The shapes of an arm's links as the page draws them in 3D.
 
-Lengths are metres, poses T_link_shape (4, 4) row by row. Meshes travel as the corners of their
-triangles, little-endian float32 in base64; where one is missing, the shapes for contact are drawn.
+Lengths are metres, poses T_link_shape (4, 4) row by row. Meshes are sent as the corners of their
+triangles, little-endian float32 in base64; if one is missing, the shapes for contact are drawn.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ def row_major(T: Matrix) -> list[float]:
 def link_shapes(model: Model, name: str) -> list[Fields]:
     """Return the visual shapes of a link, or else its collision shapes, as far as usable."""
     link = next((each for each in model.urdf.links if each.name == name), None)
-    if link is None:  # the tip of a tool
+    if link is None:  # the tip of a tool is not a link
         return []
     with contextlib.suppress(FileFormatError):
         return list(_visual_fields(link)) or _collision_fields(link)
@@ -71,5 +71,5 @@ def _shape_fields(link: str, shape: Shape, colour: Triple | None) -> list[Fields
             return [
                 {"shape": "mesh", "corners": base64.b64encode(corners.tobytes()).decode(), **shared}
             ]
-        case Surface():  # only while a description is converted
+        case Surface():  # exists only while a description is converted
             return []

@@ -1,4 +1,4 @@
-"""What a page shows in one frame, before it is put into the fields that travel."""
+"""Contents of a frame of a page, before they are converted to message fields."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ _SAME_RAD = 2e-3
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SceneState:
-    """What a frame shows.
+    """Contents of a frame.
 
     Attributes:
         camera: The camera.
         measured: Measured joints (dof,), rad or m.
         goal: Goal of the joints (dof,); None while there is no goal.
         path: The path to the goal, if there is one.
-        is_choosing: Whether the goal is still being chosen: no posture on the path is shown then.
+        is_choosing: Whether the goal is still being chosen, when postures on the path are hidden.
         marker: The target, if there is one.
         region: The reachable region of the shown plane, if it is available.
         hover: The link under the pointer.
@@ -35,7 +35,7 @@ class SceneState:
         refused_pair: The pair that the goal would touch, if the guard refuses it; may be empty.
             None for a goal that is not refused.
         other_joints: Positions of joints that are not in the chain, such as the gripper's.
-        goal_other_joints: Their goals; None where they stay.
+        goal_other_joints: Their goals; None if they stay.
     """
 
     camera: Camera
@@ -55,9 +55,9 @@ class SceneState:
 
     @property
     def shows_goal(self) -> bool:
-        """Whether there is a goal that differs from where the arm is measured.
+        """Whether there is a goal that differs from the measured position.
 
-        What servos do not resolve makes no difference.
+        Differences below the resolution of servos are ignored.
         """
         if self.goal is None:
             return False

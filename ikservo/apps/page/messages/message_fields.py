@@ -12,7 +12,7 @@ _MAX_SEQ = 2**53 - 1  # the largest whole number that JavaScript counts without 
 
 Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9_\-]{1,64}$")]
 StopInput = Literal["button", "Space", "Escape", "gamepad"]
-"""With what a person at the page asked for a stop."""
+"""The control of the page with which the user asked for a stop."""
 
 
 class PageMessage(StrictModel):

@@ -42,7 +42,7 @@ class Heartbeat(PageMessage):
 
 
 class SetViewport(PageMessage):
-    """Size of the page's drawing in CSS pixels, its viewpoint, and whether WebGL draws it.
+    """Set the size of the page's drawing in CSS pixels, its viewpoint, and whether WebGL draws it.
 
     Attributes:
         handles: Whether WebGL draws handles at the tool.
@@ -121,7 +121,7 @@ class OrbitCamera(PageMessage):
     """Orbit or pan the camera by pixels of dragging, or zoom.
 
     Attributes:
-        at: The pixel whose place stays when zooming; None for the middle.
+        at: The pixel about which to zoom; None: the middle.
     """
 
     kind: Literal["orbit_camera"]
@@ -132,20 +132,20 @@ class OrbitCamera(PageMessage):
 
 
 class FitView(PageMessage):
-    """Show the whole arm again, from where the chosen view shows it at first."""
+    """Show the whole arm again, from the initial viewpoint of the chosen view."""
 
     kind: Literal["fit_view"]
 
 
 class Undo(PageMessage):
-    """Take the target before the present one; ``redo`` the one that was undone."""
+    """Restore the previous target, or with ``redo`` the one that was undone."""
 
     kind: Literal["undo"]
     redo: bool = False
 
 
 class ArmAction(PageMessage):
-    """Let the arm do something by itself.
+    """Start an action of the arm.
 
     Attributes:
         action: Go to the target of the preview; lower the arm to its rest pose and switch torque
@@ -171,7 +171,7 @@ class Gamepad(PageMessage):
 
 
 class MarkTip(PageMessage):
-    """Say at which pixel of the drawing the tip is in the picture of a calibrated camera."""
+    """Mark the pixel of the drawing at which a calibrated camera shows the tip."""
 
     kind: Literal["mark_tip"]
     x: Pixels
@@ -227,7 +227,7 @@ class SetSolver(PageMessage):
 
 
 class PreferPosture(PageMessage):
-    """Set the preferred posture, used where the target leaves freedom.
+    """Set the preferred posture, used if the target leaves freedom.
 
     Attributes:
         pose: The name of a pose, ``here`` for the current posture, or ``none``.
@@ -267,7 +267,7 @@ class JogJoint(PageMessage):
 
 
 class SetTool(PageMessage):
-    """Set one coordinate of the tool [mm] or angle [degrees]; the others stay if they can."""
+    """Set one coordinate of the tool [mm] or angle [degrees]; the others stay if possible."""
 
     kind: Literal["set_tool"]
     what: ToolValue
@@ -312,14 +312,14 @@ class ShowPlots(PageMessage):
 
 
 class SaveHistory(PageMessage):
-    """Offer what is kept of the past, or of the seconds before the last stop, as a CSV file."""
+    """Offer the history, or the seconds before the last stop, as a CSV file."""
 
     kind: Literal["save_history"]
     stopped: bool = False
 
 
 class FollowArm(PageMessage):
-    """Follow another open arm of the page, which is guided by hand; none ends that."""
+    """Follow another open arm of the page, which is guided by hand; an empty name ends that."""
 
     kind: Literal["follow_arm"]
     leader: Name | None = None
@@ -352,7 +352,7 @@ class WriteRegister(PageMessage):
 class CalibrationAnswer(PageMessage):
     """User input of a calibration; ``start`` starts it and ``cancel`` ends it.
 
-    ``number`` is that of the screen on which an answer was given: on another one it is none.
+    ``number`` is the screen on which the answer was given; on another screen it is ignored.
     """
 
     kind: Literal["calibration"]
@@ -421,7 +421,7 @@ def read_message(text: str) -> Message:
     """Parse and validate a message; every number of the result is inside its bounds.
 
     Raises:
-        BadMessageError: It is too long, no JSON, or not one of those above.
+        BadMessageError: It is too long, not JSON, or not one of the messages above.
     """
     return validate_message(_MESSAGES, text)
 
@@ -430,7 +430,7 @@ def validate_message(adapter: TypeAdapter[_MessageT], text: str) -> _MessageT:
     """Parse and validate a message of any kind.
 
     Raises:
-        BadMessageError: It is too long, no JSON, or of no such kind.
+        BadMessageError: It is too long, not JSON, or of another kind.
     """
     if len(text) > MAX_MESSAGE_BYTES:
         raise BadMessageError(

@@ -21,9 +21,9 @@ class AddStep(PageMessage):
     """Add a step.
 
     Attributes:
-        what: The arm's present joints, the joints of the target that is shown, a named pose, a
-            recording, the gripper, or a wait.
-        path: The way to the present pose or the target: by the joints, or with the tip on a line.
+        what: The present joints, the joints of the shown target, a named pose, a recording, the
+            gripper, or a wait.
+        path: The path to the present pose or the target: of the joints, or with the tip on a line.
         pose: The name of a named pose.
         recording: The name of a recording in the folder of the programs.
         wait_s: The duration of a wait.
@@ -64,7 +64,7 @@ class DeleteStep(PageMessage):
 
 
 class SetProgram(PageMessage):
-    """Set the speed of steps without one of their own, and how often the program is made."""
+    """Set the speed of steps without a speed of their own, and the number of repetitions."""
 
     kind: Literal["set_program"]
     speed: Speed
@@ -72,7 +72,7 @@ class SetProgram(PageMessage):
 
 
 class ProgramFile(PageMessage):
-    """Begin a new program, load one, or save it; ``overwrite`` replaces another one's file."""
+    """Begin a new program, load one, or save it; ``overwrite`` replaces the file of another."""
 
     kind: Literal["program_file"]
     action: Literal["new", "load", "save"]
@@ -81,7 +81,7 @@ class ProgramFile(PageMessage):
 
 
 class RunProgram(PageMessage):
-    """Check the program, play it, make one step, or pause after the present one.
+    """Check the program, play it, run one step, or pause after the present step.
 
     Attributes:
         step: The step to begin with; None for the first one.

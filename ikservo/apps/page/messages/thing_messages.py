@@ -11,11 +11,11 @@ from ikservo.apps.page.messages.message_fields import PageMessage
 ThingName = Annotated[str, Field(min_length=1, max_length=40)]
 Number = Annotated[float, Field(ge=-1000, le=1000, allow_inf_nan=False)]
 Triple = Annotated[tuple[Number | None, Number | None, Number | None], Field(strict=False)]
-"""Three numbers, of which None stays as it is."""
+"""Three numbers; None leaves a value unchanged."""
 
 
 class AddThing(PageMessage):
-    """Put a thing beside the arm, which keeps out of it from then on."""
+    """Put a thing near the arm, which avoids it from then on."""
 
     kind: Literal["add_thing"]
     shape: Literal["box", "cylinder", "sphere"]
@@ -29,7 +29,7 @@ class AddArm(PageMessage):
 
 
 class ChangeThing(PageMessage):
-    """Change a thing around the arm: what is given, with the keys of a scene file."""
+    """Change the given fields of a thing around the arm; the keys are those of a scene file."""
 
     kind: Literal["change_thing"]
     name: ThingName

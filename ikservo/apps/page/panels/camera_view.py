@@ -1,4 +1,4 @@
-"""The picture of a calibrated camera as a view of the arm: when clicks in it may be targets."""
+"""The picture of a calibrated camera as a view of the arm, in which clicks can be targets."""
 
 from __future__ import annotations
 
@@ -30,21 +30,21 @@ from ikservo.errors import CalibrationError, IkservoError
 from ikservo.files.public_source import public_source
 from ikservo.kinematics.arrays import Matrix, Vector
 
-_CHECK_PERIOD_S = 1.0  # while somebody looks
-_REST_S, _AT_REST_RAD = 0.5, 2e-3  # longer than a picture is on its way
+_CHECK_PERIOD_S = 1.0  # period of checks while a page shows the picture
+_REST_S, _AT_REST_RAD = 0.5, 2e-3  # longer than the delay of a picture
 
 
 class CameraView:
     """A calibrated camera whose pictures a page shows.
 
     Args:
-        arm: The arm before it.
-        video: Its pictures.
-        clock: Tells when to look whether it has moved.
-        name: The name of the camera; the one with the source of the pictures if empty.
+        arm: The arm in front of it.
+        video: The source of its pictures.
+        clock: Times the checks whether it has moved.
+        name: The name of the camera; empty: the camera with the source of the pictures.
 
     Attributes:
-        tip_shows: The joint whose zero a click on the tip would show; None if there is none.
+        tip_shows: The joint whose zero a click on the tip would determine; None without one.
         tip_clicks: The number of clicks.
 
     Raises:
@@ -69,13 +69,13 @@ class CameraView:
         if camera.board is not None or self._known.board is not None:
             self._place = BoardPlace(camera, self._known)
         self._made: LensCamera | None = None
-        self._still: tuple[float, Vector] | None = None  # since when, and where
+        self._still: tuple[float, Vector] | None = None  # since when, and at which joints
         self._doubts, self._checked_s = 0, clock.now_s()
         self._worker = ThreadPoolExecutor(1, thread_name_prefix="ikservo camera check")
         self._checking: Future[CameraCheck | str | None] | None = None
 
     def close(self) -> None:
-        """Cancel the look that is under way."""
+        """Cancel the running check."""
         self._worker.shutdown(wait=False, cancel_futures=True)
 
     def camera(self, viewport: Viewport) -> LensCamera:
@@ -89,18 +89,18 @@ class CameraView:
         return table_m(self._arm.model) + height_m
 
     def surface(self, height_m: float) -> PictureSurface:
-        """Return where a click is a target, at a height above the table."""
+        """Return the surface for targets of clicks, at a height above the table."""
         return PictureSurface(self._arm.scene.things, self.plane_m(height_m))
 
     @property
     def trouble(self) -> str:
-        """Why no target is taken from the picture; empty if one is."""
+        """Return why clicks in the picture are not targets; empty if they are."""
         if self._moved is not None:
             return moved_error(self._moved.moved_mm, self._moved.turned_deg).message
         if self._mirrored:
             return self._mirrored
         if self._video.before not in (None, self._arm.context.port.transport):
-            return "The picture is that of another simulated arm."
+            return "The picture shows another simulated arm."
         picture, (width, height) = self._video.newest, self._model.lens.size
         if picture is not None and picture.shape[:2] != (height, width):
             seen = f"{picture.shape[1]} x {picture.shape[0]}"
@@ -115,13 +115,13 @@ class CameraView:
         """Refuse targets from a picture that is old, or of a camera that has moved.
 
         Raises:
-            BadMessageError: It is.
+            BadMessageError: The picture is old, or the camera has moved.
         """
         if self.trouble:
             raise BadMessageError(self.trouble, "Nothing moves. Choose a target in another view.")
 
     def find_tip_zero(self, camera: LensCamera, px: Vector, snapshot: ArmSnapshot) -> TipZero:
-        """Find the zero with which the tip is where it was clicked.
+        """Find the zero that puts the tip at the click.
 
         Args:
             camera: The camera of the drawing.
@@ -130,7 +130,7 @@ class CameraView:
 
         Raises:
             BadMessageError: The picture is not usable, or the arm does not rest.
-            CalibrationError: The click shows no zero.
+            CalibrationError: The click determines no zero.
         """
         self.require_usable()
         is_old = self._clock.now_s() - snapshot.read_s > _REST_S
@@ -140,7 +140,7 @@ class CameraView:
         return find_tip_zero(self._arm, [pixel], written, self._name, snapshot.measured)
 
     def watch(self, measured: Vector) -> None:
-        """Look now and then whether the camera has moved; called while somebody looks.
+        """Check from time to time whether the camera has moved, while a page shows the picture.
 
         Args:
             measured: All joints (n,).
@@ -170,7 +170,7 @@ class CameraView:
     def _look(
         self, place: BoardPlace, picture: Picture, T_base_tip: Matrix
     ) -> CameraCheck | str | None:
-        """Find what a picture says of the camera's place, or why it says nothing."""
+        """Evaluate the camera's place from a picture, or return why that is not possible."""
         try:
             view = find_board(place.board, picture)
             return compare_place(self._model, place, T_base_tip, view, datetime.now(UTC))
@@ -178,7 +178,7 @@ class CameraView:
             return "The picture is mirrored." if is_mirrored(place.board, picture) else None
 
     def _judge(self, check: CameraCheck | str | None) -> None:
-        """Believe what two pictures say, one after the other; and say so to programs."""
+        """Accept a result that two consecutive pictures confirm, and save it for other programs."""
         if isinstance(check, str):
             self._mirrored = check
             return
@@ -192,6 +192,6 @@ class CameraView:
             return
         self._doubts, self._moved = 0, check if check.has_moved else None
         self._known = self._known.model_copy(update={"check": check})
-        with suppress(IkservoError):  # a full disk: this page knows
+        with suppress(IkservoError):  # if the disk is full, only this page knows
             key = camera_key(self._arm.context)
             save_camera(self._arm.model.name, key, self._known, self._name)

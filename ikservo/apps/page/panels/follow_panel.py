@@ -1,4 +1,4 @@
-"""The page's choice of a leader for its arm, and how far the arm is behind it."""
+"""Choice of a leader for the page's arm, and the lag of the arm."""
 
 from __future__ import annotations
 
@@ -16,19 +16,19 @@ from ikservo.arm.leader_following import shared_joints
 from ikservo.clock import Clock
 from ikservo.errors import InputError
 
-_PERIOD_S = 0.4  # between two figures that a person reads
-_FOLLOWED = 0.05  # rad or m; nearer than that nothing is refused any more
+_PERIOD_S = 0.4  # update period of figures for a reader
+_FOLLOWED = 0.05  # rad or m; below this error a refusal is not shown
 
 FindArm = Callable[[str], ArmThread | None]
 """Returns the thread of another open arm of the page by its name; None if there is none."""
 
 
 class FollowPanel:
-    """Couples the arm to a leader and tells how far it is behind.
+    """Couples the arm to a leader and shows its lag.
 
     Args:
         arm_thread: Owns the arm that follows.
-        clock: The time that all arms of the page have in common.
+        clock: The common time of all arms of the page.
         find_arm: Finds the leader.
     """
 
@@ -39,10 +39,10 @@ class FollowPanel:
         self._reported_s = -math.inf
 
     def start(self, leader_name: str) -> None:
-        """Follow another arm of the page; this one goes to where that one is, then with it.
+        """Follow another arm of the page: first go to its position, then move with it.
 
         Raises:
-            InputError: There is no such arm, it holds, one of the two is busy or was stopped, or
+            InputError: There is no such arm, it holds, one of the arms is busy or was stopped, or
                 they have no joint in common.
             CalibrationError: One of the two is not calibrated.
         """
@@ -70,7 +70,7 @@ class FollowPanel:
             self._job.finish()
 
     def frames(self, client: Client) -> list[Frame]:
-        """Return what a client does not know yet of the leader."""
+        """Return new frames on the leader for a client."""
         job, now_s = self._job, self._clock.now_s()
         if job is not None and self._arm_thread.job is not job:
             self._job, self._reported_s = None, -math.inf
@@ -86,18 +86,18 @@ class FollowPanel:
 
 
 def _check_coupling(leader: ArmThread, follower: Arm, name: str) -> tuple[str, ...]:
-    """Find the joints that both have, of a leader that can be guided by hand."""
+    """Return the joints that both arms have; require a leader that can be guided by hand."""
     for arm in (leader.arm, follower):
         arm.context.require_zeros()
     if all(state.torque for state in leader.snapshot.states):
         raise InputError(
-            f"{name} holds: nobody can guide it.", "Release it first; an arm in the air falls."
+            f"{name} holds, so you cannot guide it.", "Release it first; an arm in the air falls."
         )
     return tuple(shared_joints(leader.arm.model, follower.model))
 
 
 def _lag_rows(arm: Arm, job: FollowLeader) -> list[tuple[str, str]]:
-    """Return the names and values of what the page shows."""
+    """Return the rows of names and values for the page."""
     lag = job.lag.read()
     if lag is None:
         return []

@@ -1,4 +1,4 @@
-"""What a page plots of the history: chosen channels, thinned to what a screen shows."""
+"""Plots of the history on a page: chosen channels, thinned for the screen."""
 
 from __future__ import annotations
 
@@ -13,20 +13,20 @@ from ikservo.apps.page.running.history import Channel, History, HistorySlice
 from ikservo.apps.page.server.server import Frame
 
 _MAX_POINTS = 600
-_PERIOD_S = 0.2  # between two frames
+_PERIOD_S = 0.2  # least time between two frames
 _DIGITS = 3
 
 
 @dataclass(slots=True)
 class _Plot:
-    """What one page plots.
+    """The plot of a page.
 
     Attributes:
         channels: The chosen channels.
-        span_s: The length of the past that is shown.
+        span_s: The length of the shown time span.
         stopped: Whether the seconds before the last stop are shown instead of the present.
         sent_s: Time of the last sample that was sent.
-        due_s: When the next frame is due.
+        due_s: The time of the next frame.
         shown_stop: The recording that was sent, if it is of a stop.
     """
 
@@ -67,11 +67,11 @@ class PlotFeed:
         self._plots[client_id] = _Plot(chosen, float(message.span_s), message.stopped)
 
     def forget(self, client_id: int) -> None:
-        """Send a page no plots any more."""
+        """Stop sending plots to a page."""
         self._plots.pop(client_id, None)
 
     def frames(self, client_id: int, history: History, now_s: float) -> list[Frame]:
-        """Return what is new for a page's plots, at most five times a second."""
+        """Return new data for a page's plots, at most five times per second."""
         plot = self._plots.get(client_id)
         if plot is None or now_s < plot.due_s:
             return []
@@ -99,7 +99,7 @@ def _live_frames(plot: _Plot, history: History, now_s: float) -> list[Frame]:
 
 
 def _first_fields(plot: _Plot, span_s: float) -> dict[str, object]:
-    """Return what is only sent first: which channels these are."""
+    """Return the list of channels, which is sent once."""
     series = [
         {"quantity": each.quantity, "unit": each.unit, "joint": each.joint}
         for each in plot.channels

@@ -1,8 +1,8 @@
 """`ikservo arms new` on the page: the same dialogue, in a process of its own.
 
-Descriptions of others are read, and fitting their meshes takes seconds of the processor: neither
-may hold up the control of open arms, and leaving ends both at once. Servos are moved there, too:
-a Stop of all arms closes the pipe, which the process looks at before each step of a motion.
+Reading foreign descriptions and fitting meshes takes seconds of processor time; in a process of its
+own it does not delay the control of open arms, and Leave ends it at once. The process also moves
+servos: Stop all closes the pipe, which the process checks before each step of a motion.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from ikservo.errors import IkservoError
 from ikservo.maintenance.dialogue import ACCEPT, Entry, Notice, Progress, Question, Unasked
 
 _MAX_LINES = 200
-_LET_GO_S = 10.0  # for the process to switch off a servo's torque and to close the port
+_LET_GO_S = 10.0  # time for the process to switch torque off and close the port
 _NICE = 10
 
 
@@ -37,9 +37,9 @@ class StartNewArm(PageMessage):
     """Make the folder of a new arm.
 
     Attributes:
-        name: Its name.
-        source: Path of a description or of a folder with one, on the machine of the server; empty
-            for an arm that is measured with a ruler.
+        name: The name of the arm.
+        source: Path of a description or its folder on the machine of the server; empty for an arm
+            that is measured with a ruler.
         port: The port of its servos; empty if they are not connected.
     """
 
@@ -50,7 +50,7 @@ class StartNewArm(PageMessage):
 
 
 class AnswerNewArm(PageMessage):
-    """Answer a question of the dialogue, which its number names."""
+    """Answer the question of the dialogue with a given number."""
 
     kind: Literal["answer_new_arm"]
     number: Annotated[int, Field(ge=1, le=10_000)]
@@ -65,19 +65,19 @@ class CancelNewArm(PageMessage):
 
 @dataclass(frozen=True, slots=True)
 class _Ended:
-    """How a dialogue ended: the folders that were written, or why none were."""
+    """The end of a dialogue: the folders that were written, or an error."""
 
     folders: tuple[Path, ...] = ()
     error: str = ""
 
 
 class NewArmPanel:
-    """Runs one dialogue at a time and has what the page shows of it.
+    """Runs one dialogue at a time and keeps its state for the page.
 
     Args:
         folder: The folder in which the arms' folders are made.
-        is_local: Whether the page is served to this machine only. A page elsewhere gets no arm
-            made: it would have files of this machine read, and written.
+        is_local: Whether the page is served to this machine only. Other machines may not create an
+            arm, because that reads and writes files of this machine.
     """
 
     def __init__(self, folder: Path, *, is_local: bool = True) -> None:
@@ -94,14 +94,14 @@ class NewArmPanel:
 
     @property
     def is_running(self) -> bool:
-        """Whether there is a dialogue that has not ended."""
+        """Whether a dialogue is running."""
         return self._line is not None
 
     def start(self, message: StartNewArm) -> None:
         """Begin a dialogue.
 
         Raises:
-            BadMessageError: There is one, or the page is served to other machines.
+            BadMessageError: A dialogue is running, or the page is served to other machines.
         """
         if not self._is_local:
             raise BadMessageError(
@@ -123,10 +123,10 @@ class NewArmPanel:
         theirs.close()
 
     def answer(self, message: AnswerNewArm) -> None:
-        """Give an answer; one to a question that is no longer asked is dropped.
+        """Give an answer; drop it if its question is no longer open.
 
         Raises:
-            BadMessageError: It is none of the possible answers.
+            BadMessageError: It is not one of the possible answers.
         """
         if self._line is None or self._question is None or message.number != self._number:
             return
@@ -145,16 +145,16 @@ class NewArmPanel:
         """End the dialogue if it may be moving a servo: its torque is switched off."""
         if self._has_servos and self.is_running:
             self._close_line()
-            self._ended = _Ended(error="Stopped: its servos are limp. Nothing was written.")
+            self._ended = _Ended(error="Stopped; torque of its servos is off. Nothing was written.")
 
     def close(self) -> None:
-        """End the dialogue, if there is one; what is half done is not written."""
+        """End the dialogue, if there is one; unfinished arms are not written."""
         if self.is_running:
             self._close_line()
         self._reset()
 
     def _close_line(self) -> None:
-        """Close the pipe; a process that does not end by itself then is terminated."""
+        """Close the pipe; terminate the process if it does not end by itself."""
         if self._line is not None:
             self._line.close()
         self._line, self._question, self._progress = None, None, ""
@@ -163,7 +163,7 @@ class NewArmPanel:
             threading.Thread(target=_end, args=(self._process, grace_s)).start()
 
     def read(self) -> tuple[Path, ...]:
-        """Read what the dialogue has said since; return the folders that it has written."""
+        """Read new items of the dialogue; return the folders that it has written."""
         while self._line is not None:
             try:
                 if not self._line.poll():
@@ -186,7 +186,7 @@ class NewArmPanel:
         return ()
 
     def fields(self) -> dict[str, object] | None:
-        """Return what the page shows; None if nothing is."""
+        """Return the state for the page; None without a dialogue."""
         if self._line is None and self._ended is None:
             return None
         ended = self._ended or _Ended()
@@ -214,7 +214,7 @@ def _question_fields(question: Question | Entry) -> dict[str, object]:
 
 
 def _run(line: Connection, new: NewArm) -> None:
-    """Run the dialogue in this process; every value goes through the pipe."""
+    """Run the dialogue in this process; all values pass through the pipe."""
     if hasattr(os, "nice"):
         os.nice(_NICE)
     try:
@@ -236,7 +236,7 @@ def _run(line: Connection, new: NewArm) -> None:
             line.send(_Ended(error="Nothing was written."))
     except IkservoError as error:
         line.send(_Ended(error=f"{error.message} {error.command_hint}".strip()))
-    except (EOFError, OSError):  # the page has left
+    except (EOFError, OSError):  # the page has left the dialogue
         return
 
 
@@ -245,7 +245,7 @@ def _tell(line: Connection, item: object) -> str | None:
 
     Raises:
         EOFError: The page has left.
-        OSError: The same, seen as it is written to.
+        OSError: The page has left; noticed when writing.
     """
     line.send(item)
     return line.recv() if isinstance(item, Question | Entry) or line.poll() else None

@@ -1,4 +1,4 @@
-"""The cameras of a page: each arm shows the one that it was calibrated with, or a chosen one."""
+"""The cameras of a page: each arm shows its calibrated camera or a chosen one."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ class PageCameras:
     """Finds the pictures that belong to each arm.
 
     Args:
-        clock: Tells how old pictures are.
+        clock: Dates the pictures.
         sources: The sources that ``VideoSource`` reads, and ``sim``.
         name: The name of the camera of each arm; empty for none. Without sources it is read from
             the camera with which the arm was calibrated.
@@ -41,15 +41,15 @@ class PageCameras:
 
     @property
     def names(self) -> list[str]:
-        """What the sources are called."""
+        """Names of the sources."""
         return [source_name(source) for source in self._sources]
 
     def find_missing(self) -> list[str]:
-        """Try each camera but simulated ones; return what those are called that are not there."""
+        """Try each camera except simulated ones; return the names of missing cameras."""
         return [video.name for video in self._videos.values() if not video.can_be_opened()]
 
     def __enter__(self) -> PageCameras:
-        """Start to read; a camera is opened once somebody looks."""
+        """Start; a camera is opened when a page shows it."""
         for video in self._videos.values():
             self._exits.enter_context(video)
         return self
@@ -65,12 +65,12 @@ class PageCameras:
 
         Args:
             arm: The arm.
-            exits: Closes a simulated camera, which stands before this arm alone.
-            source: The source of the pictures; the one that it shows at first if None.
+            exits: Closes a simulated camera, which belongs to this arm alone.
+            source: The source of the pictures; None: the first choice.
 
         Raises:
-            CalibrationError: The arm has no calibrated camera, and one is named.
-            InputError: It has none of that name, or it is not there, or not that of this arm.
+            CalibrationError: A camera is named, but the arm has no calibrated camera.
+            InputError: The camera is unknown, missing, or belongs to another arm.
             FileFormatError: A file about it is damaged.
         """
         source = source or self._source_before(arm)
@@ -89,22 +89,22 @@ class PageCameras:
             return self._videos[source]
 
     def choices(self, arm: Arm) -> dict[str, tuple[str, str]]:
-        """Return the source and the name of each camera that an arm may show, by what it is called.
+        """Return source and name of each camera that an arm may show, by its title.
 
         Raises:
-            FileFormatError: A file about one is damaged.
+            FileFormatError: A file about a camera is damaged.
         """
         own = camera_names(arm.model.name, camera_key(arm.context))
         known = {name: known_camera(arm.context, name)[0].source for name in own}
         names = {self._given(source) or source: name for name, source in known.items()}
         sources, first = self._sources or (names if self.name else ()), self._source_before(arm)
         if self.name and first is not None:
-            names.setdefault(first, self.name)  # it has another number today
+            names.setdefault(first, self.name)  # its number has changed since the calibration
         found = [(source, names.get(source, "")) for source in sources]
         return {name or source_name(source): (source, name) for source, name in found}
 
     def _source_before(self, arm: Arm) -> str | None:
-        """Return the source that an arm was calibrated with, or the first one."""
+        """Return the source with which an arm was calibrated, or the first source."""
         first = next(iter(self._sources), None)
         if self.name:
             own = known_camera(arm.context, self.name)[0].source
@@ -116,13 +116,13 @@ class PageCameras:
         return first
 
     def _given(self, stored: str) -> str | None:
-        """Return the source that was given for a stored one, which has no password."""
+        """Return the given source for a stored one, which lacks the password."""
         name = public_source(stored)
         return next((each for each in self._sources if public_source(each) == name), None)
 
 
 class ArmCameras:
-    """The cameras that one arm of a page may show, and the one that it does.
+    """The cameras that an arm of a page may show, and the one that it shows.
 
     Args:
         cameras: The cameras of the page.
@@ -133,7 +133,7 @@ class ArmCameras:
         video: The pictures that are shown; None for none.
         name: The name of that camera; see ``CameraView``.
         choices: See ``PageCameras.choices``.
-        chosen: The chosen one; empty for none.
+        chosen: The title of the shown camera; empty for none.
 
     Raises:
         IkservoError: See ``PageCameras.open_before``.
@@ -152,7 +152,7 @@ class ArmCameras:
 
         Raises:
             UnknownNameError: It is not among the choices.
-            InputError: It is not there.
+            InputError: The camera is missing.
         """
         if choice not in self.choices:
             raise UnknownNameError("camera", choice, self.choices)

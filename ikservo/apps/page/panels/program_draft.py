@@ -1,4 +1,4 @@
-"""The program that a page edits: steps with numbers that last, and the files it is kept in."""
+"""The program that a page edits: steps with permanent numbers, and its files."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from ikservo.files.reading import config_dir
 
 @dataclass(frozen=True, slots=True)
 class DraftStep:
-    """A step and the number by which a page names it, wherever in the list it is."""
+    """A step and its permanent number, which does not depend on its place in the list."""
 
     number: int
     step: ProgramStep
@@ -72,7 +72,7 @@ class ProgramDraft:
         steps: The steps in their order.
         speed: The speed of steps without a speed of their own.
         repeat: The number of repetitions of all steps.
-        name: The name of its file; empty before it was saved or loaded.
+        name: The name of its file; empty until it is saved or loaded.
         changed: Whether it differs from its file.
         revision: Changes with every edit.
     """
@@ -92,7 +92,7 @@ class ProgramDraft:
         """Add a step behind another one, or as the last one; return its number.
 
         Raises:
-            InputError: There are too many, or the other one is gone.
+            InputError: There are too many steps, or the other one is gone.
         """
         if len(self.steps) >= MAX_STEPS:
             raise InputError(f"A program has at most {MAX_STEPS} steps.", "Nothing was added.")
@@ -129,18 +129,18 @@ class ProgramDraft:
         """Remove a step.
 
         Raises:
-            InputError: It is gone already.
+            InputError: The step is gone.
         """
         place = self.place_of(number)
         self._set_steps((*self.steps[:place], *self.steps[place + 1 :]))
 
     def set_options(self, speed: Speed, repeat: int) -> None:
-        """Set the speed of steps without one of their own, and how often they are made."""
+        """Set the speed of steps without a speed of their own, and the number of repetitions."""
         self.speed, self.repeat = speed, repeat
         self._note_change(changed=True)
 
     def place_of(self, number: int) -> int:
-        """Return where in the list a step is.
+        """Return the place of a step in the list.
 
         Raises:
             InputError: The step is gone.
@@ -151,7 +151,7 @@ class ProgramDraft:
         raise InputError("That step is gone.", "Nothing was changed.")
 
     def program(self) -> Program:
-        """Return it as a program.
+        """Return the draft as a program.
 
         Raises:
             InputError: It has no steps.
@@ -172,7 +172,7 @@ class ProgramDraft:
         Raises:
             UnknownNameError: There is none of that name.
             FileFormatError: It is malformed.
-            BadValueError: It is another arm's.
+            BadValueError: It belongs to another arm.
         """
         names = self.folder.names()
         if name not in names:

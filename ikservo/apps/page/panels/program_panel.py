@@ -1,4 +1,4 @@
-"""The page's program: steps captured from the arm or its target, edited, kept, checked, played."""
+"""The page's program: capture, edit, save, check and play steps."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ class ProgramPanel:
         """Handle a message; ``interaction`` has the target that is shown.
 
         Raises:
-            IkservoError: It cannot be done; nothing has changed.
+            IkservoError: It is not possible; nothing has changed.
         """
         if isinstance(message, msg.RunProgram):
             self._run(message)
@@ -54,10 +54,10 @@ class ProgramPanel:
         if self._is_busy:
             raise InputError("The program is being played.", "Pause or stop it first.")
         self._edit(message, interaction)
-        self._play, self._state = None, PlayState()  # a check counts for what was checked
+        self._play, self._state = None, PlayState()  # an edit makes a check invalid
 
     def frames(self, client: Client) -> list[Frame]:
-        """Return the program and its state, those that have changed since the last call."""
+        """Return the program and its state, if they have changed since the last call."""
         self._add_recording()
         frames: list[Frame] = []
         if client.sent.get("program") != self.draft.revision:
@@ -70,7 +70,7 @@ class ProgramPanel:
         return frames
 
     def state_fields(self) -> dict[str, object]:
-        """Return how far the program is, for a page."""
+        """Return the progress of the program, for a page."""
         state = self._state if self._play is None else self._play.state
         return {
             "kind": "program_state",
@@ -113,7 +113,7 @@ class ProgramPanel:
         }
 
     def _describe_shortly(self, step: ProgramStep) -> str:
-        """Describe a step's name, or what it does; of the whole arm's joints where its tip is."""
+        """Describe a step by its name, its action, or the position of its tip."""
         chain = self._arm_thread.arm.chain
         if step.name is not None:
             return step.name
@@ -216,10 +216,10 @@ class ProgramPanel:
 
 
 def _capture_step(arm: Arm, joints: Vector, path: str) -> ProgramStep:
-    """Compute the step that brings the arm to joints (n,), the gripper left as it is."""
+    """Make the step that moves the arm to joints (n,) and leaves the gripper unchanged."""
     arm.context.require_zeros()
     lower, upper = arm.limits()
-    inside = np.clip(joints, lower, upper)  # a limp arm sinks a little past a limit
+    inside = np.clip(joints, lower, upper)  # a limp arm may sink a little past a limit
     if path == "line":
         tip_m = arm.chain.forward(arm.joint_index.chain_joints(inside))[:3, 3]
         x, y, z = (round(value, _TIP_PLACES) for value in tip_m.tolist())

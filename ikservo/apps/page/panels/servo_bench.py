@@ -1,7 +1,7 @@
-"""The page of servos: one line, which its owner named, searched and worked on in a thread.
+"""The page of servos: one port, named on the command line, and its thread.
 
-What is written goes through the same checks as by the command. Only a trial of gains moves a joint:
-then the line is closed, and the arm is opened on it with its guard.
+Writes pass the same checks as in the command. Only a trial of gains moves a joint: the port is then
+closed, and the arm is opened on it with its guard.
 """
 
 from __future__ import annotations
@@ -57,16 +57,16 @@ from ikservo.hardware.servo import ServoSpec
 from ikservo.model import Model
 from ikservo.remedies import in_page
 
-_PERIOD_S, _SPAN_S = 0.1, 60  # of what is plotted
+_PERIOD_S, _SPAN_S = 0.1, 60  # sample period, and time span of plots
 _MAX_WAITING = 8
-_POLL_S = 0.1  # so that closing is noticed
+_POLL_S = 0.1  # period in which closing is noticed
 
 
 class WorkOnServo(PageMessage):
-    """Search the line, or do something with one of its servos.
+    """Search the port, or act on one of its servos.
 
     Attributes:
-        names: The registers to plot; those of the motion if empty.
+        names: The registers to plot; empty: those of the motion.
         text: The backup to restore.
         address: The new id and baud rate.
         gains: The raw numbers to try, by register.
@@ -96,7 +96,7 @@ def read_bench_message(text: str) -> BenchMessage:
     """Parse and validate a message of the page.
 
     Raises:
-        BadMessageError: It is too long, no JSON, or not one of those above.
+        BadMessageError: It is too long, not JSON, or not one of the messages above.
     """
     return validate_message(_MESSAGES, text)
 
@@ -127,7 +127,7 @@ class _LivePlot:
 
 @dataclass(slots=True)
 class _Page:
-    """An open page: what it may do, what it was sent, and what it is to be sent."""
+    """An open page: its permission, sent frames and frames to send."""
 
     permission: Permission
     sent: dict[str, Frame] = field(default_factory=dict[str, Frame])
@@ -137,7 +137,7 @@ class _Page:
 
 
 class ServoBench:
-    """Works on the servos of a line for the pages that show it (``SessionBackend``).
+    """Works on the servos of a port for the pages that show it (``SessionBackend``).
 
     Args:
         port: The port, as its owner named it.
@@ -162,7 +162,7 @@ class ServoBench:
         self._thread.start()
 
     def close(self) -> None:
-        """Stop a trial and close the port; torque stays as it is."""
+        """Stop a trial and close the port; torque stays unchanged."""
         self._closing.set()
         self._stop_trial()
         self._thread.join()
@@ -179,11 +179,11 @@ class ServoBench:
         """Remove a page."""
         del self._pages[client_id]
         if not self._pages:
-            self._plot = None  # nobody looks any more
+            self._plot = None  # no page is left
             self._stop_trial()
 
     def receive(self, client_id: int, message: BenchMessage) -> None:
-        """Queue what a page asks for.
+        """Queue a request of a page.
 
         Raises:
             BadMessageError: Not permitted, or too much is waiting.
@@ -199,7 +199,7 @@ class ServoBench:
             raise BadMessageError("The servos are busy.", "Try again in a moment.") from None
 
     def frames(self, client_id: int) -> list[Frame]:
-        """Return what a page does not know yet."""
+        """Return the new frames for a page."""
         page, plot = self._pages[client_id], self._plot
         now = dict(self._frames)
         fresh = [each for kind, each in now.items() if page.sent.get(kind) is not each]
@@ -246,7 +246,7 @@ class ServoBench:
             return None
 
     def _work(self, line: ServoLine) -> bool:
-        """Do what one page asks for, or take a sample; return False to search the line again.
+        """Handle a request of a page, or take a sample; return False to search the port again.
 
         Raises:
             PortError: The port is lost.
@@ -275,7 +275,7 @@ class ServoBench:
             case WriteRegister(name=name, value=value):
                 register = find_register(servo.table, name)
                 if not _is_written_here(register.name):
-                    raise InputError(f"{register} is not written here.")
+                    raise InputError(f"The page cannot write {register}.")
                 note = write_limp(line, servo, {register: parse_register_value(register, value)})
             case WorkOnServo(action="move", address=(new_id, rate)):
                 codes = {bits: code for code, bits in servo.table.baud_rates.items()}
@@ -313,13 +313,13 @@ class ServoBench:
                 register = find_register(servo.table, {"torque": "torque_enable"}.get(name, name))
                 note = write_values(line, servo, {register: int(state == "on")})
         self._show_table(line, servo)
-        self._say(note)  # what it tells of is shown by then
+        self._say(note)  # the changes are shown by then
         return True
 
     # --- trials of gains ---
 
     def _is_trial(self, command: BenchMessage) -> bool:
-        """Whether gains are to be tried, for which the line is closed."""
+        """Check whether a trial of gains is due, for which the port is closed."""
         if not isinstance(command, WorkOnServo) or command.action not in ("try", "suggest"):
             return False
         if self._model is None:
@@ -331,13 +331,13 @@ class ServoBench:
         return True
 
     def _stop_trial(self) -> None:
-        """Stop the joint that a trial moves; its former gains are written again. Any thread."""
+        """Stop the joint of a trial and restore its former gains; safe from any thread."""
         self._trial = None
         if (arm := self._arm) is not None:
             arm.stop("Stopped on the page of servos.")
 
     def _try_gains(self, model: Model, trial: WorkOnServo) -> None:
-        """Move a joint with its present gains and others, show both; the present ones stay."""
+        """Move a joint with its present and other gains, and show both; the present gains stay."""
         self._show_line(f"{trial.joint} moves …", self._shown)
         try:
             with open_own_arm(model, self._port) as arm:
@@ -379,7 +379,7 @@ class ServoBench:
         self._show_line(f"{progress.baud_rate} baud, {progress.protocol}: {share:.0%}", [], share)
 
     def _show_servos(self, line: ServoLine) -> None:
-        """Show which servos reply, and of which firmware."""
+        """Show the servos that reply, and their firmware."""
         rows: list[dict[str, object]] = []
         for servo in line.bus.servos.values():
             try:
@@ -416,11 +416,11 @@ def _is_written_here(name: str) -> bool:
 
 
 def _restore(line: ServoLine, servo: ServoSpec, text: str) -> str:
-    """Write a backup and return what was written, and what was left out."""
+    """Write a backup; describe the written and the skipped registers."""
     backup = parse_backup(Path("backup.toml"), text)
     plan = plan_restoration(line.bus, backup, str(servo.id))
     write_restoration(line.bus, plan)
     written = ", ".join(map(str, plan.changes))
     kept = ", ".join(str(each.register) for each in plan.kept)
-    left = f"; left as it is: {kept}" if kept else ""
+    left = f"; unchanged: {kept}" if kept else ""
     return f"{servo}: {written or 'nothing to change'}{left}."

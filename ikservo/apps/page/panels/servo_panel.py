@@ -1,4 +1,4 @@
-"""The registers of a joint's servo on the page: read when asked, written after the same checks."""
+"""The registers of a joint's servo on the page: read on request, written after checks."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from ikservo.errors import BusError, IkservoError, InputError, PortError, Regist
 from ikservo.hardware.register_batches import Register
 from ikservo.hardware.servo import ServoSpec
 
-# What moves the arm, ends its replies or belongs to its calibration has ways of its own.
+# Registers that move the arm, stop its replies or belong to its calibration are set elsewhere.
 _ELSEWHERE = {
     "torque_enable": "Use the switch beside the joint.",
     "id": "In a terminal: ikservo setup",
@@ -79,7 +79,7 @@ class ServoPanel:
             text: A raw integer, or a number with a unit.
 
         Raises:
-            InputError: The errors of ``read``; or the register is written in another way.
+            InputError: The errors of ``read``; or the page cannot write the register.
         """
         if not _is_written_here(name):
             hint = _ELSEWHERE.get(name, "Move the joint by its slider.")
@@ -91,11 +91,11 @@ class ServoPanel:
         self._arm_thread.request_job(_ServoJob(self, joint, name, text))
 
     def show(self, fields: Frame) -> None:
-        """Replace what pages are shown."""
+        """Replace the table that pages show."""
         self._fields = fields
 
     def frames(self, client: Client) -> list[Frame]:
-        """Return what a client does not know yet."""
+        """Return the new frames for a client."""
         if client.sent.get("servo") is self._fields:
             return []
         client.sent["servo"] = self._fields
@@ -103,7 +103,7 @@ class ServoPanel:
 
 
 class _ServoJob:
-    """Reads a servo, and writes one of its registers before, if one is named (``ArmJob``)."""
+    """Writes a register of a servo, if one is named, and reads its table (``ArmJob``)."""
 
     is_planned = False
 
@@ -112,7 +112,7 @@ class _ServoJob:
         self.title = f"Reads the servo of {joint}"
 
     def run(self, arm: Arm, observer: JobObserver) -> None:
-        """Write and read; what a servo or its table forbids is a note, and stops nothing.
+        """Write and read; a refusal by the servo or its table becomes a note and stops nothing.
 
         Raises:
             PortError: The port is lost.
@@ -132,18 +132,18 @@ class _ServoJob:
 
     def _write(self, line: ServoLine, servo: ServoSpec) -> str:
         register = find_register(servo.table, self._name)
-        if not _is_written_here(register.name):  # a name that all families have is another's alias
+        if not _is_written_here(register.name):  # the name may be an alias of a forbidden register
             raise InputError(f"The page cannot write {register.name}.")
         try:
             return write_limp(line, servo, {register: parse_register_value(register, self._text)})
-        except OSError as error:  # no room for the copy of the EEPROM
+        except OSError as error:  # the disk has no room for the backup of the EEPROM
             if not isinstance(error, IkservoError) or isinstance(error, PortError):
                 raise
             raise InputError(error.message, error.command_hint) from error
 
 
 def write_values(line: ServoLine, servo: ServoSpec, values: Mapping[Register, int]) -> str:
-    """Write registers after the checks of ``plan_writes``; return what has changed, in words.
+    """Write registers after the checks of ``plan_writes``; describe the changes.
 
     Raises:
         IkservoError: The errors of ``plan_writes`` and ``write_registers``.
@@ -157,7 +157,7 @@ def write_limp(line: ServoLine, servo: ServoSpec, values: Mapping[Register, int]
     """Write registers of a servo without torque, as ``write_values`` does.
 
     Raises:
-        InputError: It holds.
+        InputError: The servo holds.
         IkservoError: The errors of ``write_values``.
     """
     if holds_torque(line, servo):

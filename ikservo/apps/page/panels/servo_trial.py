@@ -1,4 +1,4 @@
-"""Trials of gains on the page of servos: a joint's step with its gains and with others."""
+"""Trials of gains on the page of servos: steps of a joint with its own and other gains."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ from ikservo.errors import BadValueError, InputError, RefusedError
 from ikservo.hardware.register_batches import Register
 from ikservo.hardware.servo import ServoSpec
 
-_ROWS = 200  # of a plot
+_ROWS = 200  # number of rows of a plot
 
 
 def tunable_names(servo: ServoSpec) -> list[str]:
-    """Return the registers that the page has sliders for; none where the model has no gains."""
+    """Return the registers with sliders on the page; none if the model has no gains."""
     with contextlib.suppress(RefusedError):
         return [register.name for register in tunable_registers(servo)]
     return []
@@ -35,17 +35,17 @@ def tunable_names(servo: ServoSpec) -> list[str]:
 def try_on_joint(
     arm: Arm, joint: str, gains: Mapping[str, int], step_deg: float, *, suggest: bool
 ) -> list[Trial]:
-    """Return the step responses of a joint with its present gains, those given, those of a search.
+    """Return step responses of a joint with its present, the given, and searched gains.
 
     Args:
         arm: The arm.
         joint: The joint.
-        gains: Raw numbers by register; those that are in force already count as not given.
+        gains: Raw numbers by register; numbers already in force are ignored.
         step_deg: The motion of the joint.
-        suggest: Whether to search better gains.
+        suggest: Whether to search for better gains.
 
     Raises:
-        InputError: Nothing else is to be tried, or the joint does not turn.
+        InputError: There are no other gains to try, or the joint does not turn.
         IkservoError: The errors of every motion; the present gains are in force again.
     """
     servo = find_turning_servo(arm, joint)
@@ -64,7 +64,7 @@ def try_on_joint(
 
 
 def describe_trials(trials: Sequence[Trial]) -> str:
-    """Describe what the present gains and the best of the others have done."""
+    """Describe the responses of the present gains and of the best others."""
     before, after = _compared(trials)
     words = {"before": before, "after": after}
     return (
@@ -74,7 +74,7 @@ def describe_trials(trials: Sequence[Trial]) -> str:
 
 
 def trial_frame(joint: str, trials: Sequence[Trial]) -> Frame:
-    """Return goal and position before and after on one axis of time, as a page plots them."""
+    """Return goals and positions of both responses on one time axis, for a plot."""
     before, after = _compared(trials)
     end_s = max(float(one.response.time_s[-1]) for one in (before, after))
     times = np.linspace(0.0, end_s, _ROWS)
@@ -100,7 +100,7 @@ def trial_frame(joint: str, trials: Sequence[Trial]) -> Frame:
 
 
 def _compared(trials: Sequence[Trial]) -> tuple[Trial, Trial]:
-    """Return the present gains, and those that were given or the best that were found."""
+    """Return the trials of the present gains, and of the given or best found gains."""
     return trials[0], trials[1] if len(trials) == 2 else best_trial(trials)
 
 

@@ -1,4 +1,4 @@
-"""The things around the arm on the page: drawn, added, changed, removed, saved as a scene file."""
+"""The things around the arm on the page: draw, add, change, remove, save as a scene file."""
 
 from __future__ import annotations
 
@@ -27,12 +27,12 @@ from ikservo.kinematics.se3 import make_pose
 from ikservo.model.model import Obstacle
 from ikservo.model.scene_file import describe_thing, scene_text
 
-_DRAWN_M = 5.0  # what is larger, such as a half-space, is not drawn
-_NEW_SIZE_M, _NEW_GAP_M = 0.06, 0.03  # of a new thing, and from it to the arm and to other things
-_NEW_AWAY = (0.6, 0.8, 0.45)  # places of a new thing: fractions of how far the arm reaches
-_NEW_TURNS_DEG = (0.0, 25.0, -25.0, 50.0, -50.0, 75.0, -75.0)  # from where the arm faces
-_MOST = 100  # that a page adds to: each is checked on every path, and sent
-_DECIMALS = 2  # of joints, rad or m: what moves less is not drawn anew
+_DRAWN_M = 5.0  # larger things, such as half-spaces, are not drawn
+_NEW_SIZE_M, _NEW_GAP_M = 0.06, 0.03  # size of a new thing, and its distance from arm and things
+_NEW_AWAY = (0.6, 0.8, 0.45)  # places of a new thing, as fractions of the reach
+_NEW_TURNS_DEG = (0.0, 25.0, -25.0, 50.0, -50.0, 75.0, -75.0)  # from the direction of the arm
+_MOST = 100  # limit, because each is checked on every path and sent
+_DECIMALS = 2  # of joints, rad or m; smaller motions are not redrawn
 _TITLES = {"box": "box", "cylinder": "can", "sphere": "ball"}
 
 
@@ -41,7 +41,7 @@ AddOtherArm = Callable[[str], None]
 
 
 class ThingsPanel:
-    """Shows and changes what stands around an arm.
+    """Shows and changes the things around an arm.
 
     Args:
         arm: The arm.
@@ -64,7 +64,7 @@ class ThingsPanel:
         self._frame: Frame = {}
 
     def frames(self, client: Client) -> list[Frame]:
-        """Return the things, where they have changed since they were sent to a client."""
+        """Return the things, if they have changed since they were sent to a client."""
         things, arms = self._arm.scene.things, self._arm.scene.arms
         joints = [self._joints(each) for each in arms]
         around = things, arms, [None if q is None else q.round(_DECIMALS).tolist() for q in joints]
@@ -85,14 +85,14 @@ class ThingsPanel:
         """Add, change or remove a thing, while nothing moves.
 
         Args:
-            message: The remedy.
-            joints: Measured joints (n,); a new thing is put where the arm is not.
+            message: The message.
+            joints: Measured joints (n,); a new thing is put beside the arm.
 
         Raises:
             UnknownNameError: There is no such thing.
-            BadValueError: Its new name is taken, its place is none, or there are too many.
+            BadValueError: Its new name is taken, its place is not valid, or there are too many.
             InputError: No other arm of that name is open, or it moves.
-            FileFormatError: A size cannot be used; names it.
+            FileFormatError: A size cannot be used; the message names it.
             RefusedError: A motion is running, or the arm was opened without collision checks.
         """
         scene = self._arm.scene
@@ -121,12 +121,12 @@ class ThingsPanel:
                 scene.remove(message.name)
 
     def show_moved(self, moved: MovedThing | None) -> None:
-        """Draw a thing where it is dragged to; None once nothing is dragged."""
+        """Draw a thing where it is dragged; None ends that."""
         if moved is not self._moved:
             self._moved, self._shown = moved, None
 
     def drop(self, moved: MovedThing) -> None:
-        """Put a thing where it was dragged to.
+        """Put a thing where it was dropped.
 
         Raises:
             UnknownNameError: It was removed meanwhile.
@@ -138,7 +138,7 @@ class ThingsPanel:
             self._arm.scene.change(moved.name, center_m=thing.row[9:12] + moved.shift_m)
 
     def offer(self) -> Frame:
-        """Offer the things as a scene file; return where."""
+        """Offer the things as a scene file; return its address."""
         scene, name = self._arm.scene, "scene.toml"
         text = scene_text(scene.things, [each.placed for each in scene.arms])
         url = self._downloads.offer(Download(name, lambda: [text], "application/toml"))
@@ -149,13 +149,13 @@ class ThingsPanel:
         return thing_fields(thing, moved.shift_m if moved and moved.name == thing.name else 0.0)
 
     def _sizes(self, name: str) -> dict[str, Any]:
-        """Return what may be changed of a thing or another arm; empty where there is none."""
+        """Return the changeable fields of a thing or another arm; empty if there is none."""
         arms = {each.name: _arm_sizes(each) for each in self._arm.scene.arms}
         things = {each.name: describe_thing(each)[1] for each in self._arm.scene.things}
         return {**arms, **things}.get(name, {})
 
     def _joints(self, other: OtherArm) -> Vector | None:
-        """Return where another arm was read last (n,); None once it is closed."""
+        """Return the last read joints (n,) of another arm; None once it is closed."""
         thread = self._find_arm(other.name)
         is_read = thread is not None and thread.arm.context is other.context
         return thread.snapshot.measured if thread is not None and is_read else None
@@ -176,7 +176,7 @@ class ThingsPanel:
         return {**place, "radius_m": half_m}
 
     def _free_place(self, joints: Vector) -> Vector:
-        """Find a place (3,) for a new thing in front of the arm: free, or else the freest."""
+        """Find a place (3,) for a new thing in front of the arm: a free one, or the freest."""
         extent = arm_extent(self._arm.model)
         low_m = self._arm.model.floor_m or 0.0
         reach_m = float(np.abs(extent.box_m[:, :2] - extent.pivot_m[:2]).max())
@@ -191,7 +191,7 @@ class ThingsPanel:
         return next(free, places[int(np.argmax(gaps_m))])
 
     def _gap_m(self, place: Vector, joints: Vector) -> float:
-        """Compute how far a new thing (3,) would be from the arm at joints (n,) and from things."""
+        """Compute the distance of a new thing (3,) from the arm at joints (n,) and from things."""
         context, gaps_m = self._arm.context, [math.inf]
         if context.collision is not None:
             for each in context.collision.capsules_at(context.index.body_joints(joints)):
@@ -204,12 +204,12 @@ class ThingsPanel:
 
 
 def _links(other: OtherArm, joints: Vector | None) -> Sequence[Obstacle]:
-    """Return the links of another arm; where it was left once it is closed."""
+    """Return the links of another arm, at its last position if it is closed."""
     return other.left or () if joints is None else other.links_at(joints)
 
 
 def _arm_row(other: OtherArm) -> Fields:
-    """Return what a person may change of another arm; its links are drawn."""
+    """Return the changeable fields of another arm; its links are drawn separately."""
     return {"name": other.name, "thing": "arm", "sizes": _arm_sizes(other), "drawn": False}
 
 
@@ -219,7 +219,7 @@ def _arm_sizes(other: OtherArm) -> dict[str, Any]:
 
 
 def thing_fields(thing: Obstacle, shift_m: Vector | float = 0.0) -> Fields:
-    """Return how a thing is drawn, shifted (3,), and what a person may change of it."""
+    """Return the drawing of a thing, shifted by (3,), and its changeable fields."""
     row = thing.row
     kind, sizes = describe_thing(thing)
     grown = row[12:15] + row[ROUNDING]

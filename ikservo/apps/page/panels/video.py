@@ -1,4 +1,4 @@
-"""Pictures of a camera for the page, as motion JPEG; read only while somebody looks at them."""
+"""Pictures of a camera for the page, as motion JPEG, read only while a page shows them."""
 
 from __future__ import annotations
 
@@ -21,19 +21,19 @@ from ikservo.errors import IkservoError, InputError
 from ikservo.files.public_source import public_source
 
 VIDEO_TYPE = "multipart/x-mixed-replace; boundary=picture"
-_PERIOD_S = 1.0 / 15.0  # between two pictures
-_RETRY_S = 1.0  # until a camera that failed is opened again
-_OLD_S = 2.0  # without a picture for so long, the page says so
-_LOOK_S = 0.02  # between two looks for a new picture
+_PERIOD_S = 1.0 / 15.0  # least time between two pictures
+_RETRY_S = 1.0  # time until a failed camera is opened again
+_OLD_S = 2.0  # time without a picture after which the page reports it
+_LOOK_S = 0.02  # period of polling for a new picture
 
 
 @dataclass(frozen=True, slots=True)
 class Picture:
-    """A picture as it is sent.
+    """A picture to be sent.
 
     Attributes:
         number: Counts the pictures, from 1.
-        jpeg: Its bytes.
+        jpeg: The JPEG data.
     """
 
     number: int
@@ -41,7 +41,7 @@ class Picture:
 
 
 def source_name(source: str) -> str:
-    """Return what the page calls a source: without passwords, and without folders."""
+    """Return the title of a source, without passwords and folders."""
     if "://" in source:
         return public_source(source).partition("://")[2]
     is_numbered = source.isdecimal() or source == SIMULATED_SOURCE
@@ -54,13 +54,13 @@ class VideoSource:
     Args:
         source: The number of a camera, a device, an ``http://`` address or a file, which is
             repeated.
-        clock: Tells how old the last picture is.
+        clock: Dates the last picture.
         open_source: Opens the source.
 
     Attributes:
         source: The source that was given.
         newest: The last picture (h, w) or (h, w, 3); None before any.
-        before: The transport of the arm that a simulated camera stands before; None for others.
+        before: The transport of the arm that a simulated camera sees; None for real cameras.
         hint: A hint on the pictures; empty for none.
 
     Raises:
@@ -72,7 +72,7 @@ class VideoSource:
     ) -> None:
         is_path = not source.isdecimal() and "://" not in source and source != SIMULATED_SOURCE
         is_there = not is_path
-        with contextlib.suppress(OSError):  # of a name that is too long
+        with contextlib.suppress(OSError):  # raised for a name that is too long
             is_there = is_there or bool(source and Path(source).exists())
         if not is_there:
             name = public_source(source)
@@ -86,12 +86,12 @@ class VideoSource:
         self._picture: Picture | None = None
         self._read_s, self._error = -math.inf, ""
         self._watchers = 0
-        self._watched_s = math.inf  # since when
+        self._watched_s = math.inf  # time since which a page shows it
         self._wanted, self._ending = threading.Event(), threading.Event()
         self._thread = threading.Thread(target=self._run, name="ikservo camera", daemon=True)
 
     def __enter__(self) -> VideoSource:
-        """Start the thread; the camera is opened once somebody looks."""
+        """Start the thread; the camera is opened when a page shows it."""
         self._thread.start()
         return self
 
@@ -103,11 +103,11 @@ class VideoSource:
 
     @property
     def name(self) -> str:
-        """What the page calls the source."""
+        """Title of the source on the page."""
         return source_name(self.source)
 
     def can_be_opened(self) -> bool:
-        """Open and close the source, before anybody looks; return whether that succeeds."""
+        """Open and close the source before it is shown; return whether that succeeds."""
         capture = self._open(self.source)
         try:
             return capture.isOpened()
@@ -116,7 +116,7 @@ class VideoSource:
 
     @property
     def trouble(self) -> str:
-        """What is wrong while somebody looks; empty if pictures arrive."""
+        """Problem with the shown pictures; empty if pictures arrive."""
         now_s = self._clock.now_s()
         if not self._watchers or now_s - max(self._read_s, self._watched_s) < _OLD_S:
             return ""
@@ -124,7 +124,7 @@ class VideoSource:
 
     @property
     def is_fresh(self) -> bool:
-        """Whether somebody looks at a picture that is not old."""
+        """Whether a page shows a picture that is not old."""
         return self._picture is not None and self._clock.now_s() - self._read_s < _OLD_S
 
     async def stream(self) -> AsyncGenerator[bytes]:
@@ -145,12 +145,12 @@ class VideoSource:
             self._watchers -= 1
 
     def _run(self) -> None:
-        """Read while somebody looks; open a camera that failed again and again."""
+        """Read while a page shows the pictures; reopen a failed camera periodically."""
         while not self._ending.is_set():
             self._wanted.wait()
             try:
                 self._read_while_watched()
-            except Exception as error:  # of a driver: the next picture may be there
+            except Exception as error:  # a driver may raise anything, and then recover
                 ours = isinstance(error, IkservoError)
                 failure = f"{error!r}".replace(self.source, self.name)
                 why = error.message if ours else f"it has failed: {failure}."
@@ -162,7 +162,7 @@ class VideoSource:
                 self._ending.wait(_RETRY_S)
 
     def _read_while_watched(self) -> None:
-        """Read until nobody looks or the camera fails."""
+        """Read until no page shows the pictures or the camera fails."""
         capture = self._open(self.source)
         try:
             self._error = "" if capture.isOpened() else f"{self.name} cannot be opened."
@@ -181,7 +181,7 @@ class VideoSource:
             self._ending.wait(_PERIOD_S)
         elif now_s - self._read_s < _PERIOD_S:
             return
-        import cv2  # noqa: PLC0415  # of the extra `camera`
+        import cv2  # noqa: PLC0415  # from the extra `camera`
 
         _, jpeg = cv2.imencode(".jpg", image)
         self.newest = image
@@ -190,10 +190,10 @@ class VideoSource:
 
 
 class PictureCapture:
-    """Single pictures of a source, one after the other.
+    """Takes single pictures from a source.
 
     Args:
-        source: Takes them.
+        source: The source of the pictures.
     """
 
     def __init__(self, source: PictureSource) -> None:
@@ -208,7 +208,7 @@ class PictureCapture:
         return True, self._source.take()
 
     def grab(self) -> bool:
-        """Return True: nothing is in a queue."""
+        """Return True, because there is no queue."""
         return True
 
     def release(self) -> None:

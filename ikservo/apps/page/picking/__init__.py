@@ -1,1 +1,1 @@
-"""What the mouse points at, and the projections of the view."""
+"""Picking with the mouse, and projections of the views."""

@@ -1,4 +1,4 @@
-"""Where the range of each joint is drawn: its pivot, and the direction of its needle."""
+"""Dials that show the range of each joint: pivot, and direction of the needle."""
 
 from __future__ import annotations
 
@@ -68,7 +68,7 @@ def _needle_direction(step: ChainJoint, T_world_child: Matrix, towards_m: Vector
     axis = step.joint.axis
     offset = T_world_child[:3, :3].T @ (towards_m - T_world_child[:3, 3])
     across = offset - axis * float(axis @ offset)
-    if math.sqrt(float(across @ across)) < _MIN_ARM_M:  # a roll joint: any direction
+    if math.sqrt(float(across @ across)) < _MIN_ARM_M:  # a roll joint: choose any direction
         helper = np.eye(3)[int(np.argmin(np.abs(axis)))]
         across = helper - axis * float(axis @ helper)
     return across / math.sqrt(float(across @ across))

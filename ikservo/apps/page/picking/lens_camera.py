@@ -1,4 +1,4 @@
-"""The page's camera where it shows the picture of a real one: with the distortion of its lens."""
+"""The page's camera for the picture of a real camera, with the distortion of its lens."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from ikservo.apps.page.picking.projection import Camera, Viewport
 from ikservo.kinematics.arrays import Matrix, Vector
 from ikservo.model.model import Obstacle
 
-_AXES = np.array([1.0, -1.0, -1.0])  # OpenCV's y is down, its z ahead
+_AXES = np.array([1.0, -1.0, -1.0])  # in OpenCV, y is down and z ahead
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -21,7 +21,7 @@ class LensCamera(Camera):
 
     Attributes:
         model: The camera.
-        zoom: CSS pixels for one of the picture.
+        zoom: CSS pixels per pixel of the picture.
         left_top_px: The top left corner of the picture (2,), CSS pixels.
     """
 
@@ -30,7 +30,7 @@ class LensCamera(Camera):
     left_top_px: Vector
 
     def pixels_at(self, across_px: Matrix) -> Matrix:
-        """Compute the pixels (…, 2) of offsets that a camera without distortion would see."""
+        """Compute the pixels (…, 2) of offsets as seen without distortion."""
         px = self.model.pixels(across_px / self.scale_px)
         return (px + 0.5) * self.zoom + self.left_top_px
 
@@ -57,7 +57,7 @@ class LensCamera(Camera):
 
 
 def make_lens_camera(model: CameraModel, viewport: Viewport) -> LensCamera:
-    """Make a camera whose picture is as large as fits the drawing."""
+    """Make a camera whose picture fills the drawing."""
     size, drawing = np.array(model.lens.size), np.array([viewport.width_px, viewport.height_px])
     zoom = float((drawing / size).min())
     return LensCamera(
@@ -74,7 +74,7 @@ def make_lens_camera(model: CameraModel, viewport: Viewport) -> LensCamera:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PictureSurface:
-    """Where a click in a camera's picture is a target.
+    """The surface on which clicks in a camera's picture are targets.
 
     Attributes:
         things: The things of the scene.
@@ -88,7 +88,7 @@ class PictureSurface:
         """Return the point (3,) that a pixel (2,) sees.
 
         Raises:
-            InputError: It is beside the picture, or sees neither.
+            InputError: It is outside the picture, or shows neither plane nor thing.
         """
         if isinstance(camera, LensCamera):
             ray = camera.model.ray(*camera.picture_px(px))

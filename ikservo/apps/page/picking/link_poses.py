@@ -1,4 +1,4 @@
-"""Poses of all links of an arm, also of those that the chain to its tip does not move."""
+"""Poses of all links of an arm, including links that the chain to its tip does not move."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def link_poses(chain: Chain, q: Vector, other_joints: Mapping[str, float]) -> di
 
 
 def other_joint_position(joint: Joint, other_joints: Mapping[str, float]) -> float | None:
-    """Compute the position of a joint that q does not move, rad or m; None if it is not known."""
+    """Compute the position of a joint that q does not move, rad or m; None if it is unknown."""
     if joint.mimic is None:
         return other_joints.get(joint.name)
     leader = other_joints.get(joint.mimic.joint)

@@ -1,7 +1,7 @@
 """Picking: links, objects and joints near the pointer, the nearest first.
 
 A pointer covers a small square of pixels; every link that a line of sight through it meets is a
-hit. The lines are at most a pixel apart, so that they find whatever is a pixel wide::
+hit. The lines are at most a pixel apart, so that they find everything a pixel wide::
 
     picker = Picker(link_shapes(capsules_of(model)))
     hits = picker.pick_all_at(camera, link_poses(chain, q, {}), px)     # by depth
@@ -35,10 +35,10 @@ class Hit:
     """A link near the pointer.
 
     Attributes:
-        link: Its name.
+        link: The name of the link.
         offset_m: The hit point (3,), link coordinates, metres.
         point_m: The same point (3,), world coordinates.
-        depth_m: Its depth.
+        depth_m: The depth of the point.
         away_px: The larger of the two distances from the pointer, across and down; 0 if the
             pointer is right over the link.
     """
@@ -78,7 +78,7 @@ class Picker:
             camera: The user's camera.
             poses: T_world_link (4, 4) of each link.
             px: Position of the pointer, CSS pixels.
-            region_px: The side of the square; with 0 only what is right under the pointer.
+            region_px: The side of the square; 0: only things exactly under the pointer.
         """
         offsets_px = _square_offsets(region_px)
         origins, directions = camera.rays(np.asarray(px, dtype=np.float64) + offsets_px)
@@ -110,15 +110,15 @@ _SAME_RAD = 2e-3
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PointerContext:
-    """What the user sees at the time of an event.
+    """The view of the user at the time of an event.
 
     Attributes:
         camera: The user's camera.
         arms: Joints (dof,) of the drawn arms: the goal first, if there is one, then the measured
             arm. The first is the one that moves.
-        plane_m: A point (3,) of the plane for clicks on nothing; that of the tip if None.
+        plane_m: A point (3,) of the plane for clicks on the background; None: the tip's plane.
         other_joints: Positions of joints that are not in the chain to the tip.
-        surface: The surface for clicks on nothing in the picture of a calibrated camera.
+        surface: The surface for clicks on the background in the picture of a calibrated camera.
     """
 
     camera: Camera
@@ -156,15 +156,15 @@ class HitTester:
         self._dials = {dial.column: dial for dial in joint_dials(chain, chain.mid_range())}
 
     def set_objects(self, objects: Picker) -> None:
-        """Find other objects of the scene from now on."""
+        """Replace the objects of the scene."""
         self._objects = objects
 
     def candidates_at(self, at: Vector, context: PointerContext) -> tuple[PickCandidate, ...]:
         """Return everything under the pointer, in the order in which presses select it.
 
         Links that move come first, those of the goal before those of the arm, which is painted
-        below it; then objects, then fixed links. Within each kind, hits right under the pointer
-        come before those beside it, and the nearest first.
+        below it; then objects, then fixed links. Within each kind, hits exactly under the pointer
+        come before hits next to it, the nearest first.
         """
         layers = [
             self._link_candidates(at, context, q) for q in _drop_coincident_arms(context.arms)

@@ -34,7 +34,7 @@ class Viewport:
     Attributes:
         width_px: CSS pixels.
         height_px: CSS pixels.
-        pixel_ratio: Device pixels for each CSS pixel.
+        pixel_ratio: Device pixels per CSS pixel.
 
     Raises:
         BadValueError: A number is not finite, not above zero or absurdly large.
@@ -62,7 +62,7 @@ class Camera:
     Attributes:
         viewport: The drawing area.
         eye_m: Position of the eye (3,), metres.
-        R_world_view: Columns: the screen's right, its up, and back towards the user (3, 3).
+        R_world_view: Columns (3, 3): right and up on the screen, and towards the user.
         scale_px: Pixels per metre of an orthographic camera; for a perspective one the focal
             length in pixels (pixels per metre at a depth of one metre).
         perspective: Whether it is a perspective camera.
@@ -82,12 +82,12 @@ class Camera:
 
     @property
     def right(self) -> Vector:
-        """The direction (3,) that is to the right on the screen."""
+        """Direction (3,) to the right on the screen."""
         return self.R_world_view[:, 0]
 
     @property
     def up(self) -> Vector:
-        """The direction (3,) that is up on the screen."""
+        """Direction (3,) upwards on the screen."""
         return self.R_world_view[:, 1]
 
     @property
@@ -108,7 +108,7 @@ class Camera:
         return self.scale_px / np.maximum(depth, NEAR_PLANE_M)
 
     def pixels_at(self, across_px: Matrix) -> Matrix:
-        """Compute the pixels (…, 2) at offsets from the optical axis (…, 2), as without a lens."""
+        """Compute the pixels (…, 2) at offsets (…, 2) from the optical axis, without distortion."""
         px: Matrix = self.viewport.centre_px + across_px
         return px
 

@@ -26,7 +26,7 @@ class PickShape:
 
     Attributes:
         box_m: Low and high corner of the box (2, 3), own coordinates, metres.
-        capsules: Both ends and the radius of each capsule (n, 7), metres; none for a thing.
+        capsules: Both ends and the radius of each capsule (n, 7), metres; empty for a thing.
     """
 
     box_m: Matrix
@@ -104,9 +104,9 @@ def _box_distances(origins: Matrix, directions: Matrix, low: Matrix, high: Matri
 def _capsule_distances(origins: Matrix, directions: Matrix, capsules: Matrix) -> Vector:
     """Compute the distance (k,) along each ray (k, 3) to the first of the capsules (n, 7).
 
-    The side solves |o + t d - (a + s b)| = r with 0 < s < 1, the spheres at both ends the same with
-    s = 0 and s = 1. Each is NaN if the line misses it. A capsule is convex: the line enters it
-    where it enters the first of the three.
+    The side solves |o + t d - (a + s b)| = r with 0 < s < 1, and the spheres at both ends solve it
+    with s = 0 and s = 1. Each is NaN if the line misses it. A capsule is convex, so the line enters
+    it where it enters the first of the three.
     """
     a, b, radius = capsules[:, :3], capsules[:, 3:6] - capsules[:, :3], capsules[:, 6]
     o = origins[:, None] - a

@@ -7,7 +7,7 @@ camera::
     view = Viewpoint(available_views(extent)[0])    # "side", or "plane" for a flat arm
     camera = make_camera(extent, view, Viewport(800, 600, 2.0), extent.yaw_rad(q))
 
-During a drag keep the camera of its start, else the arm's own plane rotates under the pointer.
+During a drag keep the camera of its start; otherwise the arm's own plane rotates under the pointer.
 """
 
 from __future__ import annotations
@@ -34,12 +34,12 @@ _BELOW_TABLE_M = 0.02
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ArmExtent:
-    """The space that an arm moves in.
+    """The space in which an arm moves.
 
     Attributes:
         across: The common joint axis (3,) of a flat arm; None for other arms.
         box_m: Corners (2, 3) of the volume its links can reach above the table, base frame.
-        own_m: The same in coordinates of the arm's own plane: outwards, up, across.
+        own_m: The same corners in coordinates of the arm's own plane: outwards, up, across.
         pivot_m: The point (3,) of the first axis at the height of the base.
         home: Joints (dof,) of the usual working posture.
         home_yaw_rad: Yaw of the arm's own plane about z at ``home``.
@@ -158,11 +158,11 @@ class Viewpoint:
     pitch_rad: float = math.radians(25)
 
     def zoom_by(self, factor: float) -> Viewpoint:
-        """Compute the view nearer (a factor above 1) or further away."""
+        """Return the view zoomed in (a factor above 1) or out."""
         return replace(self, zoom=_clamp_value(self.zoom * factor, _MIN_ZOOM, _MAX_ZOOM))
 
     def pan_by(self, move_px: tuple[float, float], camera: Camera, depth_m: float) -> Viewpoint:
-        """Compute the view with points at that depth moved by pixels on the screen."""
+        """Return the view in which points at a depth are moved by pixels on the screen."""
         metre_px = float(camera.pixels_per_metre(depth_m))
         right_m = self.pan_m[0] - move_px[0] / metre_px
         up_m = self.pan_m[1] + move_px[1] / metre_px
@@ -172,7 +172,7 @@ class Viewpoint:
         )
 
     def orbit_by(self, yaw_rad: float, pitch_rad: float) -> Viewpoint:
-        """Compute the orbit rotated by yaw and pitch, never over the top."""
+        """Return the orbit rotated by yaw and pitch, never over the top."""
         return replace(
             self,
             yaw_rad=math.remainder(self.yaw_rad + yaw_rad, math.tau),

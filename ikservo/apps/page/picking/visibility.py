@@ -1,7 +1,7 @@
-"""Which links are visible from a point, and what hides the others.
+"""Visibility of links from a point, and the parts that hide them.
 
-The inverse of picking: lines of sight go from the eye through points all over a link, and what
-they hit first is visible there::
+This is the inverse of picking: lines of sight go from the eye to points all over a link, and the
+first thing that they hit is visible::
 
     seen = visible_from(model, arm.where().positions, (0.6, 0.3, 0.4))   # a camera, or a marker
     hidden = [each.link for each in seen if not each.is_visible]
@@ -48,12 +48,12 @@ _SAME_RAD = 5e-3
 
 @dataclass(frozen=True, slots=True)
 class LinkVisibility:
-    """How much of a link, or of an object of the scene, is visible.
+    """Visible part of a link, or of an object of the scene.
 
     Attributes:
-        link: Its name.
+        link: The name of the link or object.
         visible_fraction: Visible fraction of its projected area, 0 to 1, accurate to about 0.05.
-        hidden_by: The occluders of the rest, largest occluder first.
+        hidden_by: Links and things that hide the rest, the largest first.
     """
 
     link: str
@@ -147,7 +147,7 @@ def _transform_points(points_m: Matrix, T_world_link: Matrix) -> Matrix:
 
 
 def _pixel_grid(corners_px: Matrix, camera: Camera) -> Matrix:
-    """Compute a grid of pixels (n, 2) over the frame around others, at most 80° off the axis."""
+    """Return a grid of pixels (n, 2) over the bounds of others, at most 80° off the axis."""
     max_offset = _MAX_FIELD_RAD * camera.scale_px if camera.perspective else math.inf
     centre = camera.viewport.centre_px
     low = np.maximum(corners_px.min(axis=0), centre - max_offset)
@@ -197,7 +197,7 @@ class PostureAnalysis:
     seen: tuple[LinkVisibility, ...]
 
 
-_CONDITIONING_PERIOD_S = 0.3  # nobody reads it faster
+_CONDITIONING_PERIOD_S = 0.3  # update period for a reader
 
 
 class PostureAnalyser:

@@ -1,4 +1,4 @@
-"""Jobs of the arm thread: what the arm does by itself until it is done or stopped."""
+"""Jobs of the arm thread, which run until they are done or stopped."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from ikservo.kinematics.arrays import Vector
 
 
 class JobObserver(Protocol):
-    """Shows what the arm does meanwhile, and stops it where the page falls silent."""
+    """Shows the arm during a job, and stops it if the page falls silent."""
 
     def on_progress(self, progress: MotionProgress) -> None:
         """Receive the state of a motion in each control cycle."""
         ...
 
     def on_idle(self) -> None:
-        """Read the arm at rest; to be called now and then while a job does not move it.
+        """Read the arm at rest; called regularly while a job does not move it.
 
         Raises:
             RefusedError: The arm was stopped.
@@ -29,7 +29,7 @@ class JobObserver(Protocol):
         ...
 
     def on_guided(self, measured: Vector) -> None:
-        """Receive joints (n,) of an arm that is guided by hand; it moves nothing by itself.
+        """Receive joints (n,) of an arm that is guided by hand and does not move itself.
 
         Raises:
             RefusedError: The arm was stopped.
@@ -37,11 +37,11 @@ class JobObserver(Protocol):
         ...
 
     def on_torque_off(self) -> None:
-        """Read the arm after its torque was switched off, which is not a loss of torque then."""
+        """Read the arm after its torque was switched off on purpose."""
         ...
 
     def reopen(self) -> None:
-        """Open the arm again, after it was calibrated."""
+        """Open the arm again after a calibration."""
         ...
 
     def log_message(self, message: str, level: str = "bad") -> None:
@@ -54,31 +54,31 @@ class ArmJob(Protocol):
 
     Attributes:
         title: The activity of the arm, in a few words.
-        is_planned: Whether all that moves was planned and checked before it begins. Only such a
-            job goes on through a hiccup of the page; one that follows live goals does not.
+        is_planned: Whether all motions are planned and checked before the job begins. Only such a
+            job continues during a short silence of the page.
     """
 
     @property
     def title(self) -> str:
-        """What the arm does, in a few words."""
+        """Activity of the arm, in a few words."""
         ...
 
     @property
     def is_planned(self) -> bool:
-        """Whether all that moves was planned and checked before it begins."""
+        """Whether all motions are planned and checked before the job begins."""
         ...
 
     def run(self, arm: Arm, observer: JobObserver) -> None:
         """Run to the end.
 
         Raises:
-            IkservoError: It failed; the arm holds until that is acknowledged.
+            IkservoError: It failed; the arm holds until a user acknowledges that.
         """
         ...
 
 
 class ExecutePath:
-    """Carries out the path that the page shows, as it was planned."""
+    """Carries out the planned path that the page shows."""
 
     title = "Goes to the preview"
     is_planned = True
@@ -87,7 +87,7 @@ class ExecutePath:
         self._path = path
 
     def run(self, arm: Arm, observer: JobObserver) -> None:
-        """Execute the plan; an obsolete one moves nothing and needs no stop."""
+        """Execute the plan; an obsolete plan moves nothing and does not stop the arm."""
         before, servos = self._path.request, arm.context.servos
         with ExitStack() as turns:
             try:
@@ -98,7 +98,7 @@ class ExecutePath:
             if servos.torque.is_on:
                 servos.refresh_reference()
             else:
-                arm.enable()  # it may sink until then
+                arm.enable()  # a limp arm may sink until then
             now = PlanRequest(
                 arm, before.goal, servos.reference(), before.speed, marker=before.marker
             )
@@ -128,7 +128,7 @@ class RelaxArm:
 
 
 class ReleaseArm:
-    """Switches every servo's torque off where the arm is."""
+    """Switches torque off at the present position of the arm."""
 
     title = "Goes limp"
     is_planned = True
@@ -141,7 +141,7 @@ class ReleaseArm:
 
 
 class SetTipZero:
-    """Saves the zero that a click on the tip has shown, and opens the arm with it.
+    """Saves the zero from a click on the tip, and reopens the arm with it.
 
     Args:
         found: The zero.

@@ -50,23 +50,23 @@ from ikservo.remedies import in_page
 from ikservo.serving.lease import ArmLease
 
 JERK_FACTOR = 8.0
-"""Of the jerk of a speed class while a pointer is followed: its short ways are all jerk."""
+"""Factor of the jerk of a speed class while following a pointer, whose short moves need it."""
 
-_SETTLE_AFTER_S = 0.4  # so short a pause of a drag is not an end of it
-_POLL_PERIOD_S = 0.033  # while no session runs
+_SETTLE_AFTER_S = 0.4  # a shorter pause does not end a drag
+_POLL_PERIOD_S = 0.033  # poll period while no session runs
 _STATE_PERIOD_S = 1.0
-_TELEMETRY_PERIOD_S = 0.1  # of what the control loop has read anyway
+_TELEMETRY_PERIOD_S = 0.1  # period of taking telemetry from the control loop
 _MAX_MESSAGES = 40
 _CLOSED = StopReason(StopKind.CLOSED, "The view was closed.")
 _PLANNED_SILENCE_S = 2.5
-"""Silence of the page that a planned and checked motion survives: a slow computer has hiccups."""
+"""Silence of the page that a planned and checked motion tolerates on a slow computer."""
 
 _SILENCE_TEXT = (
     "The page does not answer; stopped, torque stays on. Switch Live on again to continue."
 )
 _JOB_SILENCE_TEXT = "Stopped: the page does not answer."
 _TORQUE_LOST_TEXT = (
-    "{} lost torque without being told to: reset, supply broken down, or another program. "
+    "{} lost torque without a command: a reset, a loss of supply, or another program. "
     "The button beside the joint switches it on again."
 )
 _REOPEN_TEXT = "Check cable and power of the adapter, then continue: the port is opened again."
@@ -78,15 +78,15 @@ class ArmThread:
     """Owns an arm; other threads post commands and read snapshots, without waiting.
 
     Args:
-        open_arm: Opens the arm, also again after its port was lost.
+        open_arm: Opens the arm, also after its port was lost.
         clock: The time of heartbeats; safe to read from any thread.
         dead_man_s: The time for which a command is valid without a heartbeat.
-        calibration: Runs calibrations; None if there are none.
+        calibration: Runs calibrations; None: no calibrations.
 
     Attributes:
-        lease: The page in control, and the time when it was heard last.
-        arm: The arm; other threads may use only what does not change while it is open. It is
-            replaced after a calibration, and after its port was lost.
+        lease: The page in control, and the time of its last heartbeat.
+        arm: The arm; other threads may use only its constant parts. It is replaced after a
+            calibration, and after its port was lost.
         snapshot: Written by this thread alone.
         history: The last ten minutes; written by this thread alone.
     """
@@ -137,10 +137,10 @@ class ArmThread:
     def post(self, command: ArmCommand) -> None:
         """Replace the command that the arm follows; the newest counts.
 
-        This is the boundary between two threads: the server's thread posts, this one reads
-        ``command`` once per control cycle. A command is never changed but replaced as a whole,
-        so neither thread waits, and neither sees half of one. Only one thread may post, because
-        a command is derived from the one before.
+        This is the boundary between two threads: the server's thread posts, this thread reads
+        ``command`` once per control cycle. A command is replaced as a whole, so neither thread
+        waits or sees half of it. Only one thread may post, because a command is derived from its
+        predecessor.
         """
         self._command = command
 
@@ -150,7 +150,7 @@ class ArmThread:
         self.arm.request_stop(reason)
 
     def acknowledge(self) -> None:
-        """Acknowledge a stop: the arm may be moved again, and nothing moves yet."""
+        """Acknowledge a stop: the arm may move again, but nothing moves yet."""
         self._acknowledged = True
 
     def request_torque(self, joint: str, *, on: bool) -> None:
@@ -159,14 +159,14 @@ class ArmThread:
 
     @property
     def job(self) -> ArmJob | None:
-        """The job that runs, or the one that waits for the arm."""
+        """The running job, or the job that waits for the arm."""
         return self._running_job or self._waiting_job
 
     def request_job(self, job: ArmJob) -> None:
-        """Let the arm do something by itself. Safe from any thread.
+        """Request a job of the arm. Safe from any thread.
 
         Raises:
-            InputError: It does something already, follows the page, or was stopped.
+            InputError: The arm is busy, follows the page, or was stopped.
         """
         if self.snapshot.stop_notice or self._stop_reason is not None:
             raise InputError("The arm was stopped.", "Check it, then acknowledge.")
@@ -203,7 +203,7 @@ class ArmThread:
         self._record_history()
 
     def _take_telemetry(self, now_s: float) -> None:
-        """Take what the control loop has read of temperature, load and torque."""
+        """Take temperature, load and torque from the control loop."""
         if now_s - self._telemetry_s > _TELEMETRY_PERIOD_S:
             self._telemetry_s = now_s
             states = self.arm.context.servos.with_latest_telemetry(self.snapshot.states)
@@ -213,11 +213,11 @@ class ArmThread:
         """Read the servos' states once a second."""
         if now_s - self._states_s > _STATE_PERIOD_S:
             self._states_s = now_s
-            with contextlib.suppress(BusError):  # the control cycle itself detects a lost port
+            with contextlib.suppress(BusError):  # the control cycle detects a lost port itself
                 self.snapshot = replace(self.snapshot, states=self.arm.where().joints)
 
     def on_progress(self, progress: MotionProgress) -> None:
-        """Store the positions of a job's motion; stop it where the page is silent."""
+        """Store the positions of a job's motion; stop it if the page is silent."""
         now_s = self._clock.now_s()
         measured, reference = progress.joints_rad.copy(), progress.setpoints_rad.copy()
         self.snapshot = replace(self.snapshot, measured=measured, read_s=now_s, reference=reference)
@@ -226,7 +226,7 @@ class ArmThread:
         self._require_heartbeat()
 
     def on_idle(self) -> None:
-        """Read the arm at rest during a job; stop the job where the page is silent.
+        """Read the arm at rest during a job; stop the job if the page is silent.
 
         Raises:
             RefusedError: The arm was stopped.
@@ -237,7 +237,7 @@ class ArmThread:
         self._record_history()
 
     def on_guided(self, measured: Vector) -> None:
-        """Store joints (n,) of an arm that is guided by hand: no page has to hold it.
+        """Store joints (n,) of an arm that is guided by hand, which needs no heartbeat.
 
         Raises:
             RefusedError: The arm was stopped.
@@ -245,21 +245,21 @@ class ArmThread:
         self.arm.context.servos.check_stop()
         now_s = self._clock.now_s()
         self.snapshot = replace(self.snapshot, measured=measured, read_s=now_s, reference=None)
-        self._update_states(now_s)  # the control loop does not run: what it has read is old
+        self._update_states(now_s)  # the control loop does not run, so its data are old
         self._record_history()
 
     def on_torque_off(self) -> None:
-        """Read the arm after its torque was switched off, which is not a loss of torque then."""
+        """Read the arm after its torque was switched off on purpose."""
         self.snapshot = replace(self._update_positions(), reference=None)
 
     def reopen(self) -> None:
-        """Open the arm again, after a job has calibrated it."""
+        """Open the arm again after a job has calibrated it."""
         self.arm.close("hold")
-        self._lost = True  # until it is open
+        self._lost = True  # until it is open again
         self._reopen_arm()
 
     def _require_heartbeat(self) -> None:
-        """Stop the running job once the page was silent for longer than the job permits."""
+        """Stop the running job if the page is silent for longer than the job permits."""
         job, limit_s = self._running_job, self.lease.timeout_s
         if job is not None and job.is_planned:
             limit_s = max(limit_s, _PLANNED_SILENCE_S)
@@ -280,7 +280,7 @@ class ArmThread:
         """Append a message for the user; a repetition only renews its time.
 
         Args:
-            message: The event; an empty one is left out.
+            message: The event; an empty message is ignored.
             level: ``bad`` for what went wrong, empty for news.
         """
         if not message:
@@ -295,14 +295,14 @@ class ArmThread:
         try:
             while not self._ending:
                 self.step()
-        except Exception as error:  # a bug: no thread controls the arm any more, so report it
+        except Exception as error:  # a bug: no thread controls the arm now, so report it
             self._end_session(StopNotice(f"The view has failed: {error!r}.", _RESTART_TEXT))
             raise
 
     def _run_step(self) -> None:
         if self._acknowledged:
             self._restart()
-        reason = self._stop_reason or self.arm.stop_reason  # by the page, or by another program
+        reason = self._stop_reason or self.arm.stop_reason  # set by the page, or by another program
         if reason is not None and not self.snapshot.stop_notice:
             self._take_stop(reason)
         if self.snapshot.stop_notice:
@@ -336,7 +336,7 @@ class ArmThread:
             self.snapshot = replace(self.snapshot, reference=None, ended_session=session.session_id)
 
     def _run_job(self) -> None:
-        """Run the job that waits; its errors stop the arm, as those of a session."""
+        """Run the waiting job; its errors stop the arm, as in a session."""
         self._running_job, self._waiting_job = self._waiting_job, None
         if self._running_job is None:  # a stop came in between
             return
@@ -361,11 +361,11 @@ class ArmThread:
 
     def _switch_torque(self, joint: str, on: bool) -> None:
         self.arm.runner.set_joint_torque(joint, on=on)
-        self.snapshot = self._update_positions()  # before it is looked for torque that was lost
+        self.snapshot = self._update_positions()  # must precede the check for lost torque
         self.log_message(f"Torque of {joint} switched {'on' if on else 'off'} from the page.", "")
 
     def _log_lost_torque(self, before: tuple[JointState, ...]) -> None:
-        """Log which servos are limp that held at the reading before: nobody asked for that."""
+        """Log servos that lost torque since the reading before without a command."""
         pairs = zip(before, self.snapshot.states, strict=True)
         lost = [now for then, now in pairs if then.torque and not now.torque]
         for names, alarms in describe_alarms(lost):
@@ -388,10 +388,10 @@ class ArmThread:
         self.snapshot = replace(self.snapshot, stop_notice=None)
 
     def _take_stop(self, reason: StopReason) -> None:
-        """End everything at a stop; it is latched unless the page has stopped a limp arm.
+        """End all activity at a stop; latch the stop unless the page has stopped a limp arm.
 
-        By now nothing moves or waits. With torque off there is nothing to check, so a user need
-        not acknowledge anything.
+        Nothing moves or waits after that. With torque off there is nothing to check, so the user
+        need not acknowledge it.
         """
         self._torque_requests.clear()
         is_read = False
@@ -403,7 +403,7 @@ class ArmThread:
         if not is_limp or self._stop_reason is None:
             self._end_session(StopNotice(text, _CHECK_FIRST_TEXT))
             return
-        self._stop_reason = None  # before the latch opens: a stop of this moment is kept
+        self._stop_reason = None  # before the latch opens, so that a stop at this moment is kept
         self.arm.acknowledge()
         ended = self.command.session_id
         self.snapshot = replace(self.snapshot, reference=None, ended_session=ended)
@@ -413,7 +413,7 @@ class ArmThread:
         if self._lost and isinstance(error, PortError):
             return StopNotice(error.message, _REOPEN_TEXT)
         message = error.message
-        if self.arm.context.servos.overheated:  # its own program has lowered it, or tried to
+        if self.arm.context.servos.overheated:  # the guard has lowered the arm, or tried to
             with contextlib.suppress(IkservoError):
                 self.snapshot = self._update_positions()
             message = describe_stop(message, self.snapshot.states)
@@ -465,7 +465,7 @@ class ArmThread:
         )
 
     def _reopen_arm(self) -> None:
-        """Open the arm again, among the same things: it may have been calibrated meanwhile."""
+        """Open the arm again with the same things; it may have been calibrated meanwhile."""
         arm = self._open()
         arm.scene.take_over(self.arm.scene)
         self.arm = arm
@@ -481,7 +481,7 @@ class ArmThread:
         return ArmSnapshot(measured, start, self._clock.now_s(), states=states)
 
     def _update_positions(self) -> ArmSnapshot:
-        """Return the snapshot with positions and telemetry as the servos have them now."""
+        """Return the snapshot with present positions and telemetry of the servos."""
         new = self._read_snapshot()
         return replace(
             self.snapshot,

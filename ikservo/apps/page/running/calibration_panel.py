@@ -36,11 +36,11 @@ class CalibrationDriver:
 
     Args:
         model: The arm.
-        port: Its port; must not be open elsewhere meanwhile.
+        port: Its port, which must not be open elsewhere.
         pose: The named reference pose.
 
     Attributes:
-        requested: Whether a calibration is to run now.
+        requested: Whether a calibration is requested.
     """
 
     def __init__(self, model: Model, port: str | None, pose: str = REFERENCE_POSE) -> None:
@@ -56,14 +56,14 @@ class CalibrationDriver:
     def put_answer(self, answer: str, number: int) -> None:
         """Queue an answer that was given on a screen; thread-safe.
 
-        On a screen that is gone it answers nothing; ``cancel`` ends the calibration on each.
+        An answer on an old screen is ignored; ``cancel`` ends the calibration on every screen.
         """
         if answer == "cancel":
             self.requested = False
         self._answers.append((answer, number))
 
     def run(self) -> Generator[CalibrationView]:
-        """Yield what is to be shown at each reading until the user ends the calibration.
+        """Yield the view at each reading until the user ends the calibration.
 
         Raises:
             IkservoError: The servos do not reply, or nothing could be saved.
@@ -99,7 +99,7 @@ class CalibrationDriver:
             yield CalibrationView(item, request, lines, number)
             answer = self._next_answer(number)
             while isinstance(item, Question) and self.requested and not item.offers(answer):
-                arm.read_ticks()  # a servo that is lost shows at once
+                arm.read_ticks()  # a lost servo raises at once
                 yield CalibrationView(item, request, lines, number)
                 answer = self._next_answer(number)
             if answer:

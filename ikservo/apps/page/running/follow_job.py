@@ -1,4 +1,4 @@
-"""An arm of the page that follows another one, joint by joint of the same name."""
+"""An arm of the page that follows another one; joints of the same name are coupled."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ class FollowLeader:
 
     Attributes:
         lag: The lag of the arm.
-        refusal: Why the guard refused a posture of the leader last; empty if it did not.
+        refusal: Why the guard refused the last posture of the leader; empty if it did not.
     """
 
     is_planned = False
@@ -45,7 +45,7 @@ class FollowLeader:
         """Follow.
 
         Raises:
-            IkservoError: The arm was stopped, the leader failed.
+            IkservoError: The arm was stopped, or the leader failed.
         """
 
         def note_refusal(error: RefusedError, _kept: Vector) -> None:
@@ -57,11 +57,11 @@ class FollowLeader:
         if not self._finished.is_set():
             raise StoppedError(
                 f"{self.feed.name} does not lead: {result.ended}.",
-                "Look at both arms, then acknowledge.",
+                "Check both arms, then acknowledge.",
             )
 
     def _positions(self) -> Iterator[dict[str, float] | None]:
-        """Yield the leader's joints in each control cycle, which sets the pace."""
+        """Yield the leader's joints, once per control cycle."""
         while not self._finished.is_set():
             yield self.feed.positions()
 

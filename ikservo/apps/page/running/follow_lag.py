@@ -1,4 +1,4 @@
-"""How far a follower is behind its leader: in time, and in the position of its joints."""
+"""Lag of a follower behind its leader, in time and in the positions of its joints."""
 
 from __future__ import annotations
 
@@ -11,23 +11,23 @@ import numpy as np
 from ikservo.kinematics.arrays import Vector
 
 MAX_LAG_S = 0.5
-"""Longer ones are not told apart."""
+"""Longest lag that is measured, seconds."""
 
 _WINDOW_S = 2.0
 _STEP_S = 0.002
-_LEAST_TRAVEL = 0.03  # rad or m; of less no time can be told
+_LEAST_TRAVEL = 0.03  # rad or m; smaller motions do not determine a lag
 
 
 @dataclass(frozen=True, slots=True)
 class FollowLag:
-    """How far a follower is behind.
+    """Lag of a follower.
 
     Attributes:
-        goal_s: From the leader's motion to the same motion of the follower's setpoints; None
-            while the leader is still.
-        arm_s: To the same motion of the follower's joints; None while the leader is still.
-        error: The largest distance of a joint from the leader's now, rad or m.
-        joint: The joint with that lag.
+        goal_s: Time from the leader's motion to that of the follower's setpoints; None while the
+            leader is still.
+        arm_s: Time to the motion of the follower's joints; None while the leader is still.
+        error: The largest present distance of a joint from the leader's, rad or m.
+        joint: The joint with that error.
     """
 
     goal_s: float | None
@@ -37,7 +37,7 @@ class FollowLag:
 
 
 class LagMeter:
-    """Compares what a leader, the setpoints of its follower and the follower's joints did.
+    """Compares the motions of a leader, its follower's setpoints and the follower's joints.
 
     Args:
         names: The joints that both arms have, in the order of all arrays.
@@ -63,7 +63,7 @@ class LagMeter:
                 self._led.popleft()
 
     def read(self) -> FollowLag | None:
-        """Read how far the follower is behind; None before the first samples."""
+        """Compute the lag of the follower; None before the first samples."""
         with self._lock:
             led, followed = list(self._led), list(self._followed)
         if not led:
@@ -82,7 +82,7 @@ def _find_lags(
     positions = np.array([sample[1] for sample in led])
     travel = np.ptp(positions, axis=0)
     joint = int(travel.argmax())
-    # Of the follower only what the leader's samples reach back from.
+    # Use only the part of the follower's samples that the leader's samples precede.
     since_s = led_s[0] + MAX_LAG_S
     followed = [sample for sample in followed if sample[0] >= since_s]
     if travel[joint] < _LEAST_TRAVEL or not followed:

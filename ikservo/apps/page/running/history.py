@@ -1,4 +1,4 @@
-"""What the servos and the line did in the last ten minutes, in a ring buffer of fixed size."""
+"""History of the servos and the line over the last ten minutes, in a ring buffer."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ from ikservo.hardware.servo import LinkStatistics
 
 _DURATION_S = 600.0
 _PERIOD_S = 0.02
-_JITTER_S = 0.001  # a cycle that comes so much early counts
-_CSV_ROWS = 100  # formatted at a time: the control loop runs in between
+_JITTER_S = 0.001  # a cycle may come early by this time
+_CSV_ROWS = 100  # rows formatted at a time; the control loop runs in between
 
 Table = NDArray[np.float32]
 
@@ -27,7 +27,7 @@ _UNITS = {
     "losses": "",
 }  # fmt: skip
 QUANTITIES = ("goal", "position", "error", *_STORED[2:], *_OF_LINE)
-"""All quantities; those of the line have no joint."""
+"""All quantities; quantities of the line have no joint."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,9 +35,9 @@ class Channel:
     """One quantity over time.
 
     Attributes:
-        quantity: One of ``QUANTITIES``. ``goal`` is where the trajectory has the joint, which the
-            servo's own goal leads; ``error`` is goal minus position; ``losses`` counts the
-            requests without a usable reply.
+        quantity: One of ``QUANTITIES``. ``goal`` is the reference of the joint, which the servo's
+            own goal leads; ``error`` is goal minus position; ``losses`` counts the requests without
+            a usable reply.
         unit: The unit that is shown.
         joint: Empty for a quantity of the line.
     """
@@ -54,8 +54,8 @@ class HistorySlice:
     Attributes:
         channels: The columns.
         times_s: Times (k,), increasing.
-        values: Values (k, columns) in the channels' units, NaN where nothing was measured.
-        reason: The reason why the arm stopped at its end; empty for a recording of the present.
+        values: Values (k, columns) in the channels' units, NaN if not measured.
+        reason: Why the arm stopped at the end; empty for a recording of the present.
     """
 
     channels: tuple[Channel, ...]
@@ -70,20 +70,20 @@ class HistorySlice:
 
 
 class History:
-    """Keeps samples of every joint and of the line; its memory is allocated once.
+    """Keeps samples of every joint and of the line in memory that is allocated once.
 
     One thread records, others read: a reader that is overtaken drops the overwritten samples, so
     that no thread waits for another.
 
     Args:
         joints: The names of the joints.
-        prismatic: Whether each is prismatic: shown in millimetres instead of degrees.
+        prismatic: Whether each joint is prismatic, and shown in millimetres.
         duration_s: The least time for which samples are kept.
-        period_s: The shortest time between two of them.
+        period_s: The shortest time between two samples.
 
     Attributes:
         channels: Every channel, ``error`` included.
-        last_stop: The last ten seconds before the arm was stopped last; None before that.
+        last_stop: The ten seconds before the last stop; None before the first stop.
     """
 
     STOP_S = 10.0
@@ -107,7 +107,7 @@ class History:
 
     @property
     def size_bytes(self) -> int:
-        """The memory of the samples, which never grows."""
+        """Memory of the samples, which never grows."""
         return self._times.nbytes + self._values.nbytes
 
     def record(self, snapshot: ArmSnapshot, link: LinkStatistics, now_s: float) -> None:
@@ -135,15 +135,15 @@ class History:
                 (round_trip_ms, link.lost),
             )
         )
-        self._count += 1  # last: readers see whole samples only
+        self._count += 1  # incremented last, so that readers see whole samples
 
     def mark_stop(
         self, reason: str, snapshot: ArmSnapshot, link: LinkStatistics, now_s: float
     ) -> None:
-        """Keep the last ten seconds: something has stopped the arm.
+        """Keep the last ten seconds, because the arm was stopped.
 
-        The sample at the stop is kept however soon it comes after the last: what the failed cycle
-        lost is in none before.
+        The sample at the stop is always kept, because only it counts the losses of the failed
+        cycle.
         """
         self._append(snapshot, link, now_s)
         kept = self.since(now_s - self.STOP_S)
@@ -184,7 +184,7 @@ _CSV_UNITS = {"°": "deg", "mm": "mm", "%": "percent", "A": "a", "°C": "c", "V"
 
 
 def csv_lines(recording: HistorySlice) -> Generator[str]:
-    """Yield a recording as CSV (RFC 4180), some hundred lines at a time.
+    """Yield a recording as CSV (RFC 4180), a hundred lines at a time.
 
     The first line has the names with their units; a value that was not measured is empty.
     """

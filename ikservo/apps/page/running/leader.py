@@ -1,4 +1,4 @@
-"""An arm of the page that leads another: guided by hand, it publishes its joints."""
+"""An arm of the page that is guided by hand and publishes its joints for a follower."""
 
 from __future__ import annotations
 
@@ -11,20 +11,20 @@ from ikservo.clock import Clock, Rate
 from ikservo.errors import BusError, IkservoError, StoppedError
 from ikservo.serving.lease import is_fresh
 
-_SHOWN_EVERY = 3  # samples; what the page shows takes time from the next one
+_SHOWN_EVERY = 3  # the page is updated every third sample, because that delays the next one
 
 
 class LeaderFeed:
     """The joints of a leader, from its thread to that of its follower.
 
     Args:
-        name: The leader's, for messages; also an attribute.
-        joint_names: Its joints that the follower has, too; also an attribute.
+        name: The leader's name, for messages; also an attribute.
+        joint_names: The joints that both arms have; also an attribute.
         clock: The time of samples, for both threads.
         dead_man_s: The time for which a sample is valid.
 
     Attributes:
-        newest: The last sample: when it was measured and positions by joint, rad or m.
+        newest: The last sample: its time, and positions by joint, rad or m.
         is_wanted: Whether the follower is still there; replaced once it has started.
     """
 
@@ -42,14 +42,14 @@ class LeaderFeed:
         self.newest = (measured_s, positions)
 
     def fail(self, reason: str) -> None:
-        """End the following: the leader was stopped, or does not answer."""
+        """End the following, because the leader was stopped or does not answer."""
         self._failure = reason
 
     def positions(self) -> dict[str, float] | None:
-        """Compute the newest positions of the joints that both have; None before the first.
+        """Return the newest positions of the common joints; None before the first.
 
         Raises:
-            StoppedError: The leader has failed, or tells nothing any more.
+            StoppedError: The leader has failed, or sends no more samples.
         """
         newest = self.newest
         silent = newest is not None and not is_fresh(
@@ -58,17 +58,17 @@ class LeaderFeed:
         reason = self._failure or (f"no position for {self._dead_man_s} s." if silent else "")
         if reason:
             raise StoppedError(
-                f"{self.name} does not lead any more: {reason}",
+                f"{self.name} no longer leads: {reason}",
                 "Check both arms, then acknowledge each.",
             )
         return None if newest is None else {name: newest[1][name] for name in self.joint_names}
 
 
 class LeadArm:
-    """Publishes the joints while another arm follows (``ArmJob``); moves nothing.
+    """Publishes the joints while another arm follows (``ArmJob``); does not move the arm.
 
     Args:
-        feed: The feed in which they are published.
+        feed: The feed for the joints.
         follower: Name of the other arm.
     """
 
@@ -79,7 +79,7 @@ class LeadArm:
         self._feed, self._clock = feed, feed.clock
 
     def run(self, arm: Arm, observer: JobObserver) -> None:
-        """Publish until nobody follows.
+        """Publish until no arm follows.
 
         Raises:
             IkservoError: The arm was stopped, or a servo does not answer.

@@ -1,4 +1,4 @@
-"""The limp arm in the drawing while it is calibrated, and the pose in which it is to be held."""
+"""Drawing of the limp arm during a calibration, and of the pose in which to hold it."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ from ikservo.model import Model
 
 
 class LimpPicture:
-    """Positions of the joints during a calibration.
+    """Positions of the joints for drawing during a calibration.
 
-    Until the reference pose was taken nobody knows the zeros: the joints are shown from where they
-    were before, moved as their servos turn. From then on they are where the calibration puts them.
+    Until the reference pose is taken, the zeros are unknown: joints are shown from their previous
+    positions, moved as their servos turn. After that, the calibration gives their positions.
 
     Args:
         joint_maps: The map of each joint, as before the calibration.
-        measured: The joints (n,) that were shown then, rad or m.
+        measured: The joints (n,) that were shown before, rad or m.
     """
 
     def __init__(self, joint_maps: Sequence[JointMap], measured: Vector) -> None:
@@ -33,7 +33,7 @@ class LimpPicture:
         self._first: Mapping[int, int] = {}
 
     def positions(self, request: HandRequest | None) -> Vector:
-        """Compute where the joints are to be shown (n,), rad or m, at a reading."""
+        """Compute the positions (n,) of the joints for drawing, rad or m, at a reading."""
         if request is None:
             return self._start
         if request.readings:
@@ -51,7 +51,7 @@ class LimpPicture:
 
 
 def show_calibration(scene: SceneState, view: CalibrationView, model: Model) -> SceneState:
-    """Show in a scene what a calibration asks for: the pose to hold, then the joint to move.
+    """Show the request of a calibration in a scene: the pose to hold, then the joint to move.
 
     Args:
         scene: The limp arm.

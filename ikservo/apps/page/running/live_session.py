@@ -1,4 +1,4 @@
-"""The goals of the arm from Live on to Live off, and when the page counts as silent."""
+"""Goals of the arm from Live on to Live off, and detection of a silent page."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class LiveSession:
 
     Args:
         observer: Provides commands and receives every control cycle.
-        lease: Says when the page in control was heard last.
+        lease: The time of the last heartbeat of the page in control.
 
     Attributes:
         session_id: Identifies the session.
@@ -76,6 +76,6 @@ class LiveSession:
         return not command.live or command.session_id != self.session_id
 
     def on_rejected(self, error: RefusedError, _kept: Vector) -> None:
-        """Tell why the guard rejected a goal; the arm keeps the one before."""
+        """Report why the guard rejected a goal; the arm keeps the previous goal."""
         if self._last_goal is not None:
             self._observer.on_refused(self._last_goal, error)

@@ -1,4 +1,4 @@
-"""A program of steps played on the arm: checked first, then made as a whole or step by step."""
+"""Playing of a program: check all steps first, then run them together or one by one."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ Phase = Literal["idle", "checking", "ok", "playing", "paused", "stopped", "bad",
 
 @dataclass(frozen=True, slots=True)
 class PlayState:
-    """How far a program is.
+    """Progress of a program.
 
     Attributes:
-        phase: The present phase; ``bad`` after a check that found a step that cannot be made.
-        step: Number of the step that is checked or made, or with which to go on; None before.
+        phase: The present phase; ``bad`` after a check that found an impossible step.
+        step: Number of the present or next step; None before the start.
         repetition: The repetition of the whole program, from 1.
-        reason: Why it was stopped there.
-        problems: Why steps cannot be made, by their numbers; ``step`` is the first of them.
+        reason: The reason why it was stopped there.
+        problems: Reasons why steps are impossible, by number; ``step`` is the first of them.
     """
 
     phase: Phase = "idle"
@@ -38,14 +38,14 @@ class PlayState:
 
 
 class ProgramPlay:
-    """Checks a program, then plays it (``ArmJob``). Nothing moves before the check has passed.
+    """Checks a program, then plays it (``ArmJob``). Nothing moves until the check has passed.
 
     Args:
         program: The program.
         numbers: Numbers by which the page names its steps.
         folder: The folder of its recordings.
         first: Index of the step to begin with.
-        action: ``check`` only, ``play`` to the end, or make one ``step``.
+        action: ``check`` only, ``play`` to the end, or run one ``step``.
 
     Attributes:
         state: Its progress; written by the arm thread alone.
@@ -68,7 +68,7 @@ class ProgramPlay:
 
     @property
     def title(self) -> str:
-        """What the arm does, in a few words."""
+        """Activity of the arm, in a few words."""
         return "Checks the program" if self._action == "check" else "Plays the program"
 
     @property
@@ -81,7 +81,7 @@ class ProgramPlay:
         self._pausing.set()
 
     def run(self, arm: Arm, observer: JobObserver) -> None:
-        """Check the steps, then make them.
+        """Check the steps, then run them.
 
         Raises:
             IkservoError: A step failed, or the arm was stopped in it; it holds there.
@@ -95,9 +95,9 @@ class ProgramPlay:
             raise
 
     def _check(self, run: ProgramRun, observer: JobObserver) -> bool:
-        """Check whether every step can be made; the state names all that cannot."""
+        """Check whether every step is possible; the state names all that are not."""
         count = 1 if self._action == "step" else None
-        problems: dict[int, str] = {}  # by index; repetitions check again
+        problems: dict[int, str] = {}  # by index, because repetitions check again
         try:
             for check in islice(run.check(self._first + 1), count):
                 observer.on_idle()
@@ -106,7 +106,7 @@ class ProgramPlay:
                     problems.setdefault(check.number - 1, check.error.message)
         except BusError:
             raise
-        except IkservoError as error:  # of the arm as it is: nothing was planned
+        except IkservoError as error:  # the present state of the arm prevents planning
             observer.on_idle()
             problems = {self._first: error.message}
         if problems:

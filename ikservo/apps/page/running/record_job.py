@@ -1,4 +1,4 @@
-"""The arm recorded while it is guided by hand, for a step of the page's program."""
+"""Recording of an arm that is guided by hand, for a step of the page's program."""
 
 from __future__ import annotations
 
@@ -12,17 +12,17 @@ from ikservo.errors import InputError
 from ikservo.files.writing import make_folder
 
 SUFFIX = ".jsonl"
-_SHOWN_EVERY = 5  # samples; reading what the page shows takes time on the bus
+_SHOWN_EVERY = 5  # the page is updated every fifth sample, because reading takes bus time
 
 
 class RecordArm:
-    """Records the joints until it is finished (``ArmJob``); torque stays as it is.
+    """Records the joints until it is finished (``ArmJob``); torque stays unchanged.
 
     Args:
-        folder: The folder of the file, whose name is not taken.
+        folder: The folder for a new file with an unused name.
 
     Attributes:
-        path: The file once it is complete; None before.
+        path: The complete file; None before that.
     """
 
     title = "Records the arm"
@@ -45,7 +45,7 @@ class RecordArm:
                 are kept.
         """
         if all(state.torque for state in arm.where().joints):
-            observer.log_message("The arm holds: nobody can guide it. Relax or Release it first.")
+            observer.log_message("The arm holds: it cannot be guided. Relax or Release it first.")
             return
         path, samples = self._free_path(), count(1)
 

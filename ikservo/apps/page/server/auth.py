@@ -1,7 +1,7 @@
 """Authentication: session tokens, challenge and response, origin check, connection limit.
 
-An idle socket costs little, but a client that opens thousands of them, or sends a byte a second,
-must neither lock other clients out nor take time from the arm.
+An idle socket costs little, but a client that opens thousands of sockets, or sends a byte per
+second, must neither lock other clients out nor take time from the arm.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ _LOOPBACK_HOSTS = ("localhost", "127.0.0.1", "[::1]")
 
 
 class Permission(StrEnum):
-    """What a client may do."""
+    """Permission of a client."""
 
     CONTROL = "control"
     WATCH = "watch"
@@ -66,7 +66,7 @@ class AccessTokens:
 
 
 def new_nonce() -> str:
-    """Make a nonce that was never used before."""
+    """Make a nonce that has not been used before."""
     return secrets.token_hex(16)
 
 
@@ -163,7 +163,7 @@ class OriginCheckMiddleware:
         if not is_allowed_origin(headers, local, upgrade=upgrade, secure=secure):
             await (
                 send({"type": "websocket.close"}) if upgrade else _send_forbidden(send)
-            )  # 403, both
+            )  # reject both with 403
             return
 
         async def send_strictly(message: Message) -> None:
@@ -181,13 +181,13 @@ async def _send_forbidden(send: Send) -> None:
 
 
 MAX_PENDING_CONNECTIONS = 24
-"""A page needs six for its files; beyond this number the oldest is dropped."""
+"""Limit of pending connections; a page needs six for its files. The oldest is dropped."""
 
 _REQUEST_TIMEOUT_S = 3.0
 
 
 class ConnectionLimiter(H11Protocol):
-    """HTTP protocol that drops idle connections, and the oldest of too many pending ones."""
+    """HTTP protocol that drops idle connections, and the oldest if too many are pending."""
 
     def __init__(
         self,
@@ -201,7 +201,7 @@ class ConnectionLimiter(H11Protocol):
         self._idle_timer: asyncio.TimerHandle | None = None
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
-        """Register a connection; the oldest of too many is dropped."""
+        """Register a connection; drop the oldest if there are too many."""
         super().connection_made(transport)
         self._idle_timer = self.loop.call_later(_REQUEST_TIMEOUT_S, self._drop_idle_connection)
         waiting = [other for other in self.connections if _is_pending(other)]
@@ -215,7 +215,7 @@ class ConnectionLimiter(H11Protocol):
         super().connection_lost(exc)
 
     def _drop_idle_connection(self) -> None:
-        # The type hints promise a cycle, but there is none before the first request.
+        # Despite the type hints, the cycle is None before the first request.
         if self in self.connections and not self.cycle:
             self.transport.abort()
 

@@ -1,4 +1,4 @@
-"""The self-signed certificate of the page, made once and kept beside the user's own files."""
+"""The self-signed certificate of the page, made once and kept in the user's folder."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _OTHERS = stat.S_IRWXG | stat.S_IRWXO
 
 
 class CertificateError(InputError):
-    """The kept certificate cannot be used."""
+    """The stored certificate cannot be used."""
 
     def __init__(self, path: Path, why: str) -> None:
         super().__init__(
@@ -42,7 +42,7 @@ class PageCertificate:
     Attributes:
         path: The file with both, PEM.
         fingerprint: SHA-256 of the certificate as browsers show it: pairs of hex digits.
-        is_new: Whether it was made just now.
+        is_new: Whether it was just made.
     """
 
     path: Path
@@ -51,18 +51,18 @@ class PageCertificate:
 
 
 def load_or_make_certificate(address: str, folder: Path | None = None) -> PageCertificate:
-    """Load the kept certificate; the first call makes it.
+    """Load the stored certificate; make it in the first call.
 
     A browser that has accepted it once knows it again by its fingerprint, so it is kept even when
     the machine's address changes.
 
     Args:
-        address: The IP address at which the page is served; one of the names of a new one.
+        address: The IP address of the page, which becomes a name of a new certificate.
         folder: The folder of the certificate; the user's own folder if None.
 
     Raises:
-        CertificateError: The kept one is damaged, expired, or readable by others.
-        FileWriteError: A new one cannot be written.
+        CertificateError: The stored certificate is damaged, expired, or readable by others.
+        FileWriteError: A new certificate cannot be written.
     """
     path = (folder or config_dir()) / _FILE_NAME
     if not path.exists():
@@ -82,7 +82,7 @@ def _make_pem(address: str) -> str:
         .issuer_name(name)
         .public_key(key.public_key())
         .serial_number(x509.random_serial_number())
-        .not_valid_before(now - timedelta(days=1))  # clocks of other machines may be late
+        .not_valid_before(now - timedelta(days=1))  # clocks of other machines may be slow
         .not_valid_after(now + timedelta(days=_VALID_DAYS))
         .add_extension(x509.SubjectAlternativeName(_names(address)), critical=False)
         .add_extension(x509.BasicConstraints(ca=False, path_length=None), critical=True)
@@ -106,16 +106,16 @@ def _names(address: str) -> list[x509.GeneralName]:
 
 
 def _checked_fingerprint(path: Path) -> str:
-    """Return the fingerprint of a kept certificate.
+    """Return the fingerprint of a stored certificate.
 
     Raises:
-        CertificateError: It cannot be used.
+        CertificateError: The certificate cannot be used.
     """
     try:
         if os.name == "posix" and path.stat().st_mode & _OTHERS:
             raise CertificateError(path, "others can read its key")
         certificate = x509.load_pem_x509_certificate(path.read_bytes())
-        ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER).load_cert_chain(path)  # the key belongs to it
+        ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER).load_cert_chain(path)  # checks the key, too
     except (OSError, ValueError) as error:
         if isinstance(error, IkservoError):
             raise

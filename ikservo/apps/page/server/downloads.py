@@ -1,4 +1,4 @@
-"""What a page asked for: each file is served once, at an address that cannot be guessed."""
+"""Files requested by a page; each is served once, at an address that cannot be guessed."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ _MAX_OFFERS = 16
 
 @dataclass(frozen=True, slots=True)
 class Download:
-    """A file to be made when it is fetched.
+    """A file that is made when it is fetched.
 
     Attributes:
         name: The name of the file; empty for a file that the page shows itself.
-        make: Returns it in parts; parts of text are made in a thread of their own.
+        make: Yields the file in parts; text parts are made in a separate thread.
         media_type: The media type.
     """
 
@@ -32,10 +32,10 @@ class Download:
 
 
 class DownloadOffers:
-    """Hands out one address for each file: a socket has proved its key, a request cannot.
+    """Hands out an address per file, because a socket proves its key but a request cannot.
 
     Args:
-        clock: Ends the validity of addresses.
+        clock: Limits the validity of addresses.
     """
 
     def __init__(self, clock: Clock) -> None:
@@ -51,10 +51,10 @@ class DownloadOffers:
         return f"download/{token}"
 
     async def serve(self, request: Request) -> Response:
-        """Return the file of an address; 404 if there is none, it was fetched, or too late."""
+        """Return the file of an address; 404 if it is unknown, already fetched, or expired."""
         until_s, download = self._offers.pop(request.path_params["token"], (0.0, None))
         if download is None or self._clock.now_s() > until_s:
-            return PlainTextResponse("This file was offered once only.\n", status_code=404)
+            return PlainTextResponse("This file could be fetched only once.\n", status_code=404)
         attachment = f'attachment; filename="{download.name}"'
         headers = {"content-disposition": attachment} if download.name else {}
         return StreamingResponse(download.make(), media_type=download.media_type, headers=headers)

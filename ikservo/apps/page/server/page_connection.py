@@ -1,4 +1,4 @@
-"""One client's connection: order, age and rate of its messages."""
+"""Checks of order, age and rate of a client's messages."""
 
 from __future__ import annotations
 
@@ -32,15 +32,15 @@ _RATE_HZ = 400.0
 _BURST = 200.0
 _MAX_BAD_MESSAGES = 20
 _MAX_REMEMBERED = 256
-_STREAMED = Heartbeat | Wheel | OrbitCamera | Gamepad  # the next one says the same, or more
+_STREAMED = Heartbeat | Wheel | OrbitCamera | Gamepad  # the next message replaces it
 
 
 class StaleMessageError(BadMessageError):
-    """A command that is too old to act on, for example from a hidden page; no attack."""
+    """A command that is too old to act on, for example from a hidden page; not an attack."""
 
 
 class StalePressError(StaleMessageError):
-    """What a person pressed or typed, too old to act on: they wait for it, and are told."""
+    """A press or typed value that is too old to act on; the user is told."""
 
 
 class RateLimitError(BadMessageError):
@@ -67,7 +67,7 @@ class MessageFilter(Generic[_MessageT]):
 
     @property
     def frames_in_flight(self) -> int:
-        """How many scenes were sent that are not drawn yet."""
+        """Number of scenes that were sent but not drawn yet."""
         return self._scene - self.seen
 
     def record_sent(self, now_s: float) -> int:
@@ -83,14 +83,14 @@ class MessageFilter(Generic[_MessageT]):
 
         Raises:
             BadMessageError: It is malformed or a replay; nothing changes.
-            StalePressError: It is too old, and somebody pressed or typed; nothing changes.
+            StalePressError: It is a press or typed value, and too old; nothing changes.
             StaleMessageError: It is too old; nothing changes.
-            RateLimitError: The connection is to be closed.
+            RateLimitError: The connection must be closed.
         """
         self._tokens = min(_BURST, self._tokens + (now_s - self._filled_s) * _RATE_HZ)
         self._filled_s = now_s
         if self._tokens < 1.0:
-            raise RateLimitError("Too many messages.", f"At most {_RATE_HZ:.0f} a second.")
+            raise RateLimitError("Too many messages.", f"At most {_RATE_HZ:.0f} per second.")
         self._tokens -= 1.0
         try:
             message = self._read(text)
@@ -110,32 +110,32 @@ class MessageFilter(Generic[_MessageT]):
     def _check_sequence(self, message: PageMessage) -> None:
         if message.seq <= self._last_seq:
             raise BadMessageError(
-                f"Message {message.seq} was received before.", "Number it higher."
+                f"Message {message.seq} was received before.", "Use a higher number."
             )
         if message.seen < self.seen or message.seen not in self._sent:
             raise BadMessageError(f"Scene {message.seen} was never sent, or long ago.")
         self._last_seq, self.seen = message.seq, message.seen
 
     def _age_s(self, scene: int, now_s: float) -> float:
-        """Compute how long ago the scene after the drawn one was sent."""
+        """Compute the time since the scene after the drawn one was sent."""
         return now_s - self._sent.get(scene + 1, now_s)
 
 
 def _stale_error(message: PageMessage) -> StaleMessageError:
-    """Return the error for a message that is too old; one that others follow is not reported."""
+    """Return the error for a message that is too old; streamed messages are not reported."""
     is_movement = isinstance(message, Pointer | DragTool) and message.phase != "down"
     if is_movement or isinstance(message, _STREAMED):
         return StaleMessageError("The message is too old to act on.", "Nothing has changed.")
     return StalePressError(
         f"The picture on this page was more than {MAX_MESSAGE_AGE_S:.0f} s old: nothing was done.",
-        "Do it again. If it goes on, this computer draws too slowly: switch 3D off.",
+        "Do it again. If it persists, this computer draws too slowly: switch 3D off.",
     )
 
 
 def _is_always_accepted(message: PageMessage) -> bool:
-    """Check whether a message moves nothing, or only makes the arm hold.
+    """Check whether a message does not move the arm, or only makes it hold.
 
-    A page sends its viewport once, often during the slow second of its layout.
+    A page sends its viewport once, often during the slow first second of its layout.
     """
     only_holds = isinstance(message, Stop) or (
         isinstance(message, Heartbeat) and not message.visible
@@ -151,11 +151,11 @@ class Client:
         number: Identifies it.
         permission: The permission of its key.
         view: Its viewpoint.
-        lease: The lease of control that it was given last; empty if none.
+        lease: The last lease of control that it was given; empty if none.
         viewport: Size of its drawing; None until it was received.
         webgl: Whether it draws in 3D.
         handles: Whether it draws handles at the tool, too.
-        height_m: The height above the table of a click in a camera's picture.
+        height_m: The height above the table for clicks in a camera's picture.
         sent: The last frame of each kind, so that nothing is sent twice.
         sent_s: When the last frame of each kind was sent.
         outbox: Replies that only this page gets.
@@ -174,6 +174,6 @@ class Client:
     outbox: list[Mapping[str, object]] = field(default_factory=list[Mapping[str, object]])
 
     def take_outbox(self) -> list[Mapping[str, object]]:
-        """Take the replies that were not sent yet, and forget them."""
+        """Return and remove the replies that were not sent yet."""
         replies, self.outbox = self.outbox, []
         return replies

@@ -52,7 +52,7 @@ _TYPES = {"html": "text/html", "css": "text/css", "js": "text/javascript", "svg"
 
 
 def static_routes(index: str = "index.html") -> list[Route]:
-    """Return the routes of the page's files, one of which is the page itself."""
+    """Return the routes of the page's files, including the page itself."""
 
     async def serve_index(_: Request) -> Response:
         return _page_file_response(index)
@@ -78,8 +78,8 @@ def _page_file_response(name: str) -> Response:
 
 
 _HELLO_TIMEOUT_S = 2.0
-_MIN_FRAME_PERIOD_S = 1.0 / 125.0  # between two scenes, however fast a screen is
-_SEND_TIMEOUT_S = 1.0 / 40.0  # over a slow network, send before the last scene is confirmed
+_MIN_FRAME_PERIOD_S = 1.0 / 125.0  # least time between two scenes, even for fast screens
+_SEND_TIMEOUT_S = 1.0 / 40.0  # on a slow network, send before the last scene is confirmed
 _SLOW_CLIENT_S = 2.0  # a page that receives nothing for so long is dropped
 _MAX_FRAMES_AHEAD = 2  # scenes in flight
 _KEPT_BY_PAGE = ("scene", "status")
@@ -87,7 +87,7 @@ _MAX_CLIENTS = _MAX_UNAUTHENTICATED = 16
 _UNAUTHORISED, _NONE_OPEN, _TOO_LATE, _CLOSED = 4401, 4404, 4408, 4410
 _RATE_EXCEEDED, _FULL = 1008, 1013
 
-# Of each key: whoever watches locks out nobody who controls.
+# Limit per key, so that watching pages do not lock out controlling ones.
 _FULL_TEXTS = {
     Permission.WATCH: f"{_MAX_CLIENTS} pages watch this arm already.",
     Permission.CONTROL: f"{_MAX_CLIENTS} pages with the controlling address are open already.",
@@ -101,7 +101,7 @@ _ReceivedT_contra = TypeVar("_ReceivedT_contra", contravariant=True)
 
 
 class SessionEndedError(IkservoError):
-    """What a client was connected to is closed; so is its connection."""
+    """The arm of a client was closed, and its connection with it."""
 
 
 class SessionBackend(Protocol[_ReceivedT_contra]):
@@ -135,11 +135,11 @@ class SessionBackend(Protocol[_ReceivedT_contra]):
 
 @dataclass(frozen=True, slots=True)
 class PageChannel(Generic[_MessageT]):
-    """A websocket that pages connect to.
+    """A websocket to which pages connect.
 
     Attributes:
-        path: Its address; the name after it, if there is one, is that of an arm.
-        find: Returns what handles the clients, by the name of the arm; None if there is none.
+        path: Its address; a name after it is the name of an arm.
+        find: Returns the backend for an arm by its name; None if there is none.
         read: Parses and validates a message.
     """
 
@@ -187,11 +187,11 @@ class _WebSocketHandler(Generic[_MessageT]):
             await socket.accept()
             try:
                 permission = await self._authenticate(socket)
-            except TimeoutError:  # a busy browser: its page tries again
+            except TimeoutError:  # the page of a busy browser tries again
                 await socket.close(_TOO_LATE, "The page did not prove its key in time.")
                 return
             if permission is None:
-                await socket.close(_UNAUTHORISED, "This page's key is not the one of this session.")
+                await socket.close(_UNAUTHORISED, "The page's key is not valid in this session.")
             elif self._client_counts[permission] >= _MAX_CLIENTS:
                 await socket.close(_FULL, _FULL_TEXTS[permission])
             else:
@@ -213,7 +213,7 @@ class _WebSocketHandler(Generic[_MessageT]):
         except (BadMessageError, KeyError):
             return None
         finally:
-            with contextlib.suppress(ValueError):  # it was dropped as the oldest of too many
+            with contextlib.suppress(ValueError):  # it may have been dropped as the oldest
                 self._unauthenticated.remove(socket)
         return self._keys.authorise(nonce, hello.proof)
 
@@ -256,7 +256,7 @@ class _WebSocketHandler(Generic[_MessageT]):
         while True:
             try:
                 text = await state.socket.receive_text()
-            except KeyError:  # bytes instead of text
+            except KeyError:  # the client sent bytes instead of text
                 await state.socket.close(_RATE_EXCEEDED, "Text only.")
                 return
             try:
@@ -267,7 +267,7 @@ class _WebSocketHandler(Generic[_MessageT]):
                 return
             except BadMessageError as error:
                 if isinstance(error, StaleMessageError) and not isinstance(error, StalePressError):
-                    continue  # the page shows by itself that it receives nothing
+                    continue  # the page itself shows that it receives nothing
                 hint = in_page(error.command_hint)
                 refusal = {"kind": "refused", "message": error.message, "hint": hint}
                 if refusal not in state.outbox:
@@ -298,7 +298,7 @@ class _WebSocketHandler(Generic[_MessageT]):
     def _number_frame(self, state: _ClientState[_MessageT], frame: Frame) -> str:
         """Serialize a frame; scenes are numbered, which dates the replies.
 
-        Of scenes and status only the fields that have changed travel; the page has the others.
+        Only the changed fields of scenes and status are sent; the page keeps the others.
         """
         if frame["kind"] in _KEPT_BY_PAGE:
             frame = state.changed_fields(frame)
@@ -314,7 +314,7 @@ class _ClientState(Generic[_MessageT]):
     Attributes:
         backend: Handles its messages.
         filter: Parses and checks them.
-        drawn: The last scene that is known to be drawn.
+        drawn: The last scene that is confirmed as drawn.
         outbox: Frames to be sent before the next scene.
         ready: Set when the page has drawn a scene, or sends something with no scene in flight.
         known: The fields of each kind of frame that the page has.
@@ -352,7 +352,7 @@ class BoundAddress:
         certificate: Serve by TLS with it; None for plain HTTP.
 
     Raises:
-        PortError: It is not an address of this machine, or in use.
+        PortError: It is not an address of this machine, or it is in use.
     """
 
     def __init__(
@@ -371,14 +371,14 @@ class BoundAddress:
 
 
 def _listening_socket(host: str, ports: Sequence[int]) -> socket.socket:
-    """Return a socket at the first of the ports that no other program has."""
+    """Return a socket at the first port that no other program uses."""
     for port in ports:
         found = socket.socket(socket.AF_INET6 if ":" in host else socket.AF_INET)
-        if sys.platform != "win32":  # there it would share the port of another program
+        if sys.platform != "win32":  # on Windows it would share the port of another program
             found.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         try:
             found.bind((host, port))
-            found.listen()  # early clients wait until the server runs
+            found.listen()  # clients that come early wait until the server runs
         except (OSError, OverflowError) as error:
             found.close()
             is_in_use = getattr(error, "errno", None) == errno.EADDRINUSE
@@ -394,9 +394,9 @@ def _cannot_serve(host: str, port: int, error: OSError | OverflowError) -> PortE
     foreign = code == errno.EADDRNOTAVAIL
     return PortError(
         f"The page cannot be served at {host}, port {port}: {why}.",
-        "Name one of this machine's own addresses with --listen; `ip address` shows them."
+        "Give an address of this machine with --listen; `ip address` shows them."
         if foreign
-        else "Choose another port with --http-port, or 0 for any that is free.",
+        else "Choose another port with --http-port, or 0 for any free port.",
     )
 
 
@@ -408,7 +408,7 @@ def serve(app: Starlette, address: BoundAddress) -> None:
 
 @contextmanager
 def serve_in_thread(app: Starlette, address: BoundAddress) -> Generator[str]:
-    """Serve in a separate thread within the block; yields the URL."""
+    """Serve in a separate thread within the block; yield the URL."""
     server = _make_server(app, address)
     thread = threading.Thread(target=server.run, args=([address.socket],), daemon=True)
     thread.start()

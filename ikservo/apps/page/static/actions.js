@@ -1,20 +1,20 @@
-// What is done with the target and the arm as a whole: go there, undo, redo, relax, release; fit the view; help.
+// Actions on the target and the whole arm: go there, undo, redo, relax, release; fit the view; help.
 
 import { ask } from "./confirm.js";
 import { $, place } from "./elements.js";
 
-const ONE_COLUMN = matchMedia("(max-width: 1020px)"); // as in the style
+const ONE_COLUMN = matchMedia("(max-width: 1020px)"); // the same width as in style.css
 
 export class Actions {
   constructor(send) {
     this.send = send;
     this.status = this.at = null;
-    this.path = null; // that is drawn
+    this.path = null; // the number of the drawn path
     $("execute").onclick = () => send("arm_action", { action: "execute", path: this.path.number });
     $("undo").onclick = () => send("undo", { redo: false });
     $("redo").onclick = () => send("undo", { redo: true });
     $("relax").onclick = () => send("arm_action", { action: "relax" });
-    // An arm that is not supported falls.
+    // An unsupported arm falls, so this takes a second press.
     $("release").onclick = () => ask($("release"), "It falls: sure?", () => this.send("arm_action", { action: "release" }));
     $("fit").onclick = () => send("fit_view");
     $("help-button").onclick = () => this.toggleHelp();
@@ -24,14 +24,14 @@ export class Actions {
     this.placeExecute();
   }
 
-  // In one column the drawing is out of sight where goals are typed: the button is in the bar then.
+  // In one column the drawing is out of sight while goals are typed, so the button moves to the bar.
   placeExecute() {
     if (ONE_COLUMN.matches) $("live").before($("execute"));
     else $("redo").after($("execute"));
     this.follow(this.path, null);
   }
 
-  // Beside the arm's target, a pixel of the drawing, while the path there is drawn, described and can be carried out.
+  // Show the button beside the target (a pixel of the drawing) while the path is drawn and can be carried out.
   follow(path, at) {
     const button = $("execute");
     Object.assign(this, { path, at });
@@ -51,7 +51,7 @@ export class Actions {
       $("help-button").focus();
     } else {
       this.onOpen();
-      help.show(); // not modal: Stop stays in reach
+      help.show(); // not modal, so that Stop can still be pressed
       $("help-close").focus();
     }
     $("help-button").setAttribute("aria-expanded", help.open);

@@ -1,4 +1,4 @@
-// Panels that other apps bring: rows of text, and buttons for their motions.
+// Panels of other apps: rows of text, and buttons for their motions.
 
 import { $, createElement, setText } from "./elements.js";
 
@@ -10,7 +10,7 @@ export class AppPanels {
   show({ panels }) {
     const shape = JSON.stringify(panels.map(({ heading, rows, buttons }) => [heading, rows.map(([name]) => name), buttons]));
     if (shape !== this.shape) $("app-panels").replaceChildren(...panels.map((panel) => this.createCard(panel)));
-    this.shape = shape; // a button that is pressed stays while values change
+    this.shape = shape; // a pressed button must survive a change of values
     const values = panels.flatMap(({ rows }) => rows.map(([, value]) => value));
     $("app-panels").querySelectorAll("dd").forEach((element, i) => setText(element, values[i]));
   }

@@ -1,11 +1,11 @@
-// The list of arms: those that are open, each with its Stop, and those that could be opened.
+// The list of arms: open arms, each with its Stop, and arms that can be opened.
 
 import { CameraPicture } from "./camera.js";
 import { Connection } from "./connection.js";
 import { $, createElement, setText, updateRows } from "./elements.js";
 import { NewArm } from "./new_arm.js";
 
-const FIND_MS = 2000; // between two looks at the ports while the list is shown
+const FIND_MS = 2000; // period of searching ports while the list is shown
 const NOTE_MS = 8000;
 const STATES = {
   opening: "opening …", closing: "closing …", failed: "not opened", stopped: "stopped",
@@ -16,10 +16,10 @@ const IS_OPEN = new Set(["stopped", "live", "busy", "calibration", "preview"]);
 export class Arms {
   constructor(key, options, follow, setOthers, chooseCamera) {
     this.options = options;
-    this.follow = follow; // called with the name of an arm that the one shown is to follow
+    this.follow = follow; // called with the name of an arm that the shown arm should follow
     this.setOthers = setOthers; // called with the names of the open arms beside the one shown
     this.shown = null; // the name of the arm that this page shows
-    this.wanted = null; // the one that was chosen to be opened, and is shown once it is open
+    this.wanted = null; // the arm that was chosen here, shown once it is open
     this.list = [];
     this.connection = new Connection(key, {
       arms: (message) => this.receive(message),
@@ -72,7 +72,7 @@ export class Arms {
     $("arms-toggle").focus();
   }
 
-  // Space and Escape stop all arms where there are several, and the servos of a new one.
+  // Space and Escape stop all arms if there are several, and the servos of a new arm.
   stopSeveral(by) {
     if (this.list.filter(({ state }) => IS_OPEN.has(state)).length > 1 || this.newArm.hasServos) this.send("stop_arms", { name: null, by });
   }
@@ -88,7 +88,7 @@ export class Arms {
     this.list = message.arms;
     this.newArm.show(message.new_arm);
     this.mayControl = message.permission === "control";
-    if (first && !$("arms").hidden) this.send("find_choices"); // the list was shown before it was connected
+    if (first && !$("arms").hidden) this.send("find_choices"); // the list may be shown before the connection
     const { cameras } = message;
     setText($("arms-none"), cameras.length ? `None yet. The picture of ${cameras.join(" and ")} is shown with an arm: open one.` : "None yet.");
     this.update();
@@ -125,7 +125,7 @@ export class Arms {
     close.onclick = () => this.send("close_arm", { name });
   }
 
-  // What was chosen here is shown as soon as it is open.
+  // An arm that was chosen here is shown as soon as it is open.
   showWanted() {
     if (!this.wanted) return;
     const { before, arm } = this.wanted;
@@ -134,7 +134,7 @@ export class Arms {
     else if (!this.list.some(({ state }) => state === "opening")) this.wanted = null;
   }
 
-  // Another arm is another page: nothing of the one before is left.
+  // Another arm needs a new page, so that nothing of the previous one is left.
   showArm(name) {
     this.wanted = null;
     this.options.set("arm", name);
@@ -174,7 +174,7 @@ function createArmRow() {
   return { element, title, text, show, follow, stop, close };
 }
 
-// The choice stays where it is still offered.
+// Keep the choice if it is still offered.
 function fillSelect(select, entries) {
   const chosen = select.value;
   select.replaceChildren(...entries.map(([value, text]) => createElement("option", { value }, text)));

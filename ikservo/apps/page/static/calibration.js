@@ -1,4 +1,4 @@
-// The screens of a calibration, as the server has them: its task, its answers, a meter for each joint.
+// The screens of a calibration from the server: task, answers, a meter for each joint.
 
 import { $, createElement, setAttribute } from "./elements.js";
 import { Meter } from "./meter.js";
@@ -9,12 +9,12 @@ export class CalibrationScreens {
   constructor(send) {
     this.send = send;
     this.shown = "";
-    this.stage = null; // of the screen that is shown
+    this.stage = null; // the stage of the shown screen
   }
 
   show(calibration) {
     $("calibration").hidden = !calibration;
-    const stage = $("calibration").parentElement; // beside the screens the arm is drawn, at first large
+    const stage = $("calibration").parentElement; // the arm is drawn beside the screens, at first large
     if (calibration) setAttribute(stage, "data-calibration", calibration.stage);
     else stage.removeAttribute("data-calibration");
     const fingerprint = JSON.stringify(calibration ?? null);
@@ -36,7 +36,7 @@ export class CalibrationScreens {
     ];
     $("calibration").replaceChildren(...parts.filter(Boolean));
     if (focused) $("calibration").querySelector(`[data-action="${CSS.escape(focused)}"]`)?.focus({ preventScroll: true });
-    if (calibration.stage !== this.stage) $("calibration").scrollTop = 0; // where the next task is
+    if (calibration.stage !== this.stage) $("calibration").scrollTop = 0; // the next task is at the top
     this.stage = calibration.stage;
   }
 

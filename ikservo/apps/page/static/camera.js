@@ -1,4 +1,4 @@
-// The camera's picture beside the drawing or in its place, or as its view; what is wrong with it is said below it.
+// The camera's picture beside the drawing, in its place, or as a view; problems are shown below it.
 
 import { $, setText, updateChoices } from "./elements.js";
 
@@ -6,21 +6,21 @@ const PLACES = { off: "No camera", beside: "Beside", large: "Large" };
 const RETRY_MS = 2000;
 
 export class CameraPicture {
-  // askAddress() has the address of the pictures sent; choose(name) shows another camera of the arm.
+  // askAddress() requests the address of the pictures; choose(name) shows another camera of the arm.
   constructor(askAddress, chooseCamera) {
     this.askAddress = askAddress;
     this.chooseCamera = chooseCamera;
     this.place = "beside";
-    this.isView = false; // whether the drawing is over the whole picture, as the camera sees it
+    this.isView = false; // whether the drawing lies over the whole picture, seen by the camera
     this.camera = null;
     this.pictureTrouble = null; // why the view takes no targets
     this.asked = false; // whether the address of the pictures was asked for
     $("camera-picture").onerror = () => this.retry();
   }
 
-  // Called with every list of arms: the camera of the one that is shown, if it has one.
+  // Called with every list of arms, with the camera of the shown arm if it has one.
   show(camera) {
-    if (camera?.chosen !== this.camera?.chosen) this.drop(); // the picture is that of another camera
+    if (camera?.chosen !== this.camera?.chosen) this.drop(); // the picture is from another camera
     this.camera = camera;
     const { choices = [], chosen } = camera ?? {};
     $("camera-names").hidden = choices.length < 2;

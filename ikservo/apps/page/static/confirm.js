@@ -1,4 +1,4 @@
-// A button that asks before it acts: what it does takes a second press.
+// A button that asks before it acts: it needs a second press.
 
 import { setText } from "./elements.js";
 
@@ -13,7 +13,7 @@ export function ask(button, question, act) {
   button.dataset.asked = setTimeout(() => forget(button), ASK_MS);
 }
 
-// As if it had not been pressed.
+// Reset the button as if it had not been pressed.
 function forget(button) {
   clearTimeout(Number(button.dataset.asked));
   delete button.dataset.asked;

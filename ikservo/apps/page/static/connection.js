@@ -4,19 +4,19 @@ import { hmac } from "./sha256.js";
 
 const HEARTBEAT_PERIOD_MS = 100; // in Live the server holds the arm after 300 ms of silence
 const RECONNECT_DELAY_MS = 1000;
-const FULL = 1013; // it has no room for one more page
+const FULL = 1013; // the server has no room for another page
 const FINAL = { 4401: "wrong-key", 4404: "none", 4410: "closed" }; // the server's close codes
 const KEPT = new Set(["scene", "status"]);
 
 export class Connection {
-  // The path is that of the arm, or of what moves nothing and needs no heartbeats.
+  // The path is that of the arm, or of a page that moves nothing and needs no heartbeats.
   constructor(key, handlers, path = "live") {
     this.key = key;
     this.handlers = handlers;
     this.path = path;
     this.seq = 0;
     this.seen = 0; // the last scene that was drawn
-    this.confirmed = 0; // that of the last message
+    this.confirmed = 0; // the scene that the last message confirmed
     this.open = false;
     const beat = () => this.sendHeartbeat();
     if (path.startsWith("live")) this.timer = setInterval(beat, HEARTBEAT_PERIOD_MS);
@@ -45,12 +45,12 @@ export class Connection {
     this.handlers[message.kind]?.(KEPT.has(message.kind) ? this.complete(message) : message);
   }
 
-  // Of these the server sends what has changed: the other fields stay as they were, the same objects.
+  // The server sends only changed fields of these; the other fields stay the same objects.
   complete(message) {
     return (this.kept[message.kind] = { ...this.kept[message.kind], ...message });
   }
 
-  // Any message of the same frame says it, too.
+  // Any message of the same frame confirms it, too.
   confirmDrawn(seq) {
     this.seen = seq;
     if (this.confirmed !== seq) this.sendHeartbeat();
@@ -67,7 +67,7 @@ export class Connection {
     this.socket.send(JSON.stringify({ kind, seq: this.seq, seen: this.seen, ...fields }));
   }
 
-  // Ends it for good.
+  // Ends the connection for good.
   close() {
     clearInterval(this.timer);
     this.ended = true;

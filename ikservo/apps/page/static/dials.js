@@ -5,7 +5,7 @@ import { add, cross, dot, length, origin, rotate, scale, subtract } from "./geom
 const RADIUS_PX = 26;
 const HUB_PX = 3;
 const STEP_RAD = Math.PI / 30;
-const EDGE_ON_COSINE = 0.4; // below it an arc is seen edge-on: its dial is drawn facing the camera instead
+const EDGE_ON_COSINE = 0.4; // below this an arc is seen edge-on, so its dial is drawn facing the camera
 
 export class Dials {
   constructor({ dials, links }) {
@@ -39,7 +39,7 @@ function markRange({ range, slides }) {
 function proximity({ range, at, near }, positions) {
   if (!range) return "limit";
   const room = Math.min(...positions.flatMap((position) => [position - range[0], range[1] - position]));
-  return room < -at ? "red" : room <= near ? "amber" : "limit"; // at its limit nothing is wrong
+  return room < -at ? "red" : room <= near ? "amber" : "limit"; // being at its limit is not a fault
 }
 
 function trackItems({ joint, marks }, style, pivot, axis, position, projection) {
@@ -54,7 +54,7 @@ function arcItems({ joint, needle, side, marks, range }, style, pivot, axis, pos
   const radius = RADIUS_PX / projection.pixelsPerMetre(projection.depth(pivot));
   const [first, second] = plane.map((direction) => scale(direction, radius));
   const at = (angle) => projection.project(add(add(pivot, first, Math.cos(angle)), second, Math.sin(angle)));
-  const turned = edgeOn ? position : 0; // the needle; the plane of the link turns with it
+  const turned = edgeOn ? position : 0; // turns the needle; the plane of the link turns with it
   const shift = range ? turned - position : turned;
   const hub = projection.project(pivot);
   return [

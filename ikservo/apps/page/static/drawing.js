@@ -1,4 +1,4 @@
-// Paints items in pixels, see picture.js, on the canvas: only colours are here.
+// Paints items in pixels, see picture.js, on the canvas; only this file knows colours.
 
 // style: [fill, stroke, width, dash]; names of colours are those of style.css without --draw-.
 const STYLES = {
@@ -40,7 +40,7 @@ const STYLES = {
 const FALLBACK = [null, "text", 1.5];
 const FILLED = new Set(["polygon", "circle"]);
 
-// Two layers: the lower one has the static backdrop and is painted only when that changes.
+// Two layers: the lower one has the static backdrop and is painted only when it changes.
 export class Drawing {
   constructor(canvas, backdropCanvas) {
     this.canvas = canvas;
@@ -60,7 +60,7 @@ export class Drawing {
     this.layers.forEach((layer) => this.paint(layer));
   }
 
-  // The ratio is that of its pixels to those of the page.
+  // The ratio is canvas pixels per page pixel.
   fit(ratio = devicePixelRatio) {
     this.ratio = ratio;
     const [width, height] = [this.canvas.clientWidth, this.canvas.clientHeight].map((side) => Math.round(side * ratio));
@@ -91,7 +91,7 @@ export class Drawing {
     const [fill, stroke, width, dash] = STYLES[item.style] ?? FALLBACK;
     if (item.kind === "text") {
       context.setLineDash([]);
-      context.strokeStyle = colours.stage; // a rim: it has to be read over any picture
+      context.strokeStyle = colours.stage; // a rim makes text readable over any picture
       context.lineWidth = 4;
       context.strokeText(item.text, item.at[0], item.at[1]);
       context.fillStyle = colours[fill ?? stroke];

@@ -34,7 +34,7 @@ export function updateChoices(group, names, chosen, choose, label = (name) => na
   }
 }
 
-// Returns where an element is beside a pixel of the drawing: inside of it, and below what is read in its corner.
+// Returns a place for an element beside a pixel: inside the drawing, and below the texts in its corner.
 export function place([x, y], element, { left, top, width, height }) {
   const inside = (at, size, length) => Math.max(8, Math.min(at, size - length - 8));
   const [right, down] = [inside(x + 18, width, element.offsetWidth), inside(y + 14, height, element.offsetHeight)];

@@ -1,18 +1,18 @@
 // Measures how long the page takes to draw a frame, and lowers the detail of what it draws until that
 // is quick enough: a slow page delays heartbeats and presses.
 
-const SLOW_MS = 80; // a frame that takes longer delays what a person does
+const SLOW_MS = 80; // a slower frame delays the actions of the user
 const QUICK_MS = 25;
-const FRAMES = 12; // of which the median counts: a single hiccup says nothing
-const HIDDEN_MS = 5000; // a longer one was no frame: the page was hidden, or the computer asleep
-const RETRY_MS = 15000; // of quick frames before more detail is tried again
+const FRAMES = 12; // their median counts, because single slow frames mean nothing
+const HIDDEN_MS = 5000; // longer times are not frames: the page was hidden, or the computer asleep
+const RETRY_MS = 15000; // time of quick frames before more detail is tried again
 
 // Each level has less detail than the one before.
 const LEVELS = [
   { maxRatio: Infinity, shadows: true, swept: true, pause: 0 },
   { maxRatio: 1, shadows: false, swept: true, pause: 0 },
   { maxRatio: 0.5, shadows: false, swept: false, pause: 0 },
-  { maxRatio: 0.5, shadows: false, swept: false, pause: 1 }, // as long as the frame before took
+  { maxRatio: 0.5, shadows: false, swept: false, pause: 1 }, // a pause as long as the frame before
 ];
 
 export class FrameTime {
@@ -27,13 +27,13 @@ export class FrameTime {
 
   get detail() { return LEVELS[this.level]; }
 
-  // Pixels of the drawing for each of the page.
+  // Pixels of the drawing per pixel of the page.
   get pixelRatio() { return Math.min(devicePixelRatio, this.detail.maxRatio); }
 
-  // What is drawn has become another: what was measured does not count for it.
+  // Call when the content changes: earlier measurements do not apply to it.
   restart() {
     this.times = [];
-    this.drawnAt = null; // when the last frame was begun, if that was drawn
+    this.drawnAt = null; // when the last frame was begun, if it was drawn
     this.quickSince = null;
   }
 
@@ -59,16 +59,16 @@ export class FrameTime {
       this.set(Math.min(this.level + 1, LEVELS.length - 1));
     } else if (this.medianMs > QUICK_MS || !this.level) this.quickSince = null;
     else if (now - (this.quickSince ??= now) > this.retryMs) {
-      this.retryMs *= 2; // it may be quick with less detail only
+      this.retryMs *= 2; // maybe it is quick only with less detail
       this.set(this.level - 1);
     }
   }
 
-  // What to tell of a drawing that was too slow, in a few words; empty if none was.
+  // Describes a drawing that was too slow in a few words; empty if none was.
   describe(what) {
     if (!this.level) return "";
     const isSlowest = this.level === LEVELS.length - 1;
-    return `${what} ${isSlowest ? "takes" : "took"} ${this.slowMs} ms a frame: ${isSlowest ? "this computer is too slow for it" : "drawn more coarsely"}`;
+    return `${what} ${isSlowest ? "takes" : "took"} ${this.slowMs} ms per frame: ${isSlowest ? "this computer is too slow for it" : "drawn more coarsely"}`;
   }
 
   set(level) {

@@ -1,4 +1,4 @@
-// How old what is shown is: the age since the last frame, or since the servos were last read.
+// Age of the shown data: time since the last frame, or since the servos were last read.
 
 import { $, setText } from "./elements.js";
 
@@ -10,7 +10,7 @@ export class Freshness {
     this.onSilent = onSilent;
     this.onHeard = onHeard;
     this.heardAt = performance.now();
-    this.readAgeMs = 0; // of what the server knows of the servos
+    this.readAgeMs = 0; // age of the server's data on the servos
     this.silent = this.lost = false;
     document.addEventListener("visibilitychange", () => { this.heardAt = performance.now(); });
     setInterval(() => this.check(), CHECK_MS);
@@ -34,7 +34,7 @@ export class Freshness {
   }
 
   check() {
-    const hidden = document.visibilityState === "hidden"; // nothing is sent to a page that does not draw
+    const hidden = document.visibilityState === "hidden"; // the server sends nothing to a page that does not draw
     const silentMs = hidden ? 0 : performance.now() - this.heardAt;
     if (!this.lost && !this.silent && silentMs > SILENT_MS) {
       this.silent = true;

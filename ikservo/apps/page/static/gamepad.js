@@ -19,7 +19,7 @@ export class Gamepads {
   bindButton(button, grip) {
     const press = () => {
       this.buttonGrip = grip;
-      this.poll(performance.now(), true); // a click may be shorter than the time between two polls
+      this.poll(performance.now(), true); // a click may be shorter than the poll period
     };
     const release = () => { this.buttonGrip = 0; };
     button.addEventListener("pointerdown", press);

@@ -1,12 +1,12 @@
 // Pointers on the handles of the tool, before the drawing sees them; one message per frame.
 
 export class HandleInput {
-  // find() returns the scene with the handles, or null where there is none.
+  // find() returns the scene with the handles, or null without one.
   constructor(stage, canvas, find, send) {
     Object.assign(this, { canvas, find, send });
-    this.pointer = null; // that holds a handle
+    this.pointer = null; // the pointer that holds a handle
     this.pending = null;
-    this.hovering = null; // where the pointer was last, to be looked up once per frame
+    this.hovering = null; // last position of the pointer, evaluated once per frame
     const listen = (name, handle) => stage.addEventListener(name, (event) => event.target === canvas && handle(event), { capture: true });
     listen("pointerdown", (event) => this.onDown(event));
     listen("pointermove", (event) => this.onMove(event));

@@ -7,7 +7,7 @@ const RINGS_SIZE = 0.95; // outside the arrows
 
 export class Handles {
   constructor(camera, { moves, turns }) {
-    this.tool = new Group(); // what the controls move; its axes are those of the rings
+    this.tool = new Group(); // moved by the controls; its axes are those of the rings
     this.arrows = new TransformControls(camera);
     this.arrows.setSize(ARROWS_SIZE);
     this.rings = new TransformControls(camera);

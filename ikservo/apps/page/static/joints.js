@@ -1,4 +1,4 @@
-// One row a joint: where it is, its goal as slider and number, steps, and the torque of its servo.
+// One row per joint: position, goal as slider and number, steps, and torque of its servo.
 
 import { $, createElement, setAttribute, setText, updateChoices, updateRows } from "./elements.js";
 import { Meter } from "./meter.js";
@@ -12,7 +12,7 @@ export class Joints {
     this.send = send;
     this.refuse = refuse;
     this.step = "1";
-    this.pending = new Map(); // goals of sliders, at most one message a frame
+    this.pending = new Map(); // goals of sliders, at most one message per frame
   }
 
   setArm({ ranges }) {
@@ -50,7 +50,7 @@ export class Joints {
     return row;
   }
 
-  // Without torque the link falls: that takes a second press.
+  // Without torque the link falls, so this takes a second press.
   switchTorque(row, name) {
     const on = row.torque.getAttribute("aria-checked") === "true";
     if (on && !row.asked) {

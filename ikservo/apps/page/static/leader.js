@@ -1,4 +1,4 @@
-// A second arm beside the one of this page: its picture, and how far this one is behind while it follows.
+// A second arm beside the arm of this page: its picture, and the lag of this arm while it follows.
 
 import { ask } from "./confirm.js";
 import { Connection } from "./connection.js";
@@ -11,7 +11,7 @@ const CLOSED = { lost: "No connection to it.", closed: "It was closed.", none: "
 export class Leader {
   constructor(key, send, onResize) {
     this.key = key;
-    this.send = send; // to the arm of the page, which follows
+    this.send = send; // sends to the arm of the page, which follows
     this.onResize = onResize;
     this.name = null;
     this.following = null; // the name of the leader while the arm follows
@@ -19,7 +19,7 @@ export class Leader {
     this.picture = new Picture();
     $("follow").onclick = () => this.send("follow_arm", { leader: this.following ? null : this.name });
     $("leader-close").onclick = () => this.close();
-    // An arm that is not supported falls.
+    // An unsupported arm falls, so this takes a second press.
     $("leader-release").onclick = () => ask($("leader-release"), "It falls: sure?", () => this.connection.send("arm_action", { action: "release" }));
     $("leader-acknowledge").onclick = () => this.connection.send("acknowledge");
     new ResizeObserver(() => this.sendViewport()).observe($("leader-drawing"));
@@ -71,7 +71,7 @@ export class Leader {
 
   showFollowing({ leader, lag = [] }) {
     this.following = leader;
-    if (leader && leader !== this.name) this.choose(leader); // this page was loaded meanwhile
+    if (leader && leader !== this.name) this.choose(leader); // this page was loaded during the following
     $("leader-lag").replaceChildren(...lag.flatMap(([name, value]) => [createElement("dt", {}, name), createElement("dd", {}, value)]));
     this.update();
   }
@@ -101,7 +101,7 @@ export class Leader {
     if (this.status.mode === "stopped") return `${banner.message} ${banner.hint}`;
     if (this.following) return "Guide it by hand; the other arm follows.";
     if (this.status.mode !== "preview") return this.status.activity || "It is in use.";
-    if (!limp) return "It holds, so nobody can guide it. Support it, then release it.";
+    if (!limp) return "It holds, so it cannot be guided by hand. Support it, then release it.";
     return mode === "live" ? "Switch Live off, then follow." : "It is limp: ready to lead.";
   }
 }

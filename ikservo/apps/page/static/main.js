@@ -31,18 +31,18 @@ const MM = 0.001;
 const canvas = $("drawing");
 const drawing = new Drawing(canvas, $("backdrop"));
 const picture = new Picture();
-const options = new URLSearchParams(location.hash.slice(1)); // of the page's address
+const options = new URLSearchParams(location.hash.slice(1)); // the options in the page's address
 const key = options.get("token") ?? "";
 let armInfo = null;
 let view = null;
-let viewIsChosen = false; // by the user
-let height = 30 * MM; // of a click in a camera's picture above the table
-let scenes = []; // not drawn yet; one per animation frame, so that a late one is not skipped
+let viewIsChosen = false; // whether the user has chosen the view
+let height = 30 * MM; // height above the table for clicks in a camera's picture
+let scenes = []; // scenes to draw, one per animation frame, so that late ones are not skipped
 window.ikservo = { scene: null, items: [], status: null, drawn: 0 }; // for tests and benchmarks
 
 const connection = new Connection(key, {
   arm_info(message) {
-    connection.path = `live/${message.arm}`; // this one again after the connection was lost
+    connection.path = `live/${message.arm}`; // reconnect to this arm after a lost connection
     arms.setShown(message.arm);
     armInfo = message;
     if (!armInfo.views.includes(view)) view = rendering.firstView(armInfo.views);
@@ -114,7 +114,7 @@ const freshness = new Freshness(() => showOffline("silent"), () => window.ikserv
 const frameTime = new FrameTime(onDetail);
 Object.assign(window.ikservo, { rendering, frameTime });
 panel.isDrawingTried = () => rendering.isTrying();
-const overlays = [actions, poses, arms]; // each has a list or a text that lies over others
+const overlays = [actions, poses, arms]; // each has a list or text that covers others
 for (const part of overlays) part.onOpen = () => overlays.forEach((other) => other === part || other.dismiss());
 const calibration = new CalibrationScreens(send);
 const overLink = () => Boolean(window.ikservo.scene?.hover) && window.ikservo.status?.controller === "you";
@@ -135,7 +135,7 @@ const gamepads = new Gamepads(send, (text) => { $("gamepad").textContent = text;
 gamepads.bindButton($("gripper-open"), -1);
 gamepads.bindButton($("gripper-close"), 1);
 
-// The next press is given to take(at), or is a gesture again.
+// Pass the next press to take(at); null makes presses gestures again.
 function takeClick(take) {
   pointerInput.take = take;
   setAttribute($("mark-tip"), "aria-checked", Boolean(take));
@@ -157,7 +157,7 @@ function showStatus(status) {
   things.showStatus(status);
 }
 
-// A calibration is seen from all around, where each joint's motion shows; then the view is as before.
+// A calibration uses the orbit view, which shows the motion of each joint; then the old view returns.
 let viewBefore = null;
 function showAllAround(calibrating) {
   if (calibrating === (viewBefore !== null)) return;
@@ -167,7 +167,7 @@ function showAllAround(calibrating) {
   sendViewport();
 }
 
-// The pose in which a calibration begins is seen large, and all again after the calibration.
+// Enlarge the pose in which a calibration begins; show everything again afterwards.
 const POSE_ZOOM = 1.9;
 let isEnlarged = false;
 function enlargePose({ camera }, at) {
@@ -180,15 +180,15 @@ function enlargePose({ camera }, at) {
 }
 
 const OFFLINE = {
-  "wrong-key": { message: "This page's key is not the one of this session.", hint: "Open the address that `ikservo view` printed." },
+  "wrong-key": { message: "The page's key is not valid in this session.", hint: "Open the address that `ikservo view` printed." },
   none: { message: "No such arm is open.", hint: "Choose one in the list of arms." },
-  closed: { message: "This arm was closed; its torque is as it was.", hint: "Choose one in the list of arms." },
-  full: { hint: "Close one of them: this one then appears by itself." },
+  closed: { message: "This arm was closed; its torque has not changed.", hint: "Choose one in the list of arms." },
+  full: { hint: "Close one of them; this page then connects by itself." },
   lost: { message: "No connection to `ikservo view`: Stop cannot reach the arm from here.", hint: "" },
   silent: { message: "`ikservo view` does not answer: Stop may not reach the arm.", hint: "" },
 };
 
-// The reason is what the server said when it closed the connection.
+// The reason is the text with which the server closed the connection.
 function showOffline(why, reason) {
   setOnline(false);
   document.body.dataset.mode = ["wrong-key", "full"].includes(why) ? "lost" : why;
@@ -196,15 +196,15 @@ function showOffline(why, reason) {
   panel.showOffline({ message, hint });
 }
 
-// What needs the server does nothing without it; messages can still be read.
+// Controls that need the server are disabled without it; messages can still be read.
 function setOnline(online) {
   for (const element of document.querySelectorAll("[data-online]")) element.toggleAttribute("inert", !online);
 }
 
-// What is too slow is said, and drawn with less detail from now on.
+// Report a slow drawing, and draw with less detail from now on.
 function onDetail() {
   const is3D = Boolean(rendering.drawn());
-  if (is3D && frameTime.level && rendering.giveUpSlow(frameTime.slowMs)) return; // it sets the detail of 2D
+  if (is3D && frameTime.level && rendering.giveUpSlow(frameTime.slowMs)) return; // giveUpSlow sets the detail of 2D
   const text = frameTime.describe(is3D ? "3D" : "The drawing");
   if (text && text !== $("slow").textContent) panel.note(text);
   setText($("slow"), text);
@@ -223,7 +223,7 @@ function sendViewport() {
 
 function onAnimationFrame(now) {
   requestAnimationFrame(onAnimationFrame);
-  if (rendering.isTrying()) frameTime.restart(); // it times its own frames, after the shaders are compiled
+  if (rendering.isTrying()) frameTime.restart(); // 3D times its own frames, after compiling shaders
   const scene = frameTime.tick(now) ? scenes.shift() : null;
   if (scene) frameTime.drawn(now);
   if (scene) connection.seen = scene.seq;
@@ -235,7 +235,7 @@ function onAnimationFrame(now) {
 }
 
 function show(scene) {
-  connection.confirmDrawn(scene.seq); // before drawing: the server prepares the next one meanwhile
+  connection.confirmDrawn(scene.seq); // confirm before drawing, so that the server prepares the next scene meanwhile
   scene = { ...scene };
   if (!frameTime.detail.swept) scene.swept = null;
   rendering.show(scene, frameTime);
@@ -256,8 +256,8 @@ function show(scene) {
   window.ikservo.drawn += 1;
 }
 
-// Why the goal is refused, beside its target and inside the drawing, and where a target is typed:
-// the drawing may be out of sight there.
+// Show why the goal is refused beside its target in the drawing, and also where a target is typed,
+// because the drawing may be out of sight there.
 function showRefusal(reason, at) {
   const box = $("refusal");
   setText($("target-note"), reason ?? "");
@@ -268,7 +268,7 @@ function showRefusal(reason, at) {
   box.style.transform = `translate(${left}px, ${top}px)`;
 }
 
-// What to do at first, beside the tip until it is done.
+// A hint for the first action, beside the tip until it is done.
 let missionDone = false;
 function showMission(scene, at) {
   const status = window.ikservo.status;
@@ -281,8 +281,8 @@ function showMission(scene, at) {
   box.style.transform = `translate(${left}px, ${top}px)`;
 }
 
-// Space and Escape stop, wherever the focus is, and Escape closes what lies over the arm; a button
-// is pressed with Enter.
+// Space and Escape stop, wherever the focus is. Escape also closes overlays; Enter presses a
+// button.
 addEventListener("keydown", (event) => {
   if (event.key !== " " && event.key !== "Escape") return;
   event.preventDefault();
@@ -293,7 +293,7 @@ addEventListener("keydown", (event) => {
   arms.stopSeveral(by);
   if (by === "Escape") for (const part of [...overlays, plots]) part.dismiss();
 }, { capture: true });
-// N selects what is behind the thing under the pointer, Shift+N what is in front of it.
+// N selects the thing behind the one under the pointer, Shift+N the thing in front of it.
 addEventListener("keydown", (event) => {
   const typing = event.target.closest?.("input, select") || event.ctrlKey || event.metaKey || event.altKey;
   if (event.key.toLowerCase() === "n" && !typing) send("behind", { step: event.shiftKey ? -1 : 1 });

@@ -3,13 +3,13 @@
 const TIP_PX = 4;
 const CROSS_PX = 9;
 const NEAREST_PX = 5;
-const TRAIL = 10; // earlier iterations that are drawn
+const TRAIL = 10; // number of earlier iterations that are drawn
 
 const line = (style, points) => ({ kind: "polyline", style, points });
 const circle = (style, at, r) => ({ kind: "circle", style, at, r });
 const cross = (style, at) => ({ kind: "cross", style, at, r: CROSS_PX });
 
-// A green cross, or a red one; out of reach with the nearest point and a line between the two.
+// A green cross; if out of reach, a red one with the nearest point and a line between them.
 export function markItems({ marker, refused_pair }, tip, projection) {
   const items = [circle("tip", projection.project(tip), TIP_PX)];
   if (marker === null) return items;
@@ -18,7 +18,7 @@ export function markItems({ marker, refused_pair }, tip, projection) {
   return [...items, line("gap", [target, nearest]), circle("nearest", nearest, NEAREST_PX), cross("target_far", target)];
 }
 
-// The arm at an iteration over earlier ones, the way of its tip, the target.
+// The arm at an iteration over earlier ones, the path of its tip, and the target.
 export function traceItems({ trace, trace_step: step }, projection) {
   if (trace === null) return [];
   const arms = trace.lines.slice(0, step + 1).map((points) => points.map((point) => projection.project(point)));

@@ -27,7 +27,7 @@ export class Meter {
   }
 }
 
-// Each needle is as wide as its range, so percentages of its own width are those of the range.
+// Each needle is as wide as its range, so percentages of its width equal those of the range.
 function moveTo(element, value) {
   const transform = `translateX(${(100 * clamp(value)).toFixed(2)}%)`;
   if (element.style.transform !== transform) element.style.transform = transform;

@@ -1,4 +1,4 @@
-// A new arm: the dialogue of `ikservo arms new`, question by question, as the server has it.
+// A new arm: the dialogue of `ikservo arms new` from the server, question by question.
 
 import { $, createElement } from "./elements.js";
 
@@ -6,7 +6,7 @@ export class NewArm {
   constructor(send) {
     this.send = send;
     this.shown = "null";
-    this.hasServos = false; // whether it may be moving one now
+    this.hasServos = false; // whether the dialogue may be moving a servo now
     $("new-arm-form").onsubmit = (event) => {
       event.preventDefault();
       this.send("new_arm", { name: $("new-arm-name").value, source: $("new-arm-source").value, port: $("new-arm-port").value });
@@ -21,7 +21,7 @@ export class NewArm {
     $("new-arm").hidden = !dialogue;
     $("new-arm-start").disabled = Boolean(dialogue) && !isOver(dialogue);
     $("new-arm").replaceChildren(...(dialogue ? this.createParts(dialogue) : []));
-    $("new-arm").querySelector("ul")?.scrollTo(0, 1e6); // where the latest line is
+    $("new-arm").querySelector("ul")?.scrollTo(0, 1e6); // scroll to the latest line
     if (dialogue?.question) $("new-arm").querySelector("form :is(input, select, button)").focus();
   }
 

@@ -2,20 +2,20 @@
 
 import { createElement, setAttribute } from "./elements.js";
 
-const MAX = 1e5; // the server takes no larger ones
+const MAX = 1e5; // the server refuses larger numbers
 
 export class NumberField {
-  // submit(value) is called with a number; refuse(sentence) with what is wrong.
+  // Calls submit(value) with a number, or refuse(sentence) with the problem.
   constructor({ label, unit, submit, refuse }) {
     Object.assign(this, { label, unit, submit, refuse, dirty: false });
     this.element = createElement("input", { type: "text", inputmode: "decimal", autocomplete: "off", "aria-label": `${label}, ${unit === "°" ? "degrees" : unit}` });
     this.element.addEventListener("input", () => { this.dirty = true; });
     this.element.addEventListener("change", () => this.onChange());
-    this.element.addEventListener("focus", () => setTimeout(() => this.select())); // after the press has placed its caret
+    this.element.addEventListener("focus", () => setTimeout(() => this.select())); // after the press has placed the caret
     this.element.addEventListener("blur", () => { this.dirty = false; });
   }
 
-  // Not where focus has gone on meanwhile: selecting would take it back.
+  // Do nothing if the focus has moved on, because selecting would take it back.
   select() {
     if (document.activeElement === this.element) this.element.select();
   }
@@ -28,7 +28,7 @@ export class NumberField {
     else this.submit(value);
   }
 
-  // While something is typed it is not written over.
+  // Do not overwrite the field while the user types.
   show(value, disabled) {
     this.element.disabled = disabled;
     const text = value.toFixed(1);
@@ -38,7 +38,7 @@ export class NumberField {
   }
 }
 
-// Return a number, or null for what is none; a unit, a comma and a long minus are allowed.
+// Return a number, or null for other text; a unit, a comma and a long minus are allowed.
 export function parseNumber(text) {
   const plain = text.trim().replace(/\s*(°|deg|mm)$/, "").replace("−", "-").replace(",", ".");
   if (!/^[-+]?(\d+\.?\d*|\.\d+)$/.test(plain)) return null;

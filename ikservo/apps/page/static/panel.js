@@ -1,4 +1,4 @@
-// The texts and meters beside the drawing; everything shown comes from the server's status.
+// The texts and meters beside the drawing, all from the status of the server.
 
 import { ask } from "./confirm.js";
 import { $, createElement, setAttribute, setText, updateChoices, updateRows } from "./elements.js";
@@ -18,7 +18,7 @@ const MODES = {
   waiting: "Connecting …",
   calibration: "Calibration – the arm is limp",
 };
-// Where the zeros of the joints come from, and with them what their positions mean.
+// The source of the zeros of the joints, which gives meaning to their positions.
 const ZEROS = {
   calibrated: "calibrated range", vendor: "the maker's zeros", simulated: "limits from the arm file",
   accepted: "zeros of the arm file", unknown: "not calibrated",
@@ -35,14 +35,14 @@ export class Panel {
   constructor(send) {
     this.send = send;
     this.status = null;
-    this.wasWell = true; // whether no servo had anything to report
+    this.wasWell = true; // whether no servo reported a problem before
     this.preference = new Preference(send);
     const refuse = (message) => this.showRefusal({ message, hint: "" });
     this.joints = new Joints(send, refuse);
     this.tool = new Tool(send, refuse);
     this.isDrawingTried = () => false;
-    this.offline = null; // what there is to say while the server does not answer
-    this.notes = []; // of the page, for the list of messages
+    this.offline = null; // the notice while the server does not answer
+    this.notes = []; // messages of the page itself
     this.refusal = null; // the last refused command; shown for REFUSAL_MS
     $("acknowledge").onclick = () => send("acknowledge");
     $("go-live").onclick = () => send("set_live", { on: true });
@@ -50,7 +50,7 @@ export class Panel {
     $("take").onclick = () => send("take_control", { on: true });
     $("live").onclick = () => send("set_live", { on: $("live").getAttribute("aria-checked") !== "true" });
     $("calibrate").onclick = () => this.calibrate();
-    // What lies over the drawing is shown one below the other: banner, mode, tools.
+    // Overlays of the drawing are stacked: banner, mode, tools.
     const parts = { above: $("banner"), mode: document.querySelector(".mode"), tools: document.querySelector(".stage-tools") };
     const measure = () => {
       const { style } = document.body;
@@ -61,7 +61,7 @@ export class Panel {
     for (const part of Object.values(parts)) observer.observe(part);
   }
 
-  // The arm goes limp for it: one that holds takes a second press.
+  // The arm goes limp for a calibration, so an arm that holds needs a second press.
   calibrate() {
     const start = () => this.send("calibration", { action: "start" });
     if (this.holds) ask($("calibrate"), "The arm will go limp. Sure?", start);
@@ -70,7 +70,7 @@ export class Panel {
 
   setArm(armInfo) {
     this.armInfo = armInfo;
-    this.clockStart = Date.now() - 1000 * armInfo.now_s; // of the server's clock, which dates messages
+    this.clockStart = Date.now() - 1000 * armInfo.now_s; // start of the server's clock, which dates messages
     setText($("unit"), ZEROS[armInfo.zeros]);
     $("unit").classList.toggle("uncalibrated", armInfo.zeros === "unknown");
     document.title = `${armInfo.title} – ikservo`;
@@ -107,7 +107,7 @@ export class Panel {
     this.showMessages(status.messages);
   }
 
-  // A limp arm does not hold, and one that was never calibrated cannot follow.
+  // Say that a limp arm does not hold, and that an uncalibrated one cannot follow.
   describeMode({ mode, health, activity }) {
     if (mode === "busy") return `${activity} …`;
     if (mode !== "preview") return MODES[mode];
@@ -121,7 +121,7 @@ export class Panel {
     updateChoices($("solvers"), this.armInfo.solvers, status.solver.name, (name) => this.send("set_solver", { name }), (name) => SOLVERS[name] ?? name);
     const live = $("live");
     setAttribute(live, "aria-checked", status.live);
-    const trying = this.isDrawingTried(); // which would delay heartbeats
+    const trying = this.isDrawingTried(); // trying 3D would delay heartbeats
     setAttribute(live, "title", trying ? "3D is tried first" : "");
     live.disabled = !inControl || trying || this.armInfo.zeros === "unknown" || (status.mode !== "preview" && status.mode !== "live");
     const mayControl = this.armInfo.permission === "control";
@@ -130,7 +130,7 @@ export class Panel {
     $("calibrate").disabled = !inControl || status.live || status.mode === "busy";
   }
 
-  // The most urgent of what there is to tell: no server, a stopped arm, a refused command.
+  // Shows the most urgent notice: no server, a stopped arm, a refused command.
   showBanner() {
     const banner = this.offline ?? this.status?.banner ?? this.refusal;
     $("banner").hidden = !banner;
@@ -147,7 +147,7 @@ export class Panel {
     }
   }
 
-  // Without the server: what was last known of torque says what the arm does now.
+  // Without the server, the last known torque tells what the arm does now.
   showOffline({ message, hint }) {
     setText($("mode"), MODES[document.body.dataset.mode]);
     this.offline = { message, hint: hint || describeAlone(this.status) };
@@ -181,7 +181,7 @@ export class Panel {
     const hottest = Math.max(...health.joints.map(({ temperature }) => parseFloat(temperature)));
     setText($("supply"), `${health.supply}, up to ${hottest} °C`);
     const isWell = health.joints.every(({ level, alarms }) => level === "good" && !alarms);
-    if (!isWell && this.wasWell) $("health-card").open = true; // until somebody folds it
+    if (!isWell && this.wasWell) $("health-card").open = true; // stays open until the user folds it
     this.wasWell = isWell;
     updateRows($("health"), health.joints, createHealthRow, ({ element, cells, alarms }, joint) => {
       const torque = joint.torque === "on" ? "holds" : "limp";
@@ -201,7 +201,7 @@ export class Panel {
     });
   }
 
-  // Overlapping things under the pointer; a single one needs no list.
+  // Lists overlapping things under the pointer; a single one needs no list.
   showCandidates(candidates) {
     const shown = candidates.length > 1 ? candidates : [];
     $("under").hidden = !shown.length;
@@ -212,7 +212,7 @@ export class Panel {
     });
   }
 
-  // What the arm and its guard say and what was refused to this page, in the order of time.
+  // Lists messages of the arm, its guard and refused commands of this page, ordered by time.
   showMessages(messages) {
     const dated = messages.map((entry) => ({ ...entry, at: this.clockStart + 1000 * entry.time_s }));
     const entries = [...dated, ...this.notes].sort((a, b) => a.at - b.at);
@@ -220,7 +220,7 @@ export class Panel {
     if (fingerprint === this.shownMessages) return;
     this.shownMessages = fingerprint;
     $("log").replaceChildren(...entries.map(createMessage));
-    $("log").scrollTop = ($("log").lastElementChild?.offsetTop ?? 0) - $("log").offsetTop; // a long one from its first line on
+    $("log").scrollTop = ($("log").lastElementChild?.offsetTop ?? 0) - $("log").offsetTop; // show a long message from its first line on
   }
 }
 

@@ -1,4 +1,4 @@
-// What the canvas shows of a scene: items in pixels, in painting order, for drawing.js. The server sends the arm
+// Items of a scene in pixels, in painting order, for drawing.js. The server sends the arm
 // once and then positions of joints, see ikservo/apps/page/drawing/scene_graph.py. Kinds of items:
 //   { kind: "polygon",  style, rings: [[[x, y], …], …] }   filled together by the non-zero rule
 //   { kind: "polyline", style, points: [[x, y], …] }
@@ -15,13 +15,13 @@ import { Projection } from "./projection.js";
 import { backdropItems, scaleItems, thingItem } from "./surroundings.js";
 import { TipPaths } from "./tip_paths.js";
 
-// Whether nothing has changed: what has not is the same object in the next scene.
+// Whether nothing has changed: unchanged fields are the same objects in the next scene.
 export const isSame = (scene, shown) => Object.keys(scene).every((name) => name === "seq" || scene[name] === shown[name]);
 
 export class Picture {
   things = [];
 
-  // What is around the arm, see ikservo/apps/page/panels/things_panel.py.
+  // The things around the arm, see ikservo/apps/page/panels/things_panel.py.
   setThings(things) {
     this.things = things.filter(({ drawn }) => drawn);
     this.shown = {};
@@ -36,7 +36,7 @@ export class Picture {
   }
 
   // Returns `items`, `backdrop` (null in 3D), and the pixel `goalAt` of the target or else of the goal's tip.
-  // What has not changed is the same object as before.
+  // Unchanged parts are the same objects as before.
   compose(scene) {
     if (isSame(scene, this.shown)) return this.last;
     const projection = new Projection(scene.camera);
@@ -53,7 +53,7 @@ export class Picture {
     return this.last;
   }
 
-  // The items that change with camera, region and planned path only; postures along that are behind the arm.
+  // Items that change only with camera, region and planned path, whose postures are behind the arm.
   composeBackdrop(scene, projection) {
     const same = ["camera", "region", "region_pose", "swept"].every((name) => scene[name] === this.shown[name]);
     if (same && this.last.backdrop) return this.last.backdrop;
@@ -76,7 +76,7 @@ export class Picture {
   }
 }
 
-// Over the picture of a known camera, which shows the arm itself, there are outlines alone.
+// Over the picture of a calibrated camera, which shows the arm itself, only outlines are drawn.
 function armStyle(link, { hover, grabbed }, { lens }) {
   if (link === grabbed) return lens ? "outline_grabbed" : "grabbed";
   if (link === hover) return lens ? "outline_hover" : "hover";

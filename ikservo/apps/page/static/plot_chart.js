@@ -64,7 +64,7 @@ export class PlotChart {
     this.describe();
   }
 
-  // What a screen reader says: the latest values.
+  // The text for screen readers: the latest values.
   describe() {
     const latest = this.series.map(({ joint }, i) => `${joint} ${this.values[i].findLast((value) => value !== null) ?? "not measured"}`);
     this.box.setAttribute("aria-label", `${this.title} ${this.unit} over ${this.span} s; latest: ${latest.join(", ")}`);

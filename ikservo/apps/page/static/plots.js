@@ -1,6 +1,6 @@
-// Plots of what the server keeps of the last ten minutes: nothing is sent while they are closed.
+// Plots of the last ten minutes of history; the server sends nothing while they are closed.
 // After a stop they show its last ten seconds until it is acknowledged; they never open by themselves,
-// because then the arm is to be looked at.
+// because the user should look at the arm then.
 
 import { $, createElement, setText, updateChoices } from "./elements.js";
 import { PlotChart } from "./plot_chart.js";
@@ -19,11 +19,11 @@ export class Plots {
     this.quantities = ["position", "error"];
     this.hidden = new Set(); // joints that are not plotted
     this.span = "60";
-    this.before = null; // what was shown before the stop
+    this.before = null; // the selection before the stop
     this.stopped = null; // unknown until the first status
     this.hasStop = false;
     this.charts = [];
-    this.taken = Promise.resolve(); // the messages so far, one after the other
+    this.taken = Promise.resolve(); // handles messages one after the other
     $("plots-toggle").onclick = () => (this.open ? this.close() : this.showHere());
     $("plots-close").onclick = () => this.dismiss();
     $("plots-save").onclick = () => send("save_history", { stopped: this.span === "stop" });
@@ -39,7 +39,7 @@ export class Plots {
     if (this.open) this.request(); // a new connection or another arm
   }
 
-  // A stop is chosen by itself, and what it replaced comes back once it is acknowledged.
+  // A stop is selected automatically; the previous selection returns once it is acknowledged.
   showStatus({ mode }) {
     const stopped = mode === "stopped";
     if (stopped && this.stopped === false) this.chooseStop();
@@ -91,7 +91,7 @@ export class Plots {
   }
 
   choose(change) {
-    this.before = null; // the person has taken over
+    this.before = null; // the user has chosen
     Object.assign(this, change);
     this.request();
   }
@@ -122,7 +122,7 @@ export class Plots {
     [...$("plots-joints").children].forEach((button, i) => button.classList.add("swatch", `series-${i % 8}`));
   }
 
-  // The first charts wait for their library, and what arrives meanwhile waits for them.
+  // The first charts wait for their library, and arriving data wait for them.
   receive(message) {
     this.taken = this.taken.then(() => this.take(message));
   }
@@ -163,7 +163,7 @@ export class Plots {
   }
 }
 
-// Buttons that are pressed or not; Tab reaches each of them.
+// Toggle buttons; Tab reaches each of them.
 function fillToggles(group, entries, isOn, toggle) {
   const names = entries.map(([name]) => name).join();
   if (group.dataset.names !== names) {

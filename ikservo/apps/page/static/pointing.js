@@ -3,8 +3,8 @@
 const ARROWS = new Set(["ArrowLeft", "ArrowRight", "ArrowUp", "ArrowDown", "PageUp", "PageDown"]);
 const ORBIT_BUTTONS = new Set([1, 2]);
 const NOTCH_PX = 100;
-const PINCH_PX = 300; // of a wheel with Ctrl: touch pads report a pinch this way
-const SLOP_PX = 8; // a finger that moves less may still become the first of two
+const PINCH_PX = 300; // scale of a wheel with Ctrl, as which touch pads report a pinch
+const SLOP_PX = 8; // a finger that has moved less may still become the first of two
 const ZOOM = { min: 0.2, max: 5 };
 
 export class PointerInput {
@@ -20,7 +20,7 @@ export class PointerInput {
     this.pendingDown = null; // message of a finger that has neither moved nor lifted yet
     this.fingers = null; // positions of two fingers by pointer id: they move the view
     this.pendingOrbit = null;
-    this.take = null; // called with the place of the next press, which is not a gesture then
+    this.take = null; // called with the place of the next press, instead of a gesture
     canvas.addEventListener("pointerdown", (event) => this.onDown(event));
     canvas.addEventListener("pointermove", (event) => this.onMove(event));
     canvas.addEventListener("pointerup", (event) => this.onEnd(event, "up"));

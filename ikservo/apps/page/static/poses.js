@@ -1,4 +1,4 @@
-// The poses of the arm: few as buttons, many as a list with a filter.
+// The poses of the arm: buttons if there are few, otherwise a list with a filter.
 
 import { $, createElement } from "./elements.js";
 
@@ -53,7 +53,7 @@ export class Poses {
     $("pose-count").textContent = found.length ? `${found.length} of ${this.names.length}` : `No pose is called “${wanted.slice(0, 30)}”.`;
   }
 
-  // Enter takes the first that is found, arrow down goes into the list.
+  // Enter selects the first match, arrow down moves into the list.
   onFilterKey(event) {
     const first = $("pose-list").firstElementChild;
     if (!first || !["Enter", "ArrowDown"].includes(event.key)) return;

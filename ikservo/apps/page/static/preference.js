@@ -1,4 +1,4 @@
-// The preferred posture where the target leaves freedom: a pose, and a weight for each joint.
+// The preferred posture if the target leaves freedom: a pose, and a weight for each joint.
 
 import { $, createElement, setAttribute, setText, updateChoices, updateRows } from "./elements.js";
 

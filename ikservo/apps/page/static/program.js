@@ -1,5 +1,5 @@
-// The program of steps: captured from the arm or its target, ordered, kept, checked and played.
-// The server has the program; steps are named by numbers that they keep.
+// The program of steps: capture, order, save, check and play them.
+// The server keeps the program; steps have permanent numbers.
 
 import { ask } from "./confirm.js";
 import { $, createElement, setAttribute, setText, updateChoices } from "./elements.js";
@@ -169,13 +169,13 @@ export class Program {
     if (to >= 0 && to < this.steps.length) this.send("move_step", { step: number, to });
   }
 
-  // The row follows the pointer through the list; the server is told when it is let go.
+  // The row follows the pointer through the list; dropping it tells the server.
   startDrag(event, number) {
     if (!this.movable || event.button !== 0) return;
     event.preventDefault();
     const grip = event.currentTarget, row = grip.closest("li"), list = $("program-steps");
     grip.focus();
-    list.setPointerCapture(event.pointerId); // the row itself would lose it when it is moved
+    list.setPointerCapture(event.pointerId); // a moved row would lose the capture
     this.dragged = row;
     row.classList.add("dragged");
     list.onpointermove = ({ clientY }) => {
@@ -194,7 +194,7 @@ export class Program {
     list.onpointercancel = () => end(false);
   }
 
-  // What can be done now, and which step is made, comes next, or cannot be made.
+  // Shows the possible actions, and the present, next or impossible step.
   update() {
     if (!this.program) return;
     const { phase, step, reason, problems, pausing } = this.state;

@@ -3,9 +3,9 @@
 
 import { add, column, dot, origin, scale, subtract } from "./geometry.js";
 
-const FAR_PX = 1e5; // so that drawing works with points beside the eye
+const FAR_PX = 1e5; // limit for points beside the eye, so that drawing works
 
-const PARTS = 8; // of a straight line that a lens bends
+const PARTS = 8; // segments of a straight line that a lens bends
 
 const clip = (px) => Math.min(Math.max(px, -FAR_PX), FAR_PX);
 
@@ -17,7 +17,7 @@ export class Projection {
     Object.assign(this, { perspective, scalePx: scale_px, nearM: near_m, lens });
   }
 
-  // Along the optical axis, metres.
+  // Returns the depth along the optical axis, metres.
   depth(point) {
     return dot(subtract(point, this.eye), this.forward);
   }

@@ -1,17 +1,17 @@
-// Chooses how the arm is drawn: in 3D by WebGL where a graphics card does that and frames are fast
-// enough, else on the canvas. In Live nothing is tried: compiling shaders delays heartbeats.
+// Chooses how the arm is drawn: in 3D by WebGL if a graphics card does that and frames are fast
+// enough, or else on the canvas. In Live 3D is not tried, because compiling shaders delays heartbeats.
 
 import { $, setAttribute, setText } from "./elements.js";
 import { isSame } from "./picture.js";
 
-const WARM_UP_FRAMES = 2; // shaders are compiled meanwhile
+const WARM_UP_FRAMES = 2; // shaders are compiled in these frames
 const TIMED_FRAMES = 5;
 const CONTEXT_LOST = "The graphics driver gave up";
 const NO_WEBGL = "This browser has no 3D graphics";
 const NO_CARD = "No graphics card draws WebGL here";
-const SOFTWARE = /swiftshader|llvmpipe|softpipe|software|basic render/i; // renderers
+const SOFTWARE = /swiftshader|llvmpipe|softpipe|software|basic render/i; // names of software renderers
 const AFTER_LIVE = "3D begins once Live is off";
-const HOPELESS_MS = 1000; // no need to time more of such frames
+const HOPELESS_MS = 1000; // such slow frames need no more timing
 const BUDGET_MS = 50; // a frame that takes longer makes a drag jerky
 
 export class Rendering {
@@ -20,12 +20,12 @@ export class Rendering {
     this.wanted = wanted; // "3d" or "2d" if the user has chosen
     this.onChange = onChange;
     this.view = this.module = this.renderer = this.graph = this.shapes = this.scene3d = null;
-    this.things = []; // around the arm
+    this.things = []; // things around the arm
     this.shown = {}; // the scene of the last frame
-    this.reason = wanted === "3d" ? "" : findObstacle(); // why the canvas draws what 3D should
+    this.reason = wanted === "3d" ? "" : findObstacle(); // why the canvas draws instead of 3D
     this.live = false; // whether the arm follows this page
     this.tried = false; // whether 3D was tried, and its frames timed
-    this.frameMs = null; // of the timed frames, the median
+    this.frameMs = null; // median of the timed frames
     this.handles = false; // whether the tool has handles
     $("handles").onclick = () => {
       this.handles = !this.handles;
@@ -43,12 +43,12 @@ export class Rendering {
     return this.wanted === "3d" || (this.wanted !== "2d" && !this.reason);
   }
 
-  // The view of a page whose user has chosen none: all around where 3D draws it.
+  // The default view: orbit if it is drawn in 3D.
   firstView(views) {
     return this.isOn() && views.includes("orbit") ? "orbit" : views[0];
   }
 
-  // Whether 3D is being tried: Live has to wait for the end of that.
+  // Whether 3D is being tried; Live must wait until that ends.
   isTrying() {
     return this.wants3D() && !this.live && !this.tried;
   }
@@ -127,7 +127,7 @@ export class Rendering {
     this.onChange();
   }
 
-  // Shows a scene in 3D with the detail for which there is time, if that is how it is drawn.
+  // Shows a scene in 3D, if 3D is used, with as much detail as time allows.
   show(scene, { pixelRatio, detail }) {
     const on = scene.webgl && this.scene3d !== null && this.isOn();
     this.canvas.hidden = !on;
@@ -157,7 +157,7 @@ export class Rendering {
     if (this.frameMs > BUDGET_MS) this.giveUpSlow(Math.round(this.frameMs));
   }
 
-  // Where nobody has chosen 3D. Returns whether 2D draws from now on.
+  // Falls back to 2D unless the user has chosen 3D. Returns whether 2D draws from now on.
   giveUpSlow(ms) {
     if (this.wanted === "3d") return false;
     this.fallBack(`A 3D frame takes ${ms} ms here`);
@@ -174,7 +174,7 @@ export class Rendering {
   }
 }
 
-// Returns why 3D is not drawn by itself: WebGL says what draws it.
+// Returns why 3D is not the default, from the renderer that WebGL names.
 function findObstacle() {
   const context = document.createElement("canvas").getContext("webgl2");
   if (!context) return NO_WEBGL;

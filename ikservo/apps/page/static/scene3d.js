@@ -1,4 +1,4 @@
-// The 3D scene with three.js: a graph of links that the positions of the joints move. World
+// The 3D scene with three.js: a graph of links, moved by the positions of the joints. World
 // coordinates are the arm's base frame in metres, z upwards; the camera is the server's.
 
 import * as THREE from "./three.min.js";
@@ -6,16 +6,16 @@ import { Handles } from "./handles3d.js";
 import { Markings } from "./markings3d.js";
 
 const NEAR_M = 0.01;
-const LONGEST_FRAME_MS = 3000; // that is waited for
+const LONGEST_FRAME_MS = 3000; // longest time to wait for a frame
 const SHADOW_PX = 1024;
 const MAX_PIXEL_RATIO = 2;
 const TRIAD_M = { base: 0.06, tool: 0.035 };
-const MAX_SWEPT = 5; // postures that are drawn along a path
+const MAX_SWEPT = 5; // number of postures that are drawn along a path
 const AXES = [[0xd6453d, [1, 0, 0]], [0x3d9a50, [0, 1, 0]], [0x3d6fd6, [0, 0, 1]]];
-const HIGHLIGHT = 0.75; // of the link under the pointer, towards the colour for that
-const BEHIND_OPACITY = 0.3; // of the links in front of a link that was selected behind them
+const HIGHLIGHT = 0.75; // fraction of the highlight colour for the link under the pointer
+const BEHIND_OPACITY = 0.3; // opacity of links in front of a link that was selected behind them
 
-// Throws where there is no WebGL.
+// Throws without WebGL.
 export function createRenderer(canvas) {
   const renderer = new THREE.WebGLRenderer({ canvas, antialias: true, alpha: true });
   renderer.shadowMap.enabled = true;
@@ -36,7 +36,7 @@ export class Scene3D {
     this.ghostMaterials = createGhostMaterials();
     this.ghost = new LinkTree(graph, shapes, () => this.ghostMaterials.ghost);
     this.sweep = new Sweep(this.ghost, this.ghostMaterials.swept);
-    this.path = this.swept = null; // that are shown
+    this.path = this.swept = null; // the shown path and postures
     this.arm.root.traverse((part) => { part.castShadow = part.receiveShadow = true; });
     this.arm.tip.add(createTriad(TRIAD_M.tool));
     this.markings = new Markings(graph);
@@ -60,7 +60,7 @@ export class Scene3D {
     this.markings.setColours(read);
   }
 
-  // Returns whether the size was another one.
+  // Returns whether the size has changed.
   fit(width, height, ratio) {
     if (this.size.width === width && this.size.height === height && this.size.ratio === ratio) return false;
     this.size = { width, height, ratio };
@@ -106,7 +106,7 @@ export class Scene3D {
     }
   }
 
-  // The planned path: of the tip as dots, and some postures of the arm on it.
+  // The planned path: dots for the tip, and some postures of the arm.
   showPlanned({ path, swept }) {
     if (path !== this.path) this.markings.showPath(path?.joints.map((positions) => this.ghost.setJoints(positions).tipPosition()) ?? []);
     if (swept !== this.swept) this.sweep.show(swept ?? []);
@@ -140,7 +140,7 @@ export class Scene3D {
     for (const part of hidden) part.visible = false;
   }
 
-  // Resolves with the time that a frame takes, from its commands until the GPU has carried them out.
+  // Resolves with the time of a frame, from its commands until the GPU has finished them.
   async timeFrame() {
     const gl = this.renderer.getContext();
     const start = performance.now();
@@ -160,7 +160,7 @@ export class Scene3D {
   }
 }
 
-// The links of an arm: each node hangs on its parent and turns or slides by its joint.
+// The links of an arm: each node is a child of its parent link and moves with its joint.
 class LinkTree {
   constructor({ links, tip }, shapes, createMaterial) {
     this.nodes = new Map();
@@ -225,7 +225,7 @@ class Sweep {
     this.show([]);
   }
 
-  // Moves the arm that is copied.
+  // Moves the copied arm.
   show(postures) {
     for (const copies of this.copies) Object.assign(copies, { count: postures.length, frustumCulled: false }).instanceMatrix.needsUpdate = true;
     postures.forEach((positions, i) => {
@@ -254,12 +254,12 @@ const GEOMETRIES = {
   },
 };
 
-// Where ghost and arm coincide the arm is in front, but what would touch is in front of the arm.
+// If ghost and arm coincide, the arm is in front, but parts that would touch are in front of it.
 function createGhostMaterials() {
   const create = (opacity, offset) => new THREE.MeshStandardMaterial({
     transparent: true, opacity, roughness: 0.8, polygonOffset: true, polygonOffsetFactor: offset, polygonOffsetUnits: offset,
   });
-  const swept = Object.assign(create(0.07, 2), { depthWrite: false }); // each is seen through the others
+  const swept = Object.assign(create(0.07, 2), { depthWrite: false }); // so that each posture is seen through the others
   return { swept, ghost: create(0.38, 2), refused: create(0.38, 2), touching: create(0.85, -2) };
 }
 

@@ -1,4 +1,4 @@
-// The page of servos: what replies on a line, the registers of one servo, and what can be done with it.
+// The page of servos: servos on a port, the registers of one servo, and actions on it.
 
 import { ask } from "./confirm.js";
 import { Connection } from "./connection.js";
@@ -50,7 +50,7 @@ const send = (kind, fields) => connection.send(kind, fields);
 const servos = new Servos(send);
 servos.showStatus({ controller: "you", mode: "preview", live: false });
 
-// Different versions of one model behave differently: said where they are seen.
+// Versions of firmware of one model behave differently, so warn if they differ.
 function describe(found) {
   const versions = {};
   for (const { model, firmware } of found) (versions[model] ??= new Set()).add(firmware);
@@ -80,14 +80,14 @@ $("plot").onclick = () => {
   act("plot", { names: left.length <= MOST_PLOTTED ? left : [] });
 };
 
-// Sliders of the gains: what they are set to is only tried, until it is saved.
+// Sliders of the gains; their values are only tried until they are saved.
 const sliders = () => [...$("gains").querySelectorAll("input")];
 const gains = () => Object.fromEntries(sliders().map(({ name, value }) => [name, Number(value)]));
 function showGains({ joint, tunable, registers }) {
   const now = registers.filter(({ name }) => tunable.includes(name));
   $("tuning").hidden = !now.length;
   const state = JSON.stringify([joint, now.map(({ name, raw }) => [name, raw])]);
-  if ($("gains").dataset.state === state) return; // what the sliders were moved to stays
+  if ($("gains").dataset.state === state) return; // keep the positions of moved sliders
   $("gains").dataset.state = state;
   $("gains").replaceChildren(...now.map(({ name, raw, range: [min, max] }) => {
     const value = createElement("output", {}, raw);
@@ -110,7 +110,7 @@ $("save").onclick = () => {
   for (const [name, value] of Object.entries(gains())) if (held[name] !== value) send("write_register", { joint: servos.joint, name, value: String(value) });
 };
 
-let drawing = Promise.resolve(); // the first waits for its library, the next for the first
+let drawing = Promise.resolve(); // the first drawing waits for its library, the next for the first
 async function draw(message) {
   if (!message.series) return charts.forEach((chart) => chart.append(message));
   const { default: Plot } = await import("./uplot.min.js");

@@ -1,4 +1,4 @@
-// The control table of one joint's servo: read when asked, filtered by name, changed by number or quantity.
+// The control table of a joint's servo: read on request, filtered by name, written as number or quantity.
 
 import { $, createElement, setAttribute, setText, updateRows } from "./elements.js";
 

@@ -1,4 +1,4 @@
-// The stop button: says whether a stop can be sent, was sent, and was not confirmed.
+// The stop button: shows whether a stop can be sent, was sent, or was not confirmed.
 
 import { $, setText } from "./elements.js";
 
@@ -9,11 +9,11 @@ export class StopButton {
     this.send = send;
     this.showRefusal = showRefusal;
     this.sentAt = null;
-    this.count = this.countBefore = 0; // stops that the server has carried out: now, and when one was sent
+    this.count = this.countBefore = 0; // completed stops of the server: now, and when a stop was sent
     $("stop").onclick = () => this.press("button");
   }
 
-  // by is what was pressed: "button", or the key "Space" or "Escape".
+  // by names what was pressed: "button", or the key "Space" or "Escape".
   press(by) {
     if ($("stop").disabled) return;
     this.send("stop", { by });
@@ -29,9 +29,9 @@ export class StopButton {
     this.showRefusal({ message: "The stop was sent and not confirmed.", hint: "Press it again, or switch off the arm's power." });
   }
 
-  // Called with every status. A stop of a limp arm leaves it in the mode in which it was.
+  // Called with every status. A stop of a limp arm does not change its mode.
   show({ mode, stop_count }) {
-    $("stop").disabled = false; // whoever sees the arm may stop it
+    $("stop").disabled = false; // any client may stop the arm
     this.count = stop_count;
     if (this.sentAt !== null && mode !== "stopped" && stop_count === this.countBefore) return;
     this.sentAt = null;

@@ -1,4 +1,4 @@
-// What surrounds the arm: table, reachable region, things to keep out of, scale bar.
+// The surroundings of the arm: table, reachable region, things to avoid, scale bar.
 
 import { transform } from "./geometry.js";
 
@@ -9,10 +9,10 @@ const LEVEL = 0.02;
 const FROM_ABOVE = 0.98;
 const SCALES_M = [1, 0.5, 0.2, 0.1, 0.05, 0.02, 0.01, 0.005, 0.002, 0.001];
 const MARGIN_PX = 16;
-const MAX_WIDTH = 0.3; // of the scale bar, of the drawing
+const MAX_WIDTH = 0.3; // largest scale bar, as a fraction of the drawing
 const FACES = [[0, 1, 3, 2], [4, 5, 7, 6], [0, 1, 5, 4], [2, 3, 7, 6], [0, 2, 6, 4], [1, 3, 7, 5]];
 
-// In a camera's picture the table is seen, and the region is that of the table.
+// A camera's picture shows the table itself, and the region is that on the table.
 export function backdropItems({ centre, floor }, things, { region, region_pose }, projection) {
   const { lens } = projection;
   return [
@@ -22,7 +22,7 @@ export function backdropItems({ centre, floor }, things, { region, region_pose }
   ];
 }
 
-// The table: its edge in a level view, else a grid.
+// The table: its edge in a level view, otherwise a grid.
 function floorItems(centre, floor, projection) {
   const slope = Math.abs(projection.forward[2]);
   if (!projection.perspective && slope < LEVEL) return [tableEdge([centre[0], centre[1], floor], projection)];
@@ -53,7 +53,7 @@ function regionItem(region, pose, projection) {
   return { kind: "polygon", style: "reach", rings };
 }
 
-// The box around a thing as its six faces filled together.
+// The box around a thing: its six faces, filled together.
 export function thingItem(style, { name, pose, half: [a, b, c] }, projection) {
   const corners = [];
   for (const x of [-a, a]) for (const y of [-b, b]) for (const z of [-c, c]) corners.push(transform(pose, [x, y, z]));
@@ -61,7 +61,7 @@ export function thingItem(style, { name, pose, half: [a, b, c] }, projection) {
   return { kind: "polygon", style, rings, name };
 }
 
-// Faces that are filled together must turn the same way, else they have holes.
+// Faces that are filled together must turn the same way, or they have holes.
 function orient(ring) {
   const area = ring.reduce((sum, [x, y], i) => {
     const [nextX, nextY] = ring[(i + 1) % ring.length];

@@ -1,4 +1,4 @@
-// What stands around the arm: a row for each thing, whose name, place and size are typed; saved as a scene file.
+// The things around the arm: a row with name, place and size of each; saved as a scene file.
 
 import { $, createElement, setText } from "./elements.js";
 import { NumberField } from "./number_field.js";
@@ -6,7 +6,7 @@ import { NumberField } from "./number_field.js";
 const MM = 0.001;
 const AXES = ["x", "y", "z"];
 const TITLES = { box: "box", cylinder: "can", sphere: "ball", half_space: "half space", arm: "arm" };
-// By the keys of a scene file: what is typed for each number, in which unit.
+// Labels and units of the numbers, by the keys of a scene file.
 const SIZES = {
   box: [["size_m", AXES.map((axis) => `length ${axis}`), "mm"], ["rpy_deg", ["roll", "pitch", "yaw"], "°"]],
   cylinder: [["radius_m", "radius", "mm"], ["height_m", "height", "mm"]],
@@ -16,14 +16,14 @@ const SIZES = {
 };
 
 export class Things {
-  // refuse(sentence) is called with what is typed wrong.
+  // Calls refuse(sentence) if the user types something wrong.
   constructor(send, refuse) {
     Object.assign(this, { send, refuse, rows: [], others: [], movable: false });
     for (const shape of ["box", "cylinder", "sphere"]) $(`add-${shape}`).onclick = () => send("add_thing", { shape });
     $("things-save").onclick = () => send("save_things");
   }
 
-  // A row is made anew where another thing is in its place, so that what has the focus keeps it.
+  // A row is replaced only if it shows another thing, so that an element keeps the focus.
   setThings(things) {
     setText($("things-count"), things.length ? String(things.length) : "");
     const same = (row, { name, thing }) => row?.name === name && row.kind === thing;
@@ -36,7 +36,7 @@ export class Things {
     this.showOthers();
   }
 
-  // The other arms of the page, each of which can be put beside this one.
+  // The other arms of the page, which can be added as obstacles.
   setOthers(names) {
     this.others = names;
     this.showOthers();
@@ -92,7 +92,7 @@ export class Things {
   }
 }
 
-// Three numbers of which one was typed: the others stay as they are.
+// Three numbers of which one was typed; null leaves the others unchanged.
 function only(index, value) {
   return AXES.map((_, i) => (i === index ? value : null));
 }

@@ -2,8 +2,8 @@
 
 import { length, subtract } from "./geometry.js";
 
-const APART_M = 0.0005; // between two points of the measured one
-const REST_MS = 1000; // after so long at rest another motion begins
+const APART_M = 0.0005; // distance between two points of the measured path
+const REST_MS = 1000; // a motion after a longer rest starts a new path
 const MAX_POINTS = 1000;
 
 export class TipPaths {
@@ -30,7 +30,7 @@ export class TipPaths {
 
   items(projection, inThreeD) {
     const line = (style, points) => ({ kind: "polyline", style, points: points.map((point) => projection.project(point)) });
-    const planned = inThreeD ? [] : this.planned; // 3D has dots of its own for that
+    const planned = inThreeD ? [] : this.planned; // 3D draws the planned path itself
     return [["planned", planned], ["travelled", this.measured]].filter(([, points]) => points.length > 1).map(([style, points]) => line(style, points));
   }
 }

@@ -1,1 +1,1 @@
-"""An arm in a graph of ROS 2, without ROS: through Zenoh, as rmw_zenoh speaks it."""
+"""An arm in a graph of ROS 2 without ROS, by the protocol of rmw_zenoh."""

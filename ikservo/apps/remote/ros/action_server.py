@@ -19,7 +19,7 @@ from ikservo.ros_messages.message_types import encode, make
 from ikservo.ros_messages.service_types import CANCEL_GOAL
 
 _STATUS = "action_msgs/msg/GoalStatusArray"
-_MAX_ENDED = 64  # goals whose results are kept
+_MAX_ENDED = 64  # number of ended goals whose results are kept
 _NS = 1_000_000_000
 _ANY_GOAL = bytes(16)
 
@@ -37,7 +37,7 @@ class GoalStatus(IntEnum):
 
     @property
     def is_final(self) -> bool:
-        """Whether it has ended."""
+        """Whether the goal has ended."""
         return self >= GoalStatus.SUCCEEDED
 
 
@@ -54,11 +54,11 @@ class ActionGoal:
     """A goal of a client.
 
     Attributes:
-        id: Its number, 16 bytes, by the client.
-        time_ns: When it came, nanoseconds since 1970.
+        id: Its id of 16 bytes, chosen by the client.
+        time_ns: The time of its arrival, nanoseconds since 1970.
         status: Its state.
-        accepted: Whether it was.
-        result: Once it has ended.
+        accepted: Whether it was accepted.
+        result: Its result once it has ended.
     """
 
     id: bytes
@@ -73,7 +73,7 @@ class Executor(Protocol):
     """Executes goals; ends each of them by ``ActionServer.finish``."""
 
     def start(self, goal: ActionGoal, message: Any, /) -> Any:  # noqa: ANN401  # generated classes
-        """Start to execute a goal; return None, or the result of one that is refused."""
+        """Start executing a goal; return None, or the result of a refused goal."""
         ...
 
     def cancel(self, goal: ActionGoal, /) -> None:
@@ -81,7 +81,7 @@ class Executor(Protocol):
         ...
 
     def empty_result(self) -> Any:  # noqa: ANN401
-        """Return the result of a goal that is not known."""
+        """Return the result of an unknown goal."""
         ...
 
 
@@ -121,7 +121,7 @@ class ActionServer:
             respond(self._result_message(goal))
 
     def feedback(self, goal: ActionGoal, feedback: Any) -> None:  # noqa: ANN401
-        """Publish how a goal goes on."""
+        """Publish the progress of a goal."""
         message = make(self._feedback_topic.kind, goal_id=_uuid(goal.id), feedback=feedback)
         data = encode(self._feedback_topic.kind, message)
         self._publish_feedback(RosMessage(self._feedback_topic, time.time_ns(), data))
@@ -193,7 +193,7 @@ class ActionServer:
 
 
 def _is_meant(goal: ActionGoal, wanted: bytes, until_ns: int) -> bool:
-    """Check whether a request to cancel means a goal: by its id, by its time, or all of them."""
+    """Check whether a cancel request selects a goal: by id, by time, or all goals."""
     if wanted == _ANY_GOAL and until_ns == 0:
         return True
     return goal.id == wanted or 0 < goal.time_ns <= until_ns

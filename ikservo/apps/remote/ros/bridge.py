@@ -1,4 +1,4 @@
-"""An arm as a node of ROS 2: says its state, takes goals, stops."""
+"""An arm as a node of ROS 2: publishes its state, takes goals, stops."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ _BRAKE_TIMEOUT_S = 2.0
 
 
 class RosBridge:
-    """Joins an open arm to a graph of ROS 2, until it is closed.
+    """Connects an open arm to a graph of ROS 2 until it is closed.
 
     Args:
         session: A Zenoh session with a router; the caller closes it after the bridge.
@@ -63,7 +63,7 @@ class RosBridge:
         namespace: The namespace of all names; empty for none.
         rate_hz: The number of joint states per second that are published.
         speed: The speed class of all motions.
-        warn: Called with what was refused, and why.
+        warn: Called with each refusal and its reason.
     """
 
     def __init__(
@@ -86,7 +86,7 @@ class RosBridge:
         self._driver = GoalDriver(arm, speed, self._warn)
         self._publishers: dict[Topic, Callable[[RosMessage], None]] = {}
         self._warning = ""
-        self._joints: tuple[JointState, ...] = ()  # as last measured
+        self._joints: tuple[JointState, ...] = ()  # last measured
 
     def __enter__(self) -> RosBridge:
         """Join the graph."""
@@ -99,7 +99,7 @@ class RosBridge:
                 thread.start()
                 stack.callback(thread.join, _BRAKE_TIMEOUT_S)
             stack.callback(self._closing.set)
-            stack.callback(self._driver.close)  # the first
+            stack.callback(self._driver.close)  # the driver closes first
             self._stack = stack.pop_all()
         return self
 
@@ -123,13 +123,13 @@ class RosBridge:
     # what comes in
 
     def _requested(self) -> AbstractContextManager[None]:
-        """Return the context of a message that arrives now: a later stop ends what it moves."""
+        """Return the context of a message that arrives now, whose motion a later stop ends."""
         background = self._arm.background
         return background.requested(background.stop_count)
 
     def _take_trajectory(self, message: Any) -> None:  # noqa: ANN401  # a generated class
         check_age(message.header.stamp, time.time())
-        if not message.points:  # as controllers of ROS 2 understand it
+        if not message.points:  # stops the arm, as in controllers of ROS 2
             self._driver.put(None)
             return
         self._move(self._parse_trajectory(message))
@@ -138,7 +138,7 @@ class RosBridge:
         """Parse the goal in a trajectory that may begin now.
 
         Raises:
-            InputError: It cannot be used; says why.
+            InputError: It cannot be used; the message says why.
             RefusedError: A point is beyond a limit, or the arm is stopped.
         """
         self._check_not_stopped()
@@ -169,7 +169,7 @@ class RosBridge:
         self._move(pose_goal(message.pose))
 
     def _is_of_tool(self, frame: str) -> bool:
-        """Check whether a frame is the tool's; else it is the base's.
+        """Check whether a frame is the tool's and not the base's.
 
         Raises:
             BadValueError: It is neither.
@@ -180,7 +180,7 @@ class RosBridge:
         return frame == chain.tip
 
     def _tip_pose(self) -> Matrix:
-        """Compute T_base_tip (4, 4) by the servos' goals, else as measured."""
+        """Compute T_base_tip (4, 4) from the servos' goals, or else as measured."""
         state, index = self._arm.where(), self._arm.joint_index
         goals = [joint.goal_rad for joint in state.joints]
         known = state.positions_rad if None in goals else np.array(goals, dtype=np.float64)
@@ -210,14 +210,14 @@ class RosBridge:
     def _acknowledge(self) -> str:
         self._arm.acknowledge()
         self._warning = ""
-        return "The arm may be moved again."
+        return "The arm may move again."
 
     def _request_stop(self, text: str) -> None:
-        # The motion ends with the stop; to end it here, too, could hide the stop from it.
+        # The stop ends the motion; ending it here as well could hide the stop from it.
         self._arm.request_stop(StopReason(StopKind.CLIENT, text))
 
     def _watch_router(self) -> None:
-        """Stop a motion where nobody could stop it any more."""
+        """Stop a motion if the router is lost, because nobody could stop it then."""
         while not self._closing.wait(_ROUTER_PERIOD_S):
             if self._driver.is_moving and not self._has_router():
                 text = "The connection to the Zenoh router was lost; the arm holds."
@@ -227,7 +227,7 @@ class RosBridge:
     def _has_router(self) -> bool:
         try:
             return bool(self._session.info.routers_zid())
-        except Exception:  # the session is closed
+        except Exception:  # raised if the session is closed
             return False
 
     def _warn(self, text: str) -> None:
@@ -243,7 +243,7 @@ class RosBridge:
         due_s, health_s = time.monotonic(), 0.0
         while not self._closing.is_set():
             now_s, state = time.monotonic(), self._measure()
-            with suppress(Exception):  # the session is being closed
+            with suppress(Exception):  # raised while the session is being closed
                 if state is not None:
                     self._publish_state(state)
                 if now_s >= health_s:

@@ -18,20 +18,20 @@ from ikservo.errors import IkservoError, RefusedError
 from ikservo.kinematics.arrays import Vector
 
 _PERIOD_S = 0.02
-_STILL_RAD, _STILL_S = 0.002, 0.3  # no joint moved further in this time: it has arrived
-_START_S = 2.0  # until when the arm moves at the latest, its torque being switched on before
+_STILL_RAD, _STILL_S = 0.002, 0.3  # arrived if no joint moves further in this time
+_START_S = 2.0  # longest time until the arm moves, including torque-on
 _MAX_ARRIVAL_S = 30.0
 
 
 class GoalEnd(Enum):
-    """How a goal has ended."""
+    """The end of a goal."""
 
     ARRIVED = auto()
-    """The arm is where it led to, as far as the guard allows, and at rest."""
+    """The arm rests at the goal, or as near to it as the guard allows."""
     ENDED = auto()
-    """It was taken back; the arm was braked and holds."""
+    """The goal was cancelled; the arm has braked and holds."""
     REPLACED = auto()
-    """A newer goal was put in its place."""
+    """A newer goal has replaced it."""
     FAILED = auto()
     """The arm was stopped, or the guard or a servo has ended the motion."""
 
@@ -40,11 +40,11 @@ class GoalWatch(Protocol):
     """Watches a goal that is being followed; called in the driver's thread, or by ``put``."""
 
     def observe(self, now_s: float, positions: Mapping[str, float], /) -> bool:
-        """Take measured positions; return whether to go on."""
+        """Receive measured positions; return whether to go on."""
         ...
 
     def ended(self, end: GoalEnd, why: str, /) -> None:
-        """Take note that the goal has ended, and why early."""
+        """Note that the goal has ended, and the reason of an early end."""
         ...
 
 
@@ -65,13 +65,13 @@ class GoalDriver:
     Args:
         arm: The arm.
         speed: The speed class.
-        warn: Called with the reason where a goal is refused or has ended early.
+        warn: Called with the reason if a goal is refused or ends early.
     """
 
     def __init__(self, arm: OpenArm, speed: str, warn: Callable[[str], None]) -> None:
         self._arm, self._speed, self._warn = arm, speed, warn
         self._changed = threading.Condition()
-        self._task: _Task | None = None  # the newest
+        self._task: _Task | None = None  # newest goal
         self._ending: list[_Task] = []  # reported once the arm is at rest
         self._busy = self._closing = False
         self._thread = threading.Thread(target=self._run, name="ikservo-ros-goals", daemon=True)
@@ -94,7 +94,7 @@ class GoalDriver:
         self._replace(None if goal is None else _Task(goal, watch, background.stop_count))
 
     def cancel(self, watch: GoalWatch) -> None:
-        """Brake and hold, where the goal with this watch is the newest."""
+        """Brake and hold, if the goal with this watch is the newest."""
         with self._changed:
             if self._task is not None and self._task.watch is watch:
                 self._replace(None)
@@ -103,7 +103,7 @@ class GoalDriver:
         """Wait until the arm has come to rest.
 
         Raises:
-            RefusedError: It did not in time.
+            RefusedError: It has not come to rest in time.
         """
         with self._changed:
             if not self._changed.wait_for(lambda: not self._busy, timeout_s):
@@ -117,7 +117,7 @@ class GoalDriver:
         self._thread.join(10.0)
 
     def _replace(self, task: _Task | None) -> None:
-        """Replace the newest goal; where none follows, it ends once the arm is at rest."""
+        """Replace the newest goal; without a new goal, the old one ends when the arm rests."""
         with self._changed:
             before, self._task = self._task, task
             self._changed.notify_all()
@@ -132,12 +132,12 @@ class GoalDriver:
         while (task := self._await_goal()) is not None:
             failed, why = False, ""
             try:
-                # Its motion was requested when it was put, which may be before a stop.
+                # The motion was requested by put(), which may be before a stop.
                 requested = self._arm.background.requested(task.stop_count)
                 with requested, self._arm.stream(speed=self._speed) as stream:
                     self._follow(stream)
                 why = _reason_of(stream)
-            except Exception as error:  # this thread must not end: nobody would drive the arm
+            except Exception as error:  # this thread must go on, because it drives the arm
                 failed, why = True, _text_of(error)
                 self._replace(None)
             if why:
@@ -145,7 +145,7 @@ class GoalDriver:
             self._rest(why, failed=failed)
 
     def _rest(self, why: str, *, failed: bool) -> None:
-        """Report the goals that have ended; the arm is at rest."""
+        """Report ended goals; the arm is at rest."""
         with self._changed:
             ending, self._ending, self._busy = self._ending, [], False
             self._changed.notify_all()
@@ -190,7 +190,7 @@ class GoalDriver:
             time.sleep(max(0.0, due_s - time.monotonic()))
 
     def _take(self) -> _Task | None:
-        """Take the newest goal; with one, the arm does not rest after those before it."""
+        """Take the newest goal; if there is one, the arm did not rest at the earlier goals."""
         with self._changed:
             task, before = self._task, []
             if task is not None:
@@ -200,7 +200,7 @@ class GoalDriver:
         return task
 
     def _finish(self, task: _Task, end: GoalEnd) -> None:
-        """End a goal, unless a newer one came meanwhile."""
+        """End a goal, unless a newer one has arrived."""
         with self._changed:
             if self._task is task:
                 task.end = end
@@ -222,10 +222,10 @@ def _text_of(error: Exception) -> str:
 
 
 def _is_running(stream: GoalStream, elapsed_s: float) -> bool:
-    """Check whether the control loop follows: before, servos are read and torque comes on."""
+    """Check whether the control loop runs; before that, servos are read and torque comes on."""
     if elapsed_s > _START_S:
         return True
-    progress: object = getattr(stream, "progress", stream)  # of an arm elsewhere it is not known
+    progress: object = getattr(stream, "progress", stream)  # unknown for an arm on another machine
     return progress is not None
 
 

@@ -1,4 +1,4 @@
-"""What ROS 2 asks an arm to do: joint trajectories, twists of the tool, poses; as setpoints."""
+"""Goals from ROS 2 as setpoints: joint trajectories, twists of the tool, poses."""
 
 from __future__ import annotations
 
@@ -19,36 +19,36 @@ _MAX_POINTS = 10_000
 _MAX_DURATION_S = 3600.0
 _MAX_AHEAD_S = 1.0
 _MAX_M_S, _MAX_RAD_S = 0.5, math.pi
-_LEAD_M = 0.03  # of the target of a twist before the tip, beside what it travels in the dead time
+_LEAD_M = 0.03  # lead of the target of a twist, besides its travel in the dead time
 
 
 class MotionGoal(Protocol):
     """Gives setpoints until it has ended.
 
     Attributes:
-        arrives: Whether the arm is to stop at its last setpoint; otherwise it is braked there.
+        arrives: Whether the arm must arrive at the last setpoint; otherwise it only brakes.
     """
 
     arrives: ClassVar[bool]
 
     def delay(self, now_s: float) -> None:
-        """Take note that the arm is not ready yet: it begins now at the earliest."""
+        """Note that the arm is not ready yet; the goal begins now at the earliest."""
         ...
 
     def setpoint(self, now_s: float, tip_m: Vector) -> CartesianOrJointTarget:
-        """Return the setpoint now, with the tip measured at (3,) [m]."""
+        """Return the present setpoint, with the tip measured at (3,) [m]."""
         ...
 
     def has_ended(self, now_s: float) -> bool:
-        """Check whether its last setpoint was given."""
+        """Check whether the last setpoint was given."""
         ...
 
 
 def check_age(stamp: Any, now_s: float) -> None:  # noqa: ANN401  # builtin_interfaces/Time
-    """Refuse a message that was on its way for too long; one without a stamp is taken.
+    """Refuse a message that is too old; accept one without a time stamp.
 
     Raises:
-        RefusedError: It is old, or from the future.
+        RefusedError: It is too old, or from the future.
     """
     sent_s = stamp.sec + 1e-9 * stamp.nanosec
     if sent_s == 0.0:
@@ -61,14 +61,14 @@ def check_age(stamp: Any, now_s: float) -> None:  # noqa: ANN401  # builtin_inte
 
 
 class TrajectoryGoal:
-    """Joints along a trajectory, by cubic polynomials where velocities are given, else straight.
+    """Joints along a trajectory, by cubic polynomials if velocities are given, else linearly.
 
     Args:
         names: The joints (m).
-        times_s: From the start (k,), growing from 0.
-        positions: (k, m), rad or m.
-        velocities: (k, m), or None.
-        start_s: When it begins.
+        times_s: Times (k,) from the start, growing from 0.
+        positions: Positions (k, m), rad or m.
+        velocities: Velocities (k, m), or None.
+        start_s: The time of the start.
     """
 
     arrives: ClassVar[bool] = True
@@ -89,15 +89,15 @@ class TrajectoryGoal:
         self._start_s = now_s
 
     def setpoint(self, now_s: float, tip_m: Vector) -> dict[str, float]:
-        """Return the positions now by joint."""
+        """Return the present positions by joint."""
         return self.positions_at(now_s)
 
     def late_s(self, now_s: float) -> float:
-        """Compute the time since its end; negative before."""
+        """Compute the time since the end; negative before it."""
         return now_s - self._start_s - float(self._times_s[-1])
 
     def positions_at(self, now_s: float) -> dict[str, float]:
-        """Compute where the joints should be, rad or m by name; after its end the last ones."""
+        """Compute the desired positions, rad or m by name; after the end the last ones."""
         elapsed_s = min(max(now_s - self._start_s, 0.0), float(self._times_s[-1]))
         k = int(np.searchsorted(self._times_s[1:-1], elapsed_s, side="right"))
         span_s = float(self._times_s[k + 1] - self._times_s[k])
@@ -105,7 +105,7 @@ class TrajectoryGoal:
         start, end = self._positions[k], self._positions[k + 1]
         if self._velocities is None:
             values = start + u * (end - start)
-        else:  # Hermite's polynomials
+        else:  # cubic Hermite polynomials
             v0, v1 = span_s * self._velocities[k], span_s * self._velocities[k + 1]
             values = start + u * v0 + u**2 * (3 * (end - start) - 2 * v0 - v1)
             values = values + u**3 * (2 * (start - end) + v0 + v1)
@@ -128,10 +128,10 @@ def trajectory_goal(
         message: The message, with at least one point.
         present: The present joints, rad or m.
         limits: The lower and upper limit of each joint.
-        now_s: When it begins.
+        now_s: The time of the start.
 
     Raises:
-        InputError: It names no joint of the arm, or its points cannot be used; says which.
+        InputError: It names an unknown joint, or its points cannot be used.
         RefusedError: A point is beyond a limit.
     """
     names, points = tuple(message.joint_names), message.points
@@ -152,7 +152,7 @@ def trajectory_goal(
     if times_s[0] > 0.0:
         times_s, positions = np.append(0.0, times_s), np.vstack([start, positions])
         velocities = None if velocities is None else np.vstack([0.0 * start, velocities])
-    elif len(times_s) == 1:  # where to, as fast as it may
+    elif len(times_s) == 1:  # one point: go there as fast as allowed
         times_s, positions = np.array([0.0, 1e-3]), np.vstack([positions, positions])
         velocities = None
     return TrajectoryGoal(names, times_s, positions, velocities, now_s)
@@ -191,11 +191,11 @@ def _check_limits(
 
 
 class TwistGoal:
-    """The tool moves with the velocity that was last said, until nothing was said for 0.3 s.
+    """Moves the tool with the last commanded velocity until there is no command for 0.3 s.
 
     Args:
         T: The pose at which it starts, T_base_tip (4, 4).
-        now_s: When.
+        now_s: The time of the start.
     """
 
     arrives: ClassVar[bool] = False
@@ -206,13 +206,13 @@ class TwistGoal:
         self._turns = False
 
     def delay(self, now_s: float) -> None:
-        """Move from now on."""
+        """Start moving now."""
         self._last_s = now_s
 
     def update(
         self, linear_m_s: Vector, angular_rad_s: Vector, *, of_tool: bool, now_s: float
     ) -> None:
-        """Take a velocity (3,) and an angular velocity (3,) in the base frame, or the tool's.
+        """Set the velocity (3,) and angular velocity (3,), in the base frame or the tool frame.
 
         Raises:
             BadValueError: A number is not finite or too large.
@@ -229,7 +229,7 @@ class TwistGoal:
         self._received_s = now_s
 
     def setpoint(self, now_s: float, tip_m: Vector) -> CartesianOrJointTarget:
-        """Compute where the tool should be: a point, or a pose once it has turned."""
+        """Compute the target of the tool: a point, or a pose once it has turned."""
         until_s = min(now_s, self._received_s + DEAD_MAN_TIMEOUT_S)
         dt_s, self._last_s = max(0.0, until_s - self._last_s), now_s
         speed_m_s = float(np.linalg.norm(self._linear_m_s))
@@ -240,12 +240,12 @@ class TwistGoal:
         return self._T.copy() if self._turns else Target(self._T[:3, 3].copy())
 
     def has_ended(self, now_s: float) -> bool:
-        """Check whether nothing was said for too long."""
+        """Check whether there was no command for too long."""
         return now_s - self._received_s > DEAD_MAN_TIMEOUT_S
 
 
 class PoseGoal:
-    """The tool goes to one pose.
+    """Moves the tool to a pose.
 
     Args:
         target: The pose (4, 4), or a point.
@@ -257,14 +257,14 @@ class PoseGoal:
         self._target = target
 
     def delay(self, now_s: float) -> None:
-        """Do nothing: it has no time."""
+        """Do nothing, because a pose has no time."""
 
     def setpoint(self, now_s: float, tip_m: Vector) -> CartesianOrJointTarget:
         """Return the pose."""
         return self._target
 
     def has_ended(self, now_s: float) -> bool:
-        """Return True: arriving is up to who sends the setpoints."""
+        """Return True, because the sender of the setpoints watches the arrival."""
         return True
 
 

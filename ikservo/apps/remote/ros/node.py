@@ -43,9 +43,9 @@ class RosNode:
     Args:
         session: The Zenoh session.
         name: The node.
-        stack: Undeclares everything.
-        warn: Called with what was wrong with a message that was dropped.
-        requested: Called where a message arrives; returns the context in which it is handled.
+        stack: Undeclares everything when it is closed.
+        warn: Called with the reason if a message is dropped.
+        requested: Called when a message arrives; returns the context for handling it.
     """
 
     def __init__(
@@ -58,14 +58,14 @@ class RosNode:
     ) -> None:
         self._session, self.name, self._stack, self._warn = session, name, stack, warn
         self._count = 0
-        self._messages = _Worker(1, "ikservo-ros-messages", requested)  # in their order
+        self._messages = _Worker(1, "ikservo-ros-messages", requested)  # handles messages in order
         self._services = _Worker(4, "ikservo-ros-services", requested)
         stack.callback(self._messages.close)
         stack.callback(self._services.close)
         self._announce(node_token(name))
 
     def publisher(self, topic: Topic) -> _Publisher:
-        """Announce a topic, and return what publishes it."""
+        """Announce a topic, and return its publisher."""
         import zenoh.ext  # noqa: PLC0415  # an extra
 
         key = data_key(self.name, topic.name, topic.kind)
@@ -82,7 +82,7 @@ class RosNode:
         return _Publisher(publisher)
 
     def subscribe(self, topic: Topic, on_message: Callable[[Any], None]) -> None:
-        """Announce a subscription; what is not a message of its type is dropped with a warning."""
+        """Announce a subscription; drop messages of another type with a warning."""
         senders = _Senders()
 
         def take(sample: zenoh.Sample) -> None:
@@ -103,11 +103,11 @@ class RosNode:
         """Announce a service std_srvs/srv/Trigger.
 
         Args:
-            name: With a leading slash.
-            action: Does it, and returns the message of the response; an error is one without
-                success.
-            always: Whether every request is obeyed at its arrival, also one that is repeated or
-                has no attachment; ``action`` must not wait then.
+            name: The name with a leading slash.
+            action: Runs the request and returns the message of the response; an error becomes a
+                response without success.
+            always: Whether every request is obeyed at its arrival, even if repeated or without
+                attachment; ``action`` must not wait then.
         """
         key = data_key(self.name, name, TRIGGER)
 
@@ -136,10 +136,10 @@ class RosNode:
         """Announce a service.
 
         Args:
-            name: With a leading slash.
+            name: The name with a leading slash.
             kind: Its type.
-            on_request: Called with a request and with what sends its response, now or later.
-            in_order: Whether requests are handled one by one, with the messages of topics.
+            on_request: Called with a request and a function that sends its response.
+            in_order: Whether requests are handled one by one, together with messages of topics.
         """
         worker = self._messages if in_order else self._services
         self._serve(name, kind, on_request, lambda data: decode(f"{kind}_Request", data), worker)
@@ -186,14 +186,14 @@ class RosNode:
 
 
 class _Senders:
-    """Knows the number of the last message of each sender, and refuses what is not newer."""
+    """Keeps the number of the last message of each sender, and refuses older ones."""
 
     def __init__(self) -> None:
         self._last: OrderedDict[bytes, int] = OrderedDict()
         self._lock = threading.Lock()
 
     def check(self, attachment: Attachment) -> Attachment:
-        """Check the attachment of a message that counts.
+        """Check the attachment of a message.
 
         Raises:
             RefusedError: It is repeated, or was overtaken by a later one.
@@ -209,7 +209,7 @@ class _Senders:
 
 
 class _Worker:
-    """Handles what Zenoh delivers in threads of its own; what is too much is dropped."""
+    """Handles messages of Zenoh in its own threads; drops messages if there are too many."""
 
     def __init__(
         self, threads: int, name: str, requested: Callable[[], AbstractContextManager[None]]
@@ -219,16 +219,16 @@ class _Worker:
         self._free = threading.BoundedSemaphore(_MAX_PENDING)
 
     def submit(self, handle: Callable[[_T], None], received: _T) -> None:
-        """Handle it, unless too much is waiting."""
+        """Queue a task, unless too many are waiting."""
         if not self._free.acquire(blocking=False):
             return
-        with suppress(RuntimeError, IkservoError):  # it is being closed, or the arm is out of reach
+        with suppress(RuntimeError, IkservoError):  # while closing, or if the arm is gone
             self._pool.submit(self._handle, self._requested(), handle, received)
             return
         self._free.release()
 
     def close(self) -> None:
-        """Wait for what is being handled."""
+        """Wait for running tasks."""
         self._pool.shutdown(cancel_futures=True)
 
     def _handle(
@@ -259,14 +259,14 @@ def _trigger_response(action: Callable[[], str]) -> Any:  # noqa: ANN401  # a ge
         success, text = True, action()
     except IkservoError as error:
         success, text = False, error.message
-    except Exception as error:  # it must be answered all the same
+    except Exception as error:  # a failed request must be answered, too
         success, text = False, f"It failed: {type(error).__name__}: {error}"
     return make(f"{TRIGGER}_Response", success=success, message=text)
 
 
 def _reply(query: zenoh.Query, key: str, response: bytes, asked: Attachment) -> None:
     dated = Attachment(asked.sequence, time.time_ns(), asked.gid).to_bytes()
-    with query, suppress(Exception):  # the client is gone
+    with query, suppress(Exception):  # the client may be gone
         query.reply(key, response, encoding=_ENCODING, attachment=dated)  # pyright: ignore[reportUnknownMemberType]
 
 

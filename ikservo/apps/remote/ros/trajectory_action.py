@@ -1,6 +1,6 @@
-"""The action FollowJointTrajectory: a joint trajectory with tolerances, and how it has ended.
+"""The action FollowJointTrajectory: a joint trajectory with tolerances, and its result.
 
-Tolerances are of positions, rad or m: above 0 as given, 0 for the default, below 0 for none.
+Tolerances are for positions, rad or m: above 0 as given, 0: the default, below 0: no tolerance.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from ikservo.ros_messages.message_types import make
 from ikservo.ros_messages.service_types import FOLLOW
 
 ACTION = "/joint_trajectory_controller/follow_joint_trajectory"
-"""As the controller of ros2_control names it by default."""
+"""Name of the action, the default of ros2_control."""
 
 _FEEDBACK_PERIOD_S = 0.1
 _GOAL_TOLERANCE_RAD, _GOAL_TOLERANCE_M = 0.05, 0.005
@@ -47,14 +47,14 @@ class ErrorCode(IntEnum):
 
 
 class TrajectoryAction:
-    """Announces the action and drives the arm along its goals, the newest of which counts.
+    """Announces the action and drives the arm along its newest goal.
 
     Args:
         node: The node.
         arm: The arm.
-        driver: Drives it.
-        parse: Returns the goal in a trajectory message; raises where it cannot be used, or the arm
-            may not be moved.
+        driver: Drives the arm.
+        parse: Returns the goal in a trajectory message; raises if it cannot be used, or the arm may
+            not move.
     """
 
     def __init__(
@@ -70,7 +70,7 @@ class TrajectoryAction:
         self._server = ActionServer(node, ACTION, FOLLOW, self)
 
     def start(self, goal: ActionGoal, message: Any) -> Any:  # noqa: ANN401  # generated classes
-        """Start a goal; return None, or the result of one that is refused."""
+        """Start a goal; return None, or the result of a refused goal."""
         try:
             watch = self._make_watch(goal, message)
         except _InvalidJointsError as error:
@@ -82,7 +82,7 @@ class TrajectoryAction:
         with self._lock:
             self._watches[goal] = watch
         self._driver.put(watch.trajectory, watch)
-        if goal.status is GoalStatus.CANCELING:  # meanwhile
+        if goal.status is GoalStatus.CANCELING:  # cancelled meanwhile
             self._driver.cancel(watch)
         return None
 
@@ -94,7 +94,7 @@ class TrajectoryAction:
             self._driver.cancel(watch)
 
     def empty_result(self) -> Any:  # noqa: ANN401
-        """Return the result of a goal that is not known."""
+        """Return the result of an unknown goal."""
         return _result(ErrorCode.INVALID_GOAL, "There is no such goal (any more).")
 
     def finish(self, goal: ActionGoal, status: GoalStatus, code: ErrorCode, text: str) -> None:
@@ -104,7 +104,7 @@ class TrajectoryAction:
         self._server.finish(goal, status, _result(code, text))
 
     def feedback(self, goal: ActionGoal, feedback: Any) -> None:  # noqa: ANN401
-        """Publish how a goal goes on."""
+        """Publish the progress of a goal."""
         self._server.feedback(goal, feedback)
 
     def _make_watch(self, goal: ActionGoal, message: Any) -> _Watch:  # noqa: ANN401
@@ -132,10 +132,10 @@ class _OldError(RefusedError):
 
 
 def _check_joints(names: Sequence[str], message: Any, known: Sequence[str]) -> None:  # noqa: ANN401
-    """Refuse joints that the arm does not have, also those of tolerances.
+    """Refuse joints of a goal or its tolerances that the arm does not have.
 
     Raises:
-        _InvalidJointsError: It has one of them not.
+        _InvalidJointsError: The arm lacks a joint.
     """
     rows = (*message.path_tolerance, *message.goal_tolerance)
     unknown = [name for name in names if name not in known]
@@ -162,7 +162,7 @@ def _tolerances(rows: Sequence[Any], usual: Mapping[str, float]) -> dict[str, fl
     """Compute the largest deviation of each joint, rad or m.
 
     Raises:
-        BadValueError: One is not a number.
+        BadValueError: A tolerance is not a number.
     """
     found = dict(usual)
     for row in rows:
@@ -174,7 +174,7 @@ def _tolerances(rows: Sequence[Any], usual: Mapping[str, float]) -> dict[str, fl
 
 
 class _Watch:
-    """Compares where the arm is with where it should be, and ends its goal."""
+    """Compares measured with desired positions, and ends the goal."""
 
     def __init__(
         self,
@@ -193,7 +193,7 @@ class _Watch:
         self._said_s = self._late_s = -math.inf
 
     def observe(self, now_s: float, positions: Mapping[str, float]) -> bool:
-        """Take measured positions; return whether to go on."""
+        """Receive measured positions; return whether to go on."""
         desired = self.trajectory.positions_at(now_s)
         if now_s - self._said_s >= _FEEDBACK_PERIOD_S:
             self._said_s = now_s
@@ -211,7 +211,7 @@ class _Watch:
         if end is GoalEnd.ARRIVED:
             try:
                 self._violation = self._check_end(self._arm.where().positions)
-            except IkservoError as error:  # a servo does not answer: where it is, is not known
+            except IkservoError as error:  # a servo is silent, so the position is unknown
                 end, why = GoalEnd.FAILED, error.message
         if self._violation is not None:
             code, text = self._violation

@@ -23,7 +23,7 @@ _USUAL_QOS, _LATCHED_QOS = "::,10:,:,:,,", ":1:,1:,:,:,,"
 
 
 class EndpointKind(Enum):
-    """What a liveliness token announces."""
+    """Kinds of endpoints that a liveliness token announces."""
 
     PUBLISHER = "MP"
     SUBSCRIPTION = "MS"
@@ -32,12 +32,12 @@ class EndpointKind(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Attachment:
-    """What goes with every message, request and response.
+    """Attachment of every message, request and response.
 
     Attributes:
-        sequence: Counts the messages of their sender.
-        time_ns: When it was sent, nanoseconds since 1970.
-        gid: Names the sender, 16 bytes.
+        sequence: Counts the messages of the sender.
+        time_ns: The time of sending, nanoseconds since 1970.
+        gid: The id of the sender, 16 bytes.
     """
 
     sequence: int
@@ -45,7 +45,7 @@ class Attachment:
     gid: bytes
 
     def to_bytes(self) -> bytes:
-        """Pack it as it is sent, 33 bytes."""
+        """Pack the attachment into 33 bytes."""
         return _ATTACHMENT.pack(self.sequence, self.time_ns, _GID_BYTES, self.gid)
 
     @classmethod
@@ -53,7 +53,7 @@ class Attachment:
         """Parse an attachment.
 
         Raises:
-            InputError: It is none.
+            InputError: It is not an attachment.
         """
         if len(data) != _ATTACHMENT.size or data[_ATTACHMENT.size - _GID_BYTES - 1] != _GID_BYTES:
             raise InputError(
@@ -70,8 +70,8 @@ class NodeName:
     Attributes:
         domain: The domain of ROS 2.
         session: The id of its Zenoh session.
-        namespace: With a leading slash; empty for none.
-        name: Its own name.
+        namespace: The namespace with a leading slash; empty for none.
+        name: The name of the node.
     """
 
     domain: int
@@ -88,7 +88,7 @@ def check_namespace(namespace: str) -> str:
     """Check a namespace and give it a leading slash; empty for none.
 
     Raises:
-        BadValueError: ROS 2 allows no such name.
+        BadValueError: ROS 2 does not allow the name.
     """
     slashed = "/" + namespace.strip("/")
     if slashed == "/":
