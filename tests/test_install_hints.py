@@ -71,7 +71,7 @@ def test_install_command_repairs_a_uv_tool(installed):
     assert remedies.install_command() == f'uv tool install --reinstall --editable "{FOLDER}[view]"'
 
 
-def test_install_command_of_pipx(installed):
+def test_install_command_of_pipx_copy_uses_pipx(installed):
     installed(LOCAL, "pipx_metadata.json", "{}")
     assert remedies.install_command("draw") == f'pipx install --force "{FOLDER}[draw]"'
 
@@ -84,7 +84,7 @@ def test_install_command_names_python_if_pip_is_another_one(installed, monkeypat
     assert remedies.install_command() == 'uv pip install --python "/venv/bin/python" "ikservo"'
 
 
-def test_no_message_names_pip_itself():
+def test_only_remedies_module_names_pip_install():
     sources = Path(ikservo.__file__).parent
     named = [
         f"{path.name}:{node.lineno}"
@@ -98,7 +98,7 @@ def test_no_message_names_pip_itself():
     assert named == []
 
 
-def test_installation_of_readme_brings_every_extra():
+def test_readme_installation_includes_every_extra():
     root = Path(ikservo.__file__).parent.parent
     extras = tomllib.loads((root / "pyproject.toml").read_text("utf-8"))["project"][
         "optional-dependencies"

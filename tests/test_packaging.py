@@ -32,19 +32,19 @@ def wheel(tmp_path_factory):
 
 
 @pytest.mark.full
-def test_the_wheel_carries_every_arm(wheel):
+def test_wheel_contains_every_arm(wheel):
     files = {f"ikservo/_configs/{arm}/{file}" for arm in ARMS for file in ("arm.toml", "arm.urdf")}
     assert files <= set(wheel.namelist())
 
 
 @pytest.mark.full
-def test_the_wheel_carries_the_udev_rule(wheel):
+def test_wheel_contains_udev_rule(wheel):
     rule = wheel.read("ikservo/_rules/60-ikservo.rules")
     assert rule == (ROOT / "tools" / "60-ikservo.rules").read_bytes()
 
 
 @pytest.mark.full
-def test_the_wheel_carries_the_page_of_the_view(wheel):
+def test_wheel_contains_page_of_panel(wheel):
     page = {
         f"ikservo/apps/page/static/{path.name}"
         for path in (ROOT / "ikservo/apps/page/static").iterdir()
@@ -53,7 +53,7 @@ def test_the_wheel_carries_the_page_of_the_view(wheel):
     assert page <= set(wheel.namelist())
 
 
-def test_the_page_has_three_js_as_it_was_built_with_its_licence(wheel):
+def test_wheel_contains_three_js_as_built_with_licence(wheel):
     recorded, name = wheel.read("ikservo/apps/page/static/three.min.js.sha256").decode().split()
     module = wheel.read(f"ikservo/apps/page/static/{name}")
     assert hashlib.sha256(module).hexdigest() == recorded
@@ -65,7 +65,7 @@ def test_the_page_has_three_js_as_it_was_built_with_its_licence(wheel):
     )
 
 
-def test_the_page_has_uplot_as_it_was_built_with_its_licence(wheel):
+def test_wheel_contains_uplot_as_built_with_licence(wheel):
     recorded = wheel.read("ikservo/apps/page/static/uplot.min.js.sha256").decode().splitlines()
     names = [line.split()[1] for line in recorded]
     assert names == ["uplot.min.js", "uplot.min.css"]
@@ -76,7 +76,7 @@ def test_the_page_has_uplot_as_it_was_built_with_its_licence(wheel):
     assert b"MIT" in licence
 
 
-def test_the_wheel_carries_the_simulator_and_its_entry_points(wheel):
+def test_wheel_contains_simulator_and_its_entry_point(wheel):
     names = wheel.namelist()
     assert "servosim/__init__.py" in names
     points = wheel.read(metadata(wheel, "entry_points.txt")).decode()
@@ -88,7 +88,7 @@ def metadata(wheel, file):
 
 
 @pytest.mark.full
-def test_the_unpacked_wheel_moves_an_arm(wheel, tmp_path):
+def test_unpacked_wheel_moves_arm(wheel, tmp_path):
     wheel.extractall(tmp_path)
     script = (
         "import sys; sys.path.insert(0, sys.argv[1]); import ikservo;"
@@ -100,7 +100,7 @@ def test_the_unpacked_wheel_moves_an_arm(wheel, tmp_path):
     assert done.stdout.strip() == "True", done.stderr
 
 
-def test_the_wheel_carries_the_compiled_kernels_and_says_for_which_machine(wheel):
+def test_wheel_contains_compiled_kernels_and_platform_tag(wheel):
     if not is_compiled():
         pytest.skip("no C compiler")
     (tag,) = [
@@ -113,7 +113,7 @@ def test_the_wheel_carries_the_compiled_kernels_and_says_for_which_machine(wheel
     assert module == [f"ikservo/kernels/{Path(module[0]).name}"]
 
 
-def test_without_a_compiler_the_wheel_is_pure_python(tmp_path):
+def test_wheel_without_compiler_is_pure_python(tmp_path):
     done = build_wheel(tmp_path, IKSERVO_COMPILED="0")
     assert done.returncode == 0
     (path,) = tmp_path.glob("*-py3-none-any.whl")
@@ -122,13 +122,13 @@ def test_without_a_compiler_the_wheel_is_pure_python(tmp_path):
 
 
 @pytest.mark.full
-def test_where_it_must_be_compiled_a_broken_compiler_is_an_error(tmp_path):
+def test_forced_compilation_with_broken_compiler_fails_build(tmp_path):
     done = build_wheel(tmp_path, IKSERVO_COMPILED="1", CC="false")
     assert done.returncode != 0
     assert "not compiled" in done.stderr
 
 
-def test_the_installed_package_finds_the_simulator():
+def test_installed_package_finds_simulator_entry_point():
     assert [point.value for point in entry_points(group="ikservo.ports", name="sim")] == [
         "servosim:open_port"
     ]

@@ -16,13 +16,13 @@ def read(name):
     return (ROOT / name).read_text("utf-8")
 
 
-def test_the_citation_has_the_version_and_licence_of_the_package():
+def test_citation_has_version_and_licence_of_package():
     fields = dict(re.findall(r"^([\w-]+): (\S+)$", read("CITATION.cff"), re.MULTILINE))
     assert fields["version"] == PROJECT["project"]["version"]
     assert fields["license"] == PROJECT["project"]["license"]
 
 
-def test_every_python_that_is_claimed_is_tested_and_none_is_older():
+def test_every_claimed_python_version_is_tested():
     claimed = re.findall(r"Python :: (3\.\d+)", "\n".join(PROJECT["project"]["classifiers"]))
     (matrix,) = re.findall(r"python: (\[.*3\.12.*\])", read(".github/workflows/tests.yml"))
     assert claimed
@@ -31,13 +31,13 @@ def test_every_python_that_is_claimed_is_tested_and_none_is_older():
 
 
 @pytest.mark.parametrize("path", WORKFLOWS, ids=lambda path: path.name)
-def test_every_action_of_a_workflow_is_pinned_to_a_commit_with_its_version(path):
+def test_workflow_actions_are_pinned_to_commit_with_version(path):
     for line in re.findall(r"uses: (.*)", path.read_text("utf-8")):
         assert re.fullmatch(r"\./\S+|[\w./-]+@[0-9a-f]{40} # v[\d.]+", line), line
 
 
 @pytest.mark.parametrize("path", [*WORKFLOWS, ROOT / "Dockerfile", *PAGES], ids=lambda p: p.name)
-def test_every_target_of_make_that_is_named_exists(path):
+def test_every_make_target_named_in_docs_exists(path):
     targets = set(re.findall(r"^([a-z-]+):", read("Makefile"), re.MULTILINE))
     text = path.read_text("utf-8").replace('["make", "', "`make ")
     found = re.findall(r"(?:run: |RUN |`|^)make ([a-z-]+)", text, re.MULTILINE)
@@ -45,7 +45,7 @@ def test_every_target_of_make_that_is_named_exists(path):
 
 
 @pytest.mark.parametrize("path", [*WORKFLOWS, *PAGES], ids=lambda path: path.name)
-def test_every_file_that_is_named_exists(path):
+def test_every_file_named_in_docs_exists(path):
     text = path.read_text("utf-8")
     names = re.findall(r"\b(?:tests|tools|docs|configs|ikservo)/[\w./-]*\w", text)
     links = [name for name in re.findall(r"\]\(([^)#]+)\)", text) if "://" not in name]

@@ -37,28 +37,28 @@ def cases_of(test, count=9):
     return [Case(test, SAMPLE_2) for _ in range(count)]
 
 
-def test_as_many_are_kept_as_are_asked_for_and_always_the_same():
+def test_sample_marker_keeps_requested_number_repeatably():
     assert len(kept(cases_of("test_a"))) == 2
     assert kept(cases_of("test_a")) == kept(cases_of("test_a"))
 
 
-def test_other_tests_draw_others():
+def test_sample_marker_draws_other_cases_for_other_tests():
     assert len({tuple(kept(cases_of(f"test_{i}"))) for i in range(9)}) > 4
 
 
-def test_each_test_draws_for_itself():
+def test_sample_marker_draws_per_test():
     cases = cases_of("test_a") + cases_of("test_b")
     assert [i for i in kept(cases) if i < 9] == kept(cases_of("test_a"))
 
 
-def test_cases_of_the_campaign_are_not_drawn():
+def test_sample_marker_ignores_campaign_cases():
     cases = [Case("test_a", SAMPLE_2, CAMPAIGN), *cases_of("test_a", 2)]
     assert kept(cases) == [1, 2]
 
 
-def test_one_that_is_asked_for_alone_runs():
+def test_sample_marker_keeps_case_requested_alone():
     assert kept(cases_of("test_a", 1)) == [0]
 
 
-def test_without_the_marker_every_case_is_kept():
+def test_every_case_is_kept_without_sample_marker():
     assert kept([Case("test_a"), Case("test_a")]) == [0, 1]

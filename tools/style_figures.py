@@ -7,6 +7,7 @@ through more than two classes of the project, and on a private word in a name of
 and tools, too: words that mean something else in robotics, control, serial protocols or the web,
 or nothing at all. The words of ``tools/odd_words.txt`` may not stand in docstrings and strings.
 The description of an argument or attribute may not begin with "Of", "What" or the like.
+The name of a test has at most 60 characters.
 The structure may not exceed the bounds of ``pyproject.toml`` (`structure.py`).
 """
 
@@ -28,6 +29,7 @@ ROOT = Path(__file__).parent.parent
 TREES = {"ikservo": ROOT / "ikservo", "servosim": ROOT / "sim" / "servosim"}
 BESIDE = {"tests": ROOT / "tests", "tools": ROOT / "tools"}
 MAX_DEPTH = 2
+MAX_TEST_NAME = 60
 _WORD = re.compile(r"[A-Z]?[a-z]+|[A-Z]+(?![a-z])|\d+")
 # What others inherit from: the base classes of Python and pydantic, and that of apps' motions.
 _OUTSIDE = frozenset(
@@ -203,6 +205,12 @@ def vague_descriptions(tree: Tree) -> list[str]:
     ]
 
 
+def long_test_names(tree: Tree) -> list[str]:
+    """Return the names of tests that are too long to be read in a list."""
+    names = {each.node.name for each in tree.functions if each.node.name.startswith("test_")}
+    return sorted(name for name in names if len(name) > MAX_TEST_NAME)
+
+
 def return_fraction(tree: Tree) -> float:
     """Return the fraction of the functions' docstrings that begin with ``Return``."""
     texts = [text for each in tree.functions if (text := ast.get_docstring(each.node))]
@@ -300,6 +308,7 @@ def main() -> int:
         forbidden = _words("private_words.txt")
         found = [line for tree in trees for line in drift(tree)]
         found += structure.exceeded(TREES["ikservo"])
+        found += [f"long name of a test: {name}" for name in long_test_names(beside[0])]
         for tree in trees + beside:
             found += [f"private word in {place}" for place in private_words(tree, forbidden)]
         print(*found, sep="\n") if found else None

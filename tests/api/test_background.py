@@ -70,7 +70,7 @@ def is_waited_for(motion):
     return {type(motion).wait.__code__, threading.Condition.wait.__code__} <= codes
 
 
-def test_a_motion_in_the_background_ends_with_the_report_of_the_blocking_one(arm):
+def test_background_motion_returns_same_report_as_blocking_one(arm):
     motion = arm.move_to(NEAR, wait=False)
     report = motion.wait()
     assert report.reached
@@ -79,7 +79,7 @@ def test_a_motion_in_the_background_ends_with_the_report_of_the_blocking_one(arm
 
 
 @pytest.mark.full
-def test_the_program_goes_on_while_the_arm_moves(arm):
+def test_program_continues_while_arm_moves(arm):
     motion, gate = begun(arm)
     assert not motion.done
     gate.open()
@@ -99,7 +99,7 @@ def test_the_program_goes_on_while_the_arm_moves(arm):
         lambda arm: arm.gripper("open", wait=False),
     ],
 )
-def test_every_motion_runs_in_the_background_if_asked_to(arm, start):
+def test_every_motion_runs_in_background_with_wait_false(arm, start):
     assert start(arm).wait().reached
 
 
@@ -118,7 +118,7 @@ def test_a_recording_is_replayed_in_the_background(arm, tmp_path):
         (lambda arm: arm.pose("nowhere", wait=False), ikservo.UnknownNameError),
     ],
 )
-def test_errors_are_raised_by_wait_each_time(arm, start, error):
+def test_wait_raises_error_of_motion_each_time(arm, start, error):
     motion = start(arm)
     for _ in range(2):
         with pytest.raises(error):
@@ -126,7 +126,7 @@ def test_errors_are_raised_by_wait_each_time(arm, start, error):
     assert motion.done
 
 
-def test_a_fault_in_mid_motion_is_raised_by_wait(arm):
+def test_wait_raises_fault_that_occurs_during_motion(arm):
     pan = line_of(arm).servos[servo_id("so101", "shoulder_pan")]
 
     def jam(progress):
@@ -139,7 +139,7 @@ def test_a_fault_in_mid_motion_is_raised_by_wait(arm):
 
 
 @pytest.mark.campaign
-def test_waiting_no_longer_than_a_time_lets_the_motion_go_on(arm):
+def test_wait_time_out_lets_motion_continue(arm):
     motion, gate = begun(arm)
     with pytest.raises(TimeoutError, match="not over"):
         motion.wait(0.05)
@@ -147,7 +147,7 @@ def test_waiting_no_longer_than_a_time_lets_the_motion_go_on(arm):
     assert motion.wait(60.0).reached
 
 
-def test_a_cancelled_motion_brakes_within_0_3_s_holds_and_is_reported_as_stopped(arm):
+def test_cancelled_motion_brakes_in_300_ms_and_holds(arm):
     clock, times = clock_of(arm), []
     motion, gate = begun(arm, pan=1.6, at_s=0.6)
     times.append(clock.now_s())
@@ -160,7 +160,7 @@ def test_a_cancelled_motion_brakes_within_0_3_s_holds_and_is_reported_as_stopped
     assert true_joints(arm)["shoulder_pan"] < 1.4
 
 
-def test_after_a_cancelled_motion_the_next_one_needs_no_acknowledgement(arm):
+def test_motion_after_cancelled_one_needs_no_acknowledgement(arm):
     motion, gate = begun(arm)
     motion.cancel()
     gate.open()
@@ -169,7 +169,7 @@ def test_after_a_cancelled_motion_the_next_one_needs_no_acknowledgement(arm):
     assert arm.move_joints({"shoulder_pan": 0.1}).reached
 
 
-def test_a_stop_beside_a_cancel_stays_until_it_is_acknowledged(arm):
+def test_stop_during_cancel_stays_until_acknowledged(arm):
     motion, gate = begun(arm)
     motion.cancel()
     arm.stop("the door was opened")
@@ -181,7 +181,7 @@ def test_a_stop_beside_a_cancel_stays_until_it_is_acknowledged(arm):
 
 
 @pytest.mark.full
-def test_cancelling_a_motion_that_is_over_changes_nothing(arm):
+def test_cancelling_finished_motion_changes_nothing(arm):
     motion = arm.move_joints({"shoulder_pan": 0.1}, wait=False)
     motion.wait()
     motion.cancel()
@@ -190,7 +190,7 @@ def test_cancelling_a_motion_that_is_over_changes_nothing(arm):
 
 
 @pytest.mark.full
-def test_a_motion_that_was_cancelled_before_its_turn_never_moves(arm):
+def test_motion_cancelled_in_queue_never_moves(arm):
     first, gate = begun(arm)
     second = arm.move_joints({"wrist_roll": 1.0}, wait=False)
     second.cancel()
@@ -209,7 +209,7 @@ def test_motions_in_the_background_run_one_after_the_other(arm):
 
 
 @pytest.mark.full
-def test_a_blocking_motion_waits_for_the_one_in_the_background(arm):
+def test_blocking_motion_waits_for_background_motion(arm):
     motion, gate = begun(arm, pan=0.3)
     threading.Timer(0.1, gate.open).start()
     assert arm.move_joints({"wrist_roll": 0.2}).reached
@@ -217,7 +217,7 @@ def test_a_blocking_motion_waits_for_the_one_in_the_background(arm):
 
 
 @pytest.mark.campaign
-def test_two_threads_move_one_arm_in_turn(arm):
+def test_motions_of_two_threads_run_in_turn(arm):
     reports = []
 
     def move(joint):
@@ -241,7 +241,7 @@ def test_where_answers_while_a_motion_runs(arm):
     motion.wait()
 
 
-def test_closing_the_arm_cancels_what_runs_and_what_waits(arm):
+def test_closing_arm_cancels_running_and_queued_motions(arm):
     running, gate = begun(arm)
     waiting = arm.move_joints({"wrist_roll": 1.0}, wait=False)
     open_once(gate, lambda: running.cancelled and waiting.cancelled)
@@ -252,7 +252,7 @@ def test_closing_the_arm_cancels_what_runs_and_what_waits(arm):
     assert holding(arm)
 
 
-def test_an_error_in_the_block_cancels_the_motion_and_holds():
+def test_error_in_with_block_cancels_motion_and_holds():
     arm = ikservo.open_arm("so101", port="sim:?pose=home", on_exit="relax")
     motion, gate = begun(arm)
     open_once(gate, lambda: motion.cancelled)
@@ -262,7 +262,7 @@ def test_an_error_in_the_block_cancels_the_motion_and_holds():
     assert holding(arm)
 
 
-def test_a_motion_does_not_wait_for_itself(arm):
+def test_motion_refuses_wait_from_its_own_callback(arm):
     found = []
 
     def wait_here(_):
@@ -280,9 +280,7 @@ def test_a_motion_does_not_wait_for_itself(arm):
 @pytest.mark.parametrize(
     ("number", "ends"), [(signal.SIGINT, KeyboardInterrupt), (signal.SIGTERM, SystemExit)]
 )
-def test_a_signal_while_the_program_waits_brakes_the_arm_and_ends_the_program(
-    arm, caplog, number, ends, reached
-):
+def test_signal_during_wait_brakes_arm_and_ends_program(arm, caplog, number, ends, reached):
     """The thread that it reaches is the one that waits, or another, which ends no wait."""
     motion, gate = begun(arm, pan=1.6)
 
@@ -302,7 +300,7 @@ def test_a_signal_while_the_program_waits_brakes_the_arm_and_ends_the_program(
     assert caplog.text == ""
 
 
-def test_a_signal_while_the_program_does_something_else_brakes_the_arm(arm):
+def test_signal_outside_wait_brakes_arm(arm):
     motion, gate = begun(arm, pan=1.6)
     with pytest.raises(KeyboardInterrupt):
         signal.raise_signal(signal.SIGINT)
@@ -313,7 +311,7 @@ def test_a_signal_while_the_program_does_something_else_brakes_the_arm(arm):
 
 
 @pytest.mark.full
-def test_signals_do_what_they_did_once_nothing_runs(arm):
+def test_signal_handlers_are_restored_after_motions(arm):
     arm.move_joints({"shoulder_pan": 0.1}, wait=False).wait()
     with pytest.raises(KeyboardInterrupt):
         signal.raise_signal(signal.SIGINT)
@@ -337,14 +335,14 @@ began.wait(60)
 
 
 @pytest.mark.full
-def test_a_program_that_ends_in_mid_motion_brakes_it_first():
+def test_program_that_exits_during_motion_brakes_arm_first():
     ran = subprocess.run([sys.executable, "-c", LEFT_BEHIND], capture_output=True, text=True,
                          check=False, timeout=100)  # fmt: skip
     assert (ran.returncode, ran.stderr) == (0, "")
     assert ran.stdout.strip() == "True  {1}"
 
 
-def test_a_program_of_asyncio_awaits_a_motion(arm):
+def test_asyncio_program_awaits_motion(arm):
     async def main():
         report = await arm.move_joints({"shoulder_pan": 0.2}, wait=False)
         return report.reached
@@ -372,7 +370,7 @@ def test_cancelling_a_task_cancels_its_motion(arm):
 
 
 @pytest.mark.full
-def test_an_error_that_was_not_waited_for_is_logged(arm, caplog):
+def test_motion_error_that_nobody_waited_for_is_logged(arm, caplog):
     motion = arm.move_to((0.9, 0.0, 0.1), wait=False)
     motion.join()
     arm.close()
@@ -388,7 +386,7 @@ def test_an_error_that_was_not_waited_for_is_logged(arm, caplog):
 
 @pytest.mark.full
 @pytest.mark.parametrize("timeout", ["soon", [1]])
-def test_a_timeout_is_a_number(arm, timeout):
+def test_wait_refuses_time_out_that_is_not_a_number(arm, timeout):
     motion = arm.move_joints({"shoulder_pan": 0.1}, wait=False)
     with pytest.raises(ikservo.BadValueError):
         motion.wait(timeout)

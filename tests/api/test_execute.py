@@ -17,14 +17,14 @@ def arm():
         yield machine
 
 
-def test_a_plan_of_the_tip_is_executed_and_reported_as_one(arm):
+def test_execute_of_tip_plan_returns_move_result(arm):
     report = arm.execute(arm.plan_to(NEAR))
     assert isinstance(report, MoveResult)
     assert report.reached
     np.testing.assert_allclose(true_tip_m(arm), NEAR, atol=0.003)
 
 
-def test_a_plan_of_joints_is_executed_and_reported_for_the_joints_that_it_moves(arm):
+def test_execute_of_joint_plan_reports_only_moved_joints(arm):
     report = arm.execute(arm.plan_joints({"shoulder_pan": 0.3, "wrist_roll": 0.2}))
     assert isinstance(report, JointMoveResult)
     assert report.reached
@@ -32,12 +32,12 @@ def test_a_plan_of_joints_is_executed_and_reported_for_the_joints_that_it_moves(
     assert report.measured_rad["shoulder_pan"] == pytest.approx(0.3, abs=0.01)
 
 
-def test_a_plan_that_moves_no_joint_is_executed_at_once(arm):
+def test_execute_of_plan_without_motion_returns_at_once(arm):
     report = arm.execute(arm.plan_joints(servo_group(arm).reference()))
     assert (report.goal_rad, report.error_rad, report.reached) == ({}, 0.0, True)
 
 
-def test_hold_is_enable():
+def test_hold_enables_torque_and_is_refused_in_motion():
     with ikservo.open_arm("so101", port="sim") as limp:
         limp.hold()
         assert all(registers(limp, "torque_enable").values())
@@ -45,7 +45,7 @@ def test_hold_is_enable():
             limp.move_joints({"wrist_roll": 0.2}, on_progress=lambda _: limp.hold())
 
 
-def test_unknown_name_is_an_attribute_error(arm):
+def test_unknown_attribute_raises_attribute_error(arm):
     for owner in (ikservo, ikservo.arm, arm, arm.plan_to(NEAR)):
         with pytest.raises(AttributeError, match="no attribute 'wobble'"):
             owner.wobble  # noqa: B018

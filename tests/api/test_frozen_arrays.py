@@ -76,7 +76,7 @@ SHARED = {
 @pytest.mark.full
 @pytest.mark.sample(2)
 @pytest.mark.parametrize("make", SHARED.values(), ids=SHARED)
-def test_what_may_be_written_to_is_a_copy(arm, make):
+def test_writable_arrays_returned_twice_share_no_memory(arm, make):
     first, second = (list(arrays_of(make(arm))) for _ in range(2))
     assert first
     for one, other in zip(first, second, strict=True):
@@ -96,19 +96,19 @@ def arrays_of(value):
         yield from arrays_of([getattr(value, field.name) for field in fields(value)])
 
 
-def test_a_value_does_not_change_with_the_array_that_it_was_made_from(arm):
+def test_plan_does_not_change_with_array_it_was_made_from(arm):
     plan, goal = arm.plan_joints({"shoulder_pan": 0.1}), np.zeros(6)
     changed = replace(plan, goal=goal)
     goal[1] += 1.0
     assert changed.goal[1] == 0.0
 
 
-def test_a_plan_with_another_goal_than_its_trajectory_is_refused(arm):
+def test_plan_whose_goal_is_not_its_end_is_refused(arm):
     plan = arm.plan_to((0.25, 0.05, 0.15))
     with pytest.raises(RefusedError, match="goal differs from the end of its trajectory"):
         arm.execute(replace(plan, goal=plan.goal + np.array([0.0, 0.3, 0.0, 0.0, 0.0, 0.0])))
 
 
-def test_poses_of_a_model_cannot_be_changed_through_what_it_returns():
+def test_model_pose_mapping_is_read_only():
     with pytest.raises(TypeError):
         ikservo.load_model("so101").pose("home")["shoulder_lift"] = 9.0

@@ -58,7 +58,7 @@ def call(method, arguments):
 @pytest.mark.full
 @pytest.mark.timeout(600)
 @pytest.mark.parametrize("part", ["arm", "scene"])
-def test_methods_refuse_hostile_values_as_ikservo_does(part, tmp_path, monkeypatch):
+def test_arm_and_scene_methods_refuse_hostile_values(part, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     wrong = []
     with ikservo.open_arm("so101", port="sim:?pose=home") as arm, warnings.catch_warnings():

@@ -18,7 +18,7 @@ def test_every_error_is_importable_from_the_top_level():
         assert name in ikservo.__all__
 
 
-def test_every_name_of_the_top_level_is_there():
+def test_every_name_in_top_level_all_exists():
     for name in ikservo.__all__:
         assert getattr(ikservo, name) is not None
 
@@ -42,7 +42,7 @@ def raised_in_the_packages_of_the_api():
 
 
 @pytest.mark.full
-def test_every_error_that_a_method_of_an_arm_may_raise_is_one_of_them():
+def test_every_error_that_api_raises_is_at_top_level():
     own = ("cli/", "apps/page/")  # these have errors that no program ever sees
     missing = [
         f"{path.relative_to(SOURCES)}: {name}"
@@ -54,6 +54,6 @@ def test_every_error_that_a_method_of_an_arm_may_raise_is_one_of_them():
     assert missing == []
 
 
-def test_importing_the_package_imports_no_arm():
+def test_package_dir_lists_lazily_imported_names():
     module = importlib.import_module("ikservo")
     assert set(module.__dir__()) >= {"open_arm", "UnreachableError"}

@@ -40,7 +40,7 @@ OF_MOTION = [name for name in methods() if listed_options(name)]
 
 
 @pytest.mark.parametrize("method", OF_MOTION)
-def test_options_of_a_method_are_fields_of_its_motion(limp, monkeypatch, tmp_path, method):
+def test_method_options_are_fields_of_their_motion_class(limp, monkeypatch, tmp_path, method):
     made = []
     for name in ("plan", "execute"):
         monkeypatch.setattr(Arm, name, lambda _, motion, *_more: made.append(motion))
@@ -50,7 +50,7 @@ def test_options_of_a_method_are_fields_of_its_motion(limp, monkeypatch, tmp_pat
 
 
 @pytest.mark.parametrize("kind", motions.KINDS.values(), ids=motions.KINDS)
-def test_fields_of_a_motion_are_explained_with_it(kind):
+def test_motion_fields_are_all_in_the_docstring(kind):
     explained = inspect.getdoc(kind)
     for each in dataclasses.fields(kind):
         assert f"    {each.name}: " in explained
@@ -64,7 +64,7 @@ WAITING = [name for name in OF_MOTION if "wait" in inspect.signature(getattr(Arm
     ("method", "wait"),
     [*((name, {}) for name in BLOCKING), *((name, {"wait": False}) for name in WAITING)],
 )
-def test_options_that_are_unknown_are_named_by_the_call(limp, tmp_path, method, wait):
+def test_unknown_option_raises_type_error_with_its_name(limp, tmp_path, method, wait):
     given = arguments(method, limp, tmp_path) if method in OF_MOTION else {}
     with pytest.raises(TypeError, match="unexpected keyword argument 'qqq'"):
         getattr(limp, method)(**given, **wait, qqq=1)
@@ -83,7 +83,7 @@ def test_options_that_are_unknown_are_named_by_the_call(limp, tmp_path, method, 
         ("plan_through", {"lines": True}, "line"),
     ],
 )
-def test_a_mistyped_option_is_answered_with_the_closest(limp, tmp_path, method, slip, meant):
+def test_mistyped_option_is_answered_with_closest_name(limp, tmp_path, method, slip, meant):
     with pytest.raises(TypeError, match=f"Did you mean '{meant}'"):
         getattr(limp, method)(**arguments(method, limp, tmp_path), **slip)
 
@@ -92,19 +92,19 @@ def test_a_mistyped_option_is_answered_with_the_closest(limp, tmp_path, method, 
     ("method", "option"),
     [("move_joints", "stance"), ("move_to", "line"), ("plan_to", "on_progress"), ("pose", "force")],
 )
-def test_options_of_another_motion_are_unknown(limp, tmp_path, method, option):
+def test_option_of_another_motion_is_unknown(limp, tmp_path, method, option):
     with pytest.raises(TypeError, match=option):
         getattr(limp, method)(**arguments(method, limp, tmp_path), **{option: None})
 
 
-def test_remote_arms_have_the_same_methods_with_the_same_parameters():
+def test_remote_arm_methods_have_same_signatures():
     for name, method in inspect.getmembers(MotionMethods, inspect.isfunction):
         for arm in (Arm, RemoteArm) if name[0] != "_" else ():
             assert inspect.signature(getattr(arm, name)) == inspect.signature(method)
 
 
 @pytest.mark.full
-def test_options_reach_the_motion():
+def test_motion_options_reach_plan_and_move_to():
     goal_m, seen = (0.2, 0.04, 0.08), []
     options = {"speed": "fast", "stance": ToolOrientation(pitch_rad=-0.9)}
     with ikservo.open_arm("so101", port="sim:?pose=home") as arm:

@@ -29,7 +29,7 @@ def turned_by(arm, plan, R):
 
 
 @pytest.mark.full
-def test_an_arm_with_six_joints_takes_a_whole_orientation(six):
+def test_six_joint_arm_reaches_full_orientation(six):
     here = six.where()
     wanted = exp_so3(np.array([0.0, 0.3, 0.2])) @ here.orientation
     report = six.move_to(here.tip_m + np.array([0.0, 0.05, 0.03]), orientation=wanted)
@@ -37,21 +37,21 @@ def test_an_arm_with_six_joints_takes_a_whole_orientation(six):
     assert np.linalg.norm(log_so3(wanted @ six.where().orientation.T)) < np.radians(1.0)
 
 
-def test_a_line_ends_in_a_whole_orientation(six):
+def test_line_ends_in_full_orientation(six):
     here = six.where()
     wanted = exp_so3(np.array([0.0, 0.1, 0.0])) @ here.orientation
     plan = six.plan_line(here.tip_m + np.array([0.0, 0.0, 0.04]), orientation=wanted)
     assert turned_by(six, plan, wanted) < np.radians(0.5)
 
 
-def test_an_arm_with_five_joints_takes_one_that_it_has(five):
+def test_five_joint_arm_reaches_orientation_it_can_have(five):
     q = five.chain.clip(five.where().positions_rad[:5] + np.array([0.2, 0.05, -0.05, 0.1, 0.3]))
     T = five.chain.forward(q)
     plan = five.plan_to(T[:3, 3], orientation=T[:3, :3])
     assert turned_by(five, plan, T[:3, :3]) < np.radians(0.5)
 
 
-def test_an_arm_with_five_joints_says_that_it_lacks_one(five):
+def test_five_joint_arm_refuses_orientation_it_cannot_have(five):
     here = five.where()
     wanted = exp_so3(np.array([0.0, 0.0, 0.7])) @ here.orientation
     with pytest.raises(ikservo.OrientationError, match="5 joints") as caught:
@@ -61,7 +61,7 @@ def test_an_arm_with_five_joints_says_that_it_lacks_one(five):
     assert len(arm_file("so101")["joints"]) - 1 == 5
 
 
-def test_a_missing_freedom_is_no_matter_where_only_a_pitch_is_asked_for(five):
+def test_pitch_out_of_reach_names_no_missing_freedom(five):
     with pytest.raises(ikservo.OrientationError) as caught:
         five.plan_to((0.40, 0.0, 0.20), stance=ikservo.ToolOrientation(pitch_rad=-1.5))
     assert caught.value.freedom == ""
@@ -70,12 +70,12 @@ def test_a_missing_freedom_is_no_matter_where_only_a_pitch_is_asked_for(five):
 @pytest.mark.parametrize(
     "orientation", [np.eye(4), 2.0 * np.eye(3), -np.eye(3), "up", np.full((3, 3), np.nan)]
 )
-def test_what_is_no_rotation_is_refused_before_anything_moves(five, orientation):
+def test_orientation_that_is_not_a_rotation_is_refused(five, orientation):
     with pytest.raises(ikservo.BadValueError, match="orientation"):
         five.move_to((0.23, 0.02, 0.10), orientation=orientation)
 
 
-def test_an_orientation_and_a_direction_are_one_question_too_many(five):
+def test_orientation_and_stance_together_are_refused(five):
     with pytest.raises(ikservo.BadValueError, match="given twice"):
         five.plan_to(
             (0.23, 0, 0.1), orientation=np.eye(3), stance=ikservo.ToolOrientation(keep=True)

@@ -18,19 +18,19 @@ def test_solve_takes_a_name_a_file_or_a_model(arm):
 
 
 @pytest.mark.parametrize("arm", [3, None, {}])
-def test_solve_refuses_what_is_no_arm(arm):
+def test_solve_refuses_value_that_is_not_an_arm(arm):
     with pytest.raises(BadValueError, match="The arm is"):
         ikservo.solve(arm, POINT_M)
 
 
-def test_solve_of_a_model_begins_from_its_home_pose():
+def test_solve_of_model_starts_from_home_pose():
     model = ikservo.load_model("so101")
     from_home = ikservo.solve(model.chain, ikservo.Target(POINT_M), model.chain_pose("home"))
     np.testing.assert_array_equal(ikservo.solve(model, POINT_M).q, from_home.q)
 
 
 @pytest.mark.parametrize("goal", [{"elbow_flex": 50}, {"gripper": 0.3, "wrist_flex": -45}])
-def test_joints_in_degrees_are_asked_about_with_their_radians(goal):
+def test_joint_goal_in_degrees_is_refused_with_its_radians(goal):
     degrees = list(goal.values())[-1]
     with (
         ikservo.open_arm("so101", port="sim") as arm,
@@ -41,7 +41,7 @@ def test_joints_in_degrees_are_asked_about_with_their_radians(goal):
 
 
 @pytest.mark.parametrize("goal_rad", [300, math.radians(900)])
-def test_joints_outside_as_radians_and_as_degrees_are_not_asked_about(goal_rad):
+def test_goal_outside_even_as_degrees_suggests_no_degrees(goal_rad):
     with ikservo.open_arm("so101", port="sim") as arm, pytest.raises(RefusedError) as caught:
         arm.move_joints({"elbow_flex": goal_rad})
     assert "degrees" not in caught.value.hint

@@ -39,7 +39,7 @@ REPLACED = re.compile(r"ikservo (relax|where|stop|joints|pose|move)\b")
         ("", ""),
     ],
 )
-def test_a_hint_for_the_terminal_becomes_one_for_a_program(at_a_terminal, in_a_program):
+def test_terminal_hint_is_rewritten_for_program(at_a_terminal, in_a_program):
     assert in_python(at_a_terminal) == in_a_program
 
 
@@ -54,7 +54,7 @@ def test_a_hint_for_the_terminal_becomes_one_for_a_program(at_a_terminal, in_a_p
         ("", ""),
     ],
 )
-def test_a_hint_for_the_terminal_becomes_one_for_a_page(at_a_terminal, on_a_page):
+def test_terminal_hint_is_rewritten_for_page(at_a_terminal, on_a_page):
     assert in_page(at_a_terminal) == on_a_page
 
 
@@ -73,7 +73,7 @@ def texts():
 
 
 @pytest.mark.full
-def test_no_text_of_the_api_names_an_option_or_a_command_that_a_method_replaces():
+def test_api_texts_name_no_command_that_a_method_replaces():
     left = [
         (place, text)
         for place, text in texts()
@@ -95,27 +95,27 @@ def message_of(do):
     return str(caught.value)
 
 
-def test_a_point_out_of_reach_suggests_a_call_that_can_be_made():
+def test_unreachable_point_suggests_call_that_can_be_planned():
     with ikservo.open_arm("so101", port="sim:?pose=home") as arm:
         text_ids = message_of(lambda: arm.move_to((0.9, 0.0, 0.1)))
         point = re.search(r"arm\.move_to\(\((.*)\)\)", text_ids)
         assert arm.plan_to([float(x) for x in point[1].split(",")]).duration_s > 0.0
 
 
-def test_a_stopped_arm_names_the_call_that_lets_it_move_again():
+def test_stopped_arm_names_acknowledge_call():
     with ikservo.open_arm("so101", port="sim:?pose=home") as arm:
         arm.stop("enough")
         assert "arm.acknowledge()" in message_of(lambda: arm.move_joints({"shoulder_pan": 0.1}))
 
 
-def test_a_recording_that_exists_names_the_argument(tmp_path):
+def test_existing_recording_names_overwrite_argument(tmp_path):
     (tmp_path / "a.jsonl").write_text("")
     with ikservo.open_arm("so101", port="sim") as arm:
         text_ids = message_of(lambda: arm.record(tmp_path / "a.jsonl", duration_s=0.1))
     assert "overwrite=True" in text_ids
 
 
-def test_the_command_line_names_the_command(capsys):
+def test_command_line_error_suggests_command_to_try(capsys):
     words = ["move", "0.9", "0", "0.1", "--arm", "so101", "--port", "sim", "--yes"]
     assert main(words) == 7
     assert re.search(

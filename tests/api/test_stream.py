@@ -34,7 +34,7 @@ def joints_of(arm):
     return arm.where().positions_rad
 
 
-def test_arrays_of_joints_are_followed_at_the_rate_of_the_program(arm):
+def test_stream_follows_joint_arrays(arm):
     start = joints_of(arm)
     with arm.stream(rate_hz=50) as stream:
         for share in np.linspace(0.0, 1.0, 25):
@@ -44,7 +44,7 @@ def test_arrays_of_joints_are_followed_at_the_rate_of_the_program(arm):
     assert true_joints(arm)["wrist_roll"] == pytest.approx(start[4] + 0.1, abs=0.02)
 
 
-def test_a_paced_stream_takes_as_long_as_its_setpoints_on_the_arms_clock(arm):
+def test_paced_stream_takes_its_duration_on_arms_clock(arm):
     clock, start = clock_of(arm), joints_of(arm)
     with arm.stream(rate_hz=50) as stream:
         stream.send(start)
@@ -54,7 +54,7 @@ def test_a_paced_stream_takes_as_long_as_its_setpoints_on_the_arms_clock(arm):
         assert clock.now_s() - begun_s == pytest.approx(0.5, abs=0.06)
 
 
-def test_joints_by_name_leave_the_others_where_they_are(arm):
+def test_stream_of_named_joint_leaves_others_in_place(arm):
     before = true_joints(arm)
     with arm.stream(rate_hz=50) as stream:
         for _ in range(20):
@@ -64,7 +64,7 @@ def test_joints_by_name_leave_the_others_where_they_are(arm):
     assert all(abs(after[n] - before[n]) < 0.02 for n in before if n != "wrist_roll")
 
 
-def test_targets_and_poses_move_the_tip(arm):
+def test_stream_of_targets_and_poses_moves_tip(arm):
     here = arm.where()
     T = np.eye(4)
     T[:3, :3], T[:3, 3] = here.orientation, here.tip_m + np.array([0.0, 0.0, 0.01])
@@ -77,7 +77,7 @@ def test_targets_and_poses_move_the_tip(arm):
     np.testing.assert_allclose(true_tip_m(arm), wanted_m, atol=4e-3)
 
 
-def test_a_jump_of_the_setpoint_is_shaped_to_the_arms_limits(arm):
+def test_stream_shapes_setpoint_jump_to_arm_limits(arm):
     auditor = Auditor(arm)
     with arm.stream(speed="fast", rate_hz=50) as stream:
         for pan in [0.0] * 5 + [0.8] * 40:
@@ -87,14 +87,14 @@ def test_a_jump_of_the_setpoint_is_shaped_to_the_arms_limits(arm):
 
 
 @pytest.mark.full
-def test_a_setpoint_outside_the_limits_means_the_limit(arm):
+def test_stream_setpoint_outside_limits_is_clipped(arm):
     with arm.stream(rate_hz=20) as stream:
         for _ in range(40):
             stream.send({"gripper": 99.0})
     assert true_joints(arm)["gripper"] == pytest.approx(arm.where()["gripper"].upper_rad, abs=0.05)
 
 
-def test_what_would_collide_is_refused_and_counted_and_the_arm_stays(arm):
+def test_stream_refuses_and_counts_colliding_target(arm):
     with arm.stream(rate_hz=20) as stream:
         for _ in range(5):
             stream.send(ikservo.Target((0.25, 0.0, -0.08)))
@@ -104,7 +104,7 @@ def test_what_would_collide_is_refused_and_counted_and_the_arm_stays(arm):
 
 
 @pytest.mark.full
-def test_it_holds_when_the_program_falls_silent_and_goes_on_with_the_next(arm):
+def test_silent_stream_holds_and_resumes_with_next_setpoint(arm):
     clock = clock_of(arm)
     with arm.stream(rate_hz=20) as stream:
         stream.send({"shoulder_pan": 1.2})
@@ -122,7 +122,7 @@ def test_it_holds_when_the_program_falls_silent_and_goes_on_with_the_next(arm):
     assert all(registers(arm, "torque_enable").values())
 
 
-def test_without_a_rate_sending_returns_at_once_and_time_passes_as_for_a_person(arm):
+def test_stream_send_without_rate_returns_at_once(arm):
     clock, begun_s = clock_of(arm), time.monotonic()
     with arm.stream() as stream:
         stream.send({"wrist_roll": 0.1})
@@ -134,7 +134,7 @@ def test_without_a_rate_sending_returns_at_once_and_time_passes_as_for_a_person(
         assert clock.now_s() - at_s < 2.0
 
 
-def test_the_last_control_cycle_can_be_looked_at(arm):
+def test_stream_progress_has_last_control_cycle(arm):
     with arm.stream(rate_hz=50) as stream:
         for _ in range(10):
             stream.send({"wrist_roll": 0.1})
@@ -148,12 +148,12 @@ def test_the_last_control_cycle_can_be_looked_at(arm):
     [(0.2, 0.0, 0.1), "home", {"pan": 0.1}, {"shoulder_pan": math.nan}, np.full(6, np.inf), None,
      {"shoulder_pan": "0.1"}, np.eye(3), [0.1, [0.2]]],
 )  # fmt: skip
-def test_what_is_no_setpoint_is_refused_where_it_is_sent(arm, setpoint):
+def test_stream_send_refuses_invalid_setpoint(arm, setpoint):
     with arm.stream(rate_hz=50) as stream, pytest.raises(ikservo.InputError):
         stream.send(setpoint)
 
 
-def test_an_array_that_is_changed_after_it_was_sent_changes_nothing(arm):
+def test_stream_copies_setpoint_array_when_sent(arm):
     q = joints_of(arm)
     with arm.stream(rate_hz=50) as stream:
         for _ in range(5):
@@ -174,7 +174,7 @@ def send_for_ever(stream):
             raise AssertionError("nothing ended it")
 
 
-def test_a_stop_is_raised_by_the_next_send(arm):
+def test_stop_is_raised_by_next_stream_send(arm):
     line_of(arm).world.schedule(
         line_of(arm).world.time_s + 0.5, lambda: arm.stop("the door was opened")
     )
@@ -183,7 +183,7 @@ def test_a_stop_is_raised_by_the_next_send(arm):
     assert all(registers(arm, "torque_enable").values())
 
 
-def test_a_fault_of_a_servo_is_raised_by_the_next_send(arm):
+def test_servo_fault_is_raised_by_next_stream_send(arm):
     servo = line_of(arm).servos[servo_id("so101", "shoulder_pan")]
 
     def jam():
@@ -197,7 +197,7 @@ def test_a_fault_of_a_servo_is_raised_by_the_next_send(arm):
         send_for_ever(stream)
 
 
-def test_an_error_in_the_block_brakes_and_holds_and_is_the_one_that_is_raised(arm):
+def test_error_in_stream_block_brakes_and_is_raised(arm):
     def send_and_stumble():
         with arm.stream(rate_hz=50) as stream:
             for _ in range(10):
@@ -212,7 +212,7 @@ def test_an_error_in_the_block_brakes_and_holds_and_is_the_one_that_is_raised(ar
 
 
 @pytest.mark.full
-def test_other_motions_are_refused_while_a_stream_is_open_and_asking_is_not(arm):
+def test_open_stream_refuses_motions_but_allows_where(arm):
     with arm.stream(rate_hz=50) as stream:
         stream.send({"wrist_roll": 0.1})
         assert arm.where()["wrist_roll"].position_rad < 0.2
@@ -226,14 +226,14 @@ def test_other_motions_are_refused_while_a_stream_is_open_and_asking_is_not(arm)
     assert arm.move_joints({"wrist_roll": 0.0}).reached
 
 
-def test_a_block_that_sends_nothing_moves_nothing(arm):
+def test_stream_without_setpoints_moves_nothing(arm):
     goals = registers(arm, "goal_position")
     with arm.stream(rate_hz=50):
         pass
     assert registers(arm, "goal_position") == goals
 
 
-def test_a_stream_takes_nothing_before_and_after_its_block(arm):
+def test_stream_refuses_setpoints_outside_its_block(arm):
     stream = arm.stream(rate_hz=50)
     with pytest.raises(ikservo.RefusedError, match="not open"):
         stream.send({"wrist_roll": 0.1})
@@ -255,12 +255,12 @@ def test_closing_the_arm_ends_its_stream(arm):
 
 @pytest.mark.sample(2)
 @pytest.mark.parametrize("rate", [0.0, 2.0, -50, math.nan, 1e6, "often"])
-def test_a_rate_that_makes_no_sense_is_refused(arm, rate):
+def test_stream_refuses_invalid_rate(arm, rate):
     with pytest.raises(ikservo.BadValueError, match="rate"):
         arm.stream(rate_hz=rate)
 
 
-def test_an_arm_that_is_not_calibrated_streams_nothing(arm, monkeypatch):
+def test_uncalibrated_arm_refuses_stream(arm, monkeypatch):
     context = replace(context_of(arm), zeros=ikservo.arm.ZeroSource.UNKNOWN)
     monkeypatch.setattr(arm, "_context", context)
     with pytest.raises(ikservo.CalibrationError):
@@ -280,7 +280,7 @@ class StandingClock:
         self.at_s = max(self.at_s, deadline_s)
 
 
-def test_the_newest_setpoint_counts():
+def test_newest_setpoint_replaces_older_one():
     mailbox = SetpointMailbox(StandingClock(), None, lambda: False)
     mailbox.put({"a": 1.0})
     mailbox.put({"a": 2.0})

@@ -28,7 +28,7 @@ def still():
         yield machine
 
 
-def test_where_gives_the_joints_as_an_array_in_the_order_of_their_names(still):
+def test_where_returns_positions_in_order_of_names(still):
     here = still.where()
     assert here.names == tuple(joint["name"] for joint in arm_file("so101")["joints"])
     true = [true_joints(still)[name] for name in here.names]
@@ -40,7 +40,7 @@ def test_where_gives_the_joints_as_an_array_in_the_order_of_their_names(still):
 @pytest.mark.parametrize(
     "array", ["temperatures_c", "voltages_v", "loads_percent", "torque", "lower_rad", "upper_rad"]
 )
-def test_every_array_of_where_has_an_element_for_each_joint(still, array):
+def test_where_arrays_have_one_element_per_joint(still, array):
     assert getattr(still.where(), array).shape == (6,)
 
 
@@ -53,7 +53,7 @@ def test_where_gives_joints_by_name(still):
 
 
 @pytest.mark.full
-def test_what_where_measures_can_be_gone_back_to(arm):
+def test_measured_positions_can_be_moved_back_to(arm):
     there = arm.where().positions
     arm.move_to(NEAR)
     assert arm.move_joints(there).reached
@@ -61,20 +61,20 @@ def test_what_where_measures_can_be_gone_back_to(arm):
     np.testing.assert_allclose(back, list(there.values()), atol=0.02)
 
 
-def test_where_tells_how_the_tool_is_turned(still):
+def test_where_returns_tool_orientation_and_tip(still):
     here = still.where()
     T = still.chain.forward(here.positions_rad[: still.chain.dof])
     np.testing.assert_allclose(here.orientation, T[:3, :3])
     np.testing.assert_allclose(here.tip_m, T[:3, 3])
 
 
-def test_load_that_a_servo_does_not_tell_is_nan():
+def test_load_that_servo_does_not_report_is_nan():
     state = ikservo.arm.JointState("a", 0.0, -1.0, 1.0, "arm file", 25.0, 7.4, None, torque=True)
     assert math.isnan(ArmState(np.zeros(3), (state,)).loads_percent[0])
 
 
 @pytest.mark.full
-def test_progress_tells_measured_joints_and_setpoints(arm):
+def test_progress_has_measured_joints_and_setpoints(arm):
     seen = []
     arm.move_to(NEAR, on_progress=seen.append)
     last = seen[-1]
@@ -93,14 +93,14 @@ def test_progress_tells_measured_joints_and_setpoints(arm):
         lambda arm, seen: arm.move_joints({"shoulder_pan": 0.1}, on_progress=seen.append),
     ],
 )
-def test_every_motion_tells_its_joints(arm, motion):
+def test_every_motion_reports_its_joints_as_progress(arm, motion):
     seen = []
     motion(arm, seen)
     assert all(progress.joints_rad.shape == (6,) for progress in seen)
 
 
 @pytest.mark.full
-def test_the_arrays_of_progress_are_kept_as_they_were(arm):
+def test_progress_arrays_are_not_changed_later(arm):
     seen = []
     arm.move_joints({"shoulder_pan": 0.4}, on_progress=seen.append)
     assert seen[0].joints_rad[0] < 0.1
@@ -117,13 +117,13 @@ def test_a_plan_is_sampled_from_its_start_to_its_end(still):
     assert (np.diff(sampled.times_s) > 0.0).all()
 
 
-def test_sampled_velocities_are_those_of_the_sampled_positions(still):
+def test_sampled_velocities_match_slopes_of_positions(still):
     sampled = still.plan_to(NEAR).sample(0.002)
     slopes = np.gradient(sampled.positions, sampled.times_s, axis=0)
     np.testing.assert_allclose(sampled.velocities[2:-2], slopes[2:-2], atol=0.01)
 
 
-def test_one_joint_of_a_trajectory_is_found_by_name(still):
+def test_trajectory_joint_is_found_by_name(still):
     sampled = still.plan_joints({"shoulder_pan": 0.3}).sample()
     assert sampled.joint("shoulder_pan")[-1] == pytest.approx(0.3, abs=1e-3)
     with pytest.raises(ikservo.UnknownNameError, match="shoulder_pan"):
@@ -131,17 +131,17 @@ def test_one_joint_of_a_trajectory_is_found_by_name(still):
 
 
 @pytest.mark.parametrize("dt_s", [0.0, -0.1, math.nan, 1e-9, "often"])
-def test_a_plan_is_not_sampled_at_no_rate(still, dt_s):
+def test_plan_sample_refuses_invalid_time_step(still, dt_s):
     with pytest.raises(ikservo.BadValueError, match="between two samples"):
         still.plan_to(NEAR).sample(dt_s)
 
 
-def test_a_plan_to_where_the_arm_is_has_one_sample_or_two(still):
+def test_plan_to_current_position_has_one_or_two_samples(still):
     here = still.where().positions
     assert 1 <= len(still.plan_joints({"wrist_roll": here["wrist_roll"]}).sample()) <= 2
 
 
-def test_a_plan_becomes_csv_that_names_columns_and_units(still, tmp_path):
+def test_plan_csv_names_columns_and_units(still, tmp_path):
     plan, path = still.plan_to(NEAR), tmp_path / "plan.csv"
     text = plan.to_csv(path, 0.05)
     assert path.read_text() == text
@@ -150,7 +150,7 @@ def test_a_plan_becomes_csv_that_names_columns_and_units(still, tmp_path):
     assert {"t_s", "elbow_flex_rad", "elbow_flex_rad_s"} <= rows[0].keys()
 
 
-def test_sliding_joints_are_in_metres():
+def test_csv_of_sliding_joint_is_in_metres():
     with ikservo.open_arm("open_manipulator_x", port="sim") as arm:
         header = arm.plan_joints({"gripper": 0.0}).to_csv().splitlines()[0]
     assert "gripper_m,gripper" not in header
@@ -158,7 +158,7 @@ def test_sliding_joints_are_in_metres():
     assert "gripper_m_s" in header
 
 
-def test_csv_overwrites_only_what_it_may(still, tmp_path):
+def test_csv_file_is_overwritten_only_if_asked(still, tmp_path):
     plan, path = still.plan_to(NEAR), tmp_path / "plan.csv"
     plan.to_csv(path)
     with pytest.raises(ikservo.BadValueError, match="overwrite=True"):
@@ -166,7 +166,7 @@ def test_csv_overwrites_only_what_it_may(still, tmp_path):
     plan.to_csv(path, overwrite=True)
 
 
-def test_a_recording_is_read_as_arrays_and_becomes_csv(arm, tmp_path):
+def test_recording_is_read_as_arrays_and_written_as_csv(arm, tmp_path):
     arm.record(tmp_path / "still.jsonl", duration_s=0.2)
     recording = ikservo.read_recording(tmp_path / "still.jsonl")
     trajectory = recording.trajectory()
@@ -188,13 +188,13 @@ def test_a_recording_is_read_as_arrays_and_becomes_csv(arm, tmp_path):
         lambda arm: ikservo.Solver(arm.chain),
     ],
 )
-def test_what_a_notebook_shows_is_short_and_says_what_it_is(still, make):
+def test_reprs_are_short_and_without_memory_address(still, make):
     shown = repr(make(still))
     assert len(shown) < 300
     assert " object at 0x" not in shown
 
 
-def test_a_closed_arm_says_that_it_is_closed():
+def test_repr_of_arm_says_open_or_closed():
     with ikservo.open_arm("so101", port="sim") as arm:
         assert "open" in repr(arm)
     assert "closed" in repr(arm)

@@ -74,7 +74,7 @@ def limp():
         lambda arm: arm.move_to(ikservo.Target(NEAR)),
     ],
 )
-def test_a_slip_is_an_input_error_and_moves_nothing(limp, call, tmp_path, monkeypatch):
+def test_invalid_argument_is_input_error_and_moves_nothing(limp, call, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     with pytest.raises(ikservo.InputError):
         call(limp)
@@ -95,16 +95,16 @@ def test_a_slip_is_an_input_error_and_moves_nothing(limp, call, tmp_path, monkey
         lambda _: ikservo.read_recording(3),
     ],
 )
-def test_a_slip_in_geometry_is_an_input_error(limp, call):
+def test_invalid_geometry_argument_is_input_error(limp, call):
     with pytest.raises(ikservo.InputError):
         call(limp.chain)
 
 
-def test_points_may_come_from_a_generator(limp):
+def test_plan_through_takes_points_from_generator(limp):
     assert limp.plan_through(point for point in (NEAR, (0.22, 0.0, 0.12))).duration_s > 0.0
 
 
-def test_numbers_of_numpy_are_numbers(limp):
+def test_joint_goals_take_numpy_numbers(limp):
     plan = limp.plan_joints({"shoulder_lift": np.float32(-1.5), "shoulder_pan": np.array(0.1)})
     assert plan.goal[0] == pytest.approx(0.1, abs=1e-3)
 
@@ -138,12 +138,12 @@ def closed():
         lambda arm: arm.__enter__(),
     ],
 )
-def test_a_closed_arm_refuses_and_says_that_it_was_closed(closed, call):
+def test_closed_arm_refuses_every_call(closed, call):
     with pytest.raises(ikservo.PortError, match="was closed"):
         call(closed)
 
 
-def test_closing_twice_is_closing_once(closed):
+def test_closing_arm_twice_is_allowed(closed):
     closed.close()
     assert "closed" in repr(closed)
 

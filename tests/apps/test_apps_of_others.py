@@ -136,7 +136,7 @@ BROKEN = {
 
 
 @pytest.mark.parametrize("kind", BROKEN)
-def test_broken_app_is_named_in_one_sentence_and_harms_nothing(other, kind):
+def test_broken_app_is_named_in_one_sentence_and_left_out(other, kind):
     text, reason = BROKEN[kind]
     (other / "nod_app" / "__init__.py").write_text(text)
     listed = command(other, "--help")
@@ -159,7 +159,7 @@ def test_arms_of_another_distribution_have_names(other):
     assert done.returncode in (0, 7), done.stderr
 
 
-def test_damaged_arm_of_another_distribution_is_named_and_left_out(other):
+def test_damaged_arm_of_other_distribution_is_left_out(other):
     folder = other / "their_arms" / "damaged"
     folder.mkdir(parents=True)
     (folder.parent / "__init__.py").touch()
@@ -170,7 +170,7 @@ def test_damaged_arm_of_another_distribution_is_named_and_left_out(other):
     assert "damaged" in listed.stderr
 
 
-def test_unknown_name_of_an_arm_or_the_package_is_an_attribute_error():
+def test_unknown_attribute_of_arm_or_package_is_attribute_error():
     with pytest.raises(AttributeError, match="no_such_name"):
         _ = ikservo.no_such_name
     with (

@@ -69,7 +69,7 @@ def test_a_plan_says_whether_the_tool_speed_is_reached():
         assert str(quick).startswith("not 240.0 mm/s: ")
 
 
-def test_a_tool_speed_at_which_a_line_takes_years_is_refused_before_it_is_sampled():
+def test_tool_speed_at_which_line_takes_years_is_refused():
     arm, tip_m = held("so101")
     with arm:
         goals = registers(arm, "goal_position")
@@ -79,7 +79,7 @@ def test_a_tool_speed_at_which_a_line_takes_years_is_refused_before_it_is_sample
         assert registers(arm, "goal_position") == goals
 
 
-def test_a_speed_class_limits_the_tool_speed_and_is_named():
+def test_speed_class_slow_limits_tool_speed_of_line():
     arm, tip_m = held("so101")
     with arm:
         plan = arm.plan_line(tip_m + at(-0.04, 0.09, 0.05), tool_speed_m_s=0.3, speed="slow")
@@ -99,7 +99,7 @@ def test_the_measured_tip_has_the_requested_speed():
     assert distance_m / (middle[-1, 0] - middle[0, 0]) == pytest.approx(0.02, rel=0.05)
 
 
-def test_collinear_points_a_zero_radius_and_arcs_out_of_reach_move_nothing():
+def test_collinear_zero_radius_and_unreachable_arcs_move_nothing():
     arm, tip_m = held("so101")
     with arm:
         goals = registers(arm, "goal_position")
@@ -119,7 +119,7 @@ def test_an_arc_into_the_table_is_refused():
 
 
 @pytest.mark.campaign
-def test_an_arc_is_planned_again_from_where_a_limp_arm_has_sunk_to():
+def test_arc_of_limp_arm_is_planned_again_after_sag():
     with ikservo.open_arm("so101", port="sim:?pose=home") as arm:
         plan = arm.plan_arc(center_m=arm.where().tip_m - (0.02, 0.0, 0.0))
         report = arm.execute(plan)

@@ -72,14 +72,14 @@ def left_by_us_m(name, count):
 
 
 @pytest.mark.full
-def test_the_true_tip_is_within_half_a_millimetre():
+def test_median_true_tip_error_is_within_half_a_millimetre():
     assert float(np.median(list(left_by_us_m("so101", 12)))) <= 0.5e-3
 
 
 @pytest.mark.campaign
 @pytest.mark.timeout(7200)
 @pytest.mark.parametrize("name", NAMES)
-def test_the_true_tip_is_nearer_than_by_plain_rounding(name):
+def test_true_tip_is_nearer_than_with_plain_tick_rounding(name):
     ours = float(np.median(list(left_by_us_m(name, 500))))
     assert ours <= 0.5e-3
     # Of 50 targets of so101: 0.40 and 0.57 mm, with uncoupled joints 0.36 and 0.71 mm.
@@ -91,7 +91,7 @@ SQUARE = ((0.40, 0.10, 0.20), (0.40, -0.10, 0.20), (0.40, -0.10, 0.30), (0.40, 0
 
 
 @pytest.mark.campaign
-def test_a_large_arm_settles_within_what_the_ticks_of_its_joints_hide():
+def test_wx250s_tip_settles_within_0_7_mm_of_square_corners():
     left_m = []
     for seed in (1, 2, 3, 4):
         with ikservo.open_arm("wx250s", port=f"{PORT}&pose=home&seed={seed}") as arm:
@@ -102,7 +102,7 @@ def test_a_large_arm_settles_within_what_the_ticks_of_its_joints_hide():
     assert np.median(left_m) < 0.7e-3
 
 
-def test_joints_are_left_that_are_within_two_ticks_of_where_they_should_be(arm):
+def test_settling_accepts_joints_within_two_ticks_of_goal(arm):
     plan = arm.plan_to((0.25, 0.05, 0.15))
     index, driven_joints = arm.context.index, servo_group(arm).driven_joints
     target = SettlingTarget(arm.chain, index, driven_joints, plan, plan.start)
@@ -116,7 +116,7 @@ def test_joints_are_left_that_are_within_two_ticks_of_where_they_should_be(arm):
     assert not target.is_reached(far)
 
 
-def test_the_tool_is_not_where_it_should_be_though_each_joint_is_within_a_tick(arm):
+def test_settling_rejects_tip_error_of_one_tick_on_all_joints(arm):
     plan = arm.plan_to((0.25, 0.05, 0.15))
     driven_joints = servo_group(arm).driven_joints
     target = SettlingTarget(arm.chain, arm.context.index, driven_joints, plan, plan.start)
@@ -132,7 +132,7 @@ def arm():
 
 
 @pytest.mark.full
-def test_the_report_parts_motion_from_settling(arm):
+def test_report_separates_motion_time_from_settling_time(arm):
     plan = arm.plan_to((0.25, 0.05, 0.15))
     report = arm.execute(plan)
     before_s = 0.2  # in which rotors come to their flanks
@@ -141,7 +141,7 @@ def test_the_report_parts_motion_from_settling(arm):
 
 
 @pytest.mark.full
-def test_an_error_that_the_arm_has_not_settled_has_the_report(arm, monkeypatch):
+def test_not_settled_error_carries_the_motion_report(arm, monkeypatch):
     settle = plan_execution.settle
     loose = lambda *args: replace(settle(*args), unsettled=("shoulder_pan",))  # noqa: E731
     monkeypatch.setattr(plan_execution, "settle", loose)
@@ -158,7 +158,7 @@ def test_an_error_that_the_arm_has_not_settled_has_the_report(arm, monkeypatch):
 
 
 @pytest.mark.campaign
-def test_joints_that_were_not_named_stay_where_they_were(arm):
+def test_joints_not_named_in_move_joints_stay_in_place(arm):
     arm.move_to((0.25, 0.05, 0.15), speed="fast")
     before = true_joints(arm)
     for angle in (0.2, 0.0):
@@ -168,7 +168,7 @@ def test_joints_that_were_not_named_stay_where_they_were(arm):
 
 
 @pytest.mark.full
-def test_a_gripper_that_was_not_named_keeps_its_goal(arm):
+def test_gripper_not_named_in_a_move_keeps_its_goal(arm):
     gripper = servo_id("so101", "gripper")
     arm.move_joints({"gripper": 0.5}, speed="fast")
     goal = registers(arm, "goal_position")[gripper]
@@ -178,7 +178,7 @@ def test_a_gripper_that_was_not_named_keeps_its_goal(arm):
 
 
 @pytest.mark.full
-def test_a_joint_that_is_held_fast_is_led_no_further_than_at_rest_and_named(arm):
+def test_stuck_joint_is_led_no_further_than_at_rest_and_named(arm):
     arm.move_to((0.25, 0.05, 0.15), speed="fast")
     held = servo_id("so101", "wrist_flex")
     line_of(arm).servos[held].motor.stuck = True
@@ -204,9 +204,7 @@ def test_a_joint_that_is_held_fast_is_led_no_further_than_at_rest_and_named(arm)
     ],
 )
 @pytest.mark.parametrize("short_rad", [0.05, 0.12])
-def test_no_servo_presses_until_it_switches_off_where_a_joint_is_blocked(
-    name, joint, by_rad, short_rad
-):
+def test_blocked_joint_is_not_pressed_until_servo_switches_off(name, joint, by_rad, short_rad):
     with ikservo.open_arm(name, port=f"{PORT}&pose=home&seed=1", collisions=False) as machine:
         machine.enable()
         servo, goal = servo_id(name, joint), machine.where().positions[joint] + by_rad
@@ -232,7 +230,7 @@ def ending_at(arm, plan, positions):
 
 
 @pytest.mark.full
-def test_the_others_make_up_for_a_joint_that_cannot_be_led_past_its_limit(arm):
+def test_other_joints_compensate_sag_of_joint_at_its_limit(arm):
     home = dict(zip(arm.chain.names, arm.model.chain_pose("home"), strict=True))
     at_its_limit = home | {"elbow_flex": float(arm.chain.lower_rad[2]), "shoulder_lift": 0.6}
     target_m = arm.chain.forward([at_its_limit[name] for name in arm.chain.names])[:3, 3]

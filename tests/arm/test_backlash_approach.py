@@ -38,19 +38,19 @@ def flanks(arm):
 
 
 @pytest.mark.campaign
-def test_without_a_word_of_its_play_a_joint_rests_on_either_flank():
+def test_joint_without_known_backlash_rests_on_either_flank():
     with ikservo.open_arm("so101", port=PORT) as arm:
         assert len(set(flanks(arm))) == 2
 
 
 @pytest.mark.campaign
-def test_a_joint_whose_play_is_known_rests_on_one_flank_from_wherever_it_comes(arm_file):
+def test_joint_with_known_backlash_rests_on_one_flank(arm_file):
     with ikservo.open_arm(arm_file, port=PORT) as arm:
         assert set(flanks(arm)) == {False}
 
 
 @pytest.mark.full
-def test_it_does_not_go_below_its_limit_for_that(arm_file):
+def test_backlash_approach_stays_inside_joint_limit(arm_file):
     with ikservo.open_arm(arm_file, port=PORT) as arm:
         lowest = servo_group(arm).driven_joints[0].position_range[0]
         report = arm.move_joints({PAN: lowest}, speed="fast")
@@ -61,7 +61,7 @@ def test_it_does_not_go_below_its_limit_for_that(arm_file):
 
 
 @pytest.mark.campaign
-def test_the_report_counts_the_time_that_this_takes_as_settling(arm_file):
+def test_report_duration_includes_backlash_approach(arm_file):
     with ikservo.open_arm(arm_file, port=PORT) as arm:
         arm.pose("home")
         before_s = clock_of(arm).now_s()
@@ -71,7 +71,7 @@ def test_the_report_counts_the_time_that_this_takes_as_settling(arm_file):
 
 
 @pytest.mark.full
-def test_a_line_ends_on_its_line_whatever_play_is_known(arm_file):
+def test_line_ends_without_detour_for_known_backlash(arm_file):
     with ikservo.open_arm(arm_file, port=PORT) as arm:
         arm.pose("home")
         plan = arm.plan_line(np.add(arm.where().tip_m, (0.0, -0.03, 0.0)))

@@ -55,7 +55,7 @@ def true_tip_m(arm):
     ("known", "low_m", "high_m"),
     [({}, 0.006, 0.05), (COMPLIANCE, 0.0, 0.002)],
 )
-def test_the_true_tip_reaches_the_target(own_arm, known, low_m, high_m):
+def test_compliance_in_calibration_brings_true_tip_to_target(own_arm, known, low_m, high_m):
     learn(known)
     errors_m = []
     with open_own_arm(load_model("so101"), PORT) as opened:
@@ -68,7 +68,7 @@ def test_the_true_tip_reaches_the_target(own_arm, known, low_m, high_m):
     assert low_m <= max(errors_m) <= high_m
 
 
-def test_a_rigid_arm_is_written_as_before(own_arm):
+def test_calibration_of_rigid_arm_omits_compliance_and_play(own_arm):
     path = calibration_path("so101", SERIAL)
     text = path.read_text()
     assert "compliance" not in text
@@ -76,7 +76,7 @@ def test_a_rigid_arm_is_written_as_before(own_arm):
     assert dump_calibration(read_calibration(path)) == text
 
 
-def test_what_is_learned_is_kept(own_arm):
+def test_compliance_is_kept_in_calibration_file(own_arm):
     learn(COMPLIANCE)
     found = read_calibration(calibration_path("so101", SERIAL))
     assert found.joint("shoulder_lift").compliance == 0.12
@@ -84,7 +84,7 @@ def test_what_is_learned_is_kept(own_arm):
 
 
 @pytest.mark.full
-def test_what_is_checked_are_the_drooping_links(own_arm):
+def test_guard_and_path_constraint_check_sagged_links(own_arm):
     learn(COMPLIANCE)
     with open_own_arm(load_model("so101"), PORT) as opened:
         opened.move_to((0.3, 0.0, 0.12))

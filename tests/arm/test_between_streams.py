@@ -42,7 +42,7 @@ def test_a_stop_after_the_last_cycle_is_obeyed_and_stays(arm, monkeypatch):
 
 @pytest.mark.full
 @pytest.mark.sample(1)
-def test_a_pause_after_the_last_cycle_is_no_reset_in_the_next_motion(arm, monkeypatch):
+def test_pause_after_last_cycle_is_not_taken_for_servo_reset(arm, monkeypatch):
     disarm, clock = ServoRamLimits.disarm_watchdog, clock_of(arm)
 
     def delayed(limits):
@@ -61,7 +61,7 @@ def test_a_pause_after_the_last_cycle_is_no_reset_in_the_next_motion(arm, monkey
 
 
 @pytest.mark.sample(1)
-def test_a_stop_between_two_streams_of_a_motion_is_a_stop_and_no_refusal(arm, monkeypatch):
+def test_stop_between_streams_of_a_motion_is_stop_not_refusal(arm, monkeypatch):
     streaming, begun = servo_group(arm).streaming, []
 
     @contextlib.contextmanager
@@ -81,7 +81,7 @@ def test_a_stop_between_two_streams_of_a_motion_is_a_stop_and_no_refusal(arm, mo
 
 @pytest.mark.full
 @pytest.mark.sample(1)
-def test_after_a_release_that_failed_half_way_torque_is_read_again(arm):
+def test_torque_state_is_read_again_after_failed_torque_off(arm):
     arm.pose("rest")
     world = line_of(arm).world
     line_of(arm).faults.add(Fault(kind="silent", id=6, at_s=world.time_s, for_s=0.6))
@@ -91,7 +91,7 @@ def test_after_a_release_that_failed_half_way_torque_is_read_again(arm):
     assert arm.move_joints({"wrist_roll": 0.1}).reached
 
 
-def test_a_watchdog_that_does_not_say_whether_it_has_tripped_counts_as_tripped(monkeypatch):
+def test_watchdog_without_answer_counts_as_tripped(monkeypatch):
     with ikservo.open_arm("koch", port="sim:?pose=home") as arm:
         arm.move_joints({"shoulder_pan": 0.0})
         limits = servo_group(arm)._limits

@@ -36,7 +36,7 @@ def follow(arm):
 @pytest.mark.sample(1)
 @pytest.mark.parametrize("task", [move, line, follow])
 @pytest.mark.parametrize("name", ["so101", pytest.param("koch", marks=pytest.mark.campaign)])
-def test_on_a_busy_machine_it_ends_well(name, task):
+def test_motion_on_busy_machine_ends_without_faults(name, task):
     dice = seeded(3)
 
     def busy(_place, _count):

@@ -63,63 +63,63 @@ def exchange(device, data):
         return connection.makefile("rb").read()
 
 
-def test_an_errand_is_done_and_answered(device, owner):
+def test_command_is_executed_and_answered_by_bus_owner(device, owner):
     assert send_command(device, ControlCommand.STOP) == {"done": "stop"}
     assert owner.asked == ["stop"]
 
 
-def test_without_a_listener_there_is_no_response(device, kind):
+def test_command_without_listener_returns_none(device, kind):
     assert send_command(device, ControlCommand.STOP) is None
 
 
-def test_after_closing_there_is_no_listener_and_nothing_is_left(device, owner):
+def test_closed_listener_leaves_no_socket(device, owner):
     owner.listener.close()
     assert send_command(device, ControlCommand.STOP) is None
     assert not socket_path(device).exists()
 
 
-def test_every_name_of_a_device_leads_to_its_owner(device, owner, tmp_path):
+def test_symlink_to_device_leads_to_its_owner(device, owner, tmp_path):
     link = tmp_path / "by-id-arm"
     link.symlink_to(device)
     assert send_command(str(link), ControlCommand.WHERE) == {"done": "where"}
 
 
-def test_another_device_has_another_owner(device, owner, tmp_path):
+def test_command_to_another_device_finds_no_owner(device, owner, tmp_path):
     assert send_command(str(tmp_path / "ttyACM1"), ControlCommand.WHERE) is None
 
 
-def test_only_its_user_can_enter(device, owner):
+def test_control_socket_is_open_to_its_user_only(device, owner):
     place = socket_path(device)
     assert stat.S_IMODE(place.parent.stat().st_mode) == 0o700
     assert stat.S_IMODE(place.stat().st_mode) == 0o600
 
 
-def test_a_session_without_a_folder_of_its_own_is_no_reason_for_a_warning(device, monkeypatch):
+def test_socket_folder_falls_back_to_temp_folder(device, monkeypatch):
     for name in ("IKSERVO_HOME", "XDG_RUNTIME_DIR"):
         monkeypatch.delenv(name, raising=False)
     assert socket_path(device).parent.parent == Path(tempfile.gettempdir())  # and no warning
 
 
-def test_a_session_names_its_folder(device, monkeypatch):
+def test_socket_folder_is_taken_from_xdg_runtime_dir(device, monkeypatch):
     monkeypatch.delenv("IKSERVO_HOME", raising=False)
     monkeypatch.setenv("XDG_RUNTIME_DIR", "/run/user/7")
     assert socket_path(device).parent == Path("/run/user/7/ikservo")
 
 
-def test_a_folder_that_was_open_to_others_is_closed_to_them(device, kind):
+def test_open_socket_folder_is_closed_to_other_users(device, kind):
     socket_path(device).parent.mkdir(parents=True)
     socket_path(device).parent.chmod(0o777)
     Owner(device).listener.close()
     assert stat.S_IMODE(socket_path(device).parent.stat().st_mode) == 0o700
 
 
-def test_a_folder_that_is_a_link_is_not_used(device, kind, tmp_path):
+def test_socket_folder_that_is_a_symlink_is_not_used(device, kind, tmp_path):
     socket_path(device).parent.parent.mkdir()
     socket_path(device).parent.symlink_to(tmp_path, target_is_directory=True)
     assert serve(device, dict) is None
 
 
-def test_an_owner_that_was_killed_leaves_nothing_in_the_way(device, kind):
+def test_stale_socket_of_killed_owner_is_replaced(device, kind):
     left = control_socket.open_socket(socket_path(device))
     left.socket.close()  # as the kernel does for a killed process; its file stays
     assert socket_path(device).exists()
@@ -129,12 +129,12 @@ def test_an_owner_that_was_killed_leaves_nothing_in_the_way(device, kind):
     owner.listener.close()
 
 
-def test_a_living_owner_is_not_pushed_aside(device, owner):
+def test_second_listener_does_not_replace_living_owner(device, owner):
     assert serve(device, dict) is None
     assert send_command(device, ControlCommand.STOP) == {"done": "stop"}
 
 
-def test_a_newer_owners_socket_is_left_alone(device, kind):
+def test_closing_old_owner_leaves_newer_owners_socket(device, kind):
     old = control_socket.open_socket(socket_path(device))
     old.socket.close()
     owner = Owner(device)
@@ -150,7 +150,7 @@ def test_a_malformed_request_is_refused_and_changes_nothing(device, owner, data)
     assert send_command(device, ControlCommand.WHERE) == {"done": "where"}
 
 
-def test_a_request_without_end_is_cut_off(device, owner):
+def test_endless_request_to_control_socket_is_cut_off(device, owner):
     connection, _ = control_socket.connect(socket_path(device), 5.0)
     with connection, pytest.raises((ConnectionError, TimeoutError)):  # noqa: PT012  # whichever byte
         while True:
@@ -158,7 +158,7 @@ def test_a_request_without_end_is_cut_off(device, owner):
     assert owner.asked == []
 
 
-def test_without_the_secret_nothing_is_done_on_the_loopback(device, monkeypatch):
+def test_loopback_command_without_secret_is_refused(device, monkeypatch):
     monkeypatch.setattr(control_socket, "HAS_UNIX_SOCKETS", False)
     owner = Owner(device)
     reply = exchange(device, b'{"schema":"ikservo/owner/1","do":"stop","secret":"guessed"}\n')
@@ -168,7 +168,7 @@ def test_without_the_secret_nothing_is_done_on_the_loopback(device, monkeypatch)
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="only Linux says who is on a socket")
-def test_another_user_is_refused(device, monkeypatch):
+def test_command_to_owner_of_another_user_is_refused(device, monkeypatch):
     owner = Owner(device)
     monkeypatch.setattr(control_socket, "_peer_user", lambda connection: os.getuid() + 1)
     with pytest.raises(IkservoError, match="belongs to another user") as caught:
@@ -178,7 +178,7 @@ def test_another_user_is_refused(device, monkeypatch):
     assert owner.asked == []
 
 
-def test_the_owners_error_reaches_the_one_who_asked(device, kind):
+def test_error_of_owner_reaches_the_caller(device, kind):
     def refuse(request):
         raise RefusedError("It is locked.", "Unlock it.")
 
@@ -189,7 +189,7 @@ def test_the_owners_error_reaches_the_one_who_asked(device, kind):
     assert (caught.value.hint, caught.value.exit_code) == ("Unlock it.", ExitCode.REFUSED)
 
 
-def test_errors_arrive_as_the_same_class_with_the_same_details(device, kind):
+def test_owner_errors_keep_their_class_and_details(device, kind):
     error = UnknownNameError("joint", "elbow", ["elbow_flex"])
 
     def refuse(request):
@@ -203,7 +203,7 @@ def test_errors_arrive_as_the_same_class_with_the_same_details(device, kind):
     assert (caught.value.name, list(caught.value.known)) == ("elbow", ["elbow_flex"])
 
 
-def test_an_errand_that_stumbles_does_not_end_the_owner(device, kind):
+def test_crashed_command_does_not_end_the_owner(device, kind):
     replies = iter([ZeroDivisionError("oops"), None])
 
     def stumble(request):
@@ -219,14 +219,14 @@ def test_an_errand_that_stumbles_does_not_end_the_owner(device, kind):
     listener.close()
 
 
-def test_callers_who_say_nothing_do_not_keep_others_waiting(device, owner):
+def test_silent_callers_do_not_delay_other_callers(device, owner):
     idle = [control_socket.connect(socket_path(device), 5.0)[0] for _ in range(10)]
     assert send_command(device, ControlCommand.STOP) == {"done": "stop"}
     for connection in idle:
         connection.close()
 
 
-def test_too_many_callers_are_sent_away_with_the_reason(device, kind):
+def test_excess_caller_is_refused_with_reason(device, kind):
     entered, leave = threading.Semaphore(0), threading.Event()
 
     def wait(request):
@@ -246,7 +246,7 @@ def test_too_many_callers_are_sent_away_with_the_reason(device, kind):
     listener.close()
 
 
-def test_a_home_with_a_long_path_is_no_trouble(device, monkeypatch, tmp_path):
+def test_long_home_path_still_has_a_control_socket(device, monkeypatch, tmp_path):
     monkeypatch.setenv("IKSERVO_HOME", str(tmp_path / ("deep" * 30)))
     monkeypatch.setenv("TMPDIR", "/tmp")
     monkeypatch.setattr("tempfile.tempdir", None)
@@ -255,7 +255,7 @@ def test_a_home_with_a_long_path_is_no_trouble(device, monkeypatch, tmp_path):
     owner.listener.close()
 
 
-def test_whatever_a_device_is_called_has_a_path(tmp_path):
+def test_device_with_odd_name_has_a_socket_path(tmp_path):
     (tmp_path / "loop").symlink_to(tmp_path / "loop")
     names = (str(tmp_path / "loop"), "/dev/m\udcfcller")
     assert len({socket_path(name) for name in names}) == 2

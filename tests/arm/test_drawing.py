@@ -61,7 +61,7 @@ def test_a_drawing_is_executed_and_its_path_error_reported(arm):
 
 @pytest.mark.full
 @pytest.mark.sample(1)
-def test_a_single_point_is_touched_and_left(arm):
+def test_single_point_stroke_is_touched_and_left(arm):
     plan = arm.plan_drawing([[CORNER]], lift_m=0.02)
     tips = commanded_tips(arm, plan)
     assert tips[:, 2].min() == pytest.approx(CORNER[2], abs=5e-4)
@@ -69,21 +69,21 @@ def test_a_single_point_is_touched_and_left(arm):
 
 
 @pytest.mark.sample(1)
-def test_a_stroke_that_stays_at_its_point_is_touched_like_a_single_point(arm):
+def test_stroke_of_repeated_point_equals_single_point(arm):
     single, repeated = (arm.plan_drawing([[CORNER] * count], lift_m=0.02) for count in (1, 3))
     assert repeated.duration_s == pytest.approx(single.duration_s)
     np.testing.assert_allclose(repeated.goal, single.goal)
 
 
 @pytest.mark.sample(1)
-def test_points_are_counted_with_the_repeated_ones(arm):
+def test_drawing_error_counts_repeated_points(arm):
     far = CORNER + np.array([[0, 0, 0], [0, 0, 0], [0.01, 0, 0], [0.9, 0, 0]])
     with pytest.raises(UnreachableError, match="point 4 of stroke 1: "):
         arm.plan_drawing([far])
 
 
 @pytest.mark.sample(1)
-def test_the_first_point_out_of_reach_is_named_and_nothing_moves(arm):
+def test_first_unreachable_point_of_drawing_is_named(arm):
     goals = registers(arm, "goal_position")
     far = CORNER + np.array([[0, 0, 0], [0.01, 0, 0], [0.9, 0, 0], [1.0, 0, 0]])
     with pytest.raises(UnreachableError, match="point 3 of stroke 2: ") as raised:
@@ -99,7 +99,7 @@ def test_a_drawing_below_the_table_is_refused(arm):
 
 
 @pytest.mark.full
-def test_the_speed_of_all_strokes_is_reported_as_one():
+def test_drawing_reports_one_tool_speed_for_all_strokes():
     with ikservo.open_arm("so101", port="sim:?pose=home") as arm:
         arm.pose("home")
         speed = arm.plan_drawing([SQUARE, DASH], tool_speed_m_s=0.03).tool_speed

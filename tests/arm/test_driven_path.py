@@ -44,7 +44,7 @@ def at_home():
 
 
 @pytest.mark.full
-def test_a_plan_is_looked_at_again_from_where_the_arm_has_moved_to(at_home):
+def test_plan_is_checked_again_from_where_the_arm_has_moved(at_home):
     plan = at_home.plan_joints({"shoulder_pan": 0.8}, speed="fast")
     turned(at_home)
     before = goals(at_home)
@@ -53,7 +53,7 @@ def test_a_plan_is_looked_at_again_from_where_the_arm_has_moved_to(at_home):
     np.testing.assert_array_equal(goals(at_home), before)
 
 
-def test_a_plan_whose_way_is_still_free_is_carried_out(at_home):
+def test_plan_with_free_path_is_executed_after_a_move(at_home):
     plan = at_home.plan_joints({"shoulder_pan": 0.8}, speed="fast")
     at_home.move_joints({"shoulder_pan": 0.2}, speed="fast")
     at_home.execute(plan)
@@ -61,14 +61,14 @@ def test_a_plan_whose_way_is_still_free_is_carried_out(at_home):
     assert pan == pytest.approx(0.8, abs=0.01)
 
 
-def test_a_plan_of_an_arm_that_looks_at_nothing_is_looked_at_by_one_that_does():
+def test_plan_made_without_collisions_is_checked_at_execution():
     with so101(collisions=False) as arm:
         plan = arm.plan_joints({"shoulder_lift": 0.6}, speed="slow")
     with so101() as arm, pytest.raises(RefusedError, match="would touch the table"):
         arm.execute(plan)
 
 
-def test_a_plan_made_in_other_surroundings_is_looked_at_in_these():
+def test_plan_made_in_other_scene_is_checked_in_this_scene():
     with so101() as arm:
         plan = arm.plan_joints({"shoulder_pan": -0.8}, speed="slow")
     with so101(POST) as arm, pytest.raises(RefusedError, match="would touch the post"):
@@ -83,7 +83,7 @@ def test_a_plan_of_another_arm_is_refused():
 
 
 @pytest.mark.full
-def test_an_arm_is_what_its_file_said_when_it_was_opened(tmp_path, monkeypatch):
+def test_opened_arm_ignores_later_changes_of_its_files(tmp_path, monkeypatch):
     source = ikservo.load_model("so101").path.parent
     for file in source.iterdir():
         (tmp_path / file.name).write_text(file.read_text())

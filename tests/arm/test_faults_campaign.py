@@ -27,7 +27,7 @@ COMPLAINTS = [
 
 @pytest.mark.full
 @few_or_many(2, 60)
-def test_whatever_happens_goals_stay_sound_and_the_motion_ends_in_a_named_state(seeds, capsys):
+def test_random_fault_keeps_goals_sound_and_end_state_named(seeds, capsys):
     states = {}
     for seed in seeds:
         dice, name = seeded(seed), FAMILIES[seed % 2]
@@ -39,7 +39,7 @@ def test_whatever_happens_goals_stay_sound_and_the_motion_ends_in_a_named_state(
 
 
 @few_or_many(1, 50)
-def test_a_servo_that_falls_silent_stops_the_arm_within_three_cycles(seeds, capsys):
+def test_silent_servo_stops_the_arm_within_three_cycles(seeds, capsys):
     most = 0
     for seed in seeds:
         dice, name = seeded(seed), FAMILIES[seed % 2]
@@ -54,7 +54,7 @@ def test_a_servo_that_falls_silent_stops_the_arm_within_three_cycles(seeds, caps
 
 @pytest.mark.full
 @few_or_many(1, 50)
-def test_a_reset_is_noticed_within_half_a_second_and_torque_stays_off(seeds, capsys):
+def test_servo_reset_is_noticed_in_500_ms_and_torque_stays_off(seeds, capsys):
     worst_s = 0.0
     for seed in seeds:
         dice, name = seeded(seed), FAMILIES[seed % 2]
@@ -70,7 +70,7 @@ def test_a_reset_is_noticed_within_half_a_second_and_torque_stays_off(seeds, cap
 
 @pytest.mark.full
 @few_or_many(1, 50)
-def test_after_a_brown_out_nothing_moves_without_a_person(seeds, capsys):
+def test_arm_does_not_move_by_itself_after_brown_out(seeds, capsys):
     for seed in seeds:
         dice, name = seeded(seed), FAMILIES[seed % 2]
         fault = {"kind": "brownout", "for_s": dice.uniform(0.01, 2.0),
@@ -81,7 +81,7 @@ def test_after_a_brown_out_nothing_moves_without_a_person(seeds, capsys):
 
 
 @few_or_many(2, len(COMPLAINTS))
-def test_whatever_a_servo_complains_about_is_noticed_within_half_a_second(seeds, capsys):
+def test_servo_alarm_is_noticed_within_half_a_second(seeds, capsys):
     worst_s = 0.0
     for seed in seeds:
         name, servo_id, bit = COMPLAINTS[seed]
@@ -95,7 +95,7 @@ def test_whatever_a_servo_complains_about_is_noticed_within_half_a_second(seeds,
 
 @pytest.mark.full
 @few_or_many(1, 50)
-def test_a_pulled_cable_ends_the_motion_within_a_tenth_of_a_second(seeds, capsys):
+def test_pulled_cable_ends_motion_within_100_ms(seeds, capsys):
     worst_s = 0.0
     for seed in seeds:
         dice, name = seeded(seed), FAMILIES[seed % 2]
@@ -109,7 +109,7 @@ def test_a_pulled_cable_ends_the_motion_within_a_tenth_of_a_second(seeds, capsys
 
 @pytest.mark.full
 @few_or_many(1, 20)
-def test_motions_end_at_their_goals_though_one_instruction_in_ten_is_lost(seeds, capsys):
+def test_motion_completes_with_10_percent_of_instructions_lost(seeds, capsys):
     states = {}
     for seed in seeds:
         dice, name = seeded(seed), FAMILIES[seed % 2]

@@ -61,7 +61,7 @@ def joint_of(arm, servo):
 
 
 @pytest.mark.sample(1)
-def test_a_servo_that_falls_silent_stops_the_others_within_three_cycles_and_is_named(either):
+def test_silent_servo_stops_others_in_three_cycles_and_is_named(either):
     auditor = Auditor(either)
     lost_s = inject(either, "silent", id=3)
     with pytest.raises(ServoSilentError, match=rf"{joint_of(either, 3)} \(id 3\)"):
@@ -78,7 +78,7 @@ def test_one_lost_answer_in_ten_does_not_stop_a_motion(arm):
 
 
 @pytest.mark.full
-def test_one_lost_instruction_in_ten_does_not_keep_the_arm_from_its_goal():
+def test_motion_reaches_goal_with_10_percent_instructions_lost():
     with ikservo.open_arm("so101", port="sim") as arm:
         arm.enable()
         inject(arm, "lost", after_s=0.0, probability=0.1)
@@ -86,7 +86,7 @@ def test_one_lost_instruction_in_ten_does_not_keep_the_arm_from_its_goal():
 
 
 @pytest.mark.sample(1)
-def test_a_servo_that_starts_anew_is_noticed_and_never_switched_on_again_by_itself(either):
+def test_servo_reset_is_noticed_and_torque_stays_off(either):
     auditor = Auditor(either)
     reset_s = inject(either, "reset", id=2)
     with pytest.raises(
@@ -102,7 +102,7 @@ def test_a_servo_that_starts_anew_is_noticed_and_never_switched_on_again_by_itse
 
 @pytest.mark.full
 @pytest.mark.sample(1)
-def test_after_a_brown_out_nothing_moves_until_a_person_says_so(either):
+def test_arm_moves_after_brown_out_only_once_acknowledged(either):
     auditor = Auditor(either)
     gone_s = inject(either, "brownout", for_s=0.3)
     with pytest.raises((ServoAlarmError, ServoSilentError)):
@@ -116,7 +116,7 @@ def test_after_a_brown_out_nothing_moves_until_a_person_says_so(either):
     assert auditor.faults() == []
 
 
-def test_a_pulled_cable_is_said_at_once(arm):
+def test_pulled_cable_is_reported_within_100_ms(arm):
     pulled_s = inject(arm, "unplug")
     with pytest.raises(PortLostError):
         swing(arm)
@@ -125,7 +125,7 @@ def test_a_pulled_cable_is_said_at_once(arm):
 
 @pytest.mark.full
 @pytest.mark.sample(1)
-def test_after_the_cable_is_back_the_arm_goes_on_once_a_person_has_looked(either, monkeypatch):
+def test_reconnected_arm_moves_only_once_acknowledged(either, monkeypatch):
     transport = transport_of(either)
     again = "ikservo.hardware.port_names.open_transport"
     monkeypatch.setattr(again, lambda *_: setattr(transport, "is_open", True) or transport)
@@ -142,12 +142,12 @@ def test_after_the_cable_is_back_the_arm_goes_on_once_a_person_has_looked(either
 
 
 @pytest.mark.parametrize("within_s", [float("nan"), -1.0, float("inf"), "soon"])
-def test_an_arm_waits_for_its_cable_for_a_time_that_is_one(arm, within_s):
+def test_reconnect_refuses_invalid_time_out(arm, within_s):
     with pytest.raises(BadValueError):
         arm.reconnect(within_s)
 
 
-def test_dynamixels_stop_by_themselves_without_further_packets():
+def test_dynamixel_watchdog_stops_servos_without_packets():
     with ikservo.open_arm("koch", port="sim") as arm:
         arm.enable()
         inject(arm, "unplug")
@@ -160,7 +160,7 @@ def test_dynamixels_stop_by_themselves_without_further_packets():
 
 
 @pytest.mark.full
-def test_a_dynamixel_stopped_by_its_watchdog_moves_again_at_the_next_start():
+def test_dynamixel_stopped_by_watchdog_moves_after_enable():
     with ikservo.open_arm("koch", port="sim:?pose=home") as arm:
         arm.enable()
         for servo in line_of(arm).servos.values():
@@ -171,7 +171,7 @@ def test_a_dynamixel_stopped_by_its_watchdog_moves_again_at_the_next_start():
 
 
 @pytest.mark.sample(1)
-def test_an_overloaded_joint_is_made_to_stay_where_it_is(either):
+def test_overload_alarm_makes_joint_hold_its_position(either):
     inject(either, "alarm", id=2, bits=0x20)
     with pytest.raises(ServoAlarmError, match=rf"{joint_of(either, 2)} .*overload") as caught:
         swing(either)
@@ -185,7 +185,7 @@ def test_an_overloaded_joint_is_made_to_stay_where_it_is(either):
     ("kind", "details", "words"),
     [("hot", {"celsius": 66.0}, "6[56] °C"), ("voltage", {"volts": 3.9}, "supply|alarm|voltage")],
 )
-def test_a_servo_that_is_not_well_is_said_with_its_number(kind, details, words):
+def test_alarm_error_names_temperature_or_voltage(kind, details, words):
     with ikservo.open_arm("so101", port="sim") as arm:
         arm.enable()
         inject(arm, kind, **details)
@@ -194,7 +194,7 @@ def test_a_servo_that_is_not_well_is_said_with_its_number(kind, details, words):
 
 
 @pytest.mark.full
-def test_a_motor_that_gives_no_torque_although_it_says_so_stops_the_arm():
+def test_joint_that_lost_torque_silently_stops_the_arm():
     with ikservo.open_arm("so101", port="sim") as arm:
         swing(arm)
         # the forearm weighs 0.43 N m, twice what friction holds; on the shoulder it is 0.07
@@ -203,7 +203,7 @@ def test_a_motor_that_gives_no_torque_although_it_says_so_stops_the_arm():
             arm.move_joints({"shoulder_pan": 1.2})
 
 
-def test_a_jammed_joint_stops_the_motion_within_three_cycles_of_leading_too_far(arm):
+def test_jammed_joint_stops_motion_and_goal_returns_to_present(arm):
     name = joint_of(arm, 1)
     auditor = Auditor(arm)
     inject(arm, "stuck", id=1)
@@ -216,7 +216,7 @@ def test_a_jammed_joint_stops_the_motion_within_three_cycles_of_leading_too_far(
 
 
 @pytest.mark.full
-def test_what_was_stopped_moves_again_once_acknowledged(arm):
+def test_jammed_arm_moves_again_once_acknowledged(arm):
     inject(arm, "stuck", id=1, for_s=2.0)
     with pytest.raises(RefusedError, match="does not follow"):
         arm.move_joints({joint_of(arm, 1): 1.0})
@@ -226,20 +226,20 @@ def test_what_was_stopped_moves_again_once_acknowledged(arm):
     swing(arm)
 
 
-def test_no_normal_session_writes_eeprom(arm):
+def test_normal_session_does_not_write_eeprom(arm):
     auditor = Auditor(arm)
     swing(arm, 0.1)
     arm.disable_torque()
     assert auditor.faults() == []
 
 
-def test_an_arm_that_was_closed_says_so(arm):
+def test_closed_arm_raises_port_error(arm):
     arm.close()
     with pytest.raises(PortError, match="was closed"):
         arm.where()
 
 
-def test_joints_turned_by_hand_do_not_snap_back_when_torque_comes_on():
+def test_joints_turned_by_hand_do_not_snap_back_at_torque_on():
     with ikservo.open_arm("so101", port="sim") as arm:
         world = line_of(arm).world
         arm.enable()
@@ -255,7 +255,7 @@ def test_joints_turned_by_hand_do_not_snap_back_when_torque_comes_on():
     assert abs(after[roll] - before[roll]) <= 2
 
 
-def test_a_servo_that_replies_with_positions_but_no_status_stops_the_arm(arm, monkeypatch):
+def test_servo_that_reports_no_status_stops_the_arm(arm, monkeypatch):
     arm.enable()
     monkeypatch.setattr(servo_group(arm)._health_poller, "_read_registers", lambda *_: None)
     with pytest.raises(RefusedError, match=r"No status \(temperature, voltage, load\) from"):

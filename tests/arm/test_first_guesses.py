@@ -26,7 +26,7 @@ def test_point_may_be_three_numbers(arm, method):
 
 
 @pytest.mark.parametrize("given", [(0.25, 0.0), (0.25, 0.0, 0.1, "slow"), ((0.25, 0, 0.1), 3, 4)])
-def test_point_of_other_numbers_is_refused_with_form(arm, given):
+def test_malformed_point_is_refused_with_the_right_form(arm, given):
     for method in (arm.move_to, arm.move_line, arm.look_at, arm.plan_to, arm.plan_line):
         with pytest.raises(ikservo.IkservoError, match=r"\(x, y, z\) in metres"):
             method(*given)
@@ -52,12 +52,12 @@ def test_dir_lists_public_names_only(arm):
 
 
 @pytest.mark.parametrize("text", ["250mm -50mm 150mm", "0.25 -0.05 0.15", "25cm -5cm 0.15m"])
-def test_hint_of_a_move_is_a_method_in_python(text):
+def test_move_hint_is_translated_to_a_python_method(text):
     hint = f"Try: ikservo move {text}."
     assert in_python(hint) == "Try: arm.move_to((0.25, -0.05, 0.15))."
 
 
-def test_hint_of_millimetres_is_a_method(arm):
+def test_hint_for_point_in_millimetres_names_a_method(arm):
     with pytest.raises(ikservo.UnreachableError, match=r"arm.move_to\(\(0.25, 0, 0.1\)\)"):
         arm.plan_to((250, 0, 100))
 

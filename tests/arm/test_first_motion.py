@@ -58,7 +58,7 @@ def test_a_limp_arm_stays_in_its_rest_pose(name):
 
 @pytest.mark.campaign
 @pytest.mark.parametrize("name", ARMS)
-def test_a_limp_arm_stays_in_its_rest_pose_where_bodies_touch_in_mujoco(name):
+def test_limp_arm_stays_in_rest_pose_with_mujoco_contacts(name):
     pytest.importorskip("mujoco")
     with ikservo.open_arm(name, port="sim:?physics=1") as arm:
         pass_time(arm, 5.0)
@@ -77,7 +77,7 @@ def test_the_first_motion_from_rest_arrives(name):
 
 @pytest.mark.sample(1)
 @pytest.mark.parametrize("name", ["koch", "wx250s"])
-def test_a_plan_for_a_limp_arm_is_made_anew_where_it_has_sunk_since(name):
+def test_plan_for_limp_arm_is_made_again_after_it_has_sunk(name):
     with ikservo.open_arm(name, port="sim:?pose=home") as arm:
         plan = arm.plan_to(home_tip_m(arm.model) + np.array([0.0, 0.0, 0.02]))
         pass_time(arm, 0.3)  # nobody holds it, and a person reads what it would do
@@ -87,7 +87,7 @@ def test_a_plan_for_a_limp_arm_is_made_anew_where_it_has_sunk_since(name):
 
 
 @pytest.mark.full
-def test_an_arm_that_was_moved_by_hand_starts_from_there():
+def test_plan_starts_from_where_a_hand_moved_the_arm():
     with ikservo.open_arm("so101", port="sim") as arm:
         plan = arm.plan_to(home_tip_m(arm.model))
         line_of(arm).world.place("shoulder_pan", 1.0)
@@ -110,7 +110,7 @@ LIFTED = {"shoulder_lift": (-95.0, 95.0), "elbow_flex": (-90.0, 90.0)}
 @pytest.mark.full
 @pytest.mark.sample(1)
 @pytest.mark.parametrize("start", ["rest", "home"])
-def test_a_rest_pose_outside_its_limits_keeps_no_arm_from_being_released(start):
+def test_rest_pose_outside_limits_does_not_prevent_relax(start):
     with ikservo.open_arm(
         narrowed("so101", **LIFTED), port=f"sim:{arm_path()}?pose={start}"
     ) as arm:
@@ -122,7 +122,7 @@ def test_a_rest_pose_outside_its_limits_keeps_no_arm_from_being_released(start):
 
 
 @pytest.mark.campaign
-def test_the_rest_pose_itself_is_gone_to_as_far_as_the_limits_let_it():
+def test_rest_pose_outside_limits_is_approached_to_the_limit():
     with ikservo.open_arm(narrowed("so101", **LIFTED), port=f"sim:{arm_path()}") as arm:
         arm.pose("home")
         assert arm.pose("rest").reached
@@ -134,7 +134,7 @@ def test_the_rest_pose_itself_is_gone_to_as_far_as_the_limits_let_it():
         )
 
 
-def test_a_pose_far_outside_the_limits_is_refused_before_anything_moves():
+def test_pose_far_outside_limits_is_refused_before_motion():
     with ikservo.open_arm(
         narrowed("so101", wrist_flex=(-90.0, 40.0)), port=f"sim:{arm_path()}"
     ) as arm:
@@ -144,7 +144,7 @@ def test_a_pose_far_outside_the_limits_is_refused_before_anything_moves():
 
 
 @pytest.mark.full
-def test_an_arm_that_cannot_be_lowered_is_let_go_and_says_why():
+def test_arm_that_cannot_be_lowered_goes_limp_and_reports_why():
     with ikservo.open_arm("so101", port="sim:?pose=home") as arm:
         arm.pose("home")
         line_of(arm).servos[2].motor.stuck = True
@@ -155,7 +155,7 @@ def test_an_arm_that_cannot_be_lowered_is_let_go_and_says_why():
 
 
 @pytest.mark.full
-def test_what_was_stopped_and_not_acknowledged_is_not_let_go():
+def test_stopped_arm_does_not_relax_before_acknowledgement():
     with ikservo.open_arm("so101", port="sim:?pose=home") as arm:
         arm.pose("home")
         arm.stop("Stopped by somebody.")

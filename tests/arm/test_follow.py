@@ -40,7 +40,7 @@ def circle(centre_m, radius_m, count):
 
 
 @pytest.mark.full
-def test_it_follows_points_around_a_circle_and_says_where_it_ended(arm):
+def test_follow_traces_a_circle_and_reports_where_it_ended(arm):
     centre_m = arm.where().tip_m
     seen = []
     report = arm.follow(
@@ -64,7 +64,7 @@ def test_it_follows_points_around_a_circle_and_says_where_it_ended(arm):
         lambda T: {"gripper": 0.6},
     ],
 )
-def test_every_kind_of_setpoint_is_understood(arm, setpoint):
+def test_follow_accepts_every_kind_of_setpoint(arm, setpoint):
     joints = np.array([state.position_rad for state in arm.where().joints])
     T = arm.chain.forward(arm.joint_index.chain_joints(joints))
     report = arm.follow([setpoint(T)] * 5)
@@ -82,12 +82,12 @@ print(*sorted(seen[-1] - seen[0]))
 
 
 @pytest.mark.full
-def test_no_goal_waits_for_a_library_to_be_loaded():
+def test_follow_imports_no_module_between_goals():
     ran = subprocess.run([sys.executable, "-c", LOADED], capture_output=True, text=True, check=True)
     assert ran.stdout.split() == []
 
 
-def test_after_silence_it_holds_and_returns(arm):
+def test_follow_holds_and_returns_after_300_ms_of_silence(arm):
     def stream():
         yield {"shoulder_pan": 1.0}
         while True:
@@ -101,7 +101,7 @@ def test_after_silence_it_holds_and_returns(arm):
     assert true_joints(arm)["shoulder_pan"] < 0.6
 
 
-def test_stream_is_checked_against_where_it_began(arm, monkeypatch):
+def test_stream_is_checked_against_its_start_pose(arm, monkeypatch):
     began, rests = list(true_joints(arm).values()), []
     monkeypatch.setattr(ArmContext, "check_trajectory", lambda *words: rests.append(words[2]))
     arm.follow({"shoulder_pan": pan} for pan in np.linspace(0.0, 0.5, cycle_count(arm, 0.5)))
@@ -109,7 +109,7 @@ def test_stream_is_checked_against_where_it_began(arm, monkeypatch):
     np.testing.assert_allclose(rests, [began] * len(rests), atol=0.01)
 
 
-def test_a_stream_that_keeps_it_waiting_is_silence(arm):
+def test_blocking_stream_counts_as_silence(arm):
     def stream():
         yield {"shoulder_pan": 1.0}
         servo_group(arm).clock.sleep_until(arm.clock.now_s() + 1.0)
@@ -120,7 +120,7 @@ def test_a_stream_that_keeps_it_waiting_is_silence(arm):
 
 
 @pytest.mark.full
-def test_a_delayed_program_is_no_silence_of_the_stream(arm):
+def test_delayed_progress_callback_is_not_stream_silence(arm):
     delays_s = iter([0.0, 0.0, 0.5])
 
     def delayed(_):
@@ -131,13 +131,13 @@ def test_a_delayed_program_is_no_silence_of_the_stream(arm):
     assert report.setpoints == 200
 
 
-def test_what_is_out_of_reach_is_gone_towards_and_counted(arm):
+def test_follow_counts_points_out_of_reach(arm):
     report = arm.follow([(0.9, 0.0, 0.2)] * 20)
     assert report.unreached == 20
 
 
 @pytest.mark.full
-def test_a_limit_holds_whoever_pulls_past_it(arm):
+def test_follow_goal_stops_at_joint_limit(arm):
     report = arm.follow([{"gripper": -5.0}] * cycle_count(arm, 2.5), speed="fast")
     lower = math.radians(-10.0)
     low_tick = 2048 + math.ceil(lower / (2 * math.pi) * 4096)
@@ -145,7 +145,7 @@ def test_a_limit_holds_whoever_pulls_past_it(arm):
     assert report.measured_rad["gripper"] == pytest.approx(lower, abs=0.06)
 
 
-def test_what_the_guard_refuses_is_not_gone_to_and_the_reason_is_kept(arm):
+def test_follow_skips_setpoint_refused_by_guard_with_reason(arm):
     before = true_tip_m(arm)
     report = arm.follow([{"shoulder_lift": 1.7, "elbow_flex": 0.5}] * cycle_count(arm, 1.0))
     assert report.refused == 1
@@ -163,7 +163,7 @@ def exact_tip_m(arm):
 @pytest.mark.full
 @pytest.mark.sample(1)
 @pytest.mark.parametrize(("name", "most_m"), [("so101", 1e-3), ("koch", 1.2e-3)])
-def test_a_stream_under_load_ends_about_a_millimetre_from_its_last_point(name, most_m):
+def test_follow_under_load_ends_within_about_1_mm_of_last_point(name, most_m):
     with ikservo.open_arm(name, port="sim:?pose=home&backlash_deg=0.5") as arm:
         start_m = arm.where().tip_m
         way_m = np.linspace((0.0, 0.0, 0.0), (0.0, 0.04, 0.03), cycle_count(arm, 2.0))
@@ -175,7 +175,7 @@ def test_a_stream_under_load_ends_about_a_millimetre_from_its_last_point(name, m
 
 
 @pytest.mark.full
-def test_after_a_refused_setpoint_it_ends_at_the_one_before(arm):
+def test_follow_ends_at_last_setpoint_before_a_refused_one(arm):
     point_m = np.add(arm.where().tip_m, (0.02, 0.0, 0.02))
     below_m = point_m * (1.0, 1.0, 0.0) - (0.0, 0.0, 0.05)
     report = arm.follow([*[point_m] * cycle_count(arm, 1.5), *[below_m] * cycle_count(arm, 0.2)])
@@ -184,7 +184,7 @@ def test_after_a_refused_setpoint_it_ends_at_the_one_before(arm):
 
 
 @pytest.mark.full
-def test_braked_on_its_way_it_does_not_sag(arm):
+def test_arm_braked_during_follow_does_not_sag(arm):
     arm.pose("home")
     start = true_joints(arm)
     arm.follow([{"shoulder_pan": 1.0}])
@@ -195,7 +195,7 @@ def test_braked_on_its_way_it_does_not_sag(arm):
 
 
 @pytest.mark.full
-def test_joints_that_no_setpoint_named_stay_where_they_were(arm):
+def test_joints_not_named_by_setpoint_stay_in_place(arm):
     arm.move_to((0.23, 0.02, 0.10))
     before = true_joints(arm)
     furthest = dict.fromkeys(before, 0.0)
@@ -242,12 +242,12 @@ def test_an_invalid_setpoint_is_refused_and_the_arm_holds(arm, setpoint):
     assert arm.stopped_for == ""
 
 
-def test_a_joint_it_does_not_have_is_named(arm):
+def test_follow_names_unknown_joint_and_suggests_known_one(arm):
     with pytest.raises(UnknownNameError, match="Did you mean elbow_flex"):
         arm.follow([{"elbow_flexx": 0.1}])
 
 
-def test_a_stream_that_stumbles_is_reported_after_the_arm_was_braked(arm):
+def test_exception_of_stream_is_raised_after_braking(arm):
     def stream():
         yield {"shoulder_pan": 0.5}
         raise ZeroDivisionError
@@ -257,7 +257,7 @@ def test_a_stream_that_stumbles_is_reported_after_the_arm_was_braked(arm):
     assert arm.move_joints({"gripper": 0.4}, speed="fast").reached
 
 
-def test_a_joint_is_jogged_while_it_is_wanted(arm):
+def test_joint_is_jogged_while_requested(arm):
     report = arm.jog(
         "shoulder_pan", 0.4, wanted=iter([True] * cycle_count(arm, 0.5) + [False]).__next__
     )
@@ -265,7 +265,7 @@ def test_a_joint_is_jogged_while_it_is_wanted(arm):
     assert true_joints(arm)["shoulder_pan"] == pytest.approx(0.2, abs=0.08)
 
 
-def test_a_jog_without_news_ends_after_a_third_of_a_second(arm):
+def test_jog_ends_soon_when_requests_fall_silent(arm):
     report = arm.jog("shoulder_pan", -0.3, wanted=lambda: None)
     assert report.ended == "no longer requested"
     assert -0.2 < true_joints(arm)["shoulder_pan"] < -0.03
@@ -294,7 +294,7 @@ def test_the_tip_is_not_jogged_through_the_table(arm):
     assert true_tip_m(arm)[2] > 0.0
 
 
-def test_a_joint_is_jogged_as_far_as_nothing_is_in_the_way(arm):
+def test_joint_jog_stops_before_contact_with_table(arm):
     before = true_joints(arm)["shoulder_lift"]
     report = arm.jog("shoulder_lift", 0.4, wanted=lambda: True)
     assert "gripper would touch the table" in report.ended
@@ -303,13 +303,13 @@ def test_a_joint_is_jogged_as_far_as_nothing_is_in_the_way(arm):
 
 
 @pytest.mark.parametrize("speed", [0, math.nan, math.inf, 2.0, "quick"])
-def test_a_speed_that_is_none_moves_nothing(arm, speed):
+def test_jog_with_invalid_speed_moves_nothing(arm, speed):
     with pytest.raises(BadValueError, match="The speed"):
         arm.jog("x", speed, wanted=lambda: True)
     assert not any(registers(arm, "torque_enable").values())
 
 
-def test_what_cannot_be_jogged_is_answered_with_what_can(arm):
+def test_jog_of_unknown_joint_lists_known_ones(arm):
     with pytest.raises(UnknownNameError, match="elbow_flex, gripper"):
         arm.jog("elbow", wanted=lambda: True)
 
@@ -320,7 +320,7 @@ def leader():
         yield machine
 
 
-def test_a_second_arm_does_what_a_hand_does_with_the_first(arm, leader):
+def test_follower_arm_mirrors_leader_moved_by_hand(arm, leader):
     hand = Hand(glide(0.0, 0.3, speed=0.8), limit=20.0)
     line_of(leader).world.grasp("shoulder_pan", hand)
     for joint in ("shoulder_lift", "elbow_flex", "wrist_flex"):  # the other hand
@@ -335,14 +335,14 @@ def test_a_second_arm_does_what_a_hand_does_with_the_first(arm, leader):
     assert not any(registers(leader, "torque_enable").values())
 
 
-def test_a_leader_that_falls_silent_lets_the_arm_hold(arm, leader):
+def test_silent_leader_makes_follower_hold(arm, leader):
     line_of(leader).world.servos[0].power_down()
     report = arm.follow_arm(leader)
     assert report.ended == "no target for 0.3 s"
     assert all(registers(arm, "torque_enable").values())
 
 
-def test_arms_without_a_joint_in_common_do_not_lead_each_other(arm):
+def test_follow_arm_refuses_arm_without_common_joint(arm):
     with (
         ikservo.open_arm("planar3", port="sim") as other,
         pytest.raises(InputError, match="no joint in common"),
@@ -383,7 +383,7 @@ def test_a_recording_of_another_arm_is_refused(arm, tmp_path, change, found):
     assert not any(registers(arm, "torque_enable").values())
 
 
-def test_a_recording_that_leaves_the_limits_is_refused_with_its_line(arm, tmp_path):
+def test_recording_outside_limits_is_refused_with_its_line(arm, tmp_path):
     arm.record(tmp_path / "wave.jsonl", duration_s=0.1)
     lines = (tmp_path / "wave.jsonl").read_text().splitlines(keepends=True)
     lines[3] = '{"t_s": 0.04, "q": [9.0, 0, 0, 0, 0, 0]}\n'
@@ -395,7 +395,7 @@ def test_a_recording_that_leaves_the_limits_is_refused_with_its_line(arm, tmp_pa
 
 @pytest.mark.parametrize("options", [{}, {"duration_s": 0}, {"duration_s": math.nan},
                                      {"duration_s": 1, "period_s": 0}])  # fmt: skip
-def test_a_recording_without_end_or_period_is_refused(arm, tmp_path, options):
+def test_record_refuses_missing_duration_or_zero_period(arm, tmp_path, options):
     with pytest.raises(BadValueError):
         arm.record(tmp_path / "wave.jsonl", **options)
     assert not (tmp_path / "wave.jsonl").exists()
@@ -435,7 +435,7 @@ def test_the_first_motion_after_torque_comes_on_is_slow(arm, motion):
 
 
 @pytest.mark.full
-def test_a_stream_takes_up_speed_once_the_arm_is_where_it_wants_it(arm):
+def test_follow_speeds_up_once_arm_is_at_first_setpoint(arm):
     slow = math.degrees(arm.model.speed("slow").rad_s)
     here = [{"shoulder_pan": 0.02}] * cycle_count(arm, 0.2)
     there = [{"shoulder_pan": 0.8}] * cycle_count(arm, 0.8)

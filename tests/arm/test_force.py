@@ -29,14 +29,14 @@ def names_of(found):
 
 
 @pytest.mark.parametrize("model", MODELS)
-def test_every_model_has_its_limit_or_none(model):
+def test_servo_model_has_expected_torque_limit_registers(model):
     bus = make_bus({1: model})
     found = torque_limit_registers(bus, 1)
     assert (names_of(found) if found else None) == LIMITED.get(model)
 
 
 @pytest.mark.parametrize("model", WITH_CURRENT)
-def test_in_current_based_position_mode_the_current_is_the_limit(model):
+def test_current_limits_torque_in_current_based_position_mode(model):
     bus = make_bus({1: model})
     bus.port.transport.line.servos[1].memory.put(
         "operating_mode", OperatingMode.CURRENT_BASED_POSITION
@@ -45,7 +45,7 @@ def test_in_current_based_position_mode_the_current_is_the_limit(model):
 
 
 @pytest.mark.parametrize("model", LIMITED)
-def test_the_limit_is_written_to_ram_as_a_share_of_what_eeprom_allows(model):
+def test_torque_limit_in_ram_is_share_of_eeprom_maximum(model):
     bus = make_bus({1: model})
     limit, most = torque_limit_registers(bus, 1)
     assert (limit.area, limit.access, most.area) == (Area.RAM, Access.RW, Area.EEPROM)
@@ -55,12 +55,12 @@ def test_the_limit_is_written_to_ram_as_a_share_of_what_eeprom_allows(model):
 
 
 @pytest.mark.parametrize("model", sorted(MODELS.keys() - LIMITED.keys()))
-def test_a_model_without_a_limit_is_refused(model):
+def test_model_without_torque_limit_register_is_refused(model):
     with pytest.raises(RegisterAccessError, match="there is none in RAM"):
         limit_torque(make_bus({1: model}), 1, 0.5)
 
 
-def test_an_hls_that_was_left_without_current_can_move_again():
+def test_hls_left_with_zero_goal_torque_can_move_again():
     bus = make_bus({1: "HLS3606M"})
     servo = bus.port.transport.line.servos[1]
     bus.write(1, servo_register(bus, "goal_torque"), 0, raw=True)
@@ -76,7 +76,7 @@ def test_an_hls_that_was_left_without_current_can_move_again():
 
 
 @pytest.mark.parametrize("speed_rad_s", [0.05, 0.1, 0.5, 3.0])
-def test_an_hls_may_turn_as_fast_as_the_motion_in_its_coarse_unit(speed_rad_s):
+def test_hls_profile_speed_is_not_below_motion_speed(speed_rad_s):
     bus = make_bus({1: "HLS3606M"})
     limits = ServoRamLimits(bus, [1])
     limits.prepare(1)
@@ -86,7 +86,7 @@ def test_an_hls_may_turn_as_fast_as_the_motion_in_its_coarse_unit(speed_rad_s):
 
 @pytest.mark.parametrize("model", LIMITED)
 @pytest.mark.parametrize("yielding", [False, True])
-def test_whatever_limits_the_force_is_lifted_before_torque_comes_on(model, yielding):
+def test_torque_limit_is_lifted_before_torque_comes_on(model, yielding):
     bus = make_bus({1: model})
     if yielding and model in WITH_CURRENT:
         memory = bus.port.transport.line.servos[1].memory

@@ -31,7 +31,7 @@ USES = {
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="there is no fork")
 @pytest.mark.parametrize("use", USES)
-def test_a_forked_child_is_refused_while_a_thread_of_its_parent_moves_the_arm(arm, use):
+def test_forked_child_is_refused_while_parent_moves_the_arm(arm, use):
     held, done = threading.Event(), threading.Event()
 
     def hold_lock():
@@ -57,7 +57,7 @@ def test_a_forked_child_is_refused_while_a_thread_of_its_parent_moves_the_arm(ar
 @pytest.mark.full
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="there is no fork")
 @pytest.mark.parametrize("use", [lambda motion: motion.wait(5.0), lambda motion: motion.cancel()])
-def test_a_forked_child_neither_waits_for_a_motion_nor_cancels_it(arm, use):
+def test_forked_child_cannot_wait_for_or_cancel_a_motion(arm, use):
     def use_motion():
         try:
             return use(motion)
@@ -72,6 +72,6 @@ def test_a_forked_child_neither_waits_for_a_motion_nor_cancels_it(arm, use):
 
 
 @pytest.mark.parametrize("wait", [None, 0, 1, "no", 2.0])
-def test_wait_is_a_truth_value_and_nothing_else(arm, wait):
+def test_wait_keyword_accepts_only_booleans(arm, wait):
     with pytest.raises(BadValueError, match="wait"):
         arm.move_joints({"gripper": 0.3}, wait=wait)

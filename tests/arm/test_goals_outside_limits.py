@@ -62,7 +62,7 @@ def test_a_limp_arm_outside_its_limits_is_only_moved_back(name, seed):
         )
 
 
-def test_a_goal_of_another_program_outside_the_limits_is_not_held():
+def test_hold_clips_goal_of_another_program_to_joint_limit():
     with ikservo.open_arm("so101", port="sim:?pose=home") as arm:
         arm.enable()
         group = servo_group(arm)
@@ -73,7 +73,7 @@ def test_a_goal_of_another_program_outside_the_limits_is_not_held():
         assert hold_ticks(group._bus, group.driven_joints, still)[driven.joint] == high
 
 
-def test_the_last_check_refuses_a_goal_that_passed_the_gate():
+def test_last_check_before_bus_refuses_goal_beyond_limit():
     with ikservo.open_arm("so101", port="sim:?pose=home") as arm:
         arm.enable()
         group, sent = servo_group(arm), GoalWitness(arm)

@@ -46,7 +46,7 @@ def put_between(arm, share):
 @pytest.mark.parametrize(
     "name", [n if n in TWO else pytest.param(n, marks=pytest.mark.campaign) for n in ARMS]
 )
-def test_closing_on_something_is_a_grasp_with_no_more_than_the_force(name):
+def test_grasp_presses_with_no_more_than_the_force(name):
     with ikservo.open_arm(name, port="sim:?pose=home") as arm:
         open_jaws(arm)
         at = put_between(arm, 0.2)
@@ -60,7 +60,7 @@ def test_closing_on_something_is_a_grasp_with_no_more_than_the_force(name):
         assert registers(arm, register)[own] == pytest.approx(0.2 * full, abs=1)
 
 
-def test_closing_on_nothing_is_no_grasp(so101):
+def test_gripper_closed_on_nothing_reports_no_grasp(so101):
     report = so101.gripper("close")
     assert (report.reached, report.grasped) == (True, False)
     assert report.position_rad == pytest.approx(jaws(so101).closed, abs=0.06)
@@ -80,7 +80,7 @@ CREEPING = [
 @pytest.mark.full
 @pytest.mark.sample(1)
 @pytest.mark.parametrize(("name", "begun", "share"), CREEPING)
-def test_jaws_that_creep_with_the_least_force_shut_and_have_grasped_nothing(name, begun, share):
+def test_creeping_jaws_close_and_report_no_grasp(name, begun, share):
     with ikservo.open_arm(name, port="sim:?pose=home") as arm:
         half = (jaws(arm).closed + jaws(arm).open) / 2
         line_of(arm).world.place(jaws(arm).joint, jaws(arm).open if begun == "open" else half)
@@ -93,7 +93,7 @@ def test_jaws_that_creep_with_the_least_force_shut_and_have_grasped_nothing(name
 @pytest.mark.parametrize(
     "name", ["so101", *(pytest.param(name, marks=LONG) for name in ("koch", "px100"))]
 )
-def test_the_least_force_grasps_what_stands_between_the_jaws(name):
+def test_least_force_grasps_object_between_jaws(name):
     with ikservo.open_arm(name, port="sim:?pose=home") as arm:
         open_jaws(arm)
         at = put_between(arm, 0.3)
@@ -105,7 +105,7 @@ def test_the_least_force_grasps_what_stands_between_the_jaws(name):
 
 
 @pytest.mark.parametrize(("name", "least"), LEAST.items())
-def test_a_force_that_does_not_move_the_jaws_is_refused_with_the_least_that_does(name, least):
+def test_force_too_small_to_move_jaws_is_refused_with_least(name, least):
     with ikservo.open_arm(name, port="sim:?pose=home") as arm:
         with pytest.raises(BadValueError, match=f"a fraction from {least:g} to 1 on this arm"):
             arm.gripper("close", force=least - 0.01)
@@ -113,7 +113,7 @@ def test_a_force_that_does_not_move_the_jaws_is_refused_with_the_least_that_does
 
 
 @pytest.mark.full
-def test_what_yields_is_pressed_until_it_yields_no_more(so101):
+def test_soft_object_is_pressed_until_it_yields_no_more(so101):
     open_jaws(so101)
     closed, opened = jaws(so101).closed, jaws(so101).open
     there, end = (closed + share * (opened - closed) for share in (0.6, 0.3))
@@ -124,21 +124,21 @@ def test_what_yields_is_pressed_until_it_yields_no_more(so101):
     assert report.position_rad == pytest.approx(end, abs=0.04 * (opened - closed))
 
 
-def test_jaws_that_stick_wide_open_have_grasped_nothing(so101):
+def test_jaws_stuck_open_report_no_grasp(so101):
     open_jaws(so101)
     line_of(so101).servos[servo_id("so101", "gripper")].motor.stuck = True
     report = so101.gripper("close")
     assert (report.reached, report.grasped) == (False, False)
 
 
-def test_jaws_so_weak_that_they_creep_are_waited_for():
+def test_slowly_creeping_jaws_do_not_stop_the_arm():
     with ikservo.open_arm("koch", port="sim:?pose=home") as arm:
         assert not arm.gripper("close", force=0.1).grasped
         assert arm.stopped_for == ""
 
 
 @pytest.mark.full
-def test_the_next_program_holds_on_with_no_more_than_the_force(so101):
+def test_enable_keeps_grasp_within_its_force(so101):
     open_jaws(so101)
     put_between(so101, 0.2)
     so101.gripper("close", force=0.2)
@@ -148,7 +148,7 @@ def test_the_next_program_holds_on_with_no_more_than_the_force(so101):
 
 
 @pytest.mark.full
-def test_it_goes_on_holding_while_other_joints_move_and_lets_go_when_it_opens(so101):
+def test_grasp_holds_during_moves_until_gripper_opens(so101):
     put_between(so101, 0.3)
     held = so101.gripper("close").position_rad
     assert so101.move_joints({"shoulder_pan": 0.1}, speed="fast").reached
@@ -164,7 +164,7 @@ def test_only_the_grippers_force_is_limited(so101):
     assert others == [1000] * 5
 
 
-def test_it_opens_to_a_width():
+def test_gripper_opens_to_a_width():
     with ikservo.open_arm("open_manipulator_x", port="sim:?pose=home") as arm:
         report = arm.gripper(width_m=0.055)
         assert report.reached
@@ -185,37 +185,37 @@ def test_the_widths_of_cranked_jaws_follow_the_crank(name):
 
 
 @pytest.mark.parametrize("width_m", [-0.01, 0.3, math.nan, math.inf])
-def test_a_width_that_the_jaws_do_not_have_moves_nothing(width_m):
+def test_gripper_width_out_of_range_moves_nothing(width_m):
     with ikservo.open_arm("open_manipulator_x", port="sim") as arm:
         with pytest.raises(BadValueError, match=r"0\.020 to 0\.082 m"):
             arm.gripper(width_m=width_m)
         assert not any(registers(arm, "torque_enable").values())
 
 
-def test_a_width_is_refused_without_known_widths(so101):
+def test_gripper_without_known_widths_refuses_a_width(so101):
     with pytest.raises(BadValueError, match="has no widths"):
         so101.gripper(width_m=0.03)
 
 
 @pytest.mark.parametrize("force", [0, -1, 1.01, math.nan, "hard"])
-def test_a_force_that_is_no_share_is_refused(so101, force):
+def test_gripper_force_that_is_not_a_share_is_refused(so101, force):
     with pytest.raises(BadValueError, match="The force"):
         so101.gripper("close", force=force)
     assert not any(registers(so101, "torque_enable").values())
 
 
 @pytest.mark.parametrize(("to", "width_m"), [(None, None), ("open", 0.02)])
-def test_it_is_reported_one_thing_at_a_time(so101, to, width_m):
+def test_gripper_needs_exactly_one_of_word_and_width(so101, to, width_m):
     with pytest.raises(BadValueError, match="open, close or a width"):
         so101.gripper(to, width_m=width_m)
 
 
-def test_another_word_is_answered_with_those_it_knows(so101):
+def test_unknown_gripper_word_lists_known_words(so101):
     with pytest.raises(UnknownNameError, match="close, open"):
         so101.gripper("ajar")
 
 
-def test_an_arm_without_gripper_says_so():
+def test_arm_without_gripper_refuses_gripper_command():
     with (
         ikservo.open_arm("planar3", port="sim") as arm,
         pytest.raises(IkservoError, match="has no gripper"),
@@ -223,7 +223,7 @@ def test_an_arm_without_gripper_says_so():
         arm.gripper("open")
 
 
-def test_every_shipped_gripper_says_which_way_it_closes():
+def test_shipped_gripper_is_closed_nearer_zero_than_open():
     for name in ("so101", "so100", "koch", "omx_f", "open_manipulator_x", "px100", "vx300s"):
         gripper = ikservo.load_model(name).gripper
         joint = next(j for j in arm_file(name)["joints"] if j["role"] == "gripper")

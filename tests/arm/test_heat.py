@@ -37,7 +37,7 @@ def limp(arm):
 
 
 @pytest.mark.full
-def test_an_arm_that_is_too_hot_to_go_on_holds_and_can_be_lowered_and_let_go():
+def test_overheated_arm_holds_and_can_be_lowered():
     with opened() as arm:
         overheat(arm, 68.0)
         assert all(registers(arm, "torque_enable").values())
@@ -47,7 +47,7 @@ def test_an_arm_that_is_too_hot_to_go_on_holds_and_can_be_lowered_and_let_go():
 
 
 @pytest.mark.full
-def test_an_arm_that_was_lowered_hot_is_not_moved_again_before_it_is_cool():
+def test_arm_lowered_hot_is_not_moved_before_it_cools():
     with opened() as arm:
         overheat(arm, 68.0)
         arm.acknowledge()
@@ -57,7 +57,7 @@ def test_an_arm_that_was_lowered_hot_is_not_moved_again_before_it_is_cool():
 
 
 @pytest.mark.full
-def test_an_arm_too_hot_to_hold_lowers_itself_lets_go_and_stays_stopped():
+def test_arm_too_hot_to_hold_lowers_itself_and_stays_stopped():
     with opened(release_c=66.5) as arm:
         overheat(arm, 69.0)
         assert limp(arm)
@@ -68,7 +68,7 @@ def test_an_arm_too_hot_to_hold_lowers_itself_lets_go_and_stays_stopped():
 
 
 @pytest.mark.full
-def test_where_it_cannot_be_lowered_it_holds_and_says_so():
+def test_hot_arm_that_cannot_be_lowered_holds_and_warns():
     with opened(release_c=66.5) as arm:
         warnings = []
         servo_group(arm).warn = warnings.append

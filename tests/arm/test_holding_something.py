@@ -25,7 +25,7 @@ def lead(arm, gripper):
 
 
 @pytest.mark.full
-def test_it_is_lowered_and_lets_go(holding):
+def test_arm_with_grasped_object_relaxes(holding):
     arm, _ = holding
     assert arm.relax().reached
     assert set(registers(arm, "torque_enable").values()) == {0}
@@ -33,7 +33,7 @@ def test_it_is_lowered_and_lets_go(holding):
 
 @pytest.mark.full
 @pytest.mark.parametrize("speed", [pytest.param("slow", marks=pytest.mark.campaign), "fast"])
-def test_it_follows_and_presses_no_harder(holding, speed):
+def test_follow_does_not_press_grasped_object_harder(holding, speed):
     arm, gripper = holding
     before = lead(arm, gripper)
     arm.follow(

@@ -41,23 +41,23 @@ def test_goal_outside_the_limits_comes_back_and_not_out_again():
     assert outside[-1] < 2000.0
 
 
-def test_a_joint_that_sags_is_led_on():
+def test_correction_leads_sagging_joint_on():
     goals = feed(creep(), [1980] * 20)
     assert goals == sorted(goals)
     assert goals[-1] > 2000
 
 
-def test_the_goal_of_a_joint_that_has_arrived_stays():
+def test_goal_of_arrived_joint_is_not_corrected():
     goals = feed(creep(goal=2030), [2000] * 20)
     assert set(goals) == {2030.0}
 
 
-def test_a_joint_that_only_has_to_stand_keeps_its_goal():
+def test_joint_without_wanted_position_keeps_its_goal():
     goals = feed(creep(wanted=None), [1950] * 20)
     assert set(goals) == {2000.0}
 
 
-def test_a_goal_never_leads_a_held_joint_further_than_the_guard_allows_at_rest():
+def test_correction_leads_stuck_joint_no_further_than_guard():
     joint = creep()
     goals = feed(joint, [1990] * 2000)
     assert max(goals) <= 1990 + joint.driven.max_lead_ticks(0.0) + 1
@@ -66,12 +66,12 @@ def test_a_goal_never_leads_a_held_joint_further_than_the_guard_allows_at_rest()
     )
 
 
-def test_a_lead_that_is_already_too_long_is_not_taken_back():
+def test_correction_does_not_take_back_excess_lead():
     goals = feed(creep(goal=2100), [1990] * 20)
     assert set(goals) == {2100.0}
 
 
-def test_a_goal_stays_inside_the_limits_and_says_which_one_binds():
+def test_corrected_goal_stays_in_limits_and_names_the_limit():
     joint = creep(goal=2690, wanted=2699, upper=1.0)
     goals = feed(joint, [2680] * 500)
     assert max(goals) <= joint.driven.tick_range[1]
@@ -81,13 +81,13 @@ def test_a_goal_stays_inside_the_limits_and_says_which_one_binds():
 
 
 @pytest.mark.parametrize("ticks", [[1980] * 5, [2000] * 5])
-def test_a_goal_that_can_go_on_or_need_not_is_saturated_by_nothing(ticks):
+def test_goal_that_can_go_on_or_has_arrived_is_not_saturated(ticks):
     joint = creep()
     feed(joint, ticks)
     assert joint.saturation_reason is None
 
 
-def test_a_joint_that_has_gone_across_is_not_turned_round_for_a_tick():
+def test_overshoot_of_one_tick_counts_as_arrived():
     joint = creep()
     feed(joint, [1998] * 5 + [2001] * 30)
     assert joint.arrived
@@ -95,14 +95,14 @@ def test_a_joint_that_has_gone_across_is_not_turned_round_for_a_tick():
 
 
 @pytest.mark.parametrize(("stuck", "left"), [((-6.0, 6.0), True), ((-20.0, -2.0), False)])
-def test_a_joint_without_load_is_not_taken_across_its_backlash_for_a_tick(stuck, left):
+def test_unloaded_joint_is_not_moved_through_backlash_for_a_tick(stuck, left):
     joint = creep(goal=1995, stuck=stuck)
     goals = feed(joint, [1999] * 10)
     assert joint.arrived == left
     assert (goals[-1] == 1995) == left
 
 
-def test_a_joint_that_jumps_to_and_fro_is_left_where_it_is_nearer_each_time():
+def test_joint_that_jumps_to_and_fro_is_left_at_nearer_side():
     joint = creep()
     for away in (-5, 4, -4):
         feed(joint, [2000 + away] * 5)
@@ -111,7 +111,7 @@ def test_a_joint_that_jumps_to_and_fro_is_left_where_it_is_nearer_each_time():
     assert joint.arrived
 
 
-def test_the_goal_of_a_joint_that_jumps_goes_back_until_it_rests():
+def test_goal_of_jumping_joint_steps_back_until_joint_rests():
     joint = creep()
     feed(joint, [1990] * 10)
     before = joint.goal_at(0.0)
@@ -121,7 +121,7 @@ def test_the_goal_of_a_joint_that_jumps_goes_back_until_it_rests():
     assert joint.goal_at(0.0) > before
 
 
-def test_a_joint_that_has_gone_far_across_is_brought_back():
+def test_overshoot_of_five_ticks_is_corrected():
     joint = creep()
     feed(joint, [1998] * 5 + [2005] * 5)
     goals = feed(joint, [2005] * 30, start_s=0.2)
@@ -129,21 +129,21 @@ def test_a_joint_that_has_gone_far_across_is_brought_back():
     assert goals[-1] < goals[0]
 
 
-def test_near_its_place_a_joint_that_has_just_moved_is_waited_for():
+def test_correction_waits_for_moving_joint_near_target():
     joint = creep()
     feed(joint, [1996] * 10)
     waiting = feed(joint, [1998, 1998, 1998], start_s=0.1)
     assert len(set(waiting[1:])) == 1
 
 
-def test_a_flickering_sensor_does_not_hold_the_goal_up():
+def test_flickering_sensor_does_not_delay_the_correction():
     joint = creep()
     goals = feed(joint, [1997, 1998] * 50)
     assert goals[-1] - goals[0] > 5
 
 
 @pytest.mark.parametrize("ticks", [[1998, 1999] * 20, [1999] * 40])
-def test_a_flickering_sensor_counts_as_standing(ticks):
+def test_flickering_sensor_counts_as_joint_at_rest(ticks):
     joint = creep()
     feed(joint, ticks)
     assert joint.still_since_s <= CYCLE_S
@@ -165,7 +165,7 @@ def settle_with(tick_at):
     pytest.fail("settling never ended")
 
 
-def test_goals_stay_where_the_arm_is_where_it_should_be_and_settling_ends_there():
+def test_settling_ends_and_goals_stay_once_target_is_reached():
     driven, near = creep().driven, lambda measured: driven.joint_map.tick(measured[0]) == 2001
     limits = [KinematicLimits(2.0, 20.0, 200.0)]
     trajectory = SettlingTrajectory([driven], [2002], [2000], limits, is_reached=near)
@@ -180,7 +180,7 @@ def test_goals_stay_where_the_arm_is_where_it_should_be_and_settling_ends_there(
     assert trajectory.residuals == ()
 
 
-def test_a_joint_that_friction_lets_go_at_the_last_moment_comes_to_rest():
+def test_joint_that_slips_late_in_settling_comes_to_rest():
     # as an elbow of an so101 was: 2 ticks off, held by friction for 2.9 s while its goal crept on
     trajectory = settle_with(lambda time_s: 2002 if time_s < 2.97 else 1998)
     assert trajectory.moving_joints == ()
@@ -188,7 +188,7 @@ def test_a_joint_that_friction_lets_go_at_the_last_moment_comes_to_rest():
     assert trajectory.residuals
 
 
-def test_a_joint_that_slides_onto_its_target_has_not_settled_there():
+def test_joint_sliding_over_its_target_has_not_settled():
     # as a waist of a vx300s: held a tick beside it, let go, over it at 40 ticks a second
     at = iter([*[2002] * 2, *[2001] * 38, *[2000] * 4, *[1999] * 4, *[1998] * 900])
     trajectory = settle_with(lambda _: next(at))
@@ -205,7 +205,7 @@ def swing(ticks):
 
 
 @pytest.mark.parametrize(("ticks", "degrees"), [(12, "1.1"), (4, "0.4"), (3, "0.3")])
-def test_a_joint_that_swings_on_is_left_and_the_report_says_by_how_much_it_swings(ticks, degrees):
+def test_joint_that_keeps_swinging_is_reported_with_amplitude(ticks, degrees):
     trajectory = settle_with(swing(ticks))
     assert trajectory.duration_s < 4.0
     assert trajectory.moving_joints == ("elbow",)
@@ -215,17 +215,17 @@ def test_a_joint_that_swings_on_is_left_and_the_report_says_by_how_much_it_swing
     assert residual.endswith("° off: no load presses its gears")
 
 
-def test_noise_of_two_ticks_about_the_goal_is_no_swing():
+def test_noise_of_two_ticks_is_not_reported_as_swing():
     at = itertools.cycle([2000, 2001, 2000, 1999])
     trajectory = settle_with(lambda _: next(at))
     assert not any("swings" in each for each in trajectory.residuals)
 
 
-def test_a_joint_that_swings_further_than_play_explains_has_not_settled():
+def test_joint_swinging_beyond_backlash_has_not_settled():
     assert settle_with(swing(60)).unsettled_joints == ("elbow",)
 
 
-def test_a_joint_that_stays_a_while_where_it_turns_round_does_not_rest_there():
+def test_joint_pausing_at_turning_points_is_not_at_rest():
     # as a pan of an so101 whose rotor crossed the play: for 0.25 s each time
     trajectory = settle_with(lambda time_s: 2000 if int(time_s / 0.25) % 2 else 2008)
     assert trajectory.moving_joints == ("elbow",)
@@ -242,7 +242,7 @@ def swing_then_rest(joint, at, start_s):
     return sent, goals
 
 
-def test_a_servo_is_softened_while_its_joint_swings():
+def test_sent_goal_yields_to_a_swinging_joint():
     joint = creep(goal=2004)
     sent, goals = swing_then_rest(joint, 2009, 0.0)
     along, _ = np.polyfit([swing(12)(cycle * CYCLE_S) for cycle in range(60, 100)], sent[60:100], 1)
@@ -250,7 +250,7 @@ def test_a_servo_is_softened_while_its_joint_swings():
     assert len(set(goals[60:100])) == 1
 
 
-def test_the_torque_of_a_joint_stays_where_its_swing_comes_to_rest():
+def test_torque_of_joint_is_kept_when_its_swing_ends():
     joint = creep(goal=2004)
     sent, goals = swing_then_rest(joint, 2009, 0.0)
     rested = next(cycle for cycle in range(100, 180) if goals[cycle] != goals[99])
@@ -258,7 +258,7 @@ def test_the_torque_of_a_joint_stays_where_its_swing_comes_to_rest():
     assert abs(goals[rested] - goals[99]) > 2.0
 
 
-def test_a_joint_that_swung_is_corrected_again_at_rest_twice_and_slowly():
+def test_swung_joint_is_corrected_twice_more_and_slower():
     joint, speeds = creep(), []
     for time_s in (0.0, 2.0, 4.0):
         _, goals = swing_then_rest(joint, round(joint.goal) - 10, time_s)
@@ -268,7 +268,7 @@ def test_a_joint_that_swung_is_corrected_again_at_rest_twice_and_slowly():
     assert joint.swings
 
 
-def test_a_joint_that_swung_is_not_turned_round_for_what_it_drifts_over_its_target():
+def test_drift_of_swung_joint_over_target_is_not_reversed():
     joint = creep(goal=2004)
     swing_then_rest(joint, 1990, 0.0)
     goals = feed(joint, [*range(1990, 2005), *[2004] * 100], 2.0)
@@ -276,7 +276,7 @@ def test_a_joint_that_swung_is_not_turned_round_for_what_it_drifts_over_its_targ
     assert goals[-1] == goals[-100]
 
 
-def test_a_joint_that_begins_to_swing_again_when_time_is_over_is_reported_not_an_error():
+def test_late_swing_of_joint_is_reported_without_error():
     def tick_at(time_s):
         swung = time_s < 1.0 or time_s > 5.2
         return swing(12)(time_s) if swung else 1990
@@ -287,12 +287,12 @@ def test_a_joint_that_begins_to_swing_again_when_time_is_over_is_reported_not_an
     assert "swings" in trajectory.residuals[0]
 
 
-def test_a_gripper_that_swings_keeps_its_goal():
+def test_swinging_joint_without_wanted_position_keeps_its_goal():
     sent, _ = swing_then_rest(creep(wanted=None), 2009, 0.0)
     assert set(sent) == {2000.0}
 
 
-def test_the_goal_of_a_joint_that_leaps_does_not_leap():
+def test_goal_does_not_leap_with_a_leaping_joint():
     joint = creep()
     feed(joint, [1990] * 10)
     before = joint.goal_at(0.0)

@@ -59,7 +59,7 @@ def _height_m(shape, place):
 
 
 @pytest.mark.parametrize("name", GRIPPERS)
-def test_the_capsules_of_all_jaws_cover_them_wherever_they_are(name):
+def test_capsules_of_all_jaws_cover_them_at_every_opening(name):
     model, exact = load_model(name), Exact(name)
     space, random = (
         CollisionChecker(collision_body_with_gripper(model), DEEP_M),
@@ -82,7 +82,7 @@ def test_the_capsules_of_all_jaws_cover_them_wherever_they_are(name):
 
 
 @pytest.mark.parametrize("name", GRIPPERS)
-def test_in_every_named_pose_the_jaws_may_close_and_open(name):
+def test_jaws_may_open_and_close_in_every_named_pose(name):
     model = load_model(name)
     space = CollisionChecker(collision_body_with_gripper(model), model.floor_m)
     for pose in model.poses:
@@ -105,7 +105,7 @@ def arm():
 
 
 @pytest.mark.full
-def test_jaws_that_would_touch_something_on_their_way_do_not_move(arm):
+def test_gripper_refuses_to_open_jaws_against_an_obstacle(arm):
     before = true_joints(arm)
     with pytest.raises(RefusedError, match="jaw would touch the lamp"):
         arm.gripper("open")
@@ -114,13 +114,13 @@ def test_jaws_that_would_touch_something_on_their_way_do_not_move(arm):
 
 
 @pytest.mark.campaign
-def test_jaws_under_the_lamp_open_where_the_arm_has_gone_aside(arm):
+def test_jaws_open_after_arm_has_moved_away_from_obstacle(arm):
     arm.move_joints({"shoulder_pan": -0.5}, speed="fast")
     assert arm.gripper("open").reached
 
 
 @pytest.mark.full
-def test_open_jaws_are_not_carried_into_what_closed_ones_pass(arm):
+def test_open_jaws_are_refused_a_path_that_closed_jaws_pass(arm):
     arm.gripper("close")
     assert arm.move_joints({"shoulder_pan": -0.5}, speed="fast").reached
     assert arm.move_joints({"shoulder_pan": 0.0}, speed="fast").reached
@@ -132,7 +132,7 @@ def test_open_jaws_are_not_carried_into_what_closed_ones_pass(arm):
 
 
 @pytest.mark.full
-def test_a_followed_arm_does_not_carry_its_open_jaws_into_it_either(arm):
+def test_follow_does_not_carry_open_jaws_into_obstacle(arm):
     arm.move_joints({"shoulder_pan": -0.5}, speed="fast")
     arm.gripper("open")
     report = arm.follow([{"shoulder_pan": 0.0}] * 20)
@@ -141,7 +141,7 @@ def test_a_followed_arm_does_not_carry_its_open_jaws_into_it_either(arm):
 
 
 @pytest.mark.full
-def test_without_the_look_they_open_all_the_same():
+def test_jaws_open_at_obstacle_without_collision_checks():
     model = replace(load_model("so101"), keep_out=(LAMP,))
     with ikservo.open_arm(model, port="sim:?pose=home", collisions=False) as arm:
         assert arm.gripper("open").reached
@@ -150,7 +150,7 @@ def test_without_the_look_they_open_all_the_same():
 @pytest.mark.full
 @pytest.mark.sample(1)
 @pytest.mark.parametrize("name", ["omx_f", "koch"])
-def test_jaws_open_and_close_where_the_limp_arm_has_sunk_out_of_its_rest_pose(name):
+def test_jaws_open_and_close_after_limp_arm_has_sunk(name):
     with ikservo.open_arm(name, port="sim") as arm:
         clock_of(arm).sleep_until(clock_of(arm).now_s() + 5.0)
         assert arm.gripper("open").reached

@@ -22,7 +22,7 @@ def after(clock, seconds):
     return clock.now_s()
 
 
-def test_a_second_operator_is_refused_and_reported_who_controls_the_arm(lease):
+def test_second_operator_is_refused_with_name_of_first(lease):
     lease.acquire("ada on laptop")
     with pytest.raises(RefusedError, match="ada on laptop controls the arm"):
         lease.acquire("bob on desk")
@@ -34,7 +34,7 @@ def test_a_released_lease_can_be_acquired_again(lease):
     assert lease.acquire("bob").lease != first.lease
 
 
-def test_another_lease_releases_nothing(lease):
+def test_unknown_lease_releases_nothing(lease):
     lease.acquire("ada")
     assert not lease.release("00")
     assert lease.holder.operator == "ada"
@@ -45,7 +45,7 @@ def test_another_lease_releases_nothing(lease):
     [(6, 0.0, True), (6, 0.29, True), (6, 0.31, False), (5, 0.0, False), (4, 0.0, False),
      (6, -0.29, True), (6, -0.31, False)],
 )  # fmt: skip
-def test_a_setpoint_counts_if_it_is_newer_than_the_last_and_not_old(
+def test_setpoint_counts_if_numbered_newer_and_below_300_ms_old(
     lease, clock, number, age_s, counts
 ):
     held = lease.acquire("ada").lease
@@ -62,7 +62,7 @@ def test_setpoints_of_an_earlier_lease_are_dropped(lease, clock):
     assert not lease.accept_setpoint(old, 1, clock.now_s())
 
 
-def test_a_dropped_setpoint_is_no_sign_of_life(lease, clock):
+def test_dropped_setpoint_does_not_end_silence_of_lease(lease, clock):
     held = lease.acquire("ada").lease
     after(clock, 0.5)
     lease.accept_setpoint(held, 1, clock.now_s() - 0.4)
@@ -75,9 +75,7 @@ def test_a_dropped_setpoint_is_no_sign_of_life(lease, clock):
     ("own", "number", "age_s", "text"),
     [(False, 3, 0.0, "does not control"), (True, 2, 0.0, "repeated"), (True, 3, 0.4, "0.4 s")],
 )
-def test_a_request_is_refused_where_it_is_not_the_holders_repeated_or_late(
-    lease, clock, own, number, age_s, text
-):
+def test_lease_refuses_foreign_repeated_or_late_request(lease, clock, own, number, age_s, text):
     held = lease.acquire("ada").lease
     now_s = after(clock, 1.0)
     lease.check_request(held, 2, now_s)
@@ -85,7 +83,7 @@ def test_a_request_is_refused_where_it_is_not_the_holders_repeated_or_late(
         lease.check_request(held if own else "ab", number, now_s - age_s)
 
 
-def test_no_motion_begins_under_a_lost_lease(lease):
+def test_motion_does_not_begin_under_a_lost_lease(lease):
     held = lease.acquire("ada").lease
     with lease.motion(held):
         assert lease.moving.operator == "ada"
@@ -96,7 +94,7 @@ def test_no_motion_begins_under_a_lost_lease(lease):
         pass
 
 
-def test_nothing_is_lent_once_the_server_ends(lease):
+def test_closed_lease_refuses_motions_and_operators(lease):
     held = lease.acquire("ada").lease
     lease.close()
     with pytest.raises(LeaseLostError), lease.motion(held):
@@ -105,7 +103,7 @@ def test_nothing_is_lent_once_the_server_ends(lease):
         lease.acquire("bob")
 
 
-def test_taking_over_ends_the_lease_of_the_one_before(lease):
+def test_taking_over_ends_the_previous_lease(lease):
     first = lease.acquire("page 1").lease
     second = lease.acquire("page 2", take_over=True).lease
     assert (lease.is_held_by(first), lease.is_held_by(second)) == (False, True)
@@ -113,7 +111,7 @@ def test_taking_over_ends_the_lease_of_the_one_before(lease):
     assert lease.holder.operator == "page 2"
 
 
-def test_signs_of_life_count_from_the_holder_only(lease, clock):
+def test_lease_silence_is_ended_by_its_holder_only(lease, clock):
     assert lease.is_silent  # nobody was heard yet
     held = lease.acquire("page 1").lease
     after(clock, 0.29)
@@ -125,7 +123,7 @@ def test_signs_of_life_count_from_the_holder_only(lease, clock):
     assert not lease.is_silent
 
 
-def test_silence_goes_on_after_the_lease_was_given_back(lease, clock):
+def test_silence_continues_after_lease_is_released(lease, clock):
     held = lease.acquire("page 1").lease
     lease.release(held)
     after(clock, 0.4)

@@ -26,7 +26,7 @@ def joint(arm):
 @pytest.mark.full
 @pytest.mark.sample(1)
 @pytest.mark.parametrize(("speed", "deg_s"), [("slow", 25), ("normal", 60), ("fast", 120)])
-def test_a_feetech_turns_by_itself_only_little_faster_than_its_speed_class(sts, speed, deg_s):
+def test_feetech_goal_speed_is_at_most_30_percent_above_class(sts, speed, deg_s):
     sts.move_joints({joint(sts): 0.05})
     sts.move_joints({joint(sts): 0.0}, speed=speed)
     ticks_s = deg_s * 4096 / 360
@@ -36,9 +36,7 @@ def test_a_feetech_turns_by_itself_only_little_faster_than_its_speed_class(sts, 
 
 @pytest.mark.sample(1)
 @pytest.mark.parametrize(("speed", "deg_s"), [("slow", 25), ("normal", 60), ("fast", 120)])
-def test_a_dynamixel_turns_by_itself_only_little_faster_than_its_speed_class(
-    x_series, speed, deg_s
-):
+def test_dynamixel_profile_is_at_most_30_percent_above_class(x_series, speed, deg_s):
     x_series.move_joints({joint(x_series): 0.05})
     x_series.move_joints({joint(x_series): 0.0}, speed=speed)
     counts = deg_s / 6 / 0.229
@@ -47,21 +45,21 @@ def test_a_dynamixel_turns_by_itself_only_little_faster_than_its_speed_class(
 
 
 @pytest.mark.full
-def test_a_feetech_whose_speeds_count_in_fifties_is_reported_in_fifties(sts):
+def test_feetech_speed_unit_of_50_steps_is_respected(sts):
     line_of(sts).servos[1].memory.put("phase", 8)
     sts.move_joints({joint(sts): 0.05})
     sts.move_joints({joint(sts): 0.0}, speed="fast")
     assert 27 <= line_of(sts).servos[1].read("goal_speed") <= 36
 
 
-def test_a_torque_limit_that_another_program_has_left_is_lifted(sts):
+def test_torque_limit_left_by_another_program_is_lifted(sts):
     line_of(sts).servos[3].write("torque_limit", 100)
     sts.enable()
     assert registers(sts, "torque_limit") == registers(sts, "max_torque")
 
 
 @pytest.mark.full
-def test_the_watchdog_runs_while_goals_are_streamed_and_not_after(x_series):
+def test_watchdog_is_armed_while_goals_are_streamed_only(x_series):
     seen = []
 
     def check(_):
@@ -74,7 +72,7 @@ def test_the_watchdog_runs_while_goals_are_streamed_and_not_after(x_series):
     assert set(registers(x_series, "bus_watchdog").values()) == {0}
 
 
-def test_a_shoulder_that_would_sink_far_has_no_watchdog():
+def test_shoulder_that_would_sink_far_gets_no_watchdog():
     with ikservo.open_arm("wx250s", port="sim", collisions=False) as arm:
         seen = []
         arm.move_joints(
@@ -84,7 +82,7 @@ def test_a_shoulder_that_would_sink_far_has_no_watchdog():
         assert armed == [5, 0, 5]
 
 
-def test_a_speed_that_is_gone_means_a_reset(sts):
+def test_lost_speed_register_is_reported_as_servo_reset(sts):
     def lose(progress):
         if progress.elapsed_s > 0.2:
             line_of(sts).servos[4].memory.put("goal_speed", 0)
@@ -93,7 +91,7 @@ def test_a_speed_that_is_gone_means_a_reset(sts):
         sts.move_joints({joint(sts): 0.8}, on_progress=lose)
 
 
-def test_a_soft_dynamixel_is_made_stiff_enough_to_carry_its_arm(x_series):
+def test_soft_dynamixel_gains_are_raised_to_carry_the_arm(x_series):
     x_series.enable()
     gains = [registers(x_series, f"position_{part}_gain") for part in "pid"]
     assert {tuple(gain[i] for gain in gains) for i in (3, 4, 5)} == {(1500, 0, 600)}
@@ -109,7 +107,7 @@ FRONT = {"shoulder": 0.87, "elbow": -0.7, "wrist_angle": 0.0}
 @pytest.mark.parametrize(("name", "low", "up"), [
     ("omx_f", BACK, {"joint2": -0.87}), ("wx250s", FRONT, {"shoulder": 0.35}),
 ])  # fmt: skip
-def test_an_arm_that_reaches_far_is_lifted_at_its_slowest_speed(name, low, up):
+def test_far_reaching_arm_is_lifted_at_slow_speed(name, low, up):
     with ikservo.open_arm(name, port="sim") as arm:
         arm.move_joints(low)
         arm.move_joints(up, speed="slow")
@@ -117,7 +115,7 @@ def test_an_arm_that_reaches_far_is_lifted_at_its_slowest_speed(name, low, up):
         assert true_joints(arm)[joint] == pytest.approx(goal, abs=0.01)
 
 
-def test_a_profile_that_was_made_time_based_while_torque_was_off_is_noticed(x_series):
+def test_time_based_profile_set_while_limp_is_noticed(x_series):
     x_series.enable()
     servo = line_of(x_series).servos[4]
     assert servo.read("profile_velocity") > 0

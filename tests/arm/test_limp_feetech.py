@@ -21,7 +21,7 @@ def torques(arm):
     return [s.drive.torque_on or s.read("torque_enable") != 0 for s in servos]
 
 
-def test_torque_that_a_callback_switches_off_stays_off(arm):
+def test_torque_switched_off_by_a_callback_stays_off(arm):
     def let_go(progress):
         if progress.elapsed_s > 0.3:
             arm.disable_torque()
@@ -33,7 +33,7 @@ def test_torque_that_a_callback_switches_off_stays_off(arm):
 
 @pytest.mark.sample(1)
 @pytest.mark.parametrize("stop", ["stop", "hold_servos"])
-def test_a_stop_leaves_a_limp_arm_limp(arm, stop):
+def test_stop_leaves_limp_arm_limp(arm, stop):
     arm.move_joints({"shoulder_pan": 0.1})
     arm.disable_torque()
     if stop == "stop":
@@ -44,7 +44,7 @@ def test_a_stop_leaves_a_limp_arm_limp(arm, stop):
 
 
 @pytest.mark.parametrize("servo_id", [1, 6])
-def test_where_torque_cannot_come_on_everywhere_it_comes_on_nowhere(arm, servo_id):
+def test_torque_comes_on_nowhere_if_one_servo_is_silent(arm, servo_id):
     servo = line_of(arm).servos[servo_id]
     goal = servo.table.by_name["goal_position"].address
 
@@ -61,7 +61,7 @@ def test_where_torque_cannot_come_on_everywhere_it_comes_on_nowhere(arm, servo_i
     assert others == [False] * 5
 
 
-def test_an_arm_with_a_servo_in_another_mode_stays_limp(arm):
+def test_arm_with_servo_in_another_mode_stays_limp(arm):
     line_of(arm).servos[3].write("operating_mode", 1)
     with pytest.raises(RefusedError, match=r"elbow_flex .*its operating mode is 1"):
         arm.enable()

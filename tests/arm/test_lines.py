@@ -37,7 +37,7 @@ def from_line_m(points, begin, end):
 
 
 @pytest.mark.full
-def test_the_tip_goes_straight_as_the_servos_own_registers_say(ready):
+def test_true_tip_stays_within_3_mm_of_the_line(ready):
     ready.move_to((0.22, 0.02, 0.12))  # the first motion lifts an arm that was limp
     begin, goal = true_tip_m(ready), np.array((0.22, -0.08, 0.18))
     tips = tips_m(ready, ready.plan_line(goal))
@@ -46,7 +46,7 @@ def test_the_tip_goes_straight_as_the_servos_own_registers_say(ready):
     assert from_line_m(tips, begin, goal).max() < 3e-3
 
 
-def test_the_setpoints_of_a_line_stay_on_it(ready):
+def test_line_setpoints_stay_within_1_5_mm_of_the_line(ready):
     plan, goal = ready.plan_line((0.22, -0.08, 0.18)), np.array((0.22, -0.08, 0.18))
     times_s = np.linspace(0.0, plan.duration_s, 200)
     q = np.array([plan.trajectory.state(time_s).position for time_s in times_s])
@@ -55,7 +55,7 @@ def test_the_setpoints_of_a_line_stay_on_it(ready):
 
 
 @pytest.mark.full
-def test_what_was_checked_is_what_a_plan_carries(ready):
+def test_line_plan_goal_duration_and_length_match_trajectory(ready):
     plan = ready.plan_line((0.22, -0.08, 0.18))
     np.testing.assert_array_equal(plan.trajectory.state(plan.duration_s).position, plan.goal)
     assert plan.trajectory.duration_s == plan.duration_s
@@ -63,13 +63,13 @@ def test_what_was_checked_is_what_a_plan_carries(ready):
     assert plan.path_m == pytest.approx(np.linalg.norm(plan.tip_m - begin_m), abs=1e-3)
 
 
-def test_a_line_names_what_sets_its_time_and_what_comes_close_to_a_limit(ready):
+def test_line_plan_names_limiting_joints_and_near_limits(ready):
     plan = ready.plan_line((0.22, -0.08, 0.18))
     assert {words.split()[0] for words in plan.time_limiting_joints} <= set(ready.chain.names)
     assert all(near.margin < 0.2 for near in plan.near_limits)
 
 
-def test_a_line_that_leaves_what_is_reachable_moves_nothing_and_says_where(ready):
+def test_line_out_of_reach_moves_nothing(ready):
     before = registers(ready, "goal_position")
     with pytest.raises(UnreachableError):
         ready.move_line((0.6, 0.05, 0.15))
@@ -77,7 +77,7 @@ def test_a_line_that_leaves_what_is_reachable_moves_nothing_and_says_where(ready
 
 
 @pytest.mark.full
-def test_a_line_through_what_is_not_reachable_is_refused_before_it_begins(ready):
+def test_line_through_unreachable_points_is_refused_at_start(ready):
     ready.move_to((0.0, 0.22, 0.15))
     before = registers(ready, "goal_position")
     with pytest.raises(CartesianPathError) as caught:
@@ -86,7 +86,7 @@ def test_a_line_through_what_is_not_reachable_is_refused_before_it_begins(ready)
     assert registers(ready, "goal_position") == before
 
 
-def test_a_line_through_the_table_or_the_arm_itself_is_refused(ready):
+def test_line_through_table_or_arm_is_refused(ready):
     with pytest.raises(RefusedError, match=r"would touch .* (of the path|inside it at the goal)"):
         ready.move_line((0.25, 0.0, -0.05))
 
@@ -94,7 +94,7 @@ def test_a_line_through_the_table_or_the_arm_itself_is_refused(ready):
 @pytest.mark.full
 @pytest.mark.sample(1)
 @pytest.mark.parametrize("line", [True, False])
-def test_way_points_are_passed_without_a_stop(ready, line):
+def test_waypoints_are_passed_without_a_stop(ready, line):
     via, goal = np.array((0.22, -0.02, 0.2)), np.array((0.2, -0.08, 0.15))
     plan = ready.plan_through([via, goal], line=line, blend_m=0.02)
     states = [plan.trajectory.state(t) for t in np.linspace(0.0, plan.duration_s, 800)]
@@ -107,20 +107,20 @@ def test_way_points_are_passed_without_a_stop(ready, line):
 
 @pytest.mark.parametrize("blend_m", [0.0, -0.01, math.nan, math.inf])
 @pytest.mark.parametrize("line", [True, False])
-def test_a_blend_is_positive(arm, blend_m, line):
+def test_blend_that_is_not_positive_is_refused(arm, blend_m, line):
     with pytest.raises(BadValueError, match="blend"):
         arm.plan_through([(0.25, 0, 0.2), (0.25, 0.05, 0.15)], line=line, blend_m=blend_m)
 
 
 @pytest.mark.parametrize("points", [[], [(0.25, 0.0)], [(0.25, 0, math.nan)]])
-def test_points_that_are_none_move_nothing(arm, points):
+def test_invalid_waypoints_move_nothing(arm, points):
     with pytest.raises(BadValueError):
         arm.move_through(points)
     assert not any(registers(arm, "torque_enable").values())
 
 
 @pytest.mark.full
-def test_a_plan_is_not_executed_from_another_posture(ready):
+def test_plan_is_not_executed_from_another_pose(ready):
     plan = ready.plan_line((0.22, -0.08, 0.18))
     ready.move_joints({"shoulder_pan": 0.4}, speed="fast")
     with pytest.raises(RefusedError, match="not at the start of the plan"):
@@ -136,13 +136,13 @@ def test_the_first_motion_after_torque_comes_on_is_slow(arm):
     assert (second.speed, second.speed_reduced) == ("fast", False)
 
 
-def test_the_first_motion_is_slow_also_where_torque_was_switched_on_before(arm):
+def test_first_motion_is_slow_if_torque_was_already_on(arm):
     arm.enable()
     assert arm.plan_joints({"elbow_flex": 0.3}).speed == "slow"
 
 
 @pytest.mark.full
-def test_an_arm_that_holds_already_need_not_begin_slowly(ready):
+def test_acknowledged_holding_arm_need_not_begin_slowly(ready):
     servos = line_of(ready).servos
     assert all(servo.read("torque_enable") for servo in servos.values())
     ready.acknowledge()  # as for a program that opens an arm that holds
@@ -150,7 +150,7 @@ def test_an_arm_that_holds_already_need_not_begin_slowly(ready):
 
 
 @pytest.mark.full
-def test_after_letting_go_the_next_motion_is_slow_again(ready):
+def test_motion_after_torque_off_is_slow_again(ready):
     plan = ready.plan_to((0.22, -0.05, 0.15))
     ready.disable_torque()
     assert ready.plan_to((0.22, -0.05, 0.15)).speed == "slow"

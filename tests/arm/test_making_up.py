@@ -16,26 +16,26 @@ def short_of_home(by_rad):
     return q
 
 
-def test_the_tip_comes_back_to_its_target_while_the_held_joint_stays():
+def test_compensation_returns_tip_to_target_with_joint_held():
     q, target_m = short_of_home(0.015), CHAIN.forward(HOME)[:3, 3]
     found = compensate(CHAIN, target_m, q, {"elbow_flex"})
     assert found[ELBOW] == q[ELBOW]
     assert np.linalg.norm(CHAIN.forward(found)[:3, 3] - target_m) < 5e-5
 
 
-def test_no_joint_goes_far_for_another():
+def test_compensation_moves_no_joint_more_than_0_05_rad():
     q, target_m = short_of_home(0.2), CHAIN.forward(HOME)[:3, 3]
     found = compensate(CHAIN, target_m, q, {"elbow_flex"})
     assert found is None or np.abs(found - q).max() <= 0.05 + 1e-9
 
 
-def test_no_joint_leaves_its_limits():
+def test_compensation_keeps_joints_inside_their_limits():
     q, target_m = short_of_home(0.015), CHAIN.forward(HOME)[:3, 3]
     tight = CHAIN.with_limits(q - 0.003, q + 0.003)
     found = compensate(tight, target_m, q, {"elbow_flex"})
     assert found is None or ((tight.lower_rad <= found) & (found <= tight.upper_rad)).all()
 
 
-def test_joints_that_are_no_help_are_left_alone():
+def test_compensation_without_free_joints_returns_none():
     target_m = CHAIN.forward(short_of_home(0.3))[:3, 3]
     assert compensate(CHAIN, target_m, HOME, set(CHAIN.names)) is None

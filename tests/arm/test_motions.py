@@ -67,28 +67,28 @@ EXAMPLES = (
 )
 
 
-def test_examples_have_every_kind():
+def test_motion_examples_have_every_kind():
     assert {type(each) for each in EXAMPLES} == {motion_kind(name) for name in motion_names()}
 
 
 @pytest.mark.parametrize("motion", EXAMPLES, ids=str)
-def test_json_of_a_motion_is_read_as_the_same_motion(motion):
+def test_motion_survives_json(motion):
     text = json.dumps(motion_fields(motion), allow_nan=False)
     read = parse_motion(json.loads(text))
     assert type(read) is type(motion)
     assert motion_fields(read) == motion_fields(motion)
 
 
-def test_json_has_only_what_differs_from_the_defaults():
+def test_motion_json_omits_default_values():
     assert motion_fields(MoveTo(NEAR)) == {"move_to": {"position_m": list(NEAR)}}
 
 
 @pytest.mark.parametrize("motion", EXAMPLES, ids=str)
-def test_motions_are_said_in_a_few_words(motion):
+def test_motion_text_is_shorter_than_80_characters(motion):
     assert 3 < len(str(motion)) < 80
 
 
-def test_motions_of_equal_numbers_are_equal_and_do_not_change_with_the_array():
+def test_equal_motions_compare_equal_and_copy_their_arrays():
     point_m = np.array(NEAR)
     motion = MoveTo(point_m)
     point_m[:] = 0.0
@@ -98,7 +98,7 @@ def test_motions_of_equal_numbers_are_equal_and_do_not_change_with_the_array():
     assert len({motion, MoveTo(NEAR), MoveTo(FAR)}) == 2
 
 
-def test_an_array_of_one_number_is_no_list_of_points():
+def test_one_number_array_is_refused_as_list_of_points():
     for kind in (MoveThrough, Draw):
         with pytest.raises(BadValueError, match=r"list of points is array\(0\.5\)"):
             kind(np.array(0.5))
@@ -136,7 +136,7 @@ MISTAKES = [
 
 
 @pytest.mark.parametrize(("kind", "fields"), MISTAKES)
-def test_mistakes_are_the_same_error_in_python_and_in_json(kind, fields):
+def test_motion_mistake_is_same_error_in_python_and_json(kind, fields):
     with pytest.raises(InputError) as made:
         kind(**fields)
     with pytest.raises(InputError) as read:
@@ -161,12 +161,12 @@ def test_mistakes_are_the_same_error_in_python_and_in_json(kind, fields):
         ({"move_to": {"position_m": NEAR, "stance": {"keep": "yes"}}}, "keep"),
     ],
 )
-def test_tables_that_are_no_motion_are_named(value, named):
+def test_motion_json_error_names_the_wrong_entry(value, named):
     with pytest.raises(InputError, match=named):
         parse_motion(value)
 
 
-def test_a_slip_in_a_key_is_shown_the_closest():
+def test_motion_json_error_suggests_closest_key():
     with pytest.raises(InputError) as raised:
         parse_motion({"move_line": {"position_m": NEAR, "tool_sped_m_s": 1}})
     assert "Did you mean tool_speed_m_s?" in raised.value.hint
@@ -180,7 +180,7 @@ ANYTHING = st.recursive(
 
 
 @given(data=st.data(), motion=st.sampled_from(EXAMPLES))
-def test_json_with_any_value_in_a_field_is_a_motion_or_an_input_error(data, motion):
+def test_motion_json_with_any_value_parses_or_is_input_error(data, motion):
     ((kind, fields),) = motion_fields(motion).items()
     name = data.draw(st.sampled_from([*motion_kind(kind).__dataclass_fields__, "other"]))
     with contextlib.suppress(InputError):
@@ -194,7 +194,7 @@ def arm():
 
 
 @pytest.mark.parametrize("motion", PLANNED, ids=str)
-def test_plans_keep_their_motion_and_move_nothing(arm, motion):
+def test_plan_keeps_its_motion_and_moves_nothing(arm, motion):
     arm.enable()
     before = registers(arm, "goal_position")
     plan = arm.plan(motion)
@@ -206,7 +206,7 @@ def test_plans_keep_their_motion_and_move_nothing(arm, motion):
 @pytest.mark.sample(5)
 @pytest.mark.full
 @pytest.mark.parametrize("motion", PLANNED, ids=str)
-def test_each_motion_is_made_as_a_step_of_a_program(arm, tmp_path, motion):
+def test_each_motion_runs_as_a_program_step(arm, tmp_path, motion):
     arm.pose("home")
     step = ProgramStep(motion=motion_fields(motion.with_speed("normal")), speed="fast")
     write_program(tmp_path / "one.toml", Program(format=1, arm="so101", steps=(step,)))
@@ -224,7 +224,7 @@ PATHS = [each for each in PLANNED if hasattr(each, "path_from")]
 
 
 @pytest.mark.parametrize("motion", PATHS, ids=str)
-def test_paths_begin_at_the_tip_and_turn_by_their_slope_and_bend(motion):
+def test_paths_begin_at_tip_and_match_their_derivatives(motion):
     tip_m = np.array([0.21, 0.0, 0.08])
     path = motion.path_from(tip_m)
     along = np.linspace(0.0, path.length, 4001)
@@ -242,7 +242,7 @@ def _middles(values):
     return (values[1:] + values[:-1]) / 2
 
 
-def test_execute_makes_a_motion_and_start_returns_at_once(arm):
+def test_execute_runs_a_motion_and_start_returns_at_once(arm):
     assert arm.execute(MoveTo(NEAR)).reached
     np.testing.assert_allclose(true_tip_m(arm), NEAR, atol=2e-3)
     running = arm.start(MoveJoints({"wrist_roll": 0.4}))
@@ -254,13 +254,13 @@ def test_execute_makes_a_motion_and_start_returns_at_once(arm):
 
 
 @pytest.mark.parametrize("motion", [MoveGripper("open"), Replay("wave.jsonl"), Wait(1.0)], ids=str)
-def test_motions_without_a_plan_are_refused_by_plan(arm, motion):
+def test_plan_refuses_motions_without_a_plan(arm, motion):
     with pytest.raises(BadValueError, match="to plan"):
         arm.plan(motion)
 
 
 @pytest.mark.parametrize("what", [None, NEAR, {"move_to": {"position_m": NEAR}}, MoveTo])
-def test_what_is_no_motion_is_refused(arm, what):
+def test_plan_execute_and_start_refuse_other_values(arm, what):
     for method in (arm.plan, arm.execute, arm.start):
         with pytest.raises(BadValueError):
             method(what)
@@ -268,7 +268,7 @@ def test_what_is_no_motion_is_refused(arm, what):
 
 
 @pytest.mark.full
-def test_a_plan_of_a_limp_arm_is_made_again_from_its_motion_where_it_has_sunk():
+def test_plan_of_limp_arm_is_made_again_from_its_motion():
     with ikservo.open_arm("so101", port="sim") as limp:
         plan = limp.plan(MovePose("home"))
         assert plan.limp_arm is not None
@@ -276,7 +276,7 @@ def test_a_plan_of_a_limp_arm_is_made_again_from_its_motion_where_it_has_sunk():
         assert limp.plan(MoveTo(NEAR)).limp_arm is None
 
 
-def test_a_motion_is_changed_by_making_another():
+def test_motion_is_immutable_and_changed_by_copy():
     motion = MoveTo(NEAR)
     assert replace(motion, speed="slow") == MoveTo(NEAR, speed="slow") == motion.with_speed("slow")
     assert Wait(1.0).with_speed("slow") == Wait(1.0)
@@ -296,9 +296,7 @@ def test_a_motion_is_changed_by_making_another():
         (lambda arm: arm.pose("zero"), "plan_to_joints"),
     ],
 )
-def test_from_a_method_to_its_planner_no_step_hides_in_a_closure(
-    arm, monkeypatch, move, planned_by
-):
+def test_planner_is_called_without_closures_in_between(arm, monkeypatch, move, planned_by):
     names = []
 
     def note(*_args, **_options):

@@ -28,7 +28,7 @@ def arm():
 
 @pytest.mark.sample(3)
 @pytest.mark.parametrize("name", ARMS)
-def test_every_arm_goes_where_it_is_sent_within_2_mm(name):
+def test_every_arm_reaches_its_target_within_2_mm(name):
     model = ikservo.load_model(name)
     target = model.chain.forward(0.7 * model.chain_pose("home") + 0.05)[:3, 3]
     with ikservo.open_arm(model, port="sim:?pose=home") as arm:
@@ -37,20 +37,20 @@ def test_every_arm_goes_where_it_is_sent_within_2_mm(name):
     assert report.reached
 
 
-def test_the_report_tells_what_the_registers_say(arm):
+def test_move_report_equals_the_servo_registers(arm):
     report = arm.move_to(NEAR)
     np.testing.assert_allclose(report.measured_tip_m, true_tip_m(arm), atol=1e-9)
     assert report.error_m == pytest.approx(float(np.linalg.norm(true_tip_m(arm) - np.array(NEAR))))
 
 
-def test_opening_and_asking_moves_nothing_and_switches_no_torque(arm):
+def test_opening_an_arm_moves_nothing_and_leaves_torque_off(arm):
     before = registers(arm, "goal_position")
     arm.where()
     assert registers(arm, "goal_position") == before
     assert not any(registers(arm, "torque_enable").values())
 
 
-def test_torque_comes_on_where_the_joints_are(arm):
+def test_torque_on_keeps_joints_within_2_ticks(arm):
     auditor = Auditor(arm)
     arm.enable()
     assert all(registers(arm, "torque_enable").values())
@@ -66,7 +66,7 @@ def test_enabling_an_arm_that_holds_keeps_its_goals(arm):
 
 
 @pytest.mark.full
-def test_a_second_move_starts_from_the_first(arm):
+def test_second_move_starts_from_the_first(arm):
     arm.move_to(NEAR)
     report = arm.move_to((0.22, -0.02, 0.12), speed="fast")
     assert report.reached
@@ -74,18 +74,18 @@ def test_a_second_move_starts_from_the_first(arm):
 
 
 @pytest.mark.full
-def test_a_move_to_where_it_is_takes_hardly_any_time(arm):
+def test_move_to_present_point_reaches_it(arm):
     here = arm.move_to(NEAR).measured_tip_m
     assert arm.move_to(here).reached
 
 
-def test_slow_is_slower_than_fast(arm):
+def test_slow_speed_takes_twice_as_long_as_fast(arm):
     arm.move_joints(arm.model.pose("home"))  # the first motion is slow, whatever is asked
     slow = arm.plan_to((0.25, 0.05, 0.15), speed="slow").duration_s
     assert slow > 2 * arm.plan_to((0.25, 0.05, 0.15), speed="fast").duration_s
 
 
-def test_a_point_out_of_reach_moves_nothing_and_offers_the_nearest():
+def test_unreachable_point_moves_nothing_and_offers_nearest():
     with ikservo.open_arm("so101", port="sim:?pose=zero") as arm:  # stretched, as it will be there
         before = registers(arm, "goal_position")
         with pytest.raises(UnreachableError, match="Nearest reachable point") as caught:
@@ -95,19 +95,19 @@ def test_a_point_out_of_reach_moves_nothing_and_offers_the_nearest():
 
 
 @pytest.mark.parametrize("point", [(0.25, 0.05), (math.nan, 0, 0.1), (0, math.inf, 0), "here"])
-def test_a_point_that_is_none_moves_nothing(arm, point):
+def test_invalid_point_moves_nothing(arm, point):
     with pytest.raises(BadValueError):
         arm.move_to(point)
     assert not any(registers(arm, "torque_enable").values())
 
 
-def test_an_unknown_speed_moves_nothing(arm):
+def test_unknown_speed_name_moves_nothing(arm):
     with pytest.raises(UnknownNameError, match="fast"):
         arm.move_to((0.25, 0.05, 0.15), speed="fsat")
     assert not any(registers(arm, "torque_enable").values())
 
 
-def test_progress_is_reported_on_the_way(arm):
+def test_move_reports_progress_until_its_end(arm):
     seen = []
     arm.move_to(NEAR, on_progress=seen.append)
     assert [p.elapsed_s for p in seen] == sorted(p.elapsed_s for p in seen)
@@ -115,7 +115,7 @@ def test_progress_is_reported_on_the_way(arm):
     assert len(seen) > 50
 
 
-def test_an_interruption_leaves_the_arm_holding_where_it_was(arm):
+def test_keyboard_interrupt_leaves_the_arm_holding(arm):
     def interrupt(progress):
         if progress.elapsed_s > 0.5:
             raise KeyboardInterrupt
@@ -140,7 +140,7 @@ def test_a_jammed_joint_stops_the_motion_and_is_named(arm):
     assert abs(goals[1] - registers(arm, "present_position")[1]) < 300
 
 
-def test_a_way_through_the_table_is_refused_before_anything_moves(arm):
+def test_move_through_table_is_refused_before_motion(arm):
     before = registers(arm, "goal_position")
     with pytest.raises(RefusedError, match="would touch the table"):
         arm.move_to((0.25, 0.0, -0.08))
@@ -148,12 +148,12 @@ def test_a_way_through_the_table_is_refused_before_anything_moves(arm):
 
 
 @pytest.mark.full
-def test_whoever_says_so_may_do_without_the_look_at_the_way():
+def test_collision_check_can_be_switched_off():
     with ikservo.open_arm("so101", port="sim:?pose=home", collisions=False) as arm:
         assert arm.move_to((0.25, 0.0, -0.05)).reached
 
 
-def test_joints_go_to_their_positions_gripper_included(arm):
+def test_move_joints_reaches_positions_gripper_included(arm):
     report = arm.move_joints({"elbow_flex": 0.5, "gripper": 0.8})
     joints = true_joints(arm)
     assert report.reached
@@ -162,7 +162,7 @@ def test_joints_go_to_their_positions_gripper_included(arm):
 
 
 @pytest.mark.parametrize("position", [1.7, -1.7, 100.0])
-def test_a_joint_is_not_sent_past_its_limit(arm, position):
+def test_move_joints_refuses_position_beyond_limit(arm, position):
     before = registers(arm, "goal_position")
     with pytest.raises(RefusedError, match=r"elbow_flex .* limit .*96\.8° \(arm file\)"):
         arm.move_joints({"elbow_flex": position, "wrist_flex": 0.1})
@@ -170,7 +170,7 @@ def test_a_joint_is_not_sent_past_its_limit(arm, position):
 
 
 @pytest.mark.parametrize("name", ARMS)
-def test_every_pose_of_every_arm_can_be_planned_to(name):
+def test_zero_and_rest_pose_of_every_arm_can_be_planned(name):
     model = ikservo.load_model(name)
     with ikservo.open_arm(model, port="sim:?pose=home") as arm:
         for pose in ("zero", "rest"):
@@ -183,14 +183,14 @@ ALL = [name if name in FEW else pytest.param(name, marks=pytest.mark.campaign) f
 
 @pytest.mark.sample(1)
 @pytest.mark.parametrize("name", ALL)
-def test_every_pose_of_every_arm_can_be_taken(name):
+def test_every_arm_reaches_its_home_zero_and_rest_pose(name):
     model = ikservo.load_model(name)
     with ikservo.open_arm(model, port="sim:?pose=home") as arm:  # the first motion is slow
         for pose in ("home", "zero", "rest"):
             assert arm.move_joints(model.pose(pose), speed="fast").reached, pose
 
 
-def test_relaxing_lowers_the_arm_to_its_rest_pose_before_letting_go(arm):
+def test_relax_lowers_arm_to_rest_pose_before_torque_off(arm):
     arm.move_to(NEAR)
     report = arm.relax()
     assert report.reached
@@ -199,7 +199,7 @@ def test_relaxing_lowers_the_arm_to_its_rest_pose_before_letting_go(arm):
     np.testing.assert_allclose([true_joints(arm)[j] for j in rest], list(rest.values()), atol=0.03)
 
 
-def test_relaxing_goes_round_what_is_in_the_way():
+def test_relax_plans_around_obstacles_via_home_pose():
     folded = {"waist": -1.3, "shoulder": -0.33, "elbow": 1.49, "forearm_roll": -2.69,
               "wrist_angle": 1.3, "wrist_rotate": -0.15}  # fmt: skip
     with ikservo.open_arm("wx250s", port="sim") as arm:
@@ -212,7 +212,7 @@ def test_relaxing_goes_round_what_is_in_the_way():
 
 @pytest.mark.sample(1)
 @pytest.mark.parametrize("name", ["koch", "px100"])
-def test_an_arm_that_falls_when_its_torque_comes_on_is_caught_and_goes_on_from_there(name):
+def test_arm_that_falls_at_torque_on_is_caught_and_moves_on(name):
     dice = seeded(1)
     with ikservo.open_arm(name, port="sim", collisions=False) as arm:
         for driven in servo_group(arm).driven_joints:
@@ -222,13 +222,13 @@ def test_an_arm_that_falls_when_its_torque_comes_on_is_caught_and_goes_on_from_t
 
 
 @pytest.mark.parametrize(("on_exit", "torque"), [("hold", True), ("relax", False)])
-def test_closing_leaves_the_arm_held_or_relaxed_as_asked(on_exit, torque):
+def test_closing_holds_or_relaxes_the_arm_as_on_exit_says(on_exit, torque):
     with ikservo.open_arm("so101", port="sim", on_exit=on_exit) as arm:
         arm.enable()
     assert set(map(bool, registers(arm, "torque_enable").values())) == {torque}
 
 
-def test_an_error_never_drops_the_arm():
+def test_error_in_with_block_leaves_torque_on():
     def stumble(_):
         raise ZeroDivisionError
 
@@ -238,13 +238,13 @@ def test_an_error_never_drops_the_arm():
     assert all(registers(arm, "torque_enable").values())
 
 
-def test_an_unknown_way_to_exit_is_refused():
+def test_unknown_on_exit_value_is_refused():
     with pytest.raises(UnknownNameError, match="hold, relax"):
         ikservo.open_arm("so101", port="sim", on_exit="drop")
 
 
 @pytest.mark.full
-def test_a_prismatic_gripper_is_reported_in_metres():
+def test_prismatic_gripper_moves_in_metres():
     with ikservo.open_arm("open_manipulator_x", port="sim") as arm:
         assert arm.move_joints({"gripper": 0.01}).reached
         assert true_joints(arm)["gripper"] == pytest.approx(0.01, abs=2e-4)

@@ -60,7 +60,7 @@ def distance_m(one, another):
     return float((segment_distance(a[i], b[i], c[j], d[j]) - r[i] - s[j]).min())
 
 
-def test_where_the_other_arm_is_stops_a_motion_and_is_named(arms):
+def test_other_arm_in_the_path_refuses_a_motion_by_name(arms):
     arm, other = arms
     assert (arm.scene.names, other.scene.names) == (("the koch",), ("so101",))
     with pytest.raises(CollisionError, match="would touch the koch's gripper"):
@@ -74,7 +74,7 @@ def test_where_the_other_arm_is_stops_a_motion_and_is_named(arms):
 
 
 @pytest.mark.full
-def test_an_arm_goes_around_the_other_one(arms):
+def test_plan_leads_around_the_other_arm(arms):
     arm, other = arms
     T = make_pose(BESIDE_M, rotation_rpy(0.0, 0.0, math.pi))
     plan, nearest_m = arm.plan_to(RIGHT), []
@@ -88,7 +88,7 @@ def test_an_arm_goes_around_the_other_one(arms):
 
 
 @pytest.mark.full
-def test_a_plan_is_refused_where_the_other_arm_has_moved_since(arms):
+def test_plan_is_refused_if_other_arm_moved_into_its_path(arms):
     arm, other = arms
     other.move_to(ASIDE)
     plan = arm.plan_to(RIGHT, straight=True)
@@ -97,7 +97,7 @@ def test_a_plan_is_refused_where_the_other_arm_has_moved_since(arms):
         arm.execute(plan)
 
 
-def test_one_moves_at_a_time(arms):
+def test_only_one_of_two_arms_moves_at_a_time(arms):
     arm, other = arms
     refused = []
 
@@ -116,7 +116,7 @@ def test_one_moves_at_a_time(arms):
 
 
 @pytest.mark.full
-def test_a_second_thread_is_refused_and_not_kept_waiting(arms):
+def test_other_arm_in_second_thread_is_refused_without_waiting(arms):
     arm, other = arms
     begun, go_on, reports = threading.Event(), threading.Event(), []
 
@@ -143,7 +143,7 @@ def things_around(arm):
 
 
 @pytest.mark.full
-def test_a_limp_arm_is_where_somebody_has_put_it(arms):
+def test_limp_other_arm_is_measured_where_it_was_put(arms):
     arm, other = arms
     other.disable_torque()
     pan = other.joint_names[0]
@@ -159,7 +159,7 @@ def test_a_limp_arm_is_where_somebody_has_put_it(arms):
 
 
 @pytest.mark.campaign
-def test_an_arm_that_was_closed_is_where_it_was_left(arms):
+def test_closed_other_arm_stays_an_obstacle_where_it_was(arms):
     arm, other = arms
     other.close()
     with pytest.raises(CollisionError, match="would touch the koch's gripper"):
@@ -169,7 +169,7 @@ def test_an_arm_that_was_closed_is_where_it_was_left(arms):
     assert arm.move_to(RIGHT, straight=True).reached
 
 
-def test_an_arm_that_is_opened_again_stands_where_it_stood(arms):
+def test_reopened_arm_takes_over_its_place_in_the_scene(arms):
     arm, other = arms
     before = other.scene
     other.close()
@@ -198,7 +198,7 @@ def test_an_arm_that_is_opened_again_stands_where_it_stood(arms):
         arm.stop()
 
 
-def test_a_place_is_changed_for_both(arms):
+def test_place_of_other_arm_changes_in_both_scenes(arms):
     arm, other = arms
     with pytest.raises(CollisionError, match="would touch the koch's gripper"):
         arm.move_to(RIGHT, straight=True)
@@ -214,7 +214,7 @@ def test_a_place_is_changed_for_both(arms):
     assert arm.scene.arms == (there,)
 
 
-def test_a_scene_file_with_another_arm_is_not_loaded_without_it(arms, tmp_path):
+def test_scene_file_with_arm_that_is_not_open_is_refused(arms, tmp_path):
     path = tmp_path / "scene.toml"
     path.write_text('[[arm]]\nname = "third"\nat_m = [0, 0.5, 0]\n')
     with pytest.raises(RefusedError, match="third, which is not open here"):
@@ -223,7 +223,7 @@ def test_a_scene_file_with_another_arm_is_not_loaded_without_it(arms, tmp_path):
 
 
 @pytest.mark.campaign
-def test_an_arm_that_cannot_be_measured_is_not_forgotten(arms):
+def test_other_arm_that_cannot_be_measured_refuses_motions(arms):
     arm, other = arms
     inject(other, "unplug", after_s=0.0)
     with suppress(ikservo.PortLostError):
@@ -238,7 +238,7 @@ def test_an_arm_that_cannot_be_measured_is_not_forgotten(arms):
 
 
 @pytest.mark.full
-def test_a_stop_is_never_refused(arms):
+def test_stop_of_either_arm_is_never_refused(arms):
     arm, other = arms
 
     def stop(_):
@@ -251,7 +251,7 @@ def test_a_stop_is_never_refused(arms):
 
 
 @pytest.mark.full
-def test_what_is_no_other_arm_is_refused_and_changes_nothing(arms):
+def test_add_arm_refuses_invalid_arms_places_and_names(arms):
     arm, other = arms
     for wrong in (arm, other, None, object()):
         with pytest.raises(BadValueError, match="another arm of this program"):
@@ -287,7 +287,7 @@ def near_goal(arm, others_links, random):
 @pytest.mark.campaign
 @few_or_many(1, 25)
 @pytest.mark.parametrize("names", [("so101", "koch"), ("open_manipulator_x", "so101")])
-def test_two_arms_in_turn_touch_nowhere(capsys, names, seeds):
+def test_two_arms_in_turn_never_touch(capsys, names, seeds):
     """Each goes to random postures in turn; true links are looked at in each cycle of both."""
     nearest_m, moved, refused = [], 0, 0
     for seed in seeds:
@@ -324,14 +324,14 @@ def test_two_arms_in_turn_touch_nowhere(capsys, names, seeds):
     assert min(nearest_m) > 0.0
 
 
-def test_a_scene_is_of_the_same_arm_on_the_same_adapter_only():
+def test_scene_belongs_to_same_arm_on_same_adapter_only():
     with ikservo.open_arm("koch", port="sim") as one, ikservo.open_arm("koch", port="sim") as other:
         assert one.scene.is_of_same_arm(other.scene)
         other.scene._context = replace(other.context, serial_number="58FA083")
         assert not one.scene.is_of_same_arm(other.scene)
 
 
-def test_an_own_arm_is_placed_by_its_file_and_one_of_the_catalogue_by_its_name(arms, tmp_path):
+def test_placed_arm_is_saved_by_own_file_or_catalogue_name(arms, tmp_path):
     arm, other = arms
     assert arm.scene.arms[0].placed.arm == "koch"
     shutil.copytree(other.model.path.parent, tmp_path / "mine")

@@ -87,7 +87,7 @@ def press_until_trip(seed):
 
 @pytest.mark.campaign
 @pytest.mark.timeout(0)
-def test_of_pressings_that_trip_95_percent_are_warned_of_two_seconds_before(capsys):
+def test_overload_warning_is_2_s_early_in_95_percent_of_trips(capsys):
     """One of eight trips: 800 seeds are some 100 trips."""
     left_s = [warned for seed in part_of(800) if (warned := press_until_trip(seed)) is not None]
     early = sum(warned >= 2.0 for warned in left_s)
@@ -97,7 +97,7 @@ def test_of_pressings_that_trip_95_percent_are_warned_of_two_seconds_before(caps
     assert early >= 0.95 * len(left_s)
 
 
-def test_a_pressing_is_warned_of_two_seconds_before_the_servo_trips():
+def test_overload_warning_comes_2_s_before_servo_trips():
     with ikservo.open_arm("so101", port="sim", collisions=False) as arm:
         arm.pose("home")
         pressing = Pressing(arm, "shoulder_lift", 0.12, relaxes=False)
@@ -109,7 +109,7 @@ def test_a_pressing_is_warned_of_two_seconds_before_the_servo_trips():
 
 
 @pytest.mark.full
-def test_a_standing_stream_that_presses_is_relaxed_in_time_and_goes_on_when_it_comes_back():
+def test_overloaded_stream_is_relaxed_in_time_and_resumes():
     with ikservo.open_arm("so101", port="sim", collisions=False) as arm:
         arm.pose("home")
         pressing = Pressing(arm, "shoulder_lift", 0.12, relaxes=True)
@@ -125,7 +125,7 @@ def test_a_standing_stream_that_presses_is_relaxed_in_time_and_goes_on_when_it_c
 
 @pytest.mark.full
 @pytest.mark.parametrize("protection_current", [511, 250])
-def test_a_servo_that_counts_its_current_is_warned_of_by_that(protection_current):
+def test_overload_warning_follows_protection_current(protection_current):
     """250 counts, 1.6 A, are what LeRobot writes into grippers: less than 80 % of the output."""
     with ikservo.open_arm("so101", port="sim", collisions=False) as arm:
         for servo in line_of(arm).servos.values():
@@ -165,13 +165,13 @@ def tour(seed):
 
 
 @pytest.mark.full
-def test_a_normal_tour_gives_no_warning():
+def test_normal_tour_gives_no_overload_warning():
     assert tour(0) == []
 
 
 @pytest.mark.campaign
 @pytest.mark.timeout(0)
-def test_100_normal_tours_give_no_warning(capsys):
+def test_100_normal_tours_give_no_overload_warning(capsys):
     seeds = part_of(100)
     warnings = {seed: warned for seed in seeds if (warned := tour(seed))}
     log(capsys, f"{len(seeds)} tours, warnings in {sorted(warnings)}")

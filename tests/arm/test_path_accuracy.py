@@ -30,7 +30,7 @@ def deviations_mm(points, begin, end):
 
 
 @pytest.mark.sample(1)
-def test_the_true_tip_stays_on_a_line_under_gravity_and_with_play(name):
+def test_true_tip_stays_on_line_under_gravity_and_backlash(name):
     start_m, end_m, rms_mm, most_mm = LINES[name]
     with ikservo.open_arm(name, port="sim:?pose=home&backlash_deg=0.5&seed=3") as arm:
         arm.move_to(start_m)
@@ -43,7 +43,7 @@ def test_the_true_tip_stays_on_a_line_under_gravity_and_with_play(name):
 
 
 @pytest.mark.full
-def test_at_the_end_of_a_line_the_tip_is_at_its_target_before_any_correction(name):
+def test_line_ends_within_2_or_4_mm_before_settling(name):
     start_m, end_m, _, most_mm = LINES[name]
     with ikservo.open_arm(name, port="sim:?pose=home&backlash_deg=0.5&seed=3") as arm:
         arm.move_to(start_m)
@@ -53,7 +53,7 @@ def test_at_the_end_of_a_line_the_tip_is_at_its_target_before_any_correction(nam
 
 
 @pytest.mark.full
-def test_friction_that_falls_with_speed_does_not_swing_a_joint_that_lifts(monkeypatch):
+def test_stribeck_friction_does_not_make_lifting_joint_swing(monkeypatch):
     # an XL330 that lifted the forearm of a Koch swung by a degree to both sides of its path
     with ikservo.open_arm("koch", port="sim:?pose=home&backlash_deg=0.5&seed=1") as arm:
         column = arm.joint_names.index("elbow_flex")
@@ -84,7 +84,7 @@ def test_a_joint_lifts_the_payload_of_its_arm_file_at_slow():
 
 
 @pytest.mark.full
-def test_a_joint_that_sagged_and_sticks_is_lifted_well_within_the_maximum_lead():
+def test_sagged_joint_is_lifted_below_87_percent_of_max_lead():
     # the elbow of this Koch was taken for blocked when it had just broken loose
     shares = list[float]()
     dice = seeded(3)

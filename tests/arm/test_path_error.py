@@ -14,24 +14,24 @@ TIMES_S = np.linspace(0.0, 2.0, 201)
 LINE_M = np.outer(TIMES_S, (0.1, 0.0, 0.0))
 
 
-def test_a_point_beside_the_path_is_as_far_as_its_perpendicular():
+def test_path_error_is_the_perpendicular_distance():
     points = np.array([[0.05, 0.003, 0.004], [0.1234, 0.0, -0.002]])
     found = path_deviations_m((np.array([0.5, 1.234]), points), (TIMES_S, LINE_M))
     np.testing.assert_allclose(found, [0.005, 0.002], rtol=1e-9)
 
 
-def test_lagging_along_the_path_is_no_path_error():
+def test_lag_along_the_path_is_not_path_error():
     found = path_deviations_m((TIMES_S, LINE_M - (0.0099, 0, 0)), (TIMES_S, LINE_M))
     np.testing.assert_allclose(found[11:], 0.0, atol=1e-12)
 
 
-def test_before_its_start_and_beyond_its_end_a_path_has_no_points():
+def test_path_error_beyond_an_end_is_distance_to_that_end():
     points = np.array([[-0.01, 0.0, 0.0], [0.21, 0.0, 0.0]])
     found = path_deviations_m((np.array([0.0, 2.0]), points), (TIMES_S, LINE_M))
     np.testing.assert_allclose(found, [0.01, 0.01])
 
 
-def test_the_branch_of_a_crossing_path_that_comes_later_is_not_taken():
+def test_path_error_ignores_later_branch_of_crossing_path():
     back = np.concatenate([LINE_M, LINE_M[::-1] + np.array([0.0, 0.05, 0.0])])
     times_s = np.linspace(0.0, 4.02, len(back))
     on_the_way_back = np.array([[0.1, 0.05, 0.0]])
@@ -40,7 +40,7 @@ def test_the_branch_of_a_crossing_path_that_comes_later_is_not_taken():
     )
 
 
-def test_cycles_with_a_missing_reply_are_not_counted():
+def test_path_error_skips_cycles_with_a_missing_reply():
     with ikservo.open_arm("so101", port="sim:?pose=home") as arm:
         plan = arm.plan_line((0.2, 0.1, 0.15))
         recorder = PathRecorder(plan.trajectory, plan.cartesian_s)
@@ -54,7 +54,7 @@ def test_cycles_with_a_missing_reply_are_not_counted():
 @pytest.mark.full
 @pytest.mark.sample(1)
 @pytest.mark.parametrize("name", ["so101", "open_manipulator_x"])
-def test_the_path_error_is_that_of_the_simulated_joints(name):
+def test_path_error_matches_simulated_joints(name):
     with ikservo.open_arm(name, port="sim:?pose=home") as arm:
         arm.move_joints({arm.joint_names[0]: 0.05})
         plan = arm.plan_line((0.2, 0.1, 0.15))
@@ -75,7 +75,7 @@ def from_segment_m(points, begin, end):
     return np.linalg.norm(beside, axis=1)
 
 
-def test_a_motion_before_the_line_is_not_counted():
+def test_path_error_excludes_joint_move_before_the_line():
     with ikservo.open_arm("so101", port="sim:?pose=home") as arm:
         line = arm.plan_line((0.2, 0.1, 0.15))
         joined = ConcatenatedTrajectory(
@@ -89,6 +89,6 @@ def test_a_motion_before_the_line_is_not_counted():
 
 
 @pytest.mark.campaign
-def test_a_motion_of_joints_has_no_path_error():
+def test_move_to_reports_no_path_error():
     with ikservo.open_arm("so101", port="sim:?pose=home") as arm:
         assert arm.move_to((0.2, 0.1, 0.15)).path_error_rms_m is None

@@ -30,40 +30,40 @@ def poses(model):
 CUP = {"joint1": 0.1, "joint2": -0.2, "joint3": 0.3, "joint4": 0.0, "gripper": 0.012}
 
 
-def test_a_pose_comes_back_as_it_was_kept(poses):
+def test_saved_pose_is_read_back_unchanged(poses):
     poses.save("cup", CUP)
     assert poses.get_pose("cup") == pytest.approx(CUP, abs=1e-5)
 
 
-def test_the_file_has_degrees_for_turns_and_metres_for_slides(poses):
+def test_pose_file_has_degrees_for_turns_and_metres_for_slides(poses):
     text = poses.save("cup", CUP).read_text()
     assert "joint1 = 5.7296" in text
     assert "gripper = 0.012" in text
 
 
-def test_poses_of_the_arm_file_are_found_as_well(poses, model):
+def test_pose_library_includes_poses_of_the_arm_file(poses, model):
     assert poses.get_pose("home") == model.poses["home"]
     assert set(poses.all_poses()) == {"rest", "home", "zero"}
 
 
-def test_a_second_pose_leaves_the_first(poses):
+def test_saving_second_pose_keeps_the_first(poses):
     poses.save("cup", CUP)
     poses.save("plate", {**CUP, "joint1": 0.5})
     assert set(poses.user_poses()) == {"cup", "plate"}
 
 
-def test_a_pose_taught_anew_takes_the_place_of_the_old(poses):
+def test_pose_saved_again_replaces_the_old_one(poses):
     poses.save("cup", CUP)
     poses.save("cup", {**CUP, "joint1": 0.5})
     assert poses.get_pose("cup")["joint1"] == pytest.approx(0.5, abs=1e-5)
 
 
-def test_each_adapter_has_poses_of_its_own(poses, model):
+def test_each_adapter_has_its_own_poses(poses, model):
     poses.save("cup", CUP)
     assert PoseLibrary(model, "OTHER").user_poses() == {}
 
 
-def test_an_unknown_pose_is_answered_with_the_closest(poses):
+def test_unknown_pose_suggests_the_closest_name(poses):
     poses.save("cup", CUP)
     with pytest.raises(UnknownNameError, match="Did you mean cup"):
         poses.get_pose("cpu")
@@ -72,7 +72,7 @@ def test_an_unknown_pose_is_answered_with_the_closest(poses):
 @pytest.mark.parametrize(
     "name", ["", "a b", "../rest", "a/b", "ü", "x" * 65, "cup\n", "cup.toml", "\0"]
 )
-def test_a_name_that_is_none_is_refused(poses, name):
+def test_invalid_pose_name_is_refused(poses, name):
     with pytest.raises(BadValueError, match="name of the pose"):
         poses.save(name, CUP)
     assert not poses.path.exists()
@@ -98,7 +98,7 @@ def test_a_pose_of_the_arm_file_is_not_replaced(poses, name):
         ("", "empty"),
     ],
 )
-def test_a_spoiled_file_is_named_and_left_alone(poses, text, found):
+def test_damaged_pose_file_is_named_and_not_overwritten(poses, text, found):
     poses.path.parent.mkdir(parents=True)
     poses.path.write_text(text)
     with pytest.raises(FileFormatError, match=found):
@@ -108,13 +108,13 @@ def test_a_spoiled_file_is_named_and_left_alone(poses, text, found):
     assert poses.path.read_text() == text
 
 
-def test_a_spoiled_file_does_not_keep_the_arm_from_its_own_poses(poses, model):
+def test_damaged_pose_file_leaves_arm_file_poses_usable(poses, model):
     poses.path.parent.mkdir(parents=True)
     poses.path.write_text("spoiled")
     assert poses.get_pose("rest") == model.poses["rest"]
 
 
-def test_a_disk_that_takes_no_file_leaves_the_old_one(poses, monkeypatch):
+def test_failed_pose_write_raises_file_write_error(poses, monkeypatch):
     poses.save("cup", CUP)
 
     def full(*_):
@@ -126,17 +126,17 @@ def test_a_disk_that_takes_no_file_leaves_the_old_one(poses, monkeypatch):
     monkeypatch.undo()
 
 
-def test_completion_offers_the_poses_of_every_adapter(poses, model):
+def test_pose_completion_offers_poses_of_every_adapter(poses, model):
     poses.save("cup", CUP)
     PoseLibrary(model, "").save("plate", CUP)
     assert known_pose_names(model) == ["cup", "home", "plate", "rest", "zero"]
 
 
-def test_the_file_lies_beside_the_calibrations(home):
+def test_pose_file_is_named_by_arm_and_adapter(home):
     assert pose_path("so101", "58FA083") == home / "poses" / "so101-58FA083.toml"
 
 
-def test_teaching_keeps_where_the_joints_are():
+def test_teach_saves_present_joints_with_torque_off():
     with ikservo.open_arm("so101", port="sim:?pose=home") as arm:
         positions = arm.teach("here")
         assert arm.poses.get_pose("here") == pytest.approx(positions, abs=1e-5)
@@ -144,7 +144,7 @@ def test_teaching_keeps_where_the_joints_are():
         assert not any(state.torque for state in arm.where().joints)
 
 
-def test_teaching_relaxes_a_holding_arm_first_and_waits_for_the_person():
+def test_teach_switches_torque_off_while_arm_is_carried():
     with ikservo.open_arm("so101", port="sim:?pose=rest") as arm:
         arm.hold()
         seen = []
@@ -159,14 +159,14 @@ def test_teaching_relaxes_a_holding_arm_first_and_waits_for_the_person():
         assert all(state.torque for state in arm.where().joints)
 
 
-def test_a_bad_name_is_refused_before_anybody_carries_the_arm():
+def test_teach_refuses_bad_name_before_arm_is_carried():
     with ikservo.open_arm("so101", port="sim") as arm:
         with pytest.raises(BadValueError):
             arm.teach("../x", lambda: pytest.fail("the person was asked"))
         assert not any(state.torque for state in arm.where().joints)
 
 
-def test_a_taught_pose_is_gone_to():
+def test_taught_pose_can_be_reached():
     with ikservo.open_arm("so101", port="sim:?pose=home") as arm:
         arm.teach("here")
         line_of(arm).world.place("gripper", 0.4)

@@ -15,7 +15,7 @@ EACH = 10  # motions of one arm
 
 @pytest.mark.full
 @few_or_many(6, 500)
-def test_whatever_happens_in_a_brief_motion_its_goals_stay_sound(seeds, capsys):
+def test_fault_in_brief_motion_keeps_goals_sound(seeds, capsys):
     states = {}
     for seed in seeds:
         dice, name = seeded(seed), FAMILIES[seed % 2]
@@ -48,7 +48,7 @@ MOST_LOST = 8  # in a row: one in ten lost makes that of one goal in a hundred m
 
 @pytest.mark.full
 @few_or_many(2, 50)
-def test_brief_motions_end_at_their_goals_though_one_instruction_in_ten_is_lost(seeds, capsys):
+def test_brief_motions_end_with_10_percent_instructions_lost(seeds, capsys):
     missing = []
     for seed in seeds:
         dice, name = seeded(seed), FAMILIES[seed % 2]

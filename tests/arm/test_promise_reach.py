@@ -13,13 +13,13 @@ A_HUNDRED = 100  # targets a seed
 
 
 @pytest.mark.parametrize("name", ["so101", "planar2", "vx300s"])
-def test_what_is_not_reached_is_flagged(name, capsys):
+def test_unreached_target_is_flagged(name, capsys):
     check_targets(name, range(1), capsys)
 
 
 @pytest.mark.parametrize("seeds", [campaign(100)])
 @pytest.mark.parametrize("name", ARMS)
-def test_of_ten_thousand_targets_of_every_arm_what_is_not_reached_is_flagged(name, seeds, capsys):
+def test_unreached_targets_are_flagged_in_10000_per_arm(name, seeds, capsys):
     check_targets(name, seeds, capsys)
 
 

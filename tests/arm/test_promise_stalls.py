@@ -16,7 +16,7 @@ MOST_RESTARTS = 10  # of Dynamixels that stopped themselves, in one motion
 
 @pytest.mark.full
 @few_or_many(2, 40)
-def test_a_program_that_stalls_for_up_to_five_seconds_never_makes_a_goal_leap(seeds, capsys):
+def test_program_stall_up_to_5_s_does_not_make_goals_leap(seeds, capsys):
     stalls = longest = 0
     for seed in seeds:
         name = FAMILIES[seed % 2]

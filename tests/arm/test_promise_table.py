@@ -60,7 +60,7 @@ def campaign(name, speed, count, seed, *, loaded=False):
 
 
 @pytest.mark.full
-def test_on_accepted_ways_near_the_table_the_true_body_stays_above_it():
+def test_true_body_stays_above_table_on_accepted_paths():
     lowest_m, _ = campaign("so101", "normal", 6, seed=5)
     assert len(lowest_m) >= 3
     assert lowest_m.min() > -DEEP_M
@@ -70,7 +70,7 @@ def test_on_accepted_ways_near_the_table_the_true_body_stays_above_it():
 @pytest.mark.timeout(3600)
 @pytest.mark.parametrize("speed", ["normal", "fast"])
 @pytest.mark.parametrize("name", ["so101", "so100", "koch", "omx_f", "px100", "wx250s", "vx300s"])
-def test_of_many_ways_near_the_table_none_goes_through_it(name, speed):
+def test_true_body_stays_above_table_on_many_paths(name, speed):
     lowest_m, _ = campaign(name, speed, 20, seed=7)
     assert lowest_m.min() > -DEEP_M
 
@@ -79,6 +79,6 @@ def test_of_many_ways_near_the_table_none_goes_through_it(name, speed):
 @pytest.mark.timeout(3600)
 @pytest.mark.parametrize("speed", ["normal", "fast"])
 @pytest.mark.parametrize("name", ["so101", "koch", "open_manipulator_x", "wx250s"])
-def test_with_a_load_in_the_jaws_neither_goes_through_the_table(name, speed):
+def test_loaded_arm_stays_above_table_on_many_paths(name, speed):
     lowest_m, _ = campaign(name, speed, 20, seed=7, loaded=True)
     assert lowest_m.min() > -DEEP_M

@@ -25,7 +25,7 @@ DATED = {  # recorded packets and messages of ROS 2 bear the date
 
 
 @pytest.mark.full
-def test_no_line_of_the_product_times_anything_by_the_wall_clock():
+def test_product_code_times_nothing_by_the_wall_clock():
     found = {str(path.relative_to(PRODUCT)) for path in PRODUCT.rglob("*.py") if asks(path)}
     assert found == DATED
 
@@ -49,9 +49,7 @@ def _is_it(node):
 
 @pytest.mark.full
 @few_or_many(2, 10)
-def test_a_motion_is_the_same_to_the_last_packet_however_the_wall_clock_is_stepped(
-    seeds, capsys, monkeypatch
-):
+def test_motion_packets_do_not_depend_on_wall_clock_steps(seeds, capsys, monkeypatch):
     steps = 0
     for seed in seeds:
         name = FAMILIES[seed % 2]

@@ -19,7 +19,7 @@ def arm():
         yield arm
 
 
-def test_a_thing_is_in_the_way_until_it_is_removed(arm):
+def test_scene_thing_blocks_paths_until_it_is_removed(arm):
     before = arm.plan_to(RIGHT)
     arm.scene.add("box", "the post", centre_m=(0.22, 0.0, 0.12), size_m=[0.15, 0.04, 0.25])
     assert arm.scene.names == ("the post",)
@@ -33,7 +33,7 @@ def test_a_thing_is_in_the_way_until_it_is_removed(arm):
 
 
 @pytest.mark.full
-def test_what_the_gripper_holds_is_checked_as_a_part_of_the_arm_until_it_opens(arm):
+def test_held_thing_is_checked_with_the_arm_until_gripper_opens(arm):
     tip_m = arm.where().tip_m
     arm.scene.add("sphere", "the ball", centre_m=tip_m + np.array([0.0, 0.0, 0.01]), radius_m=0.03)
     free_m = arm.clearance_m(arm.where().positions)
@@ -55,7 +55,7 @@ def test_what_the_gripper_holds_is_checked_as_a_part_of_the_arm_until_it_opens(a
 
 
 @pytest.mark.full
-def test_a_cup_that_is_held_has_its_size(arm):
+def test_attached_thing_keeps_its_size_and_place(arm):
     centre_m, size_m = arm.where().tip_m, (0.03, 0.05, 0.08)
     arm.scene.add("box", "the block", centre_m=centre_m, size_m=size_m, rpy_deg=(10, 20, 30))
     (stands,) = arm.scene.things
@@ -65,7 +65,7 @@ def test_a_cup_that_is_held_has_its_size(arm):
     np.testing.assert_allclose(again.row, stands.row, atol=1e-12)
 
 
-def test_what_is_no_thing_is_refused_and_changes_nothing(arm, tmp_path):
+def test_invalid_scene_change_is_refused_and_changes_nothing(arm, tmp_path):
     arm.scene.add("cylinder", "the can", centre_m=(0.0, 0.4, 0.1), radius_m=0.03, height_m=0.2)
     with pytest.raises(UnknownNameError, match="sphere"):
         arm.scene.add("ball", "x", radius_m=0.1)
@@ -113,7 +113,7 @@ def in_another_thread(action):
 
 
 @pytest.mark.full
-def test_a_plan_is_of_one_scene_however_often_that_changes_meanwhile(arm):
+def test_plan_uses_one_scene_while_another_thread_changes_it(arm):
     free, done = arm.plan_to(RIGHT, straight=True), threading.Event()
     ball = {"centre_m": arm.where().tip_m, "radius_m": 0.02}
 
@@ -144,7 +144,7 @@ def test_a_plan_is_of_one_scene_however_often_that_changes_meanwhile(arm):
     assert arm.plan_to(RIGHT, straight=True).clearance_m == free.clearance_m
 
 
-def test_what_comes_while_a_motion_is_planned_stops_it_before_it_starts(monkeypatch, arm):
+def test_thing_added_while_planning_refuses_the_motion(monkeypatch, arm):
     before = registers(arm, "goal_position")
 
     def build():
@@ -157,7 +157,7 @@ def test_what_comes_while_a_motion_is_planned_stops_it_before_it_starts(monkeypa
 
 
 @pytest.mark.full
-def test_nothing_comes_between_the_check_of_the_jaws_and_their_motion(monkeypatch, arm):
+def test_scene_change_waits_until_jaws_have_moved(monkeypatch, arm):
     threads, centre_m = [], arm.where().tip_m
 
     def build():
@@ -175,7 +175,7 @@ def test_nothing_comes_between_the_check_of_the_jaws_and_their_motion(monkeypatc
 
 
 @pytest.mark.full
-def test_what_stands_on_the_table_is_lifted_around_things_and_not_pushed_down(arm):
+def test_standing_held_thing_is_lifted_around_obstacles(arm):
     arm.move_to((0.2, 0.12, 0.06))
     tip_m, height_m = arm.where().tip_m, 2.0 * (arm.where().tip_m[2] + 0.002)
     standing = {"centre_m": tip_m, "size_m": (0.02, 0.02, height_m)}

@@ -21,7 +21,7 @@ SHADOW = JOINT["shadows"][0]["id"]
         ({"kind": "reset", "count": 1}, "was reset"),
     ],
 )
-def test_what_happens_to_the_second_servo_stops_the_arm_by_its_name(fault, words):
+def test_fault_of_second_servo_stops_arm_and_names_joint(fault, words):
     with ikservo.open_arm("vx300s", port="sim:?pose=home") as arm:
         arm.move_joints({"waist": 0.1})
         line = line_of(arm)
@@ -32,7 +32,7 @@ def test_what_happens_to_the_second_servo_stops_the_arm_by_its_name(fault, words
 
 
 @pytest.mark.full
-def test_both_servos_carry_the_load_of_their_joint_whatever_their_play():
+def test_both_servos_share_joint_load_despite_backlash():
     with ikservo.open_arm("wx250s", port="sim:?pose=home&backlash_deg=0.5") as arm:
         arm.move_joints({"shoulder": 0.6, "elbow": -0.6}, speed="fast")
         world = line_of(arm).world

@@ -46,7 +46,7 @@ def test_a_signal_brakes_the_arm_and_leaves_it_holding(arm, number, ends, words)
     assert abs(registers(arm, "present_position")[1] - 2048) < 600
 
 
-def test_the_arm_stands_within_0_3_s_of_a_signal(arm):
+def test_arm_stands_within_300_ms_of_a_signal(arm):
     clock, times = clock_of(arm), []
 
     def watch(progress):
@@ -64,7 +64,7 @@ def test_the_arm_stands_within_0_3_s_of_a_signal(arm):
 
 
 @pytest.mark.full
-def test_a_program_that_has_its_own_handler_keeps_it(arm):
+def test_own_signal_handler_of_a_program_is_kept(arm):
     handled = []
     before = signal.signal(signal.SIGTERM, lambda *_: handled.append(True))
     try:
@@ -75,21 +75,21 @@ def test_a_program_that_has_its_own_handler_keeps_it(arm):
 
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
-def test_a_motion_in_a_block_that_ends_on_signals_is_braked_too(arm, number):
+def test_signal_brakes_motion_inside_exiting_on_signals(arm, number):
     with pytest.raises(SystemExit) as caught, exiting_on_signals():
         arm.move_joints({"shoulder_pan": 1.2}, on_progress=strike(number))
     assert caught.value.args == (128 + number,)
     assert arm.stopped_for.startswith("Stopped b")
 
 
-def test_handlers_are_as_before_once_the_motion_is_over(arm):
+def test_signal_handlers_are_restored_after_motion(arm):
     before = [signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)]
     arm.move_joints({"shoulder_pan": 0.1})
     assert [signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)] == before
 
 
 @pytest.mark.full
-def test_what_a_signal_has_stopped_stays_stopped_in_this_program(arm):
+def test_motion_stopped_by_signal_needs_acknowledgement(arm):
     with pytest.raises(KeyboardInterrupt):
         arm.move_joints({"shoulder_pan": 1.2}, on_progress=strike(signal.SIGINT))
     with pytest.raises(RefusedError, match="acknowledge"):
@@ -109,14 +109,14 @@ def go_on_whatever_happens(arm, pans, number, gone_to):
 
 @pytest.mark.sample(1)
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
-def test_a_program_that_carries_on_after_errors_does_not_carry_on_after_a_signal(arm, number):
+def test_program_catching_ikservo_errors_still_ends_on_signal(arm, number):
     gone_to = []
     with pytest.raises((KeyboardInterrupt, SystemExit)):
         go_on_whatever_happens(arm, (1.2, -1.2), number, gone_to)
     assert gone_to == [1.2]
 
 
-def test_a_stop_that_the_program_asked_for_is_an_error_of_ikservo(arm):
+def test_stop_by_program_raises_stopped_error_with_code_130(arm):
     def watch(progress):
         if progress.elapsed_s > 0.4:
             arm.stop("enough")
@@ -126,7 +126,7 @@ def test_a_stop_that_the_program_asked_for_is_an_error_of_ikservo(arm):
     assert caught.value.exit_code == 130
 
 
-def test_ctrl_c_while_a_stop_brakes_ends_the_program_all_the_same(arm):
+def test_ctrl_c_while_a_stop_brakes_still_interrupts(arm):
     def watch(progress):
         if progress.elapsed_s > 0.4 and not arm.stop_requests:
             arm.stop("enough")
@@ -136,7 +136,7 @@ def test_ctrl_c_while_a_stop_brakes_ends_the_program_all_the_same(arm):
         arm.move_joints({"shoulder_pan": 1.2}, on_progress=watch)
 
 
-def test_a_signal_that_was_acknowledged_is_forgotten(arm):
+def test_acknowledged_signal_is_forgotten(arm):
     with pytest.raises(KeyboardInterrupt):
         arm.move_joints({"shoulder_pan": 1.2}, on_progress=strike(signal.SIGINT))
     arm.acknowledge()
@@ -144,7 +144,7 @@ def test_a_signal_that_was_acknowledged_is_forgotten(arm):
         arm.move_joints({"shoulder_pan": -0.5}, on_progress=lambda _: arm.stop("enough"))
 
 
-def test_leaving_the_block_after_a_signal_keeps_torque_whatever_the_way_to_exit():
+def test_signal_in_with_block_keeps_torque_despite_on_exit_relax():
     arm = ikservo.open_arm("so101", port="sim", on_exit="relax")
     with pytest.raises(KeyboardInterrupt), arm:
         arm.move_joints({"shoulder_pan": 1.2}, on_progress=strike(signal.SIGINT))

@@ -35,7 +35,7 @@ def errors_rad(name, joint, stall_s):
 
 @pytest.mark.full
 @pytest.mark.parametrize(("name", "joint"), [("so101", "elbow_flex"), ("koch", "shoulder_pan")])
-def test_a_joint_keeps_to_its_path_when_a_stalled_program_goes_on(name, joint):
+def test_joint_stays_near_its_path_after_program_stalls(name, joint):
     usual, after = (errors_rad(name, joint, stall_s) for stall_s in (0.0, STALL_S))
     assert usual.max() < 0.008
     assert after.max() < 0.06  # it went on to its last goal, which led it by so much

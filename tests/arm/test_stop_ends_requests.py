@@ -34,7 +34,7 @@ def stop_and_acknowledge(arm):
 
 @pytest.mark.sample(2)
 @pytest.mark.parametrize("request_motion", REQUESTS.values(), ids=REQUESTS)
-def test_a_stop_while_a_motion_is_prepared_ends_it(arm, monkeypatch, request_motion):
+def test_stop_while_motion_is_prepared_ends_it(arm, monkeypatch, request_motion):
     before = registers(arm, "goal_position")
     done = call_before(motion_runner(arm), "motion", monkeypatch, lambda: stop_and_acknowledge(arm))
     with pytest.raises(StoppedError):
@@ -44,7 +44,7 @@ def test_a_stop_while_a_motion_is_prepared_ends_it(arm, monkeypatch, request_mot
     assert arm.stop_reason is None
 
 
-def test_a_stop_while_torque_comes_on_ends_the_motion(monkeypatch):
+def test_stop_while_torque_comes_on_ends_the_motion(monkeypatch):
     with ikservo.open_arm("so101", port="sim") as arm:
         call_before(servo_group(arm), "enable", monkeypatch, lambda: stop_and_acknowledge(arm))
         before = arm.where().positions_rad
@@ -56,9 +56,7 @@ def test_a_stop_while_torque_comes_on_ends_the_motion(monkeypatch):
 @pytest.mark.full
 @pytest.mark.sample(1)
 @pytest.mark.parametrize("method", ["refresh_reference", "reference", "goals"])
-def test_a_stop_that_is_acknowledged_between_two_steps_of_a_motion_ends_it(
-    arm, monkeypatch, method
-):
+def test_stop_acknowledged_between_two_steps_ends_the_motion(arm, monkeypatch, method):
     before = registers(arm, "goal_position")
     call_before(servo_group(arm), method, monkeypatch, lambda: stop_and_acknowledge(arm))
     with pytest.raises(StoppedError):
@@ -67,7 +65,7 @@ def test_a_stop_that_is_acknowledged_between_two_steps_of_a_motion_ends_it(
 
 
 @pytest.mark.full
-def test_a_stop_ends_queued_motions_even_if_it_is_acknowledged(arm):
+def test_queued_motions_end_on_stop_despite_acknowledgement(arm):
     with motion_runner(arm).lock:  # the first cannot start before all are queued
         motions = [arm.move_joints({"shoulder_pan": x}, wait=False) for x in (0.2, -0.2, 0.2)]
         stop_and_acknowledge(arm)
@@ -78,7 +76,7 @@ def test_a_stop_ends_queued_motions_even_if_it_is_acknowledged(arm):
 
 
 @pytest.mark.full
-def test_a_cancelled_motion_does_not_end_the_next_one(arm):
+def test_cancelled_motion_does_not_end_the_next_one(arm):
     with motion_runner(arm).lock:
         first, second = (arm.move_joints({"shoulder_pan": x}, wait=False) for x in (0.2, 0.3))
         first.cancel()
@@ -86,13 +84,13 @@ def test_a_cancelled_motion_does_not_end_the_next_one(arm):
     assert arm.where()["shoulder_pan"].position_rad == pytest.approx(0.3, abs=0.02)
 
 
-def test_a_motion_that_is_requested_after_the_stop_runs(arm):
+def test_motion_requested_after_stop_runs(arm):
     stop_and_acknowledge(arm)
     assert arm.pose("zero").reached
 
 
 @pytest.mark.full
-def test_a_motion_that_is_requested_while_the_stopped_one_brakes_runs(arm):
+def test_motion_requested_while_stopped_one_brakes_runs(arm):
     later = []
 
     def stop_and_go_on(progress):
@@ -106,7 +104,7 @@ def test_a_motion_that_is_requested_while_the_stopped_one_brakes_runs(arm):
 
 
 @pytest.mark.full
-def test_a_stop_while_a_plan_is_checked_ends_its_execution(arm, monkeypatch):
+def test_stop_while_plan_is_checked_ends_its_execution(arm, monkeypatch):
     plan = arm.plan_joints({"shoulder_pan": 0.3})
     stop_and_acknowledge(arm)  # its torque is read again before the next motion
     before = registers(arm, "goal_position")
@@ -117,7 +115,7 @@ def test_a_stop_while_a_plan_is_checked_ends_its_execution(arm, monkeypatch):
 
 
 @pytest.mark.full
-def test_a_stop_between_two_steps_ends_a_program(arm):
+def test_stop_between_two_steps_ends_a_program(arm):
     with arm.background.requested():
         arm.move_joints({"shoulder_pan": 0.1})
         stop_and_acknowledge(arm)
@@ -126,7 +124,7 @@ def test_a_stop_between_two_steps_ends_a_program(arm):
 
 
 @pytest.mark.full
-def test_a_stop_of_servos_at_rest_ends_what_was_requested_before(arm):
+def test_stop_of_servos_at_rest_ends_earlier_requests(arm):
     with motion_runner(arm).lock:
         motion = arm.move_joints({"shoulder_pan": 0.2}, wait=False)
         reason = StopReason(StopKind.CLIENT, "Stopped by another program.")
@@ -137,7 +135,7 @@ def test_a_stop_of_servos_at_rest_ends_what_was_requested_before(arm):
 
 
 @pytest.mark.full
-def test_a_refused_motion_after_a_stop_sends_nothing(arm):
+def test_refused_motion_after_stop_sends_nothing(arm):
     old_plan = arm.plan_to((0.25, 0.05, 0.15))
     arm.pose("zero")
     stop_and_acknowledge(arm)

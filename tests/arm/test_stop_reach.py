@@ -84,7 +84,7 @@ def _name_of(function):
     return getattr(function, "id", getattr(function, "attr", ""))
 
 
-def test_only_code_that_stop_reaches_switches_torque_or_sends_goals():
+def test_torque_and_goals_are_sent_only_by_stoppable_code():
     assert callers(CALLS_THAT_MOVE) == STOPPABLE.keys()
     assert callers({"stoppable"}) == STOPPABLE_BUSES
     assert callers({"ServoBus"}) == PLAIN_BUSES | STOPPABLE_BUSES
@@ -109,7 +109,7 @@ def test_stopped_recovery_keeps_torque(arm):
     assert torques(arm) == [True, True]
 
 
-def test_stop_ends_motion_of_servo_that_is_assigned(arm):
+def test_stop_ends_test_motion_of_servo_being_assigned(arm):
     servo = arm.line.servos[1]
     with open_bus(PLANAR, PORT) as bus:
         moving = _move_and_return(bus, 1)
@@ -166,7 +166,7 @@ def test_stop_while_command_starts_ends_it(arm, capsys):
     assert "before the port was open" in capsys.readouterr().err
 
 
-def test_mark_counts_once_arm_was_closed(arm):
+def test_stop_mark_before_close_does_not_stop_reopened_arm(arm):
     with open_own_arm(PLANAR, PORT):
         stop_own_programs()
     with open_own_arm(PLANAR, PORT) as machine:
@@ -184,7 +184,7 @@ print(has_mark("/dev/ttyX", "so101"))
 
 
 @pytest.mark.full
-def test_mark_stops_earlier_programs_not_later_ones():
+def test_stop_mark_stops_earlier_programs_not_later_ones():
     run = [sys.executable, "-c", HAS_MARK]
     pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "text": True}
     with subprocess.Popen(run, **pipes) as earlier:
@@ -195,7 +195,7 @@ def test_mark_stops_earlier_programs_not_later_ones():
         assert earlier.communicate("\n")[0] == "True\n"
 
 
-def test_old_marks_are_removed(monkeypatch):
+def test_old_stop_marks_are_removed(monkeypatch):
     with tempfile.TemporaryDirectory() as home:  # so short that marks are not put elsewhere
         monkeypatch.setenv("IKSERVO_HOME", home)
         stop_marks.leave_mark(arm="so101")
@@ -205,7 +205,7 @@ def test_old_marks_are_removed(monkeypatch):
         assert len(list((Path(home) / "run").glob("*.stop"))) == 1
 
 
-def test_mark_of_time_before_restart_does_not_count(monkeypatch):
+def test_stop_mark_from_before_restart_does_not_count(monkeypatch):
     stop_marks.leave_mark()
     real = stop_marks.time.monotonic
     monkeypatch.setattr(stop_marks.time, "monotonic", lambda: real() - 3600.0)

@@ -52,7 +52,7 @@ STOPS = {
 
 @pytest.mark.sample(3)
 @pytest.mark.parametrize(("stop", "kind"), STOPS.values(), ids=STOPS)
-def test_each_way_to_stop_a_motion_has_its_kind(arm, stop, kind):
+def test_each_way_to_stop_a_motion_has_its_stop_kind(arm, stop, kind):
     with pytest.raises(BaseException):  # noqa: B017, PT011  # which one is another test's
         arm.move_joints({"shoulder_pan": 0.8}, on_progress=at(0.3, lambda: stop(arm)))
     assert arm.stop_reason.kind is kind
@@ -61,7 +61,7 @@ def test_each_way_to_stop_a_motion_has_its_kind(arm, stop, kind):
     assert (arm.stop_reason, arm.stopped_for) == (None, "")
 
 
-def test_a_signal_before_the_first_goal_keeps_its_kind(arm, monkeypatch):
+def test_signal_before_first_goal_keeps_its_stop_kind(arm, monkeypatch):
     streaming = servo_group(arm).streaming
 
     @contextlib.contextmanager
@@ -76,7 +76,7 @@ def test_a_signal_before_the_first_goal_keeps_its_kind(arm, monkeypatch):
     assert arm.stop_reason.kind is StopKind.TERMINATED
 
 
-def test_a_stop_of_the_program_that_says_what_a_cancelled_motion_says_is_not_forgotten(arm):
+def test_program_stop_with_text_of_a_cancel_is_not_forgotten(arm):
     arm.stop(CANCELLED.text)
     motion = arm.move_joints({"shoulder_pan": 0.8}, wait=False)
     motion.cancel()
@@ -84,7 +84,7 @@ def test_a_stop_of_the_program_that_says_what_a_cancelled_motion_says_is_not_for
     assert arm.stop_reason.kind is StopKind.PROGRAM
 
 
-def test_the_first_reason_of_a_request_stays_and_every_request_counts():
+def test_stop_request_keeps_first_reason_and_counts_all():
     request = StopRequest()
     assert not request
     request.set(CTRL_C, signal=2)
@@ -98,7 +98,7 @@ def test_the_first_reason_of_a_request_stays_and_every_request_counts():
     assert (request.reason, request.signal, request.times) == (None, 0, 0)
 
 
-def test_a_request_without_braking_says_its_own_hint():
+def test_stop_request_without_braking_has_its_own_hint():
     request = StopRequest()
     request.set_without_braking(StopReason(StopKind.CLOSED, "closed"), "Open it again.")
     with pytest.raises(StoppedError, match="closed") as caught:
@@ -109,5 +109,5 @@ def test_a_request_without_braking_says_its_own_hint():
 @pytest.mark.parametrize(
     ("text", "headline"), [("", "no reason was given"), ("heat\nof the elbow", "heat")]
 )
-def test_the_headline_is_one_line(text, headline):
+def test_stop_reason_headline_is_one_line(text, headline):
     assert StopReason(StopKind.FAULT, text).headline == headline

@@ -33,7 +33,7 @@ def go(arm, act):
 
 
 @pytest.mark.sample(1)
-def test_a_stop_that_is_acknowledged_at_once_ends_the_motion_nevertheless(arm):
+def test_stop_acknowledged_in_callback_still_ends_motion(arm):
     def stop():
         arm.stop()
         arm.acknowledge()
@@ -47,7 +47,7 @@ def test_a_stop_that_is_acknowledged_at_once_ends_the_motion_nevertheless(arm):
 
 @pytest.mark.full
 @pytest.mark.sample(1)
-def test_so_does_one_from_another_thread(arm):
+def test_stop_acknowledged_in_other_thread_still_ends_motion(arm):
     def stop():
         arm.stop()
         arm.acknowledge()
@@ -63,7 +63,7 @@ def test_so_does_one_from_another_thread(arm):
 
 
 @pytest.mark.sample(1)
-def test_a_stop_after_the_acknowledgement_stays(arm):
+def test_stop_repeated_after_acknowledgement_stays(arm):
     def stop():
         arm.stop("first")
         arm.acknowledge()
@@ -77,12 +77,12 @@ def test_a_stop_after_the_acknowledgement_stays(arm):
 
 @pytest.mark.full
 @pytest.mark.sample(1)
-def test_acknowledging_nothing_changes_no_motion(arm):
+def test_acknowledge_in_callback_without_stop_changes_nothing(arm):
     assert go(arm, arm.acknowledge).reached
 
 
 @pytest.mark.sample(1)
-def test_closing_in_a_callback_ends_the_motion_and_holds(arm):
+def test_closing_arm_in_callback_ends_motion_and_holds(arm):
     line = line_of(arm)
     with pytest.raises(StoppedError, match="closed the arm during a motion") as caught:
         go(arm, arm.close)
@@ -91,14 +91,14 @@ def test_closing_in_a_callback_ends_the_motion_and_holds(arm):
 
 
 @pytest.mark.sample(1)
-def test_releasing_in_a_callback_ends_the_motion_with_torque_off(arm):
+def test_torque_off_in_callback_ends_the_motion_limp(arm):
     with pytest.raises(StoppedError, match="switched torque off"):
         go(arm, arm.disable_torque)
     assert not any(registers(arm, "torque_enable").values())
 
 
 @pytest.mark.sample(1)
-def test_relaxing_in_a_callback_is_refused_and_nothing_is_closed(arm):
+def test_relaxing_close_in_callback_is_refused(arm):
     with pytest.raises(RefusedError, match="is moving"):
         go(arm, lambda: arm.close("relax"))
     assert all(registers(arm, "torque_enable").values())
@@ -114,7 +114,7 @@ def test_relaxing_in_a_callback_is_refused_and_nothing_is_closed(arm):
         (ValueError("bad frame"), "ValueError: bad frame"),
     ],
 )
-def test_a_callback_that_fails_is_reported_in_words(arm, error, words):
+def test_exception_of_callback_becomes_the_stop_reason(arm, error, words):
     def fail():
         raise error
 

@@ -43,13 +43,13 @@ def course_of(servos: ServoGroup, way_rad=0.6):
     return JointMove(start, goal, [KinematicLimits(1.0, 3.0, 30.0)] * len(start))
 
 
-def test_a_trajectory_is_executed_to_its_end(either):
+def test_control_loop_runs_trajectory_to_its_end(either):
     course = course_of(servo_group(either))
     measured = ControlLoop(servo_group(either)).run(course, speed_rad_s=1.0)
     np.testing.assert_allclose(measured, course.goal, atol=0.16)
 
 
-def test_cycles_come_at_their_rate_and_have_the_time_of_the_motion(arm):
+def test_control_cycles_keep_their_rate_and_the_motion_time(arm):
     stream, cycles = ControlLoop(servo_group(arm)), []
     stream.run(course_of(servo_group(arm)), cycles.append)
     times = [cycle.time_s for cycle in cycles]
@@ -58,11 +58,11 @@ def test_cycles_come_at_their_rate_and_have_the_time_of_the_motion(arm):
     assert times[-1] == cycles[-1].duration_s
 
 
-def test_the_rate_is_between_100_and_500_hz(either):
+def test_control_rate_is_between_100_and_500_hz(either):
     assert 0.002 <= ControlLoop(servo_group(either)).measure_cycle_time_s() <= 0.010
 
 
-def test_a_wanted_stop_brakes_within_0_3_s_and_holds(either):
+def test_stop_request_brakes_within_300_ms_and_holds(either):
     stream, asked, clock = ControlLoop(servo_group(either)), [], clock_of(either)
     auditor = Auditor(either)
 
@@ -78,14 +78,14 @@ def test_a_wanted_stop_brakes_within_0_3_s_and_holds(either):
     assert auditor.faults() == []
 
 
-def test_a_stop_slows_down_over_a_quarter_of_a_second_instead_of_at_once():
+def test_stop_brakes_over_a_quarter_of_a_second():
     throttle = TimeScaler(0.005)
     gaps = [throttle.step(0.005, braking=True) for _ in range(60)]
     assert gaps == sorted(gaps, reverse=True)
     assert sum(gap > 0 for gap in gaps) == pytest.approx(50, abs=1)
 
 
-def test_a_stop_that_is_wanted_while_nothing_moves_keeps_the_next_motion_from_beginning(arm):
+def test_stop_at_rest_refuses_the_next_motion(arm):
     before = registers(arm, "goal_position")
     arm.stop("wait")
     with pytest.raises(RefusedError, match="was stopped: wait"):
@@ -93,7 +93,7 @@ def test_a_stop_that_is_wanted_while_nothing_moves_keeps_the_next_motion_from_be
     assert registers(arm, "goal_position") == before
 
 
-def test_a_stop_stays_until_it_is_acknowledged(arm):
+def test_stop_of_control_loop_stays_until_acknowledged(arm):
     stream = ControlLoop(servo_group(arm))
     with pytest.raises(StoppedError):
         stream.run(course_of(servo_group(arm)), lambda _: stream.request_stop(ENOUGH))
@@ -105,7 +105,7 @@ def test_a_stop_stays_until_it_is_acknowledged(arm):
 
 @pytest.mark.sample(1)
 @pytest.mark.parametrize("stall_s", [0.06, 0.3, 5.0])
-def test_after_a_stall_goals_go_on_from_where_they_were(stall_s):
+def test_goals_continue_without_leap_after_a_stall(stall_s):
     with ikservo.open_arm("so101", port="sim") as arm:
         arm.enable()
         auditor, clock, stalled = Auditor(arm), clock_of(arm), []
@@ -121,7 +121,7 @@ def test_after_a_stall_goals_go_on_from_where_they_were(stall_s):
         assert max(steps) < 12
 
 
-def test_dynamixels_stop_themselves_in_a_stall_and_the_program_says_so():
+def test_dynamixel_watchdog_stop_in_a_stall_is_reported():
     with ikservo.open_arm("koch", port="sim") as arm:
         arm.enable()
         clock = clock_of(arm)
@@ -131,7 +131,7 @@ def test_dynamixels_stop_themselves_in_a_stall_and_the_program_says_so():
             )
 
 
-def test_a_machine_that_is_always_late_slows_the_motion_to_a_stop():
+def test_motion_on_machine_that_is_always_late_is_refused():
     with ikservo.open_arm("so101", port="sim") as arm:
         arm.enable()
         clock = clock_of(arm)
@@ -141,7 +141,7 @@ def test_a_machine_that_is_always_late_slows_the_motion_to_a_stop():
             )
 
 
-def test_steps_of_the_wall_clock_change_nothing(arm, monkeypatch):
+def test_wall_clock_steps_do_not_change_a_motion(arm, monkeypatch):
     hours = iter(range(10**9))
     monkeypatch.setattr(time, "time", lambda: 3600.0 * (-1) ** next(hours))
     course = course_of(servo_group(arm))
@@ -150,7 +150,7 @@ def test_steps_of_the_wall_clock_change_nothing(arm, monkeypatch):
 
 
 @pytest.mark.full
-def test_goals_lead_the_joints_by_no_more_than_the_look_ahead(arm):
+def test_goals_lead_joints_by_at_most_the_look_ahead(arm):
     auditor = Auditor(arm)
     line_of(arm).servos[1].motor.grip = 0.3
     arm.move_joints({arm.model.joints[0].name: 1.0}, speed="fast")
@@ -158,7 +158,7 @@ def test_goals_lead_the_joints_by_no_more_than_the_look_ahead(arm):
 
 
 @pytest.mark.full
-def test_a_failure_in_any_line_of_the_loop_ends_with_the_arm_made_to_hold(arm):
+def test_failure_of_any_loop_line_ends_with_arm_holding(arm):
     with LineTracer([control]) as traced:
         short_motion(arm, traced)
     lines = sorted(traced.hits)[::8]
@@ -197,7 +197,7 @@ def check_stopped(arm, auditor, place):
     assert all(registers(arm, "torque_enable").values()), place
 
 
-def test_a_stop_that_is_wanted_at_the_very_end_is_not_lost(arm):
+def test_stop_in_last_cycle_is_not_lost(arm):
     stream = ControlLoop(servo_group(arm))
 
     def ask(cycle):
@@ -211,13 +211,13 @@ def test_a_stop_that_is_wanted_at_the_very_end_is_not_lost(arm):
 
 
 @pytest.mark.parametrize("what", ["hold", "enable", "relax"])
-def test_in_mid_motion_nothing_else_is_begun(arm, what):
+def test_hold_enable_and_relax_are_refused_during_a_motion(arm, what):
     with pytest.raises(RefusedError, match=r"^The arm is moving\."):
         arm.move_joints({arm.model.joints[0].name: 0.3}, on_progress=lambda _: getattr(arm, what)())
     assert all(registers(arm, "torque_enable").values())
 
 
-def test_a_reply_that_is_lost_after_a_stall_is_requested_once_more(arm):
+def test_reply_lost_after_a_stall_is_requested_again(arm):
     stream, line, stalled = ControlLoop(servo_group(arm)), line_of(arm), []
 
     def stall(cycle):

@@ -78,7 +78,7 @@ def machine(*reasons):
         (("on", "lowering_ended"), HOLDING, False),
     ],
 )
-def test_each_reason_leads_to_one_state(reasons, state, due):
+def test_torque_state_after_each_reason_matches_the_table(reasons, state, due):
     torque = machine(*reasons)
     assert (torque.state, torque.first_motion_due) == (state, due)
 
@@ -95,21 +95,21 @@ def test_each_reason_leads_to_one_state(reasons, state, due):
         (("on", "loop_started", "releasing"), False, True),
     ],
 )
-def test_torque_is_on_where_it_is_known_to_be(reasons, is_on, is_moving):
+def test_torque_state_tells_whether_torque_is_on_and_arm_moves(reasons, is_on, is_moving):
     torque = machine(*reasons)
     assert (torque.is_on, torque.is_moving) == (is_on, is_moving)
 
 
 @pytest.mark.parametrize("reasons", [(), ("released",), ("on", "faulted"), ("on", "acknowledged")])
 @pytest.mark.parametrize("transition", ["loop_started", "lowering_started"])
-def test_nothing_moves_without_torque(reasons, transition):
+def test_torque_state_refuses_motion_without_torque(reasons, transition):
     torque = machine(*reasons)
     with pytest.raises(RefusedError, match="Torque is not on"):
         getattr(torque, transition)()
     assert torque.state is machine(*reasons).state
 
 
-def test_while_one_control_loop_runs_there_is_no_other():
+def test_torque_state_refuses_a_second_control_loop():
     torque = machine("on", "loop_started")
     for call in (torque.check_idle, torque.loop_started):
         with pytest.raises(RefusedError, match="is moving"):
@@ -131,7 +131,7 @@ def state(arm):
     return servo_group(arm).torque.state
 
 
-def test_a_motion_goes_through_its_states(arm):
+def test_torque_state_follows_a_motion_from_unknown_to_off(arm):
     seen = [state(arm)]
     arm.enable()
     seen.append(state(arm))
@@ -142,7 +142,7 @@ def test_a_motion_goes_through_its_states(arm):
     assert list(dict.fromkeys(seen)) == [UNKNOWN, FIRST_MOTION, MOVING, HOLDING, OFF]
 
 
-def test_a_stopped_first_motion_is_no_first_motion_and_the_next_one_is_slow(arm):
+def test_stopped_first_motion_keeps_the_next_one_slow(arm):
     with pytest.raises(StoppedError):
         arm.move_joints({"shoulder_pan": 0.8}, on_progress=lambda _: arm.stop("enough"))
     assert state(arm) is UNKNOWN
@@ -153,7 +153,7 @@ def test_a_stopped_first_motion_is_no_first_motion_and_the_next_one_is_slow(arm)
 
 
 @pytest.mark.full
-def test_a_stopped_later_motion_is_followed_by_one_of_any_speed(arm):
+def test_stopped_later_motion_lets_next_one_be_fast(arm):
     arm.move_joints({"shoulder_pan": 0.1})
     with pytest.raises(StoppedError):
         arm.move_joints({"shoulder_pan": 0.8}, on_progress=lambda _: arm.stop("enough"))
@@ -162,7 +162,7 @@ def test_a_stopped_later_motion_is_followed_by_one_of_any_speed(arm):
     assert not arm.plan_joints({"shoulder_pan": 0.3}, speed="fast").speed_reduced
 
 
-def test_torque_that_could_not_be_switched_off_everywhere_is_unknown(arm):
+def test_torque_state_is_unknown_after_failed_torque_off(arm):
     arm.move_joints({"shoulder_pan": 0.1})
     line = line_of(arm)
     line.faults.add(Fault(kind="silent", id=6, at_s=line.world.time_s, for_s=0.6))
@@ -172,7 +172,7 @@ def test_torque_that_could_not_be_switched_off_everywhere_is_unknown(arm):
 
 
 @pytest.mark.full
-def test_torque_that_could_not_be_switched_on_everywhere_is_unknown(arm, monkeypatch):
+def test_torque_state_is_unknown_after_failed_torque_on(arm, monkeypatch):
     arm.move_joints({"shoulder_pan": 0.1})
 
     def refused(*_):
@@ -184,7 +184,7 @@ def test_torque_that_could_not_be_switched_on_everywhere_is_unknown(arm, monkeyp
     assert state(arm) is UNKNOWN
 
 
-def test_a_second_control_loop_is_refused_and_the_first_goes_on(arm):
+def test_second_control_loop_is_refused_and_first_continues(arm):
     arm.move_joints({"shoulder_pan": 0.0})
     start, refused = servo_group(arm).goals(), []
     goal = start.copy()
@@ -204,7 +204,7 @@ def test_a_second_control_loop_is_refused_and_the_first_goes_on(arm):
 
 
 @pytest.mark.full
-def test_acknowledging_in_a_motion_that_was_not_stopped_changes_nothing(arm):
+def test_acknowledge_without_stop_keeps_state_moving(arm):
     seen = []
 
     def acknowledge(_):
@@ -217,7 +217,7 @@ def test_acknowledging_in_a_motion_that_was_not_stopped_changes_nothing(arm):
 
 
 @pytest.mark.full
-def test_an_overheated_arm_that_fails_again_while_it_is_lowered_is_lowered_once(arm, monkeypatch):
+def test_overheated_arm_failing_while_lowered_is_lowered_once(arm, monkeypatch):
     arm.move_joints({"shoulder_pan": 0.1})
     started, hot = [], ServoAlarmError("elbow_flex is too hot", "Let it cool down.")
 

@@ -73,7 +73,7 @@ def pan_deg(arm):
 
 
 @pytest.mark.full
-def test_each_arm_moves_and_the_other_holds(arms):
+def test_one_arm_moves_while_other_on_same_adapter_holds(arms):
     left, right = arms
     left.move_joints({"shoulder_pan": radians(20.0)})
     right.move_joints({"shoulder_pan": radians(-10.0)})
@@ -82,7 +82,7 @@ def test_each_arm_moves_and_the_other_holds(arms):
 
 
 @pytest.mark.full
-def test_one_is_measured_while_the_other_moves(arms):
+def test_one_arm_is_measured_while_the_other_moves(arms):
     left, right = arms
     seen = []
     left.move_joints(
@@ -92,7 +92,7 @@ def test_one_is_measured_while_the_other_moves(arms):
     assert max(map(abs, seen)) < 0.5
 
 
-def test_the_other_is_open_when_one_is_closed_and_the_device_closes_with_the_last(arms, adapter):
+def test_adapter_closes_with_the_last_of_two_arms(arms, adapter):
     left, right = arms
     left.close()
     with pytest.raises(ikservo.PortError, match="closed"):
@@ -102,35 +102,35 @@ def test_the_other_is_open_when_one_is_closed_and_the_device_closes_with_the_las
     assert not adapter.is_open
 
 
-def test_a_closed_arm_is_opened_again_beside_the_other(arms, open_arm, adapter):
+def test_closed_arm_is_opened_again_beside_the_other(arms, open_arm, adapter):
     arms[0].close()
     assert pan_deg(open_arm("left", 1)) == pytest.approx(0.0, abs=0.5)
     assert adapter.opened == 1
 
 
-def test_the_same_servos_a_second_time_are_refused(arms, open_arm):
+def test_servo_ids_in_use_by_another_arm_are_refused(arms, open_arm):
     with pytest.raises(ikservo.PortBusyError):
         open_arm("third", 6)
 
 
-def test_a_command_without_servos_of_its_own_is_refused_while_an_arm_is_open(arms):
+def test_open_port_without_servo_ids_is_refused_beside_an_arm(arms):
     with pytest.raises(ikservo.PortBusyError):
         ports.open_port(arms[0].port_name, BAUD)
 
 
-def test_another_rate_on_the_same_line_is_refused(arms):
+def test_open_port_with_another_baud_rate_is_refused(arms):
     with pytest.raises(ikservo.PortError, match="is open at 1000000 baud; third needs 57600"):
         ports.open_port(arms[0].port_name, 57_600, "third", {21})
 
 
-def test_two_arms_of_one_name_are_refused_as_they_would_share_a_calibration(open_arm):
+def test_two_arms_of_one_name_are_refused(open_arm):
     open_arm("left", 1)
     with pytest.raises(ikservo.PortError, match="An arm named left is open at"):
         open_arm("left", 7)
 
 
 @pytest.mark.parametrize("stopped", [0, 1])
-def test_a_stop_from_another_process_reaches_the_arm_that_it_names(arms, stopped):
+def test_stop_from_other_process_reaches_only_the_named_arm(arms, stopped):
     named, other = arms[stopped], arms[1 - stopped]
     for arm in arms:
         arm.enable()
@@ -139,7 +139,7 @@ def test_a_stop_from_another_process_reaches_the_arm_that_it_names(arms, stopped
 
 
 @pytest.mark.full
-def test_the_state_that_another_process_asks_for_is_that_of_its_arm(arms):
+def test_state_request_of_other_process_reads_its_own_arm(arms):
     arms[1].move_joints({"shoulder_pan": radians(15.0)})
     states = [query_state(arm.model, arm.port_name).joints[0].position_rad for arm in arms]
     assert states == [pytest.approx(0.0, abs=0.02), pytest.approx(radians(15.0), abs=0.02)]

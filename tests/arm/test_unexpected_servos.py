@@ -43,7 +43,7 @@ def _written_only_by_people(model):
 
 
 @pytest.mark.parametrize("baud", [500_000, 250_000, 115_200, 57_600, 38_400])
-def test_another_rate_is_named(open_with_servos, baud):
+def test_error_names_other_baud_rate_of_feetech_servos(open_with_servos, baud):
     error = open_with_servos("so101", SO101, baud)
     assert isinstance(error, ServoSilentError)
     assert "do not answer at 1000000 baud" in error.message
@@ -52,7 +52,7 @@ def test_another_rate_is_named(open_with_servos, baud):
 
 
 @pytest.mark.parametrize("baud", [57_600, 115_200, 2_000_000, 4_000_000])
-def test_another_rate_is_named_in_protocol_2(open_with_servos, baud):
+def test_error_names_other_baud_rate_in_protocol_2(open_with_servos, baud):
     error = open_with_servos("koch", KOCH, baud)
     assert f"XL430-W250 at id 1, {baud} baud" in error.message
 
@@ -61,7 +61,7 @@ def test_another_rate_is_named_in_protocol_2(open_with_servos, baud):
 @pytest.mark.parametrize(
     ("arm", "servos"), [("so101", KOCH), ("koch", SO101)], ids=["so101", "koch"]
 )
-def test_another_protocol_is_named(open_with_servos, arm, servos, baud):
+def test_error_names_servos_of_another_protocol(open_with_servos, arm, servos, baud):
     error = open_with_servos(arm, servos, baud)
     assert f"{servos[1]} at id 1, {baud} baud" in error.message
     assert "another arm" in error.hint
@@ -76,7 +76,7 @@ def test_another_protocol_is_named(open_with_servos, arm, servos, baud):
     ],
     ids=["so101", "koch", "koch, two ids swapped"],
 )
-def test_another_model_is_named(open_with_servos, arm, servos, found):
+def test_error_names_servo_of_another_model(open_with_servos, arm, servos, found):
     error = open_with_servos(arm, servos)
     assert isinstance(error, CalibrationError)
     assert found in error.message
@@ -85,7 +85,7 @@ def test_another_model_is_named(open_with_servos, arm, servos, found):
 @pytest.mark.parametrize(
     ("arm", "servos"), [("so101", SO101), ("koch", KOCH)], ids=["so101", "koch"]
 )
-def test_another_id_is_named(open_with_servos, arm, servos):
+def test_error_names_servo_with_another_id(open_with_servos, arm, servos):
     error = open_with_servos(
         arm, {**{i: model for i, model in servos.items() if i != 4}, 44: servos[4]}
     )
@@ -94,7 +94,7 @@ def test_another_id_is_named(open_with_servos, arm, servos):
     assert "own id" in error.hint
 
 
-def test_a_new_servo_among_the_others_is_named(open_with_servos, monkeypatch):
+def test_error_names_new_servo_at_its_factory_baud_rate(open_with_servos, monkeypatch):
     servos = {i: model for i, model in KOCH.items() if i != 4}
     transport = make_transport([*servos.items(), (1, XL330)], 1_000_000)
     new = transport.line.world.servos[-1]
@@ -104,7 +104,7 @@ def test_a_new_servo_among_the_others_is_named(open_with_servos, monkeypatch):
         ikservo.open_arm("koch", port="sim")
 
 
-def test_on_an_empty_line_the_silence_is_all_there_is_to_say(open_with_servos):
+def test_error_for_empty_line_names_no_other_servo(open_with_servos):
     error = open_with_servos("so101", {99: XL330}, 9_600)
     assert isinstance(error, ServoSilentError)
     assert "there is" not in error.message

@@ -47,7 +47,7 @@ def nearest_m(arm, postures):
     return context.collision.distances(context.index.body_joints(np.array(postures))).min()
 
 
-def test_an_arm_goes_around_a_post_and_says_so(beside_post):
+def test_path_leads_around_a_post_with_clearance(beside_post):
     plan = beside_post.plan_to(RIGHT)
     assert "would touch the post" in plan.around
     postures = plan.sample(0.005).positions
@@ -70,7 +70,7 @@ NARROW_MM = [
 ]  # fmt: skip
 
 
-def test_a_way_that_is_free_is_found_however_narrow():
+def test_narrow_free_path_between_boxes_is_found():
     start = [1.759, -0.326, -1.055, 1.227, 0.339, 0.692]
     goal = [1.579, 1.271, -0.982, -1.422, -0.087, 1.103]
     boxes = tuple(
@@ -87,7 +87,7 @@ def test_a_way_that_is_free_is_found_however_narrow():
 
 
 @pytest.mark.full
-def test_poses_and_joints_are_reached_around_things(beside_post):
+def test_joint_goals_are_reached_around_obstacles(beside_post):
     goal = dict(zip(beside_post.joint_names, beside_post.plan_to(RIGHT).goal.tolist(), strict=True))
     assert beside_post.move_joints(goal).reached
     beside_post.move_to(LEFT)
@@ -98,7 +98,7 @@ def test_poses_and_joints_are_reached_around_things(beside_post):
         beside_post.move_joints(others)  # the one that is not named stays
 
 
-def test_a_line_stays_a_line_and_the_refusal_offers_the_joints(beside_post):
+def test_line_is_not_led_around_and_refusal_offers_joint_move(beside_post):
     before = registers(beside_post, "goal_position")
     with pytest.raises(CollisionError, match=r"would touch the post: .* mm deep") as refused:
         beside_post.move_line(RIGHT)
@@ -106,22 +106,22 @@ def test_a_line_stays_a_line_and_the_refusal_offers_the_joints(beside_post):
     assert registers(beside_post, "goal_position") == before
 
 
-def test_a_goal_in_a_wall_is_refused_soon(beside_post):
+def test_goal_inside_an_obstacle_is_refused(beside_post):
     with pytest.raises(CollisionError, match="the post"):
         beside_post.plan_to((0.22, 0.0, 0.1))
 
 
-def test_straight_motion_is_refused_at_the_post(beside_post):
+def test_straight_motion_into_a_post_is_refused(beside_post):
     with pytest.raises(CollisionError, match="the post"):
         beside_post.move_to(RIGHT, straight=True)
 
 
-def test_straight_is_a_field_of_the_motion():
+def test_straight_is_a_field_of_motions():
     assert parse_motion(motion_fields(MoveTo(LEFT, straight=True))) == MoveTo(LEFT, straight=True)
     assert motion_fields(MoveTo(LEFT)) == {"move_to": {"position_m": list(LEFT)}}
 
 
-def test_a_point_has_several_goals_that_reach_it():
+def test_planner_finds_several_goals_for_one_point():
     with ikservo.open_arm("wx250s", port="sim:?pose=home") as arm:
         planner, at = context_of(arm).planner, np.array(list(arm.where().positions.values()))
         tip_m = planner.tip(at)
@@ -135,7 +135,7 @@ def test_a_point_has_several_goals_that_reach_it():
         assert max(each.solved.error_rad for each in level) < 0.01
 
 
-def test_a_tool_that_may_tilt_reaches_a_point_under_a_lamp():
+def test_tool_tolerance_lets_arm_reach_point_under_obstacle():
     straight_down = ikservo.ToolOrientation(pitch_rad=-math.pi / 2)
     tilted = replace(straight_down, within_rad=math.radians(20.0))
     with ikservo.open_arm("so101", port="sim:?pose=home") as arm:
@@ -161,7 +161,7 @@ def test_a_tool_that_may_tilt_reaches_a_point_under_a_lamp():
         {"orientation": exp_so3(np.array([0.1, 1.2, 0.2]))},
     ],
 )
-def test_goals_fill_the_tolerance_of_the_tool_and_none_is_beyond(wanted):
+def test_goals_use_the_whole_tool_tolerance_and_no_more(wanted):
     stance, most_rad = ikservo.ToolOrientation(**wanted, within_rad=0.25), 0.25
     with ikservo.open_arm("wx250s", port="sim:?pose=home") as arm:
         planner, tool = context_of(arm).planner, tool_frame(arm.model)
@@ -184,12 +184,12 @@ def test_goals_fill_the_tolerance_of_the_tool_and_none_is_beyond(wanted):
 @pytest.mark.parametrize("wrong", [{"within_rad": 0.2}, {"keep": True, "within_rad": 0.2},
     {"pitch_rad": 0.0, "within_rad": 0.0}, {"pitch_rad": 0.0, "within_rad": math.nan},
     {"pitch_rad": 0.0, "within_rad": 4.0}])  # fmt: skip
-def test_a_tolerance_of_nothing_or_none_is_refused(wrong):
+def test_invalid_tool_tolerance_is_refused(wrong):
     with pytest.raises(BadValueError, match="tolerance of the tool orientation"):
         ikservo.ToolOrientation(**wrong)
 
 
-def test_stop_ends_search_and_nothing_moves(monkeypatch, beside_post):
+def test_stop_ends_path_search_and_nothing_moves(monkeypatch, beside_post):
     before = registers(beside_post, "goal_position")
     call_before(WaySearch, "find", monkeypatch, beside_post.stop)
     with pytest.raises(StoppedError, match="Stopped by the program"):
@@ -198,7 +198,7 @@ def test_stop_ends_search_and_nothing_moves(monkeypatch, beside_post):
     assert registers(beside_post, "goal_position") == before
 
 
-def test_refusal_says_how_long_it_searched(monkeypatch, beside_post):
+def test_path_search_refusal_tells_its_search_time(monkeypatch, beside_post):
     monkeypatch.setattr(WaySearch, "find", lambda *_: time.sleep(0.06))
     with pytest.raises(CollisionError, match="the post") as refused:
         beside_post.plan_to(RIGHT, think_s=0.05)
@@ -214,5 +214,5 @@ def test_think_time_is_a_field_of_the_motion():
 
 @pytest.mark.sample(1)
 @pytest.mark.parametrize(("name", "seed"), [("px100", 12), ("wx250s", 2)])
-def test_a_limp_arm_leaves_a_contact_for_its_home_pose(name, seed):
+def test_limp_arm_moves_from_contact_to_home_pose(name, seed):
     assert refusal_of_home(name, seed) is None

@@ -86,7 +86,7 @@ def picture(operator):
     return np.asarray(Image.open(io.BytesIO(shot)).convert("RGB")).astype(int)
 
 
-def test_every_link_of_arm_and_ghost_is_where_forward_kinematics_puts_it(onlooker):
+def test_3d_links_of_arm_and_ghost_match_forward_kinematics(onlooker):
     until(lambda: not misplaced(onlooker, "arm", measured(onlooker)))
     onlooker.drag(onlooker.tip_px(), np.array([50.0, -50.0])).release()
     onlooker.wait_for("scene.goal && !status.refused")
@@ -94,7 +94,7 @@ def test_every_link_of_arm_and_ghost_is_where_forward_kinematics_puts_it(onlooke
     assert onlooker.errors == []
 
 
-def test_the_arm_is_seen_in_its_colour_where_the_server_picks_it_and_nowhere_else(onlooker):
+def test_3d_arm_is_drawn_in_its_colour_where_it_is_picked(onlooker):
     served = onlooker.served
     until(lambda: not misplaced(onlooker, "arm", measured(onlooker)))
     poses, camera = poses_of(served, measured(onlooker)), camera_of(served)
@@ -110,7 +110,7 @@ def test_the_arm_is_seen_in_its_colour_where_the_server_picks_it_and_nowhere_els
 
 
 @pytest.mark.smoke
-def test_a_drag_takes_the_tip_to_the_pointer(onlooker):
+def test_drag_in_3d_takes_the_target_to_the_pointer(onlooker):
     start = onlooker.tip_px()
     x, y = start + np.array([40.0, -60.0])
     onlooker.drag(start, np.array([40.0, -60.0]), steps=2)
@@ -121,7 +121,7 @@ def test_a_drag_takes_the_tip_to_the_pointer(onlooker):
     onlooker.until(f"{SCENE}.markings.dots.count > 0")  # the path of the tip
 
 
-def test_a_ghost_that_would_touch_something_turns_red_and_the_pair_is_named(onlooker):
+def test_3d_ghost_in_contact_is_red_and_its_pair_is_named(onlooker):
     onlooker.type("#tool-z", "-40", "scene.refused_pair?.includes('gripper')")
     style = (
         f"(link) => Object.entries({SCENE}.ghostMaterials)"
@@ -168,9 +168,7 @@ def press_until_received(onlooker, x, y):
 
 @pytest.mark.campaign  # wants quick frames; tests/apps/page/test_tool_handles.py without a browser
 @pytest.mark.parametrize(("kind", "axis", "moved"), [("arrows", "Z", "z"), ("rings", "Y", "pitch")])
-def test_an_arrow_shifts_the_target_and_a_ring_turns_it_and_nothing_else(
-    onlooker, kind, axis, moved
-):
+def test_3d_handle_changes_one_target_coordinate_only(onlooker, kind, axis, moved):
     page, ticks = onlooker.page, onlooker.served.goals()
     if page.get_attribute("#handles", "aria-checked") == "false":
         page.click("#handles")
@@ -195,7 +193,7 @@ def test_an_arrow_shifts_the_target_and_a_ring_turns_it_and_nothing_else(
     assert onlooker.errors == []
 
 
-def test_frames_too_slow_fall_back_to_the_canvas_and_the_switch_returns_to_3d(onlooker):
+def test_slow_3d_frames_fall_back_to_canvas_until_3d_is_chosen(onlooker):
     onlooker.page.evaluate(
         f"""() => {{
           const {{ rendering }} = window.ikservo;
@@ -215,7 +213,7 @@ def test_frames_too_slow_fall_back_to_the_canvas_and_the_switch_returns_to_3d(on
     assert onlooker.page.inner_text("#render-note") == ""
 
 
-def test_a_lost_graphics_context_falls_back_and_3d_returns_with_it(onlooker):
+def test_lost_webgl_context_falls_back_until_it_is_restored(onlooker):
     onlooker.page.evaluate("window.ikservo.rendering.renderer.forceContextLoss()")
     onlooker.wait_for("!scene.webgl && items.some((item) => item.style === 'measured')")
     gave_up = "The graphics driver gave up, so the view is 2D."
@@ -228,7 +226,7 @@ def test_a_lost_graphics_context_falls_back_and_3d_returns_with_it(onlooker):
     onlooker.wait_for(DRAWN_IN_3D)
 
 
-def test_without_webgl_the_canvas_draws_the_orbit_view(browser, shared):
+def test_orbit_view_is_drawn_on_canvas_without_webgl(browser, shared):
     context = browser.new_context(viewport={"width": 900, "height": 640})
     context.add_init_script(f"({NO_WEBGL})()")
     operator = Operator(context.new_page(), shared)
@@ -258,7 +256,7 @@ def chosen_view(page):
     return page.get_attribute("#views [aria-checked=true]", "value")
 
 
-def test_where_a_graphics_card_draws_webgl_the_page_begins_in_3d(webgl_browser, shared):
+def test_page_begins_in_3d_if_a_graphics_card_draws_webgl(webgl_browser, shared):
     context = webgl_browser.new_context(viewport=SMALL)
     context.add_init_script(f"({A_CARD})()")
     operator = Operator(context.new_page(), shared)
@@ -270,9 +268,7 @@ def test_where_a_graphics_card_draws_webgl_the_page_begins_in_3d(webgl_browser, 
     context.close()
 
 
-def test_where_webgl_is_drawn_in_software_the_page_begins_flat_and_loads_no_3d(
-    webgl_browser, shared
-):
+def test_page_begins_in_2d_and_loads_no_3d_on_software_webgl(webgl_browser, shared):
     context = webgl_browser.new_context(viewport=SMALL)
     operator = Operator(context.new_page(), shared)
     assert chosen_view(operator.page) == "side"
@@ -285,7 +281,7 @@ def test_where_webgl_is_drawn_in_software_the_page_begins_flat_and_loads_no_3d(
 
 
 @pytest.mark.parametrize("view", [{}], indirect=True)  # another page controls the shared one
-def test_in_live_3d_is_not_tried_until_live_is_off(webgl_browser, view):
+def test_3d_is_not_tried_until_live_is_off(webgl_browser, view):
     context = webgl_browser.new_context(viewport=SMALL)
     operator = Operator(context.new_page(), view, options="&draw=2d")
     operator.enable_live().page.click("#views button[value=orbit]")

@@ -40,7 +40,7 @@ def joints_deg(operator):
     return [math.degrees(angle) for angle in operator.served.joints().values()]
 
 
-def test_the_preview_is_carried_out_by_one_button_and_undone_by_keys(person):
+def test_preview_is_executed_by_button_and_undone_by_keys(person):
     page, before = person.page, person.served.goals()
     page.click("#speeds button[value=fast]")
     assert page.is_disabled("#execute")
@@ -65,7 +65,7 @@ def test_the_preview_is_carried_out_by_one_button_and_undone_by_keys(person):
     person.wait_for("status.mode === 'preview'")
 
 
-def test_one_of_a_hundred_poses_is_found_and_chosen_by_keys(person):
+def test_pose_among_a_hundred_is_found_and_chosen_by_keys(person):
     page = person.page
     page.click("#all-poses")
     page.keyboard.type("e_4")
@@ -82,7 +82,7 @@ def test_one_of_a_hundred_poses_is_found_and_chosen_by_keys(person):
     page.click("#pose-close")
 
 
-def test_help_opens_by_a_key_beside_a_stop_that_still_works(person):
+def test_help_opens_by_key_and_leaves_stop_usable(person):
     page = person.page
     page.focus("#drawing")
     page.keyboard.press("?")
@@ -99,7 +99,7 @@ def test_help_opens_by_a_key_beside_a_stop_that_still_works(person):
     assert page.is_hidden("#help")
 
 
-def test_the_wheel_beside_the_arm_zooms_at_the_pointer_and_fit_undoes_it(person):
+def test_wheel_beside_arm_zooms_at_pointer_and_f_key_resets_it(person):
     page = person.wait_for_picture().page  # the drawing is larger again without a stop's notice
     scale, at = person.pixels_per_metre, person.tip_px()
     page.mouse.move(*person.over([40.0, 120.0]))
@@ -120,7 +120,7 @@ def test_the_wheel_beside_the_arm_zooms_at_the_pointer_and_fit_undoes_it(person)
 
 
 @pytest.mark.smoke
-def test_release_asks_and_then_lets_go(person):
+def test_relax_button_asks_before_arm_goes_limp(person):
     page = person.page
     page.click("#release")
     assert page.inner_text("#release") == "It falls: sure?"

@@ -49,14 +49,14 @@ def row(page, name):
     return page.locator(f"#arms-open [data-arm={name}]")
 
 
-def test_without_an_arm_the_page_says_when_a_picture_is_shown(page):
+def test_page_without_arm_says_how_to_see_the_camera(page):
     with opened_panel(cameras=["0"]) as served:
         page.goto(served.urls.control)
         page.wait_for_selector("text=The picture of camera 0 is shown with an arm: open one.")
         assert page.is_hidden("#camera")
 
 
-def test_without_an_arm_the_page_lists_what_there_is_and_opens_and_changes_it(page):
+def test_page_without_arm_lists_opens_and_changes_arms(page):
     with opened_panel() as served:
         page.goto(served.urls.control)
         page.wait_for_selector("#arms-port [value=sim]", state="attached")
@@ -85,7 +85,7 @@ def test_without_an_arm_the_page_lists_what_there_is_and_opens_and_changes_it(pa
         until(lambda: [arm.name for arm in served.app.arms.all()] == ["planar3"])
 
 
-def test_the_list_is_legible_named_and_reached_in_order_by_a_finger_and_by_tab(page, two):
+def test_arm_list_is_legible_named_and_in_tab_order(page, two):
     for width, scheme in ((390, "dark"), (1100, "light")):
         page.set_viewport_size({"width": width, "height": 844})
         page.emulate_media(color_scheme=scheme, reduced_motion="reduce")
@@ -108,7 +108,7 @@ def test_the_list_is_legible_named_and_reached_in_order_by_a_finger_and_by_tab(p
 
 
 @pytest.mark.smoke
-def test_space_stops_every_arm_and_a_fault_of_one_is_reported_beside_its_name(page, two):
+def test_space_key_stops_every_arm_and_list_names_its_fault(page, two):
     operator = Operator(page, two)
     operator.enable_live()
     koch = two.app.arms.find("koch").arm_thread
@@ -135,7 +135,7 @@ def test_space_stops_every_arm_and_a_fault_of_one_is_reported_beside_its_name(pa
     operator.wait_for("status.mode === 'preview'")
 
 
-def test_camera_is_beside_drawing_or_large_and_says_when_unplugged(page, monkeypatch):
+def test_camera_picture_is_placed_and_says_when_unplugged(page, monkeypatch):
     pytest.importorskip("cv2")
     webcam = Webcam()
     monkeypatch.setattr(
@@ -159,7 +159,7 @@ def test_camera_is_beside_drawing_or_large_and_says_when_unplugged(page, monkeyp
         until(lambda: webcam.released == webcam.opened)
 
 
-def test_an_arm_is_made_on_the_page_and_opened_there(page, tmp_path, monkeypatch):
+def test_arm_is_created_and_opened_on_the_page(page, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     with opened_panel() as served:
         page.goto(served.urls.control)

@@ -54,7 +54,7 @@ def lens_of(operator):
     return operator.served.view.controller._camera_view.camera(Viewport(*size))
 
 
-def test_the_tip_arrives_at_the_point_of_the_table_that_was_clicked(operator):
+def test_tip_reaches_table_point_clicked_in_camera_view(operator):
     point_m = np.array([0.25, 0.08, 0.03])  # at the height that the page proposes
     px = lens_of(operator).project(point_m)[0]
     operator.click(px).wait_for("scene.goal && scene.marker?.reached")
@@ -66,7 +66,7 @@ def test_the_tip_arrives_at_the_point_of_the_table_that_was_clicked(operator):
     assert operator.errors == []
 
 
-def test_another_camera_of_the_arm_is_chosen_on_the_page(operator):
+def test_page_switches_between_cameras_of_the_arm(operator):
     page = operator.page
     page.click("#camera-names [value='film.avi']")
     page.wait_for_selector("#camera-names [value='film.avi'][aria-checked=true]")
@@ -83,7 +83,7 @@ def test_another_camera_of_the_arm_is_chosen_on_the_page(operator):
     assert operator.errors == []
 
 
-def test_a_picture_that_is_not_fresh_takes_no_click(operator, monkeypatch):
+def test_click_in_stale_camera_picture_is_ignored(operator, monkeypatch):
     monkeypatch.setattr(video, "_OLD_S", 2.0)
     monkeypatch.setattr(SimulatedCamera, "take", lambda _: None)  # unplugged
     operator.wait_for("scene.picture_trouble")
@@ -93,7 +93,7 @@ def test_a_picture_that_is_not_fresh_takes_no_click(operator, monkeypatch):
     assert "is it plugged in" in operator.page.inner_text("#camera-note")
 
 
-def test_the_click_after_its_button_is_one_on_the_tip_and_no_target(operator):
+def test_click_after_mark_tip_button_sets_no_target(operator):
     button = operator.page.locator("#mark-tip")
     assert button.inner_text() == "Click the tip (1 so far)"
     button.click()

@@ -172,7 +172,7 @@ def views_of(name):
 
 
 @pytest.mark.parametrize("name", ARMS)
-def test_links_of_random_postures_are_where_forward_kinematics_puts_them(canvas, name):
+def test_drawn_links_match_forward_kinematics(canvas, name):
     model, graph = model_of(name), graph_of(model_of(name))
     q, others = random_postures(model, 20)
     camera = looked_at(name, views_of(name)[0])
@@ -191,7 +191,7 @@ def test_links_of_random_postures_are_where_forward_kinematics_puts_them(canvas,
 
 
 @pytest.mark.parametrize("name", ["so101", "koch", "wx250s", "planar3"])
-def test_outlines_of_random_postures_are_where_lines_of_sight_begin_to_miss_the_link(canvas, name):
+def test_drawn_outlines_match_lines_of_sight_past_the_link(canvas, name):
     model, graph = model_of(name), graph_of(model_of(name))
     q, others = random_postures(model, 5)
     for view in views_of(name):
@@ -239,7 +239,7 @@ def inside(ring, px):
 
 
 @pytest.mark.parametrize("view", VIEWS)
-def test_the_arm_is_drawn_where_it_is_picked(canvas, view):
+def test_arm_is_drawn_where_it_is_picked(canvas, view):
     home, camera = stage("so101").home, looked_at("so101", view)
     drawn = {item["link"]: item["rings"] for item in of_style(canvas.items(view=view), "measured")}
     poses, random = link_poses(model_of("so101").chain, home, {}), np.random.default_rng(2)
@@ -249,7 +249,7 @@ def test_the_arm_is_drawn_where_it_is_picked(canvas, view):
             assert any(inside(ring, px + d) for ring in rings for d in AROUND)
 
 
-def test_all_outlines_of_a_link_turn_the_same_way_so_that_they_fill_as_one(canvas):
+def test_outlines_of_links_all_turn_the_same_way(canvas):
     for item in of_style(canvas.items(view="orbit"), "measured"):
         for ring in item["rings"]:
             x, y = np.array(ring).T
@@ -267,7 +267,7 @@ def test_links_are_painted_from_back_to_front(canvas, view):
     assert np.diff(depths_m).max() < 2e-6
 
 
-def test_links_side_by_side_are_painted_in_the_order_of_their_names_in_every_posture(canvas):
+def test_links_at_equal_depth_are_painted_in_order_of_names(canvas):
     """In its own plane such an arm has these links at one depth, but for rounding."""
     graph, drawn = (
         graph_of(model_of("wx250s")),
@@ -281,18 +281,18 @@ def test_links_side_by_side_are_painted_in_the_order_of_their_names_in_every_pos
         assert [link for link in links if link in drawn] == drawn
 
 
-def test_a_ghost_is_painted_only_where_the_goal_is_not_where_the_arm_is(canvas):
+def test_ghost_is_painted_only_if_goal_differs_from_arm(canvas):
     home = stage("so101").home
     assert not of_style(canvas.items(goal=home), "ghost")
     assert len(of_style(canvas.items(goal=home + 0.1), "ghost")) == 7
 
 
-def test_the_ghost_is_behind_the_arm(canvas):
+def test_ghost_is_painted_behind_the_arm(canvas):
     styles = [item["style"] for item in canvas.items(goal=stage("so101").home + 0.1)]
     assert max(i for i, s in enumerate(styles) if s == "ghost") < styles.index("measured")
 
 
-def test_of_a_refused_goal_the_links_that_would_touch_are_marked(canvas):
+def test_refused_goal_marks_links_that_would_touch(canvas):
     goal, pair = stage("so101").home + 0.1, ("gripper", "floor")
     items = canvas.items(goal=goal, refused_pair=pair)
     assert [item["link"] for item in of_style(items, "touching")] == ["gripper"]
@@ -300,7 +300,7 @@ def test_of_a_refused_goal_the_links_that_would_touch_are_marked(canvas):
     assert not of_style(items, "ghost")
 
 
-def test_a_link_chosen_behind_others_is_outlined_over_them(canvas):
+def test_link_chosen_behind_others_is_outlined_over_them(canvas):
     assert of_style(canvas.items(hover="base"), "behind") == []
     items = canvas.items(hover="base", behind=True)
     (over,) = of_style(items, "behind")
@@ -315,7 +315,7 @@ def test_hovered_and_grabbed_links_are_marked(canvas):
     assert [i["link"] for i in of_style(items, "grabbed")] == ["wrist"]
 
 
-def test_an_open_jaw_is_drawn_open(canvas):
+def test_drawn_jaw_opens_with_the_gripper_joint(canvas):
     closed, opened = (
         next(
             i
@@ -327,7 +327,7 @@ def test_an_open_jaw_is_drawn_open(canvas):
     assert closed["rings"] != opened["rings"]
 
 
-def test_the_tip_is_drawn_where_the_chain_puts_it(canvas):
+def test_tip_mark_is_drawn_where_the_chain_puts_it(canvas):
     home = stage("so101").home
     tip = model_of("so101").chain.forward(home)[:3, 3]
     (mark,) = of_style(canvas.items(), "tip")
@@ -337,7 +337,7 @@ def test_the_tip_is_drawn_where_the_chain_puts_it(canvas):
 # --- ranges ---
 
 
-def test_every_joint_shows_its_range_as_an_arc_with_a_needle(canvas):
+def test_joint_range_is_drawn_as_an_arc_with_a_needle(canvas):
     items = canvas.items(view="orbit")
     for joint in model_of("so101").chain.names:
         assert arc(items, joint)["style"] == "limit"
@@ -349,18 +349,18 @@ def test_every_joint_shows_its_range_as_an_arc_with_a_needle(canvas):
     [(-0.5, "red"), (-0.2, "amber"), (0.0, "amber"), (4.9, "amber"), (5.1, "limit")],
 )
 @pytest.mark.parametrize("side", ["lower_rad", "upper_rad"])
-def test_needle_at_its_limit_is_amber_and_beyond_it_red(canvas, side, room_deg, style):
+def test_joint_arc_is_amber_near_its_limit_and_red_beyond_it(canvas, side, room_deg, style):
     limit = getattr(model_of("so101").chain, side)[2]
     q = at_joints(elbow_flex=limit + math.radians(room_deg) * (1 if side == "lower_rad" else -1))
     assert arc(canvas.items(measured=q), "elbow_flex")["style"] == style
 
 
-def test_joint_sent_to_its_limit_is_amber_before_it_gets_there(canvas):
+def test_joint_arc_is_amber_once_its_goal_is_at_the_limit(canvas):
     goal = at_joints(elbow_flex=float(model_of("so101").chain.upper_rad[2]))
     assert arc(canvas.items(goal=goal), "elbow_flex")["style"] == "amber"
 
 
-def test_the_needle_points_along_the_link_that_the_joint_carries(canvas):
+def test_joint_needle_points_along_the_link_it_carries(canvas):
     camera, q = looked_at("planar3", "plane"), stage("planar3").home
     chain = model_of("planar3").chain
     needles = {
@@ -374,7 +374,7 @@ def test_the_needle_points_along_the_link_that_the_joint_carries(canvas):
         assert cosine > 0.999
 
 
-def test_the_ends_of_an_arc_are_where_the_limits_would_put_the_needle(canvas):
+def test_joint_arc_ends_where_limits_would_put_the_needle(canvas):
     chain, q = model_of("planar3").chain, stage("planar3").home.copy()
     at_home = arc(canvas.items("planar3", "plane"), "joint2")["points"]
     for end, limit in ((0, chain.lower_rad[1]), (-1, chain.upper_rad[1])):
@@ -384,13 +384,13 @@ def test_the_ends_of_an_arc_are_where_the_limits_would_put_the_needle(canvas):
         np.testing.assert_allclose(needle["points"][1], at_home[end], atol=0.01)
 
 
-def test_an_arc_seen_from_its_edge_is_turned_to_the_person(canvas):
+def test_joint_arc_seen_edge_on_is_turned_to_the_viewer(canvas):
     points = np.array(arc(canvas.items(view="side"), "shoulder_pan")["points"])
     assert np.ptp(points, axis=0).min() > 20
 
 
 @pytest.mark.parametrize("view", ["top", "side"])
-def test_a_joint_that_turns_freely_is_a_circle_that_turns_with_its_needle(canvas, view):
+def test_continuous_joint_is_drawn_as_a_circle_with_its_needle(canvas, view):
     state = SceneState(looked_at("so101", view), np.array([0.4]))
     items = canvas.compose(graph_of(bare_model(planar(0.1, limit_rad=np.inf))), state)["items"]
     ring = np.array(arc(items, "j1")["points"])
@@ -401,7 +401,7 @@ def test_a_joint_that_turns_freely_is_a_circle_that_turns_with_its_needle(canvas
     np.testing.assert_allclose(ring[0], opposite, atol=0.01)
 
 
-def test_the_calibrated_range_is_drawn_and_not_the_arm_files(canvas):
+def test_calibrated_range_is_drawn_instead_of_arm_file_range(canvas):
     model = model_of("so101")
     narrow = model.chain.with_limits(0.5 * model.chain.lower_rad, 0.5 * model.chain.upper_rad)
     state = SceneState(looked_at("so101", "side"), at_joints(elbow_flex=0.0))
@@ -412,7 +412,7 @@ def test_the_calibrated_range_is_drawn_and_not_the_arm_files(canvas):
     assert len(own["points"]) < 0.6 * len(wide["points"])
 
 
-def test_a_slide_shows_its_track_and_where_on_it_the_slide_is(canvas):
+def test_prismatic_joint_is_drawn_as_track_with_its_position(canvas):
     camera, q = looked_at("so101", "orbit"), np.array([0.0, 0.1])
     items = canvas.compose(graph_of(bare_model(crane())), SceneState(camera, q))["items"]
     low, high, now = camera.project(np.array([[x, 0.0, 0.5] for x in (0.0, 0.4, 0.1)]))[0]
@@ -426,20 +426,20 @@ def test_a_slide_shows_its_track_and_where_on_it_the_slide_is(canvas):
 TIP = np.array([0.2, 0.0, 0.15])
 
 
-def test_a_target_that_is_reached_is_a_green_cross(canvas):
+def test_reached_target_is_drawn_as_a_green_cross(canvas):
     items = canvas.items(marker=TargetMarker(TIP, TIP, reached=True))
     assert len(of_style(items, "target")) == 1
     assert not of_style(items, "target_far", "gap", "nearest")
 
 
-def test_a_target_that_is_refused_is_a_red_cross(canvas):
+def test_refused_target_is_drawn_as_a_red_cross(canvas):
     marker = TargetMarker(TIP, TIP, reached=True)
     items = canvas.items(marker=marker, refused_pair=())
     assert len(of_style(items, "target_refused")) == 1
     assert not of_style(items, "target")
 
 
-def test_a_target_out_of_reach_is_red_with_the_nearest_point_and_the_way_that_is_missing(canvas):
+def test_target_out_of_reach_is_drawn_with_nearest_point_and_gap(canvas):
     camera, far = looked_at("so101", "side"), TIP + np.array([0.5, 0.0, 0.0])
     items = canvas.items(marker=TargetMarker(far, TIP, reached=False))
     (cross,), (nearest,), (gap,) = (of_style(items, s) for s in ("target_far", "nearest", "gap"))
@@ -448,7 +448,7 @@ def test_a_target_out_of_reach_is_red_with_the_nearest_point_and_the_way_that_is
     assert gap["points"] == [cross["at"], nearest["at"]]
 
 
-def test_a_refusal_is_said_at_the_target_or_else_at_the_tip_of_the_goal(canvas):
+def test_refusal_text_is_placed_at_target_or_goal_tip(canvas):
     graph, camera, goal = graph_of(model_of("so101")), looked_at("so101", "side"), at_joints()
     goal[2] += 0.3
     state = SceneState(camera, stage("so101").home, goal=goal)
@@ -476,7 +476,7 @@ def steps_of(canvas, target_m, method, step):
     return trace, camera, canvas.compose(graph, SceneState(camera, START), **more)["items"]
 
 
-def test_every_step_is_drawn_where_the_arm_was(canvas):
+def test_solver_iteration_is_drawn_where_the_arm_was(canvas):
     trace, camera, items = steps_of(canvas, (0.05, 0.18, 0.0), "ccd", 5)
     (drawn,) = of_style(items, "iterate")
     q = trace.result.trace[trace.numbers[5]]
@@ -486,14 +486,14 @@ def test_every_step_is_drawn_where_the_arm_was(canvas):
     assert len(of_style(items, "joint")) == 3
 
 
-def test_a_step_draws_the_way_so_far_and_no_further(canvas):
+def test_solver_iteration_draws_the_trace_up_to_itself(canvas):
     _, _, items = steps_of(canvas, (0.05, 0.18, 0.0), "pseudo_inverse", 4)
     (way,) = of_style(items, "trace")
     assert len(way["points"]) == len(of_style(items, "iteration")) == 5
     assert items[-1]["style"] == "target"
 
 
-def test_a_target_out_of_reach_is_red_at_the_end_of_the_iterations(canvas):
+def test_unreachable_target_turns_red_at_the_last_iteration(canvas):
     for step, style in ((0, "target"), (-1, "target_far")):
         _, _, items = steps_of(canvas, (0.5, 0.2, 0.0), "ccd", step)
         assert items[-1]["style"] == style
@@ -502,14 +502,14 @@ def test_a_target_out_of_reach_is_red_at_the_end_of_the_iterations(canvas):
 # --- surroundings ---
 
 
-def test_from_the_side_the_table_is_an_edge_at_its_height(canvas):
+def test_table_is_drawn_as_an_edge_in_the_side_view(canvas):
     (floor,) = of_style(canvas.items("open_manipulator_x", "side"), "floor")
     height = model_of("open_manipulator_x").floor_m
     y = looked_at("open_manipulator_x", "side").project(np.array([0.0, 0.0, height]))[0][1]
     assert floor["rings"][0][0][1] == pytest.approx(y, abs=0.01)
 
 
-def test_lines_on_the_table_are_ten_centimetres_apart(canvas):
+def test_table_grid_lines_are_10_cm_apart(canvas):
     grid = of_style(canvas.items(view="top"), "grid")
     ends = [np.array(line["points"]) for line in grid]
     xs = sorted(a[0] for a, b in ends if abs(a[0] - b[0]) < 1e-6)
@@ -518,7 +518,7 @@ def test_lines_on_the_table_are_ten_centimetres_apart(canvas):
     np.testing.assert_allclose(steps, 0.1, atol=1e-6)
 
 
-def test_the_bar_is_as_long_as_it_says(canvas):
+def test_scale_bar_is_as_long_as_its_label(canvas):
     (bar,), (words,) = of_style(canvas.items(), "scale")[:1], of_style(canvas.items(), "scale")[1:]
     length_m = (bar["points"][1][0] - bar["points"][0][0]) / looked_at("so101", "side").scale_px
     assert words["text"] == f"{length_m * 100:.0f} cm"
@@ -526,7 +526,7 @@ def test_the_bar_is_as_long_as_it_says(canvas):
 
 
 @pytest.mark.parametrize("view", VIEWS)
-def test_a_box_to_keep_out_of_is_drawn_at_its_corners(canvas, view):
+def test_keep_out_box_is_drawn_at_its_corners(canvas, view):
     box = KeepOutBox("the cup", (0.2, 0.1, 0.0), (0.3, 0.2, 0.12))
     graph = graph_of(model_of("so101"))
     camera = looked_at("so101", view)
@@ -544,7 +544,7 @@ def test_a_box_to_keep_out_of_is_drawn_at_its_corners(canvas, view):
         assert over["rings"] == drawn["rings"]
 
 
-def test_the_table_behind_the_eye_is_not_drawn(canvas):
+def test_table_behind_the_eye_is_not_drawn(canvas):
     camera = looked_at("so101", "orbit")
     low = Camera(VIEWPORT, np.array([0.3, 0.0, 0.05]), camera.R_world_view, camera.scale_px, True)
     graph = graph_of(model_of("so101"))
@@ -555,7 +555,7 @@ def test_the_table_behind_the_eye_is_not_drawn(canvas):
     assert np.array(ends)[:, 1].min() > horizon_y  # what is behind the eye would be above it
 
 
-def test_the_region_is_drawn_in_its_plane(canvas):
+def test_reachable_region_is_drawn_in_its_plane(canvas):
     q, ring = stage("so101").home, [[0.1, 0.0], [0.3, 0.0], [0.3, 0.2]]
     plane = slice_plane(stage("so101"), "side", q, lambda: TIP)
     items = canvas.items(region=ReachableRegion((ring,), plane.T_world_plane))
@@ -565,7 +565,7 @@ def test_the_region_is_drawn_in_its_plane(canvas):
     np.testing.assert_allclose(drawn["rings"][0], expected, atol=0.01)
 
 
-def test_the_planned_and_the_measured_way_of_the_tip_are_drawn(canvas):
+def test_planned_and_travelled_paths_of_the_tip_are_drawn(canvas):
     start, goal = at_joints(), at_joints(shoulder_lift=-1.2)
     around = at_joints(shoulder_lift=-1.0, elbow_flex=0.3)
     graph, camera = graph_of(model_of("so101")), looked_at("so101", "side")
@@ -593,7 +593,7 @@ def test_the_planned_and_the_measured_way_of_the_tip_are_drawn(canvas):
 
 @pytest.mark.parametrize("view", VIEWS)
 @pytest.mark.parametrize("name", ["so101", "vx300s"])
-def test_every_item_is_of_a_kind_that_the_drawing_knows_and_has_its_pixels(canvas, name, view):
+def test_drawing_item_has_a_known_kind_and_finite_pixels(canvas, name, view):
     goal = stage(name).home + 0.2
     items = canvas.items(name, view, goal=goal, marker=TargetMarker(TIP, TIP, reached=False))
     needed = {"polygon": "rings", "polyline": "points", "circle": "at", "cross": "at", "text": "at"}
@@ -604,7 +604,7 @@ def test_every_item_is_of_a_kind_that_the_drawing_knows_and_has_its_pixels(canva
 
 
 @pytest.mark.smoke
-def test_in_3d_only_marks_are_drawn_on_the_canvas(canvas):
+def test_canvas_draws_only_marks_in_3d_mode(canvas):
     marker = TargetMarker(TIP, TIP, reached=True)
     state = SceneState(looked_at("so101", "orbit"), stage("so101").home, marker=marker)
     picture = canvas.compose(graph_of(model_of("so101")), state, webgl=True)
@@ -612,7 +612,7 @@ def test_in_3d_only_marks_are_drawn_on_the_canvas(canvas):
     assert picture["backdrop"] is None
 
 
-def test_only_what_has_changed_is_computed_again(canvas):
+def test_canvas_recomputes_only_what_has_changed(canvas):
     graph, home = graph_of(model_of("so101")), stage("so101").home
     state = SceneState(looked_at("so101", "side"), home)
     top = scene_of(graph, replace(state, camera=looked_at("so101", "top")))
@@ -627,7 +627,7 @@ def test_only_what_has_changed_is_computed_again(canvas):
     )
 
 
-def test_the_table_is_drawn_again_when_the_page_returns_from_3d(canvas):
+def test_table_is_drawn_again_when_page_returns_from_3d(canvas):
     graph = graph_of(model_of("so101"))
     state = SceneState(looked_at("so101", "orbit"), stage("so101").home)
     first, in_3d, again = compose_in_turn(canvas, graph, state, {"webgl": True}, {"webgl": False})

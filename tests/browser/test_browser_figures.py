@@ -50,18 +50,18 @@ def drag_to(page, name, x, y):
     return figure(page, name).locator("output").inner_text()
 
 
-def test_two_links_say_when_a_point_is_out_of_reach(page):
+def test_two_link_figure_says_when_a_point_is_out_of_reach(page):
     assert drag_to(page, "twoLinks", 0.7, 0.7).startswith("two solutions")
     assert drag_to(page, "twoLinks", 0.99, 0.99).startswith("unreachable")
 
 
 @pytest.mark.smoke
-def test_the_wrist_of_three_links_leaves_some_directions(page):
+def test_three_link_figure_leaves_part_of_all_directions(page):
     share = re.search(r"(\d+) % of all directions", drag_to(page, "threeLinks", 0.85, 0.6))
     assert 0 < int(share[1]) < 100
 
 
-def test_a_turned_joint_moves_every_link_behind_it(page):
+def test_forward_kinematics_figure_moves_links_behind_a_joint(page):
     output = figure(page, "forwardKinematics").locator("output")
     pattern = r"φ\d = (.*): link \d ends at (.*) m"
     before = re.findall(pattern, output.inner_text())
@@ -70,14 +70,14 @@ def test_a_turned_joint_moves_every_link_behind_it(page):
     assert all(end != start for (_, end), (_, start) in zip(after, before, strict=True))
 
 
-def test_columns_of_the_jacobian_predict_a_small_turn(page):
+def test_jacobian_figure_predicts_a_small_turn(page):
     text = drag_to(page, "jacobianColumns", 0.3, 0.7)
     tips = re.findall(r"moves the tip ([\d.]+) mm, ([\d.]+) mm beside", text)
     assert len(tips) == 3
     assert all(float(beside) <= 0.05 * float(moved) for moved, beside in tips)
 
 
-def test_damping_keeps_the_step_short_near_a_singular_posture(page):
+def test_damping_figure_shortens_step_near_singular_posture(page):
     def furthest_deg(damping):
         figure(page, "damping").locator("input").fill(damping)
         text = figure(page, "damping").locator("output").inner_text()
@@ -88,7 +88,7 @@ def test_damping_keeps_the_step_short_near_a_singular_posture(page):
     assert furthest_deg("0.05") < 20.0
 
 
-def test_joints_stop_at_their_limits_and_come_off_them(page):
+def test_joint_limit_figure_stops_at_limits_and_leaves_them(page):
     figure(page, "jointLimits").locator("input").fill("0.75")
 
     def end_after_drag_to(x, y):
@@ -106,13 +106,13 @@ def test_joints_stop_at_their_limits_and_come_off_them(page):
 
 
 @pytest.mark.parametrize("name", ["pseudoInverse", "transpose", "ccd"])
-def test_an_iterative_method_ends_at_the_target(page, name):
+def test_iterative_solver_figure_ends_at_the_target(page, name):
     assert "step 0," in drag_to(page, name, 0.55, 0.8)
     figure(page, name).get_by_text("To the end").click()
     assert re.search(r"error 0\.[01] mm", figure(page, name).locator("output").inner_text())
 
 
-def test_the_null_space_bends_the_arm_and_keeps_the_tip(page):
+def test_null_space_figure_bends_arm_and_keeps_the_tip(page):
     figure(page, "nullSpace").scroll_into_view_if_needed()
     output = figure(page, "nullSpace").locator("output")
     before = output.inner_text()
@@ -121,7 +121,7 @@ def test_the_null_space_bends_the_arm_and_keeps_the_tip(page):
     assert "tip 0.0 mm from the target" in output.inner_text()
 
 
-def test_a_ray_looks_only_into_boxes_that_it_meets(page):
+def test_picking_figure_tests_only_boxes_that_the_ray_meets(page):
     text = drag_to(page, "picking", 0.9, 0.05)
     assert text.count("misses its box") == 3
     assert text.endswith("selected: nothing")

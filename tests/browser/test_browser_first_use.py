@@ -75,11 +75,11 @@ def on_a_phone(browser):
         context.close()
 
 
-def test_tab_goes_through_a_screen_in_the_order_in_which_it_is_read(newcomer, screen):
+def test_tab_key_follows_the_reading_order_of_each_screen(newcomer, screen):
     expect_read_in_order(newcomer.page, screen)
 
 
-def test_a_program_that_is_opened_comes_into_sight(newcomer):
+def test_opened_program_section_scrolls_into_sight(newcomer):
     open_program(newcomer.page)
     newcomer.page.click("#program > summary")
     newcomer.page.evaluate("document.querySelector('.panel').scrollTop = 0")
@@ -88,7 +88,7 @@ def test_a_program_that_is_opened_comes_into_sight(newcomer):
 
 
 @pytest.mark.parametrize(("width", "height"), [(390, 844), (820, 1100), (1100, 720)])
-def test_what_is_read_of_the_tool_covers_no_part_of_the_arm(newcomer, width, height):
+def test_tool_readout_covers_no_part_of_the_arm(newcomer, width, height):
     page = newcomer.page
     page.set_viewport_size({"width": width, "height": height})
     field = page.locator("#tool-z")
@@ -108,7 +108,7 @@ def test_what_is_read_of_the_tool_covers_no_part_of_the_arm(newcomer, width, hei
 
 
 @pytest.mark.parametrize(("width", "height"), [(390, 844), (1100, 720)])
-def test_the_program_is_one_press_away_from_the_picture(newcomer, width, height):
+def test_program_is_shown_by_one_press_beside_the_drawing(newcomer, width, height):
     page = newcomer.page
     page.set_viewport_size({"width": width, "height": height})
     page.evaluate("document.getElementById('program').open = false")
@@ -119,7 +119,7 @@ def test_the_program_is_one_press_away_from_the_picture(newcomer, width, height)
     page.set_viewport_size({"width": 1280, "height": 800})
 
 
-def test_beside_typed_coordinates_it_is_said_why_the_arm_may_not_go_there(newcomer):
+def test_refusal_is_explained_beside_typed_coordinates(newcomer):
     page = newcomer.page
     page.fill("#tool-z", "-60")
     page.press("#tool-z", "Enter")
@@ -131,7 +131,7 @@ def test_beside_typed_coordinates_it_is_said_why_the_arm_may_not_go_there(newcom
     newcomer.wait_for("!status.target")
 
 
-def test_what_is_typed_into_a_number_takes_the_place_of_the_old_one(newcomer):
+def test_number_field_selects_its_text_for_overwriting(newcomer):
     page = newcomer.page
     old = page.input_value("#tool-z")
     page.click("#tool-z")
@@ -141,7 +141,7 @@ def test_what_is_typed_into_a_number_takes_the_place_of_the_old_one(newcomer):
     page.fill("#tool-z", old)  # as it was: nothing is sent
 
 
-def test_an_arm_that_holds_is_calibrated_by_a_second_press_only(newcomer):
+def test_calibrate_asks_again_if_the_arm_holds(newcomer):
     page = newcomer.page
     newcomer.wait_for("status.health.joints.every(({torque}) => torque === 'on')")
     page.click("#calibrate")
@@ -151,7 +151,7 @@ def test_an_arm_that_holds_is_calibrated_by_a_second_press_only(newcomer):
     assert {joint["torque"] for joint in newcomer.status["health"]["joints"]} == {"on"}
 
 
-def test_a_stop_is_reported_with_its_button_inside_the_banner(newcomer):
+def test_stop_banner_contains_its_acknowledge_button(newcomer):
     page = newcomer.page
     page.click("#stop")
     page.wait_for_selector("#acknowledge")
@@ -161,7 +161,7 @@ def test_a_stop_is_reported_with_its_button_inside_the_banner(newcomer):
     newcomer.wait_for("status.mode === 'preview'")
 
 
-def test_on_a_phone_go_there_is_in_reach_where_a_goal_is_typed(newcomer):
+def test_go_there_button_is_in_reach_on_a_phone(newcomer):
     page, before = newcomer.page, newcomer.served.joints()["wrist_roll"]
     page.set_viewport_size({"width": 390, "height": 844})
     field = page.locator("[data-joint=wrist_roll] input[type=text]")
@@ -184,7 +184,7 @@ def test_on_a_phone_go_there_is_in_reach_where_a_goal_is_typed(newcomer):
     assert newcomer.errors == []
 
 
-def test_on_a_phone_each_screen_of_a_calibration_begins_with_its_task(on_a_phone):
+def test_calibration_screen_on_a_phone_begins_with_its_task(on_a_phone):
     page = on_a_phone.start_calibration().page
     page.wait_for_selector("[data-action=accept]")
     on_a_phone.until("document.querySelector('.task').textContent.includes('still: continue')")

@@ -19,13 +19,13 @@ def aside(operator, move_px):
     return operator.served.tip_m() + along
 
 
-def test_a_click_brings_the_tip_there(live):
+def test_click_in_live_brings_the_tip_there(live):
     goal_m = aside(live, ASIDE)
     live.click(live.tip_px() + ASIDE).until_near(live.served.tip_m, goal_m, NEAR_MM)
 
 
 @pytest.mark.campaign
-def test_in_preview_a_click_moves_nothing(operator):
+def test_click_in_preview_moves_nothing(operator):
     before = operator.served.goals()
     operator.click(operator.tip_px() + ASIDE).wait_for(
         "items.some(({ style }) => style === 'ghost')"
@@ -34,7 +34,7 @@ def test_in_preview_a_click_moves_nothing(operator):
     assert operator.served.goals() == before
 
 
-def test_a_chosen_method_answers_a_drag_and_a_preferred_posture_is_weighed(operator):
+def test_chosen_solver_and_preferred_posture_apply_to_a_drag(operator):
     operator.open_solver().page.click("#solvers button[value=ccd]")
     operator.wait_for("status.solver.name === 'ccd'")
     operator.drag(operator.tip_px(), ASIDE / 2).wait_for(
@@ -52,7 +52,7 @@ def test_a_chosen_method_answers_a_drag_and_a_preferred_posture_is_weighed(opera
     assert operator.errors == []
 
 
-def test_what_lies_behind_is_chosen_by_key_and_by_clicking_again(operator):
+def test_link_behind_another_is_chosen_by_key_and_second_click(operator):
     operator.page.mouse.move(*operator.over(operator.hub_px("elbow_flex")))
     operator.wait_for("status.under.length > 2 && status.under[0].chosen")
     first = operator.page.evaluate("window.ikservo.scene.hover")
@@ -69,14 +69,14 @@ def test_what_lies_behind_is_chosen_by_key_and_by_clicking_again(operator):
 
 
 @pytest.mark.campaign
-def test_throwing_live_after_a_preview_moves_nothing(operator):
+def test_live_switched_on_after_a_preview_moves_nothing(operator):
     before = operator.served.ticks()
     operator.click(operator.tip_px() + ASIDE).wait_for("status.tip.length > 1")
     operator.enable_live().until_still()
     assert max(abs(operator.served.ticks()[i] - before[i]) for i in before) <= 2
 
 
-def test_a_grabbed_elbow_follows_the_pointer(live):
+def test_grabbed_elbow_follows_the_pointer(live):
     before, move = live.served.place_m("wrist_flex"), np.array([30.0, 25.0])
     scale = live.pixels_per_metre
     goal_m = before + np.array([move[0], 0.0, -move[1]]) / scale
@@ -85,13 +85,13 @@ def test_a_grabbed_elbow_follows_the_pointer(live):
 
 
 @pytest.mark.campaign
-def test_the_joints_beyond_a_grabbed_link_stay(live):
+def test_joints_beyond_a_grabbed_link_stay(live):
     before = live.served.ticks()
     live.drag(live.hub_px("wrist_flex"), np.array([25.0, 20.0])).until_still().release()
     assert max(abs(live.served.ticks()[i] - before[i]) for i in (5, 6)) <= 1
 
 
-def test_a_drag_past_the_limits_ends_at_the_border(live):
+def test_drag_out_of_reach_ends_at_the_border_inside_limits(live):
     goals = []
     live.drag(live.tip_px(), np.array([420.0, -150.0]), steps=20)
     for _ in range(20):
@@ -110,7 +110,7 @@ def test_a_drag_past_the_limits_ends_at_the_border(live):
 
 
 @pytest.mark.campaign
-def test_a_shift_drag_turns_one_joint_only(live):
+def test_shift_drag_turns_one_joint_only(live):
     before = live.served.ticks()
     live.page.keyboard.down("Shift")
     live.drag((live.hub_px("elbow_flex") + live.hub_px("wrist_flex")) / 2, np.array([0.0, 40.0]))
@@ -123,7 +123,7 @@ def test_a_shift_drag_turns_one_joint_only(live):
 
 
 @pytest.mark.campaign
-def test_a_notch_of_the_wheel_turns_a_joint_by_a_degree(live):
+def test_wheel_notch_turns_a_joint_by_one_degree(live):
     before = live.served.ticks()
     live.page.mouse.move(*live.over(live.hub_px("elbow_flex")))
     live.page.mouse.wheel(0, -500)
@@ -148,7 +148,7 @@ def test_arrow_keys_move_the_tip(live, key, way_mm):
     live.until_near(live.served.tip_m, goal_m, NEAR_MM)
 
 
-def test_a_finger_does_what_a_mouse_does(visit):
+def test_tap_of_a_finger_brings_the_tip_there(visit):
     operator = visit(has_touch=True).enable_live().until_still()
     move = np.array([-50.0, -40.0])
     goal_m = aside(operator, move)
@@ -157,7 +157,7 @@ def test_a_finger_does_what_a_mouse_does(visit):
 
 
 @pytest.mark.campaign
-def test_after_a_resize_on_a_sharp_screen_a_click_still_means_the_same(visit):
+def test_click_after_resize_on_high_dpi_screen_hits_its_point(visit):
     operator = visit(device_scale_factor=2)
     operator.page.set_viewport_size({"width": 800, "height": 900})
     operator.wait_for_picture()
@@ -168,7 +168,7 @@ def test_after_a_resize_on_a_sharp_screen_a_click_still_means_the_same(visit):
 
 
 @pytest.mark.campaign
-def test_a_pose_button_brings_every_joint_there(live):
+def test_pose_button_brings_every_joint_to_the_pose(live):
     live.page.click("#poses >> text=Rest")
     live.until_moving().until_still()
     goal_rad = live.served.arm.model.pose("rest")
@@ -187,7 +187,7 @@ window.push = (axes) => { pad.axes = axes; };
 
 
 @pytest.mark.campaign
-def test_a_stick_moves_the_tip_while_it_is_held_over(visit):
+def test_gamepad_stick_moves_the_tip_while_held(visit):
     operator = visit()
     operator.page.evaluate(PAD)
     operator.enable_live().until_still()
@@ -201,7 +201,7 @@ def test_a_stick_moves_the_tip_while_it_is_held_over(visit):
 
 
 @pytest.mark.campaign
-def test_a_button_that_is_held_down_closes_the_gripper_until_it_is_let_go(live):
+def test_held_gripper_button_moves_gripper_until_released(live):
     before = live.served.ticks()
     live.page.hover("#gripper-open")
     live.page.mouse.down()
@@ -244,14 +244,14 @@ MOVE_ON = """() => {
 }"""
 
 
-def test_while_the_pointer_moves_its_messages_say_what_was_drawn_and_no_others(operator):
+def test_pointer_messages_confirm_the_drawn_frame_themselves(operator):
     operator.page.evaluate(MOVE_ON)
     operator.until("(confirmedBy.pointer ?? 0) > 60")
     assert operator.page.evaluate("confirmedBy.heartbeat ?? 0") <= 2  # before the first move
 
 
 @pytest.mark.campaign
-def test_two_fingers_come_nearer_and_move_nothing(visit):
+def test_two_finger_pinch_zooms_and_moves_nothing(visit):
     operator = visit(has_touch=True)
     scale, goals = operator.pixels_per_metre, operator.served.goals()
     operator.page.evaluate(LISTEN)
@@ -274,7 +274,7 @@ def test_two_fingers_come_nearer_and_move_nothing(visit):
 @pytest.mark.campaign
 @pytest.mark.parametrize("view", [{"arm": "planar3", "port": "sim"}], indirect=True)
 @pytest.mark.parametrize("solver", ["ccd", "pseudo_inverse"])
-def test_a_solver_that_was_chosen_shows_its_iterations(operator, solver):
+def test_chosen_solver_shows_its_iterations(operator, solver):
     operator.open_solver().page.click(f"#solvers button[value={solver}]")
     operator.wait_for(f"status.solver.name === '{solver}'")
     operator.click(operator.tip_px() + 2 * ASIDE)
@@ -283,7 +283,7 @@ def test_a_solver_that_was_chosen_shows_its_iterations(operator, solver):
 
 
 @pytest.mark.campaign
-def test_no_script_of_the_page_failed(live):
+def test_page_runs_without_script_errors(live):
     live.page.click("#views button[value=orbit]")
     live.page.click("#views button[value=top]")
     live.click(live.tip_px())

@@ -34,7 +34,7 @@ def overlap(one, other):
     )
 
 
-def test_the_banner_of_a_stop_and_its_plots_cover_neither_the_arm_nor_the_panel(reader):
+def test_stop_banner_and_plots_cover_neither_arm_nor_panel(reader):
     reader.page.click("#stop")
     reader.wait_for("status.mode === 'stopped'")
     reader.page.click("#plots-toggle:has-text('Last stop')")
@@ -49,7 +49,7 @@ def test_the_banner_of_a_stop_and_its_plots_cover_neither_the_arm_nor_the_panel(
     assert reader.items("measured")
 
 
-def test_what_to_do_first_stands_beside_the_tip_until_it_was_done(reader):
+def test_first_hint_stands_beside_the_tip_until_a_drag(reader):
     mission = reader.page.locator("#mission")
     reader.until("!document.getElementById('mission').hidden")
     (box,) = boxes(reader, "#mission")
@@ -63,7 +63,7 @@ def test_what_to_do_first_stands_beside_the_tip_until_it_was_done(reader):
     assert mission.is_hidden()
 
 
-def test_go_there_stands_beside_the_target_or_in_the_bar_of_a_narrow_page(reader):
+def test_go_there_button_is_at_target_or_in_bar_of_narrow_page(reader):
     reader.drag(reader.tip_px(), (40.0, -60.0)).release()
     reader.wait_for("status.target && !status.refused")
     reader.until("!document.getElementById('execute').disabled")
@@ -78,7 +78,7 @@ def test_go_there_stands_beside_the_target_or_in_the_bar_of_a_narrow_page(reader
     assert 0 < box["y"] - y < 40
 
 
-def test_go_there_covers_nothing_that_is_read_in_the_corner(browser, shared):
+def test_go_there_button_does_not_cover_the_corner_readout(browser, shared):
     context = browser.new_context(viewport={"width": 1100, "height": 720})
     reader = Operator(context.new_page(), shared.brought_home())
     reader.click((170.0, 140.0))
@@ -89,16 +89,14 @@ def test_go_there_covers_nothing_that_is_read_in_the_corner(browser, shared):
     context.close()
 
 
-def test_the_first_readout_is_the_tip_alone_and_the_posture_is_with_the_solver(reader):
+def test_readout_shows_only_tip_and_solver_shows_posture(reader):
     assert [each.inner_text() for each in reader.page.locator(".readout dt").all()] == ["tip"]
     assert reader.page.locator("#posture").is_hidden()
     reader.open_solver()
     assert "manipulability" in reader.page.inner_text("#posture")
 
 
-def test_a_page_for_which_there_is_no_room_says_so_and_appears_once_there_is(
-    browser, shared, monkeypatch
-):
+def test_full_server_is_reported_until_there_is_room(browser, shared, monkeypatch):
     monkeypatch.setattr("ikservo.apps.page.server.server._MAX_CLIENTS", 0)
     context = browser.new_context()
     page = with_long_timeout(context.new_page())
@@ -109,7 +107,7 @@ def test_a_page_for_which_there_is_no_room_says_so_and_appears_once_there_is(
     context.close()
 
 
-def test_a_long_message_is_shown_from_its_first_line_on(reader):
+def test_long_message_is_shown_from_its_first_line(reader):
     reader.page.get_by_label("Tool x, mm", exact=True).fill("2000")
     reader.page.keyboard.press("Enter")
     reader.until(
@@ -120,7 +118,7 @@ def test_a_long_message_is_shown_from_its_first_line_on(reader):
 
 
 @pytest.mark.parametrize(("width", "height"), [(390, 844), (820, 900), (1100, 720)])
-def test_state_tools_and_help_do_not_cover_each_other(visit, width, height):
+def test_mode_tools_and_readout_do_not_overlap(visit, width, height):
     operator = visit()
     page = operator.page
     page.set_viewport_size({"width": width, "height": height})

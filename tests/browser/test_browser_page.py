@@ -70,7 +70,7 @@ def reader(browser, shared):
 
 
 @pytest.mark.parametrize("scheme", ["light", "dark"])
-def test_every_word_stands_out_from_what_is_behind_it(reader, scheme):
+def test_page_text_has_enough_contrast_in_both_schemes(reader, scheme):
     reader.page.emulate_media(color_scheme=scheme, reduced_motion="reduce")
     assert reader.page.evaluate(CONTRAST) == []
     reader.page.click("#stop")
@@ -80,13 +80,13 @@ def test_every_word_stands_out_from_what_is_behind_it(reader, scheme):
     reader.wait_for("status.mode === 'preview'")
 
 
-def test_on_a_desktop_every_button_is_in_sight(reader):
+def test_page_shows_every_button_on_a_desktop(reader):
     reader.page.set_viewport_size({"width": 1280, "height": 800})
     reader.wait_for_picture()
     assert reader.page.evaluate(BELOW) == []
 
 
-def test_all_controls_have_names_and_are_tabbed_through_from_top_to_bottom(reader):
+def test_page_controls_have_names_and_top_to_bottom_tab_order(reader):
     reader.page.reload()
     reader.until(SHOWN).wait_for("status.controller === 'you'")
     names, reached = reader.page.evaluate(NAMES), []
@@ -99,7 +99,7 @@ def test_all_controls_have_names_and_are_tabbed_through_from_top_to_bottom(reade
 
 
 @pytest.mark.smoke
-def test_views_speeds_and_live_are_chosen_from_the_keyboard(reader):
+def test_page_views_speeds_and_live_are_chosen_by_keyboard(reader):
     reader.page.focus("#views [aria-checked=true]")
     reader.page.keyboard.press("ArrowRight")
     reader.wait_for("document.querySelector('#views [aria-checked=true]').value === 'top'")
@@ -111,14 +111,14 @@ def test_views_speeds_and_live_are_chosen_from_the_keyboard(reader):
     reader.wait_for("status.live")
 
 
-def test_on_a_phone_nothing_is_wider_than_the_screen_and_buttons_fit_a_finger(reader):
+def test_page_fits_a_phone_and_buttons_fit_a_finger(reader):
     reader.page.set_viewport_size({"width": 390, "height": 844})
     reader.wait_for_picture()
     assert reader.page.evaluate("document.documentElement.scrollWidth") <= 390
     assert reader.page.evaluate(SMALL, 24) == []  # WCAG 2.2, 2.5.8
 
 
-def test_meters_say_where_the_joint_is_and_between_which_limits(reader):
+def test_joint_meter_tells_position_and_limits(reader):
     meter = reader.page.locator("[data-joint=elbow_flex] [role=meter]")
     assert meter.get_attribute("aria-label") == "elbow_flex"
     assert meter.get_attribute("aria-valuetext").endswith("of -96.8° to 96.8°")

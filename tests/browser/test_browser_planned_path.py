@@ -54,7 +54,7 @@ def way_row(operator):
     return dict(row[:2] for row in operator.status["tip"])["path"]
 
 
-def test_the_path_around_is_seen_and_taken_and_nothing_is_touched(person):
+def test_path_around_obstacle_is_shown_and_executed(person):
     page, arm = person.page, person.served.arm
     page.click("#speeds button[value=fast]")
     aim(person)
@@ -76,7 +76,7 @@ def test_the_path_around_is_seen_and_taken_and_nothing_is_touched(person):
     assert person.errors == []
 
 
-def test_a_thing_that_comes_into_the_path_changes_what_is_shown_and_a_stop_clears_it(person):
+def test_obstacle_changes_the_shown_path_and_stop_clears_it(person):
     page = person.page
     aim(person)
     number, before = person.page.evaluate("ikservo.scene.path.number"), person.served.goals()
@@ -96,9 +96,7 @@ def test_a_thing_that_comes_into_the_path_changes_what_is_shown_and_a_stop_clear
     assert max(abs(person.served.goals()[i] - before[i]) for i in before) <= 2
 
 
-def test_in_3d_the_postures_on_the_path_are_where_forward_kinematics_puts_them(
-    webgl_browser, served
-):
+def test_3d_postures_on_path_match_forward_kinematics(webgl_browser, served):
     context = webgl_browser.new_context(viewport={"width": 700, "height": 600})
     operator = Operator(context.new_page(), served, options="&draw=3d")
     operator.until("Boolean(window.ikservo.rendering.scene3d) && window.ikservo.rendering.tried")

@@ -40,7 +40,7 @@ def open_plots(operator):
     return operator
 
 
-def test_plots_show_where_the_joints_are_and_only_what_was_chosen(operator):
+def test_plots_show_joint_positions_and_only_chosen_quantities(operator):
     open_plots(operator)
     degrees = operator.page.inner_text("[data-joint=elbow_flex] .value").rstrip("°")
     plotted = label(operator, "position").partition("elbow_flex ")[2].partition(",")[0]
@@ -62,7 +62,7 @@ def test_plots_show_where_the_joints_are_and_only_what_was_chosen(operator):
 
 @pytest.mark.sample(1)
 @pytest.mark.parametrize(("width", "scheme"), [(390, "dark"), (1600, "light")])
-def test_plots_can_be_read_and_worked_with_a_finger_and_by_their_names(visit, width, scheme):
+def test_plots_are_legible_and_named_and_fit_a_finger(visit, width, scheme):
     operator = visit(color_scheme=scheme, reduced_motion="reduce")
     operator.page.set_viewport_size({"width": width, "height": 844})
     open_plots(operator)
@@ -73,7 +73,7 @@ def test_plots_can_be_read_and_worked_with_a_finger_and_by_their_names(visit, wi
 
 
 @pytest.mark.parametrize("view", [{"port": "sim"}], indirect=True, ids=["at rest"])
-def test_on_a_phone_plots_are_below_the_arm_and_their_curves_before_their_buttons(visit):
+def test_plots_on_a_phone_are_below_arm_with_curves_first(visit):
     operator = visit()
     page = operator.page
     page.set_viewport_size({"width": 390, "height": 844})

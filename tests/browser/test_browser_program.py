@@ -61,7 +61,7 @@ def places(operator):
     )
 
 
-def test_two_poses_are_taught_ordered_by_key_and_by_pointer_saved_and_played(empty, home):
+def test_program_of_two_taught_poses_is_ordered_saved_and_played(empty, home):
     page, before = empty.page, roll_deg(empty)
     page.click("#program-speed button[value=fast]")
     teach_roll(empty, 25)
@@ -93,7 +93,7 @@ def test_two_poses_are_taught_ordered_by_key_and_by_pointer_saved_and_played(emp
     assert roll_deg(empty) == pytest.approx(-15.0, abs=1.0)
 
 
-def test_a_stop_ends_the_program_in_its_step_and_nothing_moves_before_it_is_acknowledged(empty):
+def test_stop_ends_program_and_nothing_moves_when_acknowledged(empty):
     page = empty.page
     teach_roll(empty, 80)
     teach_roll(empty, -80)
@@ -117,7 +117,7 @@ def test_a_stop_ends_the_program_in_its_step_and_nothing_moves_before_it_is_ackn
     assert empty.served.goals() == before
 
 
-def test_the_step_that_cannot_be_made_is_marked_with_its_reason(empty):
+def test_program_step_that_cannot_be_run_is_marked_with_reason(empty):
     page, before = empty.page, empty.served.goals()
     page.click("#add-wait")
     for joint, degrees in [("shoulder_lift", "90"), ("elbow_flex", "-20")]:
@@ -146,7 +146,7 @@ def test_the_step_that_cannot_be_made_is_marked_with_its_reason(empty):
     assert empty.errors == []
 
 
-def test_a_limp_arm_is_recorded_by_one_button_and_the_same_ends_it(empty):
+def test_recording_of_limp_arm_starts_and_ends_by_one_button(empty):
     empty.page.click("#release")
     empty.page.click("#release")
     empty.wait_for(

@@ -35,7 +35,7 @@ def stops_there(operator):
     "way",
     ["#stop", *(pytest.param(key, marks=pytest.mark.campaign) for key in KEYS)],
 )
-def test_stop_holds_the_arm_on_its_way(live, way):
+def test_stop_on_page_holds_the_moving_arm(live, way):
     under_way(live)
     if way == "Space on Live":
         live.page.focus("#live")
@@ -44,7 +44,7 @@ def test_stop_holds_the_arm_on_its_way(live, way):
 
 
 @pytest.mark.campaign
-def test_a_stop_stays_until_somebody_has_looked(live):
+def test_stop_on_page_stays_until_acknowledged(live):
     live.page.click("#stop")
     live.wait_for("status.mode === 'stopped'").until_still()
     before = live.served.ticks()
@@ -57,7 +57,7 @@ def test_a_stop_stays_until_somebody_has_looked(live):
 
 
 @OWN
-def test_a_servo_that_is_unplugged_is_reported_in_the_words_of_the_command_line(live):
+def test_page_reports_unplugged_servo_as_command_line_does(live):
     under_way(live)
     live.served.line.faults.add(Fault("silent", id=4, at_s=live.served.line.world.time_s))
     live.page.wait_for_selector("#banner:not([hidden])")
@@ -69,7 +69,7 @@ def test_a_servo_that_is_unplugged_is_reported_in_the_words_of_the_command_line(
 
 @OWN
 @pytest.mark.campaign
-def test_an_adapter_that_is_unplugged_is_reported(live):
+def test_page_reports_unplugged_adapter(live):
     live.served.line.plugged = False
     live.page.wait_for_selector("#banner:not([hidden])")
     assert "Lost connection" in live.page.inner_text("#banner-message")
@@ -77,7 +77,7 @@ def test_an_adapter_that_is_unplugged_is_reported(live):
 
 @pytest.mark.campaign  # on a busy machine every page hangs a little
 @pytest.mark.parametrize("view", [{"dead_man_s": 0.3}], indirect=True)
-def test_a_page_that_hangs_holds_the_arm(visit):
+def test_hanging_page_ends_live_and_arm_holds(visit):
     operator = visit()
     under_way(operator.enable_live())
     operator.page.evaluate(HANG)
@@ -86,7 +86,7 @@ def test_a_page_that_hangs_holds_the_arm(visit):
 
 
 @pytest.mark.parametrize("view", [{"dead_man_s": 0.3}], indirect=True)
-def test_planned_motion_survives_page_that_hangs(operator):
+def test_planned_motion_continues_while_page_hangs(operator):
     operator.page.fill("[data-joint=shoulder_pan] input[type=text]", "60")
     operator.page.keyboard.press("Enter")
     operator.page.click("#execute:enabled")
@@ -97,7 +97,7 @@ def test_planned_motion_survives_page_that_hangs(operator):
 
 
 @pytest.mark.campaign
-def test_a_page_that_is_hidden_holds_the_arm(live):
+def test_hidden_page_ends_live_and_arm_holds(live):
     under_way(live)
     live.page.evaluate(
         "Object.defineProperty(document, 'visibilityState', { get: () => 'hidden' });"
@@ -106,7 +106,7 @@ def test_a_page_that_is_hidden_holds_the_arm(live):
     live.wait_for("!status.live && status.mode === 'preview'").until_still()
 
 
-def test_a_page_that_is_loaded_anew_holds_the_arm_and_begins_with_a_slow_preview(live):
+def test_reloaded_page_holds_the_arm_and_begins_slow_preview(live):
     under_way(live)
     live.page.reload()
     live.until(SHOWN).wait_for(
@@ -117,7 +117,7 @@ def test_a_page_that_is_loaded_anew_holds_the_arm_and_begins_with_a_slow_preview
 
 
 @pytest.mark.smoke
-def test_the_second_page_watches(live, visit):
+def test_second_page_watches_and_moves_nothing(live, visit):
     other = visit()
     assert other.status["controller"] == "other"
     before = live.served.ticks()
@@ -127,7 +127,7 @@ def test_the_second_page_watches(live, visit):
 
 
 @pytest.mark.campaign
-def test_what_cannot_be_done_is_reported_and_then_forgotten(operator, visit):
+def test_refused_action_is_reported_and_banner_disappears(operator, visit):
     other = visit()
     other.click(other.tip_px())
     other.page.wait_for_selector("#banner:not([hidden])")
@@ -137,7 +137,7 @@ def test_what_cannot_be_done_is_reported_and_then_forgotten(operator, visit):
 
 
 @pytest.mark.campaign
-def test_who_takes_control_gets_it_and_the_arm_holds(live, visit):
+def test_page_that_takes_control_gets_it_and_arm_holds(live, visit):
     other = visit()
     other.page.click("#take")
     other.wait_for("status.controller === 'you' && status.mode === 'preview'")
@@ -145,7 +145,7 @@ def test_who_takes_control_gets_it_and_the_arm_holds(live, visit):
 
 
 @pytest.mark.campaign
-def test_who_only_watches_cannot_even_ask(visit, operator):
+def test_watching_page_has_live_and_stop_disabled(visit, operator):
     watcher = visit(watch=True)
     assert watcher.page.is_disabled("#live")
     assert watcher.page.is_disabled("#stop")
@@ -159,7 +159,7 @@ CONNECT = """(address) => new Promise((say) => {
 })"""
 
 
-def test_a_page_of_another_origin_is_refused(operator, browser):
+def test_page_of_another_origin_is_refused(operator, browser):
     address = operator.served.urls.control.partition("/#")[0].replace("http", "ws") + "/live"
     context = browser.new_context()
     page = with_long_timeout(context.new_page())
@@ -170,7 +170,7 @@ def test_a_page_of_another_origin_is_refused(operator, browser):
 
 
 @pytest.mark.campaign
-def test_the_wrong_key_is_reported(operator):
+def test_wrong_page_key_is_reported(operator):
     page = with_long_timeout(operator.page.context.new_page())
     page.goto(operator.served.urls.control.partition("#")[0] + "#token=wrong")
     page.wait_for_selector("#banner:not([hidden])")
@@ -178,7 +178,7 @@ def test_the_wrong_key_is_reported(operator):
 
 
 @pytest.mark.campaign
-def test_the_key_leaves_no_trace_in_what_is_sent(browser, view):
+def test_page_key_is_never_sent_in_clear_text(browser, view):
     context = browser.new_context()
     page, seen = with_long_timeout(context.new_page()), []
 
@@ -195,7 +195,7 @@ def test_the_key_leaves_no_trace_in_what_is_sent(browser, view):
 
 
 @pytest.mark.smoke
-def test_the_page_proves_its_key_as_the_server_does(operator):
+def test_page_computes_the_same_hmac_as_the_server(operator):
     texts = ["", "abc", "ü" * 40, "x" * 200]
     script = "async (texts) => { const { hmac } = await import('/page/sha256.js');"
     found = operator.page.evaluate(

@@ -79,7 +79,7 @@ def bench(browser, request, tmp_path, monkeypatch):
 
 
 @pytest.mark.smoke
-def test_a_register_is_read_written_refused_and_shown_as_changed(bench):
+def test_servo_page_reads_writes_refuses_and_marks_registers(bench):
     bench.choose()
     field = bench.page.locator(ROW.format("p_gain") + " input")
     assert field.input_value() == str(bench.servos[ELBOW].read("p_gain"))
@@ -96,7 +96,7 @@ def test_a_register_is_read_written_refused_and_shown_as_changed(bench):
         assert bench.page.locator(ROW.format(name) + " input").get_attribute("readonly") is not None
 
 
-def test_torque_is_switched_where_the_joint_is_and_forbids_writing(bench):
+def test_servo_page_switches_torque_and_then_refuses_writing(bench):
     bench.choose()
     before = bench.servos[ELBOW].read("present_position")
     bench.page.click("#torque")
@@ -112,7 +112,7 @@ def test_torque_is_switched_where_the_joint_is_and_forbids_writing(bench):
     assert bench.servos[ELBOW].read("torque_enable") == 0
 
 
-def test_a_backup_is_downloaded_and_restored(bench, tmp_path):
+def test_servo_page_downloads_and_restores_a_backup(bench, tmp_path):
     bench.choose()
     with bench.page.expect_download() as waiting:
         bench.page.click("#backup")
@@ -134,7 +134,7 @@ def test_a_backup_is_downloaded_and_restored(bench, tmp_path):
     assert bench.servos[ELBOW].read("p_gain") == 32
 
 
-def test_registers_are_plotted_as_they_change(bench):
+def test_servo_page_plots_chosen_registers(bench):
     bench.choose()
     bench.page.fill("#servos-filter", "present_v")
     bench.page.click("#plot")
@@ -149,7 +149,7 @@ def test_registers_are_plotted_as_they_change(bench):
 
 
 @pytest.mark.parametrize("bench", ["koch"], indirect=True)
-def test_led_and_restart_of_a_dynamixel(bench):
+def test_servo_page_switches_led_and_restarts_a_dynamixel(bench):
     bench.page.wait_for_selector("#line:has-text('XL330-M288')")
     bench.page.select_option("#servos-joint", "gripper")
     bench.page.wait_for_function("() => window.ikservo.shown()?.joint === 'gripper'")
@@ -162,7 +162,7 @@ def test_led_and_restart_of_a_dynamixel(bench):
     assert bench.servos[6].read("led") == 0
 
 
-def test_an_id_is_changed_after_a_question_and_a_taken_one_is_refused(bench):
+def test_servo_page_changes_id_after_question_not_to_a_taken_one(bench):
     bench.choose()
     for new_id, said in ((4, "belongs to another servo"), (9, "id 3 → 9")):
         bench.page.fill("#new-id", str(new_id))
@@ -174,7 +174,7 @@ def test_an_id_is_changed_after_a_question_and_a_taken_one_is_refused(bench):
     assert ELBOW not in bench.servos
 
 
-def test_a_page_with_the_other_key_changes_nothing_and_no_other_page_is_served(bench):
+def test_servo_page_with_watch_key_writes_nothing(bench):
     bench.choose()
     bench.page.goto("about:blank")
     bench.page.goto(bench.urls.watch)
@@ -191,7 +191,7 @@ def test_a_page_with_the_other_key_changes_nothing_and_no_other_page_is_served(b
     assert len(bench.app.lines) == opened, "no port but the one that was named"
 
 
-def test_it_can_be_read_and_worked_with_a_finger(bench):
+def test_servo_page_is_legible_and_fits_a_finger(bench):
     bench.choose()
     bench.page.click("#plot")
     bench.page.wait_for_selector(".chart canvas")
@@ -203,7 +203,7 @@ def test_it_can_be_read_and_worked_with_a_finger(bench):
         assert bench.page.evaluate("document.documentElement.scrollWidth") <= width
 
 
-def test_the_line_is_searched_again_and_firmware_is_shown(bench):
+def test_servo_page_searches_bus_again_and_shows_firmware(bench):
     bench.choose()
     bench.page.click("#search")
     until(lambda: len(bench.app.lines) > 1)
@@ -215,7 +215,7 @@ SLIDER = "#gains input[name={}]"
 
 
 @pytest.mark.parametrize("bench", ["so101"], indirect=True)
-def test_gains_are_tried_by_slider_plotted_before_and_after_and_only_then_saved(bench):
+def test_servo_page_tries_gains_with_plot_before_saving(bench):
     page = bench.choose("wrist_roll").page
     assert page.locator("#gains input").count() == 6, "P, I, D, start-up force, two dead zones"
     page.fill("#step", "5")

@@ -19,7 +19,7 @@ def open_servo(operator, joint="wrist_roll"):
 
 
 @pytest.mark.smoke
-def test_a_register_is_read_filtered_and_written(operator):
+def test_servo_panel_reads_filters_and_writes_a_register(operator):
     open_servo(operator)
     switch = operator.page.locator("[data-joint=wrist_roll] .torque")
     switch.click()
@@ -47,7 +47,7 @@ def test_a_register_is_read_filtered_and_written(operator):
     operator.page.wait_for_selector("[data-joint=wrist_roll] .torque[aria-checked=true]")
 
 
-def test_it_can_be_read_and_worked_with_a_finger(visit):
+def test_servo_panel_is_legible_and_fits_a_finger(visit):
     operator = open_servo(visit(color_scheme="dark"))
     operator.page.set_viewport_size({"width": 390, "height": 844})
     assert operator.page.evaluate(CONTRAST) == []

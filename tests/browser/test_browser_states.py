@@ -20,7 +20,7 @@ def below_the_table(operator):
 REFUSED = "status.refused && scene.refusal"
 
 
-def test_in_preview_a_target_below_the_table_is_refused_at_once_beside_the_pointer(operator):
+def test_preview_refuses_target_below_table_beside_pointer(operator):
     at = below_the_table(operator)
     operator.click(at).wait_for(f"{REFUSED} && items.some(({{ style }}) => style === 'touching')")
     assert operator.items("target_refused")
@@ -44,7 +44,7 @@ SLOW_FRAMES = """(frame_ms) => {
 }"""  # as 3D without a graphics card, in a browser that still hears from the server
 
 
-def test_a_press_on_a_picture_too_old_to_act_on_is_answered_with_why_nothing_happens(operator):
+def test_click_on_picture_older_than_1_s_says_it_did_nothing(operator):
     page, before = operator.page, operator.served.goals()
     page.evaluate(SLOW_FRAMES, 1300)
     reported = page.locator("#banner-message", has_text="more than 1 s old: nothing was done")
@@ -57,7 +57,7 @@ def test_a_press_on_a_picture_too_old_to_act_on_is_answered_with_why_nothing_hap
     assert page.locator("#log", has_text="nothing was done").count() == 1
 
 
-def test_why_a_typed_target_is_refused_is_said_as_long_as_the_picture_shows_it(operator):
+def test_refusal_of_typed_target_is_shown_as_long_as_in_drawing(operator):
     page = operator.page
     page.evaluate(SLOW_FRAMES, 400)  # what it says is here before its picture
     page.fill("#tool-z", "-60")
@@ -80,7 +80,7 @@ SLOW_PROOF = """(() => {
 })()"""
 
 
-def test_a_browser_too_busy_to_prove_its_key_in_time_tries_again(browser, view):
+def test_slow_key_proof_of_browser_is_tried_again(browser, view):
     context = browser.new_context()
     context.add_init_script(SLOW_PROOF)
     try:
@@ -90,7 +90,7 @@ def test_a_browser_too_busy_to_prove_its_key_in_time_tries_again(browser, view):
 
 
 @pytest.mark.campaign
-def test_in_live_a_refused_target_is_shown_as_refused_and_no_goal_is_sent(live):
+def test_live_refuses_target_below_table_and_sends_no_goal(live):
     before = live.until_still().served.goals()
     live.click(below_the_table(live)).wait_for(REFUSED)
     assert live.items("target_refused")
@@ -100,14 +100,14 @@ def test_in_live_a_refused_target_is_shown_as_refused_and_no_goal_is_sent(live):
 
 
 @pytest.mark.parametrize("view", [{"calibrated": False}], indirect=True, ids=["uncalibrated"])
-def test_an_arm_that_was_never_calibrated_says_so_beside_the_button_that_calibrates(operator):
+def test_uncalibrated_arm_says_so_beside_calibrate_button(operator):
     assert operator.page.inner_text("#unit") == "not calibrated"
     assert operator.page.is_enabled("#calibrate")
     assert operator.page.is_disabled("#live")
     assert "not calibrated" in operator.page.inner_text("#mode")
 
 
-def test_live_that_fell_back_says_why_and_goes_on_by_one_button(live):
+def test_live_ended_by_hidden_page_resumes_by_one_button(live):
     live.page.evaluate(
         "Object.defineProperty(document, 'visibilityState', { get: () => 'hidden', configurable: true });"  # noqa: E501
         "document.dispatchEvent(new Event('visibilitychange'));"
@@ -121,7 +121,7 @@ def test_live_that_fell_back_says_why_and_goes_on_by_one_button(live):
 
 
 @OWN
-def test_a_limp_servo_and_a_wrong_supply_are_reported_and_not_that_the_arm_holds(operator):
+def test_page_reports_limp_servo_and_low_supply_voltage(operator):
     assert operator.page.inner_text("#mode") == "Preview – the arm holds"
     operator.served.line.servos[servo_id("so101", "elbow_flex")].write("torque_enable", 0)
     operator.until("document.getElementById('mode').textContent.includes('limp: elbow_flex')")
@@ -137,7 +137,7 @@ def test_a_limp_servo_and_a_wrong_supply_are_reported_and_not_that_the_arm_holds
 
 
 @pytest.mark.campaign
-def test_messages_of_the_arm_and_of_its_guard_are_one_list_in_the_order_of_time(operator):
+def test_messages_of_arm_and_guard_are_listed_in_time_order(operator):
     operator.click(below_the_table(operator)).wait_for(REFUSED)
     operator.page.click("#stop")
     operator.wait_for("status.mode === 'stopped'")

@@ -32,7 +32,7 @@ TOUCHED = """(part) => {
         ),
     ],
 )
-def test_stop_is_in_sight_wherever_the_page_is_scrolled(visit, width, scheme):
+def test_stop_button_is_in_sight_at_every_scroll_position(visit, width, scheme):
     operator = visit(color_scheme=scheme)
     operator.page.set_viewport_size({"width": width, "height": 844})
     operator.wait_for_picture()
@@ -47,7 +47,7 @@ def test_stop_is_in_sight_wherever_the_page_is_scrolled(visit, width, scheme):
 @pytest.mark.parametrize(
     "width", [820, pytest.param(390, marks=pytest.mark.campaign)], ids="{} px".format
 )
-def test_one_touch_stops_the_arm_from_the_foot_of_the_page(visit, width):
+def test_stop_button_works_by_one_touch_at_foot_of_page(visit, width):
     operator = visit(has_touch=True)
     operator.page.set_viewport_size({"width": width, "height": 900})
     operator.wait_for_picture()
@@ -63,7 +63,7 @@ def middle_of(operator, selector):
 
 
 @OWN
-def test_without_a_server_stop_and_all_controls_say_so_and_what_is_shown_gets_an_age(operator):
+def test_page_without_server_disables_stop_and_shows_data_age(operator):
     operator.served.server.close()
     operator.until("document.body.dataset.mode === 'lost'")
     assert operator.page.is_disabled("#stop")
@@ -78,7 +78,7 @@ def test_without_a_server_stop_and_all_controls_say_so_and_what_is_shown_gets_an
 
 
 @OWN
-def test_a_server_that_hangs_is_reported_until_it_answers_again(operator):
+def test_hanging_server_is_reported_until_it_answers(operator):
     controller = operator.served.view.controller
     controller.frames = lambda _: []
     operator.until("document.body.dataset.mode === 'silent'")
@@ -92,7 +92,7 @@ def test_a_server_that_hangs_is_reported_until_it_answers_again(operator):
 
 
 @OWN
-def test_a_pulled_cable_makes_what_is_shown_old(operator):
+def test_pulled_cable_marks_the_page_as_old(operator):
     operator.served.line.plugged = False
     operator.wait_for("status.mode === 'stopped' && status.age_s >= 1")
     operator.until("document.body.hasAttribute('data-old')")
@@ -100,7 +100,7 @@ def test_a_pulled_cable_makes_what_is_shown_old(operator):
 
 
 @OWN
-def test_a_stop_of_a_limp_arm_does_not_say_that_it_holds(operator):
+def test_stop_of_arm_with_limp_servo_does_not_claim_to_hold(operator):
     operator.served.line.servos[servo_id("so101", "elbow_flex")].write("torque_enable", 0)
     operator.wait_for("status.health.joints.some((joint) => joint.torque === 'off')")
     operator.page.click("#stop")
@@ -117,7 +117,7 @@ def release(operator):
 
 @OWN
 @pytest.mark.smoke
-def test_escape_closes_help_without_stop_of_limp_arm(operator):
+def test_escape_closes_help_and_does_not_stop_a_limp_arm(operator):
     release(operator)
     for opener, opened in (("#help-button", "#help"), ("#arms-toggle", "#arms")):
         operator.page.click(opener)
@@ -131,7 +131,7 @@ def test_escape_closes_help_without_stop_of_limp_arm(operator):
     operator.until("document.getElementById('stop-word').textContent === 'Stop'")
 
 
-def test_escape_closes_help_and_stops_what_moves(live):
+def test_escape_closes_help_and_stops_a_moving_arm(live):
     live.page.click("#help-button")
     live.page.evaluate("document.getElementById('help').style.pointerEvents = 'none'")
     under_way(live)

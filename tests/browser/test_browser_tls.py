@@ -14,7 +14,7 @@ def far_view(own_address):
         yield view
 
 
-def test_an_arm_is_moved_by_a_page_that_came_by_tls(browser, far_view):
+def test_arm_is_moved_by_a_page_over_tls(browser, far_view):
     context = browser.new_context(ignore_https_errors=True)
     operator = Operator(context.new_page(), far_view)
     assert far_view.urls.control.startswith("https://")
@@ -26,7 +26,7 @@ def test_an_arm_is_moved_by_a_page_that_came_by_tls(browser, far_view):
     context.close()
 
 
-def test_a_browser_that_does_not_know_the_certificate_shows_no_page(browser, far_view):
+def test_browser_rejects_page_with_unknown_certificate(browser, far_view):
     context = browser.new_context()
     page = with_long_timeout(context.new_page())
     with pytest.raises(Exception, match="ERR_CERT_AUTHORITY_INVALID"):

@@ -64,11 +64,11 @@ def refusal(path, text):
     return caught.value
 
 
-def test_what_is_written_is_read(calibration, path):
+def test_calibration_file_survives_write_and_read(calibration, path):
     assert read_calibration(path) == calibration
 
 
-def test_the_file_says_its_units_and_where_it_comes_from(path):
+def test_calibration_file_has_units_and_its_origin(path):
     text = path.read_text()
     keys = ("format = 1", "written = 2026-11-02 14:03:22+00:00", "tool_version", "firmware",
             "usb_serial_number", "margin_deg", "lower_deg", "lower_m", "travel_ticks")  # fmt: skip
@@ -76,25 +76,25 @@ def test_the_file_says_its_units_and_where_it_comes_from(path):
         assert key in text
 
 
-def test_what_a_joint_does_not_have_is_not_in_the_file(path):
+def test_calibration_file_omits_empty_values(path):
     text = path.read_text()
     assert "[]" not in text
     assert "shadows" not in text
 
 
-def test_a_file_of_before_touch_offs_is_still_read(calibration, path):
+def test_calibration_file_without_geometry_is_still_read(calibration, path):
     older = calibration.model_copy(update={"geometry": None})
     path.write_text(dump_calibration(older))
     assert "geometry" not in path.read_text()
     assert read_calibration(path) == older
 
 
-def test_windows_line_ends_are_no_damage(calibration, path):
+def test_calibration_file_with_windows_line_ends_is_read(calibration, path):
     path.write_bytes(path.read_bytes().replace(b"\n", b"\r\n"))
     assert read_calibration(path) == calibration
 
 
-def test_a_file_that_was_cut_short_is_refused_at_every_length(path):
+def test_calibration_file_cut_at_any_length_is_refused(path):
     text = path.read_text()
     for length in range(0, len(text) - 1, 37):
         assert refusal(path, text[:length]).found in (
@@ -102,7 +102,7 @@ def test_a_file_that_was_cut_short_is_refused_at_every_length(path):
         )  # fmt: skip
 
 
-def test_a_changed_limit_is_refused_and_the_backup_named_if_there_is_one(path):
+def test_calibration_with_edited_limit_is_refused_naming_backup(path):
     text = path.read_text()
     assert ".bak" not in refusal(path, text[:-9]).expected
     path.with_name(f"{path.name}.bak").write_text(text)
@@ -112,11 +112,11 @@ def test_a_changed_limit_is_refused_and_the_backup_named_if_there_is_one(path):
     assert ".bak" in error.expected
 
 
-def test_a_foreign_file_is_no_calibration(path):
+def test_foreign_json_file_is_refused_as_calibration(path):
     assert refusal(path, '{"shoulder_pan": {"id": 1}}').found == "is not a checksum"
 
 
-def test_a_future_format_asks_for_a_newer_ikservo(calibration, path):
+def test_future_calibration_format_asks_for_a_newer_ikservo(calibration, path):
     body = body_of(calibration).replace("format = 1", "format = 2")
     error = refusal(path, with_checksum(body))
     assert (error.where, error.found) == ("format", "is 2")
@@ -149,7 +149,7 @@ SLIPS = {
 
 
 @pytest.mark.parametrize(("old", "new", "where"), SLIPS.values(), ids=SLIPS)
-def test_a_slip_is_named_with_its_key(calibration, path, old, new, where):
+def test_calibration_slip_is_named_with_its_key(calibration, path, old, new, where):
     body = body_of(calibration)
     assert old in body
     error = refusal(path, with_checksum(body.replace(old, new, 1)))
@@ -157,14 +157,14 @@ def test_a_slip_is_named_with_its_key(calibration, path, old, new, where):
 
 
 @pytest.mark.parametrize("travel", [(5, 5), (900, 100), (0, 4096), (10, 30), (-5, 2000)])
-def test_a_travel_that_cannot_be_is_refused(calibration, path, travel):
+def test_impossible_travel_in_calibration_is_refused(calibration, path, travel):
     joint = calibration.joints[0].model_copy(update={"travel_ticks": travel, "extended": False})
     joints = (joint, *calibration.joints[1:])
     spoiled = calibration.model_copy(update={"joints": joints})
     assert refusal(path, dump_calibration(spoiled)).where == "joints[0].travel_ticks"
 
 
-def test_an_sts_offset_that_its_register_cannot_hold_is_refused(path):
+def test_sts_homing_offset_beyond_its_register_is_refused(path):
     arm = make_mounted_arm("planar2", 5, spoiled=False)
     with arm.open_limp() as limp_arm:
         text = dump_calibration(make_calibration(arm, limp_arm, WHEN))
@@ -205,7 +205,7 @@ def accepts(path, data):
 
 
 @pytest.mark.parametrize("count", [600, pytest.param(100_000, marks=CAMPAIGN)])
-def test_mutated_files_are_refused_or_say_exactly_the_same(calibration, path, count):
+def test_mutated_calibration_is_refused_or_reads_the_same(calibration, path, count):
     chance, text = random.Random(13), dump_calibration(calibration)
     taken = [accepts(path, mutated(text, chance)) for _ in range(count)]
     assert all(found in (None, calibration) for found in taken)
@@ -213,9 +213,7 @@ def test_mutated_files_are_refused_or_say_exactly_the_same(calibration, path, co
 
 
 @pytest.mark.parametrize("count", [300, pytest.param(100_000, marks=CAMPAIGN)])
-def test_mutated_bodies_under_a_fresh_checksum_never_pass_the_seam_or_turn_a_range_over(
-    calibration, path, count
-):
+def test_mutated_calibration_with_checksum_keeps_sound_ranges(calibration, path, count):
     chance, body = random.Random(14), body_of(calibration)
     for _ in range(count):
         spoiled = mutated(body, chance).decode("utf-8", "replace").replace("\r", "")
@@ -230,7 +228,7 @@ def test_mutated_bodies_under_a_fresh_checksum_never_pass_the_seam_or_turn_a_ran
             assert all(abs(move) <= 50.0 for move in origin.moved_mm)
 
 
-def test_the_narrower_of_sweep_and_person_binds_and_keeps_its_source(calibration):
+def test_narrower_limit_of_sweep_and_user_binds_with_its_source(calibration):
     joint = calibration.joints[0].model_copy(
         update={"lower_deg": -60.0, "upper_deg": 70.0, "user_upper_deg": 30.0}
     )
@@ -239,7 +237,7 @@ def test_the_narrower_of_sweep_and_person_binds_and_keeps_its_source(calibration
     assert math.degrees(limits.lower.value) == pytest.approx(-60.0)
 
 
-def test_a_sweep_that_leaves_nothing_of_the_arm_file_names_both(calibration):
+def test_sweep_outside_arm_file_limits_names_both(calibration):
     joint = calibration.joints[0].model_copy(update={"lower_deg": 80.0, "upper_deg": 90.0})
     with pytest.raises(CalibrationError, match=r"80.0° \(hand sweep of 2026-11-02\).*arm file"):
         calibration.narrow_limits(joint, Limits.of("joint1", -1.0, 1.0, "arm file"))
@@ -249,20 +247,20 @@ def test_a_sweep_that_leaves_nothing_of_the_arm_file_names_both(calibration):
     ("58FA083", "so101-58FA083.toml"), ("", "so101.toml"), ("../../etc/x", "so101-etc_x.toml"),
     ("A" * 300, f"so101-{'A' * 64}.toml"), ("\0", "so101.toml"), ("C:\\x", "so101-C_x.toml"),
 ])  # fmt: skip
-def test_a_serial_number_leads_nowhere_but_into_the_folder(serial, name, tmp_path):
+def test_serial_number_keeps_calibration_path_in_its_folder(serial, name, tmp_path):
     assert calibration_path("so101", serial) == tmp_path / "arms" / name
 
 
-def test_an_arms_name_leads_nowhere_but_into_the_folder(tmp_path):
+def test_arm_name_keeps_calibration_path_in_its_folder(tmp_path):
     assert calibration_path("../../so101", "").parent == tmp_path / "arms"
 
 
-def test_calibrations_of_other_arms_are_not_found(calibration, path, tmp_path):
+def test_calibrations_of_other_arms_are_not_listed(calibration, path, tmp_path):
     (tmp_path / "arms" / "open_manipulator_x2.toml").write_text("")
     assert calibrations_of("open_manipulator_x") == [path]
 
 
-def test_what_an_interrupted_calibration_measured_is_never_taken_for_a_calibration(tmp_path):
+def test_interrupted_calibration_is_not_listed_as_calibration(tmp_path):
     unfinished = partial_path("so101", "58FA")
     assert unfinished == tmp_path / "partial" / "so101-58FA.toml"
     unfinished.parent.mkdir(parents=True)
@@ -270,20 +268,20 @@ def test_what_an_interrupted_calibration_measured_is_never_taken_for_a_calibrati
     assert calibrations_of("so101") == []
 
 
-def test_what_was_saved_is_loaded_for_its_adapter_only(calibration, path):
+def test_saved_calibration_is_loaded_for_its_adapter_only(calibration, path):
     assert load_calibration(calibration.arm, calibration.usb_serial_number) == calibration
     assert load_calibration(calibration.arm, "another") is None
 
 
-def test_an_arm_that_was_never_calibrated_has_none():
+def test_arm_without_calibration_loads_none():
     assert load_calibration("so101", "58FA") is None
 
 
-def test_the_one_before_is_kept(calibration, path):
+def test_previous_calibration_is_kept_as_backup(calibration, path):
     before = path.read_text()
     save_calibration(calibration.model_copy(update={"tool_version": "9.9"}))
     assert path.with_name(f"{path.name}.bak").read_text() == before
 
 
-def test_a_parsed_text_is_a_calibration(calibration, path):
+def test_parsed_calibration_text_is_a_calibration(calibration, path):
     assert isinstance(parse_calibration(path, dump_calibration(calibration)), Calibration)

@@ -18,30 +18,30 @@ def messages_of(found, *joints):
     return [str(each) for each in register_mismatches(calibration, {f.id: f for f in found})]
 
 
-def test_nothing_is_said_of_servos_that_hold_what_the_file_says():
+def test_servos_that_match_the_calibration_give_no_message():
     assert messages_of([facts(1), facts(2)], joint(), joint("wrist", 2)) == []
 
 
-def test_a_register_that_was_changed_is_reported_with_both_values():
+def test_changed_register_is_reported_with_both_values():
     assert messages_of([facts(1, homing_offset=7)], joint()) == [
         "homing_offset of elbow (id 1) is 7 in the servo and 0 in the calibration"
     ]
 
 
-def test_a_servo_that_the_arm_does_not_have_is_reported():
+def test_servo_that_the_arm_lacks_is_reported():
     (mismatch,) = register_mismatches(calibration_of(joint()), {})
     assert (mismatch.joint, mismatch.register, mismatch.expected, mismatch.found) == (
         "elbow", "id", "1", "not this arm's",
     )  # fmt: skip
 
 
-def test_of_a_servo_of_another_model_the_model_alone_is_reported():
+def test_other_servo_model_is_the_only_mismatch_reported():
     assert messages_of([facts(1, "STS3250", homing_offset=7)], joint()) == [
         "model of elbow (id 1) is STS3250 in the servo and STS3215 in the calibration"
     ]
 
 
-def test_a_register_that_was_not_read_is_unknown():
+def test_unread_register_is_reported_as_unknown():
     bare = ServoConfig(1, MODELS["STS3215"], "", {k: v for k, v in STS.items() if k != "phase"})
     assert messages_of([bare], joint()) == [
         "phase of elbow (id 1) is unknown in the servo and 12 in the calibration"
@@ -49,17 +49,17 @@ def test_a_register_that_was_not_read_is_unknown():
 
 
 @pytest.mark.parametrize(("drive_mode", "reported"), [(4, False), (1, True), (5, True)])
-def test_bits_that_do_not_change_the_count_are_no_contradiction(drive_mode, reported):
+def test_drive_mode_bits_unrelated_to_counting_do_not_mismatch(drive_mode, reported):
     found = facts(1, "XM430-W350", drive_mode=drive_mode)
     assert bool(messages_of([found], joint(model="XM430-W350"))) is reported
 
 
-def test_servos_that_agree_are_not_refused():
+def test_matching_servos_are_not_refused():
     raise_on_mismatch([])
 
 
 @pytest.mark.parametrize(("count", "rest"), [(1, "."), (2, ", and 1 more."), (4, ", and 3 more.")])
-def test_the_first_contradiction_is_reported_and_the_others_are_counted(count, rest):
+def test_first_register_mismatch_is_named_and_others_counted(count, rest):
     joints = [joint(f"j{i}", i) for i in range(1, count + 1)]
     found = {i: facts(i, homing_offset=9) for i in range(1, count + 1)}
     with pytest.raises(CalibrationError) as caught:

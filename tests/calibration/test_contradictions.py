@@ -13,12 +13,12 @@ def issues_of(*joints, **more):
 
 
 @pytest.mark.parametrize("model", FAMILIES)
-def test_nothing_is_said_of_a_joint_in_order(model):
+def test_consistent_joint_has_no_issue(model):
     travel = [100, 900] if model == "SCS15" else [1000, 3000]
     assert issues_of(joint(model=model, travel_ticks=travel)) == {}
 
 
-def test_times_without_an_offset_are_reported():
+def test_calibration_times_without_utc_offset_are_reported():
     naive = "2026-11-02T14:03:22"
     issues = issues_of(joint(), written=naive, geometry=GEOMETRY | {"touched": naive})
     assert {place: found for place, (found, _) in issues.items()} == {
@@ -26,7 +26,7 @@ def test_times_without_an_offset_are_reported():
     }  # fmt: skip
 
 
-def test_a_register_that_the_model_does_not_have_and_one_that_is_missing_are_reported():
+def test_calibration_reports_unknown_and_missing_registers():
     held = joint(holds={"homing_ofset": 0})
     del held["servo"]["holds"]["homing_offset"]
     place = ("joints", 0, "servo", "holds")
@@ -36,11 +36,11 @@ def test_a_register_that_the_model_does_not_have_and_one_that_is_missing_are_rep
     }
 
 
-def test_of_a_joint_with_an_unknown_model_only_that_is_reported():
+def test_joint_of_unknown_model_has_only_that_issue():
     assert [*issues_of(joint(model="STS9999"))] == [("joints", 0, "servo", "model")]
 
 
-def test_an_origin_that_a_touch_off_moved_twice_is_reported():
+def test_origin_moved_twice_by_touch_off_is_reported():
     origins = [{"joint": name, "moved_mm": [1.0, 0.0, 0.0]} for name in ("a", "b", "a", "b")]
     issues = issues_of(joint(), geometry=GEOMETRY | {"origins": origins})
     assert {place[2]: found for place, (found, _) in issues.items()} == {
@@ -49,7 +49,7 @@ def test_an_origin_that_a_touch_off_moved_twice_is_reported():
     assert issues_of(joint(), geometry=GEOMETRY | {"origins": origins[:2]}) == {}
 
 
-def test_a_name_and_an_id_given_twice_are_informed_of_the_second_joint():
+def test_duplicate_joint_name_and_id_are_reported_at_the_second():
     issues = issues_of(joint(), joint("wrist", 2), joint("elbow", 1))
     assert issues == {
         ("joints", 2, "name"): ('repeats "elbow"', "a unique name"),
@@ -57,19 +57,19 @@ def test_a_name_and_an_id_given_twice_are_informed_of_the_second_joint():
     }
 
 
-def test_a_model_of_another_family_offers_those_of_the_files_own():
+def test_servo_of_other_family_lists_models_of_the_own_family():
     stranger = joint("wrist", 2, model="SCS15", travel_ticks=[100, 900])
     found, expected = issues_of(joint(), stranger)["joints", 1, "servo", "model"]
     assert (found, expected) == ('is "SCS15"', "one of: STS3215, STS3250, STS3235, HLS3606M")
 
 
 @pytest.mark.parametrize("tick", [0, 4095])
-def test_the_ends_of_a_registers_range_can_be_held(tick):
+def test_register_values_at_ends_of_range_are_accepted(tick):
     assert issues_of(joint(holds={"max_position_limit": tick})) == {}
 
 
 @pytest.mark.parametrize("tick", [-1, 4096])
-def test_what_a_register_cannot_hold_is_reported_with_its_range(tick):
+def test_register_value_out_of_range_is_reported_with_range(tick):
     issues = issues_of(joint(holds={"max_position_limit": tick}))
     place = ("joints", 0, "servo", "holds", "max_position_limit")
     assert issues == {place: (f"is {tick}", "0 to 4095")}
@@ -80,7 +80,7 @@ APART, ON_THE_SENSOR = "50 to 4095 ticks apart", "ticks from 0 to 4095"
 
 
 @pytest.mark.parametrize("travel", [[0, 50], [0, 4095], [4045, 4095]])
-def test_a_travel_may_be_as_narrow_as_fifty_ticks_and_as_wide_as_the_sensor(travel):
+def test_travel_from_50_ticks_to_whole_sensor_is_accepted(travel):
     assert issues_of(joint(travel_ticks=travel)) == {}
 
 
@@ -94,19 +94,19 @@ def test_a_travel_may_be_as_narrow_as_fifty_ticks_and_as_wide_as_the_sensor(trav
         ([4000, 4096], ON_THE_SENSOR),
     ],
 )
-def test_a_travel_that_no_joint_has_is_reported_with_what_one_has(travel, expected):
+def test_impossible_travel_is_reported_with_the_allowed_one(travel, expected):
     issues = issues_of(joint(travel_ticks=travel))
     assert issues == {PLACE: (f"is [{travel[0]}, {travel[1]}]", expected)}
 
 
-def test_a_servo_that_counts_on_may_travel_beyond_its_sensor():
+def test_multi_turn_servo_may_travel_beyond_its_sensor():
     assert issues_of(joint(model="XM430-W350", travel_ticks=[-900, 900], extended=True)) == {}
     assert issues_of(joint(model="XM430-W350", travel_ticks=[4000, 4200], extended=True)) == {}
     assert PLACE in issues_of(joint(model="XM430-W350", travel_ticks=[-900, 900]))
 
 
 @pytest.mark.parametrize("offset", [1025, -1025])
-def test_an_offset_that_a_dynamixel_ignores_is_reported(offset):
+def test_homing_offset_ignored_by_dynamixel_is_reported(offset):
     issues = issues_of(joint(model="XM430-W350", holds={"homing_offset": offset}))
     assert issues == {
         ("joints", 0, "servo", "holds", "homing_offset"): (f"is {offset}", "-1024 to 1024")
@@ -114,17 +114,17 @@ def test_an_offset_that_a_dynamixel_ignores_is_reported(offset):
 
 
 @pytest.mark.parametrize("offset", [1024, -1024])
-def test_the_largest_offset_of_a_dynamixel_is_in_force(offset):
+def test_homing_offset_of_1024_is_accepted_for_dynamixel(offset):
     assert issues_of(joint(model="XM430-W350", holds={"homing_offset": offset})) == {}
 
 
-def test_a_dynamixel_that_counts_on_obeys_any_offset():
+def test_multi_turn_dynamixel_may_have_any_homing_offset():
     far = joint(model="XM430-W350", holds={"homing_offset": -5000}, extended=True)
     assert issues_of(far) == {}
 
 
 @pytest.mark.parametrize(("lower_deg", "upper_deg"), [(10.0, 10.0), (10.0, -10.0)])
-def test_a_range_without_an_inside_is_reported(lower_deg, upper_deg):
+def test_joint_range_that_is_empty_is_reported(lower_deg, upper_deg):
     issues = issues_of(joint(lower_deg=lower_deg, upper_deg=upper_deg))
     place = ("joints", 0, "lower_deg")
     assert issues == {place: ("is not below the upper limit", "lower < upper")}
@@ -133,6 +133,6 @@ def test_a_range_without_an_inside_is_reported(lower_deg, upper_deg):
 @pytest.mark.parametrize(
     "changes", [{"lower_deg": None}, {"upper_deg": None}, {"swept": "not swept"}]
 )
-def test_a_range_is_in_the_file_exactly_where_it_was_swept(changes):
+def test_joint_range_must_be_present_exactly_if_swept(changes):
     assert [*issues_of(joint(**changes))] == [("joints", 0, "swept")]
     assert issues_of(joint(lower_deg=None, upper_deg=None, swept="not swept")) == {}

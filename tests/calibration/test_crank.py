@@ -14,30 +14,30 @@ angles = st.floats(-1.2, 1.2)
 
 
 @given(angles)
-def test_a_position_behind_a_crank_is_reached_by_one_angle_only(angle):
+def test_crank_angle_and_slide_position_are_inverses(angle):
     assert CRANK.horn_rad(CRANK.position(angle)) == pytest.approx(angle, abs=1e-9)
 
 
 @given(angles, st.sampled_from([-1, 1]), st.integers(-800, 800))
-def test_ticks_and_metres_behind_a_crank_are_exact_inverses(angle, sign, tick):
+def test_crank_ticks_and_metres_are_exact_inverses(angle, sign, tick):
     joint_map = JointMap.cranked("gripper", 5, sign, 2048.0, 4096, CRANK)
     assert joint_map.tick(joint_map.position(2048 + tick)) == 2048 + tick
 
 
-def test_a_crank_upright_moves_its_slide_by_its_radius_for_a_radian():
+def test_upright_crank_moves_slide_by_its_radius_per_radian():
     slope = (CRANK.position(1e-6) - CRANK.position(-1e-6)) / 2e-6
     assert slope == pytest.approx(0.022, rel=1e-6)
 
 
 @given(angles)
-def test_no_tick_behind_a_crank_is_worth_more_than_the_map_says(angle):
+def test_crank_tick_is_never_worth_more_than_map_says(angle):
     joint_map = JointMap.cranked("gripper", 5, 1, 2048.0, 4096, CRANK)
     tick = 2048 + angle / joint_map.horn_rad_per_tick
     step = joint_map.position(tick + 1) - joint_map.position(tick)
     assert 0 < step <= joint_map.unit_per_tick * (1 + 1e-3)
 
 
-def test_growing_ticks_open_the_slide_where_the_sign_is_positive():
+def test_positive_sign_opens_cranked_slide_with_growing_ticks():
     joint_map = JointMap.cranked("gripper", 5, 1, 2048.0, 4096, CRANK)
     assert joint_map.position(2148) > joint_map.position(2048) == 0.0
 
@@ -45,43 +45,43 @@ def test_growing_ticks_open_the_slide_where_the_sign_is_positive():
 @pytest.mark.parametrize(
     ("radius", "rod", "zero"), [(0.04, 0.03, 1), (0, 0.03, 1), (0.02, 0.03, 4)]
 )
-def test_a_crank_that_cannot_turn_is_refused(radius, rod, zero):
+def test_crank_that_cannot_turn_is_refused(radius, rod, zero):
     with pytest.raises(BadValueError, match="crank"):
         Crank(radius, rod, zero)
 
 
 @given(st.floats(0.2, 5.0), st.integers(-4000, 4000))
-def test_a_gear_divides_what_a_tick_is_worth_and_stays_exact(gear, tick):
+def test_gear_divides_radians_per_tick_and_stays_exact(gear, tick):
     joint_map = JointMap.revolute("waist", 1, -1, 100.5, 4096, gear)
     assert joint_map.unit_per_tick == pytest.approx(math.tau / 4096 / gear)
     assert joint_map.tick(joint_map.position(tick)) == tick
     assert joint_map.gear == pytest.approx(gear)
 
 
-def test_a_potentiometers_tick_is_300_degrees_by_1024():
+def test_potentiometer_tick_is_300_degrees_by_1024():
     joint_map = JointMap.revolute("elbow", 3, 1, 512, 1024 * 360 / 300)
     assert math.degrees(joint_map.unit_per_tick) == pytest.approx(300 / 1024)
 
 
-def test_a_slide_ends_where_pin_and_rod_are_in_line():
+def test_cranked_slide_ends_where_pin_and_rod_are_in_line():
     upright_m = math.sqrt(0.036**2 - 0.022**2)
     assert CRANK.position(CRANK.zero_rad) == pytest.approx(0.022 + 0.036 - upright_m)
     assert CRANK.position(CRANK.zero_rad - math.pi) == pytest.approx(0.036 - 0.022 - upright_m)
 
 
-def test_beyond_its_ends_a_slide_is_where_the_crank_is_in_line():
+def test_slide_beyond_its_ends_maps_to_the_dead_centre():
     furthest_m, nearest_m = (CRANK.position(CRANK.zero_rad - angle) for angle in (0.0, math.pi))
     assert CRANK.horn_rad(furthest_m + 0.01) == pytest.approx(CRANK.zero_rad)
     assert CRANK.horn_rad(nearest_m - 0.005) == pytest.approx(CRANK.zero_rad - math.pi)
 
 
 @pytest.mark.parametrize(("turn", "cut"), [(0.3, 0.3), (9.0, 0.0), (-9.0, -math.pi)])
-def test_a_turn_is_cut_where_the_slide_would_come_back(turn, cut):
+def test_crank_turn_is_clamped_at_the_dead_centres(turn, cut):
     expected = turn if turn == cut else CRANK.zero_rad + cut
     assert CRANK.clamp_to_dead_centre(turn) == pytest.approx(expected)
 
 
-def test_the_most_that_a_slide_moves_is_the_steepest_slope_between_its_ends():
+def test_crank_max_slope_is_steepest_between_slide_ends():
     crank = Crank(0.02, 0.03, 0.5)
     turns = [crank.zero_rad - math.pi * k / 2000 for k in range(1, 2000)]
     slopes = [(crank.position(t + 1e-6) - crank.position(t - 1e-6)) / 2e-6 for t in turns]
@@ -92,13 +92,13 @@ def test_the_most_that_a_slide_moves_is_the_steepest_slope_between_its_ends():
     ("radius", "rod", "zero"), [(0.03, 0.03, 1), (0.02, 0.03, 0), (0.02, 0.03, math.pi),
                                 (0.02, 0.03, -0.5)]
 )  # fmt: skip
-def test_a_crank_in_line_at_zero_or_as_long_as_its_rod_is_refused(radius, rod, zero):
+def test_crank_in_line_at_zero_or_as_long_as_rod_is_refused(radius, rod, zero):
     with pytest.raises(BadValueError, match="crank"):
         Crank(radius, rod, zero)
 
 
 @pytest.mark.parametrize("sign", [-1, 1])
-def test_on_the_way_past_a_dead_centre_the_slide_was_at_its_end(sign):
+def test_clamped_slide_position_stays_at_passed_dead_centre(sign):
     joint_map = JointMap.cranked("gripper", 5, sign, 2048.0, 4096, CRANK)
     end_m, half_turn = CRANK.position(CRANK.zero_rad), 2048
     assert joint_map.position_clamped(2048 + sign * half_turn) == pytest.approx(end_m)
@@ -106,7 +106,7 @@ def test_on_the_way_past_a_dead_centre_the_slide_was_at_its_end(sign):
     assert joint_map.position_clamped(2148) == joint_map.position(2148)
 
 
-def test_a_cranked_slide_counts_in_its_steepest_step_and_has_no_gear():
+def test_cranked_slide_counts_in_steepest_steps_without_gear():
     joint_map = JointMap.cranked("gripper", 5, 1, 2048.0, 4096, CRANK)
     horn_rad = math.tau / 4096
     assert joint_map.unit_per_tick == pytest.approx(CRANK.max_m_per_rad * horn_rad)

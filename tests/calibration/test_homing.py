@@ -16,11 +16,11 @@ def homing_of(family, low, high, offset=0, encoder=MAGNET, **more):
 
 
 @pytest.mark.parametrize(("family", "bare"), [(STS, 100), (X, 4000), (Family.DYNAMIXEL_1, 4000)])
-def test_the_offset_is_added_by_one_family_and_taken_off_by_the_other(family, bare):
+def test_encoder_tick_adds_sts_but_subtracts_dynamixel_offset(family, bare):
     assert encoder_tick(family, 2050, 2146 if family is STS else -1950, MAGNET) == bare
 
 
-def test_a_potentiometer_beyond_its_end_is_not_wrapped():
+def test_potentiometer_tick_beyond_its_end_is_not_wrapped():
     assert encoder_tick(Family.FEETECH_SCS, 1030, 0, POTENTIOMETER) == 1030
 
 
@@ -37,18 +37,18 @@ def test_a_potentiometer_beyond_its_end_is_not_wrapped():
         (21, 4077, False),
     ],
 )
-def test_an_sts_keeps_its_offset_while_the_seam_is_clear_of_the_travel(low, high, kept):
+def test_sts_offset_is_kept_while_seam_is_clear_of_travel(low, high, kept):
     found = homing_of(STS, low, high)
     assert (found.offset == 0) is kept
 
 
 @pytest.mark.parametrize("turns", [-2, 1])
-def test_an_sts_keeps_its_offset_whatever_turn_the_travel_was_counted_in(turns):
+def test_sts_offset_is_kept_for_travel_counted_in_another_turn(turns):
     low, high = 500 + 4096 * turns, 3000 + 4096 * turns
     assert homing_of(STS, low, high, offset=300) == Homing(300, False, low - 200)
 
 
-def test_an_sts_travel_across_the_seam_is_put_in_the_middle_of_the_count():
+def test_sts_travel_across_seam_is_centred_in_the_count():
     # 1000 ticks leave 1547 on either side
     assert homing_of(STS, 3596, 4596) == Homing(-2047, False, 3596 - 1547)
     assert homing_of(STS, -500, 500) == Homing(-2047, False, -500 - 1547)
@@ -57,7 +57,7 @@ def test_an_sts_travel_across_the_seam_is_put_in_the_middle_of_the_count():
     assert homing_of(STS, 96, 4095) == Homing(48, False, 48)
 
 
-def test_an_sts_offset_that_its_register_cannot_hold_is_not_kept():
+def test_sts_offset_that_its_register_cannot_hold_is_not_kept():
     assert homing_of(STS, 500, 3000, offset=2048).offset != 2048
     assert homing_of(STS, 3000, 5000, offset=-2048).offset != -2048
     assert homing_of(STS, 2600, 5600, offset=2047).offset == 2047
@@ -74,26 +74,24 @@ def test_an_sts_offset_that_its_register_cannot_hold_is_not_kept():
         (1100, 2000, -1025, False),
     ],
 )
-def test_an_x_keeps_an_offset_that_is_in_force_and_leaves_the_travel_in_one_turn(
-    low, high, offset, kept
-):
+def test_x_series_offset_is_kept_if_in_force_within_one_turn(low, high, offset, kept):
     found = homing_of(X, low, high, offset)
     assert found == (Homing(offset, False, -offset) if kept else Homing(0, False, 0))
 
 
-def test_an_x_counts_on_only_where_its_travel_crosses_the_seam():
+def test_x_series_is_multi_turn_only_if_travel_crosses_seam():
     assert homing_of(X, 96, 4095) == Homing(0, False, 0)
     assert homing_of(X, 4096, 4096 + 2000) == Homing(0, False, 4096)
     found = homing_of(X, 3000, 4096, offset=5)
     assert found == Homing(5, True, 3548 - 3553)
 
 
-def test_an_x_that_counts_on_already_goes_on_doing_so():
+def test_x_series_that_is_multi_turn_and_crosses_seam_stays_so():
     assert homing_of(X, 5096, 6096, offset=100, counts_on=True) == Homing(100, True, 5596 - 1600)
 
 
 @pytest.mark.parametrize("encoder", [MAGNET, POTENTIOMETER])
-def test_a_travel_is_at_most_a_tick_less_than_the_sensor(encoder):
+def test_homing_refuses_travel_of_sensor_size_or_more(encoder):
     homing_of(Family.DYNAMIXEL_1, 0, encoder.ticks - 2, encoder=encoder)
     with pytest.raises(CalibrationError, match="more than one turn"):
         homing_of(Family.DYNAMIXEL_1, 0, encoder.ticks - 1, encoder=encoder)
@@ -101,20 +99,18 @@ def test_a_travel_is_at_most_a_tick_less_than_the_sensor(encoder):
 
 @pytest.mark.parametrize("family", Family)
 @pytest.mark.parametrize(("low", "high"), [(0, 500), (523, 1023)])
-def test_a_servo_that_cannot_shift_its_count_uses_all_of_its_sensor(family, low, high):
+def test_potentiometer_servo_may_use_its_whole_sensor(family, low, high):
     found = homing_of(family, low, high, encoder=POTENTIOMETER)
     assert found == Homing(0, False, 0)
 
 
 @pytest.mark.parametrize("family", Family)
 @pytest.mark.parametrize(("low", "high"), [(-1, 500), (-500, -400), (524, 1024)])
-def test_a_servo_that_cannot_shift_its_count_refuses_what_its_sensor_does_not_see(
-    family, low, high
-):
+def test_potentiometer_servo_refuses_travel_off_its_sensor(family, low, high):
     with pytest.raises(CalibrationError, match="wrap-around"):
         homing_of(family, low, high, encoder=POTENTIOMETER)
 
 
-def test_a_magnet_that_cannot_shift_its_count_is_counted_within_its_turn():
+def test_magnetic_servo_without_offset_is_counted_in_its_turn():
     found = homing_of(Family.DYNAMIXEL_1, -4000, -3000)
     assert found == Homing(0, False, -4096)

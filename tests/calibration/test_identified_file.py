@@ -42,7 +42,7 @@ def identified_arm(*joints, serial="58FA"):
     )
 
 
-def test_a_saved_arm_is_read_as_it_was(home):
+def test_identified_arm_file_survives_save_and_read(home):
     arm = identified_arm({}, {"name": "wrist", "p_gain": None, "backlash_rad": None})
     path = save_identified(arm)
     assert path == identified_path("so101", "58FA") == home / "identified" / "so101-58FA.toml"
@@ -51,12 +51,12 @@ def test_a_saved_arm_is_read_as_it_was(home):
     assert identified_of("so101") == [path]
 
 
-def test_an_arm_that_was_not_identified_has_no_file():
+def test_arm_that_was_not_identified_has_no_file():
     assert load_identified("so101", "58FA") is None
     assert identified_of("so101") == []
 
 
-def test_the_file_before_is_kept():
+def test_previous_identified_file_is_kept():
     path = save_identified(identified_arm())
     before = path.read_text()
     save_identified(identified_arm({"mass_scale": 2.0}))
@@ -64,7 +64,7 @@ def test_the_file_before_is_kept():
     assert [each.read_text() for each in kept] == [before]
 
 
-def test_a_joint_is_found_by_its_name():
+def test_identified_joint_is_found_by_its_name():
     arm = identified_arm({}, {"name": "wrist", "mass_scale": 2.0})
     assert arm.joint("wrist") == arm.joints[1]
     assert arm.joint("gripper") is None
@@ -82,7 +82,7 @@ def test_a_joint_is_found_by_its_name():
         ("backlash_rad", (0.0, 0.2), (-1e-9, 0.201)),
     ],
 )
-def test_figures_have_ranges(key, inside, outside):
+def test_identified_values_outside_their_ranges_are_refused(key, inside, outside):
     for value in inside:
         assert getattr(identified_arm({key: value}).joints[0], key) == value
     for value in outside:
@@ -90,28 +90,28 @@ def test_figures_have_ranges(key, inside, outside):
             identified_arm({key: value})
 
 
-def test_an_arm_has_a_joint():
+def test_identified_arm_needs_a_joint():
     tables = identified_arm().model_dump()
     assert IdentifiedArm.model_validate(tables).joints == identified_arm().joints
     with pytest.raises(ValidationError):
         IdentifiedArm.model_validate({**tables, "joints": ()})
 
 
-def test_a_damaged_file_is_refused(home):
+def test_damaged_identified_file_is_refused(home):
     path = home / "arm.toml"
     path.write_text(dump_identified(identified_arm()).replace("1.1", "1.2", 1))
     with pytest.raises(FileFormatError):
         read_identified(path)
 
 
-def test_a_file_with_a_wrong_value_is_refused_with_its_key(home):
+def test_identified_file_with_wrong_value_names_its_key(home):
     path = home / "arm.toml"
     path.write_text(dump_identified(identified_arm().model_copy(update={"arm": "so 101"})))
     with pytest.raises(FileFormatError, match="arm: is"):
         read_identified(path)
 
 
-def test_a_joint_that_is_there_twice_is_named(home):
+def test_identified_file_names_a_joint_listed_twice(home):
     path = home / "arm.toml"
     path.write_text(dump_identified(identified_arm({}, {"name": "wrist"}, {})))
     with pytest.raises(FileFormatError, match=r"joints\[2\]\.name.*elbow"):

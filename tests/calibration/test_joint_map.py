@@ -20,7 +20,7 @@ maps = st.builds(
 
 
 @given(maps, st.integers(-9000, 9000))
-def test_a_tick_to_radians_and_back_is_the_same_tick(joint_map, tick):
+def test_tick_to_radians_and_back_is_the_same_tick(joint_map, tick):
     assert joint_map.tick(joint_map.position(tick)) == tick
 
 
@@ -30,63 +30,63 @@ def test_a_quarter_turn_of_a_12_bit_servo_is_1024_ticks():
     assert joint_map.tick(-math.pi / 2) == 1024
 
 
-def test_a_mirrored_servo_counts_down_where_the_joint_goes_up():
+def test_mirrored_servo_counts_down_as_joint_turns_up():
     assert JointMap.revolute("elbow", 3, -1, 2048, 4096).tick(math.pi / 2) == 1024
 
 
-def test_a_rack_moves_by_its_pitch_circle():
+def test_rack_moves_by_its_pitch_circle_per_turn():
     rack = JointMap.prismatic("gripper", 15, 1, 2048, 4096, m_per_turn=0.08)
     assert rack.position(2048 + 1024) == pytest.approx(0.02)
 
 
 @given(maps, st.floats(-3, 3), st.floats(0.01, 3))
-def test_every_tick_inside_a_range_is_a_position_inside_it(joint_map, lower, width):
+def test_every_tick_inside_a_range_has_position_inside_it(joint_map, lower, width):
     low, high = joint_map.ticks_inside(lower, lower + width)
     ends = sorted((joint_map.position(low), joint_map.position(high)))
     assert lower - 1e-8 <= ends[0] <= ends[1] <= lower + width + 1e-8
 
 
-def test_a_range_between_two_ticks_holds_none():
+def test_range_between_two_ticks_is_refused():
     with pytest.raises(BadValueError, match="range of elbow"):
         JointMap.revolute("elbow", 3, 1, 2048, 4096).ticks_inside(0.0005, 0.0010)
 
 
 @pytest.mark.parametrize("position", [math.nan, math.inf, -math.inf])
-def test_a_goal_that_is_no_number_has_no_tick(position):
+def test_goal_that_is_not_finite_has_no_tick(position):
     with pytest.raises(BadValueError, match="goal of elbow"):
         JointMap.revolute("elbow", 3, 1, 2048, 4096).tick(position)
 
 
 @pytest.mark.parametrize(("exact", "nearest"), [(100.45, 100), (100.55, 101), (-0.45, 0)])
-def test_a_position_between_two_ticks_is_the_nearer(exact, nearest):
+def test_position_between_two_ticks_rounds_to_the_nearer(exact, nearest):
     joint_map = JointMap.revolute("waist", 1, 1, 0.0, 4096)
     assert joint_map.tick(joint_map.position(exact)) == nearest
 
 
 @pytest.mark.parametrize("off_by_rounding", [-5e-7, 0.0, 5e-7])
-def test_a_limit_that_is_a_tick_is_not_lost_to_rounding(off_by_rounding):
+def test_limit_on_a_tick_is_not_lost_to_rounding(off_by_rounding):
     joint_map = JointMap.revolute("waist", 1, 1, 0.0, 4096)
     lower, upper = (joint_map.position(tick + off_by_rounding) for tick in (100, 200))
     assert joint_map.ticks_inside(lower, upper) == (100, 200)
 
 
-def test_a_joint_whose_servo_turns_with_it_has_no_gear():
+def test_joint_without_gear_has_gear_ratio_1():
     assert JointMap("waist", 1, 1, 2048.0, math.tau / 4096).gear == 1.0
 
 
-def test_what_does_not_turn_past_a_dead_centre_is_at_the_furthest_where_it_is():
+def test_map_without_crank_does_not_clamp_positions():
     joint_map = JointMap.revolute("waist", 1, -1, 2048.0, 4096)
     assert (
         joint_map.position_clamped(1024) == joint_map.position(1024) == pytest.approx(math.pi / 2)
     )
 
 
-def test_turns_are_said_in_degrees_and_slides_in_millimetres():
+def test_position_text_has_degrees_or_millimetres():
     assert JointMap.revolute("waist", 1, 1, 0.0, 4096).format(math.radians(101.34)) == "101.3°"
     assert JointMap.prismatic("lift", 1, 1, 0.0, 4096, 0.04).format(0.01234) == "12.3 mm"
 
 
-def test_a_rack_has_its_travel_for_each_radian_of_the_horn():
+def test_rack_travel_is_given_per_radian_of_the_horn():
     rack = JointMap.prismatic("gripper", 5, 1, 2048.0, 4096, m_per_turn=0.05)
     assert rack.horn_rad_per_tick == pytest.approx(math.tau / 4096)
     assert rack.unit_per_horn_rad == pytest.approx(0.05 / math.tau)

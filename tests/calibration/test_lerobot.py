@@ -42,11 +42,11 @@ def put(root, kind, name="black"):
     return path
 
 
-def test_a_text_of_lerobot_comes_back_byte_for_byte():
+def test_lerobot_file_survives_parse_and_dump_byte_for_byte():
     assert dump_lerobot(parse_lerobot(Path("x.json"), TEXT)) == TEXT
 
 
-def test_the_file_is_read_in_its_own_order():
+def test_lerobot_file_keeps_its_joint_order():
     joints = parse_lerobot(Path("x.json"), TEXT)
     assert [(j.name, j.id, j.homing_offset) for j in joints] == [
         ("shoulder_pan", 1, -1043), ("gripper", 6, 2047),
@@ -56,7 +56,7 @@ def test_the_file_is_read_in_its_own_order():
 @pytest.mark.parametrize(
     "kind", ["so_follower", "so100_follower", "so101_follower", "koch_follower"]
 )
-def test_an_id_is_found_under_every_name_that_the_type_has_had(tmp_path, kind):
+def test_lerobot_id_is_found_under_every_past_type_name(tmp_path, kind):
     path = put(tmp_path / ".cache/huggingface/lerobot/calibration", kind)
     assert find_lerobot("black") == path
 
@@ -65,34 +65,34 @@ def test_an_id_is_found_under_every_name_that_the_type_has_had(tmp_path, kind):
     ("HF_LEROBOT_CALIBRATION", ""), ("HF_LEROBOT_HOME", "calibration"),
     ("HF_HOME", "lerobot/calibration"),
 ])  # fmt: skip
-def test_the_environment_says_where_lerobot_lives(tmp_path, monkeypatch, name, below):
+def test_lerobot_folder_is_taken_from_environment(tmp_path, monkeypatch, name, below):
     monkeypatch.setenv(name, str(tmp_path / "elsewhere"))
     path = put(tmp_path / "elsewhere" / below, "so_follower")
     assert find_lerobot("black") == path
 
 
-def test_a_leaders_calibration_is_found_as_well(tmp_path):
+def test_lerobot_leader_calibration_is_found(tmp_path):
     path = tmp_path / ".cache/huggingface/lerobot/calibration/teleoperators/so_leader/blue.json"
     path.parent.mkdir(parents=True)
     path.write_text(TEXT)
     assert find_lerobot("blue") == path
 
 
-def test_two_devices_of_one_id_must_be_distinguished(tmp_path):
+def test_lerobot_id_of_two_devices_is_refused_as_ambiguous(tmp_path):
     root = tmp_path / ".cache/huggingface/lerobot/calibration"
     put(root, "so_follower"), put(root, "so101_follower")
     with pytest.raises(InputError, match=r"(?s)Several devices.*so101_follower.*so_follower"):
         find_lerobot("black")
 
 
-def test_a_folder_that_two_variables_name_holds_each_device_once(tmp_path, monkeypatch):
+def test_lerobot_folder_named_by_two_variables_counts_once(tmp_path, monkeypatch):
     monkeypatch.setenv("HF_LEROBOT_HOME", str(tmp_path / "own"))
     monkeypatch.setenv("HF_LEROBOT_CALIBRATION", str(tmp_path / "own" / "calibration"))
     path = put(tmp_path / "own" / "calibration", "so_follower")
     assert find_lerobot("black") == path
 
 
-def test_a_file_whose_name_is_no_id_is_not_offered(tmp_path):
+def test_lerobot_file_whose_name_is_no_id_is_not_offered(tmp_path):
     root = tmp_path / ".cache/huggingface/lerobot/calibration"
     put(root, "so_follower"), put(root, "so_follower", "black (copy)")
     with pytest.raises(UnknownNameError) as caught:
@@ -100,14 +100,14 @@ def test_a_file_whose_name_is_no_id_is_not_offered(tmp_path):
     assert "copy" not in str(caught.value) + caught.value.hint
 
 
-def test_an_unknown_id_offers_the_closest(tmp_path):
+def test_unknown_lerobot_id_suggests_the_closest(tmp_path):
     put(tmp_path / ".cache/huggingface/lerobot/calibration", "so_follower")
     with pytest.raises(UnknownNameError, match="Did you mean black"):
         find_lerobot("blackk")
 
 
 @pytest.mark.parametrize("name", ["../black", "a/b", "black.json", "~/black", "a b", "x" * 65])
-def test_what_is_no_id_is_a_path(name):
+def test_lerobot_name_that_is_not_an_id_is_taken_as_path(name):
     assert find_lerobot(name) == Path(name)
 
 
@@ -143,7 +143,7 @@ SPOILED = {
 
 
 @pytest.mark.parametrize(("text", "found"), SPOILED.values(), ids=SPOILED)
-def test_a_spoiled_file_is_one_clear_error(tmp_path, text, found):
+def test_damaged_lerobot_file_is_one_clear_error(tmp_path, text, found):
     path = tmp_path / "black.json"
     path.write_text(text)
     with pytest.raises(FileFormatError) as caught:
@@ -153,7 +153,7 @@ def test_a_spoiled_file_is_one_clear_error(tmp_path, text, found):
 
 
 @pytest.mark.parametrize("count", [400, pytest.param(100_000, marks=CAMPAIGN)])
-def test_mutated_files_are_read_or_refused_but_never_trip_the_reader(tmp_path, count):
+def test_lerobot_reader_reads_or_refuses_mutated_files(tmp_path, count):
     chance, path = random.Random(5), tmp_path / "black.json"
     for _ in range(count):
         data = bytearray(TEXT.encode())
@@ -167,7 +167,7 @@ def test_mutated_files_are_read_or_refused_but_never_trip_the_reader(tmp_path, c
         assert all(joint.range_min < joint.range_max for joint in joints)
 
 
-def test_a_long_name_is_cut_and_a_harmful_one_is_written_out():
+def test_lerobot_error_cuts_long_names_and_escapes_control_bytes():
     for name, shown in (
         ("e" * 80, "e" * 64),
         ("\x07" + "e" * 80, ascii("\x07" + "e" * 63)),
@@ -179,25 +179,25 @@ def test_a_long_name_is_cut_and_a_harmful_one_is_written_out():
         assert caught.value.where == shown
 
 
-def test_as_many_ticks_as_fit_are_taken():
+def test_lerobot_homing_offset_of_minus_2_power_20_is_accepted():
     text = TEXT.replace("-1043", str(-(2**20)))
     assert parse_lerobot(Path("x.json"), text)[0].homing_offset == -(2**20)
 
 
 @pytest.mark.parametrize(("digits", "found"), [(100, "not a whole number"), (101, "too long")])
-def test_a_number_of_a_hundred_digits_is_still_read(digits, found):
+def test_lerobot_number_above_100_digits_is_too_long(digits, found):
     with pytest.raises(FileFormatError, match=found):
         parse_lerobot(Path("x.json"), TEXT.replace("-1043", "9" * digits))
 
 
 @pytest.mark.parametrize("range_max", [4095, 4094])
-def test_a_whole_turn_for_a_range_means_a_joint_without_stops(range_max):
+def test_lerobot_range_of_whole_turn_means_continuous_joint(range_max):
     row = {**ROW, "range_min": 0, "range_max": range_max}
     (found,) = parse_lerobot(Path("x.json"), json.dumps({"wrist": row}))
     assert found.is_continuous == (range_max == 4095)
 
 
-def test_joints_are_handed_to_lerobot_with_what_their_servos_hold():
+def test_lerobot_export_has_registers_and_swept_range():
     swept = joint(holds={"homing_offset": -7})
     free = joint("wrist", 2, swept="not swept", lower_deg=None, upper_deg=None)
     assert lerobot_joints(calibration_of(swept, free)) == (
@@ -207,12 +207,12 @@ def test_joints_are_handed_to_lerobot_with_what_their_servos_hold():
 
 
 @pytest.mark.parametrize(("mode", "reverse"), [(0, 0), (1, 1), (4, 0), (5, 1)])
-def test_only_the_direction_of_a_dynamixels_drive_mode_is_handed_over(mode, reverse):
+def test_lerobot_export_keeps_only_direction_bit_of_drive_mode(mode, reverse):
     turned = joint(model="XM430-W350", holds={"drive_mode": mode})
     assert lerobot_joints(calibration_of(turned))[0].drive_mode == reverse
 
 
-def test_a_servo_without_an_offset_is_handed_over_with_none():
+def test_lerobot_export_of_servo_without_offset_has_zero():
     (found,) = lerobot_joints(calibration_of(joint(model="SCS15", travel_ticks=[100, 900])))
     assert (found.homing_offset, found.drive_mode) == (0, 0)
 
@@ -236,11 +236,11 @@ UNSWEPT = {"swept": "not swept", "lower_deg": None, "upper_deg": None}
         ({"user_upper_deg": 3.0}, ["LeRobot does not get your own limits of elbow."]),
     ],
 )
-def test_what_lerobots_file_cannot_say_is_reported_joint_by_joint(changes, warning):
+def test_lerobot_export_warns_of_lost_values_per_joint(changes, warning):
     assert [*lost_in_lerobot(calibration_of(joint(**changes)))] == [ZEROS, *warning]
 
 
-def test_a_second_servo_and_what_a_touch_off_found_are_said_to_be_left_out(tmp_path, monkeypatch):
+def test_lerobot_export_warns_of_second_servo_and_touch_off(tmp_path, monkeypatch):
     monkeypatch.setenv("IKSERVO_HOME", str(tmp_path))
     arm = make_mounted_arm("vx300s", 3, spoiled=False)
     with arm.open_limp() as limp_arm:

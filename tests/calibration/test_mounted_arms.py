@@ -104,18 +104,18 @@ def check_zeros_and_signs(arm, model):
 @pytest.mark.full
 @pytest.mark.sample(3)
 @pytest.mark.parametrize("name", ARMS)
-def test_a_hidden_arm_is_found_out(name):
+def test_calibration_finds_truth_of_a_hidden_arm(name):
     judge(make_mounted_arm(name, 1))
 
 
 @pytest.mark.campaign
 @pytest.mark.parametrize("seed", range(100, 120))
 @pytest.mark.parametrize("name", ARMS)
-def test_two_hundred_hidden_arms_are_found_out(name, seed):
+def test_calibration_finds_truth_of_200_hidden_arms(name, seed):
     judge(make_mounted_arm(name, seed, gravity=seed % 5 == 0))
 
 
-def test_links_that_overlap_from_the_beginning_are_pushed_apart_slowly():
+def test_simulation_pushes_overlapping_links_apart_slowly():
     arm = make_mounted_arm("rx200", 110, gravity=True)
     arm.world.hands.clear()
     fastest, model = 0.0, load_model("rx200")

@@ -20,19 +20,19 @@ def partial_of(**changes):
     return PartialCalibration.model_validate({**TABLE, "joints": [{**JOINT, **changes}]})
 
 
-def test_what_was_measured_is_read_as_it_was_written(tmp_path):
+def test_partial_calibration_survives_write_and_read(tmp_path):
     path, partial = tmp_path / "so101.partial", PartialCalibration.model_validate(TABLE)
     path.write_text(dump_partial(partial))
     assert read_partial(path) == partial
     assert "The next run continues from here" in path.read_text()
 
 
-def test_where_nothing_was_interrupted_there_is_nothing(tmp_path):
+def test_missing_partial_calibration_reads_as_none(tmp_path):
     assert read_partial(tmp_path / "so101.partial") is None
 
 
 @pytest.mark.parametrize("servo_id", [0, 252])
-def test_every_id_of_a_bus_can_be_kept(servo_id):
+def test_partial_calibration_accepts_ids_0_to_252(servo_id):
     assert partial_of(servo_id=servo_id).joints == (
         StoredJointMeasurement.model_validate({**JOINT, "servo_id": servo_id}),
     )
@@ -53,7 +53,7 @@ def test_every_id_of_a_bus_can_be_kept(servo_id):
         ("high_tick", "highest_tick", "joints[0].high"),
     ],
 )
-def test_a_spoiled_value_is_named(tmp_path, old, new, where):
+def test_partial_calibration_names_the_place_of_a_wrong_value(tmp_path, old, new, where):
     path = tmp_path / "so101.partial"
     body = dump_partial(PartialCalibration.model_validate(TABLE)).partition("\n")[2]
     assert old in body
@@ -63,7 +63,7 @@ def test_a_spoiled_value_is_named(tmp_path, old, new, where):
     assert where in caught.value.where
 
 
-def test_names_of_the_greatest_length_are_kept():
+def test_partial_calibration_accepts_names_of_64_characters():
     longest = "e" * 64
     partial = PartialCalibration.model_validate(
         {**TABLE, "arm": longest, "written": longest,
@@ -72,12 +72,12 @@ def test_names_of_the_greatest_length_are_kept():
     assert (partial.arm, partial.joints[0].name) == (longest, longest)
 
 
-def test_what_was_measured_is_not_changed_afterwards():
+def test_partial_calibration_is_immutable():
     with pytest.raises(ValidationError):
         partial_of().joints[0].low_tick = 0
 
 
-def test_a_file_that_was_cut_short_is_refused(tmp_path):
+def test_truncated_partial_calibration_is_refused(tmp_path):
     path = tmp_path / "so101.partial"
     path.write_text(dump_partial(PartialCalibration.model_validate(TABLE))[:-5])
     with pytest.raises(FileFormatError, match="is damaged"):

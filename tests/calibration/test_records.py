@@ -51,21 +51,21 @@ BOUNDS = [
 @pytest.mark.parametrize(
     ("path", "value"), [(path, value) for path, inside, _ in BOUNDS for value in inside]
 )
-def test_the_last_value_of_a_range_is_taken(path, value):
+def test_calibration_values_at_their_bounds_are_accepted(path, value):
     with_value(path, value)
 
 
 @pytest.mark.parametrize(
     ("path", "value"), [(path, value) for path, _, outside in BOUNDS for value in outside]
 )
-def test_the_first_value_outside_of_a_range_is_refused(path, value):
+def test_calibration_values_outside_their_bounds_are_refused(path, value):
     with pytest.raises(ValidationError):
         with_value(path, value)
 
 
 @pytest.mark.parametrize("path", [(*JOINT, "sign"), ("format",)])
 @pytest.mark.parametrize("value", [True, 1.0, "1", 2, 0])
-def test_a_one_is_the_number_and_nothing_that_is_equal_to_it(path, value):
+def test_calibration_sign_and_format_refuse_true_float_and_text(path, value):
     assert with_value(path, 1)
     with pytest.raises(ValidationError):
         with_value(path, value)
@@ -75,7 +75,7 @@ def test_a_one_is_the_number_and_nothing_that_is_equal_to_it(path, value):
     "path", [(*JOINT, "zero_tick"), (*JOINT, "gear"), (*JOINT, "lower_deg"), (*GEOM, "before_mm")]
 )
 @pytest.mark.parametrize("value", [math.nan, math.inf])
-def test_what_is_no_finite_number_is_refused(path, value):
+def test_calibration_numbers_must_be_finite(path, value):
     with pytest.raises(ValidationError):
         with_value(path, value)
 
@@ -87,7 +87,7 @@ def limits_of(**changes):
     return [(round(math.degrees(end.value)), end.source) for end in (limits.lower, limits.upper)]
 
 
-def test_a_joint_that_was_not_swept_has_the_arm_files_limits():
+def test_joint_that_was_not_swept_has_arm_file_limits():
     assert limits_of(**UNSWEPT) == [(-115, "arm file"), (115, "arm file")]
 
 
@@ -99,5 +99,5 @@ def test_a_joint_that_was_not_swept_has_the_arm_files_limits():
         ({"user_lower_deg": 0.0, "user_upper_deg": 30.0}, [(0, "user"), (30, "user")]),
     ],
 )
-def test_a_user_may_limit_either_end_of_a_joint(user, limits):
+def test_user_may_limit_either_end_of_a_joint(user, limits):
     assert limits_of(**user) == limits

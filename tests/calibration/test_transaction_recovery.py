@@ -80,9 +80,7 @@ def commit_new(interrupted):
 
 
 @pytest.mark.parametrize("kept", [OLD_TEXT, None])
-def test_servos_and_file_are_written_and_the_old_file_is_kept_beside_it(
-    interrupted, commit_new, kept
-):
+def test_commit_writes_servos_and_file_and_keeps_a_backup(interrupted, commit_new, kept):
     if kept is None:
         interrupted.path.unlink()
     commit_new()
@@ -93,9 +91,7 @@ def test_servos_and_file_are_written_and_the_old_file_is_kept_beside_it(
 
 
 @pytest.mark.parametrize("text", [OLD_TEXT, None])
-def test_where_the_second_servo_refuses_the_first_and_the_file_are_as_before(
-    interrupted, commit_new, text
-):
+def test_commit_refused_by_second_servo_changes_nothing(interrupted, commit_new, text):
     if text is None:
         interrupted.path.unlink()
     interrupted.arm.line.servos[2].write("torque_enable", 1)
@@ -106,7 +102,7 @@ def test_where_the_second_servo_refuses_the_first_and_the_file_are_as_before(
     assert interrupted.is_over()
 
 
-def test_where_the_file_cannot_be_written_the_servos_are_as_before(interrupted, commit_new):
+def test_commit_with_unwritable_file_restores_servos(interrupted, commit_new):
     interrupted.path.with_name("arm.toml.bak").mkdir()  # where the old file would be kept
     with pytest.raises(FileWriteError):
         commit_new()
@@ -114,9 +110,7 @@ def test_where_the_file_cannot_be_written_the_servos_are_as_before(interrupted, 
     assert interrupted.is_over()
 
 
-def test_where_the_cable_falls_out_the_journal_says_what_was_and_what_was_to_be(
-    interrupted, commit_new, monkeypatch
-):
+def test_commit_with_lost_cable_leaves_a_complete_journal(interrupted, commit_new, monkeypatch):
     def refuse(data):
         raise OSError("gone")
 
@@ -138,33 +132,33 @@ def test_where_the_cable_falls_out_the_journal_says_what_was_and_what_was_to_be(
         ((1, 2), TransactionProgress.EVERYTHING),
     ],
 )
-def test_the_servos_tell_how_far_a_writing_came(interrupted, written, reached):
+def test_transaction_progress_is_read_from_the_servos(interrupted, written, reached):
     for servo_id in written:
         interrupted.hold(servo_id, NEW)
     assert interrupted.act(lambda bus, _: progress(bus, interrupted.journal())) is reached
 
 
-def test_only_servos_that_hold_something_else_are_to_be_changed(interrupted):
+def test_planned_changes_include_only_servos_that_differ(interrupted):
     interrupted.hold(2, NEW)
     wanted = {i: {REGISTER: NEW} for i in interrupted.ids}
     changes = interrupted.act(lambda bus, _: plan_changes(bus, wanted))
     assert changes == [EepromChange(id=1, old={REGISTER: OLD}, new={REGISTER: NEW})]
 
 
-def test_where_nothing_was_interrupted_there_is_nothing_to_end(interrupted):
+def test_recovery_without_journal_does_nothing(interrupted):
     assert interrupted.act(recover) == ""
     assert interrupted.act(resume) is False
     assert interrupted.act(roll_back) is False
     assert interrupted.held() == [OLD, OLD]
 
 
-def test_a_writing_that_reached_no_servo_is_forgotten(interrupted):
+def test_recovery_drops_transaction_that_reached_no_servo(interrupted):
     interrupted.leave_journal().path.write_text(NEW_TEXT)
     assert "had changed nothing yet" in interrupted.act(recover)
     assert (interrupted.path.read_text(), interrupted.is_over()) == (OLD_TEXT, True)
 
 
-def test_a_writing_that_reached_every_servo_is_completed_by_its_file(interrupted):
+def test_recovery_saves_file_if_every_servo_was_written(interrupted):
     interrupted.leave_journal()
     for servo_id in interrupted.ids:
         interrupted.hold(servo_id, NEW)
@@ -172,7 +166,7 @@ def test_a_writing_that_reached_every_servo_is_completed_by_its_file(interrupted
     assert (interrupted.path.read_text(), interrupted.is_over()) == (NEW_TEXT, True)
 
 
-def test_a_writing_that_reached_some_servos_is_left_for_the_operator_to_decide(interrupted):
+def test_recovery_of_partial_transaction_asks_the_operator(interrupted):
     interrupted.leave_journal().hold(2, NEW)
     with pytest.raises(CalibrationError, match=r"(?s)some servos hold the new one.*resume.*revert"):
         interrupted.act(recover)
@@ -182,7 +176,7 @@ def test_a_writing_that_reached_some_servos_is_left_for_the_operator_to_decide(i
 @pytest.mark.parametrize(
     ("action", "number", "text"), [(resume, NEW, NEW_TEXT), (roll_back, OLD, OLD_TEXT)]
 )
-def test_the_operator_finishes_or_undoes_it(interrupted, action, number, text):
+def test_partial_transaction_is_resumed_or_rolled_back(interrupted, action, number, text):
     interrupted.leave_journal().hold(2, NEW)
     assert interrupted.act(action) is True
     assert interrupted.held() == [number, number]
@@ -192,21 +186,21 @@ def test_the_operator_finishes_or_undoes_it(interrupted, action, number, text):
 # --- the file
 
 
-def test_a_calibration_that_is_taken_back_leaves_no_file(interrupted):
+def test_commit_of_empty_text_leaves_no_calibration_file(interrupted):
     changes = interrupted.journal().changes
     interrupted.act(lambda bus, journal: commit(bus, journal, interrupted.path, "", changes))
     assert interrupted.held() == [NEW, NEW]
     assert not interrupted.path.exists()
 
 
-def test_the_first_calibration_that_is_undone_leaves_no_file(interrupted):
+def test_rollback_of_first_calibration_leaves_no_file(interrupted):
     interrupted.leave_journal(old_text="")
     interrupted.act(roll_back)
     assert not interrupted.path.exists()
 
 
 @pytest.mark.parametrize("left", [None, "", NEW_TEXT])
-def test_undoing_brings_the_old_file_back(interrupted, left):
+def test_rollback_restores_the_old_file(interrupted, left):
     interrupted.leave_journal()
     interrupted.path.unlink() if left is None else interrupted.path.write_text(left)
     interrupted.act(roll_back)
@@ -214,7 +208,7 @@ def test_undoing_brings_the_old_file_back(interrupted, left):
 
 
 @pytest.mark.parametrize("left", [None, "", OLD_TEXT])
-def test_finishing_writes_the_new_file(interrupted, left):
+def test_resume_writes_the_new_file(interrupted, left):
     interrupted.leave_journal()
     interrupted.path.unlink() if left is None else interrupted.path.write_text(left)
     interrupted.act(resume)
@@ -222,7 +216,7 @@ def test_finishing_writes_the_new_file(interrupted, left):
 
 
 @pytest.mark.parametrize(("action", "text"), [(resume, NEW_TEXT), (roll_back, OLD_TEXT)])
-def test_a_file_that_is_right_already_is_not_written_again(interrupted, action, text):
+def test_recovery_does_not_rewrite_a_file_that_is_right(interrupted, action, text):
     interrupted.leave_journal().path.write_text(text)
     before = interrupted.path.stat().st_ino
     interrupted.act(action)
@@ -235,9 +229,7 @@ def test_a_file_that_is_right_already_is_not_written_again(interrupted, action, 
 @pytest.mark.parametrize(
     ("action", "number"), [(recover, OLD), (recover, NEW), (resume, NEW), (roll_back, OLD)]
 )
-def test_a_servo_that_was_left_unlocked_is_locked_though_it_needs_no_writing(
-    interrupted, action, number
-):
+def test_recovery_locks_servo_that_needs_no_other_write(interrupted, action, number):
     interrupted.leave_journal()
     for servo_id in interrupted.ids:
         interrupted.hold(servo_id, number)
@@ -246,14 +238,14 @@ def test_a_servo_that_was_left_unlocked_is_locked_though_it_needs_no_writing(
     assert [interrupted.arm.register(i, "lock") for i in interrupted.ids] == [1, 1]
 
 
-def test_a_servo_that_is_locked_is_not_written(interrupted, monkeypatch):
+def test_recovery_does_not_write_a_locked_servo(interrupted, monkeypatch):
     interrupted.leave_journal()
     with interrupted.arm.open_bus() as bus:
         monkeypatch.setattr(bus, "write", lambda *_, **__: pytest.fail("a register was written"))
         recover(bus, interrupted.journal_path)
 
 
-def test_servos_without_a_lock_are_left_alone(tmp_path):
+def test_recovery_leaves_servos_without_lock_alone(tmp_path):
     dynamixels = Interrupted(tmp_path, "open_manipulator_x").leave_journal()
     assert "had changed nothing yet" in dynamixels.act(recover)
 
@@ -262,7 +254,7 @@ def test_servos_without_a_lock_are_left_alone(tmp_path):
 
 
 @pytest.mark.parametrize(("old", "new"), [({"goal_pwm": 0}, {}), ({}, {"goal_pwm": 0})])
-def test_a_register_that_the_servo_lacks_is_named_wherever_it_stands(interrupted, old, new):
+def test_recovery_refuses_registers_that_the_servo_lacks(interrupted, old, new):
     changes = (EepromChange(id=1, old={REGISTER: OLD} | old, new={REGISTER: OLD} | new),)
     journal = interrupted.journal().model_copy(update={"changes": changes})
     write_atomic(interrupted.journal_path, dump_journal(journal))

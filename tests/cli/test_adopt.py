@@ -32,7 +32,7 @@ def move(calibration, serial):
     return save_calibration(calibration.model_copy(update={"usb_serial_number": serial}))
 
 
-def test_the_calibration_of_the_old_adapter_holds_on_the_new_one(arm, run_cli):
+def test_adopted_calibration_applies_on_the_new_adapter(arm, run_cli):
     assert run_cli(f"calibration diff {NAME} --port {PORT}").code == 6
     done = run_cli(f"{WORDS} --yes")
     assert done.code == 0, done.err
@@ -42,17 +42,17 @@ def test_the_calibration_of_the_old_adapter_holds_on_the_new_one(arm, run_cli):
     assert run_cli(f"calibration diff {NAME} --port {PORT}").code == 0
 
 
-def test_an_arm_without_a_calibration_is_informed_of_the_other_adapters(arm, run_cli):
+def test_missing_calibration_suggests_calibration_adopt(arm, run_cli):
     done = run_cli(f"calibration diff {NAME} --port {PORT}")
     assert f"ikservo calibration adopt {NAME}" in done.err
 
 
-def test_nothing_is_adopted_unasked(arm, run_cli):
+def test_adopt_does_nothing_without_confirmation(arm, run_cli):
     assert run_cli(WORDS).code == 1
     assert not calibration_path(NAME, NEW).exists()
 
 
-def test_servos_that_hold_other_numbers_are_another_arms(arm, run_cli):
+def test_adopt_refuses_servos_that_hold_other_registers(arm, run_cli):
     arm.line.servos[2].write("lock", 0)
     arm.line.servos[2].write("homing_offset", 77)
     done = run_cli(f"{WORDS} --yes")
@@ -61,14 +61,14 @@ def test_servos_that_hold_other_numbers_are_another_arms(arm, run_cli):
     assert not calibration_path(NAME, NEW).exists()
 
 
-def test_of_several_that_fit_one_must_be_named(arm, run_cli):
+def test_adopt_needs_the_file_named_if_several_fit(arm, run_cli):
     calibration = read_calibration(calibration_path(NAME, OLD))
     other = move(calibration, "ANOTHER")
     assert run_cli(f"{WORDS} --yes").code == 6
     assert run_cli(f"{WORDS} --yes --from {other}").code == 0
 
 
-def test_another_arms_file_is_refused(arm, run_cli):
+def test_adopt_refuses_calibration_of_another_arm(arm, run_cli):
     calibration = read_calibration(calibration_path(NAME, OLD))
     other = move(calibration.model_copy(update={"arm": "planar3"}), OLD)
     done = run_cli(f"{WORDS} --yes --from {other}")
@@ -76,7 +76,7 @@ def test_another_arms_file_is_refused(arm, run_cli):
         6, False, True)  # fmt: skip
 
 
-def test_other_actions_take_no_file(arm, run_cli):
+def test_calibration_push_refuses_the_from_option(arm, run_cli):
     assert run_cli(f"calibration push {NAME} --port {PORT} --from x").code == 2
 
 
@@ -97,7 +97,7 @@ def import_recording(path):
     return f"import recording {path} --arm {NAME} --port {PORT} --yes --json"
 
 
-def test_a_recording_gives_the_calibration_back(recording, run_cli):
+def test_import_recording_restores_its_calibration(recording, run_cli):
     path, calibration = recording
     done = run_cli(import_recording(path))
     assert done.code == 0, done.err
@@ -105,7 +105,7 @@ def test_a_recording_gives_the_calibration_back(recording, run_cli):
     assert run_cli(f"calibration diff {NAME} --port {PORT}").code == 0
 
 
-def test_a_recording_of_other_servos_is_refused(arm, recording, run_cli):
+def test_import_recording_refuses_other_servos(arm, recording, run_cli):
     arm.line.servos[2].write("lock", 0)
     arm.line.servos[2].write("homing_offset", 77)
     done = run_cli(import_recording(recording[0]))
@@ -113,7 +113,7 @@ def test_a_recording_of_other_servos_is_refused(arm, recording, run_cli):
     assert not calibration_path(NAME, NEW).exists()
 
 
-def test_a_recording_without_a_calibration_says_so(arm, run_cli, tmp_path):
+def test_import_recording_without_calibration_is_refused(arm, run_cli, tmp_path):
     path = tmp_path / "sim.mcap"
     assert run_cli(f"record {path} --arm {NAME} --port sim --duration 0.1").code == 0
     done = run_cli(import_recording(path))

@@ -35,7 +35,7 @@ def arm(monkeypatch):
 
 
 @pytest.mark.parametrize("words", MOTIONS)
-def test_a_real_arm_does_not_move_unasked(run_cli, arm, words):
+def test_real_arm_does_not_move_without_confirmation(run_cli, arm, words):
     if words.startswith("replay"):
         assert run_cli(f"record wave.jsonl --duration 100ms {REAL}").code == 0
     before = [joint.position for joint in arm.world.joints]
@@ -45,25 +45,25 @@ def test_a_real_arm_does_not_move_unasked(run_cli, arm, words):
     assert [joint.position for joint in arm.world.joints] == pytest.approx(before, abs=1e-3)
 
 
-def test_a_real_gripper_does_not_close_unasked(run_cli, monkeypatch):
+def test_real_gripper_does_not_close_without_confirmation(run_cli, monkeypatch):
     write_calibration(connect_arm(monkeypatch, "so101", spoiled=False))
     result = run_cli(f"gripper close --arm so101 --port {PORT}")
     assert (result.code, "input is not a terminal" in result.err) == (2, True), result.err
 
 
 @pytest.mark.full
-def test_with_yes_a_real_arm_moves(run_cli, arm):
+def test_yes_option_lets_a_real_arm_move(run_cli, arm):
     result = run_cli(f"joints joint1=5 {REAL} --yes --no-wiggle --no-collision")
     assert result.code == 0, result.err
 
 
 @pytest.mark.sample(1)
 @pytest.mark.parametrize("words", ["joints joint1=5", "jog joint1 --duration 100ms", "pose home"])
-def test_a_simulated_arm_is_not_asked_for(run_cli, words):
+def test_simulated_arm_needs_no_confirmation(run_cli, words):
     assert run_cli(f"{words} --arm {NAME} --port sim:?pose=home").code == 0
 
 
-def test_recording_a_stiff_arm_says_how_to_guide_it(run_cli, arm):
+def test_record_of_holding_arm_says_how_to_switch_torque_off(run_cli, arm):
     for servo in arm.line.servos.values():
         servo.write("torque_enable", 1)
     result = run_cli(f"record wave.jsonl --duration 100ms {REAL}")
@@ -72,11 +72,11 @@ def test_recording_a_stiff_arm_says_how_to_guide_it(run_cli, arm):
     assert "To switch torque off: ikservo relax" in result.err
 
 
-def test_recording_a_limp_arm_says_nothing_of_torque(run_cli, arm):
+def test_record_of_limp_arm_does_not_mention_torque(run_cli, arm):
     assert "Torque" not in run_cli(f"record wave.jsonl --duration 100ms {REAL}").err
 
 
-def test_a_stiff_arm_is_relaxed_first_where_the_person_says_so(run_cli, arm, monkeypatch):
+def test_record_relaxes_holding_arm_after_confirmation(run_cli, arm, monkeypatch):
     for servo in arm.line.servos.values():
         servo.write("torque_enable", 1)
     relaxed = []
@@ -88,7 +88,7 @@ def test_a_stiff_arm_is_relaxed_first_where_the_person_says_so(run_cli, arm, mon
 
 
 @pytest.mark.parametrize("name", ["so101", "koch"])
-def test_relax_says_before_it_asks_that_an_overload_prevents_lowering(run_cli, monkeypatch, name):
+def test_relax_warns_before_asking_if_overload_stops_lowering(run_cli, monkeypatch, name):
     arm = connect_arm(monkeypatch, name, spoiled=False)
     write_calibration(arm)
     overload(arm.line.servos[2])
@@ -100,7 +100,7 @@ def test_relax_says_before_it_asks_that_an_overload_prevents_lowering(run_cli, m
     assert "input is not a terminal" in question
 
 
-def test_the_poses_of_all_arms_are_listed_without_a_port(run_cli, monkeypatch):
+def test_pose_command_lists_poses_of_all_arms_without_a_port(run_cli, monkeypatch):
     monkeypatch.setattr("serial.tools.list_ports.comports", list)
     result = run_cli("pose")
     rows = dict(line.split(maxsplit=1) for line in result.out.splitlines()[1:])
@@ -115,7 +115,7 @@ def test_the_poses_of_all_arms_are_listed_without_a_port(run_cli, monkeypatch):
 @pytest.mark.parametrize(
     ("hold", "says"), [("", "torque stays as it is"), (" --hold", "torque comes on")]
 )
-def test_teach_now_says_what_it_does_before(run_cli, tmp_path, monkeypatch, hold, says):
+def test_teach_now_tells_torque_and_replaced_pose_first(run_cli, tmp_path, monkeypatch, hold, says):
     monkeypatch.setenv("IKSERVO_HOME", str(tmp_path))
     words = f"teach cup --now --arm so101 --port sim{hold}"
     first, again = run_cli(words), run_cli(words)
@@ -125,7 +125,7 @@ def test_teach_now_says_what_it_does_before(run_cli, tmp_path, monkeypatch, hold
     assert 'It replaces the pose "cup"' in again.err.split("Saved pose")[0]
 
 
-def test_poses_are_listed_without_a_port(run_cli, monkeypatch):
+def test_pose_command_lists_poses_of_one_arm_without_a_port(run_cli, monkeypatch):
     monkeypatch.setattr("serial.tools.list_ports.comports", list)
     result = run_cli("pose --arm so101")
     assert (result.code, result.out.split()) == (0, ["rest", "home", "zero"])

@@ -62,6 +62,6 @@ def test_arm_given_twice_is_refused(run_cli):
     assert (done.code, "given twice" in done.err) == (2, True), done.err
 
 
-def test_doctor_of_bare_name_checks_that_arm(run_cli):
+def test_doctor_checks_the_arm_of_a_bare_name(run_cli):
     done = run_cli("doctor so101 --port sim")
     assert done.code == 0, done.err

@@ -51,7 +51,7 @@ SIM = "--arm so101 --port sim"
         ("sim so1o1", 2, "Did you mean so101?"),
     ],
 )
-def test_one_clear_message_and_the_right_exit_code(run_cli, words, code, message):
+def test_bad_input_gives_one_message_and_its_exit_code(run_cli, words, code, message):
     result = run_cli(words)
     assert result.code == code
     assert message in result.err
@@ -59,7 +59,7 @@ def test_one_clear_message_and_the_right_exit_code(run_cli, words, code, message
     assert "Traceback" not in result.err
 
 
-def test_with_json_the_error_is_an_object(run_cli):
+def test_error_is_an_object_with_json(run_cli):
     result = run_cli(f"move 0.9 0 0.1 {SIM} --json")
     assert result.code == 7
     assert result.json["exit_code"] == 7
@@ -68,17 +68,17 @@ def test_with_json_the_error_is_an_object(run_cli):
 
 
 @pytest.mark.campaign
-def test_the_point_that_is_offered_instead_can_be_reached(run_cli):
+def test_nearest_point_in_hint_can_be_reached(run_cli):
     hint = run_cli(f"move 0.9 0 0.1 {SIM} --json").json["hint"]
     assert run_cli(hint.split("ikservo ")[1] + f" {SIM}").code == 0
 
 
-def test_a_usage_error_is_an_object_too(run_cli):
+def test_usage_error_is_an_object_with_json(run_cli):
     result = run_cli(f"move nan 0 0.1 {SIM} --json")
     assert result.json["exit_code"] == 2
 
 
-def test_no_port_at_all_offers_the_simulator(run_cli, monkeypatch):
+def test_missing_port_suggests_the_simulator(run_cli, monkeypatch):
     monkeypatch.setattr("serial.tools.list_ports.comports", list)
     result = run_cli("where --arm so101")
     assert result.code == 3
@@ -100,7 +100,7 @@ def spoil(path: Path, old: str, new: str):
 
 
 @pytest.mark.full
-def test_an_arm_of_ones_own_works_by_its_path(run_cli, own_arm):
+def test_arm_file_works_by_its_path(run_cli, own_arm):
     result = run_cli(f"move 0.25 0.05 0.15 --arm {own_arm}/arm.toml --port sim --json")
     assert result.json["reached"] is True
 
@@ -121,7 +121,7 @@ def test_an_arm_of_ones_own_works_by_its_path(run_cli, own_arm):
         ("arm.urdf", "</robot>", "", "line"),
     ],
 )
-def test_a_malformed_file_is_named_with_the_place(run_cli, own_arm, file, old, new, place):
+def test_malformed_arm_file_is_named_with_the_place(run_cli, own_arm, file, old, new, place):
     spoil(own_arm / file, old, new)
     result = run_cli(f"move 0.25 0.05 0.15 --arm {own_arm}/arm.toml --port sim --json")
     assert result.code == 2
@@ -129,7 +129,7 @@ def test_a_malformed_file_is_named_with_the_place(run_cli, own_arm, file, old, n
     assert place in result.json["error"]
 
 
-def test_entities_in_a_urdf_are_refused(run_cli, own_arm):
+def test_urdf_with_entities_is_refused(run_cli, own_arm):
     urdf = own_arm / "arm.urdf"
     bomb = '<!DOCTYPE robot [<!ENTITY a "ha"><!ENTITY b "&a;&a;&a;">]>'
     urdf.write_text(bomb + urdf.read_text().partition("?>")[2])
@@ -138,7 +138,7 @@ def test_entities_in_a_urdf_are_refused(run_cli, own_arm):
     assert "line 1" in result.err
 
 
-def test_an_external_entity_reads_no_file(run_cli, own_arm):
+def test_urdf_external_entity_reads_no_file(run_cli, own_arm):
     secret = own_arm / "secret.txt"
     secret.write_text("swordfish")
     urdf = own_arm / "arm.urdf"
@@ -150,14 +150,14 @@ def test_an_external_entity_reads_no_file(run_cli, own_arm):
 
 
 @pytest.mark.parametrize("number", [1e-320, -0.0])
-def test_tiny_numbers_are_numbers(run_cli, number):
+def test_solve_accepts_tiny_numbers(run_cli, number):
     assert math.isfinite(number)
     result = run_cli(f"solve {0.25 + number} {number} 0.15 --arm so101 --json")
     assert json.loads(result.out)["reached"] is True
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="only Linux has a full disk at hand")
-def test_an_answer_that_cannot_be_written_is_said_in_one_line():
+def test_output_that_cannot_be_written_is_one_error_line():
     command = [sys.executable, "-c", "import sys; from ikservo.cli import main; sys.exit(main())"]
     with Path("/dev/full").open("w") as full:
         done = subprocess.run([*command, "arms"], stdout=full, stderr=subprocess.PIPE, text=True,
@@ -183,14 +183,14 @@ def run_for_a_reader_that_has_exited(words, unbuffered):
 @pytest.mark.sample(1)
 @pytest.mark.parametrize("unbuffered", ["", "1"])
 @pytest.mark.parametrize("as_json", ["", "--json"])
-def test_a_reader_that_has_exited_ends_a_command_without_a_message(unbuffered, as_json):
+def test_closed_output_pipe_ends_a_command_silently(unbuffered, as_json):
     assert run_for_a_reader_that_has_exited(f"where {SIM} {as_json}", unbuffered) == (1, "")
 
 
 @pytest.mark.full
 @pytest.mark.sample(1)
 @pytest.mark.parametrize("unbuffered", ["", "1"])
-def test_an_error_keeps_its_exit_code_for_a_reader_that_has_exited(unbuffered):
+def test_closed_output_pipe_keeps_exit_code_of_an_error(unbuffered):
     code, err = run_for_a_reader_that_has_exited(f"move 0.9 0 0.1 {SIM} --json", unbuffered)
     assert code == 7
     assert "cannot be reached" in err

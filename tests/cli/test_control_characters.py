@@ -68,7 +68,7 @@ def test_error_message_has_no_control_characters(capsys, monkeypatch):
     assert (out + err).replace("\n", "").isprintable()
 
 
-def test_screens_of_rich_show_no_control_characters(monkeypatch):
+def test_rich_screens_show_no_control_characters(monkeypatch):
     monkeypatch.setenv("FORCE_COLOR", "1")
     console = open_console()
     table = Table()
@@ -88,7 +88,7 @@ def test_exported_text_is_printable_on_a_terminal_only(monkeypatch, capsys, is_t
     assert ("\x1b" in capsys.readouterr().out) is not is_terminal
 
 
-def test_terminals_are_written_at_one_border():
+def test_only_the_terminal_module_writes_to_the_terminal():
     """Only the module of the terminal makes consoles of Rich and writes text as it is."""
     written = re.compile(r"\bConsole\(|rich\.print|typer\.echo\((?!__version__)|sys\.stdout\.write")
     files = [f for f in PACKAGE.rglob("*.py") if written.search(f.read_text())]

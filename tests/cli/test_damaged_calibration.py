@@ -29,39 +29,39 @@ def path(arm):
 @pytest.mark.parametrize(
     "words", [f"where {AT}", f"pose home {AT}", f"calibration diff {NAME} --port {PORT}"]
 )
-def test_commands_name_the_ways_out(words, path, run_cli):
+def test_damaged_calibration_error_names_three_remedies(words, path, run_cli):
     done = run_cli(words)
     assert done.code != 0
     for way in ("calibration restore planar2", "ikservo calibrate planar2", "ikservo relax"):
         assert way in " ".join(done.err.split())
 
 
-def test_restore_takes_the_one_before_and_keeps_the_damaged_one(path, run_cli):
+def test_restore_takes_backup_and_keeps_damaged_calibration(path, run_cli):
     assert run_cli(f"calibration restore {NAME}").code == 0
     assert read_calibration(path).arm == NAME
     assert path.with_name(f"{path.name}.damaged").exists()
     assert run_cli(f"where {AT}").code == 0
 
 
-def test_restore_leaves_a_sound_one_alone(path, run_cli):
+def test_restore_refuses_to_replace_a_sound_calibration(path, run_cli):
     run_cli(f"calibration restore {NAME}")
     assert run_cli(f"calibration restore {NAME} --port {PORT}").code == 2
 
 
-def test_show_prints_zeros_signs_ranges_date_and_adapter(path, run_cli):
+def test_calibration_show_prints_zeros_ranges_and_adapter(path, run_cli):
     run_cli(f"calibration restore {NAME}")
     out = run_cli(f"calibration show {NAME}").out
     for word in (SERIAL, "2026-11-02", "joint1", "tick ", "STS3215 (id 1)", "the joint"):
         assert word in out
 
 
-def test_doctor_reports_it(path, run_cli):
+def test_doctor_reports_damaged_calibration(path, run_cli):
     done = run_cli(f"doctor {AT}")
     assert "✗ zeros" in done.out
     assert "calibration restore" in done.out
 
 
-def test_relax_switches_torque_off_after_a_question(arm, path, run_cli):
+def test_relax_with_damaged_calibration_asks_before_torque_off(arm, path, run_cli):
     servos = arm.line.servos.values()
     for servo in servos:
         servo.write("torque_enable", 1)

@@ -104,7 +104,7 @@ def path_parameters(described):
             yield parameter
 
 
-def test_every_option_with_a_file_is_tried_on_broken_disks_or_only_read():
+def test_every_file_option_is_listed_as_read_or_written():
     assert {*file_parameters()} == READ | set(WRITTEN)
 
 
@@ -119,7 +119,7 @@ WRITING_CALLS = {"write_text", "write_bytes", "mkdir", "touch", "savefig", "Name
 
 
 @pytest.mark.full
-def test_no_other_module_writes_files_itself():
+def test_files_are_written_only_by_known_modules():
     folder = Path(ikservo.__file__).parent
     found = {
         path.relative_to(folder).as_posix()
@@ -196,7 +196,7 @@ def require_sentence(done, file, why, before, place):
 @pytest.mark.sample(5)
 @pytest.mark.full
 @pytest.mark.parametrize(("words", "file"), LINES, ids=NAMES)
-def test_a_full_disk_is_said_by(words, file, place, sources, tmp_path):
+def test_full_disk_is_reported_and_old_files_stay(words, file, place, sources, tmp_path):
     before = content(place)
     limit = BYTES if words.startswith("record") else 100
     done = run_limited(words.format(place, **sources), limit, tmp_path)
@@ -208,7 +208,7 @@ def test_a_full_disk_is_said_by(words, file, place, sources, tmp_path):
 @pytest.mark.full
 @pytest.mark.parametrize("number", [errno.EROFS, errno.ENOENT], ids=errno.errorcode.get)
 @pytest.mark.parametrize(("words", "file"), LINES, ids=NAMES)
-def test_a_disk_that_is_read_only_or_gone_is_said_by(
+def test_read_only_or_missing_disk_is_reported(
     words, file, number, place, sources, run_cli, monkeypatch
 ):
     before = content(place)
@@ -241,7 +241,7 @@ def break_disk(monkeypatch, folder, number):
 
 
 @pytest.mark.full
-def test_what_was_recorded_until_the_disk_was_full_is_read(place, tmp_path):
+def test_recording_until_the_disk_was_full_can_be_read(place, tmp_path):
     done = run_limited(RECORDING.format(place / "a.jsonl"), BYTES, tmp_path)
     assert "The samples until then are in" in done.stderr
     assert len(read_recording(place / "a.jsonl").times_s) > 10
@@ -249,14 +249,14 @@ def test_what_was_recorded_until_the_disk_was_full_is_read(place, tmp_path):
 
 @pytest.mark.sample(1)
 @pytest.mark.parametrize("suffix", [".jsonl", ".mcap"])
-def test_a_recording_over_another_replaces_it_at_its_end(suffix, place, run_cli):
+def test_recording_with_overwrite_replaces_old_file_at_its_end(suffix, place, run_cli):
     path, before = place / f"old{suffix}", set(content(place))
     assert run_cli(f"{RECORDING.format(path)} --overwrite").code == 0
     assert len(read_recording(path).times_s) > 10
     assert set(content(place)) == before
 
 
-def test_a_pose_that_cannot_be_saved_is_said(run_cli, place, monkeypatch):
+def test_pose_that_cannot_be_saved_is_reported(run_cli, place, monkeypatch):
     monkeypatch.setenv("IKSERVO_HOME", str(place))
     break_disk(monkeypatch, place, errno.ENOSPC)
     done = run_cli(f"teach cup --now {SIM}")
@@ -273,7 +273,7 @@ PRINTERS = [
 @pytest.mark.full
 @pytest.mark.skipif(sys.platform != "linux", reason="needs /dev/full")
 @pytest.mark.parametrize("words", PRINTERS)
-def test_a_full_stdout_is_said_of(words):
+def test_full_stdout_is_reported_with_exit_code_1(words):
     command = [sys.executable, "-m", "ikservo", *words.split()]
     with open("/dev/full", "w") as full:  # noqa: PTH123
         done = subprocess.run(

@@ -71,7 +71,7 @@ def names(text):
 
 @pytest.mark.sample(5)
 @pytest.mark.parametrize("words", REPORTS)
-def test_no_row_is_wider_than_the_terminal_and_no_word_is_broken(shown, words):
+def test_report_rows_fit_80_columns_and_break_no_word(shown, words):
     narrow = shown(words, 80)
     assert narrow.strip()
     assert too_long(narrow) == []
@@ -84,14 +84,14 @@ def test_help_fits_80_columns(shown, word):
     assert too_long(shown(f"{word} --help", 80)) == []
 
 
-def test_a_command_in_a_sentence_is_not_torn_apart():
+def test_command_in_folded_sentence_stays_on_one_line():
     assert fold("Nothing answers here. Then type: ikservo where --arm so101", 44) == [
         "Nothing answers here. Then type:",
         "ikservo where --arm so101",
     ]
 
 
-def test_columns_keep_their_spaces_when_a_line_is_folded():
+def test_folded_table_line_keeps_its_column_spaces():
     assert fold("✗ port      a long reason for it", 20, 12) == [
         "✗ port      a long",
         "            reason",
@@ -99,9 +99,9 @@ def test_columns_keep_their_spaces_when_a_line_is_folded():
     ]
 
 
-def test_a_word_longer_than_a_line_is_left_whole():
+def test_folded_line_leaves_a_longer_word_whole():
     assert fold("see /a/path/that/is/long now", 12) == ["see", "/a/path/that/is/long", "now"]
 
 
-def test_the_heading_of_a_table_too_wide_is_one_line(shown):
+def test_arms_table_heading_is_one_line_at_80_columns(shown):
     assert shown("arms", 80).splitlines()[0].split() == ["name", "arm", "joints", "servos"]

@@ -22,18 +22,18 @@ def test_help_lists_every_exit_code(run_cli):
 
 
 @pytest.mark.parametrize("word", sorted(set(all_commands()) - {"sim"}))
-def test_every_command_explains_itself(run_cli, word):
+def test_every_command_has_help(run_cli, word):
     result = run_cli(f"{word} --help")
     assert result.code == 0
     assert f"ikservo {word}" in result.out
 
 
-def test_the_simulator_explains_itself_and_names_a_wrong_option(run_cli):
+def test_sim_command_has_help_and_refuses_unknown_options(run_cli):
     assert run_cli("sim --help").code == 0
     assert run_cli("sim --servo 1:sts3215 --no-such").code == ExitCode.USAGE
 
 
-def test_no_words_at_all_print_the_help(run_cli):
+def test_command_without_arguments_prints_help_and_exits_2(run_cli):
     result = run_cli("")
     assert "Set up" in result.out + result.err
     assert result.code == 2
@@ -63,7 +63,7 @@ HEAVY = ("numpy", "scipy", "pydantic", "ruckig", "serial", "dynamixel_sdk", "scs
         ("scan --port /dev/ttyNONE7", ("serial", "pydantic", "ikservo.hardware")),
     ],
 )
-def test_a_command_imports_only_what_it_uses(words, allowed):
+def test_command_imports_only_what_it_uses(words, allowed):
     script = (
         "import sys; from ikservo.cli import main; code = main(sys.argv[2:]);"
         "print([m for m in sys.argv[1].split(',') if m in sys.modules], file=sys.stderr)"
@@ -75,23 +75,23 @@ def test_a_command_imports_only_what_it_uses(words, allowed):
 
 
 @pytest.mark.parametrize("word", ["", *sorted(set(all_commands()) - {"sim"})])
-def test_h_is_help_everywhere(run_cli, word):
+def test_h_option_prints_help_of_every_command(run_cli, word):
     result = run_cli(f"{word} -h")
     assert (result.code, "Usage: ikservo" in result.out) == (0, True)
 
 
-def test_the_version_is_printed(run_cli):
+def test_version_option_prints_the_version(run_cli):
     result = run_cli("--version")
     assert (result.code, result.out) == (0, f"{ikservo.__version__}\n")
 
 
-def test_the_module_is_the_command():
+def test_python_m_ikservo_runs_the_command():
     done = subprocess.run([sys.executable, "-m", "ikservo", "--version"],
                           capture_output=True, text=True, check=True)  # fmt: skip
     assert done.stdout == f"{ikservo.__version__}\n"
 
 
-def test_the_package_is_typed():
+def test_package_contains_py_typed():
     from pathlib import Path
 
     assert (Path(ikservo.__file__).parent / "py.typed").exists()
@@ -126,7 +126,7 @@ def test_help_groups_the_commands(run_cli):
         ("rec", "record recover"),
     ],
 )
-def test_the_tab_key_completes(run_cli, monkeypatch, typed, offered):
+def test_tab_key_completes_arms_poses_joints_and_options(run_cli, monkeypatch, typed, offered):
     monkeypatch.setenv("_IKSERVO_COMPLETE", "complete_bash")
     monkeypatch.setenv("COMP_WORDS", f"ikservo {typed}")
     monkeypatch.setenv("COMP_CWORD", str(len(typed.split())))

@@ -79,12 +79,12 @@ def test_options_of_commands_in_messages_exist():
 
 
 @pytest.mark.full
-def test_no_sentence_goes_on_behind_a_command_without_punctuation():
+def test_command_in_a_message_is_followed_by_punctuation():
     prose = {"tries", "is", "and", "then", "the", "to", "goes", "with", "for"}
     assert [row for row in mentions() if prose & set(row[2].split())] == []
 
 
-def test_the_arm_of_a_calibration_is_repeated_where_it_stands():
+def test_hint_repeats_arm_and_port_of_a_calibration_command():
     hint = "Finish it: ikservo calibration resume. Or go back: ikservo calibration revert."
     result = with_connection_options(hint, ["calibrate", "so101", "--port", "/dev/ttyACM0"])
     assert result == (

@@ -31,7 +31,7 @@ def ended_after(monkeypatch, *errors):
 
 
 @posix
-def test_ctrl_c_ends_the_process_by_its_signal_after_the_last_words():
+def test_ctrl_c_ends_process_by_sigint_after_last_message():
     with subprocess.Popen(WAITING, stdout=-1, stderr=subprocess.PIPE, text=True) as process:
         process.stderr.readline()
         process.send_signal(signal.SIGINT)
@@ -57,7 +57,7 @@ def test_ctrl_c_ends_a_shell_loop_over_commands():
     assert "next" not in ended.text
 
 
-def test_ctrl_c_behind_the_words_of_a_stop_is_an_interrupt(monkeypatch):
+def test_ctrl_c_before_a_stop_message_counts_as_interrupt(monkeypatch):
     ended = ended_after(monkeypatch, KeyboardInterrupt(), StoppedError("Stopped; torque is off."))
     assert (ended.code, ended.interrupted) == (130, True)
 
@@ -70,17 +70,17 @@ def test_ctrl_c_behind_the_words_of_a_stop_is_an_interrupt(monkeypatch):
         [EOFError(), KeyboardInterrupt()],  # the end of the input at a question
     ],
 )
-def test_a_stop_without_ctrl_c_is_an_exit_with_130(monkeypatch, errors):
+def test_stop_without_ctrl_c_exits_with_130(monkeypatch, errors):
     ended = ended_after(monkeypatch, *errors)
     assert (ended.code, ended.interrupted) == (130, False)
 
 
-def test_what_fails_after_ctrl_c_keeps_its_own_exit_code(monkeypatch):
+def test_failure_after_ctrl_c_keeps_its_own_exit_code(monkeypatch):
     ended = ended_after(monkeypatch, KeyboardInterrupt(), FileWriteError("wave.jsonl", "full"))
     assert (ended.code, ended.interrupted) == (1, False)
 
 
-def test_on_windows_ctrl_c_is_an_exit_with_130(monkeypatch):
+def test_ctrl_c_on_windows_exits_with_130(monkeypatch):
     codes = []
     monkeypatch.setattr(sys, "platform", "win32")
     outcome = entry_point._Outcome(130, interrupted=True)

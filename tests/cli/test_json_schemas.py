@@ -80,19 +80,19 @@ def field_keys(module, table):
     raise LookupError(table)
 
 
-def test_every_schema_is_documented():
+def test_every_json_schema_is_documented():
     assert set(documented()) == {schema for schema, _ in printed()} | {"error"}
 
 
 @pytest.mark.parametrize(("schema", "keys"), [each for each in printed() if None not in each[1]])
-def test_the_keys_in_the_sources_are_the_documented_ones(schema, keys):
+def test_json_keys_in_sources_match_the_documentation(schema, keys):
     always, maybe = documented()[schema]
     assert always <= keys <= always | maybe
 
 
 @pytest.mark.full
 @pytest.mark.parametrize("words", QUIET)
-def test_the_keys_that_are_printed_are_the_documented_ones(run_cli, words):
+def test_printed_json_keys_match_the_documentation(run_cli, words):
     result = run_cli(words)
     answer = json.loads(result.out)
     always, maybe = documented()[answer.pop("schema").split("/")[1]]
@@ -100,7 +100,7 @@ def test_the_keys_that_are_printed_are_the_documented_ones(run_cli, words):
 
 
 @pytest.mark.parametrize(("place", "kind"), PRINTED_AS_THEY_ARE.items())
-def test_the_fields_of_values_that_are_printed_as_they_are_are_the_documented_ones(place, kind):
+def test_documented_json_fields_match_their_dataclasses(place, kind):
     key, schema = place
     (row,) = [
         line

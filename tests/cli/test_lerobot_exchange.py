@@ -38,7 +38,7 @@ def imported(arm, run_cli, path):
 @pytest.mark.full
 @pytest.mark.sample(1)
 @pytest.mark.parametrize("kind", ["so_follower", "so100_follower", "so101_follower"])
-def test_files_of_all_three_vintages_come_back_byte_for_byte(
+def test_lerobot_file_survives_import_and_export_byte_for_byte(
     arm, run_cli, tmp_path, monkeypatch, kind
 ):
     monkeypatch.setenv("HF_LEROBOT_CALIBRATION", str(tmp_path / "lerobot"))
@@ -54,7 +54,7 @@ def test_files_of_all_three_vintages_come_back_byte_for_byte(
 
 
 @pytest.mark.full
-def test_an_import_gives_lerobots_range_and_the_geometrys_zero(arm, run_cli, tmp_path):
+def test_lerobot_import_takes_lerobots_range_and_the_true_zero(arm, run_cli, tmp_path):
     path = tmp_path / "black.json"
     path.write_text(lerobot_text(arm))
     assert imported(arm, run_cli, path).code == 0
@@ -70,7 +70,7 @@ def test_an_import_gives_lerobots_range_and_the_geometrys_zero(arm, run_cli, tmp
 
 
 @pytest.mark.full
-def test_what_lerobot_cannot_say_is_said_beside_it(arm, run_cli, tmp_path):
+def test_lerobot_export_reports_what_it_cannot_express(arm, run_cli, tmp_path):
     path = tmp_path / "black.json"
     path.write_text(lerobot_text(arm))
     imported(arm, run_cli, path)
@@ -80,7 +80,7 @@ def test_what_lerobot_cannot_say_is_said_beside_it(arm, run_cli, tmp_path):
 
 
 @pytest.mark.full
-def test_a_file_can_be_written_in_place(arm, run_cli, tmp_path):
+def test_lerobot_export_writes_a_file_with_the_to_option(arm, run_cli, tmp_path):
     path = tmp_path / "black.json"
     path.write_text(lerobot_text(arm))
     imported(arm, run_cli, path)
@@ -88,7 +88,7 @@ def test_a_file_can_be_written_in_place(arm, run_cli, tmp_path):
     assert (tmp_path / "again.json").read_bytes() == path.read_bytes()
 
 
-def test_another_arms_ids_are_refused(arm, run_cli, tmp_path):
+def test_lerobot_import_refuses_ids_of_another_arm(arm, run_cli, tmp_path):
     table = json.loads(lerobot_text(arm))
     table["elbow_flex"]["id"] = 30
     path = tmp_path / "black.json"
@@ -98,7 +98,7 @@ def test_another_arms_ids_are_refused(arm, run_cli, tmp_path):
     assert "elbow_flex has id 30 in LeRobot's file and 3 in the arm file" in done.err
 
 
-def test_a_joint_that_is_missing_is_named(arm, run_cli, tmp_path):
+def test_lerobot_import_names_a_missing_joint(arm, run_cli, tmp_path):
     table = json.loads(lerobot_text(arm))
     del table["wrist_flex"]
     path = tmp_path / "black.json"
@@ -109,7 +109,7 @@ def test_a_joint_that_is_missing_is_named(arm, run_cli, tmp_path):
 
 
 @pytest.mark.full
-def test_an_offset_that_was_lost_from_a_servo_is_written_again(arm, run_cli, tmp_path):
+def test_lerobot_import_restores_a_lost_homing_offset(arm, run_cli, tmp_path):
     path = tmp_path / "black.json"
     path.write_text(lerobot_text(arm))
     recorded = json.loads(path.read_text())["elbow_flex"]["homing_offset"]
@@ -121,12 +121,12 @@ def test_an_offset_that_was_lost_from_a_servo_is_written_again(arm, run_cli, tmp
     assert arm.register(3, "homing_offset") == recorded
 
 
-def test_there_is_nothing_to_export_before_a_calibration(arm, run_cli):
+def test_lerobot_export_without_calibration_exits_6(arm, run_cli):
     done = run_cli("export lerobot --arm so101")
     assert (done.code, done.out) == (6, "")
 
 
-def test_other_programs_are_not_known(arm, run_cli):
+def test_export_to_unknown_program_lists_known_ones(arm, run_cli):
     done = run_cli("export dynamixel_wizard --arm so101")
     assert done.code == 2
     assert "Known: csv, dataset, lerobot" in done.err

@@ -11,13 +11,13 @@ import pytest
 @pytest.mark.full
 @pytest.mark.sample(1)
 @pytest.mark.parametrize("arm", ["so101", "open_manipulator_x"])
-def test_the_measured_tip_is_within_2_mm_of_the_target(run_cli, arm):
+def test_move_brings_measured_tip_within_2_mm(run_cli, arm):
     result = run_cli(f"move 0.25 0.05 0.15 --arm {arm} --port sim:?pose=home --json")
     assert result.code == 0
     np.testing.assert_allclose(result.json["measured_tip_m"], (0.25, 0.05, 0.15), atol=2e-3)
 
 
-def test_the_json_has_the_keys_that_others_rely_on(run_cli):
+def test_move_json_has_the_expected_keys(run_cli):
     answer = run_cli("move 0.23 0.02 0.10 --arm so101 --port sim:?pose=home --json").json
     assert answer["schema"] == "ikservo/move/1"
     assert set(answer) == {
@@ -28,7 +28,7 @@ def test_the_json_has_the_keys_that_others_rely_on(run_cli):
 
 
 @pytest.mark.full
-def test_a_line_reports_its_path_error_and_a_motion_of_joints_none(run_cli):
+def test_move_reports_path_error_only_for_a_line(run_cli):
     move = "move 0.23 0.02 0.10 --arm so101 --port sim:?pose=home"
     line = run_cli(f"{move} --line --json").json
     assert 0.0 < line["path_error_rms_m"] < line["path_error_max_m"] < 0.03
@@ -38,21 +38,21 @@ def test_a_line_reports_its_path_error_and_a_motion_of_joints_none(run_cli):
     assert "path error" not in run_cli(move).out
 
 
-def test_stdout_is_the_report_and_stderr_the_announcement(run_cli):
+def test_move_prints_report_to_stdout_and_announces_on_stderr(run_cli):
     result = run_cli("move 0.23 0.02 0.10 --arm so101 --port sim:?pose=home")
     assert result.out.splitlines()[0] == "target     (0.230, 0.020, 0.100) m"
     assert result.out.splitlines()[-1] == "reached    yes"
     assert result.err.startswith("SO-101 follower on sim to (0.230, 0.020, 0.100) m: ")
 
 
-def test_a_dry_run_prints_the_plan_and_moves_nothing(run_cli):
+def test_move_dry_run_prints_plan_and_its_joints(run_cli):
     answer = run_cli("move 0.25 0.05 0.15 --arm so101 --port sim --dry-run --json").json
     assert answer["schema"] == "ikservo/plan/1"
     assert set(answer["q_rad"]) == {"shoulder_pan", "shoulder_lift", "elbow_flex", "wrist_flex",
                                     "wrist_roll"}  # fmt: skip
 
 
-def test_where_has_the_keys_that_others_rely_on(run_cli):
+def test_where_json_has_the_expected_keys(run_cli):
     answer = run_cli("where --arm so101 --port sim --json").json
     assert set(answer) == {"schema", "tip_m", "joints", "conditioning", "singularity"}
     assert set(answer["joints"][0]) >= {
@@ -70,19 +70,19 @@ def test_where_names_the_source_of_the_limits(run_cli):
 
 
 @pytest.mark.full
-def test_joints_are_reported_in_degrees_or_radians(run_cli):
+def test_joints_command_takes_degrees_and_radians(run_cli):
     result = run_cli("joints elbow_flex=30 gripper=0.5rad --arm so101 --port sim:?pose=home --json")
     assert result.code == 0
     assert result.json["goal_rad"] == pytest.approx({"elbow_flex": math.pi / 6, "gripper": 0.5})
 
 
-def test_a_negative_angle_is_no_option(run_cli):
+def test_joints_command_takes_a_negative_angle(run_cli):
     goal = run_cli("joints shoulder_pan=-5 --arm so101 --port sim --json").json["goal_rad"]
     assert goal == pytest.approx({"shoulder_pan": math.radians(-5.0)})
 
 
 @pytest.mark.full
-def test_a_slide_is_reported_in_metres(run_cli):
+def test_joints_command_takes_millimetres_for_a_slide(run_cli):
     goal = run_cli("joints gripper=10mm --arm open_manipulator_x --port sim --json").json[
         "goal_rad"
     ]
@@ -90,18 +90,18 @@ def test_a_slide_is_reported_in_metres(run_cli):
 
 
 @pytest.mark.campaign
-def test_a_pose_is_taken_by_name(run_cli):
+def test_pose_command_moves_to_a_named_pose(run_cli):
     result = run_cli("pose home --arm so101 --port sim --json")
     assert result.json["reached"] is True
 
 
-def test_relax_goes_to_rest_and_says_so(run_cli):
+def test_relax_reports_motion_to_rest_pose(run_cli):
     result = run_cli("relax --arm so101 --port sim --json")
     assert result.json["reached"] is True
     assert set(result.json["goal_rad"]) >= {"shoulder_lift", "gripper"}
 
 
-def test_arms_lists_what_can_stand_behind_arm(run_cli):
+def test_arms_command_lists_all_shipped_arms(run_cli):
     names = [arm["name"] for arm in run_cli("arms --json").json["arms"]]
     assert names == [
         "koch", "omx_f", "omx_l", "open_manipulator_x", "planar2", "planar3", "px100", "px150",
@@ -109,21 +109,21 @@ def test_arms_lists_what_can_stand_behind_arm(run_cli):
     ]  # fmt: skip
 
 
-def test_arms_says_whose_base_frame_is_not_as_the_others(run_cli):
+def test_arms_command_tells_an_unusual_base_frame(run_cli):
     frames = run_cli("arms").out.partition("base frame")[2].splitlines()
     (so101,) = [line for line in frames if line.startswith("so101")]
     assert "the maker's: origin 38.84 mm behind the first axis" in so101
 
 
 @pytest.mark.full
-def test_a_plain_move_says_how_far_the_tool_turned_and_that_nothing_was_requested(run_cli):
+def test_move_reports_tool_turn_if_no_orientation_requested(run_cli):
     result = run_cli("move 0.23 0.02 0.10 --arm so101 --port sim:?pose=home")
     assert re.search(r"^tool       orientation changed by \d+\.\d° \(none was requested\)$",
                      result.out, re.M)  # fmt: skip
 
 
 @pytest.mark.full
-def test_a_requested_orientation_is_reported_with_its_error(run_cli):
+def test_move_reports_error_of_requested_orientation(run_cli):
     result = run_cli("move 0.25 0.05 0.15 --pitch -60 --arm so101 --port sim:?pose=home")
     assert re.search(r"^tool       orientation error 0\.\d°$", result.out, re.M)
 
@@ -131,7 +131,7 @@ def test_a_requested_orientation_is_reported_with_its_error(run_cli):
 PAN_TILT = Path(__file__).parents[2] / "examples" / "arms" / "pan_tilt" / "arm.toml"
 
 
-def test_a_camera_looks_at_a_point_and_reports_its_joints(run_cli):
+def test_look_at_turns_pan_tilt_and_reports_its_joints(run_cli):
     looked = run_cli(f"move --look-at 1 0.5 -0.2 --arm {PAN_TILT} --port sim --json").json
     assert looked["schema"] == "ikservo/joints/1"
     assert looked["reached"]
@@ -139,7 +139,7 @@ def test_a_camera_looks_at_a_point_and_reports_its_joints(run_cli):
     assert set(looked["goal_rad"]) == {"pan", "tilt"}
 
 
-def test_a_preview_of_looking_moves_nothing(run_cli):
+def test_look_at_dry_run_prints_a_plan(run_cli):
     answer = run_cli("move --look-at 500mm 0 0.1 --arm so101 --port sim --dry-run --json").json
     assert answer["schema"] == "ikservo/plan/1"
     assert set(answer["q_rad"]) == {
@@ -148,13 +148,13 @@ def test_a_preview_of_looking_moves_nothing(run_cli):
 
 
 @pytest.mark.parametrize("option", ["--line", "--pitch -60", "--via 0.2,0,0.2", "--keep"])
-def test_looking_goes_with_no_option_of_a_path(run_cli, option):
+def test_look_at_refuses_path_and_orientation_options(run_cli, option):
     result = run_cli(f"move --look-at 0.5 0 0.1 {option} --arm so101 --port sim")
     assert (result.code, result.out) == (2, "")
     assert f"--look-at is given with {option.split()[0]}" in result.err
 
 
-def test_what_a_camera_cannot_see_is_said_with_the_angle_that_remains(run_cli):
+def test_look_at_refusal_tells_the_remaining_angle(run_cli):
     result = run_cli(f"move --look-at -1 0 0.1 --arm {PAN_TILT} --port sim")
     assert (result.code, result.out) == (7, "")
     assert "closest is 20." in result.err

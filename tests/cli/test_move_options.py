@@ -13,13 +13,13 @@ SO101 = "--arm so101 --port sim"
 
 
 @pytest.mark.campaign
-def test_a_line_is_gone_and_reported_like_any_move(run_cli):
+def test_move_line_reaches_target_and_reports_like_a_move(run_cli):
     result = run_cli(f"move 0.25 0.05 0.15 --line {SO101} --json")
     assert result.code == 0
     np.testing.assert_allclose(result.json["measured_tip_m"], (0.25, 0.05, 0.15), atol=2e-3)
 
 
-def test_way_points_are_lengths_with_or_without_units(run_cli):
+def test_move_via_takes_lengths_with_or_without_units(run_cli):
     result = run_cli(
         f"move 0.25 0.05 0.15 --via 0.22,-20mm,0.2 --blend 3cm {SO101} --dry-run --json"
     )
@@ -28,7 +28,7 @@ def test_way_points_are_lengths_with_or_without_units(run_cli):
     assert result.json["path_m"] > straight.json["path_m"]
 
 
-def test_a_preview_tells_time_way_speed_and_limits(run_cli):
+def test_move_dry_run_json_has_time_path_speed_and_limits(run_cli):
     answer = run_cli(f"move 0.25 0.05 0.15 --line {SO101} --dry-run --json").json
     assert set(answer) == {
         "schema", "target_m", "q_rad", "joints_rad", "duration_s", "path_m", "speed", "around",
@@ -40,26 +40,26 @@ def test_a_preview_tells_time_way_speed_and_limits(run_cli):
     assert {"joint", "side", "room_rad"} == set(answer["near_limits"][0])
 
 
-def test_a_preview_for_a_person_has_a_unit_on_every_number(run_cli):
+def test_move_dry_run_text_lists_duration_path_and_speed(run_cli):
     lines = run_cli(f"move 0.25 0.05 0.15 {SO101} --dry-run").out.splitlines()
     words = [line.split()[0] for line in lines[5:]]
     assert words[:3] == ["duration", "path", "speed"]
     assert words[-1] == "tool"
 
 
-def test_the_first_motion_is_said_to_be_slow(run_cli):
+def test_move_announces_that_first_motion_is_slow(run_cli):
     result = run_cli(f"move 0.25 0.05 0.15 --speed fast {SO101} --dry-run")
     assert "First motion after torque-on: slow speed." in result.err
     assert "slow." in result.err.splitlines()[0]
 
 
-def test_a_pitch_in_degrees_may_be_negative(run_cli):
+def test_move_pitch_may_be_negative(run_cli):
     result = run_cli(f"move 0.25 0.05 0.15 --pitch -60 {SO101} --dry-run --json")
     assert result.code == 0
     assert abs(result.json["orientation_error_rad"]) < math.radians(0.5)
 
 
-def test_an_orientation_that_the_arm_has_not_moves_nothing_and_exits_7(run_cli):
+def test_move_with_impossible_orientation_exits_7(run_cli):
     result = run_cli(f"move 0.25 0.05 0.15 --pitch 40 {SO101}")
     assert result.code == 7
     assert result.out == ""
@@ -84,16 +84,14 @@ def test_an_orientation_that_the_arm_has_not_moves_nothing_and_exits_7(run_cli):
     ("move 0.25 0.05 0.15 --via 0.9,0,0.2", 7, "(0.900, 0.000, 0.200) m cannot be reached"),
     ("move 0.9 0.05 0.15 --line", 7, "cannot be reached"),
 ])  # fmt: skip
-def test_what_cannot_be_is_one_clear_message_with_its_exit_code(
-    run_cli, words, code, printed_words
-):
+def test_move_with_bad_options_gives_one_message_and_its_code(run_cli, words, code, printed_words):
     result = run_cli(f"{words} {SO101}")
     assert result.code == code
     assert printed_words in result.err
     assert "Traceback" not in result.err
 
 
-def test_joints_and_poses_have_a_preview_that_moves_nothing(run_cli):
+def test_joints_and_pose_commands_have_a_dry_run(run_cli):
     for words in ("joints elbow_flex=30 gripper=20", "pose home"):
         answer = run_cli(f"{words} {SO101} --dry-run --json").json
         assert answer["schema"] == "ikservo/plan/1"
@@ -104,11 +102,11 @@ def test_joints_and_poses_have_a_preview_that_moves_nothing(run_cli):
     assert "slow" in result.err.splitlines()[0]
 
 
-def test_a_preview_of_joints_outside_their_limits_is_refused_likewise(run_cli):
+def test_joints_dry_run_outside_limits_exits_8(run_cli):
     assert run_cli(f"joints elbow_flex=170 {SO101} --dry-run").code == 8
 
 
-def test_a_bar_is_drawn_also_for_a_motion_that_has_no_end_yet(monkeypatch, capsys):
+def test_progress_bar_is_drawn_for_motion_without_end(monkeypatch, capsys):
     monkeypatch.setenv("TERM", "xterm")  # on a dumb terminal there is no bar
     monkeypatch.setenv("FORCE_COLOR", "1")
     monkeypatch.setattr("sys.stderr.isatty", lambda: True)
@@ -118,7 +116,7 @@ def test_a_bar_is_drawn_also_for_a_motion_that_has_no_end_yet(monkeypatch, capsy
     assert "(0.000, 0.000, 0.000) m" in capsys.readouterr().err
 
 
-def test_a_scene_is_what_the_arm_keeps_out_of(run_cli, tmp_path):
+def test_move_refuses_target_inside_thing_of_scene(run_cli, tmp_path):
     scene = tmp_path / "scene.toml"
     scene.write_text('[[sphere]]\nname = "the ball"\ncentre_m = [0.25, 0, 0.15]\nradius_m = 0.03\n')
     answer = run_cli(f"move 0.25 0 0.15 {SO101} --scene {scene}")
@@ -129,7 +127,7 @@ def test_a_scene_is_what_the_arm_keeps_out_of(run_cli, tmp_path):
 KOCH = '[[arm]]\nname = "the koch"\narm = "koch"\nat_m = [0.45, 0, 0]\nrpy_deg = [0, 0, 180]\n'
 
 
-def test_another_arm_of_a_scene_is_measured_and_kept_out_of(run_cli, tmp_path):
+def test_move_avoids_other_arm_of_scene_where_it_is_measured(run_cli, tmp_path):
     scene = tmp_path / "scene.toml"
     scene.write_text(f'{KOCH}port = "sim:?pose=home"\n')
     among = run_cli(f"move 0.3 0 0.15 --straight {SO101} --scene {scene}")
@@ -146,7 +144,7 @@ def test_another_arm_of_a_scene_is_measured_and_kept_out_of(run_cli, tmp_path):
         ("sim:?pose=home", "--no-collision", ExitCode.REFUSED, "without collision checks"),
     ],
 )
-def test_another_arm_that_cannot_be_measured_is_refused(
+def test_move_refuses_scene_with_unmeasurable_other_arm(
     run_cli, tmp_path, port, options, code, sentence
 ):
     scene = tmp_path / "scene.toml"

@@ -29,13 +29,13 @@ def names(command):
     return list(inspect.signature(with_options_of_groups(command)).parameters)
 
 
-def test_the_options_of_a_group_stand_where_the_group_does():
+def test_option_group_is_expanded_at_its_place():
     def command(what: str, *, paint: Paint, dry: bool = False): ...
 
     assert names(command) == ["what", "colour", "coats", "dry"]
 
 
-def test_a_command_gets_the_values_of_a_group_as_one():
+def test_option_group_values_reach_command_as_one_object():
     got = []
 
     def command(what: str, *, paint: Annotated[OilPaint, Without("coats")]):
@@ -45,13 +45,13 @@ def test_a_command_gets_the_values_of_a_group_as_one():
     assert got == [("wall", OilPaint(colour="green", coats=1))]
 
 
-def test_an_option_that_is_not_offered_is_not_accepted():
+def test_option_excluded_from_group_is_not_offered():
     def command(*, paint: Annotated[OilPaint, Without("coats")]): ...
 
     assert names(command) == ["colour"]
 
 
-def test_a_derived_group_replaces_the_option_where_it_is():
+def test_derived_option_group_replaces_option_in_place():
     def command(*, paint: OilPaint): ...
 
     options = inspect.signature(with_options_of_groups(command)).parameters
@@ -59,7 +59,7 @@ def test_a_derived_group_replaces_the_option_where_it_is():
     assert options["colour"].annotation.__metadata__[0].help == "A colour of oil."
 
 
-def test_a_misspelt_name_of_an_option_is_an_error():
+def test_option_group_with_misspelt_exclusion_is_type_error():
     def command(*, paint: Annotated[Paint, Without("color")]): ...
 
     with pytest.raises(TypeError, match="Paint has no color"):

@@ -87,7 +87,7 @@ def read_in_time(read, servo_id):
 @pytest.mark.full
 @pytest.mark.sample(1)
 @pytest.mark.parametrize(("arm", "target_m"), TARGETS_M.items())
-def test_the_tip_goes_to_the_point_and_stays_there(run_cli, port_of, arm, target_m):
+def test_move_over_pty_reaches_target_by_vendor_sdk(run_cli, port_of, arm, target_m):
     point = " ".join(map(str, target_m))
     done = run_until_settled(run_cli, f"move {point} --arm {arm} --port {port_of(arm)} --json")
     assert done.code == 0, done.err
@@ -96,7 +96,7 @@ def test_the_tip_goes_to_the_point_and_stays_there(run_cli, port_of, arm, target
     np.testing.assert_allclose(done.json["measured_tip_m"], tip_m, atol=1e-3)
 
 
-def test_a_port_in_use_is_refused_and_its_holder_keeps_working(run_cli, port_of):
+def test_port_in_use_is_refused_with_exit_code_3(run_cli, port_of):
     port = port_of("so101")
     holder = os.open(port, os.O_RDWR | os.O_NOCTTY)
     try:
@@ -114,7 +114,7 @@ def test_a_port_in_use_is_refused_and_its_holder_keeps_working(run_cli, port_of)
 
 
 @pytest.mark.full
-def test_when_the_server_ends_the_loss_is_named(run_cli):
+def test_ended_port_server_gives_exit_code_3_and_no_traceback(run_cli):
     with served("so101") as (port, process):
         process.send_signal(signal.SIGTERM)
         process.wait(timeout=20)
@@ -124,7 +124,7 @@ def test_when_the_server_ends_the_loss_is_named(run_cli):
 
 
 @pytest.mark.campaign  # tests/journeys/test_bad_day.py presses Ctrl-C in a terminal
-def test_ctrl_c_in_mid_motion_holds_and_exits_with_130(run_cli, port_of):
+def test_ctrl_c_during_motion_over_pty_holds_and_exits_130(run_cli, port_of):
     port = port_of("so101")
     before = pan_of(run_cli, port)
     words = ["joints", "shoulder_pan=100", "--arm", "so101", "--port", port, "--speed", "slow"]

@@ -20,7 +20,7 @@ def own_home(monkeypatch, tmp_path):
     monkeypatch.delenv("IKSERVO_PORT", raising=False)
 
 
-def test_an_adapter_is_named_with_chip_and_serial_number(run_cli, monkeypatch):
+def test_ports_lists_adapter_with_chip_and_serial_number(run_cli, monkeypatch):
     set_ports(monkeypatch, [U2D2, FEETECH, UART])
     lines = run_cli("ports").out.splitlines()
     assert lines[0].split() == ["port", "chip", "usb", "serial", "number", "used", "by", "by", "id"]
@@ -29,7 +29,7 @@ def test_an_adapter_is_named_with_chip_and_serial_number(run_cli, monkeypatch):
     assert len(lines) == 3
 
 
-def test_json_says_the_same(run_cli, monkeypatch):
+def test_ports_json_has_chip_and_serial_number(run_cli, monkeypatch):
     set_ports(monkeypatch, [FEETECH])
     assert run_cli("ports --json").json == {
         "schema": "ikservo/ports/1",
@@ -40,7 +40,7 @@ def test_json_says_the_same(run_cli, monkeypatch):
     }  # fmt: skip
 
 
-def test_the_name_that_stays_the_same_is_shown(run_cli, monkeypatch, tmp_path):
+def test_ports_shows_the_by_id_name(run_cli, monkeypatch, tmp_path):
     device, folder = tmp_path / "ttyACM0", tmp_path / "by-id"
     device.touch()
     folder.mkdir()
@@ -52,7 +52,7 @@ def test_the_name_that_stays_the_same_is_shown(run_cli, monkeypatch, tmp_path):
     )
 
 
-def test_who_holds_a_port_is_shown(run_cli, monkeypatch, tmp_path):
+def test_ports_shows_the_process_that_holds_a_port(run_cli, monkeypatch, tmp_path):
     device = tmp_path / "ttyACM0"
     device.touch()
     set_ports(monkeypatch, [PortInfo(str(device))])
@@ -61,7 +61,7 @@ def test_who_holds_a_port_is_shown(run_cli, monkeypatch, tmp_path):
     assert "(process " in holder
 
 
-def test_no_adapter_is_no_error_and_the_simulator_is_offered(run_cli, monkeypatch):
+def test_ports_without_adapter_suggests_the_simulator(run_cli, monkeypatch):
     set_ports(monkeypatch, [])
     result = run_cli("ports")
     assert (result.code, result.out) == (0, "")
@@ -77,7 +77,7 @@ def test_no_adapter_is_no_error_and_the_simulator_is_offered(run_cli, monkeypatc
         (0x1234, 0x5678, None, "unknown"),
     ],
 )
-def test_an_unknown_chip_is_called_what_it_calls_itself(
+def test_ports_names_unknown_chip_by_vendor_or_product(
     run_cli, monkeypatch, vid, pid, product, chip
 ):
     set_ports(monkeypatch, [PortInfo("/dev/ttyACM0", vid, pid, None, product)])
@@ -93,7 +93,7 @@ def no_waiting(monkeypatch):
 
 
 @pytest.mark.usefixtures("no_waiting")
-def test_the_adapter_that_is_unplugged_is_named(run_cli, monkeypatch):
+def test_ports_watch_names_the_unplugged_adapter(run_cli, monkeypatch):
     set_ports(monkeypatch, [FEETECH, U2D2], [FEETECH, U2D2], [FEETECH, U2D2], [FEETECH])
     result = run_cli("ports --watch --events 1")
     assert result.out == "unplugged  /dev/ttyUSB0  FT232H (U2D2)\n"
@@ -101,7 +101,7 @@ def test_the_adapter_that_is_unplugged_is_named(run_cli, monkeypatch):
 
 
 @pytest.mark.usefixtures("no_waiting")
-def test_watching_with_json_gives_one_object_a_line(run_cli, monkeypatch):
+def test_ports_watch_json_prints_one_object_per_line(run_cli, monkeypatch):
     set_ports(monkeypatch, [FEETECH], [FEETECH], [], [FEETECH])
     events = [
         json.loads(line) for line in run_cli("ports --watch --events 2 --json").out.splitlines()
@@ -111,7 +111,7 @@ def test_watching_with_json_gives_one_object_a_line(run_cli, monkeypatch):
 
 
 @pytest.mark.usefixtures("no_waiting")
-def test_ctrl_c_ends_watching(run_cli, monkeypatch):
+def test_ports_watch_ends_on_ctrl_c_with_130(run_cli, monkeypatch):
     def pull_the_plug(*_):
         raise KeyboardInterrupt
 
@@ -123,39 +123,39 @@ def test_ctrl_c_ends_watching(run_cli, monkeypatch):
 # --- which port is meant ---
 
 
-def test_a_named_port_goes_before_everything(monkeypatch):
+def test_port_option_has_priority(monkeypatch):
     set_ports(monkeypatch, [FEETECH])
     monkeypatch.setenv("IKSERVO_PORT", "/dev/ttyUSB9")
     assert choose_port("/dev/ttyUSB7", "so101") == "/dev/ttyUSB7"
 
 
-def test_the_variable_goes_before_what_is_remembered(monkeypatch):
+def test_port_variable_has_priority_over_remembered_port(monkeypatch):
     set_ports(monkeypatch, [FEETECH, U2D2])
     remember_port("so101", "/dev/ttyACM0")
     monkeypatch.setenv("IKSERVO_PORT", "/dev/ttyUSB9")
     assert choose_port(None, "so101") == "/dev/ttyUSB9"
 
 
-def test_an_arm_is_found_again_on_another_socket(monkeypatch):
+def test_port_of_remembered_adapter_is_found_on_another_socket(monkeypatch):
     set_ports(monkeypatch, [FEETECH, U2D2])
     remember_port("so101", "/dev/ttyACM0")
     set_ports(monkeypatch, [PortInfo("/dev/ttyACM5"), U2D2])
     assert choose_port(None, "so101") == "/dev/ttyACM5"
 
 
-def test_another_arm_has_its_own_adapter(monkeypatch):
+def test_port_is_remembered_per_arm(monkeypatch):
     set_ports(monkeypatch, [FEETECH, U2D2])
     remember_port("so101", "/dev/ttyACM0")
     remember_port("koch", "/dev/ttyUSB0")
     assert [choose_port(None, arm) for arm in ("so101", "koch")] == ["/dev/ttyACM0", "/dev/ttyUSB0"]
 
 
-def test_without_memory_the_only_adapter_is_taken(monkeypatch):
+def test_port_of_the_only_adapter_is_chosen_without_memory(monkeypatch):
     set_ports(monkeypatch, [U2D2, UART])
     assert choose_port(None, "so101") == "/dev/ttyUSB0"
 
 
-def test_of_two_strange_adapters_none_is_taken(monkeypatch):
+def test_port_is_not_guessed_between_two_unknown_adapters(monkeypatch):
     set_ports(monkeypatch, [FEETECH, U2D2])
     with pytest.raises(
         NoPortError, match=r"several adapters.*\n.*ttyACM0, /dev/ttyUSB0.*port=\"sim\""
@@ -163,7 +163,7 @@ def test_of_two_strange_adapters_none_is_taken(monkeypatch):
         choose_port(None, "so101")
 
 
-def test_an_adapter_without_serial_number_is_not_remembered(monkeypatch):
+def test_port_without_serial_number_is_not_remembered(monkeypatch):
     set_ports(monkeypatch, [PortInfo("/dev/ttyUSB1", 0x1A86, 0x7523, None)])
     remember_port("so101", "/dev/ttyUSB1")
     assert not (config_dir() / "ports.toml").exists()
@@ -172,7 +172,7 @@ def test_an_adapter_without_serial_number_is_not_remembered(monkeypatch):
 @pytest.mark.parametrize(
     "text", ["", "format = 2\n[serial_numbers]\nso101 = 'FT4THVXD'\n", "serial_numbers = [", "\0"]
 )
-def test_a_spoiled_memory_is_as_good_as_none(monkeypatch, text):
+def test_damaged_port_memory_is_ignored_and_replaced(monkeypatch, text):
     set_ports(monkeypatch, [FEETECH, U2D2])
     config_dir().mkdir(parents=True)
     (config_dir() / "ports.toml").write_text(text)
@@ -182,7 +182,7 @@ def test_a_spoiled_memory_is_as_good_as_none(monkeypatch, text):
     assert choose_port(None, "so101") == "/dev/ttyUSB0"
 
 
-def test_a_user_folder_that_cannot_be_written_stops_nothing(monkeypatch, tmp_path):
+def test_port_is_chosen_although_memory_cannot_be_written(monkeypatch, tmp_path):
     set_ports(monkeypatch, [FEETECH])
     (tmp_path / "file").touch()
     monkeypatch.setenv("IKSERVO_HOME", str(tmp_path / "file"))

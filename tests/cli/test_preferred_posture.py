@@ -15,7 +15,7 @@ def joints(result):
     return dict(zip(NAMES, np.degrees(result.json["q_rad"]).tolist(), strict=True))
 
 
-def test_a_preferred_joint_goes_there_and_the_tip_stays(run_cli):
+def test_preferred_joint_is_reached_while_the_tip_stays(run_cli):
     result = run_cli(f"solve {POINT} --prefer wrist_roll=40 --json")
     q = joints(result)
     assert result.json["reached"]
@@ -24,7 +24,7 @@ def test_a_preferred_joint_goes_there_and_the_tip_stays(run_cli):
     np.testing.assert_allclose(tip_from_joints("so101", radians), (0.25, 0.05, 0.15), atol=1e-5)
 
 
-def test_of_two_preferences_that_contradict_each_other_the_heavier_wins(run_cli):
+def test_preferred_posture_with_the_heavier_weight_wins(run_cli):
     both = f"solve {POINT} --prefer elbow_flex=0 --prefer wrist_flex=0 --json"
     light = joints(run_cli(f"{both} --weight elbow_flex=0.1"))
     heavy = joints(run_cli(f"{both} --weight elbow_flex=10"))
@@ -32,23 +32,23 @@ def test_of_two_preferences_that_contradict_each_other_the_heavier_wins(run_cli)
     assert abs(heavy["wrist_flex"]) > abs(light["wrist_flex"]) + 5.0
 
 
-def test_a_pose_is_preferred_by_its_name_and_single_joints_otherwise(run_cli):
+def test_preferred_pose_can_be_overridden_for_single_joints(run_cli):
     q = joints(run_cli(f"solve {POINT} --prefer home --prefer wrist_roll=-30 --json"))
     assert q["wrist_roll"] == pytest.approx(-30.0, abs=1.0)
 
 
-def test_the_pseudo_inverse_leans_by_itself(run_cli):
+def test_pseudo_inverse_method_keeps_preferred_joint(run_cli):
     result = run_cli(f"solve {POINT} --method pseudo_inverse --prefer wrist_roll=40 --json")
     assert result.json["method"] == "pseudo_inverse"
     assert joints(result)["wrist_roll"] == pytest.approx(40.0, abs=0.1)
 
 
-def test_a_move_takes_the_preferred_joints(run_cli):
+def test_move_takes_the_preferred_joint(run_cli):
     result = run_cli(f"move {POINT} --port sim --yes --json --dry-run --prefer wrist_roll=40")
     assert result.json["q_rad"]["wrist_roll"] == pytest.approx(math.radians(40.0), abs=2e-3)
 
 
-def test_an_arm_without_freedom_says_that_nothing_changes(run_cli):
+def test_preferred_posture_without_freedom_changes_nothing(run_cli):
     result = run_cli("solve 0.15 0.05 0.05 --arm planar2 --prefer joint1=90")
     assert result.code == 0
     assert "no freedom" in result.err
@@ -74,14 +74,14 @@ def test_an_arm_without_freedom_says_that_nothing_changes(run_cli):
         ("--prefer home --pitch 0", "--pitch"),
     ],
 )
-def test_bad_preferences_are_usage_errors_that_say_why(run_cli, options, why):
+def test_bad_preferred_posture_is_a_usage_error(run_cli, options, why):
     result = run_cli(f"solve {POINT} {options}")
     assert result.code == 2
     assert why in result.err
 
 
 @pytest.mark.parametrize("options", ["--line", "--pitch -30", "--keep"])
-def test_a_move_that_says_how_the_tool_stands_has_no_room_for_a_posture(run_cli, options):
+def test_move_with_orientation_refuses_preferred_posture(run_cli, options):
     result = run_cli(f"move {POINT} --port sim --yes --prefer home {options}")
     assert result.code == 2
     assert "posture" in result.err

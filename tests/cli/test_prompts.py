@@ -45,38 +45,38 @@ def terminal(monkeypatch):
 
 
 @pytest.mark.parametrize("ahead", ["y\n", "y\ny\ny\n", "\n\n\n", "y"])
-def test_what_was_typed_before_a_question_does_not_answer_it(terminal, ahead):
+def test_prompt_ignores_text_typed_before_it(terminal, ahead):
     terminal.type(ahead)
     terminal.texts = ["n\n"]
     assert confirm("Switch torque off?") is False
 
 
-def test_a_second_typed_line_does_not_answer_the_next_question(terminal):
+def test_prompt_ignores_second_line_typed_for_previous_one(terminal):
     terminal.texts = ["y\ny\n", "n\n"]
     assert [confirm("Save?"), confirm("Write the limits?")] == [True, False]
 
 
 @pytest.mark.parametrize("text", ["\n", "   \n", "maybe\n", "yn\n"])
-def test_no_question_has_a_default_answer(terminal, capsys, text):
+def test_prompt_has_no_default_answer(terminal, capsys, text):
     terminal.texts = [text, "y\n"]
     assert confirm("Move?") is True
     assert capsys.readouterr().err == "Move? [y/n]: Type y or n, then Enter.\nMove? [y/n]: "
 
 
 @pytest.mark.parametrize(("text", "answer"), [("YES\n", True), (" No \n", False)])
-def test_the_whole_words_are_understood(terminal, text, answer):
+def test_prompt_understands_yes_and_no_as_words(terminal, text, answer):
     terminal.texts = [text]
     assert confirm("Move?") is answer
 
 
-def test_enter_that_was_pressed_too_early_does_not_keep_a_pose(terminal):
+def test_wait_for_enter_ignores_enter_typed_before_it(terminal):
     terminal.type("\n")
     terminal.texts = ["\x04"]  # Ctrl-D: nothing else is waiting
     with pytest.raises(typer.Abort):
         wait_for_enter("Bring the arm into the pose, then press Enter.")
 
 
-def test_an_arm_does_not_move_because_enter_was_typed_ahead(terminal):
+def test_motion_prompt_ignores_enter_typed_before_it(terminal):
     class Machine:
         zeros = None
 
@@ -86,33 +86,33 @@ def test_an_arm_does_not_move_because_enter_was_typed_ahead(terminal):
         confirm_motion(Machine(), yes=False)
 
 
-def test_keys_that_were_typed_ahead_are_not_pressed(terminal):
+def test_read_keys_ignores_keys_typed_before_it(terminal):
     terminal.type("us\n")
     with read_keys() as pressed:
         assert pressed() == ""
 
 
-def test_keys_that_come_together_are_all_seen_at_once_and_none_later(terminal):
+def test_read_keys_returns_keys_typed_together_once(terminal):
     with read_keys() as pressed:
         terminal.type("us")
         assert pressed() == "us"
         assert pressed() == ""
 
 
-def test_an_arrow_key_is_not_the_letter_that_it_ends_with(terminal):
+def test_read_keys_ignores_arrow_and_other_escape_sequences(terminal):
     with read_keys() as pressed:
         terminal.type("\x1b[A\x1bOB\x1b[1;5Cs")
         assert pressed() == "s"
 
 
-def test_keys_left_unread_do_not_answer_the_next_question(terminal):
+def test_prompt_ignores_keys_left_unread_before_it(terminal):
     with read_keys():
         terminal.type("y\n")
     terminal.texts = ["n\n"]
     assert confirm("Save?") is False
 
 
-def test_every_question_of_the_command_line_is_asked_in_this_way():
+def test_prompts_are_read_only_in_the_terminal_module():
     elsewhere = re.compile(r"typer\.(confirm|prompt)|\binput\(|stdin\.read")
     sources = Path(ikservo.cli.__file__).parent.rglob("*.py")
     found = [path.name for path in sources if elsewhere.search(path.read_text("utf-8"))]

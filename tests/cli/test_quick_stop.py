@@ -67,13 +67,13 @@ def run_stop(*args, code=0):
         ("--arm", str(Path(ARM_FILE).parent), "--port={device}"),
     ],
 )
-def test_stop_loads_no_large_module_where_a_program_has_the_arm(device, args):
+def test_stop_command_loads_no_large_module(device, args):
     report, modules = run_stop(*(arg.format(device=device) for arg in args))
     assert [arm["held"] for arm in report["arms"]] == [["gripper"]]
     assert not HEAVY & modules
 
 
-def test_a_name_stops_the_arms_of_that_name_only(device, tmp_path):
+def test_stop_command_with_arm_stops_only_that_arm(device, tmp_path):
     other = {"arm": "koch", "port": str(tmp_path / "ttyACM1")}
     asked = []
 
@@ -91,7 +91,7 @@ def test_a_name_stops_the_arms_of_that_name_only(device, tmp_path):
 
 
 @pytest.mark.full
-def test_the_arms_of_another_packages_network_are_stopped_too(device, tmp_path, monkeypatch):
+def test_stop_command_also_stops_arms_of_other_networks(device, tmp_path, monkeypatch):
     package = tmp_path / "site" / "other-1.0.dist-info"
     package.mkdir(parents=True)
     (package / "entry_points.txt").write_text("[ikservo.networks]\nother = other_network:NETWORK\n")

@@ -13,20 +13,20 @@ def test_readme_shows_what_the_demo_runs():
     assert f"```console\n$ {demo}\n" in README
 
 
-def test_readme_leads_from_plugging_in_to_the_first_motion():
+def test_readme_leads_from_setup_to_the_first_motion():
     journey = README.partition("## First motion")[2].partition("\n## ")[0]
     commands = re.findall(r"^ikservo (\w+)", journey, re.M)
     assert commands == ["setup", "doctor", "calibrate", "move", "relax"]
 
 
-def test_readme_warns_before_the_first_command_that_needs_an_arm():
+def test_readme_warns_before_first_command_that_needs_an_arm():
     assert "one hand at the switch" in " ".join(README.partition("ikservo setup")[0].split())
 
 
-def test_readme_says_how_the_command_gets_on_the_path():
+def test_readme_tells_how_to_put_ikservo_on_the_path():
     assert "source .venv/bin/activate" in README
 
 
-def test_readme_is_short():
+def test_readme_has_at_most_110_lines_and_900_words():
     assert len(README.splitlines()) <= 110
     assert len(README.split()) <= 900

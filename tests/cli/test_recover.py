@@ -27,7 +27,7 @@ def overload(servo):
         servo.watch.bits |= OVERLOAD
 
 
-def test_a_feetech_servo_is_switched_off_and_on(run_cli, monkeypatch):
+def test_recover_switches_overloaded_feetech_torque_off_and_on(run_cli, monkeypatch):
     ports = change_bus(monkeypatch, overloaded(3))
     result = run_cli("recover --arm so101 --port sim --json")
     assert result.code == 0
@@ -38,21 +38,21 @@ def test_a_feetech_servo_is_switched_off_and_on(run_cli, monkeypatch):
     assert ports[0].line.servos[3].read("torque_enable") == 1
 
 
-def test_a_limp_feetech_servo_stays_limp(run_cli, monkeypatch):
+def test_recover_leaves_limp_feetech_servo_limp(run_cli, monkeypatch):
     ports = change_bus(monkeypatch, overloaded(3, torque=0))
     row = run_cli("recover --arm so101 --port sim --json").json["servos"][2]
     assert (row["after"], row["torque"]) == ([], False)
     assert ports[0].line.servos[3].read("torque_enable") == 0
 
 
-def test_servos_without_an_alarm_keep_their_torque(run_cli, monkeypatch):
+def test_recover_keeps_torque_of_servos_without_alarm(run_cli, monkeypatch):
     ports = change_bus(monkeypatch, overloaded(3))
     rows = run_cli("recover --arm so101 --port sim --json").json["servos"]
     assert [row["action"] for row in rows].count("had no alarm") == 5
     assert [s.read("torque_enable") for s in ports[0].line.world.servos] == [1] * 6
 
 
-def test_with_torque_every_goal_is_where_its_joint_is(run_cli, monkeypatch):
+def test_recover_sets_goals_to_present_positions(run_cli, monkeypatch):
     def change(line):
         overloaded(3)(line)
         for servo in line.world.servos:
@@ -64,7 +64,7 @@ def test_with_torque_every_goal_is_where_its_joint_is(run_cli, monkeypatch):
         assert abs(servo.read("goal_position") - servo.read("present_position")) <= 2
 
 
-def test_without_torque_no_goal_is_written(run_cli, monkeypatch):
+def test_recover_of_limp_arm_writes_no_goal(run_cli, monkeypatch):
     def change(line):
         overloaded(3, torque=0)(line)
         for servo in line.world.servos:
@@ -76,7 +76,7 @@ def test_without_torque_no_goal_is_written(run_cli, monkeypatch):
     assert not any(s.drive.torque_on for s in ports[0].line.world.servos)
 
 
-def test_a_dynamixel_keeps_its_alarm_until_it_may_restart(run_cli, monkeypatch):
+def test_recover_keeps_dynamixel_alarm_without_reboot(run_cli, monkeypatch):
     ports = change_bus(monkeypatch, overloaded(2))
     result = run_cli("recover --arm koch --port sim")
     assert result.code == 5
@@ -85,7 +85,7 @@ def test_a_dynamixel_keeps_its_alarm_until_it_may_restart(run_cli, monkeypatch):
     assert ports[0].line.servos[2].boot_s == 0.0
 
 
-def test_a_dynamixel_is_restarted_on_request(run_cli, monkeypatch):
+def test_recover_reboot_restarts_the_dynamixel(run_cli, monkeypatch):
     ports = change_bus(monkeypatch, overloaded(2))
     result = run_cli("recover --arm koch --port sim --reboot --json")
     assert result.code == 0
@@ -97,13 +97,13 @@ def test_a_dynamixel_is_restarted_on_request(run_cli, monkeypatch):
     assert (servo.boot_s > 0.0, servo.read("torque_enable")) == (True, 0)
 
 
-def test_only_servos_with_an_alarm_restart(run_cli, monkeypatch):
+def test_recover_reboot_restarts_only_servos_with_alarm(run_cli, monkeypatch):
     ports = change_bus(monkeypatch, overloaded(2))
     run_cli("recover --arm koch --port sim --reboot")
     assert [servo.boot_s > 0.0 for servo in ports[0].line.world.servos].count(True) == 1
 
 
-def test_at_a_wrong_voltage_torque_stays_off(run_cli, monkeypatch):
+def test_recover_at_wrong_voltage_leaves_torque_off(run_cli, monkeypatch):
     def change(line):
         overloaded(3)(line)
         line.servos[3].memory.put("max_voltage_limit", 60)
@@ -117,7 +117,7 @@ def test_at_a_wrong_voltage_torque_stays_off(run_cli, monkeypatch):
     assert ports[0].line.servos[3].read("torque_enable") == 0
 
 
-def test_a_silent_servo_does_not_keep_the_others_from_recovering(run_cli, monkeypatch):
+def test_recover_continues_if_one_servo_is_silent(run_cli, monkeypatch):
     def change(line):
         overloaded(3)(line)
         line.servos[2].powered = False
@@ -128,7 +128,7 @@ def test_a_silent_servo_does_not_keep_the_others_from_recovering(run_cli, monkey
     assert [row["torque"] for row in result.json["servos"]] == [True, None, True, True, True, True]
 
 
-def test_a_healthy_arm_is_left_alone(run_cli):
+def test_recover_leaves_healthy_arm_alone(run_cli):
     result = run_cli("recover --arm so101 --port sim")
     assert result.code == 0
     assert result.err == (
@@ -161,7 +161,7 @@ def test_recover_says_which_joints_are_limp(run_cli, monkeypatch, torques, said)
         ("recover --arm so101 --port /dev/ttyNONE7", 3, "/dev/ttyNONE7"),
     ],
 )
-def test_bad_input_is_one_clear_error(run_cli, words, code, message):
+def test_recover_with_bad_input_gives_one_error(run_cli, words, code, message):
     result = run_cli(words)
     assert result.code == code
     assert message in result.err

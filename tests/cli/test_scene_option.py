@@ -51,7 +51,7 @@ def test_replay_is_refused_by_thing_of_scene(run_cli, tmp_path, recorded):
         "joints a=1",
     ],
 )
-def test_command_reads_scene(run_cli, tmp_path, recorded, command):
+def test_command_with_scene_option_reads_the_scene_file(run_cli, tmp_path, recorded, command):
     file = recorded
     if "program" in command:
         file = tmp_path / "tea.toml"
@@ -62,7 +62,7 @@ def test_command_reads_scene(run_cli, tmp_path, recorded, command):
     assert done.code not in (0, 1)
 
 
-def test_width_of_arm_without_widths_names_command_that_works(run_cli):
+def test_gripper_width_hint_names_a_joints_command_that_works(run_cli):
     refused = run_cli("gripper 30mm --arm so101 --port sim --yes")
     assert refused.code == 2
     hint = re.search(r"ikservo (joints \S+=[-0-9.]+)", refused.err)

@@ -34,14 +34,14 @@ def arm(tmp_path, monkeypatch):
         yield arm
 
 
-def test_each_camera_says_what_it_sees(arm):
+def test_each_named_camera_uses_its_own_calibration(arm):
     assert camera_names("so101", SIMULATED) == ["", "left"]
     here = arm.camera.point_on_table(480, 500)
     there = arm.camera.named("left").point_on_table(480, 500)
     assert there - here == pytest.approx([0.0, 0.1, 0.0])
 
 
-def test_look_and_check_choose_by_name(arm, run_cli):
+def test_look_and_camera_check_choose_camera_by_name(arm, run_cli):
     arm.close()
     here = run_cli(f"look 480 500 --arm {ARM} --json").json["point_m"]
     there = run_cli(f"look 480 500 --arm {ARM} --camera-name left --json").json["point_m"]
@@ -62,7 +62,7 @@ def test_look_chooses_camera_by_source(arm, run_cli):
     assert "calibrated with camera sim, not rtsp://" in other.err
 
 
-def test_an_unknown_name_is_refused_and_the_known_ones_are_named(arm, run_cli):
+def test_unknown_camera_name_lists_the_known_ones(arm, run_cli):
     with pytest.raises(UnknownNameError, match="no camera named 'right'") as refused:
         arm.camera.named("right")
     assert "Known: left" in refused.value.hint
@@ -73,7 +73,7 @@ def test_an_unknown_name_is_refused_and_the_known_ones_are_named(arm, run_cli):
     assert "--camera-name is '../a'" in run_cli(words).err
 
 
-def test_one_of_several_is_named_and_a_single_one_need_not_be(arm):
+def test_camera_name_is_needed_only_if_there_are_several(arm):
     camera, known = load_camera("so101", SIMULATED, "left")
     folder = ikservo.calibration.paths.camera_path("so101", SIMULATED)
     folder.unlink()
@@ -84,9 +84,7 @@ def test_one_of_several_is_named_and_a_single_one_need_not_be(arm):
     assert "left, right" in refused.value.hint
 
 
-def test_a_calibration_keeps_them_and_one_of_before_is_written_as_it_was(
-    arm, tmp_path, monkeypatch
-):
+def test_calibration_keeps_several_cameras_and_old_format_of_one(arm, tmp_path, monkeypatch):
     camera = load_camera("so101", SIMULATED)[0]
     mounted = connect_arm(monkeypatch, "so101")
     plain = write_calibration(mounted)

@@ -9,14 +9,14 @@ from ikservo.model import load_model
 from tests.oracle import ARMS, tip_from_joints
 
 
-def test_the_joints_it_prints_put_the_tip_there(run_cli):
+def test_solve_joints_put_the_tip_at_the_point(run_cli):
     answer = run_cli("solve 0.25 0.05 0.15 --arm so101 --json").json
     names = ("shoulder_pan", "shoulder_lift", "elbow_flex", "wrist_flex", "wrist_roll")
     tip = tip_from_joints("so101", dict(zip(names, answer["q_rad"], strict=True)))
     np.testing.assert_allclose(tip, (0.25, 0.05, 0.15), atol=1e-5)
 
 
-def test_the_json_has_the_keys_that_others_rely_on(run_cli):
+def test_solve_json_has_the_expected_keys(run_cli):
     assert set(run_cli("solve 0.25 0.05 0.15 --arm so101 --json").json) == {
         "schema", "reached", "q_rad", "joints_rad", "limit_from", "position_error_m",
         "orientation_error_rad", "method", "iterations", "nearest_m", "binding", "solutions",
@@ -24,42 +24,42 @@ def test_the_json_has_the_keys_that_others_rely_on(run_cli):
     }  # fmt: skip
 
 
-def test_units_may_be_written_behind_the_number(run_cli):
+def test_solve_takes_units_behind_numbers(run_cli):
     metres = run_cli("solve 0.25 -0.05 0.15 --arm so101 --json").json
     assert run_cli("solve 250mm -5cm .15m --arm so101 --json").json == metres
 
 
-def test_out_of_reach_is_exit_7_with_the_nearest_point(run_cli):
+def test_solve_out_of_reach_exits_7_with_nearest_point(run_cli):
     result = run_cli("solve 0.9 0 0.2 --arm so101 --json")
     assert result.code == 7
     assert result.json["reached"] is False
     assert 0.3 < result.json["nearest_m"][0] < 0.5
 
 
-def test_for_a_person_the_nearest_point_is_in_words(run_cli):
+def test_solve_text_tells_distance_to_nearest_point(run_cli):
     assert "mm away" in run_cli("solve 0.9 0 0.2 --arm so101").out
 
 
 @pytest.mark.parametrize("arm", ARMS)
-def test_a_bare_urdf_needs_its_tip_named(run_cli, arm):
+def test_solve_of_bare_urdf_needs_its_tip(run_cli, arm):
     result = run_cli(f"solve 0.1 0.1 0.1 --arm configs/{arm}/arm.urdf --json")
     assert result.code == 2
     assert "which link is the tool" in result.json["error"]
 
 
-def test_a_bare_urdf_with_a_tip_is_solved(run_cli):
+def test_solve_of_bare_urdf_with_tip_works(run_cli):
     result = run_cli("solve 0.25 0.05 0.15 --arm configs/so101/arm.urdf --tip gripper_frame --json")
     assert result.json["reached"] is True
 
 
-def test_without_an_arm_the_arms_are_listed(run_cli):
+def test_solve_without_an_arm_lists_the_arms(run_cli):
     result = run_cli("solve 0.2 0 0.1")
     assert result.code == 2
     assert "No arm given." in result.err
     assert "so101" in result.err
 
 
-def test_the_arm_may_come_from_the_environment(run_cli, monkeypatch):
+def test_solve_takes_arm_from_the_environment(run_cli, monkeypatch):
     monkeypatch.setenv("IKSERVO_ARM", "so101")
     assert run_cli("solve 0.25 0.05 0.15").code == 0
 
@@ -70,13 +70,13 @@ def tool_of_so101(q_rad):
     return math.degrees(math.asin(chain.forward(q_rad)[2, 2]))
 
 
-def test_the_tool_stands_as_steep_as_asked(run_cli):
+def test_solve_meets_the_requested_pitch(run_cli):
     answer = run_cli("solve 0.2 0.05 0.1 --arm so101 --pitch -60 --json").json
     assert answer["reached"] is True
     assert tool_of_so101(answer["q_rad"]) == pytest.approx(-60.0, abs=0.5)
 
 
-def test_the_tool_keeps_how_it_stands_at_home(run_cli):
+def test_solve_keep_holds_the_home_orientation(run_cli):
     model = load_model("wx250s")
     x, y, z = model.chain.forward(model.chain_pose("home"))[:3, 3] + (0.02, 0.03, 0.0)
     answer = run_cli(f"solve {x} {y} {z} --arm wx250s --keep --json").json
@@ -85,13 +85,13 @@ def test_the_tool_keeps_how_it_stands_at_home(run_cli):
     np.testing.assert_allclose(turned, home, atol=1e-2)
 
 
-def test_an_orientation_that_cannot_be_had_is_exit_7_and_says_what_can(run_cli):
+def test_solve_with_impossible_pitch_exits_7(run_cli):
     result = run_cli("solve 0.3 0 0.1 --arm so101 --pitch 89")
     assert result.code == 7
     assert "pitch 89.0° is not possible at" in result.err
 
 
-def test_what_points_in_a_direction_is_the_tool_of_the_arm(run_cli):
+def test_solve_direction_applies_to_the_tool_axis_of_the_arm(run_cli):
     answer = run_cli("solve 0.15 0 0.05 --arm px100 --direction 0,0,-1 --json").json
     pointed = load_model("px100").chain.forward(answer["q_rad"])[:3, 0]
     np.testing.assert_allclose(pointed, (0, 0, -1), atol=1e-3)
@@ -100,13 +100,13 @@ def test_what_points_in_a_direction_is_the_tool_of_the_arm(run_cli):
 @pytest.mark.parametrize(
     "other", ["--all", "--compare", "--trace", "--method ccd", "--tool-axis z"]
 )
-def test_an_orientation_is_solved_in_one_way_only(run_cli, other):
+def test_solve_refuses_pitch_with_conflicting_options(run_cli, other):
     result = run_cli(f"solve 0.2 0.05 0.1 --arm so101 --pitch -60 {other}")
     assert result.code == 2
     assert "cannot be combined" in result.err
 
 
-def test_a_direction_and_a_pitch_exclude_each_other(run_cli):
+def test_solve_refuses_direction_together_with_pitch(run_cli):
     result = run_cli("solve 0.25 0.05 0.15 --arm so101 --direction 0,1,0 --pitch 30")
     assert result.code == 2
     assert "a direction, or a pitch" in result.err

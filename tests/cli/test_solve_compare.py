@@ -24,25 +24,25 @@ def tip_of_so101(q_rad):
 
 
 @pytest.mark.parametrize("method", LECTURE)
-def test_a_method_of_the_lecture_can_be_asked_for(run_cli, method):
+def test_solve_method_answers_with_the_chosen_method(run_cli, method):
     answer = run_cli(f"{POINT} --method {method} --json").json
     assert answer["method"] == method
     np.testing.assert_allclose(tip_of_so101(answer["q_rad"]), (0.25, 0.05, 0.15), atol=1e-5)
 
 
-def test_a_comparison_has_a_row_for_every_method(run_cli):
+def test_solve_compare_has_a_row_for_every_method(run_cli):
     rows = [line.split() for line in run_cli(f"{POINT} --compare").out.splitlines()]
     assert rows[0] == ["method", "reached", "iterations", "time", "error"]
     assert [row[0] for row in rows[1:]] == ["bounded", "closed_form", *LECTURE]
     assert {row[1] for row in rows[1:]} == {"yes"}
 
 
-def test_every_time_and_error_of_a_comparison_has_a_unit(run_cli):
+def test_solve_compare_has_units_for_time_and_error(run_cli):
     row = run_cli(f"{POINT} --compare").out.splitlines()[-1]
     assert re.fullmatch(r"ccd +yes +\d+ +[\d.]+ ms +[\d.]+ mm", row.strip())
 
 
-def test_each_answer_of_a_comparison_is_true(run_cli):
+def test_solve_compare_errors_match_forward_kinematics(run_cli):
     for entry in run_cli(f"{POINT} --compare --json").json["methods"]:
         tip = tip_of_so101(entry["q_rad"])
         gap_m = float(np.linalg.norm(tip - (0.25, 0.05, 0.15)))
@@ -50,7 +50,7 @@ def test_each_answer_of_a_comparison_is_true(run_cli):
         assert entry["time_s"] > 0
 
 
-def test_the_json_of_a_comparison_has_the_keys_that_others_rely_on(run_cli):
+def test_solve_compare_json_has_the_expected_keys(run_cli):
     answer = run_cli(f"{POINT} --compare --json").json
     assert answer["schema"] == "ikservo/compare/1"
     assert answer["target_m"] == [0.25, 0.05, 0.15]
@@ -60,7 +60,7 @@ def test_the_json_of_a_comparison_has_the_keys_that_others_rely_on(run_cli):
     }  # fmt: skip
 
 
-def test_a_comparison_out_of_reach_is_exit_7_with_how_far_each_came(run_cli):
+def test_solve_compare_out_of_reach_exits_7_with_each_error(run_cli):
     result = run_cli("solve 0.9 0.9 0.05 --arm planar3 --compare --json")
     assert result.code == 7
     best = math.hypot(0.9, 0.9) - 0.32
@@ -70,7 +70,7 @@ def test_a_comparison_out_of_reach_is_exit_7_with_how_far_each_came(run_cli):
 
 
 @pytest.mark.full
-def test_a_comparison_names_the_limits_that_bind_and_where_they_come_from(run_cli):
+def test_solve_compare_names_binding_limits_and_their_source(run_cli):
     question = "solve --arm so101 --json"
     compared, alone = (
         run_cli(f"{question} {how} -- 0.02 0 -0.2").json
@@ -82,36 +82,36 @@ def test_a_comparison_names_the_limits_that_bind_and_where_they_come_from(run_cl
     assert compared["limit_from"] == alone["limit_from"]
 
 
-def test_where_one_method_hands_over_to_another_the_row_says_so(run_cli):
+def test_solve_compare_names_the_method_that_took_over(run_cli):
     result = run_cli("solve 0.9 0 0.2 --arm so101 --compare")
     assert "closed_form (by bounded)" in result.out
 
 
-def test_with_a_wanted_direction_the_angle_is_compared_too(run_cli):
+def test_solve_compare_with_direction_has_an_angle_column(run_cli):
     result = run_cli(f"{FLAT} --direction 1,0,0 --tool-axis x --compare")
     assert result.out.splitlines()[0].split()[-1] == "angle"
     assert result.out.splitlines()[1].endswith("°")
 
 
-def test_a_wanted_direction_is_met(run_cli):
+def test_solve_meets_the_requested_direction(run_cli):
     answer = run_cli(f"{FLAT} --direction 0,1,0 --tool-axis x --json").json
     assert answer["reached"]
     assert sum(answer["q_rad"]) == pytest.approx(math.pi / 2, abs=1e-4)
 
 
-def test_a_direction_may_begin_with_a_minus(run_cli):
+def test_solve_direction_may_begin_with_a_minus(run_cli):
     words = f"{FLAT} --direction -0.5,1,0 --tool-axis x --json"
     assert sum(run_cli(words).json["q_rad"]) == pytest.approx(math.atan2(1.0, -0.5), abs=1e-4)
 
 
-def test_a_direction_that_cannot_be_had_is_reported_in_degrees(run_cli):
+def test_solve_reports_impossible_direction_in_degrees(run_cli):
     result = run_cli(f"{FLAT} --direction 0,0,1 --tool-axis x")
     assert result.code == 7
     assert "out of reach: the links are too short" in result.out
     assert "0.0 mm and 90.0° away" in result.out
 
 
-def test_all_solutions_reach_and_differ(run_cli):
+def test_solve_all_lists_solutions_that_reach_and_differ(run_cli):
     found = run_cli(f"{FLAT} --direction 1,0,0 --tool-axis x --all --json").json
     assert found["schema"] == "ikservo/solutions/1"
     joints = [solution["q_rad"] for solution in found["solutions"]]
@@ -123,35 +123,35 @@ def test_all_solutions_reach_and_differ(run_cli):
     assert np.abs(np.subtract(*joints)).max() > 0.1
 
 
-def test_all_solutions_are_a_table_in_degrees(run_cli):
+def test_solve_all_prints_a_table_in_degrees(run_cli):
     lines = run_cli(f"{FLAT} --all").out.splitlines()
     assert lines[0].split() == ["#", "joint1", "joint2", "joint3", "error"]
     assert re.fullmatch(r"1( +-?[\d.]+°){3} +0\.0000 mm", lines[1].strip())
 
 
-def test_where_the_last_link_is_free_its_directions_are_reported(run_cli):
+def test_solve_all_reports_a_one_parameter_family(run_cli):
     assert "one-parameter family" in run_cli(f"{FLAT} --all").out
 
 
-def test_without_any_solution_the_nearest_point_is_reported(run_cli):
+def test_solve_all_without_solution_tells_the_nearest_point(run_cli):
     result = run_cli("solve 0.9 0 0.05 --arm planar3 --all")
     assert result.code == 7
     assert "mm away" in result.out
 
 
-def test_without_any_solution_the_list_is_empty(run_cli):
+def test_solve_all_without_solution_has_an_empty_json_list(run_cli):
     result = run_cli("solve 0.9 0 0.05 --arm planar3 --all --json")
     assert result.code == 7
     assert result.json["solutions"] == []
 
 
-def test_an_arm_without_a_closed_form_says_so(run_cli, skewed):
+def test_solve_all_refuses_arm_without_closed_form(run_cli, skewed):
     result = run_cli(f"solve 0.1 0.1 0.1 --arm {skewed} --tip tip --all")
     assert result.code == 2
     assert "has no closed-form solution" in result.err
 
 
-def test_an_arm_without_a_closed_form_is_compared_without_it(run_cli, skewed):
+def test_solve_compare_omits_closed_form_if_arm_has_none(run_cli, skewed):
     result = run_cli(f"solve 0.1 0.1 0.1 --arm {skewed} --tip tip --compare --json")
     assert [e["method"] for e in result.json["methods"]] == ["bounded", *LECTURE]
 
@@ -178,7 +178,7 @@ def traced(result):
 
 
 @pytest.mark.parametrize("method", ["bounded", *LECTURE])
-def test_a_trace_is_one_object_for_each_iterate(run_cli, method):
+def test_solve_trace_prints_one_object_per_iteration(run_cli, method):
     lines = traced(run_cli(f"{POINT} --method {method} --trace"))
     assert [line["iteration"] for line in lines] == list(range(len(lines)))
     assert set(lines[0]) == {
@@ -187,24 +187,24 @@ def test_a_trace_is_one_object_for_each_iterate(run_cli, method):
     assert {line["schema"] for line in lines} == {"ikservo/trace/1"}
 
 
-def test_a_trace_begins_at_home_and_ends_at_the_target(run_cli):
+def test_solve_trace_begins_at_home_and_ends_at_the_target(run_cli):
     lines = traced(run_cli(f"{POINT} --method ccd --trace"))
     assert np.degrees(lines[0]["q_rad"]).round(6).tolist() == [0, -45, 45, 60, 0]
     assert lines[-1]["position_error_m"] <= 1e-5
 
 
-def test_the_errors_of_a_trace_are_those_of_its_joints(run_cli):
+def test_solve_trace_errors_match_its_joints(run_cli):
     for line in traced(run_cli(f"{POINT} --method transpose --trace"))[::10]:
         gap_m = float(np.linalg.norm(tip_of_so101(line["q_rad"]) - (0.25, 0.05, 0.15)))
         assert line["position_error_m"] == pytest.approx(gap_m, abs=1e-9)
 
 
-def test_a_comparison_can_be_traced(run_cli):
+def test_solve_compare_with_trace_has_every_method(run_cli):
     lines = traced(run_cli(f"{FLAT} --compare --trace"))
     assert {line["method"] for line in lines} == {"bounded", "closed_form", *LECTURE}
 
 
-def test_a_trace_that_does_not_arrive_is_exit_7(run_cli):
+def test_solve_trace_that_does_not_arrive_exits_7(run_cli):
     assert run_cli("solve 0.9 0 0.05 --arm planar3 --method ccd --trace").code == 7
 
 
@@ -223,14 +223,14 @@ def test_a_trace_that_does_not_arrive_is_exit_7(run_cli):
         ("--tool-axis w", "'w' is not a direction"),
     ],
 )
-def test_what_makes_no_sense_is_refused_before_any_work(run_cli, words, message):
+def test_solve_refuses_contradicting_options_before_any_work(run_cli, words, message):
     result = run_cli(f"{FLAT} {words}")
     assert result.code == 2
     assert message in result.err
     assert result.out == ""
 
 
-def test_without_matplotlib_the_extra_is_named(run_cli, monkeypatch, tmp_path):
+def test_solve_plot_without_matplotlib_names_the_extra(run_cli, monkeypatch, tmp_path):
     monkeypatch.setattr("ikservo.cli.plots.find_spec", lambda _: None)
     result = run_cli(f"{FLAT} --plot {tmp_path}/arm.svg")
     assert result.code == 1
@@ -243,7 +243,7 @@ def words_of(svg):
 
 
 @pytest.mark.full
-def test_the_picture_of_a_comparison_names_every_method_and_has_units(run_cli, tmp_path):
+def test_solve_compare_plot_names_every_method_and_units(run_cli, tmp_path):
     file = tmp_path / "methods.svg"
     result = run_cli(f"{POINT} --compare --plot {file}")
     assert result.err.endswith(f"Picture: {file}\n")
@@ -255,26 +255,26 @@ def test_the_picture_of_a_comparison_names_every_method_and_has_units(run_cli, t
 
 
 @pytest.mark.full
-def test_a_wanted_direction_has_a_curve_of_its_own(run_cli, tmp_path):
+def test_solve_plot_with_direction_has_an_angle_curve(run_cli, tmp_path):
     file = tmp_path / "arm.svg"
     run_cli(f"{FLAT} --direction 1,0,0 --tool-axis x --method ccd --plot {file}")
     assert "angle left [°]" in words_of(file)
 
 
 @pytest.mark.full
-def test_an_arm_in_a_plane_is_drawn_from_above_only(run_cli, tmp_path):
+def test_solve_plot_of_planar_arm_shows_only_the_top_view(run_cli, tmp_path):
     file = tmp_path / "arm.svg"
     run_cli(f"{FLAT} --method ccd --plot {file}")
     assert "z [m]" not in words_of(file)
 
 
-def test_out_of_reach_the_picture_says_how_far_each_is_short(run_cli, tmp_path):
+def test_solve_plot_out_of_reach_tells_the_distance(run_cli, tmp_path):
     file = tmp_path / "arm.svg"
     assert run_cli(f"solve 0.9 0 0.05 --arm planar3 --method ccd --plot {file}").code == 7
     assert any(re.fullmatch(r"ccd, 5\d\d\.\d mm short", word) for word in words_of(file))
 
 
-def test_all_solutions_are_drawn_without_curves(run_cli, tmp_path):
+def test_solve_all_plot_has_no_iteration_curves(run_cli, tmp_path):
     file = tmp_path / "arm.svg"
     run_cli(f"{FLAT} --all --plot {file}")
     words = words_of(file)
@@ -283,20 +283,20 @@ def test_all_solutions_are_drawn_without_curves(run_cli, tmp_path):
 
 
 @pytest.mark.campaign
-def test_the_same_question_draws_the_same_picture(run_cli, tmp_path):
+def test_solve_plot_is_deterministic(run_cli, tmp_path):
     first, second = tmp_path / "a.svg", tmp_path / "b.svg"
     for file in (first, second):
         run_cli(f"{FLAT} --method ccd --plot {file}")
     assert first.read_bytes() == second.read_bytes()
 
 
-def test_a_png_is_a_png(run_cli, tmp_path):
+def test_solve_plot_writes_a_png(run_cli, tmp_path):
     run_cli(f"{FLAT} --method ccd --plot {tmp_path}/arm.PNG")
     assert (tmp_path / "arm.PNG").read_bytes().startswith(b"\x89PNG")
 
 
 @pytest.mark.parametrize("name", ARMS)
-def test_the_drawn_line_leads_from_the_base_to_the_tip(name):
+def test_solve_plot_line_leads_from_base_to_tip(name):
     model = load_model(name)
     home = model.chain_pose("home")
     line, joints = arm_polyline(model, home)
@@ -305,19 +305,19 @@ def test_the_drawn_line_leads_from_the_base_to_the_tip(name):
     assert len(joints) == model.chain.dof
 
 
-def test_solve_and_python_find_the_same_joints(run_cli):
+def test_solve_command_and_python_find_the_same_joints(run_cli):
     found = run_cli(f"{POINT} --json").json["q_rad"]
     assert found == ikservo.solve("so101", (0.25, 0.05, 0.15)).q.tolist()
 
 
 @pytest.mark.parametrize("compiled", [True, False])
-def test_a_comparison_says_which_methods_are_compiled(run_cli, monkeypatch, compiled):
+def test_solve_compare_says_which_methods_are_compiled(run_cli, monkeypatch, compiled):
     monkeypatch.setattr("ikservo.cli.solve_reports.is_compiled", lambda: compiled)
     methods = run_cli(f"{POINT} --compare --json").json["methods"]
     assert [m["method"] for m in methods if m["compiled"]] == ["bounded"] * compiled
     assert ("bounded runs compiled" in run_cli(f"{POINT} --compare").err) == compiled
 
 
-def test_joints_outside_the_limits_are_not_asked_about_in_degrees(run_cli):
+def test_joints_beyond_limits_are_not_asked_about_in_degrees(run_cli):
     result = run_cli("joints elbow_flex=200 --arm so101 --port sim")
     assert (result.code, "Did you mean" in result.err) == (8, False)

@@ -28,14 +28,14 @@ def file():
     return save_calibration(calibration)
 
 
-def test_what_the_arm_file_reaches_may_be_beyond_the_sweep(run_cli, file):
+def test_solve_refuses_point_beyond_the_swept_range(run_cli, file):
     assert run_cli(f"solve {AT_THE_SIDE}").code == 7
     file.unlink()
     (file.parent / "so101-OLDER.toml").unlink()
     assert run_cli(f"solve {AT_THE_SIDE}").code == 0
 
 
-def test_the_limit_that_binds_names_the_sweep(run_cli, file):
+def test_solve_names_the_sweep_as_binding_limit(run_cli, file):
     binding = run_cli(f"solve {AT_THE_SIDE} --json").json["binding"]
     assert any(
         words.startswith("shoulder_pan at its ") and words.endswith("(hand sweep of 2026-11-02)")
@@ -43,29 +43,29 @@ def test_the_limit_that_binds_names_the_sweep(run_cli, file):
     )
 
 
-def test_each_joint_says_where_its_limits_come_from(run_cli, file):
+def test_solve_json_tells_the_source_of_each_limit(run_cli, file):
     assert any("hand sweep" in s for s in run_cli(f"solve {AT_THE_SIDE} --json").json["limit_from"])
 
 
-def test_which_file_is_used_is_said_on_stderr(run_cli, file):
+def test_solve_tells_on_stderr_which_calibration_it_uses(run_cli, file):
     result = run_cli(f"solve {AT_THE_SIDE}")
     assert result.err == f"Limits from calibration: {file} (the newest; 1 older beside it)\n"
 
 
 @pytest.mark.sample(2)
 @pytest.mark.parametrize("how", ["--all", "--compare", "--method closed_form", "--pitch 0"])
-def test_every_way_of_solving_keeps_to_the_sweep(run_cli, file, how):
+def test_solve_keeps_to_the_sweep_with_every_method(run_cli, file, how):
     assert run_cli(f"solve {AT_THE_SIDE} {how}").code == 7
 
 
-def test_the_workspace_is_that_of_the_sweep(run_cli, file):
+def test_workspace_keeps_to_the_sweep(run_cli, file):
     result = run_cli(f"workspace --arm so101 --point {AT_THE_SIDE.split(' --', maxsplit=1)[0]}")
     assert result.code == 7
     assert "(hand sweep of 2026-11-02)" in result.out
     assert str(file) in result.err
 
 
-def test_a_spoiled_calibration_is_one_clear_error(run_cli, file):
+def test_solve_with_damaged_calibration_gives_one_error(run_cli, file):
     file.write_text("format = 1\n")
     result = run_cli(f"solve {AT_THE_SIDE}")
     assert result.code != 0

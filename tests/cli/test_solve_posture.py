@@ -8,21 +8,21 @@ from ikservo.model import load_model
 from tests.oracle import ARMS
 
 
-def test_it_says_whether_there_are_other_solutions(run_cli):
+def test_solve_tells_whether_there_are_other_solutions(run_cli):
     assert "one of 2 solutions" in run_cli("solve 0.2 0.1 0.05 --arm planar2").out
     assert "one-parameter family" in run_cli("solve 0.2 0.1 0.05 --arm planar3").out
 
 
-def test_the_json_says_the_same_in_numbers(run_cli):
+def test_solve_json_tells_kind_and_count_of_solutions(run_cli):
     found = run_cli("solve 0.2 0.1 0.05 --arm planar2 --json").json["solutions"]
     assert found == {"kind": "several", "count": 2, "freedom": 0}
 
 
-def test_out_of_reach_there_is_none(run_cli):
+def test_solve_out_of_reach_has_no_other_solutions(run_cli):
     assert run_cli("solve 0.9 0 0.2 --arm so101 --json").json["solutions"]["kind"] == "none"
 
 
-def test_it_says_how_freely_the_tip_moves_and_where_it_would_not(run_cli):
+def test_solve_tells_manipulability_and_nearest_singularity(run_cli):
     result = run_cli("solve 0.2 0.1 0.05 --arm planar2")
     assert "mm/rad" in result.out
     assert "manipulability" in result.out
@@ -30,19 +30,19 @@ def test_it_says_how_freely_the_tip_moves_and_where_it_would_not(run_cli):
 
 
 @pytest.mark.parametrize("arm", ARMS)
-def test_no_line_of_it_is_wider_than_80_columns(run_cli, arm):
+def test_solve_text_is_at_most_80_columns_wide(run_cli, arm):
     z = 0.05 if arm.startswith("planar") else 0.15
     result = run_cli(f"solve 0.15 0.05 {z} --arm {arm} --force 0.5 -12.25 -5")
     assert max(map(len, result.out.splitlines())) <= 80
 
 
-def test_the_torques_of_a_force_are_those_of_virtual_work(run_cli):
+def test_solve_force_torques_match_virtual_work(run_cli):
     answer = run_cli("solve 0.25 0.05 0.15 --arm so101 --force 1 -0.5N -500mN --json").json
     expected = joint_torques(load_model("so101").chain, answer["q_rad"], (1.0, -0.5, -0.5))
     np.testing.assert_allclose(answer["torques_nm"], expected)
 
 
-def test_for_a_person_each_joint_has_its_line(run_cli):
+def test_solve_force_text_has_a_torque_line_per_joint(run_cli):
     result = run_cli("solve 0.25 0.05 0.15 --arm so101 --force 0 0 -5")
     for name in load_model("so101").chain.names:
         assert any(
@@ -51,18 +51,18 @@ def test_for_a_person_each_joint_has_its_line(run_cli):
 
 
 @pytest.mark.parametrize("force", ["0 0 nan", "0 0 inf", "0 x 0", "0 0 5kg", "0 0"])
-def test_what_is_no_force_is_a_usage_error(run_cli, force):
+def test_solve_refuses_an_invalid_force(run_cli, force):
     assert run_cli(f"solve 0.25 0.05 0.15 --arm so101 --force {force}").code == 2
 
 
 @pytest.mark.parametrize("other", ["--all", "--compare", "--trace"])
-def test_a_force_belongs_to_one_answer(run_cli, other):
+def test_solve_force_refuses_options_with_several_answers(run_cli, other):
     result = run_cli(f"solve 0.25 0.05 0.15 --arm so101 --force 0 0 -5 {other}")
     assert result.code == 2
     assert "--force" in result.err
 
 
-def test_the_first_solution_will_do_where_speed_counts(run_cli):
+def test_solve_answer_is_no_farther_than_with_no_nearest(run_cli):
     ask = "solve 0.25 0 0.25 --arm wx250s --direction 1,0,0.2 --json"
     first, nearest = run_cli(f"{ask} --no-nearest").json, run_cli(ask).json
     assert first["reached"]

@@ -75,7 +75,7 @@ def read_ticks(port):
 
 @pytest.mark.timeout(180)
 @pytest.mark.parametrize("words", COMMANDS.values(), ids=COMMANDS)
-def test_stop_ends_command_of_other_process(port, tmp_path, monkeypatch, words):
+def test_stop_command_ends_motion_of_other_process(port, tmp_path, monkeypatch, words):
     monkeypatch.setenv("IKSERVO_HOME", str(tmp_path / "home"))
     log = tmp_path / "log"
     with running(words, port, log) as process:

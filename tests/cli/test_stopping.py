@@ -55,7 +55,7 @@ def torques(servos):
     return {servo.read("torque_enable") for servo in servos.values()}
 
 
-def test_ctrl_c_leaves_the_arm_holding_and_says_how_to_release_it(servos, monkeypatch, capsys):
+def test_ctrl_c_leaves_arm_holding_and_tells_how_to_relax(servos, monkeypatch, capsys):
     press(monkeypatch, [signal.SIGINT])
     monkeypatch.setattr("ikservo.clock.RealClock.sleep_until", lambda *_: None)
     assert move() == 130
@@ -67,7 +67,7 @@ def test_ctrl_c_leaves_the_arm_holding_and_says_how_to_release_it(servos, monkey
 
 @pytest.mark.full
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
-def test_being_asked_to_end_leaves_the_arm_holding(servos, monkeypatch, number):
+def test_sigterm_or_sighup_leaves_the_arm_holding(servos, monkeypatch, number):
     press(monkeypatch, [number])
     assert move() == 130
     assert torques(servos) == {1}
@@ -88,7 +88,7 @@ class Gone:
         raise OSError(errno.EIO, "Input/output error")
 
 
-def test_closing_the_terminal_is_a_stop_though_nothing_can_be_said_any_more(servos, monkeypatch):
+def test_closed_terminal_stops_the_motion_and_arm_holds(servos, monkeypatch):
     press(monkeypatch, [signal.SIGHUP])
     monkeypatch.setattr(
         "ikservo.cli.session.print_status", lambda _: None
@@ -98,7 +98,7 @@ def test_closing_the_terminal_is_a_stop_though_nothing_can_be_said_any_more(serv
     assert torques(servos) == {1}
 
 
-def test_a_progress_bar_that_cannot_be_taken_away_does_not_hide_the_stop(monkeypatch):
+def test_failing_progress_bar_does_not_hide_a_stop(monkeypatch):
     def stopped_with_a_bar(_):
         try:
             raise StoppedError("Stopped; torque stays on.")
@@ -111,7 +111,7 @@ def test_a_progress_bar_that_cannot_be_taken_away_does_not_hide_the_stop(monkeyp
 
 @pytest.mark.sample(1)
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_a_second_one_lowers_the_arm_and_lets_go(servos, monkeypatch, capsys, number):
+def test_second_signal_lowers_the_arm_and_switches_torque_off(servos, monkeypatch, capsys, number):
     press(monkeypatch, [number, number])
     assert move() == 130
     result = capsys.readouterr().err
@@ -124,7 +124,7 @@ def test_a_second_one_lowers_the_arm_and_lets_go(servos, monkeypatch, capsys, nu
 
 @pytest.mark.sample(1)
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_a_second_one_is_handled_while_the_arm_is_already_at_rest(servos, monkeypatch, number):
+def test_second_signal_is_handled_with_the_arm_at_rest(servos, monkeypatch, number):
     sleep_until, presses = RealClock.sleep_until, [number]
 
     def again(clock, deadline_s):
@@ -139,7 +139,7 @@ def test_a_second_one_is_handled_while_the_arm_is_already_at_rest(servos, monkey
     assert torques(servos) == {0}
 
 
-def test_a_second_one_does_not_say_lowered_of_an_arm_that_was_not():
+def test_second_signal_does_not_claim_to_have_lowered_stuck_arm():
     with open_arm("so101", port="sim:?pose=home") as arm:
         line_of(arm).faults.add(Fault(kind="stuck", id=2, at_s=line_of(arm).world.time_s))
         with pytest.raises(
@@ -174,7 +174,7 @@ def interrupt_a_motion(arm, clock):
 
 @pytest.mark.full
 @pytest.mark.parametrize(("at_s", "torque"), [(0.9, 0), (1.1, 1)])
-def test_a_script_has_a_second_by_the_given_clock_to_say_it_again(at_s, torque):
+def test_second_signal_counts_only_within_one_second(at_s, torque):
     with open_arm("so101", port="sim:?pose=home") as arm:
         with pytest.raises(StoppedError):
             interrupt_a_motion(arm, PressedAgain(at_s))
@@ -194,7 +194,7 @@ def stop_a_motion(arm, clock, reason):
 
 
 @pytest.mark.parametrize("reason", ["", "Stopped; torque stays on.", "enough"])
-def test_no_second_signal_is_waited_for_after_a_stop_that_was_none(reason):
+def test_second_signal_is_not_awaited_after_stop_without_one(reason):
     with open_arm("so101", port="sim:?pose=home") as arm:
         with pytest.raises(StoppedError):
             stop_a_motion(arm, Unheard(), reason)

@@ -35,7 +35,7 @@ def report_of_solve(**own):
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="counts threads in /proc")
-def test_a_command_has_one_thread():
+def test_command_uses_one_blas_thread():
     assert report_of_solve() == ["0", "1", "None", "1"]
 
 
@@ -48,5 +48,5 @@ def test_a_command_has_one_thread():
         ({"OPENBLAS_NUM_THREADS": ""}, ["", "None"]),
     ],
 )
-def test_the_number_that_its_user_has_set_is_kept(own, read):
+def test_blas_thread_number_of_the_user_is_kept(own, read):
     assert report_of_solve(**own)[1:-1] == [each for each in read if each]

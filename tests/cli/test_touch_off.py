@@ -79,9 +79,7 @@ def own_joint(name):
 
 
 @pytest.mark.full
-def test_fifteen_touches_bring_the_opened_arm_within_a_millimetre_and_a_half(
-    arm, truth, tmp_path, run_cli
-):
+def test_touch_off_of_15_points_brings_tip_within_1_5_mm_rms(arm, truth, tmp_path, run_cli):
     before = tip_errors_m(arm, truth)
     points = guide(arm, truth, tmp_path)
     done = run_cli(f"{WORDS} --points {points} --yes --json")
@@ -103,9 +101,7 @@ def test_fifteen_touches_bring_the_opened_arm_within_a_millimetre_and_a_half(
 
 
 @pytest.mark.full
-def test_a_camera_that_was_calibrated_with_the_zeros_before_is_lost_and_named(
-    arm, truth, tmp_path, run_cli
-):
+def test_touch_off_drops_and_names_camera_of_the_old_zeros(arm, truth, tmp_path, run_cli):
     camera = CalibratedCamera(
         source="2", seen=datetime(2026, 11, 2, tzinfo=UTC), pictures=24, left_out=0,
         before_mm=1.0, after_mm=0.2, size_px=(640, 480), lens_px=(600.0, 600.0, 320.0, 240.0),
@@ -120,7 +116,7 @@ def test_a_camera_that_was_calibrated_with_the_zeros_before_is_lost_and_named(
 
 
 @pytest.mark.full
-def test_touching_moves_zeros_and_leaves_the_stops_where_they_are(arm, truth, tmp_path, run_cli):
+def test_touch_off_moves_zeros_and_leaves_the_stops(arm, truth, tmp_path, run_cli):
     path = calibration_path(NAME, SERIAL)
     before = read_calibration(path)
     assert run_cli(f"{WORDS} --points {guide(arm, truth, tmp_path)} --yes").code == 0
@@ -133,7 +129,7 @@ def test_touching_moves_zeros_and_leaves_the_stops_where_they_are(arm, truth, tm
 
 
 @pytest.mark.full
-def test_a_script_skips_points_and_takes_answers_back(arm, truth, tmp_path, run_cli):
+def test_touch_off_script_can_undo_touches(arm, truth, tmp_path, run_cli):
     points = guide(arm, truth, tmp_path, 8)
     script = tmp_path / "script"
     script.write_text("touch\ntouch\nundo\n" + 7 * "touch\n" + "accept\n")
@@ -141,23 +137,21 @@ def test_a_script_skips_points_and_takes_answers_back(arm, truth, tmp_path, run_
     assert [t["point"] for t in done.json["touches"]] == [f"P{i}" for i in range(8)]
 
 
-def test_too_few_touches_save_nothing(arm, truth, tmp_path, run_cli):
+def test_touch_off_with_too_few_touches_saves_nothing(arm, truth, tmp_path, run_cli):
     before = calibration_path(NAME, SERIAL).read_text()
     done = run_cli(f"{WORDS} --points {guide(arm, truth, tmp_path, 4)} --yes")
     assert (done.code, "Too few touches: " in done.err) == (6, True)
     assert calibration_path(NAME, SERIAL).read_text() == before
 
 
-def test_without_an_operator_it_ends_with_what_is_missing(arm, tmp_path, run_cli, monkeypatch):
+def test_touch_off_without_operator_times_out_with_the_point(arm, tmp_path, run_cli, monkeypatch):
     monkeypatch.setattr("ikservo.maintenance.dialogue._TIMEOUT_S", 3.0)
     (tmp_path / "points").write_text("A 0.2 0 0.1\nB 0.2 0.05 0.1\n")
     done = run_cli(f"{WORDS} --points {tmp_path / 'points'} --yes")
     assert (done.code, "Timeout: the tip was not put on B" in done.err) == (6, True)
 
 
-def test_the_sheet_says_where_it_must_lie_and_leaves_out_what_is_beyond_reach(
-    arm, tmp_path, run_cli, monkeypatch
-):
+def test_touch_off_sheet_tells_place_and_omits_far_points(arm, tmp_path, run_cli, monkeypatch):
     monkeypatch.setattr("ikservo.maintenance.dialogue._TIMEOUT_S", 1.0)
     done = run_cli(f"{WORDS} --sheet-origin 250mm --yes")
     assert "its near edge 250 mm from the base's origin" in done.err
@@ -165,39 +159,37 @@ def test_the_sheet_says_where_it_must_lie_and_leaves_out_what_is_beyond_reach(
 
 
 @pytest.mark.parametrize("line", ["A 1 2", "A 1 2 x", "A 1 2 inf", "A", "A 1 2 3 4"])
-def test_a_line_that_is_no_point_is_named(arm, tmp_path, run_cli, line):
+def test_touch_off_points_file_names_its_bad_line(arm, tmp_path, run_cli, line):
     (tmp_path / "points").write_text(f"B 0 0 0\n{line}\n")
     done = run_cli(f"{WORDS} --points {tmp_path / 'points'} --yes")
     assert done.code == 2
     assert "line 2" in done.err
 
 
-def test_a_line_of_a_script_that_is_no_answer_is_named(arm, tmp_path, run_cli):
+def test_touch_off_script_names_its_bad_line(arm, tmp_path, run_cli):
     (tmp_path / "script").write_text("touch\ntuch\n")
     done = run_cli(f"{WORDS} --same-point --from-script {tmp_path / 'script'}")
     assert (done.code, "line 2" in done.err) == (2, True)
 
 
-def test_without_a_terminal_the_options_that_answer_are_named(arm, run_cli):
+def test_touch_off_without_terminal_names_script_option(arm, run_cli):
     done = run_cli(f"{WORDS} --same-point")
     assert (done.code, "--from-script" in done.err) == (2, True)
 
 
-def test_an_arm_that_is_not_calibrated_has_nothing_to_touch_off(monkeypatch, run_cli):
+def test_touch_off_refuses_an_uncalibrated_arm(monkeypatch, run_cli):
     connect_arm(monkeypatch, NAME)
     done = run_cli(f"{WORDS} --yes")
     assert (done.code, "is not calibrated" in done.err) == (6, True)
 
 
-def test_points_without_a_touch_off_are_a_slip(arm, run_cli):
+def test_calibrate_refuses_touch_points_without_touch_option(arm, run_cli):
     done = run_cli(f"calibrate {NAME} --port {PORT} --same-point --yes")
     assert (done.code, "--touch" in done.err) == (2, True)
 
 
 @pytest.mark.full
-def test_a_person_touches_skips_and_takes_back_by_single_keys(
-    arm, truth, tmp_path, run_cli, monkeypatch
-):
+def test_touch_off_is_operated_by_single_keys(arm, truth, tmp_path, run_cli, monkeypatch):
     points = guide(arm, truth, tmp_path, 8)
     typed = iter("\nu" + 8 * "\n" + "a")  # the first touch is taken back and made again
     state = {"next": next(typed)}
@@ -228,7 +220,7 @@ def reported_errors_m(answer):
 
 
 @pytest.mark.campaign
-def test_an_accuracy_test_by_touch_finds_the_errors_of_the_calibration(
+def test_touch_accuracy_test_finds_errors_of_the_calibration(
     arm, truth, tmp_path, run_cli, monkeypatch
 ):
     monkeypatch.chdir(tmp_path)
@@ -245,7 +237,7 @@ def test_an_accuracy_test_by_touch_finds_the_errors_of_the_calibration(
     assert math.sqrt(np.mean(reported_errors_m(again.json) ** 2)) < 0.2 * before
 
 
-def test_points_that_are_touched_again_have_a_repeatability(arm, truth, tmp_path, run_cli):
+def test_touch_accuracy_test_repeats_points_for_repeatability(arm, truth, tmp_path, run_cli):
     lines = guide(arm, truth, tmp_path, 6).read_text().splitlines()
     (tmp_path / "points").write_text("\n".join(lines[:4]))  # three points, each twice
     words = f"test {NAME} --port {PORT} --touch --touches 2 --points {tmp_path / 'points'}"
@@ -264,7 +256,9 @@ def test_points_that_are_touched_again_have_a_repeatability(arm, truth, tmp_path
         ("--touch --points nowhere --yes", "nowhere"),
     ],
 )
-def test_what_a_test_by_touch_needs_is_said(arm, run_cli, tmp_path, monkeypatch, words, message):
+def test_touch_accuracy_test_refuses_bad_options(
+    arm, run_cli, tmp_path, monkeypatch, words, message
+):
     monkeypatch.chdir(tmp_path)
     result = run_cli(f"test {NAME} --port {PORT} {words}")
     assert result.code in (1, 2)

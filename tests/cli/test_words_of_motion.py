@@ -24,7 +24,7 @@ def home(tmp_path, monkeypatch):
     return tmp_path
 
 
-def test_stop_says_what_became_of_every_joint(run_cli):
+def test_stop_command_lists_torque_of_every_joint(run_cli):
     result = run_cli(f"stop {SIM}")
     assert result.code == 0
     first, second = result.out.splitlines()
@@ -35,14 +35,14 @@ def test_stop_says_what_became_of_every_joint(run_cli):
     )
 
 
-def test_stop_without_an_arm_needs_a_program_that_moves_one(run_cli):
+def test_stop_command_without_arm_needs_an_open_program(run_cli):
     result = run_cli("stop")
     assert result.code == 2
     assert result.err.startswith("No program of yours has an arm open, and none is served")
     assert "ikservo stop --arm" in result.err
 
 
-def test_jog_for_a_time(run_cli):
+def test_jog_ends_when_its_duration_is_up(run_cli):
     result = run_cli(f"jog shoulder_pan --speed -20 --duration 300ms {SIM} --json")
     assert result.code == 0
     assert result.json["schema"] == "ikservo/jog/1"
@@ -51,7 +51,7 @@ def test_jog_for_a_time(run_cli):
 
 
 @pytest.mark.parametrize(("speed", "back"), [("-40", "--speed 40"), ("", "a negative --speed")])
-def test_a_jog_that_is_blocked_says_how_to_go_back(run_cli, speed, back):
+def test_blocked_jog_tells_how_to_jog_back(run_cli, speed, back):
     option = f"--speed {speed}" if speed else ""
     joint = "shoulder_lift" if speed else "elbow_flex"
     result = run_cli(f"jog {joint} {option} --duration 6 --arm so101 --port sim")
@@ -59,7 +59,7 @@ def test_a_jog_that_is_blocked_says_how_to_go_back(run_cli, speed, back):
 
 
 @pytest.mark.parametrize("compiled", [True, False])
-def test_jog_says_once_that_an_uncompiled_solver_is_slow(run_cli, monkeypatch, compiled):
+def test_jog_warns_once_of_an_uncompiled_solver(run_cli, monkeypatch, compiled):
     monkeypatch.setattr("ikservo.cli.session.is_compiled", lambda: compiled)
     result = run_cli(f"jog shoulder_pan --duration 100ms {SIM} --json")
     assert result.err.count("not compiled") == (not compiled)
@@ -91,7 +91,7 @@ def test_jog_says_once_that_an_uncompiled_solver_is_slow(run_cli, monkeypatch, c
         ("follow so102", "There is no arm named 'so102'."),
     ],
 )
-def test_what_cannot_be_done_is_said_in_one_line_with_exit_2_or_1(run_cli, words, found):
+def test_motion_commands_refuse_bad_input_in_one_line(run_cli, words, found):
     result = run_cli(f"{words} {SIM}")
     assert result.code in (1, 2)
     assert found in result.err
@@ -99,7 +99,7 @@ def test_what_cannot_be_done_is_said_in_one_line_with_exit_2_or_1(run_cli, words
 
 
 @pytest.mark.full
-def test_gripper_reports_what_it_holds(run_cli):
+def test_gripper_command_reports_grasp_position_and_load(run_cli):
     result = run_cli(f"gripper close {SIM}")
     assert result.code == 0
     assert re.fullmatch(
@@ -109,7 +109,7 @@ def test_gripper_reports_what_it_holds(run_cli):
 
 
 @pytest.mark.full
-def test_a_taught_pose_is_listed_and_gone_to(run_cli, home):
+def test_taught_pose_is_listed_and_can_be_reached(run_cli, home):
     taught = run_cli(f"teach cup --now {SIM} --json")
     assert taught.json["schema"] == "ikservo/teach/1"
     assert set(taught.json["joints_rad"]) == {
@@ -120,7 +120,7 @@ def test_a_taught_pose_is_listed_and_gone_to(run_cli, home):
 
 
 @pytest.mark.full
-def test_what_was_recorded_is_replayed(run_cli, home):
+def test_recording_is_replayed_with_all_its_samples(run_cli, home):
     recorded = run_cli(f"record wave.jsonl --duration 200ms {SIM} --json")
     assert recorded.json["samples"] in (10, 11)
     planned = run_cli(f"replay wave.jsonl --dry-run {SIM} --json")
@@ -130,14 +130,14 @@ def test_what_was_recorded_is_replayed(run_cli, home):
     assert replayed.json["samples"] == recorded.json["samples"]
 
 
-def test_a_recording_that_is_there_is_not_lost(run_cli, home):
+def test_recording_is_not_overwritten_without_the_option(run_cli, home):
     (home / "wave.jsonl").write_text("precious")
     result = run_cli(f"record wave.jsonl --duration 1 {SIM}")
     assert result.err.startswith("File wave.jsonl exists; use --overwrite.")
     assert (home / "wave.jsonl").read_text() == "precious"
 
 
-def test_a_cut_off_recording_is_refused_with_its_line(run_cli, home):
+def test_truncated_recording_is_refused_with_its_line(run_cli, home):
     run_cli(f"record wave.jsonl --duration 200ms {SIM}")
     whole = (home / "wave.jsonl").read_text()
     (home / "wave.jsonl").write_text(whole[:-4])
@@ -146,20 +146,20 @@ def test_a_cut_off_recording_is_refused_with_its_line(run_cli, home):
     assert "line 11: is incomplete" in result.err or "line 12: is incomplete" in result.err
 
 
-def test_one_arm_follows_another(run_cli):
+def test_follow_command_follows_another_arm(run_cli):
     result = run_cli(f"follow so101 --leader-port sim:?pose=home --duration 400ms {SIM} --json")
     assert result.code == 0, result.err
     assert result.json["ended"] == "end of the targets"
     assert result.json["setpoints"] > 10
 
 
-def test_watching_prints_a_line_of_json_each(run_cli):
+def test_where_watch_json_prints_one_object_per_line(run_cli):
     result = run_cli(f"where --watch --count 3 --period 1ms {SIM} --json")
     rows = [json.loads(line) for line in result.out.splitlines()]
     assert [row["schema"] for row in rows] == ["ikservo/where/1"] * 3
 
 
-def test_the_interval_between_two_looks_is_measured_by_the_clock_it_is_given(capsys):
+def test_where_watch_period_uses_the_given_clock(capsys):
     clock = VirtualClock()
     model = ikservo.load_model("so101")
     watch_arm(model, "sim", 3600.0, 3, uncalibrated=False, json=True, clock=clock)
@@ -167,7 +167,7 @@ def test_the_interval_between_two_looks_is_measured_by_the_clock_it_is_given(cap
     assert len(capsys.readouterr().out.splitlines()) == 3
 
 
-def test_watching_shows_joints_between_their_limits(run_cli):
+def test_where_watch_shows_joints_between_their_limits(run_cli):
     result = run_cli(f"where --watch --count 1 {SIM}")
     assert "shoulder_pan       0.0°  -110.0°  ├" in result.out
     assert "temperature" not in result.out
@@ -178,15 +178,15 @@ def test_watching_shows_joints_between_their_limits(run_cli):
     ("position", "drawn"),
     [(-1.0, "├●────────┤"), (0.0, "├────●────┤"), (1.0, "├────────●┤"), (9.0, "├────────●┤")],
 )
-def test_a_bar_shows_where_a_joint_is(position, drawn):
+def test_position_bar_shows_where_a_joint_is(position, drawn):
     assert position_bar(position, -1.0, 1.0, 9) == drawn
 
 
-def test_a_joint_without_limits_is_drawn_in_the_middle():
+def test_position_bar_without_limits_is_in_the_middle():
     assert position_bar(3.0, -float("inf"), float("inf"), 9) == "├────●────┤"
 
 
-def test_a_misspelled_command_is_answered_with_the_closest(run_cli):
+def test_misspelled_command_suggests_the_closest(run_cli):
     result = run_cli("mvoe 1 2 3")
     assert result.code == 2
     assert result.err == "No such command 'mvoe'. Did you mean move?\nTry: ikservo --help\n"
@@ -213,18 +213,18 @@ def test_a_misspelled_command_is_answered_with_the_closest(run_cli):
         ("", ""),
     ],
 )
-def test_a_hint_can_be_typed_as_it_stands(hint, whole):
+def test_command_hint_includes_arm_and_port(hint, whole):
     assert with_connection_options(hint, ["move", "1", "2", "3", "--arm", "a", "--port=p"]) == whole
 
 
-def test_the_hint_of_an_unreachable_point_can_be_typed(run_cli):
+def test_hint_for_unreachable_point_is_a_working_command(run_cli):
     result = run_cli(f"move 0.9 0 0.1 {SIM}")
     words = result.err.strip().rpartition("Try: ikservo ")[2]
     assert words.endswith("--arm so101 --port 'sim:?pose=home'")
     assert main([*words.split()[:-2], "--port", "sim:?pose=home", "--dry-run"]) == 0
 
 
-def test_the_shell_completes_arms_and_poses(run_cli, monkeypatch):
+def test_shell_completion_offers_arms_and_poses(run_cli, monkeypatch):
     run_cli(f"teach cup --now {SIM}")
     from ikservo.cli.completion import complete_arms, complete_poses
 
@@ -238,13 +238,13 @@ def test_the_shell_completes_arms_and_poses(run_cli, monkeypatch):
 
 
 @pytest.mark.parametrize("nothing", [-0.0, -1e-9, -0.0004])
-def test_no_number_is_minus_nothing(nothing):
+def test_printed_numbers_are_never_minus_zero(nothing):
     assert format_point((nothing, 0.0, 0.0)) == "(0.000, 0.000, 0.000) m"
     assert ikservo.load_model("so101").joint("gripper").joint_map.format(nothing) == "0.0°"
     assert "-0.000" not in str(UnreachableError((nothing, 0, 0), (0, nothing, 0)))
 
 
-def test_a_held_key_jogs_and_letting_go_stops(run_cli, monkeypatch):
+def test_jog_runs_while_the_space_bar_is_held(run_cli, monkeypatch):
     from contextlib import contextmanager
 
     pressed = iter(["", " ", *[" ", "", ""] * 20])
@@ -262,7 +262,7 @@ def test_a_held_key_jogs_and_letting_go_stops(run_cli, monkeypatch):
     assert "Hold the space bar" in result.err
 
 
-def test_a_floating_arm_is_taught_and_holds_when_enter_is_pressed(run_cli, monkeypatch):
+def test_teach_float_saves_pose_and_holds_when_enter_is_pressed(run_cli, monkeypatch):
     from contextlib import contextmanager
 
     pressed = iter([*[""] * 300, "\n"])
@@ -283,13 +283,13 @@ def test_a_floating_arm_is_taught_and_holds_when_enter_is_pressed(run_cli, monke
     assert set(there) == set(where)
 
 
-def test_floating_ends_after_a_time_where_no_key_can_be_pressed(run_cli):
+def test_teach_float_ends_after_a_time_without_a_terminal(run_cli):
     result = run_cli(f"teach cup --float --for 1.5s {SIM} --json")
     assert result.code == 0, result.err
     assert "carries the arm's weight for 1.5 s" in result.err
 
 
-def test_recording_is_announced_once_the_arm_is_being_read(run_cli, tmp_path, monkeypatch):
+def test_record_announces_itself_once_its_file_exists(run_cli, tmp_path, monkeypatch):
     monkeypatch.setattr("sys.stdin.isatty", lambda: True)
     path = tmp_path / "wave.jsonl"
     messages = []
@@ -304,18 +304,18 @@ def test_recording_is_announced_once_the_arm_is_being_read(run_cli, tmp_path, mo
 
 
 @pytest.mark.parametrize(("celsius", "colour"), [(39.9, ""), (40.0, "yellow"), (45.0, "red")])
-def test_heat_is_coloured_by_the_arms_own_limits(celsius, colour):
+def test_where_colours_temperature_by_limits_of_the_arm(celsius, colour):
     limits = HealthLimits(warn_c=40.0, hold_c=45.0, release_c=50.0)
     assert heat_colour(celsius, limits) == colour
 
 
 @pytest.mark.parametrize(("position_rad", "colour"), [(1.1, "red"), (0.95, "yellow"), (0.85, "")])
-def test_a_joint_is_yellow_near_its_limit_and_red_beyond_it(position_rad, colour):
+def test_where_colours_joint_near_and_beyond_its_limit(position_rad, colour):
     state = JointState("wrist", position_rad, -1.0, 1.0, "arm file", 31.0, 12.1, 4.0, torque=True)
     assert limit_colour(state, "rad") == colour
 
 
-def test_teach_says_what_it_will_do_before_it_waits(run_cli, monkeypatch, tmp_path):
+def test_teach_tells_what_it_will_do_before_it_waits(run_cli, monkeypatch, tmp_path):
     monkeypatch.setenv("IKSERVO_HOME", str(tmp_path))
     monkeypatch.setattr("sys.stdin.isatty", lambda: True)
     monkeypatch.setattr("ikservo.apps.teaching.teach_command.wait_for_enter", lambda _: None)

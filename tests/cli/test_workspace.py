@@ -9,7 +9,7 @@ import pytest
 P2 = "workspace --arm planar2 --slice top --cell 20mm"
 
 
-def test_a_slice_is_reported_in_cells_and_square_metres(run_cli):
+def test_workspace_slice_is_reported_in_cells_and_m2(run_cli):
     lines = run_cli(P2).out.splitlines()
     assert lines[0] == "Two servos in a plane, top: the plane at a height of 0.050 m"
     assert "cells of 20 mm" in lines[1]
@@ -17,7 +17,7 @@ def test_a_slice_is_reported_in_cells_and_square_metres(run_cli):
     assert lines[2].startswith("x  -0.")
 
 
-def test_the_json_of_a_slice_has_its_numbers_and_its_outline(run_cli):
+def test_workspace_slice_json_has_numbers_and_outline(run_cli):
     answer = run_cli(f"{P2} --json").json
     assert answer["schema"] == "ikservo/workspace/1"
     assert answer["slice"] == "top"
@@ -27,38 +27,38 @@ def test_the_json_of_a_slice_has_its_numbers_and_its_outline(run_cli):
     np.testing.assert_allclose(np.array(answer["T_world_grid"])[:3, 3], [0, 0, 0.05])
 
 
-def test_without_a_slice_it_is_the_volume(run_cli):
+def test_workspace_without_a_slice_is_a_volume(run_cli):
     answer = run_cli("workspace --arm planar2 --cell 3cm --json").json
     assert answer["slice"] is None
     assert answer["volume_m3"] == pytest.approx(answer["reachable_cells"] * 0.03**3)
     assert "outline_m" not in answer
 
 
-def test_height_moves_the_slice_out_of_the_arms_plane(run_cli):
+def test_workspace_slice_height_leaves_plane_of_planar_arm(run_cli):
     answer = run_cli(f"{P2} --height 0.3 --json").json
     assert answer["reachable_cells"] == 0
     assert answer["lower_m"] is None
 
 
-def test_yaw_turns_the_slice(run_cli):
+def test_workspace_slice_is_turned_by_yaw(run_cli):
     answer = run_cli("workspace --arm planar2 --slice side --yaw 90 --cell 2cm --json").json
     np.testing.assert_allclose(np.array(answer["T_world_grid"])[:3, 0], [0, 1, 0], atol=1e-12)
 
 
-def test_a_reachable_point_is_inside_and_exit_0(run_cli):
+def test_workspace_point_that_is_reachable_is_inside(run_cli):
     result = run_cli("workspace --arm so101 --point 0.25 0.05 150mm")
     assert result.code == 0
     assert result.out == "(0.250, 0.050, 0.150) m  inside\n"
 
 
-def test_an_unreachable_point_is_exit_7_with_its_distance(run_cli):
+def test_workspace_point_out_of_reach_exits_7_with_distance(run_cli):
     result = run_cli("workspace --arm planar2 --point 0.3 0.4 50mm")
     assert result.code == 7
     assert "outside: the links are too short" in result.out
     assert "nearest  (0.180, 0.240, 0.050) m, 200.0 mm away" in result.out
 
 
-def test_the_json_of_a_point_has_its_distance(run_cli):
+def test_workspace_point_json_has_its_distance(run_cli):
     result = run_cli("workspace --arm planar2 --point -0.5 0 0.05 --json")
     assert result.code == 7
     assert result.json["inside"] is False
@@ -67,20 +67,20 @@ def test_the_json_of_a_point_has_its_distance(run_cli):
     assert "joint1 at its" in result.json["binding"][0]
 
 
-def test_a_point_inside_is_at_no_distance(run_cli):
+def test_workspace_point_inside_has_distance_zero(run_cli):
     answer = run_cli("workspace --arm planar2 --point 0.2 0.1 0.05 --json").json
     assert answer["inside"] is True
     assert answer["distance_m"] == 0.0
 
 
-def test_a_point_and_a_slice_are_both_answered(run_cli):
+def test_workspace_answers_point_and_slice_together(run_cli):
     answer = run_cli(f"{P2} --point 0.2 0.1 0.05 --json").json
     assert answer["inside"] is True
     assert answer["slice"] == "top"
 
 
 @pytest.mark.parametrize("words", ["--slice top", "--cell 40mm"])
-def test_the_picture_is_an_svg_with_the_arm_and_its_title(run_cli, tmp_path, words):
+def test_workspace_plot_is_an_svg_with_arm_title(run_cli, tmp_path, words):
     pytest.importorskip("matplotlib")
     file = tmp_path / "reach.svg"
     result = run_cli(f"workspace --arm planar2 --cell 4cm {words} --plot {file}")
@@ -90,14 +90,14 @@ def test_the_picture_is_an_svg_with_the_arm_and_its_title(run_cli, tmp_path, wor
     assert "Two servos in a plane" in file.read_text()
 
 
-def test_the_picture_may_be_a_png_with_the_point_marked(run_cli, tmp_path):
+def test_workspace_plot_may_be_a_png(run_cli, tmp_path):
     pytest.importorskip("matplotlib")
     file = tmp_path / "reach.png"
     assert run_cli(f"{P2} --plot {file} --point 0.5 0 0.05").code == 7
     assert file.read_bytes().startswith(b"\x89PNG")
 
 
-def test_without_matplotlib_the_extra_is_named(run_cli, tmp_path, monkeypatch):
+def test_workspace_plot_without_matplotlib_names_the_extra(run_cli, tmp_path, monkeypatch):
     for name in ("matplotlib", "matplotlib.figure"):
         monkeypatch.setitem(sys.modules, name, None)
     result = run_cli(f"{P2} --plot {tmp_path}/reach.svg")
@@ -121,7 +121,7 @@ def test_without_matplotlib_the_extra_is_named(run_cli, tmp_path, monkeypatch):
         ("--point 0.1 0.2", "--point"),
     ],
 )
-def test_one_clear_message_for_what_makes_no_sense(run_cli, words, message):
+def test_workspace_refuses_bad_options_in_one_message(run_cli, words, message):
     result = run_cli(f"workspace --arm planar2 {words}")
     assert result.code == 2
     assert message in result.err
@@ -129,7 +129,7 @@ def test_one_clear_message_for_what_makes_no_sense(run_cli, words, message):
     assert "Traceback" not in result.err
 
 
-def test_a_folder_that_is_not_there_is_refused_before_any_work(run_cli, tmp_path):
+def test_workspace_plot_refuses_missing_folder_before_any_work(run_cli, tmp_path):
     pytest.importorskip("matplotlib")
     result = run_cli(f"{P2} --plot {tmp_path}/nowhere/reach.svg")
     assert result.code == 2
@@ -137,23 +137,23 @@ def test_a_folder_that_is_not_there_is_refused_before_any_work(run_cli, tmp_path
     assert result.out == ""
 
 
-def test_without_an_arm_the_arms_are_listed(run_cli):
+def test_workspace_without_an_arm_lists_the_arms(run_cli):
     result = run_cli("workspace --slice top")
     assert result.code == 2
     assert "so101" in result.err
 
 
-def test_a_point_below_the_table_is_outside_and_says_why(run_cli):
+def test_workspace_point_below_table_is_outside_with_reason(run_cli):
     result = run_cli("workspace --arm so101 --point 0.2 0 -0.05")
     assert result.code == 7
     assert "outside: every posture found collides" in result.out
 
 
-def test_without_the_collision_check_a_point_below_the_table_is_in_reach(run_cli):
+def test_workspace_point_below_table_is_inside_without_checks(run_cli):
     assert run_cli("workspace --arm so101 --point 0.2 0 -0.05 --no-collision").code == 0
 
 
-def test_what_the_table_forbids_is_left_out_of_a_slice(run_cli):
+def test_workspace_slice_leaves_out_what_the_table_forbids(run_cli):
     side = "workspace --arm so101 --slice side --cell 2cm --json"
     checked, plain = run_cli(side).json, run_cli(f"{side} --no-collision").json
     assert checked["lower_m"][1] > -0.01

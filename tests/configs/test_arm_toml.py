@@ -97,51 +97,51 @@ def test_sixteen_arms_are_shipped():
 
 
 @pytest.mark.parametrize("arm", ARMS)
-def test_the_name_is_that_of_the_folder(arm):
+def test_arm_file_name_equals_its_folder(arm):
     assert read(arm)["name"] == arm
 
 
 @pytest.mark.parametrize("arm", ARMS)
-def test_the_urdf_is_beside_the_file(arm):
+def test_arm_file_has_its_urdf_beside_it(arm):
     assert (CONFIGS / arm / read(arm)["urdf"]).is_file()
 
 
 @pytest.mark.parametrize("arm", ARMS)
-def test_the_tip_is_a_link_of_the_urdf(arm):
+def test_arm_file_tip_is_a_link_of_the_urdf(arm):
     assert read(arm)["tip"] in {link.attrib["name"] for link in urdf(arm).iter("link")}
 
 
 @pytest.mark.parametrize("arm", ARMS)
-def test_every_driven_joint_is_listed_from_base_to_tip(arm):
+def test_arm_file_lists_every_driven_joint_from_base_to_tip(arm):
     assert [joint["name"] for joint in read(arm)["joints"]] == list(limits(arm))
 
 
 @pytest.mark.parametrize("arm", ARMS)
-def test_only_a_joint_named_gripper_is_a_gripper(arm):
+def test_arm_file_role_gripper_belongs_to_joint_gripper_only(arm):
     for joint in read(arm)["joints"]:
         assert (joint["role"] == "gripper") == (joint["name"] == "gripper")
 
 
 @pytest.mark.parametrize("arm", ARMS)
-def test_only_sliding_joints_have_metres_a_turn(arm):
+def test_arm_file_has_metres_per_turn_for_sliding_joints_only(arm):
     for joint in read(arm)["joints"]:
         assert ("m_per_turn" in joint["servo"]) == (joint["name"] not in turns(arm))
 
 
 @pytest.mark.parametrize("arm", ARMS)
-def test_no_two_servos_share_an_id(arm):
+def test_arm_file_servo_ids_are_unique(arm):
     ids = [servo["id"] for servo in servos(arm)]
     assert len(ids) == len(set(ids))
 
 
 @pytest.mark.parametrize("arm", ARMS)
-def test_every_servo_speaks_the_language_of_the_bus(arm):
+def test_arm_file_servos_belong_to_the_family_of_the_bus(arm):
     families = {"S": "feetech_sts", "X": "dynamixel_2"}
     assert {families[servo["model"][0]] for servo in servos(arm)} == {read(arm)["bus"]["family"]}
 
 
 @pytest.mark.parametrize("arm", ARMS)
-def test_every_limit_is_a_tick_that_the_servo_accepts(arm):
+def test_arm_file_limits_lie_inside_the_servo_position_limits(arm):
     for joint in read(arm)["joints"]:
         for servo in (joint["servo"], *joint.get("shadows", [])):
             eeprom = servo.get("eeprom", {})
@@ -151,21 +151,21 @@ def test_every_limit_is_a_tick_that_the_servo_accepts(arm):
 
 
 @pytest.mark.parametrize("arm", ARMS)
-def test_a_shadow_obeys_its_leader(arm):
+def test_shadow_servo_has_id_of_its_leader_as_secondary_id(arm):
     for joint in read(arm)["joints"]:
         for shadow in joint.get("shadows", []):
             assert shadow["eeprom"]["secondary_id"] == joint["servo"]["id"]
 
 
 @pytest.mark.parametrize("arm", ARMS)
-def test_a_shadow_is_mounted_face_to_face_with_its_leader(arm):
+def test_shadow_servo_turns_opposite_to_its_leader(arm):
     for joint in read(arm)["joints"]:
         for shadow in joint.get("shadows", []):
             reversed_ = [s["eeprom"]["drive_mode"] & 1 for s in (joint["servo"], shadow)]
             assert sorted(reversed_) == [0, 1]
 
 
-def test_six_interbotix_arms_have_shadows():
+def test_only_six_interbotix_arms_have_shadow_servos():
     shadows = {arm: sum(len(j.get("shadows", [])) for j in read(arm)["joints"]) for arm in ARMS}
     assert {arm: n for arm, n in shadows.items() if n} == {
         "px150": 2, "rx200": 1, "vx250": 1, "vx300s": 2, "wx200": 1, "wx250s": 2,
@@ -173,21 +173,21 @@ def test_six_interbotix_arms_have_shadows():
 
 
 @pytest.mark.parametrize("arm", ARMS)
-def test_speeds_rise_from_slow_to_fast(arm):
+def test_arm_file_speeds_rise_from_slow_to_fast(arm):
     speeds = [read(arm)["speeds"][name] for name in ("slow", "normal", "fast")]
     for slower, faster in pairwise(speeds):
         assert all(slower[key] < faster[key] for key in ("deg_s", "deg_s2", "deg_s3"))
 
 
 @pytest.mark.parametrize("arm", ARMS)
-def test_the_slowest_servo_can_go_fast(arm):
+def test_fast_speed_is_below_70_percent_of_slowest_joint_limit(arm):
     joints = [j for j in urdf(arm).iter("joint") if j.attrib["name"] in turns(arm)]
     slowest_rad_s = min(float(joint.find("limit").attrib["velocity"]) for joint in joints)
     assert np.deg2rad(read(arm)["speeds"]["fast"]["deg_s"]) < 0.7 * slowest_rad_s
 
 
 @pytest.mark.parametrize("arm", ARMS)
-def test_a_pose_names_every_joint_in_its_unit(arm):
+def test_arm_file_pose_names_every_joint_in_its_unit(arm):
     turning = [name for name in limits(arm) if name in turns(arm)]
     sliding = [name for name in limits(arm) if name not in turning]
     for pose in POSES:
@@ -197,7 +197,7 @@ def test_a_pose_names_every_joint_in_its_unit(arm):
 
 
 @pytest.mark.parametrize("arm", ARMS)
-def test_a_pose_lies_inside_the_limits(arm):
+def test_arm_file_pose_lies_inside_the_limits(arm):
     for pose in POSES:
         for name, position in positions(arm, pose).items():
             lower, upper = limits(arm)[name]
@@ -205,27 +205,27 @@ def test_a_pose_lies_inside_the_limits(arm):
 
 
 @pytest.mark.parametrize("arm", ARMS)
-def test_the_zero_pose_is_zero_clipped_into_the_limits(arm):
+def test_zero_pose_is_zero_clipped_into_the_limits(arm):
     for name, position in positions(arm, "zero").items():
         assert position == np.clip(0.0, *limits(arm)[name]), name
 
 
 @pytest.mark.parametrize("arm", ARMS)
-def test_no_link_is_below_the_table_in_a_pose(arm):
+def test_named_pose_has_no_link_below_the_table(arm):
     for pose in POSES:
         for link, height_m in lowest_m(*posed(arm, pose)).items():
             assert height_m > -1e-9, (pose, link)
 
 
 @pytest.mark.parametrize("arm", [arm for arm in ARMS if not arm.startswith("planar")])
-def test_the_tool_rests_just_above_the_table(arm):
+def test_rest_pose_has_its_tool_low_above_the_table(arm):
     tip_m = posed(arm, "rest")[1].body(read(arm)["tip"]).xpos[2]
     highest_m = posed(arm, "zero")[1].body(read(arm)["tip"]).xpos[2]
     assert 0.0 <= tip_m < 0.5 * highest_m
 
 
 @pytest.mark.parametrize("arm", ARMS)
-def test_no_link_runs_into_another_in_a_pose(arm):
+def test_named_pose_has_no_self_collision(arm):
     for pose in POSES:
         model, data = posed(arm, pose)
         for contact in data.contact[: data.ncon]:

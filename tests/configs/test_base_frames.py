@@ -20,13 +20,13 @@ def first_axis(model: Model) -> tuple[np.ndarray, np.ndarray]:
 
 
 @pytest.mark.parametrize("name", ARMS)
-def test_z_points_up_along_the_first_axis(name):
+def test_base_frame_z_is_along_the_first_axis(name):
     np.testing.assert_allclose(np.abs(first_axis(load_model(name))[1]), [0, 0, 1], atol=1e-5)
 
 
 @pytest.mark.parametrize("pose", ["home", "zero"])
 @pytest.mark.parametrize("name", ARMS)
-def test_the_arm_points_along_x(name, pose):
+def test_base_frame_x_points_where_the_arm_points(name, pose):
     model = load_model(name)
     ahead, left = model.chain.forward(model.chain_pose(pose))[:2, 3] - first_axis(model)[0][:2]
     assert ahead > 0.1
@@ -34,7 +34,7 @@ def test_the_arm_points_along_x(name, pose):
 
 
 @pytest.mark.parametrize("name", ARMS)
-def test_the_origin_is_on_the_first_axis_at_the_surface_or_the_arm_file_says_why_not(name):
+def test_base_frame_is_conventional_unless_arm_file_explains(name):
     model = load_model(name)
     x_m, y_m, _ = first_axis(model)[0]
     conventional = max(abs(x_m), abs(y_m), abs(model.floor_m or 0.0)) < 1e-6
@@ -42,7 +42,7 @@ def test_the_origin_is_on_the_first_axis_at_the_surface_or_the_arm_file_says_why
 
 
 @pytest.mark.parametrize("name", ARMS)
-def test_the_stated_offset_is_the_true_one(name):
+def test_base_frame_offset_in_text_is_the_true_one(name):
     model = load_model(name)
     for offset_m in (first_axis(model)[0][0], model.floor_m or 0.0):
         if abs(offset_m) > 1e-6:

@@ -176,24 +176,24 @@ def test_mujoco_finds_every_moving_joint(arm):
 
 
 @pytest.mark.parametrize("arm", ARMS)
-def test_mujoco_has_nothing_to_complain_about(arm, capfd):
+def test_mujoco_loads_urdf_without_messages(arm, capfd):
     mujoco.MjModel.from_xml_path(str(CONFIGS / arm / "arm.urdf"))
     assert capfd.readouterr() == ("", "")
 
 
 @pytest.mark.parametrize("arm", ARMS)
-def test_the_tip_at_zero_is_where_the_source_has_it_says_pinocchio(arm):
+def test_pinocchio_tip_at_zero_matches_the_source_of_the_urdf(arm):
     tip_m = pinocchio_frames(arm, np.zeros(moving(arm)))[tip_of(arm)][:3, 3]
     assert tip_m == pytest.approx(expected_tip_m(arm), abs=1e-9)
 
 
 @pytest.mark.parametrize("arm", ARMS)
-def test_the_tip_at_zero_is_where_the_source_has_it_says_mujoco(arm):
+def test_mujoco_tip_at_zero_matches_the_source_of_the_urdf(arm):
     tip_m = mujoco_frames(arm, np.zeros(moving(arm)))[tip_of(arm)][:3, 3]
     assert tip_m == pytest.approx(expected_tip_m(arm), abs=1e-9)
 
 
-def test_the_tip_of_the_so101_at_zero_is_the_published_one():
+def test_so101_tip_at_zero_is_the_published_one():
     assert expected_tip_m("so101") == pytest.approx((0.39136, 0.0, 0.22647), abs=1e-5)
 
 
@@ -206,13 +206,13 @@ def test_pinocchio_and_mujoco_agree_on_every_link_of_a_bent_arm(arm):
 
 
 @pytest.mark.parametrize("arm", ARMS)
-def test_only_the_tool_frame_has_no_mass(arm):
+def test_urdf_link_without_mass_is_only_the_tool_frame(arm):
     massless = {link.attrib["name"] for link in urdf(arm).iter("link") if not len(link)}
     assert massless == {tip_of(arm)}
 
 
 @pytest.mark.parametrize("arm", ARMS)
-def test_every_inertia_is_that_of_a_body_that_can_exist(arm):
+def test_urdf_inertias_are_physically_possible(arm):
     for name, mass_kg, tensor in inertials(arm):
         smallest, middle, largest = np.linalg.eigvalsh(tensor)
         assert mass_kg > 0.0, name
@@ -221,18 +221,18 @@ def test_every_inertia_is_that_of_a_body_that_can_exist(arm):
 
 
 @pytest.mark.parametrize("arm", ARMS)
-def test_the_arm_weighs_what_such_an_arm_weighs(arm):
+def test_urdf_mass_of_the_arm_is_plausible(arm):
     lightest_kg, heaviest_kg = MASS_KG[arm]
     assert lightest_kg < sum(mass_kg for _, mass_kg, _ in inertials(arm)) < heaviest_kg
 
 
 @pytest.mark.parametrize("arm", ARMS)
-def test_inertias_are_what_the_shapes_give(arm):
+def test_urdf_inertias_match_the_inertia_tool(arm):
     text = (CONFIGS / arm / "arm.urdf").read_text()
     assert inertia_tool().rewritten(text) == text
 
 
-def test_the_inertia_tool_weighs_a_servo_and_its_beam():
+def test_inertia_tool_weighs_a_servo_and_its_beam():
     link = ET.fromstring("""
         <link name="arm">
           <inertial><mass value="0.155"/></inertial>
@@ -251,7 +251,7 @@ def test_the_inertia_tool_weighs_a_servo_and_its_beam():
 
 
 @pytest.mark.parametrize("arm", ARMS)
-def test_what_is_seen_is_what_collides(arm):
+def test_urdf_visual_shapes_equal_collision_shapes(arm):
     for link in urdf(arm).iter("link"):
         assert shapes(link, "visual") == shapes(link, "collision")
 
@@ -262,7 +262,7 @@ def shapes(link: ET.Element, tag: str) -> list[tuple]:
 
 
 @pytest.mark.parametrize("arm", ARMS)
-def test_neighbouring_links_touch_or_nearly(arm):
+def test_urdf_neighbouring_links_are_less_than_3_mm_apart(arm):
     model, data = mujoco_of(arm)
     mujoco.mj_forward(model, data)
     for body in range(2, model.nbody):

@@ -40,25 +40,25 @@ def goals_of(compensator, start, velocity, seconds):
     return np.array([compensator.goals(gliding(start, velocity, t), CYCLE_S) for t in times_s])
 
 
-def test_the_first_goal_of_a_motion_is_the_one_in_force(compensator, start):
+def test_compensated_first_goal_continues_the_goal_in_force(compensator, start):
     compensator.begin(start, start + 0.02)
     first = compensator.goals(gliding(start, 0.0, 0.0), CYCLE_S)
     np.testing.assert_allclose(first[:5], start[:5] + 0.02, atol=1e-3)
 
 
-def test_goals_of_a_beginning_motion_do_not_leap(compensator, start):
+def test_compensated_goals_of_beginning_motion_do_not_leap(compensator, start):
     compensator.begin(start, start + 0.05)
     goals = goals_of(compensator, start, 0.3, 0.5)
     assert np.abs(np.diff(goals, axis=0)).max() < 0.006  # 4 ticks
 
 
-def test_a_joint_that_stays_keeps_the_goal_that_friction_lets_it_have(compensator, start):
+def test_resting_joint_keeps_the_goal_that_friction_allows(compensator, start):
     compensator.begin(start, start + 0.004)
     goals = goals_of(compensator, start, 0.0, 1.0)
     np.testing.assert_allclose(goals[:, 4], start[4] + 0.004, atol=1e-9)
 
 
-def test_a_motion_that_begins_again_after_a_stall_leads_its_goals_by_as_much(compensator, start):
+def test_compensation_after_a_stall_leads_by_as_much(compensator, start):
     leads = []
     for cycle_time_s in (0.02, None):  # a goal is held for two hundredths of a second
         compensator.begin(start, start, cycle_time_s)
@@ -67,9 +67,7 @@ def test_a_motion_that_begins_again_after_a_stall_leads_its_goals_by_as_much(com
     assert leads[1] == pytest.approx(leads[0])
 
 
-def test_friction_presses_a_joint_up_already_that_sagged_when_its_torque_came_on(
-    compensator, start
-):
+def test_joint_sagged_at_torque_on_gets_less_than_half_the_lead(compensator, start):
     lift = -np.eye(6)[2]
     leads = []
     for measured in (start, start - 0.05 * lift):
@@ -82,7 +80,7 @@ def test_friction_presses_a_joint_up_already_that_sagged_when_its_torque_came_on
     assert 0.0 < sagged < 0.5 * upright
 
 
-def test_offsets_wait_for_a_joint_that_lags(compensator, start):
+def test_compensation_offset_waits_for_a_lagging_joint(compensator, start):
     compensator.begin(start, start + 0.02)
     ease = np.where(np.arange(6) == 1, 0.0, 1.0)
     for _t in np.arange(0.0, 0.2, CYCLE_S):
@@ -94,13 +92,13 @@ def test_offsets_wait_for_a_joint_that_lags(compensator, start):
     assert abs(offset[0] - 0.02) > 0.005
 
 
-def test_a_gripper_has_no_offset(compensator, start):
+def test_compensation_of_gripper_is_zero(compensator, start):
     compensator.begin(start, start)
     assert goals_of(compensator, start, 0.5, 0.3)[:, 5] == pytest.approx(start[5])
 
 
 @pytest.mark.full
-def test_a_joint_that_stays_behind_is_led_further_up_to_a_bound(compensator, start):
+def test_compensation_of_lagging_joint_grows_up_to_a_bound(compensator, start):
     compensator.begin(start, start)
     leads = []
     for t in np.arange(0.0, 10.0, CYCLE_S):
@@ -114,7 +112,7 @@ def test_a_joint_that_stays_behind_is_led_further_up_to_a_bound(compensator, sta
     assert leads[-1] - leads[40] < 0.12
 
 
-def test_a_load_taken_up_while_a_joint_sinks_counts_with_friction_when_it_is_lifted(arm):
+def test_load_learned_while_sinking_is_used_when_lifted(arm):
     # gears under load have more friction: what holds a load as it sinks is too little to lift it
     compensator = arm._context.servos.compensator
     low, high = arm._context.limits()
@@ -128,7 +126,7 @@ def test_a_load_taken_up_while_a_joint_sinks_counts_with_friction_when_it_is_lif
     assert lifted > 0.02 > lowered > 0.0
 
 
-def test_a_load_moves_goals_by_no_more_than_its_bound_in_either_direction(arm):
+def test_learned_load_moves_stuck_goals_by_at_most_its_bound(arm):
     compensator = arm._context.servos.compensator
     low, high = arm._context.limits()
     leaning = np.where(np.arange(6) == 1, 0.5, 0.5 * (low + high))
@@ -140,7 +138,7 @@ def test_a_load_moves_goals_by_no_more_than_its_bound_in_either_direction(arm):
         assert max(moved) == pytest.approx(0.08, abs=0.0015)
 
 
-def test_a_load_that_turns_over_counts_as_growing_where_goals_are_cut(compensator, start):
+def test_learned_load_keeps_its_sign_while_goals_are_cut(compensator, start):
     compensator.begin(start, start)
     compensator.goals(gliding(start, 0.1, 0.0), CYCLE_S)
     compensator._feedback.integral = -0.001 * np.eye(6)[0]
@@ -149,7 +147,7 @@ def test_a_load_that_turns_over_counts_as_growing_where_goals_are_cut(compensato
     assert compensator._feedback.integral[0] == 0.0
 
 
-def test_it_does_not_wind_up_while_goals_are_cut(compensator, start):
+def test_compensation_does_not_wind_up_while_goals_are_cut(compensator, start):
     compensator.begin(start, start)
     point = gliding(start, 0.1, 0.0)
     compensator.goals(point, CYCLE_S)
@@ -160,7 +158,7 @@ def test_it_does_not_wind_up_while_goals_are_cut(compensator, start):
     assert compensator._feedback.integral[0] == first > 0.0
 
 
-def test_a_resting_joint_near_its_reference_is_left_there(compensator, start):
+def test_compensation_ignores_small_error_of_resting_joint(compensator, start):
     compensator.begin(start, start)
     compensator.goals(gliding(start, 0.0, 0.0), CYCLE_S)
     for _ in range(1000):
@@ -168,7 +166,7 @@ def test_a_resting_joint_near_its_reference_is_left_there(compensator, start):
     assert compensator._feedback.integral[0] == 0.0
 
 
-def test_goals_stay_inside_the_limits(arm, compensator, start):
+def test_compensated_goals_stay_inside_the_limits(arm, compensator, start):
     low, high = arm._context.limits()
     at_the_end = np.where(np.arange(6) == 1, high, start)
     compensator.begin(at_the_end, np.minimum(at_the_end, high))
@@ -177,7 +175,7 @@ def test_goals_stay_inside_the_limits(arm, compensator, start):
     assert (goals >= low).all()
 
 
-def test_a_goal_outside_the_limits_only_comes_in(arm, compensator, start):
+def test_compensated_goal_outside_limits_only_moves_inwards(arm, compensator, start):
     low, _ = arm._context.limits()
     outside = np.where(np.arange(6) == 1, low - 0.1, start)
     compensator.begin(outside, outside)
@@ -195,7 +193,7 @@ def test_a_goal_outside_the_limits_only_comes_in(arm, compensator, start):
     assert shoulder[-1] > outside[1] + 0.02
 
 
-def test_nothing_winds_up_while_a_goal_is_at_its_limit(arm, compensator, start):
+def test_compensation_does_not_wind_up_at_a_limit(arm, compensator, start):
     _, high = arm._context.limits()
     at_the_end = np.where(np.arange(6) == 1, high, start)
     compensator.begin(at_the_end, at_the_end)
@@ -208,14 +206,14 @@ def test_nothing_winds_up_while_a_goal_is_at_its_limit(arm, compensator, start):
     assert integrals[-1] == integrals[10] < 0.005
 
 
-def test_a_reference_outside_the_limits_is_passed_on_for_the_guard(arm, compensator, start):
+def test_compensation_passes_reference_beyond_limits_to_guard(arm, compensator, start):
     _, high = arm._context.limits()
     compensator.begin(start, start)
     outside = np.where(np.arange(6) == 1, high + 0.1, start)
     assert compensator.goals(TrajectoryPoint.at_rest(outside), CYCLE_S)[1] == outside[1]
 
 
-def test_an_arm_whose_masses_are_not_known_has_feedback_only(arm, start):
+def test_compensation_without_known_masses_is_feedback_only(arm, start):
     bare = GoalCompensator(arm._context.servos.driven_joints, range(5))
     bare.begin(start, start)
     np.testing.assert_allclose(bare.goals(gliding(start, 0.2, 0.0), CYCLE_S), start)

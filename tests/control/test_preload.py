@@ -39,7 +39,7 @@ def ways(joint, size=0.01):
 
 
 @pytest.mark.parametrize("side", [1.0, -1.0])
-def test_a_joint_without_load_is_led_by_its_friction_and_a_little_more(arm, side):
+def test_preload_of_unloaded_joint_is_friction_plus_2_mrad(arm, side):
     compensator, start = arm._context.servos.compensator, arm._context.servos.reference()
     sent = preload(compensator, start, side * ways(PAN))
     low, high = compensator.stuck_offsets(start)
@@ -50,12 +50,12 @@ def test_a_joint_without_load_is_led_by_its_friction_and_a_little_more(arm, side
     np.testing.assert_allclose(sent[-1][1:], start[1:], atol=1e-9)
 
 
-def test_a_joint_that_weight_keeps_on_its_flank_is_not_waited_for(arm):
+def test_preload_does_not_wait_for_joint_pressed_by_weight(arm):
     compensator, start = arm._context.servos.compensator, arm._context.servos.reference()
     assert len(preload(compensator, start, ways(LIFT))) == 1
 
 
-def test_a_joint_that_already_presses_to_where_it_will_move_is_not_waited_for(arm):
+def test_preload_does_not_wait_for_joint_pressed_by_its_goal(arm):
     compensator, start = arm._context.servos.compensator, arm._context.servos.reference()
     _, high = compensator.stuck_offsets(start)
     goals = start + 0.5 * high * np.eye(6)[PAN]
@@ -63,7 +63,7 @@ def test_a_joint_that_already_presses_to_where_it_will_move_is_not_waited_for(ar
     assert len(preload(compensator, start, -ways(PAN), goals=goals)) > 1
 
 
-def test_the_motion_begins_when_the_joint_is_pushed(arm):
+def test_preload_ends_when_the_joint_is_pushed(arm):
     compensator, start = arm._context.servos.compensator, arm._context.servos.reference()
 
     def measured_at(cycle):
@@ -72,7 +72,7 @@ def test_the_motion_begins_when_the_joint_is_pushed(arm):
     assert len(preload(compensator, start, ways(PAN), measured_at)) == 11
 
 
-def test_what_a_preload_pushed_ahead_teaches_no_friction(arm):
+def test_preload_push_is_not_learned_as_friction(arm):
     compensator, start = arm._context.servos.compensator, arm._context.servos.reference()
     preload(compensator, start, ways(PAN))
     friction = []
@@ -86,7 +86,7 @@ def test_what_a_preload_pushed_ahead_teaches_no_friction(arm):
     assert friction[-1] < 0.0
 
 
-def test_a_motion_that_is_stopped_before_it_has_begun_does_not_begin(arm):
+def test_stop_during_preload_prevents_the_motion(arm):
     before = arm.where().positions["shoulder_pan"]
     clock, world = arm._context.port.clock, arm._context.port.transport.line.world
     plan = arm.plan_joints({"shoulder_pan": before + 0.5}, speed="fast")
@@ -97,7 +97,7 @@ def test_a_motion_that_is_stopped_before_it_has_begun_does_not_begin(arm):
     assert abs(arm.where().positions["shoulder_pan"] - before) < 4 * TICK_RAD
 
 
-def test_a_joint_that_is_off_before_the_motion_begins_teaches_no_load_meanwhile(arm):
+def test_load_is_not_learned_from_lagging_joint_during_preload(arm):
     compensator, start = arm._context.servos.compensator, arm._context.servos.reference()
     compensator.begin(start, start, CYCLE_S)
     while not compensator.preload(ways(PAN), start, CYCLE_S):

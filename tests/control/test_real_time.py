@@ -45,7 +45,7 @@ def permitted():
 
 
 @pytest.mark.parametrize(("soft", "allowed"), [(0, 0), (7, 7), (99, 20)])
-def test_the_loop_gets_the_priority_that_the_limit_allows(limit, permitted, soft, allowed):
+def test_control_loop_gets_the_allowed_real_time_priority(limit, permitted, soft, allowed):
     limit(soft)
     assert allowed_priority() == allowed
     with steady_timing(RealClock()):
@@ -54,14 +54,14 @@ def test_the_loop_gets_the_priority_that_the_limit_allows(limit, permitted, soft
     assert policy() == os.SCHED_OTHER
 
 
-def test_a_program_that_the_loop_starts_does_not_inherit_it(limit, permitted):
+def test_real_time_priority_is_not_inherited_by_subprocess(limit, permitted):
     limit(7)
     ask = "import os; raise SystemExit(os.sched_getscheduler(0) & ~os.SCHED_RESET_ON_FORK)"
     with steady_timing(RealClock()):
         assert os.spawnl(os.P_WAIT, sys.executable, "python", "-S", "-c", ask) == os.SCHED_OTHER
 
 
-def test_where_the_system_refuses_the_loop_runs_all_the_same(limit, monkeypatch):
+def test_control_loop_runs_without_real_time_permission(limit, monkeypatch):
     def refuse(*_):
         raise PermissionError
 
@@ -71,7 +71,7 @@ def test_where_the_system_refuses_the_loop_runs_all_the_same(limit, monkeypatch)
         assert policy() == os.SCHED_OTHER
 
 
-def test_old_objects_are_left_aside_while_it_runs_and_not_for_ever():
+def test_garbage_collector_freeze_is_restored_after_the_loop():
     gc.unfreeze()  # the suite's own objects
     try:
         with steady_timing(RealClock()):
@@ -84,7 +84,7 @@ def test_old_objects_are_left_aside_while_it_runs_and_not_for_ever():
     assert gc.get_freeze_count() > 0  # what a program has frozen itself stays so
 
 
-def test_every_cycle_of_a_motion_runs_inside_by_the_clock_of_the_arm(limit, monkeypatch):
+def test_every_control_cycle_runs_with_steady_timing(limit, monkeypatch):
     limit(7)
     clocks, inside = [], []
 

@@ -38,18 +38,18 @@ def fed(feedback, errors, *, left=0.0, replies=True, grow=True):
     return np.array(offsets)
 
 
-def test_a_lag_is_answered_by_half_of_it_and_more_the_longer_it_lasts(feedback):
+def test_feedback_is_half_the_lag_plus_an_integral(feedback):
     offsets = fed(feedback, [0.01] * 100)
     assert offsets[9] == pytest.approx(0.5 * 0.01 + 3.0 * 0.01 * 0.05, rel=0.05)
     assert offsets[-1] == pytest.approx(0.5 * 0.01 + 3.0 * 0.01 * 0.5, rel=0.05)
 
 
-def test_a_joint_that_runs_ahead_is_braked_before_its_error_changes_sides(feedback):
+def test_feedback_brakes_before_the_error_changes_sign(feedback):
     offsets = fed(feedback, np.linspace(0.01, 0.0, 20))
     assert offsets[-1] < 0.0
 
 
-def test_the_rate_of_an_error_is_right_though_every_other_reply_is_lost(feedback):
+def test_feedback_rate_is_right_if_every_other_reply_is_lost(feedback):
     whole, cycles = make_feedback(), np.arange(40)
     errors = 0.05 * CYCLE_S * cycles
     fed(whole, errors)
@@ -58,13 +58,13 @@ def test_the_rate_of_an_error_is_right_though_every_other_reply_is_lost(feedback
     assert feedback.fast == pytest.approx(whole.fast, rel=0.02)
 
 
-def test_goals_do_not_leap_when_replies_come_again(feedback):
+def test_feedback_does_not_leap_when_replies_return(feedback):
     errors = [0.0] * 10 + [0.0] * 3 + [0.1] * 10
     offsets = fed(feedback, errors, replies=[True] * 10 + [False] * 3 + [True] * 10)
     assert np.abs(np.diff(offsets)).max() < 5 * TICK_RAD
 
 
-def test_what_answers_the_rate_fades_when_replies_stay_away(feedback):
+def test_feedback_rate_term_fades_without_replies(feedback):
     fed(feedback, np.linspace(0.0, 0.01, 20))
     integral = feedback.integral.copy()
     fed(feedback, [0.01] * 40, replies=False)
@@ -72,20 +72,20 @@ def test_what_answers_the_rate_fades_when_replies_stay_away(feedback):
     np.testing.assert_array_equal(feedback.integral, integral)
 
 
-def test_a_small_error_is_left_and_a_narrower_band_is_no_motion(feedback):
+def test_feedback_ignores_small_error_and_starts_from_its_band(feedback):
     fed(feedback, [0.003] * 20, left=0.004)
     assert feedback.fast == feedback.integral == 0.0
     fed(feedback, [0.003] * 20, left=0.002)
     assert feedback.fast == pytest.approx(0.5 * 0.001)
 
 
-def test_while_goals_are_cut_no_part_grows(feedback):
+def test_feedback_does_not_grow_while_goals_are_cut(feedback):
     before = fed(feedback, [0.01] * 10)[-1]
     assert max(fed(feedback, np.linspace(0.01, 0.1, 50), grow=False)) <= before
     assert fed(feedback, [-0.01], grow=False)[0] < before
 
 
-def test_near_the_end_of_the_lead_the_integral_grows_slower_and_shrinks_as_fast(feedback):
+def test_feedback_integral_grows_slower_near_maximum_lead(feedback):
     fed(feedback, [0.01] * 100, grow=0.25)
     slow = float(feedback.integral[0])
     assert slow == pytest.approx(0.25 * 3.0 * 0.01 * 0.5)
@@ -93,7 +93,7 @@ def test_near_the_end_of_the_lead_the_integral_grows_slower_and_shrinks_as_fast(
     assert slow - feedback.integral[0] == pytest.approx(3.0 * 0.01 * 0.05)
 
 
-def test_the_integral_outlasts_a_motion_and_not_torque(feedback):
+def test_feedback_integral_is_kept_until_reset(feedback):
     fed(feedback, [0.01] * 100)
     integral = feedback.integral.copy()
     feedback.begin()
@@ -111,7 +111,7 @@ def moved(feedback, errors, direction):
 
 
 @pytest.mark.parametrize("direction", [1.0, -1.0])
-def test_friction_is_learned_from_the_lag_along_the_motion(feedback, direction):
+def test_feedback_learns_friction_from_lag_along_the_motion(feedback, direction):
     assert moved(feedback, [0.002 * direction] * 100, direction) == pytest.approx(0.002)
     assert moved(feedback, [0.002 * direction] * 100, 0.0) == pytest.approx(0.002)
     feedback.begin()
@@ -137,7 +137,7 @@ def strongest_answer(feedback, errors):
 
 
 @pytest.mark.parametrize("hz", [10.0, 20.0])
-def test_a_fast_swing_is_not_driven_and_its_joint_is_answered_again_after_a_while(feedback, hz):
+def test_feedback_does_not_drive_fast_swing_and_recovers(feedback, hz):
     fed(feedback, swing(0.01, hz, 2.0))
     swinging, fresh = strongest_answer(feedback, [0.005] * 20)
     assert swinging < 0.1 * fresh
@@ -149,13 +149,13 @@ def test_a_fast_swing_is_not_driven_and_its_joint_is_answered_again_after_a_whil
 @pytest.mark.parametrize(
     "errors", [swing(0.003, 10.0, 2.0), swing(0.01, 5.0, 4.0), [0.0, 0.03, 0.0, 0.0], [0.02, -0.02]]
 )
-def test_noise_a_swing_that_is_braked_and_one_overshoot_are_answered(feedback, errors):
+def test_feedback_answers_noise_braked_swing_and_one_overshoot(feedback, errors):
     fed(feedback, errors)
     answer, fresh = strongest_answer(feedback, [0.005] * 20)
     assert answer == pytest.approx(fresh)
 
 
-def test_a_light_joint_is_softened_and_a_pressed_one_stiffened_and_braked_more():
+def test_feedback_softens_light_and_stiffens_pressed_joint():
     lag, inertia_s2 = [0.01] * 200, np.array([0.8 / 18.0**2])
     stiffness, braking = [], []
     for pressed in (0.0, 1.0):
@@ -170,7 +170,7 @@ def test_a_light_joint_is_softened_and_a_pressed_one_stiffened_and_braked_more()
     assert braking == pytest.approx([28 * inertia_s2[0], 40 * inertia_s2[0]], rel=0.1)
 
 
-def test_a_joint_whose_inertia_is_not_known_is_braked_only():
+def test_feedback_of_unknown_inertia_only_brakes():
     feedback = TrackingFeedback(np.ones(1))
     fed(feedback, [0.01] * 200)
     assert feedback.fast == pytest.approx(0.0, abs=1e-6)
@@ -212,7 +212,7 @@ def error_rad(motor, p_gain, feedback=None):
 )
 @pytest.mark.parametrize("output_nm", [0.002, 0.02])
 @pytest.mark.parametrize("inertia_kg_m2", [0.005, 0.05])
-def test_no_joint_swings_further_in_its_play_than_its_servo_alone(
+def test_feedback_adds_at_most_25_percent_to_backlash_swing(
     model, p_gain, output_nm, inertia_kg_m2
 ):
     parameters = replace(PARAMETERS[model], output_friction_nm=output_nm)

@@ -17,25 +17,25 @@ def counted(frequency_hz, half_width, seconds=2.0, fresh=True):
     return counter
 
 
-def test_a_swing_turns_round_twice_a_period_by_its_whole_width():
+def test_turn_counter_counts_two_turns_per_swing_period():
     counter = counted(4.0, 0.02)
     assert 15 <= counter.count[0] <= 17
     assert np.isclose(counter.width[0], 0.04, rtol=0.02)
 
 
-def test_small_turns_are_noise():
+def test_turn_counter_ignores_small_turns():
     assert counted(4.0, 0.004).count[0] == 0
 
 
-def test_slow_turns_do_not_follow_one_another():
+def test_turn_counter_does_not_add_up_slow_turns():
     assert counted(0.5, 0.02, seconds=8.0).count[0] == 1
 
 
-def test_joints_that_were_not_read_have_not_turned():
+def test_turn_counter_ignores_joints_that_were_not_read():
     assert counted(4.0, 0.02, fresh=False).count[0] == 0
 
 
-def test_a_motion_begins_without_turns():
+def test_turn_counter_is_reset_when_a_motion_begins():
     counter = counted(4.0, 0.02)
     counter.begin()
     assert counter.count[0] == 0

@@ -38,21 +38,21 @@ def test_every_generated_page_is_in_the_navigation():
 
 
 @pytest.mark.parametrize("name", [n for n, each in all_commands().items() if each.module])
-def test_every_option_of_a_command_is_listed(pages, name):
+def test_command_page_lists_every_option(pages, name):
     text = section(pages["reference/commands.md"], f"ikservo {name}", 3)
     command = load_command(name, all_commands()[name])
     options = [each for param in command.params for each in param.opts if each.startswith("--")]
     assert [each for each in options if each not in text] == []
 
 
-def test_every_key_of_an_arm_file_has_its_type_and_default(pages):
+def test_arm_file_page_has_type_and_default_of_every_key(pages):
     text = pages["reference/arm-toml.md"]
     assert [key for key in ArmFile.model_fields if f"| `{key}` |" not in text] == []
     assert "| `gear` | number, above 0 | no, else `1.0` |" in text
     assert "| `id` | whole number, at least 0, at most 252 | yes |" in text
 
 
-def test_arm_files_that_ship_use_no_key_that_is_not_listed(pages):
+def test_shipped_arm_files_use_only_documented_keys(pages):
     text = pages["reference/arm-toml.md"]
     listed = set(re.findall(r"^\| `(\w+)` \|", text, re.M))
     nested = re.compile(r"^(\w+) *=", re.M)
@@ -62,7 +62,7 @@ def test_arm_files_that_ship_use_no_key_that_is_not_listed(pages):
 
 
 @pytest.mark.parametrize("model", MODELS.values(), ids=list(MODELS))
-def test_every_register_of_a_servo_is_listed_with_its_address(pages, model):
+def test_register_page_lists_every_register_with_address(pages, model):
     text = section(pages["reference/registers.md"], model.model_name, 2)
     rows = set(re.findall(r"^\| (\d+) \| (\d) \| `(\w+)`", text, re.M))
     assert rows == {
@@ -70,7 +70,7 @@ def test_every_register_of_a_servo_is_listed_with_its_address(pages, model):
     }
 
 
-def test_every_message_that_the_page_sends_is_described(pages):
+def test_page_protocol_describes_every_message_sent(pages):
     sent = set()
     for path in (ROOT / "ikservo/apps/page/static").glob("*.js"):
         if ".min." not in path.name:
@@ -80,7 +80,7 @@ def test_every_message_that_the_page_sends_is_described(pages):
     assert len(sent) > 10
 
 
-def test_a_message_that_a_command_prints_is_among_all_messages(pages, capsys):
+def test_error_page_contains_a_message_that_a_command_prints(pages, capsys):
     main(["gripper", "open", "--arm", "planar2", "--port", "sim"])
     printed = capsys.readouterr().err.splitlines()[-2]
     rows = section(pages["reference/error-messages.md"], "Exit code 1: failed", 2)
@@ -92,7 +92,7 @@ TROUBLE = (ROOT / "docs/troubleshooting.md").read_text("utf-8")
 
 
 @pytest.mark.parametrize("exit_code", ExitCode, ids=str)
-def test_troubleshooting_explains_every_error_under_its_exit_code(exit_code):
+def test_troubleshooting_lists_every_error_by_its_exit_code(exit_code):
     text = section(TROUBLE, f"Exit code {exit_code.value}: {exit_code.meaning}", 3)
     kinds = [each for name in errors.__all__ if is_error(each := getattr(errors, name))]
     names = {each.__name__ for each in kinds if each.exit_code is exit_code}
@@ -103,12 +103,12 @@ def is_error(value):
     return isinstance(value, type) and issubclass(value, IkservoError)
 
 
-def test_every_public_name_is_in_the_python_reference():
+def test_python_reference_contains_every_public_name():
     text = (ROOT / "docs/reference/python.md").read_text("utf-8")
     assert [name for name in ikservo.__all__ if f"::: ikservo.{name}\n" not in text] == []
 
 
-def test_every_idea_of_the_lecture_that_the_sources_cite_is_explained():
+def test_lecture_explains_every_section_cited_in_the_sources():
     page = (ROOT / "docs/lecture.md").read_text("utf-8")
     explained = set(re.findall(r"^### (L\d+)\. .* \{#l\d+\}$", page, re.M))
     sources = [*(ROOT / "ikservo").rglob("*.py"), *(ROOT / "tests").rglob("*.py")]
@@ -126,7 +126,7 @@ def test_files_named_by_the_lecture_page_exist():
 
 
 @pytest.mark.parametrize("wiring", WIRINGS, ids=lambda each: each.arm)
-def test_the_wiring_drawings_show_the_servos_of_the_arm_files(wiring):
+def test_wiring_drawings_show_the_servo_ids_of_arm_files(wiring):
     stored = (ROOT / f"docs/pictures/wiring-{wiring.arm}.svg").read_text("utf-8")
     assert stored == draw(wiring)
     for joint in ikservo.load_model(wiring.arm).joints:

@@ -16,7 +16,7 @@ def test_record_begins_with_result_and_table(page):
     assert table <= 8, "at most a few lines before the table"
 
 
-def test_documents_outside_lab_are_short():
+def test_documents_outside_lab_stay_below_the_word_limit():
     pages = [page for page in (ROOT / "docs").rglob("*.md") if page not in RECORDS]
     words = sum(len(page.read_text("utf-8").split()) for page in pages)
     assert words <= MOST_WORDS, f"{words} words: move measurements to docs/lab"

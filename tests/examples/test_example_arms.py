@@ -36,12 +36,12 @@ def opened(request):
         yield arm
 
 
-def test_every_folder_is_tested():
+def test_every_example_arm_folder_is_tested():
     assert sorted(ARMS) == sorted(path.name for path in FOLDER.iterdir())
 
 
 @pytest.mark.parametrize("name", ARMS)
-def test_its_tip_is_where_others_compute_it(name):
+def test_example_arm_forward_kinematics_matches_pinocchio(name):
     chain = ikservo.load_model(file_of(name)).chain
     theirs = pinocchio.buildModelFromUrdf(str(FOLDER / name / "arm.urdf"))
     data = theirs.createData()
@@ -52,14 +52,14 @@ def test_its_tip_is_where_others_compute_it(name):
 
 
 @pytest.mark.parametrize("name", ARMS)
-def test_its_inertias_are_those_of_bodies(name, capfd):
+def test_example_arm_loads_in_mujoco_with_positive_masses(name, capfd):
     model = mujoco.MjModel.from_xml_path(str(FOLDER / name / "arm.urdf"))
     assert capfd.readouterr() == ("", "")
     assert (model.body_mass[1:] > 0.0).all()
 
 
 @pytest.mark.parametrize("opened", ARMS, indirect=True, ids=str)
-def test_limp_it_stays_where_its_pose_rest_is(opened):
+def test_example_arm_stays_in_its_rest_pose_when_limp(opened):
     clock = clock_of(opened)
     clock.sleep_until(clock.now_s() + 3.0)
     rest = opened.model.pose("rest")
@@ -74,14 +74,14 @@ def test_limp_it_stays_where_its_pose_rest_is(opened):
     indirect=["opened"],
     ids=str,
 )
-def test_it_goes_to_a_coordinate(opened, point_m):
+def test_example_arm_moves_to_points(opened, point_m):
     report = opened.move_to(point_m)
     assert report.reached
     assert opened.where().tip_m == pytest.approx(point_m, abs=1e-3)
 
 
 @pytest.mark.parametrize("opened", ["pan_tilt"], indirect=True)
-def test_a_pan_tilt_looks_at_one_point_after_the_other(opened):
+def test_pan_tilt_arm_looks_at_one_point_after_another(opened):
     axis = tool_frame(opened.model).approach_axis
     for point_m in [(1.0, 0.5, -0.2), (0.5, -1.0, 0.4), (0.3, 0.0, 0.0)]:
         assert opened.look_at(point_m).reached
@@ -93,7 +93,7 @@ def test_a_pan_tilt_looks_at_one_point_after_the_other(opened):
 
 
 @pytest.mark.parametrize("opened", ["pan_tilt"], indirect=True)
-def test_a_point_behind_its_limits_moves_nothing(opened):
+def test_look_at_point_beyond_limits_moves_nothing(opened):
     before = opened.where().positions
     with pytest.raises(AimError, match="cannot point at"):
         opened.execute(LookAt((-1.0, 0.0, 0.0)))
@@ -101,7 +101,7 @@ def test_a_point_behind_its_limits_moves_nothing(opened):
 
 
 @pytest.mark.parametrize("opened", ["seven_joints"], indirect=True)
-def test_its_plan_to_look_ends_at_the_goals_of_all_its_joints(opened):
+def test_look_at_plan_requests_all_joints_of_its_goal(opened):
     plan = opened.plan_look((0.4, 0.1, 0.0))
     assert list(plan.requested) == list(opened.chain.names)
     assert plan.requested == pytest.approx(opened.joint_index.by_name(plan.goal))

@@ -50,16 +50,14 @@ def test_every_example_is_tested_and_listed():
 
 
 @pytest.mark.parametrize("name", sorted(set(PRINTED) - {"network", "camera_pick"}))
-def test_an_example_runs(run, name, tmp_path):
+def test_example_runs_and_prints_what_it_promises(run, name, tmp_path):
     assert re.search(PRINTED[name], run(name))
     pictures = {path.name: path.read_bytes()[:4] for path in tmp_path.glob("*.png")}
     assert pictures == ({"workspace.png": b"\x89PNG"} if name == "plot_workspace" else {})
 
 
 @pytest.mark.campaign
-def test_from_the_printed_board_to_a_cube_that_is_lifted_by_the_camera_alone(
-    run, monkeypatch, tmp_path
-):
+def test_camera_pick_example_works_from_board_to_lifted_cube(run, monkeypatch, tmp_path):
     pytest.importorskip("cv2")
     ports, open_camera = [], servosim.open_camera
 
@@ -82,7 +80,7 @@ def test_from_the_printed_board_to_a_cube_that_is_lifted_by_the_camera_alone(
     assert height_m > 0.06  # the simulator says that it is lifted
 
 
-def test_an_arm_on_another_machine_is_driven(run, monkeypatch):
+def test_network_example_drives_an_arm_of_a_server(run, monkeypatch):
     monkeypatch.setattr("ikservo.apps.remote.connection._MAX_ROUND_TRIP_S", TIMEOUT_S)
     with serve(find_free_port()) as served:
         served.server.lease.timeout_s = TIMEOUT_S
@@ -90,6 +88,6 @@ def test_an_arm_on_another_machine_is_driven(run, monkeypatch):
         assert abs(served.arm.where().positions["wrist_roll"] - 0.2) < 0.02
 
 
-def test_examples_are_short():
+def test_examples_have_at_most_40_lines():
     long = {path.name for path in EXAMPLES.glob("*.py") if len(path.read_text().splitlines()) > 40}
     assert long == set()

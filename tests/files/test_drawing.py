@@ -37,12 +37,12 @@ def svg(folder, body, size='width="100mm" height="50mm" viewBox="0 0 200 100"'):
         ("# a comment\n\n1,2\n# another\n3,4\n", None, [[1.0, 2.0, 0.0], [3.0, 4.0, 0.0]]),
     ],
 )
-def test_the_unit_of_a_csv_is_metres_or_what_it_says(tmp_path, text, unit, expected):
+def test_csv_drawing_is_in_metres_or_its_stated_unit(tmp_path, text, unit, expected):
     (stroke,) = read_drawing(csv(tmp_path, text), unit).strokes_m
     np.testing.assert_allclose(stroke, expected)
 
 
-def test_an_empty_line_lifts_the_pen(tmp_path):
+def test_csv_drawing_empty_line_begins_a_new_stroke(tmp_path):
     drawing = read_drawing(csv(tmp_path, "x_mm,y_mm\n0,0\n1,0\n\n\n5,5\n6,5\n\n"))
     assert [len(stroke) for stroke in drawing.strokes_m] == [2, 2]
 
@@ -65,29 +65,29 @@ def test_an_empty_line_lifts_the_pen(tmp_path):
         ("\n".join(f"{i},0" for i in range(20_001)), None, "more than 20000 points"),
     ],
 )
-def test_a_csv_that_cannot_be_used_is_refused_with_its_line(tmp_path, text, unit, message):
+def test_csv_drawing_with_bad_content_is_refused_with_its_line(tmp_path, text, unit, message):
     with pytest.raises(InputError, match=message):
         read_drawing(csv(tmp_path, text), unit)
 
 
-def test_a_missing_file_is_named(tmp_path):
+def test_missing_drawing_file_is_named(tmp_path):
     with pytest.raises(FileFormatError, match=r"nowhere\.csv: does not exist"):
         read_drawing(tmp_path / "nowhere.csv")
 
 
-def test_an_svg_has_its_own_size_its_right_to_the_right_and_its_top_ahead(tmp_path):
+def test_svg_drawing_keeps_its_size_right_and_top(tmp_path):
     # 200 by 100 units are 100 by 50 mm: a line right, then up, as the reader of the page sees it
     (stroke,) = read_drawing(svg(tmp_path, '<path d="M 20,80 h 40 v -60"/>')).strokes_m
     expected = [[0.0, 0.0, 0.0], [0.0, -0.02, 0.0], [0.03, -0.02, 0.0]]
     np.testing.assert_allclose(stroke, expected, atol=1e-6)
 
 
-def test_a_pixel_without_a_size_is_a_96th_of_an_inch(tmp_path):
+def test_svg_pixel_without_document_size_is_a_96th_of_an_inch(tmp_path):
     (stroke,) = read_drawing(svg(tmp_path, '<path d="M 0,0 H 96"/>', "")).strokes_m
     assert np.ptp(stroke[:, 1]) == pytest.approx(0.0254)
 
 
-def test_transforms_shapes_and_curves_are_drawn(tmp_path):
+def test_svg_transforms_shapes_and_curves_are_drawn(tmp_path):
     body = '<g transform="translate(30,0) scale(2)"><circle cx="10" cy="10" r="5"/></g>'
     (stroke,) = read_drawing(svg(tmp_path, body, "")).strokes_m
     center = stroke.min(axis=0) + np.ptp(stroke, axis=0) / 2
@@ -96,12 +96,12 @@ def test_transforms_shapes_and_curves_are_drawn(tmp_path):
     np.testing.assert_allclose(stroke[0], stroke[-1], atol=1e-9)
 
 
-def test_each_move_of_a_path_begins_a_stroke(tmp_path):
+def test_svg_path_move_begins_a_new_stroke(tmp_path):
     drawing = read_drawing(svg(tmp_path, '<path d="M0,0 h5 M10,10 h5 z"/><line x1="1" x2="3"/>'))
     assert len(drawing.strokes_m) == 3
 
 
-def test_text_is_not_drawn_and_that_is_said(tmp_path):
+def test_svg_text_is_not_drawn_and_reported(tmp_path):
     drawing = read_drawing(svg(tmp_path, '<path d="M0,0 h5"/><text>hi</text>'))
     assert drawing.ignored == ("text, which must be converted to paths first",)
 
@@ -119,19 +119,19 @@ def test_text_is_not_drawn_and_that_is_said(tmp_path):
         (f'{HEAD}<path d="M0,0 L1e999,1"/></svg>', "not finite"),
     ],
 )
-def test_an_svg_that_cannot_be_used_is_refused(tmp_path, text, message):
+def test_unusable_svg_is_refused_with_its_reason(tmp_path, text, message):
     path = tmp_path / "bad.svg"
     path.write_text(text)
     with pytest.raises(FileFormatError, match=message):
         read_drawing(path)
 
 
-def test_a_unit_for_an_svg_is_refused(tmp_path):
+def test_svg_drawing_refuses_a_unit(tmp_path):
     with pytest.raises(BadValueError, match="given for an SVG"):
         read_drawing(svg(tmp_path, '<path d="M0,0 h5"/>'), "mm")
 
 
-def test_without_svgelements_the_extra_is_named(tmp_path, monkeypatch):
+def test_svg_drawing_without_svgelements_names_the_extra(tmp_path, monkeypatch):
     real = builtins.__import__
 
     def refuse(name, *args, **kwargs):
@@ -149,7 +149,7 @@ def corner():
     return Drawing((np.array([[0.0, 0.0, 0.0], [0.1, 0.0, 0.0], [0.1, 0.04, 0.0]]),))
 
 
-def test_scale_width_and_place():
+def test_drawing_is_scaled_to_a_width_and_placed():
     drawing = corner().with_width(0.05)
     np.testing.assert_allclose(drawing.size_m, (0.05, 0.02))
     (stroke,) = drawing.placed((0.2, 0.1, 0.3), math.pi / 2).strokes_m
@@ -157,19 +157,19 @@ def test_scale_width_and_place():
 
 
 @pytest.mark.parametrize("factor", [0.0, -1.0, math.nan, math.inf])
-def test_a_scale_that_is_none_is_refused(factor):
+def test_drawing_refuses_invalid_scale_and_width(factor):
     with pytest.raises(BadValueError):
         corner().scaled(factor)
     with pytest.raises(BadValueError):
         corner().with_width(factor)
 
 
-def test_a_point_cannot_be_given_a_width():
+def test_single_point_drawing_refuses_a_width():
     with pytest.raises(BadValueError, match="a single point"):
         Drawing((np.zeros((1, 3)),)).with_width(0.1)
 
 
-def test_simplifying_keeps_corners_and_drops_what_changes_nothing():
+def test_simplified_drawing_keeps_corners_and_its_shape():
     angles = np.linspace(0.0, math.pi, 2000)
     arc = 0.03 * np.column_stack([np.cos(angles), np.sin(angles), 0 * angles])
     across = np.linspace(arc[-1], (0.0, -0.05, 0.0), 500)

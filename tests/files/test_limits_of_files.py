@@ -49,7 +49,7 @@ DRAWINGS = {
 
 
 @pytest.mark.parametrize("name", DRAWINGS)
-def test_an_svg_is_refused_before_it_is_read_for(name, tmp_path, monkeypatch):
+def test_excessive_svg_is_refused_before_it_is_parsed(name, tmp_path, monkeypatch):
     svgelements = pytest.importorskip("svgelements")
     monkeypatch.setattr(svgelements.SVG, "parse", lambda *_, **__: pytest.fail("it was read"))
     body, words = DRAWINGS[name]
@@ -58,7 +58,7 @@ def test_an_svg_is_refused_before_it_is_read_for(name, tmp_path, monkeypatch):
         read_drawing(tmp_path / "a.svg")
 
 
-def test_curves_are_counted_before_they_are_sampled(tmp_path, monkeypatch):
+def test_svg_curves_are_counted_before_they_are_sampled(tmp_path, monkeypatch):
     pytest.importorskip("svgelements")
     monkeypatch.setattr("ikservo.files.drawing._sample_segments", lambda _: pytest.fail("sampled"))
     (tmp_path / "a.svg").write_text(SVG.replace("{}", f'<path d="M0 0{"t1 1" * 400}"/>'))
@@ -66,7 +66,7 @@ def test_curves_are_counted_before_they_are_sampled(tmp_path, monkeypatch):
         read_drawing(tmp_path / "a.svg")
 
 
-def test_a_csv_is_read_no_further_than_its_last_point(tmp_path):
+def test_csv_is_not_read_beyond_its_point_limit(tmp_path):
     (tmp_path / "a.csv").write_text("1,2\n" * 20_001 + "not read\n")
     with pytest.raises(FileFormatError, match="more than 20000 points"):
         read_drawing(tmp_path / "a.csv")
@@ -89,7 +89,7 @@ def mcap_file(path, *chunks):
 
 
 @pytest.mark.parametrize("compression", ["zstd", "lz4"])
-def test_a_chunk_of_an_mcap_is_inflated_to_what_it_states_at_most(compression, tmp_path):
+def test_mcap_chunk_is_inflated_at_most_to_its_stated_size(compression, tmp_path):
     if compression == "zstd":
         packed = pytest.importorskip("zstandard").compress(bytes(50_000_000))
     else:
@@ -107,7 +107,7 @@ def test_a_chunk_of_an_mcap_is_inflated_to_what_it_states_at_most(compression, t
 
 @pytest.mark.campaign
 @pytest.mark.parametrize(("count", "words"), [(1, "a chunk of it inflates"), (20, "too much")])
-def test_a_large_chunk_or_many_of_an_mcap_are_refused(count, words, tmp_path):
+def test_mcap_with_large_chunk_or_too_many_chunks_is_refused(count, words, tmp_path):
     zstandard = pytest.importorskip("zstandard")
     size = MAX_CHUNK_BYTES + 1 if count == 1 else MAX_CHUNK_BYTES
     packed = chunk(size, zstandard.compress(bytes(size)), "zstd")
@@ -115,13 +115,13 @@ def test_a_large_chunk_or_many_of_an_mcap_are_refused(count, words, tmp_path):
         read_recording(mcap_file(tmp_path / "a.mcap", *[packed] * count))
 
 
-def test_a_recording_that_is_a_pipe_is_not_waited_for(tmp_path):
+def test_recording_that_is_a_pipe_is_refused_at_once(tmp_path):
     os.mkfifo(tmp_path / "a.jsonl")
     with pytest.raises(FileFormatError, match="not a regular file"):
         read_recording(tmp_path / "a.jsonl")
 
 
-def test_a_recording_has_at_most_a_hundred_joints(tmp_path):
+def test_recording_with_101_joints_is_refused(tmp_path):
     names = [f"j{i}" for i in range(101)]
     header = {"schema": "ikservo/recording/1", "arm": "a", "joints": names,
               "units": ["rad"] * 101, "period_s": 0.02}  # fmt: skip
@@ -131,7 +131,7 @@ def test_a_recording_has_at_most_a_hundred_joints(tmp_path):
 
 
 @pytest.mark.parametrize(("rows", "width"), [(MAX_FRAMES + 1, 1), (10, 100_000)])
-def test_frames_of_a_data_set_are_counted_before_they_are_read(rows, width, tmp_path, monkeypatch):
+def test_data_set_frames_are_counted_before_they_are_read(rows, width, tmp_path, monkeypatch):
     pa, pq = pytest.importorskip("pyarrow"), pytest.importorskip("pyarrow.parquet")
     values = pa.array(np.zeros(rows * width, dtype=np.float32))
     table = pa.table({
@@ -209,14 +209,14 @@ SCENES = {
 
 
 @pytest.mark.parametrize("name", SCENES)
-def test_a_collada_scene_is_counted_before_its_instances_are_made_for(name, tmp_path, monkeypatch):
+def test_collada_instances_are_counted_before_they_are_built(name, tmp_path, monkeypatch):
     monkeypatch.setattr(meshes, "_load_mesh", lambda *_: pytest.fail("it was read"))
     parts, words = SCENES[name]
     with pytest.raises(FileFormatError, match=words):
         read_triangles(tmp_path / "a.dae", COLLADA.format(*parts).encode(), "base")
 
 
-def test_a_collada_scene_of_a_few_instances_is_read(tmp_path, monkeypatch):
+def test_collada_scene_with_few_instances_is_read(tmp_path, monkeypatch):
     monkeypatch.setattr(meshes, "_load_mesh", lambda *_: np.ones((4, 3, 3)))
     text = COLLADA.format(ONE, doubled(3), node("r", shown("n2")))
     assert read_triangles(tmp_path / "a.dae", text.encode(), "base").shape == (4, 3, 3)
@@ -234,7 +234,7 @@ def sphere(triangles):
 
 
 @pytest.mark.full
-def test_a_mesh_with_many_corners_is_contained_whole():
+def test_capsules_contain_every_corner_of_a_large_mesh():
     triangles = sphere(MAX_TRIANGLES // 3)
     fit = fit_capsules(triangles)
     inside = [capsule.depth_m(triangles.reshape(-1, 3)) for capsule in fit.capsules]
@@ -266,7 +266,7 @@ def joint_states(path, messages):
 
 
 @pytest.mark.full
-def test_samples_of_an_mcap_need_eight_bytes_a_number_thrice(tmp_path):
+def test_mcap_recording_needs_memory_below_5_times_its_size(tmp_path):
     tracemalloc = pytest.importorskip("tracemalloc")
     names = [f"a_joint_with_a_name_{i}" for i in range(6)]
     path = joint_states(tmp_path / "a.mcap", [names] * 10_000)
@@ -279,13 +279,13 @@ def test_samples_of_an_mcap_need_eight_bytes_a_number_thrice(tmp_path):
         tracemalloc.stop()
 
 
-def test_joints_of_an_mcap_are_counted_over_all_messages(tmp_path):
+def test_mcap_joints_are_counted_over_all_messages(tmp_path):
     path = joint_states(tmp_path / "a.mcap", [[f"j{i}"] for i in range(101)])
     with pytest.raises(FileFormatError, match="at most 100 joints"):
         read_recording(path)
 
 
-def test_joints_that_come_one_by_one_are_put_together(tmp_path):
+def test_mcap_joints_from_separate_messages_are_combined(tmp_path):
     path = joint_states(tmp_path / "a.mcap", [["a"], ["b"], ["a"], ["b", "a"]])
     recording = read_recording(path)
     assert recording.header.joints == ("a", "b")
@@ -301,7 +301,7 @@ OWN_FILES = {
 
 
 @pytest.mark.parametrize("name", OWN_FILES)
-def test_the_simulators_own_files_are_bounded_as_the_models_are(name, tmp_path):
+def test_simulator_files_above_their_limits_are_refused(name, tmp_path):
     path = tmp_path / name
     path.write_bytes(OWN_FILES[name])
     readers = (
@@ -312,21 +312,21 @@ def test_the_simulators_own_files_are_bounded_as_the_models_are(name, tmp_path):
             read(path)
 
 
-def test_the_simulators_own_files_are_not_waited_for(tmp_path):
+def test_simulator_file_that_is_a_pipe_is_refused_at_once(tmp_path):
     os.mkfifo(tmp_path / "a.toml")
     with pytest.raises(SimulatorError, match="not a regular file"):
         read_arm_file(tmp_path / "a.toml")
 
 
 @pytest.mark.parametrize("name", MESHES)
-def test_triangles_are_counted_before_a_mesh_is_read(name, tmp_path, monkeypatch):
+def test_mesh_triangles_are_counted_before_it_is_read(name, tmp_path, monkeypatch):
     monkeypatch.setattr(meshes, "_load_mesh", lambda *_: pytest.fail("it was read"))
     with pytest.raises(FileFormatError, match="triangles"):
         read_triangles(tmp_path / name, MESHES[name], "base")
 
 
 @pytest.mark.full
-def test_fitting_needs_no_memory_that_grows_with_the_square_of_the_points():
+def test_capsule_fit_of_6000_points_needs_less_than_30_mb():
     tracemalloc = pytest.importorskip("tracemalloc")
     angles = np.linspace(0.0, np.pi, 6000)
     points = np.column_stack([np.cos(angles), np.sin(angles), np.zeros(6000)])
@@ -344,7 +344,7 @@ MULTIPLIED = {
 
 
 @pytest.mark.parametrize("name", MULTIPLIED)
-def test_an_mjcf_is_refused_before_it_is_compiled_for(name, tmp_path):
+def test_excessive_mjcf_is_refused_before_it_is_compiled(name, tmp_path):
     pytest.importorskip("mujoco")
     (tmp_path / "arm.xml").write_text(f"<mujoco>{MULTIPLIED[name]}</mujoco>")
     with pytest.raises(ikservo.IkservoError, match=r"is not for arms|has (width|nuser_geom)="):

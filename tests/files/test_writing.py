@@ -26,24 +26,24 @@ def path(tmp_path):
     return path
 
 
-def test_a_file_is_written_with_its_folders(tmp_path):
+def test_file_is_written_with_its_folders(tmp_path):
     write_atomic(tmp_path / "a" / "b" / "c.toml", NEW)
     assert (tmp_path / "a" / "b" / "c.toml").read_text() == NEW
 
 
-def test_the_old_file_is_kept_beside_the_new_one(path):
+def test_old_file_is_kept_as_backup(path):
     write_atomic(path, NEW, keep_old=True)
     assert path.read_text() == NEW
     assert path.with_name("so101.toml.bak").read_text() == OLD
 
 
-def test_nothing_else_is_left_in_the_folder(path):
+def test_atomic_write_leaves_no_other_file_in_the_folder(path):
     write_atomic(path, NEW)
     assert [p.name for p in path.parent.iterdir()] == ["so101.toml"]
 
 
 @pytest.mark.skipif(os.name != "posix", reason="modes of files")
-def test_a_file_has_the_permissions_that_other_programs_give(path):
+def test_atomic_write_keeps_usual_and_private_permissions(path):
     """A new one those of the user's umask; a replaced one its own; a key is its owner's only."""
     by_hand = path.with_name("by_hand")
     by_hand.touch()
@@ -57,7 +57,7 @@ def test_a_file_has_the_permissions_that_other_programs_give(path):
 
 
 @pytest.mark.skipif(os.name != "posix", reason="modes of files")
-def test_a_disk_that_keeps_no_permissions_is_written_to(path, monkeypatch):
+def test_atomic_write_works_on_disk_without_permissions(path, monkeypatch):
     """FAT and network disks refuse them; what is private is nowhere readable for a while."""
     path.chmod(0o600)
     seen, write = [], os.write
@@ -100,9 +100,7 @@ def test_power_cut_at_every_call_leaves_the_old_or_the_new_file(path, monkeypatc
 
 
 @pytest.mark.parametrize("number", [errno.ENOSPC, errno.EIO, errno.EROFS], ids=errno.errorcode.get)
-def test_an_error_at_every_call_says_whether_the_file_is_the_old_or_the_new_one(
-    path, monkeypatch, number
-):
+def test_error_at_every_call_tells_whether_the_file_changed(path, monkeypatch, number):
     calls = calls_of_a_save(path, monkeypatch)
     for nth in range(1, calls + 1):
         patch_calls(monkeypatch, FailingCall(nth, number))
@@ -117,7 +115,7 @@ def test_an_error_at_every_call_says_whether_the_file_is_the_old_or_the_new_one(
 
 @pytest.mark.campaign
 @pytest.mark.timeout(1200)
-def test_ten_thousand_random_power_cuts_never_tear_a_file(path, monkeypatch):
+def test_10000_random_power_cuts_never_tear_a_file(path, monkeypatch):
     chance = random.Random(6)
     calls = calls_of_a_save(path, monkeypatch)
     for _ in range(10_000):
@@ -129,34 +127,34 @@ def test_ten_thousand_random_power_cuts_never_tear_a_file(path, monkeypatch):
         write_atomic(path, OLD)
 
 
-def test_removing_what_is_not_there_is_no_trouble(tmp_path):
+def test_removing_a_missing_file_is_not_an_error(tmp_path):
     remove_durably(tmp_path / "nothing")
 
 
-def test_a_removed_file_is_gone(path):
+def test_removed_file_is_gone(path):
     remove_durably(path)
     assert not path.exists()
 
 
-def test_a_folder_that_takes_no_file_is_refused_beforehand(tmp_path):
+def test_check_writable_refuses_folder_that_takes_no_file(tmp_path):
     (tmp_path / "no_folder").write_text("")
     with pytest.raises(FileWriteError):
         check_writable(tmp_path / "no_folder" / "arms")
 
 
-def test_looking_whether_a_folder_takes_files_leaves_none(tmp_path):
+def test_check_writable_leaves_no_file(tmp_path):
     check_writable(tmp_path / "arms")
     assert not list((tmp_path / "arms").iterdir())
 
 
-def test_files_that_belong_together_are_written_with_their_folders(tmp_path):
+def test_several_files_are_written_with_their_folders(tmp_path):
     files = {tmp_path / "a" / "b": b"1", tmp_path / "c" / "d" / "e": b"2"}
     write_all_atomic(files)
     assert all(path.read_bytes() == data for path, data in files.items())
     assert len([path for path in tmp_path.rglob("*") if path.is_file()]) == 2
 
 
-def test_what_cannot_be_written_leaves_the_files_that_it_belongs_to(tmp_path):
+def test_failed_write_of_several_files_keeps_the_old_ones(tmp_path):
     old = tmp_path / "old"
     old.write_text(OLD)
     with pytest.raises(FileWriteError, match="old/new"):

@@ -34,7 +34,7 @@ def checker_of(name, things):
 
 
 @pytest.mark.parametrize("name", ["so101", "wx250s", "every kind of joint"])
-def test_postures_are_free_whose_distances_are(name):
+def test_clear_space_contains_poses_by_checker_distance(name):
     shape = every_kind_of_joint() if name == "every kind of joint" else body(name)
     checker = CollisionChecker(shape, 0.02, [*BOXES, *things_around(4)])
     q = np.random.default_rng(1).uniform(-2.0, 2.0, (400, checker.dof))
@@ -46,7 +46,7 @@ def test_postures_are_free_whose_distances_are(name):
 
 
 @pytest.mark.parametrize("name", ["so101", "koch", "open_manipulator_x"])
-def test_an_arm_that_sags_keeps_the_distance_too(name):
+def test_clear_space_keeps_distance_of_sagging_arm(name):
     checker = checker_of(name, things_around(5))
     q = np.random.default_rng(2).uniform(-1.5, 1.5, (300, checker.dof))
     space = checker.clear_space(0.004, load=1.7)
@@ -55,7 +55,7 @@ def test_an_arm_that_sags_keeps_the_distance_too(name):
 
 
 @pytest.mark.parametrize("name", ["so101", "wx250s"])
-def test_a_motion_called_free_is_free_between_samples(name):
+def test_motion_found_free_keeps_distance_between_samples(name):
     random, checker = np.random.default_rng(3), checker_of(name, things_around(6))
     space, free = checker.clear_space(0.005, load=0.0), 0
     for _ in range(24):
@@ -75,7 +75,7 @@ def droop(q):
     return bent
 
 
-def test_an_arm_that_gives_way_keeps_the_distance_where_its_links_are():
+def test_clear_space_keeps_distance_of_arm_that_bends():
     things, random = things_around(6), np.random.default_rng(4)
     checker, stiff = (CollisionChecker(body("so101"), None, things) for _ in range(2))
     checker.bends = droop
@@ -92,7 +92,7 @@ def test_an_arm_that_gives_way_keeps_the_distance_where_its_links_are():
     assert 2 <= free <= 70
 
 
-def test_a_plate_as_thin_as_paper_is_not_stepped_over():
+def test_clear_space_finds_plate_of_1_um_thickness():
     chain = model_of("so101").chain
     start, goal = np.zeros(chain.dof), np.zeros(chain.dof)
     start[0], goal[0] = -1.0, 1.0
@@ -106,7 +106,7 @@ def test_a_plate_as_thin_as_paper_is_not_stepped_over():
         assert any(space.is_free(np.array([end, 0.3 * end])) for end in (start, goal))
 
 
-def test_a_pair_that_is_near_at_an_end_may_stay_as_near():
+def test_clear_space_allows_pair_as_near_as_at_path_end():
     checker = CollisionChecker(body("so101"), None, BOXES)
     q = np.random.default_rng(7).uniform(-1.2, 1.2, (400, checker.dof))
     near_m = checker.distances(q).min(axis=1)
@@ -119,7 +119,7 @@ def test_a_pair_that_is_near_at_an_end_may_stay_as_near():
 
 @pytest.mark.skipif(not compiled.is_compiled(), reason="no C compiler")
 @pytest.mark.parametrize("kernel", ["first_contact", "free_postures"])
-def test_both_ways_say_the_same(monkeypatch, kernel):
+def test_compiled_clear_space_equals_python_code(monkeypatch, kernel):
     pairs = []
 
     def bind(name, *arguments):
@@ -144,7 +144,7 @@ def test_both_ways_say_the_same(monkeypatch, kernel):
     assert pairs == [kernel]
 
 
-def test_arrays_that_do_not_fit_together_are_refused(monkeypatch):
+def test_free_path_kernel_refuses_arrays_of_wrong_shape(monkeypatch):
     given = []
     monkeypatch.setattr(clear_space, "bind", lambda name, *arguments: given.extend(arguments))
     checker = CollisionChecker(body("so101"), 0.0, BOXES)

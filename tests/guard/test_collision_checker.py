@@ -27,29 +27,29 @@ def straight(start, goal):
 
 
 @pytest.mark.parametrize("name", ARMS)
-def test_the_ways_between_the_named_poses_are_free(name):
+def test_checker_accepts_paths_between_named_poses(name):
     model, space = model_of(name), CollisionChecker(body(name))
     poses = [model.chain_pose(pose) for pose in ("rest", "home", "zero", "rest")]
     for start, goal in itertools.pairwise(poses):
         space.check_path(straight(start, goal))
 
 
-def test_it_looks_at_joint_vectors_as_long_as_its_body_has_joints():
+def test_checker_dof_equals_number_of_body_joints():
     assert CollisionChecker(BODY).dof == len(HOME)
 
 
-def test_reaching_below_the_table_is_refused_with_the_link_and_the_place():
+def test_checker_refusal_names_link_table_and_place():
     below = HOME + np.array([0, 0.8, 0, 0, 0])
     with pytest.raises(RefusedError, match=r"\w+ would touch the table: .* at the goal"):
         CollisionChecker(BODY).check_path(straight(HOME, below))
 
 
-def test_without_a_floor_the_same_way_is_free_of_it():
+def test_checker_accepts_low_goal_with_lower_floor():
     below = HOME + np.array([0, 0.8, 0, 0, 0])
     CollisionChecker(BODY, floor_m=-1.0).check_path(straight(HOME, below))
 
 
-def test_what_stands_between_two_free_ends_is_seen():
+def test_checker_finds_obstacle_between_two_free_ends():
     middle_m = SO101.chain.forward(HOME)[:3, 3]
     left, right = HOME.copy(), HOME.copy()
     left[0], right[0] = -1.2, 1.2
@@ -59,21 +59,21 @@ def test_what_stands_between_two_free_ends_is_seen():
     CollisionChecker(BODY).check_path(straight(left, right))
 
 
-def test_an_arm_that_touches_already_may_leave():
+def test_checker_lets_arm_leave_box_that_it_touches():
     tip_m = SO101.chain.forward(HOME)[:3, 3]
     lid = KeepOutBox("the lid", tip_m - 0.005, tip_m + 0.005)
     away = HOME - np.array([0, 0.3, 0, 0, 0])
     CollisionChecker(BODY, boxes=[lid]).check_path(straight(HOME, away))
 
 
-def test_an_arm_that_sank_onto_the_table_may_get_up_but_not_lie_deeper():
+def test_checker_lets_arm_rise_from_table_but_not_sink_deeper():
     sunk = HOME + np.array([0, 0.8, 0, 0, 0])
     CollisionChecker(BODY).check_path(straight(sunk, HOME))
     with pytest.raises(RefusedError, match="would touch the table"):
         CollisionChecker(BODY).check_path(straight(sunk, sunk + np.array([0, 0.1, 0, 0, 0])))
 
 
-def test_what_has_been_left_must_not_be_touched_again():
+def test_checker_refuses_second_contact_after_leaving_table():
     sunk = HOME + np.array([0, 0.8, 0, 0, 0])
     with pytest.raises(RefusedError, match="would touch the table"):
         CollisionChecker(BODY).check_path([*straight(sunk, HOME), *straight(HOME, sunk)])
@@ -89,7 +89,7 @@ def test_what_has_been_left_must_not_be_touched_again():
         ((-math.inf, 0, 0), (1, 1, 1)),
     ],
 )
-def test_a_box_without_an_inside_is_refused(low, high):
+def test_keep_out_box_without_volume_is_refused(low, high):
     with pytest.raises(BadValueError, match="the cup"):
         KeepOutBox("the cup", np.array(low), np.array(high))
 
@@ -126,49 +126,49 @@ def deepest_contact(space, *q):
 
 
 @pytest.mark.parametrize("height_m", [0.1001, 0.5])
-def test_a_posture_above_the_floor_is_free(height_m):
+def test_posture_above_floor_has_no_contact(height_m):
     assert deepest_contact(space_of_balls(), height_m, 1.0) == ""
 
 
-def test_a_posture_below_the_floor_is_named_with_its_depth():
+def test_contact_with_floor_is_named_with_its_depth():
     assert deepest_contact(space_of_balls(), 0.08, 1.0) == "lift-the table, 20.0 mm"
 
 
-def test_a_refusal_says_what_can_be_done():
+def test_collision_refusal_hint_suggests_another_pose():
     with pytest.raises(RefusedError, match="lift would touch the table") as caught:
         space_of_balls().check_path([np.array([0.5, 1.0]), np.array([0.08, 1.0])])
     assert "another pose" in caught.value.command_hint
     assert "collisions=False" not in caught.value.hint
 
 
-def test_what_stands_on_the_floor_does_not_touch_it():
+def test_base_below_floor_is_not_a_contact():
     space = space_of_balls(floor_m=0.05)  # the base's ball is 5 cm deep
     assert deepest_contact(space, 1.0, 1.0) == ""
 
 
-def test_a_higher_floor_is_touched_earlier():
+def test_raised_floor_is_touched_at_greater_height():
     assert deepest_contact(space_of_balls(floor_m=0.25), 0.3, 1.0) == "lift-the table, 50.0 mm"
 
 
-def test_links_that_touch_each_other_are_named():
+def test_contact_names_both_links():
     assert deepest_contact(space_of_balls(floor_m=None), 0.15, 0.0) == "base-reach, 50.0 mm"
 
 
 @pytest.mark.parametrize("depth_m", [0.0, 0.9e-9])
-def test_exactly_touching_is_free(depth_m):
+def test_touching_at_zero_depth_is_free(depth_m):
     space, q = space_of_balls(), np.array([0.1 - depth_m, 1.0])
     assert deepest_contact(space, *q) == ""
     space.check_path([np.array([0.5, 1.0]), q])
 
 
-def test_a_nanometre_is_deep_enough():
+def test_contact_deeper_than_1_nm_is_refused():
     space, q = space_of_balls(), np.array([0.1 - 1.1e-9, 1.0])
     assert deepest_contact(space, *q) == "lift-the table, 0.0 mm"
     with pytest.raises(RefusedError, match="the table"):
         space.check_path([np.array([0.5, 1.0]), q])
 
 
-def test_boxes_are_distinguished_by_their_names():
+def test_boxes_in_contact_are_distinguished_by_name():
     cups = [
         KeepOutBox("the cup", np.array([0.5, -0.1, 0.5]), np.array([0.7, 0.1, 0.7])),
         KeepOutBox("the jug", np.array([1.5, -0.1, 0.5]), np.array([1.7, 0.1, 0.7])),
@@ -179,7 +179,7 @@ def test_boxes_are_distinguished_by_their_names():
         assert deepest_contact(space, 0.6, reach_m) == f"reach-the {name}, 50.0 mm"
 
 
-def test_a_way_of_two_may_not_end_in_something():
+def test_path_of_two_samples_is_refused_for_contact_at_goal():
     with pytest.raises(RefusedError, match=r"the table: 10\.0 mm inside it at the goal"):
         space_of_balls().check_path([np.array([0.5, 1.0]), np.array([0.09, 1.0])])
 
@@ -195,7 +195,7 @@ def test_a_way_of_two_may_not_end_in_something():
         ((0.02, 0.06), True),
     ],
 )
-def test_an_arm_on_the_floor_may_stay_or_rise_but_not_sink(heights_m, refused):
+def test_arm_on_floor_may_stay_or_rise_but_not_sink(heights_m, refused):
     way = [np.array([height_m, 1.0]) for height_m in (0.05, *heights_m)]
     if refused:
         with pytest.raises(RefusedError, match="the table"):
@@ -215,7 +215,7 @@ def sink_by_checks(height_m, checks, **kwargs):
     return height_m
 
 
-def test_retargeted_paths_in_contact_do_not_add_up():
+def test_retargeted_paths_in_contact_sink_less_than_0_5_mm():
     assert sink_by_checks(0.05, 50) < 0.04
     assert sink_by_checks(0.05, 50, rest=np.array([0.05, 1.0])) >= 0.0495
 
@@ -234,7 +234,7 @@ def test_retargeted_path_ends_no_deeper_than_at_rest():
         space_of_balls().check_path(way, rest=np.array([0.05, 1.0]))
 
 
-def test_small_accepted_paths_in_contact_do_not_add_up():
+def test_fifty_accepted_paths_in_contact_sink_less_than_50_um():
     height_m, dice, space = 0.05, np.random.default_rng(5), space_of_balls()
     for _ in range(50):
         for end_m in height_m + dice.uniform(-6e-4, 1e-4, 20):
@@ -244,19 +244,19 @@ def test_small_accepted_paths_in_contact_do_not_add_up():
     assert height_m >= 0.05 - 50 * 1e-6
 
 
-def test_the_smallest_distance_on_the_way_is_returned():
+def test_check_path_returns_smallest_distance_on_path():
     heights = [0.5, 0.2, 0.4]
     nearest_m = space_of_balls().check_path([np.array([z, 1.0]) for z in heights])
     assert nearest_m == pytest.approx(0.1)
 
 
-def test_the_deepest_place_on_the_way_is_named():
+def test_refusal_names_depth_and_place_of_deepest_contact():
     heights = [0.5, 0.4, 0.08, 0.05, 0.5]
     with pytest.raises(RefusedError, match=r"lift would touch the table: 50\.0 mm deep, at 75 %"):
         space_of_balls().check_path([np.array([z, 1.0]) for z in heights])
 
 
-def test_what_is_touched_first_is_named_not_what_comes_later():
+def test_refusal_names_first_contact_on_path():
     cup = KeepOutBox("the cup", np.array([0.5, -0.1, 0.5]), np.array([0.7, 0.1, 0.7]))
     way = [(0.6, 2.0), (0.6, 0.75), (0.02, 0.75), (0.6, 2.0), (0.6, 2.0)]
     with pytest.raises(RefusedError, match=r"reach would touch the cup: 50\.0 mm deep, at 25 %"):
@@ -275,7 +275,7 @@ def test_what_is_touched_first_is_named_not_what_comes_later():
         ((-2e-9, -1.5e-9, 0.5), False),
     ],
 )
-def test_a_nanometre_is_a_touch_and_no_less(heights, refused):
+def test_path_contact_is_tolerated_up_to_1_nm(heights, refused):
     points = CollisionChecker(ball_on_a_rail(radius_m=0.0))
     way = [np.array([height_m, 1.0]) for height_m in heights]
     if refused:
@@ -285,17 +285,17 @@ def test_a_nanometre_is_a_touch_and_no_less(heights, refused):
         points.check_path(way)
 
 
-def test_a_posture_a_nanometre_deep_is_free():
+def test_posture_contact_of_1_nm_is_free():
     points = CollisionChecker(ball_on_a_rail(radius_m=0.0))
     assert deepest_contact(points, -1e-9, 1.0) == ""
 
 
-def test_a_way_of_one_posture_is_looked_at_as_where_the_arm_is():
+def test_path_of_one_posture_in_contact_is_accepted():
     space_of_balls().check_path([np.array([0.05, 1.0])])
 
 
 @pytest.mark.parametrize("bad", [math.nan, math.inf])
-def test_a_posture_that_is_no_number_is_refused(bad):
+def test_posture_with_nan_or_infinity_is_refused(bad):
     space = space_of_balls()
     with pytest.raises(BadValueError):
         space.collision_free(np.array([[0.5, bad]]))
@@ -303,12 +303,12 @@ def test_a_posture_that_is_no_number_is_refused(bad):
         space.check_path([np.array([0.5, 1.0]), np.array([0.5, bad])])
 
 
-def test_a_posture_of_another_arm_is_refused():
+def test_posture_with_wrong_number_of_joints_is_refused():
     with pytest.raises(BadValueError, match="shape"):
         space_of_balls().collision_free(np.array([[0.5, 1.0, 2.0]]))
 
 
-def test_links_that_overlap_in_a_posture_known_to_be_free_may_do_so():
+def test_overlap_in_known_free_posture_is_allowed_plus_4_mm():
     body = ball_on_a_rail(postures=[np.array([0.15, 0.0])])
     space = CollisionChecker(body, None)
     assert deepest_contact(space, 0.1461, 0.0) == ""  # and 4 mm more
@@ -324,7 +324,7 @@ def plate(at_m, thick_m=0.002):
     return KeepOutBox("the plate", low, low + np.array([thick_m, 0.4, 0.4]))
 
 
-def test_a_thin_plate_between_two_looks_is_seen():
+def test_thin_plate_between_two_path_samples_is_found():
     space = space_of_balls(boxes=[plate(1.5)])
     for at_m in (1.37, 1.63):  # the ball's radius is 0.1 m: it is free on both sides
         assert deepest_contact(space, 0.6, at_m) == ""
@@ -332,14 +332,14 @@ def test_a_thin_plate_between_two_looks_is_seen():
         space.check_path([np.array([0.6, 1.37]), np.array([0.6, 1.63])])
 
 
-def test_a_way_that_passes_a_thin_plate_closely_is_free():
+def test_path_0_5_mm_beside_thin_plate_is_free():
     space = space_of_balls(boxes=[plate(1.5)])
     lift = [np.array([z, 1.5]) for z in (0.9005, 1.2, 0.9005)]
     space.check_path(lift)
     space.check_path([np.array([0.902, 1.0]), np.array([0.902, 2.0])])
 
 
-def test_a_plate_of_two_millimetres_in_the_way_of_an_arm_is_seen_wherever_it_stands():
+def test_plate_of_2_mm_in_path_of_arm_is_always_found():
     middle_m = SO101.chain.forward(HOME)[:3, 3]
     left, right = HOME.copy(), HOME.copy()
     left[0], right[0] = -0.6, 0.6
@@ -350,7 +350,7 @@ def test_a_plate_of_two_millimetres_in_the_way_of_an_arm_is_seen_wherever_it_sta
             CollisionChecker(BODY, boxes=[thin]).check_path(np.linspace(left, right, 4))
 
 
-def test_no_point_of_a_link_moves_further_than_is_stated():
+def test_distance_changes_by_no_more_than_stated_reach():
     random = np.random.default_rng(5)
     for name in ("so101", "open_manipulator_x", "wx250s"):
         packed, space, chain = body(name).pack(), CollisionChecker(body(name)), model_of(name).chain
@@ -363,7 +363,7 @@ def test_no_point_of_a_link_moves_further_than_is_stated():
             assert (changed_m <= most_m + 1e-9).all()
 
 
-def test_where_the_arm_sags_into_the_floor_it_must_not_go():
+def test_checker_refuses_path_that_sags_into_floor():
     sagging = CollisionChecker(
         ball_on_a_rail(), sag=lambda q: np.broadcast_to([-0.03, 0.0], q.shape)
     )
@@ -373,7 +373,7 @@ def test_where_the_arm_sags_into_the_floor_it_must_not_go():
         sagging.check_path(way)
 
 
-def test_an_arm_that_sags_onto_the_floor_may_get_up():
+def test_checker_lets_arm_rise_that_sags_onto_floor():
     sagging = CollisionChecker(
         ball_on_a_rail(), sag=lambda q: np.broadcast_to([-0.03, 0.0], q.shape)
     )

@@ -70,12 +70,12 @@ def compare(body, q):
         np.testing.assert_allclose(compiled[pair], gap_m, atol=1e-9, err_msg=str(pair))
 
 
-def test_distances_agree_for_every_kind_of_joint():
+def test_compiled_distances_equal_plain_body_for_all_joint_kinds():
     compare(every_kind_of_joint(), np.random.default_rng(1).uniform(-2.0, 2.0, (6, 4)))
 
 
 @pytest.mark.parametrize("name", ["so101", "open_manipulator_x", "planar2"])
-def test_distances_agree_for_shipped_arms(name):
+def test_compiled_distances_equal_plain_body_for_shipped_arms(name):
     chain = model_of(name).chain
     q = np.random.default_rng(2).uniform(chain.lower_rad, chain.upper_rad, (3, chain.dof))
     compare(body(name), q)
@@ -116,7 +116,7 @@ AT, X, Y = (0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0)
         (AT, X, (0.5, 0.0, 0.0), (0.5, 1.0, 0.0), 0.0),  # touching
     ],
 )
-def test_sticks_are_as_far_apart_as_a_person_would_measure(a, b, c, d, distance):
+def test_capsule_distance_equals_hand_computed_value(a, b, c, d, distance):
     assert two_sticks(a, b, c, d) == pytest.approx(distance, abs=1e-12)
     assert two_sticks(c, d, a, b) == pytest.approx(distance, abs=1e-12)
     assert two_sticks(b, a, d, c) == pytest.approx(distance, abs=1e-12)
@@ -137,7 +137,7 @@ def test_sticks_are_as_far_apart_as_a_person_would_measure(a, b, c, d, distance)
         ((1.7, 0.3, 0.5), (0.1, 1.9, 0.5), 0.0),
     ],
 )
-def test_a_stick_is_as_far_from_a_box_as_a_person_would_measure(a, b, distance):
+def test_capsule_to_box_distance_equals_hand_computed_value(a, b, distance):
     chain = Chain.from_joints([joint("one", TURN, "base", (0, 0, 1), (0, 0, 0))], "base", "one")
     stick = CollisionBody(chain, [Capsule("one", np.array(a), np.array(b), 0.0)])
     box = KeepOutBox("the die", np.zeros(3), np.ones(3))
@@ -145,7 +145,7 @@ def test_a_stick_is_as_far_from_a_box_as_a_person_would_measure(a, b, distance):
     assert space.distances([np.zeros(1)])[0].min() == pytest.approx(distance, abs=1e-8)
 
 
-def test_distances_from_turned_boxes_cylinders_and_balls_are_those_of_dense_samples():
+def test_shape_distances_equal_those_of_dense_samples():
     random = np.random.default_rng(3)
     along = np.linspace(0.0, 1.0, 4001)[:, None]
     for trial in range(60):

@@ -15,7 +15,7 @@ from tests.guard.test_collision_kernel import BOXES, every_kind_of_joint
 
 @needs_extension
 @pytest.mark.parametrize("name", ["so101", "wx250s", "every kind of joint"])
-def test_distances_are_the_same_both_ways(monkeypatch, name):
+def test_compiled_distances_equal_python_distances(monkeypatch, name):
     calls = run_both_ways(monkeypatch, collision_kernel, "min_distances")
     shape = every_kind_of_joint() if name == "every kind of joint" else body(name)
     checker = CollisionChecker(shape, 0.02, BOXES)
@@ -25,7 +25,7 @@ def test_distances_are_the_same_both_ways(monkeypatch, name):
 
 
 @needs_extension
-def test_torques_of_gravity_are_the_same_both_ways(monkeypatch):
+def test_compiled_gravity_torques_equal_python_torques(monkeypatch):
     calls = run_both_ways(monkeypatch, collision_kernel, "gravity_torques_kernel")
     shape, dof = every_kind_of_joint(), 4
     masses = [LinkMass(link, 0.3, np.array([0.02, 0.01, -0.03])) for link in ("arm", "hand")]
@@ -55,7 +55,7 @@ def test_torques_of_gravity_are_the_same_both_ways(monkeypatch):
     ],
 )
 @pytest.mark.parametrize("way", ["compiled", "uncompiled"])
-def test_arrays_that_do_not_fit_together_are_refused(monkeypatch, way, argument, change):
+def test_min_distances_refuses_arrays_of_wrong_shape(monkeypatch, way, argument, change):
     given = []
     with monkeypatch.context() as patch:
         patch.setattr(collision_kernel, "min_distances", lambda *arguments: given.extend(arguments))

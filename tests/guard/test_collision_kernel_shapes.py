@@ -58,7 +58,7 @@ def changed(array, place, value):
     return copy
 
 
-def test_arrays_of_one_arm_fit_together(arrays, weights):
+def test_kernel_arrays_of_one_arm_are_accepted(arrays, weights):
     assert distances_fit(**arrays) is True
     assert torques_fit(**weights) is True
 
@@ -70,7 +70,7 @@ def test_arrays_of_one_arm_fit_together(arrays, weights):
         (MIMIC_COLUMN, (0.0, DOF - 1.0), (-0.5, float(DOF))),
     ],
 )
-def test_links_have_parents_before_them_and_columns_of_q(arrays, weights, column, taken, refused):
+def test_link_parents_and_columns_must_be_in_range(arrays, weights, column, taken, refused):
     links = changed(arrays["links"], (4, PARENT), 0.0)
     for value, fits in [(each, True) for each in taken] + [(each, False) for each in refused]:
         tried = changed(links, (4, column), value)
@@ -78,14 +78,14 @@ def test_links_have_parents_before_them_and_columns_of_q(arrays, weights, column
         assert torques_fit(**weights | {"links": tried}) is fits
 
 
-def test_the_first_link_is_moved_by_no_joint(arrays):
+def test_first_link_has_no_parent_and_ignores_mimic_column(arrays):
     links = arrays["links"]
     assert links[0, PARENT] == -1.0
     assert distances_fit(**arrays | {"links": changed(links, (0, MIMIC_COLUMN), 99.0)}) is True
     assert distances_fit(**arrays | {"links": changed(links, (0, PARENT), 0.0)}) is False
 
 
-def test_capsules_are_on_links(arrays):
+def test_capsules_must_lie_on_existing_links(arrays):
     capsules = arrays["capsules"]
     for link, fits in ((0.0, True), (ROWS - 1.0, True), (-0.5, False), (float(ROWS), False)):
         tried = changed(capsules, (1, LINK), link)
@@ -94,21 +94,21 @@ def test_capsules_are_on_links(arrays):
 
 
 @pytest.mark.parametrize("end", [0, 1])
-def test_pairs_are_of_capsules(arrays, end):
+def test_pairs_must_refer_to_existing_capsules(arrays, end):
     count = float(len(arrays["capsules"]))
     for capsule, fits in ((0.0, True), (count - 1.0, True), (-0.5, False), (count, False)):
         tried = changed(arrays["pairs"], (0, end), capsule)
         assert distances_fit(**arrays | {"pairs": tried}) is fits
 
 
-def test_each_pair_has_a_column_before_those_of_floor_and_boxes(arrays):
+def test_pair_columns_lie_before_those_of_floor_and_boxes(arrays):
     between = arrays["distances"].shape[1] - ROWS * (1 + len(BOXES))
     for column, fits in ((0, True), (between - 1, True), (-0.5, False), (between, False)):
         tried = changed(arrays["pairs"], (0, 2), column)
         assert distances_fit(**arrays | {"pairs": tried}) is fits
 
 
-def test_a_pair_has_three_numbers_and_there_may_be_none(arrays):
+def test_pairs_have_full_width_and_may_be_empty(arrays):
     assert distances_fit(**arrays | {"pairs": arrays["pairs"][:1, :2]}) is False
     none = arrays | {"pairs": np.empty((0, 5))}
     assert distances_fit(**none) is True
@@ -117,14 +117,14 @@ def test_a_pair_has_three_numbers_and_there_may_be_none(arrays):
         assert distances_fit(**none | {"distances": np.empty((2, columns))}) is fits
 
 
-def test_a_floor_is_somewhere(arrays):
+def test_floor_may_be_minus_infinity_but_not_plus(arrays):
     for floor_m, fits in ((-math.inf, True), (0.0, True), (math.inf, False)):
         assert distances_fit(**arrays | {"floor_m": floor_m}) is fits
 
 
 @pytest.mark.parametrize("name", ["masses", "places", "torques"])
 @pytest.mark.parametrize("axis", [0, 1])
-def test_work_arrays_and_masses_have_the_sizes_of_the_arm(weights, name, axis):
+def test_torque_work_arrays_must_have_size_of_arm(weights, name, axis):
     array = weights[name]
     for size in (array.shape[axis] - 1, array.shape[axis] + 1):
         shape = [*array.shape]
@@ -132,13 +132,13 @@ def test_work_arrays_and_masses_have_the_sizes_of_the_arm(weights, name, axis):
         assert torques_fit(**weights | {name: np.zeros(shape)}) is False
 
 
-def test_links_of_another_width_are_none(arrays, weights):
+def test_links_array_of_wrong_width_is_refused(arrays, weights):
     links = arrays["links"][:, :-1]
     assert distances_fit(**arrays | {"links": links}) is False
     assert torques_fit(**weights | {"links": links}) is False
 
 
-def test_torques_of_gravity_are_those_of_the_dynamics():
+def test_kernel_gravity_torques_equal_those_of_dynamics():
     random, free = np.random.default_rng(4), np.full(DOF, np.inf)
     q = random.uniform(-1.5, 1.5, (6, DOF))
     for links in (["hand"], ["column", "rail", "arm", "finger", "hand"]):

@@ -17,7 +17,7 @@ def following():
     return TrackingMonitor(["elbow", "wrist"], MOST)
 
 
-def test_the_third_cycle_in_a_row_stops_the_motion_and_names_the_joint():
+def test_third_late_cycle_in_a_row_stops_motion():
     watch = following()
     watch.update(GOALS, LATE)
     watch.update(GOALS, LATE)
@@ -25,19 +25,19 @@ def test_the_third_cycle_in_a_row_stops_the_motion_and_names_the_joint():
         watch.update(GOALS, LATE)
 
 
-def test_a_cycle_in_time_between_two_late_ones_restarts_the_count():
+def test_cycle_in_time_restarts_following_error_count():
     watch = following()
     for measured in (LATE, LATE, FINE, LATE, LATE):
         watch.update(GOALS, measured)
 
 
-def test_exactly_as_far_as_allowed_is_allowed():
+def test_following_error_at_exact_maximum_is_allowed():
     watch = following()
     for _ in range(10):
         watch.update(np.zeros(2), -MOST)
 
 
-def test_after_a_cycle_in_time_the_third_late_one_stops_the_motion():
+def test_third_late_cycle_after_cycle_in_time_stops_motion():
     watch = following()
     for measured in (LATE, FINE, LATE, LATE):
         watch.update(GOALS, measured)
@@ -46,7 +46,7 @@ def test_after_a_cycle_in_time_the_third_late_one_stops_the_motion():
 
 
 @pytest.mark.parametrize("measured", [(1.21, 1.0), (1.0, np.nan), (np.inf, 1.0)])
-def test_ahead_of_the_goal_and_nowhere_at_all_are_as_bad_as_behind(measured):
+def test_joint_ahead_of_goal_or_nan_counts_as_following_error(measured):
     watch = following()
     for _ in range(2):
         watch.update(GOALS, np.array(measured))
@@ -54,7 +54,7 @@ def test_ahead_of_the_goal_and_nowhere_at_all_are_as_bad_as_behind(measured):
         watch.update(GOALS, np.array(measured))
 
 
-def test_all_that_do_not_follow_are_named():
+def test_following_error_names_all_late_joints():
     watch = following()
     for _ in range(2):
         watch.update(GOALS, GOALS - 1.0)
@@ -62,7 +62,7 @@ def test_all_that_do_not_follow_are_named():
         watch.update(GOALS, GOALS - 1.0)
 
 
-def test_joints_are_counted_each_for_itself():
+def test_following_error_is_counted_per_joint():
     watch = following()
     for measured in ((0.7, 1.0), (1.0, 0.7), (0.7, 1.0), (1.0, 0.7)):
         watch.update(GOALS, np.array(measured))
@@ -78,13 +78,13 @@ def steps_until_stopped(watch, behind):
     return None
 
 
-def test_over_a_look_ahead_nine_tenths_of_it_are_too_far():
+def test_following_error_limit_is_90_percent_of_max_lead():
     driven_joints = [make_limits(), make_limits("wrist", 4)]  # a look-ahead of 138 ticks
     assert steps_until_stopped(TrackingMonitor.for_limits(driven_joints), 124) is None
     assert steps_until_stopped(TrackingMonitor.for_limits(driven_joints), 125) == 3
 
 
-def test_a_slow_motion_is_watched_more_closely():
+def test_following_error_limit_is_smaller_for_slow_motion():
     driven_joints = [make_limits(), make_limits("wrist", 4)]
     slow = {"elbow": 284 * TICK}  # a look-ahead of 106 ticks
     assert steps_until_stopped(TrackingMonitor.for_limits(driven_joints, slow), 95) is None
@@ -95,7 +95,7 @@ def test_a_slow_motion_is_watched_more_closely():
     )
 
 
-def test_a_joint_is_named_by_its_limits():
+def test_following_error_names_joint_as_in_its_limits():
     watch = TrackingMonitor.for_limits([make_limits("elbow"), make_limits("wrist", 4)])
     for _ in range(2):
         watch.update(np.zeros(2), np.array([0.0, 1.0]))

@@ -15,14 +15,14 @@ LEAD = 138  # ticks, of a joint at its top speed
 
 
 @pytest.mark.parametrize(("start", "tick"), [(1010, 1000), (2990, 3000), (1000, 1000)])
-def test_the_last_tick_inside_the_limits_passes(start, tick):
+def test_gate_passes_last_tick_inside_limits(start, tick):
     gate, bus, _ = make_gate_at(start)
     gate.send({"elbow": tick})
     assert bus.sent == [{3: tick}]
 
 
 @pytest.mark.parametrize(("start", "tick"), [(1010, 999), (2990, 3001)])
-def test_the_first_tick_outside_is_refused_and_nothing_is_sent(start, tick):
+def test_gate_refuses_first_tick_outside_and_sends_nothing(start, tick):
     gate, bus, _ = make_gate_at(start)
     with pytest.raises(RefusedError) as caught:
         gate.send({"wrist": 2050, "elbow": tick})
@@ -30,14 +30,14 @@ def test_the_first_tick_outside_is_refused_and_nothing_is_sent(start, tick):
     assert bus.sent == []
 
 
-def test_a_refusal_names_the_joint_the_goal_the_limit_and_its_source():
+def test_refusal_names_joint_goal_limit_and_its_source():
     gate, _, _ = make_gate_at(2990)
     with pytest.raises(RefusedError, match=r"elbow target 83\.8° .* limit 83\.7° \(hand sweep\)"):
         gate.send({"elbow": 3001})
 
 
 @pytest.mark.parametrize("direction", [1, -1])
-def test_a_step_as_long_as_the_speed_allows_passes(direction):
+def test_gate_passes_step_of_speed_limit_plus_one_tick(direction):
     gate, bus, _ = make_gate_at(2048)
     gate.update_measured({"elbow": 2048 + direction * 100}, 0.02)
     gate.send({"elbow": 2048 + direction * 201})  # 10 000 ticks/s, 20 ms, and one of rounding
@@ -45,14 +45,14 @@ def test_a_step_as_long_as_the_speed_allows_passes(direction):
 
 
 @pytest.mark.parametrize("direction", [1, -1])
-def test_a_step_one_tick_longer_is_refused(direction):
+def test_gate_refuses_step_one_tick_longer(direction):
     gate, bus, _ = make_gate_at(2048)
     with pytest.raises(RefusedError, match="setpoint step of 202 ticks in 20 ms for elbow"):
         gate.send({"elbow": 2048 + direction * 202})
     assert bus.sent == []
 
 
-def test_after_a_stall_the_next_step_is_no_longer_than_after_50_ms():
+def test_gate_limits_step_after_stall_to_that_of_50_ms():
     gate, _, clock = make_gate_at(2048)
     clock.time_s = 5.0
     gate.update_measured({"elbow": 2300, "wrist": 2048}, 5.0)
@@ -61,7 +61,7 @@ def test_after_a_stall_the_next_step_is_no_longer_than_after_50_ms():
     gate.send({"elbow": 2048 + 330})
 
 
-def test_steps_are_counted_from_the_last_goal_that_passed():
+def test_gate_counts_steps_from_last_passed_goal():
     gate, bus, clock = make_gate_at(2048)
     gate.update_measured({"elbow": 2200}, 0.02)
     gate.send({"elbow": 2248})
@@ -72,7 +72,7 @@ def test_steps_are_counted_from_the_last_goal_that_passed():
 
 
 @pytest.mark.parametrize(("start", "inwards", "outwards"), [(950, 960, 949), (3050, 3040, 3051)])
-def test_a_joint_outside_its_limits_may_come_back_but_not_go_further(start, inwards, outwards):
+def test_joint_outside_limits_may_only_move_inwards(start, inwards, outwards):
     gate, bus, clock = make_gate_at(start)
     with pytest.raises(RefusedError):
         gate.send({"elbow": outwards})
@@ -86,21 +86,21 @@ def test_a_joint_outside_its_limits_may_come_back_but_not_go_further(start, inwa
 @pytest.mark.parametrize(
     "tick", [math.nan, math.inf, 2048.0, "2048", None, True, np.float64(2048), [2048]]
 )
-def test_a_goal_that_is_no_whole_number_is_refused_for_all_joints(tick):
+def test_gate_refuses_goal_that_is_not_an_integer_for_all_joints(tick):
     gate, bus, _ = make_gate_at(2048)
     with pytest.raises(RefusedError, match="goal of elbow"):
         gate.send({"wrist": 2050, "elbow": tick})
     assert bus.sent == []
 
 
-def test_an_unknown_joint_is_refused_for_all_joints():
+def test_gate_refuses_unknown_joint_and_sends_nothing():
     gate, bus, _ = make_gate_at(2048)
     with pytest.raises(RefusedError, match="no joint 'elbo'"):
         gate.send({"wrist": 2050, "elbo": 2048})
     assert bus.sent == []
 
 
-def test_nothing_passes_before_the_joint_has_been_measured():
+def test_gate_refuses_goal_before_first_measurement():
     bus = Recorder()
     gate = Gate([make_limits()], bus, ManualClock())
     with pytest.raises(RefusedError, match="The position of elbow has not been measured"):
@@ -108,14 +108,14 @@ def test_nothing_passes_before_the_joint_has_been_measured():
     assert bus.sent == []
 
 
-def test_starting_sends_the_measured_ticks_as_goals_even_outside_the_limits():
+def test_reset_goals_sends_measured_ticks_outside_limits():
     bus = Recorder()
     Gate([make_limits()], bus, ManualClock()).reset_goals({"elbow": 950})
     assert bus.sent == [{3: 950}]
 
 
 @pytest.mark.parametrize("tick", [math.nan, 2048.0, None])
-def test_starting_from_no_whole_number_is_refused(tick):
+def test_reset_goals_refuses_tick_that_is_not_an_integer(tick):
     bus = Recorder()
     with pytest.raises(RefusedError):
         Gate([make_limits()], bus, ManualClock()).reset_goals({"elbow": tick})
@@ -123,13 +123,13 @@ def test_starting_from_no_whole_number_is_refused(tick):
 
 
 @pytest.mark.parametrize(("tick", "nearest"), [(999, 1000), (3001, 3000), (1700, 1700)])
-def test_the_nearest_tick_that_may_pass_is_on_the_limit(tick, nearest):
+def test_clamp_returns_nearest_tick_inside_limits(tick, nearest):
     gate, _, _ = make_gate_at(2048)
     assert gate.clamp("elbow", tick) == nearest
 
 
 @given(st.lists(st.tuples(st.integers(-200, 4400), st.floats(0, 0.2)), max_size=30))
-def test_whatever_is_asked_no_goal_outside_the_limits_is_ever_sent(commands):
+def test_gate_never_sends_goal_outside_limits(commands):
     gate, bus, clock = make_gate_at(2048)
     for tick, elapsed_s in commands:
         clock.time_s += elapsed_s
@@ -141,7 +141,7 @@ def test_whatever_is_asked_no_goal_outside_the_limits_is_ever_sent(commands):
     assert all(1000 <= goals[3] <= 3000 for goals in bus.sent)
 
 
-def test_every_joint_of_a_command_is_checked_before_any_is_sent():
+def test_gate_checks_every_joint_before_it_sends_any():
     gate, bus, clock = make_gate_at(2048)
     with pytest.raises(RefusedError):
         gate.send({"wrist": 2050, "elbow": 3001})
@@ -150,7 +150,7 @@ def test_every_joint_of_a_command_is_checked_before_any_is_sent():
     assert (bus.sent, dict(gate.goals)) == ([{4: 2115}], {"elbow": 2048, "wrist": 2115})
 
 
-def test_a_refused_command_does_not_use_up_the_time_of_the_next():
+def test_refused_command_does_not_use_up_time_of_next():
     gate, bus, clock = make_gate_at(2048)
     clock.time_s = 0.01
     gate.update_measured({"elbow": 2048}, 0.01)
@@ -160,7 +160,7 @@ def test_a_refused_command_does_not_use_up_the_time_of_the_next():
     assert bus.sent == [{3: 2149}]
 
 
-def test_many_commands_in_one_instant_go_no_further_than_one():
+def test_repeated_goals_at_one_time_share_one_step():
     gate, bus, _ = make_gate_at(2048)
     gate.send({"elbow": 2048 + 101})
     gate.send({"elbow": 2048 + 102})
@@ -171,7 +171,7 @@ def test_many_commands_in_one_instant_go_no_further_than_one():
     assert [goals[3] for goals in bus.sent] == [2149, 2150, 2150]
 
 
-def test_a_step_back_uses_up_its_time_as_well():
+def test_step_back_uses_up_time_too():
     gate, bus, _ = make_gate_at(2048)
     gate.update_measured({"elbow": 1948}, 0.02)
     gate.send({"elbow": 2048 - 201})
@@ -180,7 +180,7 @@ def test_a_step_back_uses_up_its_time_as_well():
     assert bus.sent == [{3: 1847}]
 
 
-def test_goals_may_be_where_the_look_ahead_ends_and_no_tick_further():
+def test_gate_refuses_goal_one_tick_beyond_max_lead():
     gate, bus, clock = make_gate_at(2048)
     clock.time_s = 0.04
     gate.update_measured({"elbow": 2048}, 0.04)
@@ -190,7 +190,7 @@ def test_goals_may_be_where_the_look_ahead_ends_and_no_tick_further():
     assert bus.sent == [{3: 2186}]
 
 
-def test_a_slow_motion_has_a_shorter_look_ahead():
+def test_slow_motion_has_shorter_max_lead():
     gate, _, clock = make_gate_at(2048)
     clock.time_s = 0.04
     gate.update_measured({"elbow": 2048}, 0.04)
@@ -201,7 +201,7 @@ def test_a_slow_motion_has_a_shorter_look_ahead():
     gate.send({"elbow": 2048 + 107})
 
 
-def test_a_joint_that_was_not_measured_gets_no_goal():
+def test_gate_refuses_goal_without_position_reading():
     bus = Recorder()
     gate = Gate([make_limits()], bus, ManualClock())
     gate.reset_goals({"elbow": 2048})
@@ -211,7 +211,7 @@ def test_a_joint_that_was_not_measured_gets_no_goal():
 
 
 @pytest.mark.parametrize("call", ["update_measured", "set_speeds", "reset_goals", "hold"])
-def test_every_entry_knows_the_joints(call):
+def test_every_gate_method_refuses_unknown_joint(call):
     gate, bus, _ = make_gate_at(2048)
     rest = (0.02,) if call == "update_measured" else ()
     with pytest.raises(RefusedError, match="no joint 'elbo'"):
@@ -219,13 +219,13 @@ def test_every_entry_knows_the_joints(call):
     assert bus.sent == []
 
 
-def test_what_was_seen_can_be_asked_for():
+def test_measured_ticks_returns_latest_readings():
     gate, _, _ = make_gate_at(2000)
     gate.update_measured({"elbow": 2010}, 0.03)
     assert gate.measured_ticks == {"elbow": 2010, "wrist": 2048}
 
 
-def test_the_way_goes_on_by_no_more_than_the_longest_step_in_time():
+def test_allowed_advance_is_limited_by_slowest_joint_and_50_ms():
     gate, _, _ = make_gate_at(2048, speed_tick_s=100)
     assert gate.allowed_advance_s(0.03) == pytest.approx(0.013700, abs=1e-6)  # the wrist: 137 ticks
     gate.set_speeds({"wrist": 0.01})
@@ -236,7 +236,7 @@ def test_the_way_goes_on_by_no_more_than_the_longest_step_in_time():
 # --- the stop that stays
 
 
-def test_after_a_stop_nothing_passes_but_a_hold():
+def test_gate_passes_only_hold_after_stop():
     gate, bus, _ = make_gate_at(2048)
     hot = StopReason(StopKind.FAULT, "elbow is too hot")
     gate.latch_stop(hot)
@@ -247,7 +247,7 @@ def test_after_a_stop_nothing_passes_but_a_hold():
     assert (bus.sent, gate.stop_reason) == ([{3: 2048}], hot)
 
 
-def test_after_the_stop_was_acknowledged_goals_start_anew():
+def test_acknowledged_gate_needs_reset_goals_first():
     gate, bus, _ = make_gate_at(2048)
     unplugged = StopReason(StopKind.UNPLUGGED, "the cable")
     gate.latch_stop(unplugged)
@@ -259,7 +259,7 @@ def test_after_the_stop_was_acknowledged_goals_start_anew():
     assert bus.sent == [{3: 1500}]
 
 
-def test_to_acknowledge_no_stop_forgets_nothing():
+def test_acknowledge_without_stop_keeps_goals():
     gate, bus, _ = make_gate_at(2048)
     assert gate.acknowledge() is None
     gate.send({"elbow": 2048})
@@ -267,7 +267,7 @@ def test_to_acknowledge_no_stop_forgets_nothing():
 
 
 @pytest.mark.parametrize("tick", [2100, 2148, 2120])
-def test_a_joint_may_be_held_anywhere_between_its_place_and_its_goal(tick):
+def test_hold_passes_between_measured_tick_and_goal(tick):
     gate, bus, _ = make_gate_at(2148)
     gate.update_measured({"elbow": 2100}, 0.02)
     gate.hold({"elbow": tick})
@@ -276,7 +276,7 @@ def test_a_joint_may_be_held_anywhere_between_its_place_and_its_goal(tick):
 
 @pytest.mark.parametrize("tick", [2099, 2149])
 @pytest.mark.parametrize("seen", [2100, 2148])
-def test_a_hold_that_would_move_a_joint_is_refused_for_all(tick, seen):
+def test_hold_that_would_move_joint_is_refused_for_all(tick, seen):
     gate, bus, _ = make_gate_at(2100 if seen == 2148 else 2148)
     gate.update_measured({"elbow": seen}, 0.02)
     with pytest.raises(RefusedError, match=f"{tick} would move elbow"):
@@ -284,14 +284,14 @@ def test_a_hold_that_would_move_a_joint_is_refused_for_all(tick, seen):
     assert bus.sent == []
 
 
-def test_a_joint_that_sank_below_its_limits_is_held_on_the_limit():
+def test_hold_of_joint_below_limits_is_sent_at_limit():
     gate, bus, _ = make_gate_at(1010)
     gate.update_measured({"elbow": 980}, 0.02)
     gate.hold({"elbow": 980})
     assert bus.sent == [{3: 1000}]
 
 
-def test_a_joint_that_was_not_seen_is_held_at_its_goal_only():
+def test_hold_of_unmeasured_joint_passes_at_its_goal_only():
     bus = Recorder()
     gate = Gate([make_limits()], bus, ManualClock())
     gate.reset_goals({"elbow": 2048})
@@ -302,14 +302,14 @@ def test_a_joint_that_was_not_seen_is_held_at_its_goal_only():
 
 
 @pytest.mark.parametrize("tick", [math.nan, 2048.0, None, "2048", True])
-def test_a_hold_is_a_whole_number(tick):
+def test_hold_refuses_tick_that_is_not_an_integer(tick):
     gate, bus, _ = make_gate_at(2048)
     with pytest.raises(RefusedError, match="goal of elbow"):
         gate.hold({"elbow": tick})
     assert bus.sent == []
 
 
-def test_after_a_hold_time_counts_anew():
+def test_step_time_restarts_after_hold():
     gate, _, clock = make_gate_at(2048)
     clock.time_s = 0.04
     gate.hold({"elbow": 2048})
@@ -321,26 +321,26 @@ def test_after_a_hold_time_counts_anew():
 
 
 @pytest.mark.parametrize(("goal", "start"), [(1000, 2000), (3000, 2000), (950, 950), (960, 950)])
-def test_a_distant_goal_inside_the_limits_or_back_towards_them_is_fine(goal, start):
+def test_check_range_accepts_far_goal_inside_or_towards_limits(goal, start):
     make_gate_at(2048)[0].check_range({"elbow": goal}, {"elbow": start})
 
 
 @pytest.mark.parametrize(("goal", "start"), [(999, 2000), (3001, 2000), (949, 950), (999.0, 2000)])
-def test_a_distant_goal_outside_is_refused(goal, start):
+def test_check_range_refuses_goal_outside_limits(goal, start):
     with pytest.raises(RefusedError):
         make_gate_at(2048)[0].check_range({"elbow": goal}, {"elbow": start})
 
 
-def test_a_distant_goal_of_an_unknown_joint_is_refused():
+def test_check_range_refuses_unknown_joint():
     with pytest.raises(RefusedError, match="no joint 'elbo'"):
         make_gate_at(2048)[0].check_range({"elbo": 2048}, {"elbo": 2048})
 
 
-def test_the_nearest_place_of_a_joint_outside_its_limits_is_where_it_is():
+def test_clamp_of_joint_outside_limits_is_its_position():
     assert make_gate_at(950)[0].clamp("elbow", 900) == 950
 
 
-def test_goals_cannot_be_changed_past_the_gate():
+def test_gate_goals_mapping_is_read_only():
     gate, _, _ = make_gate_at(2048)
     with pytest.raises(TypeError):
         gate.goals["elbow"] = 4000
@@ -350,14 +350,14 @@ SLOW = 2000  # ticks/s: 40 in 20 ms and one of rounding, 101 in 50 ms
 
 
 class TestOneReadingOfTheClock:
-    def test_a_step_is_judged_by_the_time_for_which_it_was_worked_out(self):
+    def test_gate_judges_step_by_time_given_with_goal(self):
         gate, bus, clock = make_gate_at(2048, speed_tick_s=SLOW)
         clock.time_s = 5 * CYCLE_S  # held up since the reading
         gate.send({"elbow": 2048 + 40}, CYCLE_S)
         gate.send({"elbow": 2048 + 80}, 2 * CYCLE_S)
         assert bus.sent[-1] == {3: 2048 + 80}
 
-    def test_time_that_one_step_has_used_is_not_given_to_another(self):
+    def test_time_used_by_one_step_is_not_available_to_next(self):
         gate, _, clock = make_gate_at(2048, speed_tick_s=SLOW)
         clock.time_s = 5 * CYCLE_S
         gate.send({"elbow": 2048 + 81}, 2 * CYCLE_S)
@@ -365,14 +365,14 @@ class TestOneReadingOfTheClock:
             gate.send({"elbow": 2048 + 122}, 3 * CYCLE_S)
 
     @pytest.mark.parametrize("time_s", [CYCLE_S + 1e-6, -1e-6, math.nan, math.inf])
-    def test_a_time_after_now_or_before_the_last_command_is_refused(self, time_s):
+    def test_goal_time_after_now_or_before_last_command_is_refused(self, time_s):
         gate, bus, _ = make_gate_at(2048, speed_tick_s=SLOW)
         with pytest.raises(RefusedError, match=r"time of the goals .* not between"):
             gate.send({"elbow": 2049}, time_s)
         assert bus.sent == []
 
     @pytest.mark.parametrize("time_s", [0.0, CYCLE_S])
-    def test_the_last_command_and_now_are_times_between(self, time_s):
+    def test_goal_time_of_last_command_or_now_is_accepted(self, time_s):
         gate, bus, _ = make_gate_at(2048, speed_tick_s=SLOW)
         gate.send({"elbow": 2049}, time_s)
         assert bus.sent == [{3: 2049}]
@@ -380,21 +380,21 @@ class TestOneReadingOfTheClock:
 
 class TestCut:
     @pytest.mark.parametrize("direction", [1, -1])
-    def test_a_step_that_may_pass_stays(self, direction):
+    def test_shorten_goals_keeps_step_that_may_pass(self, direction):
         gate, _, _ = make_gate_at(2048, speed_tick_s=SLOW)
         goals = {"elbow": 2048 + direction * 41}
         assert gate.shorten_goals(goals, CYCLE_S) == goals
 
     @pytest.mark.parametrize("direction", [1, -1])
     @pytest.mark.parametrize("step", [42, 60, 101])
-    def test_a_step_that_is_too_long_for_the_time_is_cut_to_the_longest(self, step, direction):
+    def test_shorten_goals_cuts_long_step_to_longest_allowed(self, step, direction):
         gate, bus, _ = make_gate_at(2048, speed_tick_s=SLOW)
         goals = gate.shorten_goals({"elbow": 2048 + direction * step}, CYCLE_S)
         assert goals == {"elbow": 2048 + direction * 41}
         gate.send(goals, CYCLE_S)
         assert bus.sent == [{3: 2048 + direction * 41}]
 
-    def test_all_joints_are_cut_by_the_same_share(self):
+    def test_shorten_goals_cuts_all_joints_by_same_share(self):
         gate, _, _ = make_gate_at(2048, speed_tick_s=SLOW)
         assert gate.shorten_goals({"elbow": 2048 + 82, "wrist": 2048 - 41}, CYCLE_S) == {
             "elbow": 2048 + 41,
@@ -402,7 +402,7 @@ class TestCut:
         }
 
     @pytest.mark.parametrize("direction", [1, -1])
-    def test_a_step_beyond_the_look_ahead_is_cut_to_it(self, direction):
+    def test_shorten_goals_cuts_step_to_max_lead(self, direction):
         gate, _, clock = make_gate_at(2048)  # fast
         gate.send({"elbow": 2048 + direction * 100}, CYCLE_S)
         clock.time_s = 2 * CYCLE_S
@@ -411,7 +411,7 @@ class TestCut:
         gate.send(goals, 2 * CYCLE_S)
 
     @pytest.mark.parametrize("direction", [1, -1])
-    def test_a_goal_that_leads_too_far_already_stands_or_comes_back(self, direction):
+    def test_shorten_goals_holds_goal_that_leads_too_far(self, direction):
         gate, _, clock = make_gate_at(2048)  # fast
         gate.send({"elbow": 2048 + direction * 100}, CYCLE_S)
         clock.time_s = 2 * CYCLE_S
@@ -423,7 +423,7 @@ class TestCut:
         }
 
     @pytest.mark.parametrize("direction", [1, -1])
-    def test_a_goal_out_of_reach_of_50_ms_is_no_late_step_and_stays_as_it_is(self, direction):
+    def test_shorten_goals_leaves_jump_beyond_50_ms_to_be_refused(self, direction):
         gate, bus, _ = make_gate_at(2048, speed_tick_s=SLOW)
         assert gate.shorten_goals({"elbow": 2048 + direction * 101}, CYCLE_S) == {
             "elbow": 2048 + direction * 41
@@ -435,44 +435,44 @@ class TestCut:
         assert bus.sent == []
 
     @pytest.mark.parametrize("tick", [3001, 3300])
-    def test_a_goal_outside_the_limits_is_refused_not_cut(self, tick):
+    def test_shorten_goals_refuses_goal_outside_limits(self, tick):
         gate, _, _ = make_gate_at(2990, speed_tick_s=SLOW)
         with pytest.raises(RefusedError, match="upper limit"):
             gate.shorten_goals({"elbow": tick}, CYCLE_S)
 
-    def test_without_time_nothing_moves(self):
+    def test_shorten_goals_keeps_goal_if_no_time_has_passed(self):
         gate, _, _ = make_gate_at(2048, speed_tick_s=SLOW)
         gate.send({"elbow": 2048 + 41}, CYCLE_S)
         assert gate.shorten_goals({"elbow": 2048 + 60}, CYCLE_S) == {"elbow": 2048 + 41}
 
-    def test_a_step_of_one_tick_is_cut_where_there_is_no_time_for_it(self):
+    def test_shorten_goals_cuts_single_tick_if_no_time_has_passed(self):
         gate, _, _ = make_gate_at(2048, speed_tick_s=SLOW)
         gate.send({"elbow": 2048 + 41}, CYCLE_S)
         assert gate.shorten_goals({"elbow": 2048 + 42}, CYCLE_S) == {"elbow": 2048 + 41}
 
-    def test_a_joint_that_stays_cuts_no_other(self):
+    def test_shorten_goals_ignores_resting_joint(self):
         gate, _, _ = make_gate_at(2048, speed_tick_s=SLOW)
         goals = {"elbow": 2048 + 40, "wrist": 2048}
         assert gate.shorten_goals(goals, CYCLE_S) == goals
 
-    def test_no_goals_are_no_goals(self):
+    def test_shorten_goals_of_nothing_is_empty(self):
         gate, _, _ = make_gate_at(2048, speed_tick_s=SLOW)
         assert gate.shorten_goals({}, CYCLE_S) == {}
 
     @pytest.mark.parametrize("goal", [{"elbo": 2048}, {"elbow": 2048.5}, {"elbow": True}])
-    def test_what_is_no_goal_is_refused(self, goal):
+    def test_shorten_goals_refuses_unknown_joint_and_float(self, goal):
         gate, _, _ = make_gate_at(2048, speed_tick_s=SLOW)
         with pytest.raises(RefusedError):
             gate.shorten_goals(goal, CYCLE_S)
 
-    def test_a_joint_without_a_recent_reading_is_refused(self):
+    def test_shorten_goals_refuses_joint_without_recent_reading(self):
         gate, _, clock = make_gate_at(2048, speed_tick_s=SLOW)
         clock.time_s = CYCLE_S + 0.26
         with pytest.raises(RefusedError, match="No position reading from elbow"):
             gate.shorten_goals({"elbow": 2050}, clock.time_s)
 
 
-def test_joints_without_a_recent_reading_are_named():
+def test_stale_joints_are_those_without_reading_for_250_ms():
     gate, _, clock = make_gate_at(2048, speed_tick_s=SLOW)
     assert gate.stale_joints(CYCLE_S + 0.25) == ()
     gate.update_measured({"wrist": 2048}, CYCLE_S + 0.1)
@@ -480,7 +480,7 @@ def test_joints_without_a_recent_reading_are_named():
     assert Gate([make_limits()], Recorder(), clock).stale_joints(0.0) == ("elbow",)
 
 
-def test_a_stop_can_be_asked_about_before_a_goal_is_computed():
+def test_check_stop_raises_only_while_stop_is_latched():
     gate, _, _ = make_gate_at(2048)
     gate.check_stop()
     gate.latch_stop(StopReason(StopKind.PROGRAM, "enough"))

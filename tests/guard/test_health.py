@@ -17,28 +17,28 @@ def see(health=None, **changes):
     return (health or HealthMonitor(HealthLimits())).update(replace(WELL, **changes))
 
 
-def test_a_servo_that_is_well_gives_nothing_to_say():
+def test_healthy_servo_gives_no_warning():
     assert see() == ()
 
 
 @pytest.mark.parametrize("celsius", [60.0, 64.0])
-def test_from_60_degrees_on_a_person_is_informed(celsius):
+def test_servo_from_60_celsius_is_warned_about(celsius):
     assert see(temperature_c=celsius) == (f"elbow is at {celsius:.0f} °C; motion stops at 65 °C.",)
 
 
-def test_below_60_degrees_nothing_is_reported():
+def test_servo_below_60_celsius_is_not_warned_about():
     assert see(temperature_c=59.9) == ()
 
 
 @pytest.mark.parametrize(("celsius", "release"), [(65.0, False), (69.9, False), (70.0, True)])
-def test_from_65_degrees_on_the_arm_holds_and_from_70_on_it_lets_go(celsius, release):
+def test_arm_holds_from_65_celsius_and_releases_from_70(celsius, release):
     health = HealthMonitor(HealthLimits())
     with pytest.raises(ServoAlarmError, match=r"elbow is at \d\d °C \(limit 65 °C\)"):
         see(health, temperature_c=celsius)
     assert health.release is release
 
 
-def test_whether_to_let_go_is_remembered():
+def test_health_monitor_remembers_release():
     health = HealthMonitor(HealthLimits())
     with pytest.raises(ServoAlarmError):
         see(health, temperature_c=71.0)
@@ -46,13 +46,13 @@ def test_whether_to_let_go_is_remembered():
     assert health.release
 
 
-def test_a_healthy_arm_is_not_let_go():
+def test_healthy_arm_is_not_released():
     health = HealthMonitor(HealthLimits())
     see(health)
     assert health.release is False
 
 
-def test_the_alarm_has_the_exit_code_of_alarms_and_says_what_to_do():
+def test_health_alarm_has_alarm_exit_code_and_hint():
     with pytest.raises(ServoAlarmError) as caught:
         see(temperature_c=66.0)
     assert caught.value.exit_code == ExitCode.ALARM
@@ -60,25 +60,25 @@ def test_the_alarm_has_the_exit_code_of_alarms_and_says_what_to_do():
 
 
 @pytest.mark.parametrize("volts", [6.0, 8.4])
-def test_the_supply_may_be_anything_between_the_servos_own_limits(volts):
+def test_supply_at_limits_of_servo_is_accepted(volts):
     see(HealthMonitor(HealthLimits(), {"elbow": (6.0, 8.4)}), voltage_v=volts)
 
 
 @pytest.mark.parametrize("volts", [5.9, 8.5])
-def test_a_supply_outside_the_servos_own_limits_holds_the_arm(volts):
+def test_supply_outside_limits_of_servo_holds_arm(volts):
     health = HealthMonitor(HealthLimits(), {"elbow": (6.0, 8.4)})
     with pytest.raises(ServoAlarmError, match=rf"supply of {volts} V, outside 6\.0 to 8\.4 V"):
         see(health, voltage_v=volts)
 
 
 @pytest.mark.parametrize(("volts", "limits"), [(6.4, "6.5 to 8.0"), (8.1, "6.5 to 8.0")])
-def test_the_arm_file_may_be_stricter_than_the_servo(volts, limits):
+def test_arm_file_supply_limits_may_be_stricter_than_servo(volts, limits):
     health = HealthMonitor(HealthLimits(low_v=6.5, high_v=8.0), {"elbow": (6.0, 8.4)})
     with pytest.raises(ServoAlarmError, match=limits):
         see(health, voltage_v=volts)
 
 
-def test_a_servo_of_which_no_limits_are_known_may_have_any_supply():
+def test_servo_without_known_limits_accepts_any_supply():
     see(voltage_v=0.0)
     with pytest.raises(ServoAlarmError, match="outside"):
         see(voltage_v=-0.1)
@@ -86,19 +86,19 @@ def test_a_servo_of_which_no_limits_are_known_may_have_any_supply():
 
 
 @pytest.mark.parametrize("name", ["temperature_c", "voltage_v", "load_percent"])
-def test_a_servo_that_tells_no_number_holds_the_arm(name):
+def test_telemetry_with_nan_holds_arm(name):
     with pytest.raises(ServoAlarmError, match="elbow"):
         see(**{name: math.nan})
 
 
 @pytest.mark.parametrize("load", [math.inf, -math.inf])
-def test_an_endless_load_is_no_number(load):
+def test_infinite_load_holds_arm(load):
     with pytest.raises(ServoAlarmError, match="at inf % load"):
         see(load_percent=load)
 
 
 @pytest.mark.parametrize("load", [90.1, -90.1])
-def test_a_load_that_lasts_for_three_seconds_is_an_overload(load):
+def test_load_above_90_percent_for_3_s_is_overload(load):
     health = HealthMonitor(HealthLimits())
     see(health, time_s=10.0, load_percent=load)
     see(health, time_s=12.9, load_percent=load)
@@ -107,7 +107,7 @@ def test_a_load_that_lasts_for_three_seconds_is_an_overload(load):
 
 
 @pytest.mark.parametrize("relief", [90.0, -90.0, None])
-def test_a_load_that_is_relieved_between_starts_anew(relief):
+def test_relief_of_load_restarts_overload_time(relief):
     health = HealthMonitor(HealthLimits())
     for time_s, load in ((10.0, 99.0), (12.0, relief), (12.1, 99.0), (15.0, 99.0)):
         see(health, time_s=time_s, load_percent=load)
@@ -119,7 +119,7 @@ def test_loads_of_different_joints_are_not_added():
     see(health, joint="wrist", time_s=13.5, load_percent=99.0)
 
 
-def test_a_relief_of_one_joint_does_not_relieve_another():
+def test_relief_of_one_joint_does_not_relieve_another():
     health = HealthMonitor(HealthLimits())
     see(health, time_s=10.0, load_percent=99.0)
     see(health, joint="wrist", time_s=11.0)
@@ -132,12 +132,12 @@ def test_a_relief_of_one_joint_does_not_relieve_another():
     [(False, True, "torque is off"), (True, False, "settings lost"),
      (False, False, "torque is off")],
 )  # fmt: skip
-def test_a_servo_that_was_reset_holds_the_arm(torque, reset_marker, words):
+def test_servo_reset_holds_arm(torque, reset_marker, words):
     with pytest.raises(ServoAlarmError, match=f"elbow was reset: {words}"):
         see(torque=torque, settings_intact=reset_marker)
 
 
-def test_alarms_are_said_in_the_words_of_the_servo():
+def test_alarm_lists_flags_reported_by_servo():
     with pytest.raises(ServoAlarmError, match=r"elbow reports an alarm: overload, too hot\."):
         see(alarms=frozenset({"too hot", "overload"}))
 
@@ -147,13 +147,13 @@ def test_alarms_are_said_in_the_words_of_the_servo():
     [(Alarm.VOLTAGE, "Check the power supply"), (Alarm.OVERLOAD, "Remove the load"),
      (Alarm.HEAT, "Remove the load, or let it cool down")],
 )  # fmt: skip
-def test_the_advice_fits_the_alarm(alarm, remedy):
+def test_alarm_hint_fits_alarm(alarm, remedy):
     with pytest.raises(ServoAlarmError) as caught:
         see(alarms=frozenset({str(alarm)}))
     assert caught.value.hint.startswith(remedy)
 
 
-def test_all_that_is_wrong_is_said_and_the_advice_is_for_the_first():
+def test_alarm_lists_all_faults_with_hint_for_first():
     with pytest.raises(ServoAlarmError) as caught:
         see(torque=False, temperature_c=80.0)
     assert caught.value.message == ("elbow was reset: torque is off; is at 80 °C (limit 65 °C).")
@@ -161,14 +161,14 @@ def test_all_that_is_wrong_is_said_and_the_advice_is_for_the_first():
 
 
 @pytest.mark.parametrize("time_s", [10.0, 11.0])
-def test_vitals_are_good_for_a_second(time_s):
+def test_telemetry_is_valid_for_1_s(time_s):
     health = HealthMonitor(HealthLimits())
     see(health)
     health.check_telemetry_age(time_s)
 
 
 @pytest.mark.parametrize("time_s", [11.1, math.nan])
-def test_a_servo_that_was_not_asked_for_longer_is_not_known_to_be_well(time_s):
+def test_telemetry_older_than_1_s_is_refused(time_s):
     health = HealthMonitor(HealthLimits())
     see(health)
     with pytest.raises(
@@ -177,7 +177,7 @@ def test_a_servo_that_was_not_asked_for_longer_is_not_known_to_be_well(time_s):
         health.check_telemetry_age(time_s)
 
 
-def test_every_servo_must_be_asked():
+def test_telemetry_age_is_checked_for_every_servo():
     health = HealthMonitor(HealthLimits())
     see(health)
     see(health, joint="wrist", time_s=11.5)
@@ -185,7 +185,7 @@ def test_every_servo_must_be_asked():
         health.check_telemetry_age(11.5)
 
 
-def test_a_servo_in_an_alarm_was_asked_all_the_same():
+def test_servo_in_alarm_still_counts_as_known():
     health = HealthMonitor(HealthLimits())
     with pytest.raises(ServoAlarmError):
         see(health, torque=False)
@@ -193,7 +193,7 @@ def test_a_servo_in_an_alarm_was_asked_all_the_same():
         health.check_telemetry_age(20.0)
 
 
-def test_limits_of_the_arm_file_take_the_place_of_the_usual_ones():
+def test_arm_file_health_limits_replace_defaults():
     health = HealthMonitor(
         HealthLimits(warn_c=40, hold_c=45, release_c=50, load_percent=10, load_s=1)
     )

@@ -23,13 +23,13 @@ def measured_at(tick, *, goal=2048, time_s=1.0):
 
 
 @pytest.mark.parametrize("lead", [LEAD, -LEAD, 0])
-def test_a_goal_with_the_maximum_lead_passes(lead):
+def test_goal_with_maximum_lead_passes(lead):
     goal = 2048 + lead
     measured_at(2048, goal=goal - 50 * (lead > 0) + 50 * (lead < 0)).check_goal(goal, LONG_S, 1.0)
 
 
 @pytest.mark.parametrize("lead", [LEAD + 1, -LEAD - 1])
-def test_a_goal_one_tick_further_ahead_is_refused(lead):
+def test_goal_one_tick_beyond_maximum_lead_is_refused(lead):
     joint = measured_at(2048, goal=2048 + lead - (50 if lead > 0 else -50))
     with pytest.raises(
         RefusedError, match="would be 139 ticks ahead of its position \\(max 138\\)"
@@ -38,7 +38,7 @@ def test_a_goal_one_tick_further_ahead_is_refused(lead):
 
 
 @pytest.mark.parametrize("side", [1, -1])
-def test_a_joint_pushed_away_keeps_its_goal_or_gets_it_nearer_but_not_further(side):
+def test_pushed_joint_may_only_reduce_its_lead(side):
     last = 2048 + side * 300
     joint = measured_at(2048, goal=last)
     for goal in (last, last - side * 100):
@@ -48,28 +48,28 @@ def test_a_joint_pushed_away_keeps_its_goal_or_gets_it_nearer_but_not_further(si
 
 
 @pytest.mark.parametrize("now_s", [1.0, 1.25])
-def test_a_measurement_counts_for_a_quarter_of_a_second(now_s):
+def test_measurement_is_valid_for_250_ms(now_s):
     joint = measured_at(2048)
     assert not joint.is_stale(now_s)
     joint.check_goal(2048, LONG_S, now_s)
 
 
 @pytest.mark.parametrize("now_s", [1.2501, 9.0, math.nan])
-def test_a_goal_is_refused_where_the_measurement_is_stale(now_s):
+def test_goal_is_refused_if_measurement_is_stale(now_s):
     joint = measured_at(2048)
     assert joint.is_stale(now_s)
     with pytest.raises(RefusedError, match=r"from elbow for 0\.25 s"):
         joint.check_goal(2048, LONG_S, now_s)
 
 
-def test_a_joint_that_was_never_measured_is_stale_and_waited_for():
+def test_unmeasured_joint_is_stale_and_motion_waits():
     joint = JointGate(make_limits())
     assert joint.is_stale(0.0)
     assert joint.ease() == 0.0
     assert joint.allowed_advance_s(0.01) == 0.0
 
 
-def test_a_joint_that_did_not_answer_keeps_its_last_position_and_time():
+def test_joint_without_answer_keeps_last_position_and_time():
     gate, _, _ = make_gate_at(2048)
     gate.update_measured({"wrist": 2000}, 0.2)
     assert gate.measured_ticks == {"elbow": 2048, "wrist": 2000}
@@ -77,7 +77,7 @@ def test_a_joint_that_did_not_answer_keeps_its_last_position_and_time():
 
 
 @pytest.mark.parametrize("tick", [math.nan, 2048.0, None, True])
-def test_a_measurement_that_is_no_whole_number_is_ignored_for_all_joints(tick):
+def test_measurement_that_is_not_an_integer_is_ignored_for_all(tick):
     gate, _, _ = make_gate_at(2048)
     with pytest.raises(RefusedError, match="elbow"):
         gate.update_measured({"wrist": 2000, "elbow": tick}, 0.1)
@@ -85,7 +85,7 @@ def test_a_measurement_that_is_no_whole_number_is_ignored_for_all_joints(tick):
 
 
 @pytest.mark.parametrize("time_s", [math.nan, math.inf, -math.inf])
-def test_a_measurement_without_a_time_is_ignored(time_s):
+def test_measurement_with_nan_or_infinite_time_is_ignored(time_s):
     gate, _, _ = make_gate_at(2048)
     with pytest.raises(RefusedError, match="time of a measurement"):
         gate.update_measured({"elbow": 2000}, time_s)
@@ -93,13 +93,13 @@ def test_a_measurement_without_a_time_is_ignored(time_s):
 
 
 @pytest.mark.parametrize("speed", [0.0, -1.0, math.nan])
-def test_a_speed_that_is_not_above_zero_is_refused_and_none_is_set(speed):
+def test_speed_not_above_zero_is_refused_for_all_joints(speed):
     gate, _, _ = make_gate_at(2048, speed_tick_s=2000)
     with pytest.raises(RefusedError, match="The speed of elbow must be above zero"):
         gate.set_speeds({"wrist": 1.0, "elbow": speed})
 
 
-def test_each_joint_has_the_maximum_lead_of_its_own_speed():
+def test_maximum_lead_follows_speed_of_each_joint():
     gate, _, clock = make_gate_at(2048)
     gate.set_speeds({"elbow": 100 * TICK})
     with pytest.raises(RefusedError, match="max 88"):
@@ -115,44 +115,44 @@ def test_each_joint_has_the_maximum_lead_of_its_own_speed():
     ("goal", "share"),
     [(2048, 1.0), (2048 + 103, 1.0), (2048 + 121, 0.4928), (2048 - 121, 0.4928), (2186, 0.0)],
 )
-def test_a_motion_waits_from_three_quarters_of_the_lead_on(goal, share):
+def test_motion_slows_from_75_percent_of_maximum_lead(goal, share):
     joint = measured_at(2048, goal=goal)
     assert joint.ease() == pytest.approx(share, rel=1e-3)
     assert joint.allowed_advance_s(0.001) == pytest.approx(share * 0.001, rel=1e-3)
 
 
 @pytest.mark.parametrize("goal", [2048 + 200, 2048 - 200])
-def test_a_motion_never_goes_backwards(goal):
+def test_motion_with_too_large_lead_stands_and_never_reverses(goal):
     joint = measured_at(2048, goal=goal)
     assert joint.ease() == 0.0
     assert joint.allowed_advance_s(0.01) == 0.0
 
 
-def test_a_long_cycle_leads_no_further_than_the_maximum_lead():
+def test_advance_in_long_cycle_stays_within_maximum_lead():
     advance_s = measured_at(2048, goal=2048 + 37).allowed_advance_s(0.2)
     assert advance_s == pytest.approx(100 / 2000)  # and one tick left for rounding
 
 
 @pytest.mark.parametrize(("speed", "used"), [(1000, 1000), (9000, 2000)])
-def test_a_slow_motion_may_advance_for_longer_and_none_is_faster_than_its_joint(speed, used):
+def test_allowed_advance_uses_motion_speed_up_to_joint_speed(speed, used):
     joint = measured_at(2048, goal=2048 + 37)
     joint.set_speed(speed * TICK)
     assert joint.allowed_advance_s(0.2) == pytest.approx(100 / used)
 
 
-def test_the_joint_with_the_largest_lag_decides():
+def test_allowed_advance_is_that_of_joint_with_largest_lag():
     gate, _, _ = make_gate_at(2048, speed_tick_s=2000)
     gate.update_measured({"elbow": 2048 - 121, "wrist": 2048}, 0.02)
     assert gate.allowed_advance_s(0.001) == pytest.approx(0.0004928, rel=1e-3)
 
 
-def test_a_motion_without_goals_waits_for_nothing():
+def test_allowed_advance_without_goals_is_full_time():
     gate = Gate([make_limits()], Recorder(), ManualClock())
     assert gate.allowed_advance_s(0.01) == 0.01
 
 
 @given(st.integers(-LEAD, LEAD), st.floats(0.0, 0.05), st.floats(0.0, 0.9999))
-def test_goals_that_advance_as_allowed_always_pass(ahead_by, elapsed_s, phase):
+def test_goals_that_advance_as_allowed_always_pass_gate(ahead_by, elapsed_s, phase):
     joint = measured_at(2048, goal=2048 + ahead_by)
     further = math.floor(2000 * joint.allowed_advance_s(elapsed_s) + phase)
     goal = 2048 + ahead_by + int(math.copysign(further, ahead_by))

@@ -9,12 +9,12 @@ HEAT = StopReason(StopKind.FAULT, "heat")
 SILENCE = StopReason(StopKind.FAULT, "silence")
 
 
-def test_a_latch_that_was_never_latched_lets_everything_pass():
+def test_stop_latch_never_latched_raises_nothing():
     StopLatch().raise_if_stopped()
     assert StopLatch().reason is None
 
 
-def test_a_latched_stop_says_why_in_one_line():
+def test_latched_stop_gives_its_reason_in_one_line():
     latch = StopLatch()
     latch.latch_stop(StopReason(StopKind.UNPLUGGED, "The cable is gone.\nPlug it in."))
     with pytest.raises(RefusedError) as caught:
@@ -23,21 +23,21 @@ def test_a_latched_stop_says_why_in_one_line():
     assert caught.value.exit_code == ExitCode.REFUSED
 
 
-def test_the_first_reason_stays():
+def test_stop_latch_keeps_first_reason():
     latch = StopLatch()
     latch.latch_stop(HEAT)
     latch.latch_stop(SILENCE)
     assert latch.reason is HEAT
 
 
-def test_a_stop_without_a_reason_is_a_stop():
+def test_stop_without_message_is_a_stop():
     latch = StopLatch()
     latch.latch_stop(StopReason(StopKind.PROGRAM))
     with pytest.raises(RefusedError, match="stopped"):
         latch.raise_if_stopped()
 
 
-def test_once_acknowledged_everything_passes_again():
+def test_acknowledged_stop_latch_raises_nothing():
     latch = StopLatch()
     latch.latch_stop(HEAT)
     assert latch.acknowledge() is HEAT

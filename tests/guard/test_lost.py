@@ -8,7 +8,7 @@ from ikservo.guard import CommunicationMonitor
 BOTH, ONE = {"elbow", "wrist"}, {"wrist"}
 
 
-def test_the_third_cycle_in_a_row_without_an_answer_names_the_joint():
+def test_third_cycle_without_answer_names_joint():
     losses = CommunicationMonitor(["elbow", "wrist"])
     losses.update(ONE)
     losses.update(ONE)
@@ -16,26 +16,26 @@ def test_the_third_cycle_in_a_row_without_an_answer_names_the_joint():
         losses.update(ONE)
 
 
-def test_all_that_are_silent_are_named():
+def test_all_silent_joints_are_named():
     losses = CommunicationMonitor(["elbow", "wrist"], max_lost=1)
     with pytest.raises(ServoSilentError, match="elbow, wrist did not answer"):
         losses.update(())
 
 
-def test_an_answer_between_starts_the_count_again():
+def test_answer_restarts_count_of_lost_cycles():
     losses = CommunicationMonitor(["elbow", "wrist"])
     for answered in (ONE, ONE, BOTH, ONE, ONE):
         losses.update(answered)
     assert losses.lost_joints == ("elbow",)
 
 
-def test_joints_are_counted_each_for_itself():
+def test_lost_cycles_are_counted_per_joint():
     losses = CommunicationMonitor(["elbow", "wrist"])
     for answered in ({"elbow"}, {"wrist"}, {"elbow"}, {"wrist"}):
         losses.update(answered)
 
 
-def test_nothing_is_lost_when_all_answer():
+def test_lost_joints_are_empty_when_all_answer():
     losses = CommunicationMonitor(["elbow", "wrist"])
     losses.update(ONE)
     losses.update(BOTH)

@@ -22,7 +22,7 @@ def pressed_by_a_load(goal, seconds):
 
 
 @pytest.mark.parametrize("goal", [AT + 10, AT - 10])
-def test_a_goal_near_to_where_its_joint_presses_is_never_pushed_on(goal):
+def test_overload_monitor_never_pushes_goal_near_pressing_joint(goal):
     monitor, news = pressed_by_a_load(goal, 1.9)
     assert monitor.seconds_left("elbow") < 0.5
     assert len(news) == 1
@@ -31,13 +31,13 @@ def test_a_goal_near_to_where_its_joint_presses_is_never_pushed_on(goal):
 
 
 @pytest.mark.parametrize("side", [1, -1])
-def test_a_goal_far_ahead_is_drawn_back_at_the_end_of_a_motion(side):
+def test_overload_monitor_draws_back_far_goal_after_motion(side):
     monitor, _ = pressed_by_a_load(AT + 10 * side, 0.5)
     drawn = monitor.relaxed_goals({"elbow": AT + 200 * side}, {"elbow": AT})
     assert side * (drawn["elbow"] - AT) == int(0.6 * 0.8 / 4.0 / TICK)
 
 
-def test_a_joint_that_stands_just_below_the_limit_is_neither_warned_of_nor_relaxed():
+def test_overload_monitor_ignores_joint_just_below_limit():
     monitor = OverloadMonitor([make_limits()])
     monitor.rules["elbow"] = OverloadRule(0.8, 2.0, output_per_rad=4.0)
     goal = AT + round(0.95 * 0.8 / 4.0 / TICK)

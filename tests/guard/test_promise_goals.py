@@ -81,7 +81,7 @@ def sent_goals(ask):
 # Each joint's own limits, one step inside and outside, and what is no position at all.
 @settings(max_examples=80, **WIDE)
 @given(st.sampled_from([*NAMES[:4], "", "elbow", None]), st.one_of(odd, st.floats()))
-def test_a_joint_that_is_refused_puts_no_packet_on_the_wire(arm, wire, name, position):
+def test_refused_joint_goal_sends_no_packet(arm, wire, name, position):
     before = wire.packets
     refused = sent_goals(lambda: arm.plan_joints({name: position, "wrist_roll": 0.1}))
     assert wire.packets == before
@@ -90,7 +90,7 @@ def test_a_joint_that_is_refused_puts_no_packet_on_the_wire(arm, wire, name, pos
 
 @settings(max_examples=40, **WIDE)
 @given(st.one_of(odd, st.lists(st.one_of(odd, numbers), max_size=4)))
-def test_a_point_that_is_none_puts_no_packet_on_the_wire(arm, wire, point):
+def test_refused_point_sends_no_packet(arm, wire, point):
     before = wire.packets
     refused = sent_goals(lambda: arm.plan_to(point))
     assert wire.packets == before
@@ -99,7 +99,7 @@ def test_a_point_that_is_none_puts_no_packet_on_the_wire(arm, wire, point):
 
 @settings(max_examples=40, **WIDE)
 @given(st.dictionaries(st.sampled_from(NAMES), st.one_of(odd, numbers), max_size=6))
-def test_goals_from_any_program_go_through_the_gate_whole_or_not_at_all(arm, wire, asked):
+def test_gate_sends_goals_of_any_program_whole_or_not_at_all(arm, wire, asked):
     """Ticks of any kind for any joints, sent to the gate itself."""
     gate, before = gate_of(arm), wire.packets
     ticks = {n: v if not isinstance(v, float) else round(v, 3) for n, v in asked.items()}
@@ -110,7 +110,7 @@ def test_goals_from_any_program_go_through_the_gate_whole_or_not_at_all(arm, wir
 
 @pytest.mark.parametrize("side", ["lower", "upper"])
 @pytest.mark.parametrize("name", NAMES)
-def test_every_joint_stops_at_its_last_tick(arm, wire, name, side):
+def test_goal_one_tick_beyond_limit_sends_no_packet(arm, wire, name, side):
     driven = next(driven for driven in servo_group(arm).driven_joints if driven.joint == name)
     edge = driven.position_range[0 if side == "lower" else 1]
     outwards = -1 if side == "lower" else 1
@@ -160,7 +160,7 @@ def storm(count, seed):
 
 
 @few_or_many(1, 1000)
-def test_of_a_storm_of_commands_only_lawful_ones_pass(seeds, capsys):
+def test_storm_of_random_commands_never_breaks_gate_laws(seeds, capsys):
     found = [storm(10_000, seed) for seed in seeds]
     passed, wrong = (sum(column) for column in zip(*found, strict=True))
     log(capsys, f"{10_000 * len(seeds):,} commands: {passed:,} passed, {wrong} against a law")

@@ -36,7 +36,7 @@ def seams_inside(lows, widths, offsets):
     return cases, jumps
 
 
-def test_wherever_the_horn_sits_the_count_does_not_jump_inside_the_travel():
+def test_sensor_count_never_wraps_inside_calibrated_range():
     cases, jumps = seams_inside(range(0, TURN, 127), (2, 800, 2047, 3000, 4094),
                                 range(-2047, 2048, 311))  # fmt: skip
     assert (cases, jumps) == (33 * 5 * 14 * 2, 0)
@@ -44,7 +44,7 @@ def test_wherever_the_horn_sits_the_count_does_not_jump_inside_the_travel():
 
 @pytest.mark.campaign
 @pytest.mark.timeout(3600)
-def test_wherever_the_horn_sits_the_count_never_jumps():
+def test_sensor_count_never_wraps_in_campaign():
     cases, jumps = seams_inside(range(0, TURN, 13), (2, 800, 2047, 3000, 4094),
                                 range(-2047, 2048, 13))  # fmt: skip
     print(f"{cases} travels, {jumps} jumps")  # noqa: T201  # a number to keep
@@ -52,7 +52,7 @@ def test_wherever_the_horn_sits_the_count_never_jumps():
 
 
 @pytest.mark.parametrize("sign", [1, -1])
-def test_every_tick_of_a_turn_comes_back_from_its_position_inside_and_only_inside(sign):
+def test_every_tick_of_a_turn_round_trips_through_its_position(sign):
     joint_map = JointMap.revolute("elbow", 3, sign, 2048.37, TURN)
     ends = sorted((joint_map.position(1000), joint_map.position(3000)))
     driven = DrivenJoint(joint_map, Limits.of("elbow", *ends, "hand sweep"), 1.0)

@@ -36,7 +36,7 @@ def search(space, goals=(GOAL,), **options):
     return WaySearch(space, START, np.array(goals), *SIDES, **options)
 
 
-def test_way_leads_through_gap_to_the_goal_that_can_be_reached():
+def test_path_search_goes_through_gap_to_reachable_goal():
     goals, most = [GOAL, [0.5, 0.2], [0.9, 1.9]], 20000
     way = search(maze(), goals).find(most)
     assert maze().is_free(way)
@@ -45,7 +45,7 @@ def test_way_leads_through_gap_to_the_goal_that_can_be_reached():
     np.testing.assert_array_equal(way, search(maze(), goals).find(most))
 
 
-def test_search_goes_on_where_it_was_left():
+def test_path_search_continues_where_it_was_left():
     parts = search(maze())
     found = [parts.find(10) for _ in range(200)]
     way = next(way for way in found if way is not None)
@@ -54,13 +54,13 @@ def test_search_goes_on_where_it_was_left():
     assert parts.find(1000) is None
 
 
-def test_search_without_a_free_end_has_ended():
+def test_path_search_without_free_end_ends_at_once():
     assert search(maze(), [[0.5, 0.2]]).has_ended
     assert search(maze(), [[0.9, 1.9]]).has_ended
     assert search(maze(), [[0.5, 0.2]]).find(100) is None
 
 
-def test_search_ends_when_it_is_to_end_and_at_its_bound():
+def test_path_search_ends_at_callback_and_at_its_bound():
     walled, asked = search(maze(gap=5.0)), []
 
     def ends_at_the_third():
@@ -72,7 +72,7 @@ def test_search_ends_when_it_is_to_end_and_at_its_bound():
     assert not walled.has_ended
 
 
-def test_gap_that_samples_miss_is_not_taken(monkeypatch):
+def test_path_search_does_not_take_gap_that_samples_miss(monkeypatch):
     thin = maze(gap=5.0)  # the wall is 80 mm thick, as is the ball with what it keeps
     monkeypatch.setattr(way_search, "_STEP_M", 0.5)
     walled = search(thin)
@@ -80,7 +80,7 @@ def test_gap_that_samples_miss_is_not_taken(monkeypatch):
     assert walled._step_m < 0.5
 
 
-def test_ways_after_the_first_make_it_shorter(monkeypatch):
+def test_path_search_shortens_path_after_first_one(monkeypatch):
     space = maze(gap=0.6, half_m=0.06)
     lengths = [path_length(search(space, seed=seed).find(20000)) for seed in range(1, 9)]
     monkeypatch.setattr(way_search, "_MOST_WAYS", 1)
@@ -89,7 +89,7 @@ def test_ways_after_the_first_make_it_shorter(monkeypatch):
     assert max(lengths) < 1.25 * min(lengths)
 
 
-def test_search_that_takes_time_shortens_its_way_until_the_end():
+def test_path_search_with_time_shortens_path_until_end():
     asked = []
 
     def is_over():
@@ -108,7 +108,7 @@ def test_search_that_takes_time_shortens_its_way_until_the_end():
 
 @needs_extension
 @pytest.mark.parametrize("name", ["grow_trees", "shorten_way"])
-def test_compiled_search_gives_the_same_bits(monkeypatch, name):
+def test_compiled_path_search_equals_python_search(monkeypatch, name):
     pairs = []
 
     def bind(asked, *arguments):

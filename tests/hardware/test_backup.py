@@ -22,41 +22,41 @@ def bus():
     return make_bus({1: "STS3215", 2: "XL430-W250"})
 
 
-def test_every_servo_has_a_file_of_its_own(bus, home):
+def test_backup_writes_one_file_per_servo(bus, home):
     names = [path.relative_to(home).as_posix() for path in back_up_once(bus, "so101")]
     assert names == ["backups/so101/id_001_STS3215.toml", "backups/so101/id_002_XL430-W250.toml"]
 
 
-def test_it_holds_the_whole_eeprom(bus):
+def test_backup_holds_whole_eeprom(bus):
     path, _ = back_up_once(bus, "so101")
     assert read_backup(path).eeprom == read_eeprom(bus, 1)
 
 
-def test_the_first_copy_is_never_overwritten(bus):
+def test_first_backup_is_never_overwritten(bus):
     back_up_once(bus, "so101")
     update_eeprom(bus, 1, {STS3215.homing_offset: -100})
     assert back_up_once(bus, "so101") == []
     assert read_backup(backup_path("so101", bus.servos[1])).eeprom["homing_offset"] == 0
 
 
-def test_another_model_at_the_same_id_is_another_servo(bus):
+def test_another_model_at_same_id_gets_its_own_backup(bus):
     back_up_once(bus, "so101")
     assert len(back_up_once(make_bus({1: "STS3250"}), "so101")) == 1
 
 
-def test_a_silent_servo_leaves_no_file(bus, home):
+def test_silent_servo_leaves_no_backup_file(bus, home):
     add_faults(bus, ("silent", {"id": 2}))
     with pytest.raises(ServoSilentError):
         back_up_once(bus, "so101")
     assert [path.name for path in home.rglob("id_*")] == ["id_001_STS3215.toml"]
 
 
-def test_a_name_cannot_lead_out_of_the_folder(bus, home):
+def test_arm_name_cannot_lead_out_of_backup_folder(bus, home):
     (path, _) = back_up_once(bus, "../../etc/arm")
     assert path.is_relative_to(home / "backups")
 
 
-def test_nothing_is_written_to_the_servo(bus):
+def test_backup_writes_nothing_to_servo(bus):
     torque = bus.read(1, RegisterName.TORQUE_ENABLE)
     sent, write = [], bus.port.transport.write
     bus.port.transport.write = lambda data: (sent.append(bytes(data)), write(data))[1]
@@ -69,7 +69,7 @@ def test_nothing_is_written_to_the_servo(bus):
 @pytest.mark.parametrize(
     "text", ["", "format = 2\n[eeprom]", "format = 1", 'format = 1\n[eeprom]\nid = "1"', "= ="]
 )
-def test_a_file_that_is_no_copy_is_said_to_be_none(tmp_path, text):
+def test_file_that_is_not_a_backup_is_refused(tmp_path, text):
     path = tmp_path / "copy.toml"
     path.write_text(text)
     with pytest.raises(FileFormatError, match=r"copy\.toml"):
@@ -92,7 +92,7 @@ def test_a_file_that_is_no_copy_is_said_to_be_none(tmp_path, text):
         ("homing_offset = 0", "homing_offset = true", "homing_offset: is True"),
     ],
 )
-def test_a_damaged_copy_is_said_to_be_damaged_and_where(bus, old, new, why):
+def test_damaged_backup_is_refused_with_the_damaged_field(bus, old, new, why):
     path, _ = back_up_once(bus, "so101")
     text = path.read_text()
     assert old in text
@@ -102,7 +102,7 @@ def test_a_damaged_copy_is_said_to_be_damaged_and_where(bus, old, new, why):
     assert why in str(failed.value)
 
 
-def test_a_copy_says_whose_it_is(bus):
+def test_backup_names_its_model_id_and_path(bus):
     _, path = back_up_once(bus, "so101")
     backup = read_backup(path)
     assert (backup.table.model_name, backup.servo_id, backup.path) == ("XL430-W250", 2, path)

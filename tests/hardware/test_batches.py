@@ -36,7 +36,7 @@ APART = {1: [XL430W250.present_temperature], 2: [XL430W250.present_position]}
 class TestBulk:
     """Each servo its own registers, in one packet where the family has one for it."""
 
-    def test_protocol_2_is_asked_once(self, written):
+    def test_bulk_read_of_protocol_2_sends_one_packet(self, written):
         bus = make_bus({1: X, 2: X})
         sent = written(bus)
         readings = bus.bulk_read(APART, raw=True).require_all()
@@ -45,32 +45,32 @@ class TestBulk:
         assert readings[1] == {XL430W250.present_temperature: servos[1].read("present_temperature")}
         assert readings[2] == {XL430W250.present_position: servos[2].read("present_position")}
 
-    def test_mx_servos_are_asked_once(self, written):
+    def test_bulk_read_of_mx_servos_sends_one_packet(self, written):
         bus = make_bus({1: "MX-28", 2: "MX-28"})
         sent = written(bus)
         bus.bulk_read({1: [MX28.present_voltage], 2: [MX28.present_position]}).require_all()
         assert [packet[4] for packet in sent] == [0x92]
 
-    def test_mx_servos_need_no_sync_read_to_be_asked_once(self, written):
+    def test_sync_read_of_mx_servos_sends_one_bulk_read(self, written):
         bus = make_bus({1: "MX-28", 2: "MX-28"})
         sent = written(bus)
         bus.sync_read([1, 2], RegisterName.PRESENT_POSITION).require_all()
         assert [packet[4] for packet in sent] == [0x92]
 
-    def test_an_ax_among_them_is_asked_alone(self, written):
+    def test_ax_servo_among_mx_servos_is_read_separately(self, written):
         bus = make_bus({1: "MX-28", 2: "AX-12A", 3: "MX-28"})
         sent = written(bus)
         bus.sync_read([1, 2, 3], RegisterName.PRESENT_POSITION).require_all()
         assert [packet[4] for packet in sent] == [0x92, 0x02]
 
-    def test_feetech_is_asked_once_for_each_kind_of_bytes(self, written):
+    def test_bulk_read_of_feetech_sends_one_packet_per_register(self, written):
         bus = make_bus({1: "STS3215", 2: "STS3215", 3: "STS3215"})
         sent = written(bus)
         at, heat = [STS3215.present_position], [STS3215.present_temperature]
         bus.bulk_read({1: at, 2: heat, 3: at}).require_all()
         assert [packet[4] for packet in sent] == [0x82, 0x82]
 
-    def test_one_packet_tells_each_its_own(self, written):
+    def test_bulk_write_sends_one_packet_for_different_registers(self, written):
         bus = make_bus({1: X, 2: X})
         torque_on(bus, 2)
         sent = written(bus)
@@ -80,7 +80,7 @@ class TestBulk:
         servos = simulated_servos(bus)
         assert (servos[1].read("led"), servos[2].read("goal_position")) == (1, 2100)
 
-    def test_neighbours_share_a_packet(self, written):
+    def test_bulk_write_of_adjacent_registers_is_one_sync_write(self, written):
         bus = make_bus({1: X, 2: X})
         for servo_id in (1, 2):
             torque_on(bus, servo_id)
@@ -91,7 +91,7 @@ class TestBulk:
         bus.ping(1)
         assert simulated_servos(bus)[2].read("profile_velocity") == 100
 
-    def test_one_number_that_does_not_fit_stops_everything(self, written):
+    def test_bulk_write_with_bad_value_sends_nothing(self, written):
         bus = make_bus({1: X, 2: X})
         sent = written(bus)
         with pytest.raises(RegisterAccessError, match="joint_2"):
@@ -101,7 +101,7 @@ class TestBulk:
             )
         assert sent == []
 
-    def test_a_silent_one_is_an_error_beside_the_values(self):
+    def test_bulk_read_reports_silent_servo_beside_values(self):
         bus = make_bus({1: X, 2: X})
         add_faults(bus, ("silent", {"id": 1}))
         readings = bus.bulk_read(APART, raw=True)
@@ -116,18 +116,18 @@ class TestMixedFamilies:
     def bus(self):
         return make_bus(MIXED)
 
-    def test_one_call_reads_them_all(self, bus):
+    def test_sync_read_reads_mixed_families_in_one_call(self, bus):
         ticks = bus.sync_read(MIXED, RegisterName.PRESENT_POSITION, raw=True).require_all()
         held = {i: s.read("present_position") for i, s in simulated_servos(bus).items()}
         assert ticks == held
 
-    def test_one_call_tells_them_all(self, bus):
+    def test_sync_write_writes_mixed_families_in_one_call(self, bus):
         goals = {i: torque_on(bus, i) + 5 for i in MIXED}
         bus.sync_write(RegisterName.GOAL_POSITION, goals, raw=True)
         bus.ping(1)
         assert {i: s.read("goal_position") for i, s in simulated_servos(bus).items()} == goals
 
-    def test_torque_goes_off_everywhere_though_two_are_silent(self, bus):
+    def test_torque_off_reaches_all_though_two_are_silent(self, bus):
         bus.sync_write(RegisterName.TORQUE_ENABLE, dict.fromkeys(MIXED, 1), raw=True)
         add_faults(bus, ("lost", {"count": 0}), ("silent", {"id": 2}), ("silent", {"id": 5}))
         assert list(torque_off(bus, MIXED)) == [2, 5]
@@ -143,18 +143,18 @@ class TestShadows:
         simulated_servos(bus)[3].write("secondary_id", 2)
         return bus
 
-    def test_a_goal_for_the_leader_is_the_shadows_goal(self, bus):
+    def test_goal_of_leader_is_also_goal_of_shadow(self, bus):
         torque_on(bus, 2)
         bus.write(2, RegisterName.GOAL_POSITION, 2100, raw=True)
         assert {s.read("goal_position") for s in simulated_servos(bus).values()} == {2100}
 
-    def test_only_the_leader_answers(self, bus):
+    def test_leader_answers_read_for_its_shadow(self, bus):
         readings = bus.sync_read([2, 3], RegisterName.PRESENT_POSITION, raw=True).require_all()
         assert readings.keys() == {2, 3}
         assert bus.statistics[2].lost == bus.statistics[2].garbled == 0
 
 
-def test_two_lines_are_read_by_two_threads_at_once():
+def test_two_buses_are_read_by_two_threads_at_once():
     buses = [make_bus({1: X, 2: X}), make_bus({1: "STS3215", 2: "STS3215"})]
     found = [[], []]
 
@@ -172,7 +172,7 @@ def test_two_lines_are_read_by_two_threads_at_once():
     assert [len(rows) for rows in found] == [200, 200]
 
 
-def test_two_threads_on_one_line_take_turns():
+def test_two_threads_on_one_bus_take_turns():
     bus = make_bus({1: X, 2: "STS3215"})
     found = {1: set(), 2: set()}
 
@@ -191,29 +191,29 @@ def test_two_threads_on_one_line_take_turns():
 class TestRollCall:
     """A broadcast ping that is over as soon as nobody can answer any more."""
 
-    def test_everybody_of_protocol_2_answers(self):
+    def test_broadcast_ping_finds_all_protocol_2_servos(self):
         bus = make_bus(dict.fromkeys((1, 5, 9), X))
         called = bus.broadcast_ping(Family.DYNAMIXEL_2)
         assert called.replies.keys() == {1, 5, 9}
         assert {answer.data[:2] for (answer,) in called.replies.values()} == {b"\x24\x04"}
 
-    def test_everybody_of_feetech_answers(self):
+    def test_broadcast_ping_finds_all_feetech_servos(self):
         bus = make_bus(dict.fromkeys((1, 2, 6), "STS3215"))
         assert bus.broadcast_ping(Family.FEETECH_STS).replies.keys() == {1, 2, 6}
 
-    def test_it_takes_a_fraction_of_the_sdks_window(self):
+    def test_broadcast_ping_takes_less_than_100_ms(self):
         bus = make_bus(dict.fromkeys(range(1, 7), X))
         started_s = bus.clock.now_s()
         bus.broadcast_ping(Family.DYNAMIXEL_2)
         assert bus.clock.now_s() - started_s < 0.1  # the SDK's own: 0.8
 
-    def test_it_finds_servos_that_were_unknown(self):
+    def test_broadcast_ping_finds_unknown_servos(self):
         bus = make_bus({1: X, 200: X})
         known = ServoBus(bus.port, [ServoSpec(1, XL430W250)])
         assert known.broadcast_ping(Family.DYNAMIXEL_2, highest_id=252).replies.keys() == {1, 200}
 
     @pytest.mark.parametrize("model", [X, "STS3215"])
-    def test_two_servos_on_one_id_give_themselves_away(self, model):
+    def test_broadcast_ping_reveals_duplicate_id(self, model):
         transport_bus = make_bus({1: model})
         family = transport_bus.servos[1].table.family
         bus = crowded(model)

@@ -19,36 +19,36 @@ TELEMETRY = [
 ]
 
 
-def test_neighbours_are_joined():
+def test_adjacent_registers_form_one_run():
     wanted = [STS3215.present_load, STS3215.present_position, STS3215.present_speed]
     assert contiguous_runs(wanted) == [
         [STS3215.present_position, STS3215.present_speed, STS3215.present_load]
     ]
 
 
-def test_a_gap_parts_them():
+def test_gap_separates_register_runs():
     wanted = [STS3215.present_position, STS3215.goal_position]
     assert contiguous_runs(wanted) == [[STS3215.goal_position], [STS3215.present_position]]
 
 
-def test_a_register_wanted_twice_is_read_once():
+def test_register_wanted_twice_is_read_once():
     assert contiguous_runs([STS3215.moving, STS3215.moving]) == [[STS3215.moving]]
 
 
-def test_telemetry_of_a_feetech_is_one_question(feetech, line):
+def test_feetech_telemetry_is_read_in_one_request(feetech, line):
     line.expect("FF FF FE 05 82 38 08 01 39", "FF FF 01 0A 00 00 08 32 80 F4 01 7B 23 A7")
     readings = feetech.sync_read_many([1], TELEMETRY, raw=True).require_all()[1]
     assert [readings[role] for role in TELEMETRY] == [2048, -50, 500, 123, 35]
 
 
-def test_values_come_in_their_units(feetech, line):
+def test_sync_read_many_returns_values_in_units(feetech, line):
     line.expect("FF FF FE 05 82 3E 02 01 39", "FF FF 01 04 00 7B 23 5C")
     wanted = [STS3215.present_voltage, STS3215.present_temperature]
     readings = feetech.sync_read_many([1], wanted).require_all()[1]
     assert [readings[register] for register in wanted] == pytest.approx([12.3, 35.0])
 
 
-def test_a_servo_silent_in_one_of_two_questions_has_an_error_and_no_value(feetech, line):
+def test_servo_silent_in_one_of_two_reads_has_error_and_no_value(feetech, line):
     line.expect("FF FF FE 05 82 2A 02 01 4D", "FF FF 01 04 00 00 08 F2")
     line.expect(sync_request([1], 55, 3))
     wanted = [STS3215.present_position, STS3215.goal_position]
@@ -57,7 +57,7 @@ def test_a_servo_silent_in_one_of_two_questions_has_an_error_and_no_value(feetec
     assert "read present_position" in str(readings.errors[1])
 
 
-def test_families_need_not_have_the_same_neighbours(port, line):
+def test_families_with_different_register_order_read_together(port, line):
     bus = ServoBus(port, [ServoSpec(1, STS3215), ServoSpec(2, XL430W250)])
     line.expect("FF FF FE 05 82 3E 02 01 39", "FF FF 01 04 00 7B 23 5C")
     line.expect(

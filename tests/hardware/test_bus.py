@@ -33,52 +33,52 @@ def patient(port):
 class TestRefusedBeforeAByteIsSent:
     """The scripted line fails a test at the first byte that it does not expect."""
 
-    def test_a_read_only_register(self, feetech):
+    def test_write_to_read_only_register_is_refused(self, feetech):
         with pytest.raises(
             RegisterAccessError, match=r"present_position of shoulder_pan .* read-only"
         ):
             feetech.write(1, STS3215.present_position, 0, raw=True)
 
     @pytest.mark.parametrize("tick", [-32768, 32768, 1 << 40])
-    def test_a_number_outside_the_range(self, feetech, tick):
+    def test_write_of_tick_outside_register_range_is_refused(self, feetech, tick):
         with pytest.raises(RegisterAccessError, match="outside -32767 to 32767"):
             feetech.write(1, STS3215.goal_position, tick, raw=True)
 
     @pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])
-    def test_what_is_not_a_number(self, feetech, value):
+    def test_write_of_nan_or_infinity_is_refused(self, feetech, value):
         with pytest.raises(RegisterAccessError, match="not a number"):
             feetech.write(1, STS3215.goal_position, value)
 
-    def test_a_fraction_of_a_tick(self, feetech):
+    def test_write_of_fractional_tick_is_refused(self, feetech):
         with pytest.raises(BadValueError, match="an integer"):
             feetech.write(1, STS3215.goal_position, 2048.5, raw=True)
 
-    def test_a_goal_for_one_servo_that_does_not_fit_stops_the_goals_of_all(self, feetech):
+    def test_one_bad_goal_in_sync_write_stops_goals_of_all(self, feetech):
         with pytest.raises(RegisterAccessError, match="shoulder_lift"):
             feetech.sync_write(RegisterName.GOAL_POSITION, {1: 2048, 2: 99_999}, raw=True)
 
-    def test_an_unknown_id(self, feetech):
+    def test_read_of_unknown_id_is_refused_with_known_ids(self, feetech):
         with pytest.raises(BadValueError, match=r"id is 9.*\n.*shoulder_pan \(id 1\)"):
             feetech.read(9, RegisterName.PRESENT_POSITION)
 
-    def test_a_register_of_another_family(self, feetech):
+    def test_write_to_register_of_another_family_is_refused(self, feetech):
         with pytest.raises(UnknownNameError, match="STS3215 register named 'goal_current'"):
             feetech.write(1, XL330M288.goal_current, 0)
 
-    def test_eeprom_while_torque_is_known_to_be_on(self, feetech, line):
+    def test_eeprom_write_is_refused_while_torque_is_on(self, feetech, line):
         line.expect("FF FF 01 04 03 28 01 CE", TAKEN)
         feetech.write(1, STS3215.torque_enable, 1)
         with pytest.raises(RegisterAccessError, match="torque is on"):
             feetech.write(1, STS3215.homing_offset, 0)
 
-    def test_nothing_to_write_is_nothing_sent(self, feetech):
+    def test_sync_write_without_goals_sends_nothing(self, feetech):
         feetech.sync_write(RegisterName.GOAL_POSITION, {})
 
-    def test_nobody_to_ask_is_nothing_sent(self, feetech):
+    def test_sync_read_without_servos_sends_nothing(self, feetech):
         assert feetech.sync_read([], RegisterName.PRESENT_POSITION).require_all() == {}
 
 
-def test_torque_that_a_group_reports_is_known_afterwards(feetech, line):
+def test_torque_read_by_sync_read_is_remembered(feetech, line):
     line.expect("FF FF FE 05 82 28 01 01 50", "FF FF 01 03 00 01 FA")
     feetech.sync_read([1], RegisterName.TORQUE_ENABLE)
     with pytest.raises(RegisterAccessError, match="torque is on"):
@@ -93,36 +93,36 @@ THIRD_1 = request(1, 54, 4)
 class TestRepeats:
     """Questions that may be repeated are, only so often, and each time in another shape."""
 
-    def test_a_lost_answer_is_asked_for_again(self, patient, line):
+    def test_lost_reply_is_retried(self, patient, line):
         line.expect(READ_1).expect(AGAIN_1).expect(THIRD_1, reply(1, 0, 0, 0, 8))
         assert patient.read(1, RegisterName.PRESENT_POSITION, raw=True) == 2048
 
-    def test_a_damaged_answer_is_asked_for_again(self, patient, line):
+    def test_damaged_reply_is_retried(self, patient, line):
         line.expect(READ_1, "FF FF 01 04 00 01 08 F2").expect(AGAIN_1, AGAIN_AT_2048)
         assert patient.read(1, RegisterName.PRESENT_POSITION, raw=True) == 2048
 
-    def test_three_losses_are_silence(self, patient, line):
+    def test_three_lost_replies_raise_servo_silent_error(self, patient, line):
         line.expect(READ_1).expect(AGAIN_1).expect(THIRD_1)
         with pytest.raises(ServoSilentError):
             patient.read(1, RegisterName.PRESENT_POSITION)
 
-    def test_a_refusal_is_not_repeated(self, patient, line):
+    def test_rejected_read_is_not_retried(self, patient, line):
         line.expect(READ_1, "FF FF 01 02 20 DC")
         with pytest.raises(ServoRejectedError):
             patient.read(1, RegisterName.PRESENT_POSITION)
 
-    def test_a_registered_write_is_not_repeated(self, patient, line):
+    def test_registered_write_is_not_retried(self, patient, line):
         line.expect("FF FF 01 04 03 28 01 CE", TAKEN).expect("FF FF 01 05 04 2A 00 08 C3")
         patient.write(1, STS3215.torque_enable, 1)
         with pytest.raises(ServoSilentError):
             patient.reg_write(1, STS3215.goal_position, 2048, raw=True)
 
-    def test_taking_a_place_as_the_middle_is_not_repeated(self, patient, line):
+    def test_middle_position_write_is_not_retried(self, patient, line):
         line.expect("FF FF 01 04 03 28 80 4F")
         with pytest.raises(ServoSilentError):
             patient.write(1, STS3215.torque_enable, 128)
 
-    def test_a_group_is_asked_again_for_those_who_were_silent(self, port, line):
+    def test_sync_read_retries_only_silent_servos(self, port, line):
         bus = ServoBus(port, [ServoSpec(1, STS3215), ServoSpec(2, STS3215)])
         line.expect("FF FF FE 06 82 38 02 01 02 3C", AT_2048)
         line.expect(sync_request([2], 55, 3), reply(2, 0, 0xFF, 7))
@@ -143,7 +143,7 @@ class TestUnresponsiveServos:
             patient.sync_read([1], RegisterName.PRESENT_POSITION)
         return patient
 
-    def test_until_then_it_costs_nothing(self, unresponsive_bus, line):
+    def test_sync_read_skips_unresponsive_servo_at_no_cost(self, unresponsive_bus, line):
         before_s = line.clock.now_s()
         assert isinstance(
             unresponsive_bus.sync_read([1], RegisterName.PRESENT_POSITION).errors[1],
@@ -151,12 +151,12 @@ class TestUnresponsiveServos:
         )
         assert line.clock.now_s() == before_s
 
-    def test_then_it_is_asked_once(self, unresponsive_bus, line):
+    def test_unresponsive_servo_is_asked_again_after_300_ms(self, unresponsive_bus, line):
         line.clock.s += 0.3
         line.expect(sync_request([1], 56, 2))
         assert unresponsive_bus.sync_read([1], RegisterName.PRESENT_POSITION).errors.keys() == {1}
 
-    def test_when_it_answers_it_is_one_of_them_again(self, unresponsive_bus, line):
+    def test_unresponsive_servo_that_answers_is_read_as_before(self, unresponsive_bus, line):
         line.clock.s += 0.3
         for _ in range(2):
             line.expect(sync_request([1], 56, 2), AT_2048)
@@ -168,25 +168,25 @@ class TestUnresponsiveServos:
 class TestStatistics:
     """Every question is counted."""
 
-    def test_losses_and_repeats(self, patient, line):
+    def test_statistics_count_losses_and_retries(self, patient, line):
         line.expect(READ_1).expect(AGAIN_1, "00").expect(THIRD_1, reply(1, 0, 0, 0, 8))
         patient.read(1, RegisterName.PRESENT_POSITION)
         counts = patient.statistics[1]
         assert (counts.requests, counts.lost, counts.garbled, counts.retried) == (3, 1, 1, 2)
 
-    def test_the_round_trip_is_the_time_of_an_answer(self, patient, line):
+    def test_round_trip_is_time_until_reply(self, patient, line):
         line.expect(READ_1, AT_2048, after_s=0.0007)
         patient.read(1, RegisterName.PRESENT_POSITION)
         assert patient.statistics[1].round_trip_s(0.5) == pytest.approx(0.0007)
 
-    def test_without_an_answer_there_is_no_round_trip(self, patient):
+    def test_round_trip_is_none_without_reply(self, patient):
         assert patient.statistics[1].round_trip_s(0.5) is None
 
 
 class TestErrors:
     """A person reads which joint, which id, which port, what was asked and what now."""
 
-    def test_silence(self, feetech, line):
+    def test_silence_error_names_servo_register_and_sent_bytes(self, feetech, line):
         line.expect(READ_1)
         with pytest.raises(ServoSilentError) as caught:
             feetech.read(1, RegisterName.PRESENT_POSITION)
@@ -196,14 +196,14 @@ class TestErrors:
             "Sent FF FF 01 04 02 38 02 BE, received nothing."
         )
 
-    def test_the_bytes_are_kept_for_a_bug_report(self, feetech, line):
+    def test_bus_error_keeps_bytes_for_bug_report(self, feetech, line):
         line.expect(READ_1, "FF FF 01 04 00 01 08 F2")
         with pytest.raises(BusError) as caught:
             feetech.read(1, RegisterName.PRESENT_POSITION)
         assert caught.value.sent == bytes.fromhex(READ_1)
         assert caught.value.received == bytes.fromhex("FF FF 01 04 00 01 08 F2")
 
-    def test_a_cable_that_is_out_is_guessed_from_who_is_silent(self, port, line):
+    def test_silence_error_guesses_unplugged_cable(self, port, line):
         names = ["pan", "lift", "elbow"]
         bus = ServoBus(port, [ServoSpec(i, STS3215, n) for i, n in enumerate(names, 1)], retries=0)
         line.expect("FF FF FE 07 82 38 02 01 02 03 38", AT_2048)
@@ -214,13 +214,13 @@ class TestErrors:
         ):
             readings.require_all()
 
-    def test_if_no_servo_replies_it_is_power_or_rate(self, feetech, line):
+    def test_silence_of_all_servos_suggests_power_or_baud_rate(self, feetech, line):
         line.expect("FF FF FE 06 82 38 02 01 02 3C")
         with pytest.raises(ServoSilentError, match=r"Check the power supply .* every baud rate"):
             feetech.sync_read([1, 2], RegisterName.PRESENT_POSITION).require_all()
 
 
-def test_models_of_one_family_share_a_question(port, line):
+def test_models_of_one_family_share_sync_read(port, line):
     bus = ServoBus(port, [ServoSpec(1, XL430W250), ServoSpec(2, XL330M288)], fast=False)
     line.expect(
         "FF FF FD 00 FE 09 00 82 84 00 04 00 01 02 CE FA",
@@ -233,7 +233,7 @@ def test_models_of_one_family_share_a_question(port, line):
     }
 
 
-def test_families_on_one_line_are_asked_each_in_its_own_protocol(port, line):
+def test_families_on_one_bus_are_read_in_their_own_protocols(port, line):
     bus = ServoBus(port, [ServoSpec(1, XL430W250), ServoSpec(2, STS3215)])
     line.expect(
         "FF FF FD 00 FE 08 00 82 84 00 04 00 01 FE CF",
@@ -246,12 +246,12 @@ def test_families_on_one_line_are_asked_each_in_its_own_protocol(port, line):
     }
 
 
-def test_an_alarm_register_is_spelt_out(feetech, line):
+def test_alarm_register_is_read_as_named_alarms(feetech, line):
     line.expect("FF FF 01 04 02 41 01 B6", "FF FF 01 03 20 25 B6")
     assert feetech.read_alarms(1) == {Alarm.VOLTAGE, Alarm.HEAT, Alarm.OVERLOAD}
 
 
-def test_closing_the_bus_closes_the_line(feetech, line):
+def test_closing_bus_closes_port(feetech, line):
     with feetech:
         pass
     assert not line.is_open
@@ -262,7 +262,7 @@ class TestReturnDelays:
 
     ASKED = "FF FF FE 06 82 07 01 01 02 6E"
 
-    def test_the_longest_of_the_family_counts(self, feetech, line):
+    def test_longest_return_delay_of_family_sets_time_out(self, feetech, line):
         line.expect(self.ASKED, "FF FF 01 03 00 00 FB", "FF FF 02 03 00 32 C8")
         line.expect(READ_1)
         feetech.load_return_delays()
@@ -272,7 +272,7 @@ class TestReturnDelays:
         wire_s = feetech.port.wire_s(8 + 8)
         assert line.clock.now_s() - asked_s == pytest.approx(wire_s + 50 * 2e-6 + 0.001, abs=0.0002)
 
-    def test_where_one_does_not_tell_the_longest_possible_stays(self, feetech, line):
+    def test_unknown_return_delay_keeps_longest_possible_time_out(self, feetech, line):
         line.expect(self.ASKED, "FF FF 01 03 00 00 FB")
         line.expect("FF FF FE 06 82 38 02 01 02 3C", "FF FF 02 04 00 FF 07 F3", after_s=0.0021)
         feetech.load_return_delays()

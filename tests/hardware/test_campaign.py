@@ -31,21 +31,21 @@ both = pytest.mark.parametrize("models", FAMILIES.values(), ids=FAMILIES)
 @pytest.mark.sample(3)
 @both
 @pytest.mark.parametrize("faults", FAULTS.values(), ids=FAULTS)
-def test_no_wrong_value_is_returned_as_good(models, faults):
+def test_no_wrong_value_is_returned_on_faulty_bus(models, faults):
     outcome = ours(models, 1_500, seed=1, faults=faults)
     assert outcome.wrong == 0
     assert outcome.lost < 0.05 * outcome.reads
 
 
 @both
-def test_no_old_position_is_returned_as_the_present_one(models):
+def test_no_old_position_is_returned_as_present_one(models):
     outcome = ours_moving(models, 1_500, seed=1)
     assert outcome.wrong == 0
     assert outcome.lost < 0.05 * outcome.reads
 
 
 @both
-def test_every_lost_answer_is_reported(models):
+def test_every_lost_reply_is_reported(models):
     bus = make_bus(models, retries=0)
     add_faults(bus, ("silent", {"probability": 0.05, "count": 25}))
     lost = 0
@@ -63,19 +63,19 @@ def _is_lost(bus):
 
 
 @both
-def test_noise_that_flips_bits_anywhere_yields_no_wrong_value(models):
+def test_flipped_bits_yield_no_wrong_value(models):
     outcome = ours(models, 1_000, seed=2, faults=[("flipped", {"probability": 0.05, "bits": 2})])
     assert outcome.wrong == 0
 
 
 @both
-def test_on_a_healthy_line_nothing_is_lost_and_nothing_repeated(models):
+def test_healthy_bus_has_no_loss_and_no_retry(models):
     outcome = ours(models, 1_000, seed=3, faults=[])
     assert (outcome.wrong, outcome.lost, outcome.retried) == (0, 0, 0)
 
 
 @both
-def test_the_vendors_sdk_returns_wrong_values_as_good_on_the_same_line(models):
+def test_vendor_sdk_returns_wrong_values_on_same_bus(models):
     outcome = stock(models, 500, seed=1)
     assert outcome.wrong > 0
 
@@ -83,7 +83,7 @@ def test_the_vendors_sdk_returns_wrong_values_as_good_on_the_same_line(models):
 @pytest.mark.campaign
 @pytest.mark.timeout(3600)
 @both
-def test_half_a_million_reads_of_each_family(models, capsys):
+def test_half_million_reads_per_family_have_no_wrong_value(models, capsys):
     outcome, theirs = ours(models, 500_000, seed=7), stock(models, 20_000, seed=7)
     with capsys.disabled():
         sys.stdout.write(f"\nours:  {outcome}\nstock: {theirs}\n")
@@ -93,7 +93,7 @@ def test_half_a_million_reads_of_each_family(models, capsys):
 @pytest.mark.campaign
 @pytest.mark.timeout(3600)
 @both
-def test_a_quarter_of_a_million_reads_of_moving_positions_of_each_family(models, capsys):
+def test_quarter_million_reads_while_moving_have_no_wrong_value(models, capsys):
     outcome = ours_moving(models, 250_000, seed=7)
     with capsys.disabled():
         sys.stdout.write(f"\nmoving: {outcome}\n")

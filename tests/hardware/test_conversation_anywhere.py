@@ -85,18 +85,18 @@ def ids(bus):
 
 
 @pytest.mark.full
-def test_every_servo_says_that_it_is_the_model_of_the_arm_file(bus, ids):
+def test_every_servo_reports_model_of_arm_file(bus, ids):
     numbers = {i: bus.ping(i).model_number for i in ids}
     assert numbers == {i: bus.servos[i].table.number for i in ids}
 
 
 @pytest.mark.sample(3)
-def test_all_together_say_what_each_says_alone(bus, ids):
+def test_sync_read_equals_single_reads(bus, ids):
     together = bus.sync_read(ids, RegisterName.MAX_POSITION_LIMIT, raw=True).require_all()
     assert together == {i: bus.read(i, RegisterName.MAX_POSITION_LIMIT, raw=True) for i in ids}
 
 
-def test_telemetry_is_plausible(bus, ids):
+def test_telemetry_voltage_and_temperature_are_plausible(bus, ids):
     wanted = [
         RegisterName.PRESENT_POSITION,
         RegisterName.PRESENT_VOLTAGE,
@@ -107,18 +107,18 @@ def test_telemetry_is_plausible(bus, ids):
         assert 0.0 < row[RegisterName.PRESENT_TEMPERATURE] < 80.0
 
 
-def test_one_that_is_not_there_costs_no_other_its_value(bus, ids):
+def test_absent_servo_costs_no_other_its_value(bus, ids):
     readings = bus.sync_read([*ids, ABSENT.id], RegisterName.PRESENT_POSITION)
     assert sorted(readings.values) == sorted(ids)
     assert isinstance(readings.errors[ABSENT.id], ServoSilentError)
 
 
-def test_one_that_is_not_there_is_silent_when_asked_alone(bus):
+def test_absent_servo_is_silent_when_pinged(bus):
     with pytest.raises(ServoSilentError, match="nobody"):
         bus.ping(ABSENT.id)
 
 
-def test_what_is_written_is_read_and_can_be_written_back(bus, ids):
+def test_written_register_is_read_back_and_restored(bus, ids):
     before = bus.read(ids[0], RegisterName.PROFILE_VELOCITY, raw=True)
     try:
         bus.write(ids[0], RegisterName.PROFILE_VELOCITY, 123, raw=True)
@@ -127,7 +127,7 @@ def test_what_is_written_is_read_and_can_be_written_back(bus, ids):
         bus.write(ids[0], RegisterName.PROFILE_VELOCITY, before, raw=True)
 
 
-def test_a_write_to_many_reaches_them_all(bus, ids):
+def test_sync_write_reaches_all_servos(bus, ids):
     before = bus.sync_read(ids, RegisterName.PROFILE_VELOCITY, raw=True).require_all()
     try:
         bus.sync_write(RegisterName.PROFILE_VELOCITY, dict.fromkeys(ids, 77), raw=True)
@@ -138,20 +138,20 @@ def test_a_write_to_many_reaches_them_all(bus, ids):
         bus.ping(ids[0])
 
 
-def test_eeprom_that_holds_already_is_not_written(bus, ids):
+def test_eeprom_value_already_held_is_not_written(bus, ids):
     servo = bus.servos[ids[0]]
     held = read_eeprom(bus, servo.id)
     limit = servo.table.max_temperature_limit
     assert update_eeprom(bus, servo.id, {limit: held[limit.name]}) == []
 
 
-def test_what_is_measured_cannot_be_written(bus, ids):
+def test_write_to_measured_register_is_refused(bus, ids):
     with pytest.raises(RegisterAccessError, match="read-only"):
         bus.write(ids[0], RegisterName.PRESENT_POSITION, 0)
 
 
 @pytest.mark.sample(3)
-def test_a_thousand_positions_in_a_row_are_all_there(bus, ids, request):
+def test_thousand_position_reads_are_answered(bus, ids, request):
     asked = 1000 // len(ids)
     answered = sum(
         not bus.sync_read(ids, RegisterName.PRESENT_POSITION).errors for _ in range(asked)
@@ -160,6 +160,6 @@ def test_a_thousand_positions_in_a_row_are_all_there(bus, ids, request):
     assert answered >= (1.0 - LATE.get(place, 0.0)) * asked
 
 
-def test_every_answer_was_timed(bus, ids):
+def test_round_trip_of_every_servo_is_timed(bus, ids):
     for servo_id in ids:
         assert 0.0 < bus.statistics[servo_id].round_trip_s(0.5) < 0.1

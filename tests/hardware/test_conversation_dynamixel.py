@@ -24,27 +24,27 @@ def arm(simulated):
     return simulated("koch")
 
 
-def test_every_servo_says_its_own_model(arm):
+def test_ping_returns_model_of_each_servo(arm):
     bus, _ = arm
     numbers = [bus.ping(servo_id).model_number for servo_id in IDS]
     assert numbers == [1060, 1060, 1200, 1200, 1200, 1200]
 
 
-def test_positions_are_what_the_servos_hold(arm):
+def test_sync_read_positions_equal_servo_memory(arm):
     bus, servos = arm
     ticks = bus.sync_read(IDS, RegisterName.PRESENT_POSITION, raw=True).require_all()
     held = {i: servo.read("present_position") for i, servo in servos.items()}
     assert ticks == pytest.approx(held, abs=5)  # limp joints sink while they are asked
 
 
-def test_torque_comes_on_without_a_jump(arm):
+def test_torque_on_sets_goal_to_position(arm):
     bus, servos = arm
     held = {servo_id: torque_on(bus, servo_id) for servo_id in IDS}
     assert {i: servo.read("goal_position") for i, servo in servos.items()} == held
     assert {servo.read("torque_enable") for servo in servos.values()} == {1}
 
 
-def test_a_goal_is_where_the_servo_goes(arm):
+def test_servo_moves_to_written_goal(arm):
     bus, servos = arm
     goal_tick = torque_on(bus, 1) + 100
     bus.write(1, RegisterName.GOAL_POSITION, goal_tick, raw=True)
@@ -52,35 +52,35 @@ def test_a_goal_is_where_the_servo_goes(arm):
     assert servos[1].read("present_position") == pytest.approx(goal_tick, abs=10)
 
 
-def test_torque_goes_off(arm):
+def test_torque_off_switches_torque_off(arm):
     bus, servos = arm
     torque_on(bus, 1)
     assert torque_off(bus, IDS) == {}
     assert servos[1].read("torque_enable") == 0
 
 
-def test_voltages_of_two_models_come_from_one_role(arm):
+def test_voltage_role_reads_two_different_models(arm):
     bus, servos = arm
     volts = bus.sync_read(IDS, RegisterName.PRESENT_VOLTAGE).require_all()
     expected = {i: servo.read("present_input_voltage") / 10 for i, servo in servos.items()}
     assert volts == pytest.approx(expected)
 
 
-def test_a_goal_outside_the_servos_limits_is_refused_by_the_servo(arm):
+def test_servo_rejects_goal_outside_its_limits(arm):
     bus, _ = arm
     torque_on(bus, 1)
     with pytest.raises(ServoRejectedError, match=r"waist|shoulder_pan.*out of range"):
         bus.write(1, RegisterName.GOAL_POSITION, 100_000, raw=True)
 
 
-def test_eeprom_under_torque_is_refused_by_us(arm):
+def test_eeprom_write_under_torque_is_refused_by_bus(arm):
     bus, _ = arm
     torque_on(bus, 1)
     with pytest.raises(RegisterAccessError, match="torque is on"):
         bus.write(1, XL430W250.drive_mode, 0)
 
 
-def test_eeprom_under_torque_is_refused_by_the_servo_where_we_do_not_know_of_it(arm):
+def test_servo_rejects_eeprom_write_under_torque_unknown_to_bus(arm):
     bus, _ = arm
     torque_on(bus, 1)
     newcomer = ServoBus(bus.port, list(bus.servos.values()))
@@ -88,7 +88,7 @@ def test_eeprom_under_torque_is_refused_by_the_servo_where_we_do_not_know_of_it(
         newcomer.write(1, XL430W250.drive_mode, 0)
 
 
-def test_a_limit_lasts_and_is_not_written_twice(arm):
+def test_eeprom_limit_persists_and_is_not_written_twice(arm):
     bus, servos = arm
     wanted = {XL330M288.velocity_limit: 300}
     assert len(update_eeprom(bus, 4, wanted)) == 1
@@ -96,21 +96,21 @@ def test_a_limit_lasts_and_is_not_written_twice(arm):
     assert update_eeprom(bus, 4, wanted) == []
 
 
-def test_a_backup_holds_every_eeprom_register(arm):
+def test_eeprom_read_holds_every_eeprom_register(arm):
     bus, servos = arm
     backup = read_eeprom(bus, 4)
     assert backup == {name: servos[4].read(name) for name in backup}
     assert {"id", "homing_offset", "current_limit"} <= set(backup)
 
 
-def test_a_reboot_loses_torque(arm):
+def test_reboot_switches_torque_off(arm):
     bus, servos = arm
     torque_on(bus, 5)
     bus.reboot(5)
     assert servos[5].read("torque_enable") == 0
 
 
-def test_an_overheated_servo_is_seen_and_says_so(arm):
+def test_overheated_servo_reports_heat_alarm(arm):
     bus, servos = arm
     servos[5].write("temperature_limit", 10)
     bus.clock.sleep_until(bus.clock.now_s() + 1.0)
@@ -120,7 +120,7 @@ def test_an_overheated_servo_is_seen_and_says_so(arm):
     assert bus.sync_read(IDS, RegisterName.ALARMS, raw=True).alarms == {5: {Alarm.HEAT}}
 
 
-def test_a_silent_servo_costs_no_other_its_answer(arm):
+def test_silent_servo_costs_no_other_its_reply(arm):
     bus, servos = arm
     servos[3].write("baud_rate", 1)
     readings = bus.sync_read(IDS, RegisterName.PRESENT_POSITION, raw=True)
@@ -128,7 +128,7 @@ def test_a_silent_servo_costs_no_other_its_answer(arm):
     assert isinstance(readings.errors[3], ServoSilentError)
 
 
-def test_a_shadow_obeys_the_goal_of_its_leader_and_answers_at_its_own_id(simulated):
+def test_shadow_follows_goal_of_leader_and_answers_at_own_id(simulated):
     bus, servos = simulated("vx300s")
     for servo_id in (3, 2):
         torque_on(bus, servo_id)
@@ -138,6 +138,6 @@ def test_a_shadow_obeys_the_goal_of_its_leader_and_answers_at_its_own_id(simulat
     assert bus.read(3, RegisterName.GOAL_POSITION, raw=True) == goal_tick
 
 
-def test_an_arm_file_that_is_not_there_is_bad_input():
+def test_missing_arm_file_of_sim_port_is_input_error():
     with pytest.raises(InputError, match=r"nowhere/arm\.toml"):
         open_port("sim:/nowhere/arm.toml", 1_000_000)

@@ -17,18 +17,18 @@ def arm(simulated):
     return simulated("so101")
 
 
-def test_every_servo_says_its_model(arm):
+def test_ping_returns_model_of_every_servo(arm):
     bus, _ = arm
     assert {bus.ping(servo_id).model_number for servo_id in IDS} == {777}
 
 
-def test_positions_are_what_the_servos_hold(arm):
+def test_sync_read_positions_equal_servo_memory(arm):
     bus, servos = arm
     ticks = bus.sync_read(IDS, RegisterName.PRESENT_POSITION, raw=True).require_all()
     assert ticks == {i: servo.read("present_position") for i, servo in servos.items()}
 
 
-def test_torque_comes_on_without_a_jump_to_an_old_goal(arm):
+def test_torque_on_does_not_jump_to_old_goal(arm):
     bus, servos = arm
     wrist_roll = servos[5]  # gravity does not turn it
     wrist_roll.write("goal_position", 1000)
@@ -40,7 +40,7 @@ def test_torque_comes_on_without_a_jump_to_an_old_goal(arm):
     assert wrist_roll.read("present_position") == pytest.approx(before_tick, abs=2)
 
 
-def test_goals_are_where_the_servos_go(arm):
+def test_servos_move_to_written_goals(arm):
     bus, servos = arm
     goals = {servo_id: torque_on(bus, servo_id) for servo_id in IDS}
     goals[1] += 200
@@ -50,7 +50,7 @@ def test_goals_are_where_the_servos_go(arm):
     assert servos[1].read("present_position") == pytest.approx(goals[1], abs=10)
 
 
-def test_registered_goals_start_together(arm):
+def test_registered_goals_start_together_on_action(arm):
     bus, servos = arm
     for servo_id in (1, 5):
         torque_on(bus, servo_id)
@@ -63,7 +63,7 @@ def test_registered_goals_start_together(arm):
     assert [servos[i].read("goal_position") for i in (1, 5)] == [2100, 2100]
 
 
-def test_torque_goes_off_everywhere_though_one_servo_is_silent(arm):
+def test_torque_off_reaches_others_though_one_is_silent(arm):
     bus, servos = arm
     for servo_id in IDS:
         torque_on(bus, servo_id)
@@ -74,7 +74,7 @@ def test_torque_goes_off_everywhere_though_one_servo_is_silent(arm):
     assert [servo.read("torque_enable") for servo in servos.values()] == [0, 0, 1, 0, 0, 0]
 
 
-def test_a_silent_servo_costs_no_other_its_answer(arm):
+def test_silent_servo_costs_no_other_its_reply(arm):
     bus, servos = arm
     servos[3].write("lock", 0)
     servos[3].write("baud_rate", 4)
@@ -84,7 +84,7 @@ def test_a_silent_servo_costs_no_other_its_answer(arm):
     assert "elbow_flex (id 3)" in str(readings.errors[3])
 
 
-def test_an_alarm_stands_beside_the_values(arm):
+def test_alarm_is_reported_beside_values(arm):
     bus, servos = arm
     servos[2].write("max_temperature_limit", 10)
     bus.clock.sleep_until(bus.clock.now_s() + 1.0)
@@ -93,20 +93,20 @@ def test_an_alarm_stands_beside_the_values(arm):
     assert sorted(readings.require_all()) == list(IDS)
 
 
-def test_at_a_wrong_rate_everybody_is_silent(simulated):
+def test_wrong_baud_rate_makes_all_servos_silent(simulated):
     bus, _ = simulated("so101", baud_rate=115_200)
     with pytest.raises(ServoSilentError, match="every baud rate"):
         bus.sync_read(IDS, RegisterName.PRESENT_POSITION).require_all()
 
 
-def test_a_pulled_cable_is_named(arm):
+def test_pulled_cable_raises_port_lost_error(arm):
     bus, _ = arm
     bus.port.transport.close()
     with pytest.raises(PortLostError, match="Lost connection"):
         bus.read(1, RegisterName.PRESENT_POSITION)
 
 
-def test_an_offset_lasts_and_is_not_written_twice(arm):
+def test_homing_offset_persists_and_is_not_written_twice(arm):
     bus, servos = arm
     assert len(update_eeprom(bus, 1, {STS3215.homing_offset: -100})) == 1
     assert servos[1].read("homing_offset") == -100
@@ -114,7 +114,7 @@ def test_an_offset_lasts_and_is_not_written_twice(arm):
     assert update_eeprom(bus, 1, {STS3215.homing_offset: -100}) == []
 
 
-def test_a_backup_holds_every_eeprom_register(arm):
+def test_eeprom_read_holds_every_eeprom_register(arm):
     bus, servos = arm
     backup = read_eeprom(bus, 4)
     assert backup == {name: servos[4].read(name) for name in backup}
@@ -122,7 +122,7 @@ def test_a_backup_holds_every_eeprom_register(arm):
 
 
 @pytest.mark.usefixtures("plain_line")
-def test_positions_and_goals_of_six_servos_take_little_more_than_their_time_on_the_wire(arm):
+def test_cycle_of_six_servos_uses_over_85_percent_of_wire_time(arm):
     bus, _ = arm
     ticks = {servo_id: torque_on(bus, servo_id) for servo_id in IDS}
     started_s, cycles = bus.clock.now_s(), 50
@@ -133,7 +133,7 @@ def test_positions_and_goals_of_six_servos_take_little_more_than_their_time_on_t
     assert wire_s / ((bus.clock.now_s() - started_s) / cycles) > 0.85
 
 
-def test_a_silent_servo_costs_a_cycle_at_most_5_ms(arm):
+def test_silent_servo_delays_cycle_by_at_most_5_ms(arm):
     bus, servos = arm
     bus.load_return_delays()
     servos[6].write("lock", 0)
@@ -145,7 +145,7 @@ def test_a_silent_servo_costs_a_cycle_at_most_5_ms(arm):
     assert bus.clock.now_s() - started_s < 0.005
 
 
-def test_an_unknown_address_has_no_value(arm):
+def test_reboot_of_feetech_servo_raises_bus_error(arm):
     bus, _ = arm
     with pytest.raises(BusError):
         bus.reboot(1)

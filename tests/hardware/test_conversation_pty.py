@@ -39,7 +39,7 @@ def served():
     ("arm", "model", "ids"),
     [("so101", "STS3215", range(1, 7)), ("open_manipulator_x", "XM430-W350", range(11, 16))],
 )
-def test_a_served_arm_answers_takes_torque_and_reports(served, arm, model, ids):
+def test_served_arm_answers_ping_and_torque_on(served, arm, model, ids):
     name, _ = served(arm)
     servos = [ServoSpec(i, control_table(model)) for i in ids]
     with ServoBus(open_port(name, 1_000_000), servos) as bus:
@@ -51,13 +51,13 @@ def test_a_served_arm_answers_takes_torque_and_reports(served, arm, model, ids):
         )
 
 
-def test_a_second_program_is_shown_who_holds_the_port(served):
+def test_second_open_of_served_port_is_refused_as_busy(served):
     name, _ = served("so101")
     with open_port(name, 1_000_000), pytest.raises(PortBusyError):
         open_port(name, 1_000_000)
 
 
-def test_a_server_that_ends_is_a_lost_port(served):
+def test_end_of_server_raises_port_lost_error(served):
     name, server = served("so101")
     with ServoBus(open_port(name, 1_000_000), [ServoSpec(1, control_table("STS3215"))]) as bus:
         bus.ping(1)

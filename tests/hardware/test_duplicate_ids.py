@@ -63,7 +63,7 @@ def eeprom_writes(bus):
     "buses", [pytest.param(24, id="suite"), pytest.param(400, marks=pytest.mark.campaign)]
 )
 @pytest.mark.timeout(600)
-def test_on_random_buses_no_shared_id_is_missed_and_nothing_is_written(buses, capsys):
+def test_duplicate_ids_are_found_on_random_buses_without_writes(buses, capsys):
     for seed in range(buses):
         bus, twin = crowded_bus(seed)
         before = eeprom_writes(bus)
@@ -73,7 +73,7 @@ def test_on_random_buses_no_shared_id_is_missed_and_nothing_is_written(buses, ca
         sys.stdout.write(f"\nB4: {buses} buses with a shared id, 0 missed\n" * (buses > 100))
 
 
-def test_it_is_refused_with_the_joint_and_what_to_do():
+def test_duplicate_id_error_names_joint_and_setup_command():
     bus, twin = crowded_bus(3)
     with pytest.raises(BadReplyError, match=rf"joint_{twin} \(id {twin}\).*\n.*ikservo setup ARM"):
         raise_on_duplicate_ids(bus)
@@ -83,18 +83,18 @@ def test_it_is_refused_with_the_joint_and_what_to_do():
 @both
 @pytest.mark.parametrize("adapter", [None, ECHO, FTDI], ids=["plain", "echo", "FTDI"])
 @pytest.mark.parametrize("seed", range(5))
-def test_a_bad_line_is_not_taken_for_two_servos(models, adapter, seed):
+def test_faulty_bus_is_not_taken_for_duplicate_ids(models, adapter, seed):
     bus = make_bus(models, seed=seed, adapter=adapter)
     add_faults(bus, *EVERYTHING)
     assert find_duplicate_ids(bus) == []
 
 
-def test_one_servo_on_an_adapter_that_echoes_is_one():
+def test_echo_is_not_taken_for_duplicate_id():
     assert find_duplicate_ids(make_bus({1: "STS3215"}, adapter=ECHO)) == []
 
 
 @pytest.mark.parametrize("model", ["AX-12A", "MX-28", "SCS0009", "STS3215", "XM430-W350"])
-def test_a_closer_look_knows_every_family(model):
+def test_identify_finds_model_of_every_family(model):
     bus = make_bus({1: model})
     table = bus.servos[1].table
     found = identify(bus.port, framing_of(table.family), 1, echoes=PortMode.name == "echo")
@@ -102,14 +102,14 @@ def test_a_closer_look_knows_every_family(model):
 
 
 @both
-def test_whoever_is_silent_is_left_to_others_to_miss(models):
+def test_silent_servo_is_not_a_duplicate_id(models):
     bus = make_bus(models)
     add_faults(bus, ("silent", {"id": 3}))
     assert find_duplicate_ids(bus) == []
 
 
 @pytest.mark.parametrize("arm", ["so101", "koch"])
-def test_an_arm_with_two_servos_on_one_id_is_not_opened(monkeypatch, arm):
+def test_open_arm_refuses_duplicate_ids(monkeypatch, arm):
     change_bus(monkeypatch, lambda line: line.servos[3].memory.put("id", 2))
     with pytest.raises(BadReplyError, match=r"\(id 2\) on .* answers like several servos"):
         ikservo.open_arm(arm, port="sim")

@@ -46,12 +46,12 @@ class TestD1StuffingForgotten:
 
     HEADER_LIKE = (0xFF, 0xFF, 0xFD, 0x00)
 
-    def test_stock_sends_it_unstuffed(self, stock, line):
+    def test_sdk_sends_header_like_data_unstuffed(self, stock, line):
         handler, port = stock
         line.expect("FF FF FD 00 01 09 00 03 74 00 FF FF FD 00 C9 07")
         handler.write4ByteTxOnly(port, 1, 116, 0x00FDFFFF)
 
-    def test_ours_stuffs_it(self, port, line):
+    def test_driver_stuffs_header_like_data(self, port, line):
         line.expect("FF FF FD 00 01 0A 00 03 74 00 FF FF FD FD 00 21 E7", TAKEN)
         DynamixelDriver(port).write(1, 116, bytes(self.HEADER_LIKE))
 
@@ -61,19 +61,19 @@ class TestD2UnstuffingLosesAByte:
 
     DATA = bytes.fromhex("FF FF FD FF FD FD")
 
-    def test_stock_returns_five_bytes_of_six(self, stock, line):
+    def test_sdk_returns_five_of_six_stuffed_bytes(self, stock, line):
         handler, port = stock
         line.expect("FF FF FD 00 01 07 00 02 84 00 06 00 1E 99", status(0x55, 0, *stuff(self.DATA)))
         data, result, _ = handler.readTxRx(port, 1, 132, 6)
         assert result == COMM_SUCCESS
         assert bytes(data) != self.DATA
 
-    def test_ours_returns_all_six(self, port, line):
+    def test_driver_returns_all_six_stuffed_bytes(self, port, line):
         line.expect("FF FF FD 00 01 07 00 02 84 00 06 00 1E 99", status(0x55, 0, *stuff(self.DATA)))
         assert DynamixelDriver(port).read(1, 132, 6).data == self.DATA
 
     @given(st.lists(st.sampled_from([0xFF, 0xFD, 0x00]), max_size=24).map(bytes))
-    def test_unstuffing_undoes_stuffing(self, data):
+    def test_unstuff_inverts_stuff(self, data):
         assert unstuff(stuff(data)) == data
 
     @given(st.lists(st.sampled_from([0xFF, 0xFD, 0x00]), max_size=24).map(bytes))
@@ -84,12 +84,12 @@ class TestD2UnstuffingLosesAByte:
 class TestD3RefusalWithoutData:
     """A refusal is read as if it had data."""
 
-    def test_stock_returns_the_crc_as_the_value(self, stock, line):
+    def test_sdk_returns_crc_as_value_of_rejected_read(self, stock, line):
         handler, port = stock
         line.expect("FF FF FD 00 01 07 00 02 90 00 02 00 18 91", DENIED)
         assert handler.read2ByteTxRx(port, 1, 144) == (36016, COMM_SUCCESS, 7)
 
-    def test_ours_says_why_it_was_refused(self, dynamixel, line):
+    def test_driver_reports_reason_of_rejected_read(self, dynamixel, line):
         line.expect("FF FF FD 00 01 07 00 02 90 00 02 00 18 91", DENIED)
         with pytest.raises(ServoRejectedError, match="denies access"):
             dynamixel.read(1, XL430W250.present_input_voltage)
@@ -98,7 +98,7 @@ class TestD3RefusalWithoutData:
 class TestD4RefusalInSyncRead:
     """A servo that refuses in a sync read counts as one that answered."""
 
-    def test_stock_says_available_and_breaks_on_the_data(self, stock, line):
+    def test_sdk_reports_rejected_read_as_available_then_crashes(self, stock, line):
         handler, port = stock
         group = dynamixel_sdk.GroupSyncRead(port, handler, 132, 4)
         group.addParam(1)
@@ -109,14 +109,14 @@ class TestD4RefusalInSyncRead:
         with pytest.raises(IndexError):
             group.getData(1, 132, 4)
 
-    def test_ours_has_an_error_for_it_and_the_value_of_the_other(self, dynamixel, line):
+    def test_driver_reports_rejected_read_beside_value_of_other(self, dynamixel, line):
         line.expect(ASK_BOTH, DENIED, SECOND_AT_2079)
         readings = dynamixel.sync_read([1, 2], RegisterName.PRESENT_POSITION, raw=True)
         assert readings.values == {2: 2079}
         assert isinstance(readings.errors[1], ServoRejectedError)
 
 
-def test_d6_stale_input_is_discarded(dynamixel, line):
+def test_driver_discards_stale_input(dynamixel, line):
     line.add_stale("FF FF FD 00 01 08 00 55 00 A7 00 00 00 8F 54")
     line.expect(READ_POSITION, AT_166)
     assert dynamixel.read(1, POSITION, raw=True) == 166
@@ -125,14 +125,14 @@ def test_d6_stale_input_is_discarded(dynamixel, line):
 class TestD7Timeout:
     """Wall clock, busy wait, 34 ms."""
 
-    def test_stock_spins_for_34_ms(self, stock, line):
+    def test_sdk_polls_silent_servo_for_34_ms(self, stock, line):
         handler, port = stock
         line.expect(READ_POSITION)
         assert handler.read4ByteTxRx(port, 1, 132)[1] == COMM_RX_TIMEOUT
         assert line.clock.s > 0.034
         assert line.reads > 30
 
-    def test_ours_waits_once_and_for_as_long_as_the_question_needs(self, dynamixel, line):
+    def test_driver_waits_under_5_ms_for_silent_servo(self, dynamixel, line):
         line.expect(READ_POSITION)
         with pytest.raises(ServoSilentError):
             dynamixel.read(1, POSITION)
@@ -156,13 +156,13 @@ class TestD9BusyFlag:
         monkeypatch.setattr(line, "read", failing_once)
         line.expect(READ_POSITION)
 
-    def test_stock_stays_busy(self, stock, unplugged_once):
+    def test_sdk_stays_busy_after_unplug_error(self, stock, unplugged_once):
         handler, port = stock
         with pytest.raises(OSError, match="unplugged"):
             handler.read4ByteTxRx(port, 1, 132)
         assert handler.read4ByteTxRx(port, 1, 132)[1] == COMM_PORT_BUSY
 
-    def test_ours_goes_on(self, dynamixel, line, unplugged_once):
+    def test_driver_works_again_after_unplug_error(self, dynamixel, line, unplugged_once):
         with pytest.raises(OSError, match="unplugged"):
             dynamixel.read(1, POSITION)
         line.expect(READ_POSITION, AT_166)
@@ -172,13 +172,13 @@ class TestD9BusyFlag:
 class TestD10Action:
     """An action to one servo is answered, and the answer stays in the input."""
 
-    def test_stock_leaves_the_answer_lying(self, stock, line):
+    def test_sdk_leaves_action_reply_in_buffer(self, stock, line):
         handler, port = stock
         line.expect("FF FF FD 00 01 03 00 05 02 CE", TAKEN, after_s=0.0)
         handler.action(port, 1)
         assert line.in_waiting == 11
 
-    def test_ours_goes_to_all_and_is_not_answered(self, dynamixel, line):
+    def test_driver_broadcasts_action_without_reply(self, dynamixel, line):
         line.expect("FF FF FD 00 FE 03 00 05 2A C2")
         dynamixel.action()
         assert line.in_waiting == 0
@@ -187,11 +187,11 @@ class TestD10Action:
 class TestD14Echo:
     """The question itself comes back on some adapters."""
 
-    def test_an_echo_is_passed_over(self, dynamixel, line):
+    def test_echo_before_reply_is_skipped(self, dynamixel, line):
         line.expect(READ_POSITION, READ_POSITION, AT_166)
         assert dynamixel.read(1, POSITION, raw=True) == 166
 
-    def test_an_echo_alone_is_silence(self, dynamixel, line):
+    def test_echo_without_reply_is_silence(self, dynamixel, line):
         line.expect(READ_POSITION, READ_POSITION)
         with pytest.raises(ServoSilentError):
             dynamixel.read(1, POSITION)
@@ -200,24 +200,24 @@ class TestD14Echo:
 @pytest.mark.parametrize(
     "noise", ["00", "FF", "FF FF FD 00", "FF FF FD 00 01 08 00", "FF FF FD 00 01 FF 03 55"]
 )
-def test_noise_does_not_hide_the_answer_behind_it(dynamixel, line, noise):
+def test_noise_before_reply_is_skipped(dynamixel, line, noise):
     line.expect(READ_POSITION, noise + AT_166)
     assert dynamixel.read(1, POSITION, raw=True) == 166
 
 
-def test_a_wrong_crc_is_never_a_value(dynamixel, line):
+def test_reply_with_wrong_crc_is_never_a_value(dynamixel, line):
     line.expect(READ_POSITION, "FF FF FD 00 01 08 00 55 00 A7 00 00 00 8C C0")
     with pytest.raises(BadReplyError, match="damaged reply"):
         dynamixel.read(1, POSITION)
 
 
-def test_a_silent_servo_does_not_cost_the_answer_of_the_other(dynamixel, line):
+def test_silent_servo_costs_no_other_its_sync_read_value(dynamixel, line):
     line.expect(ASK_BOTH, SECOND_AT_2079)
     readings = dynamixel.sync_read([1, 2], RegisterName.PRESENT_POSITION, raw=True)
     assert readings.values == {2: 2079}
 
 
-def test_an_answer_split_into_single_bytes_is_put_together(dynamixel, line):
+def test_reply_in_single_bytes_is_assembled(dynamixel, line):
     line.script.append(
         (
             bytes.fromhex(READ_POSITION),
@@ -227,7 +227,7 @@ def test_an_answer_split_into_single_bytes_is_put_together(dynamixel, line):
     assert dynamixel.read(1, POSITION, raw=True) == 166
 
 
-def test_the_alert_of_one_servo_stands_beside_the_values_of_all(port, line):
+def test_alert_bit_is_reported_beside_value(port, line):
     bus = ServoBus(port, [ServoSpec(1, XL430W250, "waist")])
     line.expect(READ_POSITION, status(0x55, 0x80, 0xA6, 0, 0, 0))
     assert bus.read(1, POSITION, raw=True) == 166
@@ -246,7 +246,7 @@ class TestD5FastSyncRead:
     # What servo 1 says; servo 2, whose turn is next, is silent.
     ONLY_FIRST = "FF FF FD 00 FE 11 00 55 00 01 A6 00 00 00"
 
-    def test_stock_has_nothing(self, stock, line):
+    def test_sdk_fast_sync_read_loses_first_of_two_servos(self, stock, line):
         handler, port = stock
         group = dynamixel_sdk.GroupSyncRead(port, handler, 132, 4)
         group.addParam(1)
@@ -254,7 +254,7 @@ class TestD5FastSyncRead:
         line.expect(ASK_BOTH_FAST, self.ONLY_FIRST)
         assert group.fastSyncRead() != COMM_SUCCESS
 
-    def test_ours_asks_again_in_the_slow_way_and_has_the_first(self, port, line):
+    def test_driver_repeats_failed_fast_sync_read_as_sync_read(self, port, line):
         bus = ServoBus(port, [ServoSpec(1, XL430W250), ServoSpec(2, XL430W250)], retries=0)
         line.expect(ASK_BOTH_FAST, self.ONLY_FIRST)
         line.expect(ASK_BOTH, AT_166)
@@ -265,12 +265,12 @@ class TestD8BaudRates:
     """Rates that the servos have and the SDK's list has not."""
 
     @pytest.mark.parametrize("rate", [250_000, 4_500_000])
-    def test_stock_refuses_it_and_stays_at_the_old_one(self, stock, rate):
+    def test_sdk_refuses_baud_rate_and_keeps_old_one(self, stock, rate):
         _, port = stock
         assert port.setBaudRate(rate) is False
 
     @pytest.mark.parametrize("rate", [250_000, 4_500_000])
-    def test_ours_talks_at_it(self, port, line, rate):
+    def test_driver_accepts_baud_rate_that_sdk_refuses(self, port, line, rate):
         assert port.setBaudRate(rate)
         assert line.baudrate == rate
 
@@ -278,13 +278,13 @@ class TestD8BaudRates:
 class TestD12LongPackets:
     """A packet of more than 1024 bytes cannot be sent; before it can say so, the SDK falls over."""
 
-    def test_stock_falls_over(self, stock):
+    def test_sdk_crashes_on_sync_write_that_is_too_long(self, stock):
         handler, port = stock
         parameters = [i for servo_id in range(253) for i in (servo_id, 0, 0, 0, 0)]
         with pytest.raises(IndexError):
             handler.syncWriteTxOnly(port, 116, 4, parameters, len(parameters))
 
-    def test_ours_says_what_to_do(self, port):
+    def test_driver_refuses_sync_write_too_long_with_hint(self, port):
         with pytest.raises(BusError, match="Read fewer servos at once"):
             DynamixelDriver(port).sync_write(116, dict.fromkeys(range(253), bytes(4)))
 
@@ -295,13 +295,13 @@ class TestD13BroadcastPing:
     ASKED = "FF FF FD 00 FE 03 00 01 31 42"
     SAID = "FF FF FD 00 01 07 00 55 00 06 04 26 65 5D"
 
-    def test_stock_waits_for_253(self, stock, line):
+    def test_sdk_broadcast_ping_waits_over_700_ms(self, stock, line):
         handler, port = stock
         line.expect(self.ASKED, self.SAID)
         handler.broadcastPing(port)
         assert line.clock.s > 0.7
 
-    def test_ours_waits_for_those_who_may_be_there(self, dynamixel, line):
+    def test_driver_broadcast_ping_waits_under_20_ms(self, dynamixel, line):
         line.expect(self.ASKED, self.SAID)
         assert dynamixel.broadcast_ping(Family.DYNAMIXEL_2).replies.keys() == {1}
         assert line.clock.s < 0.02

@@ -20,24 +20,24 @@ WRITE_MINUS_100 = "FF FF 01 05 03 1F 64 08 6B"
 WANTED = {STS3215.homing_offset: -100}
 
 
-def test_what_holds_already_is_not_written(feetech, line):
+def test_eeprom_value_already_held_is_not_written(feetech, line):
     line.expect(READ_OFFSET, OFFSET_MINUS_100).expect(READ_LOCK, LOCKED)
     assert update_eeprom(feetech, 1, WANTED) == []
 
 
-def test_a_lock_that_an_earlier_run_left_open_is_closed(feetech, line):
+def test_eeprom_lock_left_open_is_closed(feetech, line):
     line.expect(READ_OFFSET, OFFSET_MINUS_100).expect(READ_LOCK, OPEN).expect(LOCK, TAKEN)
     assert update_eeprom(feetech, 1, WANTED) == []
 
 
-def test_what_differs_is_unlocked_written_verified_and_locked(feetech, line):
+def test_eeprom_change_is_unlocked_written_verified_and_locked(feetech, line):
     line.expect(READ_OFFSET, OFFSET_0).expect(TORQUE, LIMP).expect(UNLOCK, TAKEN)
     line.expect(WRITE_MINUS_100, TAKEN).expect(READ_OFFSET, OFFSET_MINUS_100).expect(LOCK, TAKEN)
     (change,) = update_eeprom(feetech, 1, WANTED)
     assert (change.register, change.found, change.expected) == (STS3215.homing_offset, 0, -100)
 
 
-def test_it_is_locked_again_after_a_lost_answer_and_the_lock_is_checked(feetech, line):
+def test_eeprom_is_locked_and_checked_after_lost_reply(feetech, line):
     line.expect(READ_OFFSET, OFFSET_0).expect(TORQUE, LIMP).expect(UNLOCK, TAKEN)
     line.expect(WRITE_MINUS_100)
     line.expect(LOCK, TAKEN)  # this may be the lost answer, late: both look alike
@@ -46,14 +46,14 @@ def test_it_is_locked_again_after_a_lost_answer_and_the_lock_is_checked(feetech,
         update_eeprom(feetech, 1, WANTED)
 
 
-def test_a_number_that_does_not_last_is_reported(feetech, line):
+def test_eeprom_value_that_does_not_persist_is_reported(feetech, line):
     line.expect(READ_OFFSET, OFFSET_0).expect(TORQUE, LIMP).expect(UNLOCK, TAKEN)
     line.expect(WRITE_MINUS_100, TAKEN).expect(READ_OFFSET, OFFSET_0).expect(LOCK, TAKEN)
     with pytest.raises(ServoRejectedError, match="homing_offset = 0 after -100 was written"):
         update_eeprom(feetech, 1, WANTED)
 
 
-def test_under_torque_nothing_is_written(feetech, line):
+def test_eeprom_update_under_torque_writes_nothing(feetech, line):
     line.expect(READ_OFFSET, OFFSET_0).expect(TORQUE, ON)
     with pytest.raises(RegisterAccessError, match="torque is on"):
         update_eeprom(feetech, 1, WANTED)
@@ -63,12 +63,12 @@ def test_under_torque_nothing_is_written(feetech, line):
     ("register", "why"),
     [(STS3215.goal_position, "not in EEPROM"), (STS3215.id, "no longer answer on this bus")],
 )
-def test_what_does_not_belong_here_is_refused_before_a_byte_is_sent(feetech, register, why):
+def test_eeprom_update_of_unsuitable_register_sends_nothing(feetech, register, why):
     with pytest.raises(RegisterAccessError, match=why):
         update_eeprom(feetech, 1, {register: 7})
 
 
-def test_differences_change_nothing(feetech, line):
+def test_register_differences_writes_nothing(feetech, line):
     line.expect(READ_OFFSET, OFFSET_0)
     (difference,) = register_differences(feetech, 1, WANTED)
     assert difference.expected == -100

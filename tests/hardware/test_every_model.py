@@ -58,23 +58,23 @@ def witness(bus, servo_id, role):
     return simulated_servos(bus)[servo_id].read(bus.servos[servo_id].table.find(role).name)
 
 
-def test_it_says_which_model_it_is(bus, model):
+def test_ping_returns_model_of_every_servo(bus, model):
     assert {bus.ping(i).model_number for i in (1, 7)} == {MODELS[model].number}
 
 
-def test_a_scan_names_it(bus, pair):
+def test_identify_finds_model_through_every_adapter(bus, pair):
     model, adapter = pair
     echoes = adapter == "echo" or PortMode.name == "echo"
     found = identify(bus.port, framing_of(MODELS[model].family), 7, echoes=echoes)
     assert found.table is MODELS[model]
 
 
-def test_positions_are_what_the_servos_hold(bus):
+def test_sync_read_positions_equal_servo_memory(bus):
     ticks = bus.sync_read([1, 7], RegisterName.PRESENT_POSITION, raw=True).require_all()
     assert ticks == {i: witness(bus, i, RegisterName.PRESENT_POSITION) for i in (1, 7)}
 
 
-def test_torque_comes_on_where_it_stands_and_goes_off(bus):
+def test_torque_on_holds_position_and_torque_off_ends_it(bus):
     held_tick = torque_on(bus, 7)
     assert witness(bus, 7, RegisterName.GOAL_POSITION) == held_tick
     assert witness(bus, 7, RegisterName.TORQUE_ENABLE) == 1
@@ -82,13 +82,13 @@ def test_torque_comes_on_where_it_stands_and_goes_off(bus):
     assert witness(bus, 7, RegisterName.TORQUE_ENABLE) == 0
 
 
-def test_goals_of_many_arrive(bus):
+def test_sync_write_goals_reach_servos(bus):
     goals = {i: torque_on(bus, i) + 30 for i in (1, 7)}
     bus.sync_write(RegisterName.GOAL_POSITION, goals, raw=True)
     assert bus.sync_read([1, 7], RegisterName.GOAL_POSITION, raw=True).require_all() == goals
 
 
-def test_registers_of_one_servo_beside_others_of_another(bus):
+def test_bulk_read_reads_different_registers_per_servo(bus):
     wanted = {1: [RegisterName.PRESENT_VOLTAGE], 7: [RegisterName.MODEL_NUMBER, RegisterName.ID]}
     readings = bus.bulk_read(wanted, raw=True).require_all()
     assert readings[7][RegisterName.ID] == 7
@@ -97,7 +97,7 @@ def test_registers_of_one_servo_beside_others_of_another(bus):
     )
 
 
-def test_what_was_laid_ready_waits_for_the_action(bus):
+def test_registered_goal_waits_for_action(bus):
     table = bus.servos[1].table
     at_tick = bus.read(1, RegisterName.GOAL_POSITION, raw=True)
     torque_on(bus, 1)
@@ -107,20 +107,20 @@ def test_what_was_laid_ready_waits_for_the_action(bus):
     assert bus.read(1, RegisterName.GOAL_POSITION, raw=True) == at_tick + 9
 
 
-def test_eeprom_lasts_and_is_not_written_twice(bus):
+def test_eeprom_update_persists_and_is_not_written_twice(bus):
     limit = bus.servos[1].table.max_temperature_limit
     assert len(update_eeprom(bus, 1, {limit: 61})) == 1
     assert witness(bus, 1, RegisterName.MAX_TEMPERATURE_LIMIT) == 61
     assert update_eeprom(bus, 1, {limit: 61}) == []
 
 
-def test_a_copy_of_the_eeprom_is_what_the_servo_holds(bus):
+def test_eeprom_read_equals_servo_memory(bus):
     servo = simulated_servos(bus)[1]
     copy = read_eeprom(bus, 1)
     assert copy == {name: servo.read(name) for name in copy}
 
 
-def test_a_silent_one_costs_the_other_nothing_and_is_named(bus):
+def test_silent_servo_costs_no_other_its_value(bus):
     add_faults(bus, ("silent", {"id": 1}))
     readings = bus.sync_read([1, 7], RegisterName.PRESENT_POSITION, raw=True)
     assert readings.values.keys() == {7}

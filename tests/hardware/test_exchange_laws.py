@@ -44,14 +44,14 @@ both = pytest.mark.parametrize(("packet", "scan"), PROTOCOLS.values(), ids=PROTO
 
 @both
 @given(servo_id=ids, error=st.integers(0, 255), parameters=data)
-def test_a_packet_is_read_as_it_was_written(packet, scan, servo_id, error, parameters):
+def test_packet_is_decoded_as_it_was_encoded(packet, scan, servo_id, error, parameters):
     received = scan(packet(servo_id, error, parameters), (2,), final=True)
     assert received.frames == (StatusPacket(servo_id, error, parameters),)
 
 
 @both
 @given(before=noise, servo_id=ids, parameters=data)
-def test_noise_before_a_packet_never_hides_it(packet, scan, before, servo_id, parameters):
+def test_noise_before_packet_never_hides_it(packet, scan, before, servo_id, parameters):
     received = bytes(before) + packet(servo_id, 0, parameters)
     assume(not scan(received[:-1], (2,), final=True).frames)  # such noise is a packet by itself
     assert scan(received, (2,), final=True).frames == (StatusPacket(servo_id, 0, parameters),)
@@ -59,7 +59,7 @@ def test_noise_before_a_packet_never_hides_it(packet, scan, before, servo_id, pa
 
 @both
 @given(servo_id=ids, parameters=data, cut=st.integers(min_value=1))
-def test_the_beginning_of_a_packet_is_waited_for(packet, scan, servo_id, parameters, cut):
+def test_incomplete_packet_is_kept_as_pending(packet, scan, servo_id, parameters, cut):
     whole = packet(servo_id, 0, parameters)
     beginning = whole[: 1 + cut % (len(whole) - 1)]
     received = scan(beginning, (2,), final=False)
@@ -68,7 +68,9 @@ def test_the_beginning_of_a_packet_is_waited_for(packet, scan, servo_id, paramet
 
 @both
 @given(servo_id=ids, parameters=data, where=st.integers(0, 200), bit=st.integers(0, 7))
-def test_a_flipped_bit_never_yields_other_data(packet, scan, servo_id, parameters, where, bit):
+def test_packet_with_flipped_bit_never_yields_other_data(
+    packet, scan, servo_id, parameters, where, bit
+):
     damaged = bytearray(packet(servo_id, 0, parameters))
     damaged[where % len(damaged)] ^= 1 << bit
     received = scan(bytes(damaged), (2,), final=True)
@@ -77,12 +79,12 @@ def test_a_flipped_bit_never_yields_other_data(packet, scan, servo_id, parameter
 
 @both
 @given(anything=st.binary(max_size=64), final=st.booleans())
-def test_no_bytes_upset_it(packet, scan, anything, final):
+def test_scanner_survives_any_bytes(packet, scan, anything, final):
     received = scan(anything, (2,), final=final)
     assert 0 <= received.pending <= len(anything)
 
 
 @given(st.binary(max_size=40))
-def test_our_crc_is_the_sheets_and_the_sdks(packet):
+def test_crc_equals_that_of_data_sheet_and_sdk(packet):
     assert crc(0, packet, len(packet)) == crc_16(packet)
     assert dynamixel_sdk.PacketHandler(2.0).updateCRC(0, packet, len(packet)) == crc_16(packet)

@@ -34,24 +34,24 @@ def read(bus):
     return bus.sync_read((3, 7, 4), RegisterName.PRESENT_POSITION, raw=True)
 
 
-def test_all_servos_speak_in_one_packet(bus, line):
+def test_fast_sync_read_takes_all_values_from_one_packet(bus, line):
     line.expect(FAST, COMBINED)
     assert read(bus).require_all() == TICKS
 
 
-def test_a_damaged_packet_is_asked_for_the_slow_way(bus, line):
+def test_damaged_fast_sync_reply_is_read_again_by_sync_read(bus, line):
     line.expect(FAST, COMBINED.replace("1F 08", "1F 09"))
     line.expect(SLOW, SLOW_3, SLOW_7, SLOW_4)
     assert read(bus).require_all() == TICKS
 
 
-def test_a_missing_servo_costs_no_other_its_answer(bus, line):
+def test_missing_servo_in_fast_sync_costs_no_other_its_value(bus, line):
     line.expect(FAST, "FF FF FD 00 FE 19 00 55 00 03 A6 00 00 00 84 08")
     line.expect(SLOW, SLOW_3, SLOW_4)
     assert read(bus).values == {3: 166, 4: 1023}
 
 
-def test_after_two_failures_the_fast_way_is_given_up(bus, line):
+def test_fast_sync_is_given_up_after_two_failures(bus, line):
     for _ in range(2):
         line.expect(FAST).expect(SLOW, SLOW_3, SLOW_7, SLOW_4)
     line.expect(SLOW, SLOW_3, SLOW_7, SLOW_4)
@@ -60,7 +60,7 @@ def test_after_two_failures_the_fast_way_is_given_up(bus, line):
         assert read(bus).require_all() == TICKS
 
 
-def test_one_success_forgets_the_failure_before(bus, line):
+def test_fast_sync_success_resets_failure_count(bus, line):
     line.expect(FAST).expect(SLOW, SLOW_3, SLOW_7, SLOW_4)
     line.expect(FAST, COMBINED)
     line.expect(FAST).expect(SLOW, SLOW_3, SLOW_7, SLOW_4)
@@ -70,7 +70,7 @@ def test_one_success_forgets_the_failure_before(bus, line):
         assert read(bus).require_all() == TICKS
 
 
-def test_while_a_packet_is_owed_the_next_is_asked_to_be_longer(bus, line):
+def test_fast_sync_read_is_longer_while_a_reply_is_owed(bus, line):
     line.expect(FAST).expect(SLOW, SLOW_3, SLOW_7, SLOW_4)
     line.expect("FF FF FD 00 FE 0A 00 8A 83 00 05 00 03 07 04 28 F5")
     line.expect(SLOW, SLOW_3, SLOW_7, SLOW_4)
@@ -78,7 +78,7 @@ def test_while_a_packet_is_owed_the_next_is_asked_to_be_longer(bus, line):
         assert read(bus).require_all() == TICKS
 
 
-def test_each_servo_keeps_its_own_alert(bus, line):
+def test_fast_sync_reports_alert_per_servo(bus, line):
     line.expect(
         FAST,
         "FF FF FD 00 FE 19 00 55 00 03 A6 00 00 00 84 08 80 07 1F 08 00 00 9D 4A "
@@ -89,7 +89,7 @@ def test_each_servo_keeps_its_own_alert(bus, line):
     assert readings.alarms == {7: {Alarm.UNKNOWN}}
 
 
-def test_each_servo_keeps_its_own_refusal(bus, line):
+def test_fast_sync_reports_rejection_per_servo(bus, line):
     line.expect(
         FAST,
         "FF FF FD 00 FE 19 00 55 00 03 A6 00 00 00 84 08 07 07 00 00 00 00 B5 AE "
@@ -100,7 +100,7 @@ def test_each_servo_keeps_its_own_refusal(bus, line):
     assert isinstance(readings.errors[7], ServoRejectedError)
 
 
-def test_after_200_slow_readings_the_fast_way_gets_another_chance(bus, line):
+def test_fast_sync_is_tried_again_after_200_sync_reads(bus, line):
     for _ in range(2):
         line.expect(FAST).expect(SLOW, SLOW_3, SLOW_7, SLOW_4)
     for _ in range(198):
@@ -121,13 +121,13 @@ def waited_s(return_delay_s):
     return port.clock.now_s() - begun_s
 
 
-def test_both_ways_of_asking_many_wait_for_the_return_delay():
+def test_fast_and_plain_sync_read_wait_for_return_delay():
     delays_s = waited_s(0.000_5) - waited_s(0.0)
     assert delays_s == pytest.approx(3 * 0.000_5, abs=1e-5)  # once fast, then once for each
 
 
 @pytest.mark.parametrize("size", range(1, 40))
-def test_a_combined_reply_of_any_other_length_is_no_reply(size):
+def test_fast_sync_reply_of_wrong_length_is_discarded(size):
     whole = bytes((0, 1, 5, 6, 9, 9, 0, 2, 7, 8))
     data = (whole * 4)[:size]
     parts = split_fast_sync(data, (1, 2), 2)

@@ -33,18 +33,18 @@ def stock(stock_port):
 class TestF1StaleInput:
     """clearPort waits for output and discards no input."""
 
-    def test_stock_takes_a_late_answer_for_the_next_one(self, stock, line):
+    def test_sdk_takes_late_reply_for_next_one(self, stock, line):
         handler, port = stock
         line.add_stale(AT_5)
         line.expect(READ_POSITION, AT_2048)
         assert handler.read2ByteTxRx(port, 1, 56) == (5, COMM_SUCCESS, 0)
 
-    def test_ours_discards_it(self, feetech, line):
+    def test_driver_discards_late_reply(self, feetech, line):
         line.add_stale(AT_5)
         line.expect(READ_POSITION, AT_2048)
         assert feetech.read(1, POSITION, raw=True) == 2048
 
-    def test_ours_asks_so_that_a_late_answer_cannot_pass_for_the_next_one(self, feetech, line):
+    def test_driver_varies_request_so_late_reply_cannot_pass(self, feetech, line):
         line.expect(READ_POSITION, AT_5, after_s=0.0028)
         line.expect("FF FF 01 04 02 37 03 BE", "FF FF 01 05 00 01 00 08 F0")
         with pytest.raises(ServoSilentError):
@@ -55,13 +55,13 @@ class TestF1StaleInput:
 class TestF2Timeout:
     """34 ms are waited for an answer that takes 0.2."""
 
-    def test_stock_waits_34_ms(self, stock, line):
+    def test_sdk_waits_34_ms_for_silent_servo(self, stock, line):
         handler, port = stock
         line.expect(READ_POSITION)
         assert handler.read2ByteTxRx(port, 1, 56)[1] == COMM_RX_TIMEOUT
         assert line.clock.s > 0.034
 
-    def test_ours_waits_as_long_as_the_question_needs(self, feetech, line):
+    def test_driver_waits_under_5_ms_for_silent_servo(self, feetech, line):
         line.expect(READ_POSITION)
         with pytest.raises(ServoSilentError):
             feetech.read(1, POSITION)
@@ -71,14 +71,14 @@ class TestF2Timeout:
 class TestF3WallClock:
     """Timeouts are measured on a clock that people and NTP set."""
 
-    def test_stock_looks_at_the_wall_clock(self, stock, line, monkeypatch):
+    def test_sdk_time_out_uses_wall_clock(self, stock, line, monkeypatch):
         _, port = stock
         monkeypatch.setattr("time.time", lambda: 1_000.0)
         moment = scservo_sdk.PortHandler.getCurrentTime(port)
         monkeypatch.setattr("time.time", lambda: 4_600.0)
         assert scservo_sdk.PortHandler.getCurrentTime(port) - moment == 3_600_000.0
 
-    def test_ours_does_not(self, feetech, line, monkeypatch):
+    def test_driver_time_out_does_not_use_wall_clock(self, feetech, line, monkeypatch):
         monkeypatch.setattr("time.time", lambda: pytest.fail("looked at the wall clock"))
         line.expect(READ_POSITION, AT_2048)
         assert feetech.read(1, POSITION, raw=True) == 2048
@@ -87,13 +87,13 @@ class TestF3WallClock:
 class TestF4BusyWait:
     """The SDK reads without waiting, over and over."""
 
-    def test_stock_spins(self, stock, line):
+    def test_sdk_polls_port_over_30_times_for_silent_servo(self, stock, line):
         handler, port = stock
         line.expect(READ_POSITION)
         handler.read2ByteTxRx(port, 1, 56)
         assert line.reads > 30
 
-    def test_ours_waits_in_one_read(self, feetech, line):
+    def test_driver_waits_for_silent_servo_in_at_most_two_reads(self, feetech, line):
         line.expect(READ_POSITION)
         with pytest.raises(ServoSilentError):
             feetech.read(1, POSITION)
@@ -103,13 +103,13 @@ class TestF4BusyWait:
 class TestF5TwoPrograms:
     """A port that is open already is opened again."""
 
-    def test_stock_opens_twice(self, pty_name):
+    def test_sdk_opens_same_port_twice(self, pty_name):
         ports = [scservo_sdk.PortHandler(pty_name) for _ in range(2)]
         assert [port.openPort() for port in ports] == [True, True]
         for port in ports:
             port.closePort()
 
-    def test_ours_says_who_holds_it(self, pty_name):
+    def test_port_refuses_second_open_with_owner_process(self, pty_name):
         with (
             open_port(pty_name, 1_000_000),
             pytest.raises(PortBusyError, match=f"process {os.getpid()}"),
@@ -120,13 +120,13 @@ class TestF5TwoPrograms:
 class TestF6BaudRates:
     """Rates that servos have are not on the SDK's list."""
 
-    def test_stock_keeps_the_old_rate_without_a_word(self, stock):
+    def test_sdk_keeps_old_baud_rate_silently(self, stock):
         _, port = stock
         assert port.setBaudRate(76_800) is False
         assert port.getBaudRate() == 1_000_000
 
     @pytest.mark.parametrize("rate", [76_800, 250_000, 2_000_000, 4_500_000])
-    def test_ours_takes_every_rate(self, pty_name, rate):
+    def test_port_accepts_every_baud_rate(self, pty_name, rate):
         with open_port(pty_name, 1_000_000) as port:
             port.setBaudRate(rate)
             assert port.getBaudRate() == rate
@@ -137,12 +137,12 @@ class TestF7RefusalWithoutData:
 
     NO_DATA = "FF FF 01 02 20 DC"
 
-    def test_stock_returns_the_checksum_as_the_value(self, stock, line):
+    def test_sdk_returns_checksum_as_value_of_empty_reply(self, stock, line):
         handler, port = stock
         line.expect("FF FF 01 04 02 3F 01 B8", self.NO_DATA)
         assert handler.read1ByteTxRx(port, 1, 63) == (0xDC, COMM_SUCCESS, 0x20)
 
-    def test_ours_says_that_there_were_none(self, feetech, line):
+    def test_driver_reports_reply_without_data(self, feetech, line):
         line.expect("FF FF 01 04 02 3F 01 B8", self.NO_DATA)
         with pytest.raises(ServoRejectedError, match="without data"):
             feetech.read(1, STS3215.present_temperature)
@@ -164,13 +164,13 @@ class TestF8BusyFlag:
         monkeypatch.setattr(line, "read", failing_once)
         line.expect(READ_POSITION)
 
-    def test_stock_stays_busy(self, stock, unplugged_once):
+    def test_sdk_stays_busy_after_unplug_error(self, stock, unplugged_once):
         handler, port = stock
         with pytest.raises(OSError, match="unplugged"):
             handler.read2ByteTxRx(port, 1, 56)
         assert handler.read2ByteTxRx(port, 1, 56)[1] == COMM_PORT_BUSY
 
-    def test_ours_goes_on(self, feetech, line, unplugged_once):
+    def test_driver_works_again_after_unplug_error(self, feetech, line, unplugged_once):
         with pytest.raises(OSError, match="unplugged"):
             feetech.read(1, POSITION)
         line.expect(READ_POSITION, AT_2048)
@@ -185,13 +185,13 @@ class TestF9ByteOrder:
         yield scservo_sdk.PacketHandler(1)
         scservo_sdk.PacketHandler(0)
 
-    def test_stock_swaps_the_bytes_of_the_other_family(self, stock, line):
+    def test_sdk_swaps_bytes_after_use_of_other_family(self, stock, line):
         handler, port = stock
         scservo_sdk.PacketHandler(1)
         line.expect(READ_POSITION, AT_2048)
         assert handler.read2ByteTxRx(port, 1, 56)[0] == 8
 
-    def test_ours_knows_the_order_of_each_register(self, feetech, line):
+    def test_driver_uses_byte_order_of_register(self, feetech, line):
         line.expect(READ_POSITION, AT_2048)
         assert feetech.read(1, POSITION, raw=True) == 2048
 
@@ -202,7 +202,7 @@ class TestF10SilentServoInSyncRead:
     ASKED = "FF FF FE 06 82 38 02 01 02 3C"
     SECOND = "FF FF 02 04 00 FF 07 F3"
 
-    def test_stock_loses_the_answer_of_the_second(self, stock, line):
+    def test_sdk_sync_read_loses_reply_after_silent_servo(self, stock, line):
         handler, port = stock
         group = scservo_sdk.GroupSyncRead(port, handler, 56, 2)
         group.addParam(1)
@@ -211,13 +211,13 @@ class TestF10SilentServoInSyncRead:
         group.txRxPacket()
         assert group.isAvailable(2, 56, 2) is False
 
-    def test_ours_keeps_it(self, feetech, line):
+    def test_driver_sync_read_keeps_reply_after_silent_servo(self, feetech, line):
         line.expect(self.ASKED, self.SECOND)
         readings = feetech.sync_read([1, 2], RegisterName.PRESENT_POSITION, raw=True)
         assert readings.values == {2: 2047}
         assert "shoulder_pan (id 1) on scripted does not answer" in str(readings.errors[1])
 
-    def test_ours_keeps_alarms_beside_values(self, feetech, line):
+    def test_driver_sync_read_reports_alarms_beside_values(self, feetech, line):
         line.expect(self.ASKED, "FF FF 01 04 20 00 08 D2", self.SECOND)
         readings = feetech.sync_read([1, 2], RegisterName.PRESENT_POSITION, raw=True)
         assert readings.alarms == {1: {Alarm.OVERLOAD}}
@@ -229,12 +229,12 @@ class TestF11FalseHeader:
 
     NOISE = "FF FF 01 F0 00"
 
-    def test_stock_waits_for_the_long_packet(self, stock, line):
+    def test_sdk_loses_reply_behind_noise_like_long_packet(self, stock, line):
         handler, port = stock
         line.expect(READ_POSITION, self.NOISE + AT_2048)
         assert handler.read2ByteTxRx(port, 1, 56)[1] == COMM_RX_CORRUPT
 
-    def test_ours_finds_the_packet_behind_it(self, feetech, line):
+    def test_driver_finds_reply_behind_noise_like_long_packet(self, feetech, line):
         line.expect(READ_POSITION, self.NOISE + AT_2048)
         assert feetech.read(1, POSITION, raw=True) == 2048
 
@@ -242,26 +242,26 @@ class TestF11FalseHeader:
 class TestF12Echo:
     """On an adapter that hears itself, the question is taken for its answer."""
 
-    def test_stock_reads_its_own_question(self, stock, line):
+    def test_sdk_takes_echo_for_reply(self, stock, line):
         handler, port = stock
         line.expect(READ_POSITION, READ_POSITION, AT_2048)
         assert handler.read2ByteTxRx(port, 1, 56)[0] == 568
 
-    def test_ours_passes_over_it(self, feetech, line):
+    def test_driver_skips_echo(self, feetech, line):
         line.expect(READ_POSITION, READ_POSITION, AT_2048)
         assert feetech.read(1, POSITION, raw=True) == 2048
 
-    def test_an_echo_alone_is_silence(self, feetech, line):
+    def test_echo_without_reply_is_silence(self, feetech, line):
         line.expect(READ_POSITION, READ_POSITION)
         with pytest.raises(ServoSilentError):
             feetech.read(1, POSITION)
 
-    def test_a_ping_answered_with_a_voltage_alarm_is_no_echo(self, feetech, line):
+    def test_ping_reply_with_voltage_alarm_is_not_an_echo(self, feetech, line):
         line.expect(PING, PING)
         line.expect("FF FF 01 04 02 03 02 F3", "FF FF 01 04 01 09 03 ED")
         assert feetech.ping(1).model_number == 777
 
-    def test_an_echoed_ping_without_a_servo_is_silence_once_the_echo_is_known(self, feetech, line):
+    def test_echoed_ping_is_silence_once_echo_is_known(self, feetech, line):
         line.expect(READ_POSITION, READ_POSITION, AT_2048)
         line.expect("FF FF 02 02 01 FA", "FF FF 02 02 01 FA")
         feetech.read(1, POSITION)
@@ -274,12 +274,12 @@ class TestF13ForeignLength:
 
     ONE_BYTE = "FF FF 01 03 00 20 DB"
 
-    def test_stock_takes_checksum_for_data(self, stock, line):
+    def test_sdk_takes_checksum_of_short_reply_for_data(self, stock, line):
         handler, port = stock
         line.expect(READ_POSITION, self.ONE_BYTE)
         assert handler.read2ByteTxRx(port, 1, 56)[1] == COMM_SUCCESS
 
-    def test_ours_waits_for_the_answer_of_right_length(self, feetech, line):
+    def test_driver_waits_for_reply_of_right_length(self, feetech, line):
         line.expect(READ_POSITION, self.ONE_BYTE + AT_2048)
         assert feetech.read(1, POSITION, raw=True) == 2048
 
@@ -287,13 +287,13 @@ class TestF13ForeignLength:
 class TestF14Ping:
     """A ping is two questions, and fails when only the first is answered."""
 
-    def test_stock_has_no_model_where_ping_was_answered(self, stock, line):
+    def test_sdk_ping_times_out_though_servo_answered(self, stock, line):
         handler, port = stock
         line.expect(PING, "FF FF 01 02 00 FC")
         line.expect("FF FF 01 04 02 03 02 F3")
         assert handler.ping(port, 1)[1] == COMM_RX_TIMEOUT
 
-    def test_ours_tells_which_of_the_two_questions_failed(self, feetech, line):
+    def test_driver_ping_names_failed_model_read(self, feetech, line):
         line.expect(PING, "FF FF 01 02 00 FC")
         line.expect("FF FF 01 04 02 03 02 F3")
         with pytest.raises(ServoSilentError, match="read model_number"):
@@ -303,14 +303,14 @@ class TestF14Ping:
 class TestF16NoSyncRead:
     """SCS servos never answer a sync read."""
 
-    def test_stock_times_out(self, stock, line):
+    def test_sdk_sync_read_times_out_on_servo_without_it(self, stock, line):
         handler, port = stock
         group = scservo_sdk.GroupSyncRead(port, handler, 56, 2)
         group.addParam(1)
         line.expect("FF FF FE 05 82 38 02 01 3F")
         assert group.txRxPacket() == COMM_RX_TIMEOUT
 
-    def test_ours_asks_one_by_one(self, port, line):
+    def test_driver_reads_one_by_one_without_sync_read(self, port, line):
         line.expect(READ_POSITION, AT_2048)
         replies = FeetechDriver(port, can_sync_read=False).sync_read([1], 56, 2)
         assert replies[1].data == bytes.fromhex("00 08")
@@ -319,12 +319,12 @@ class TestF16NoSyncRead:
 class TestF17Threads:
     """Two threads on one port get in each other's way."""
 
-    def test_stock_sends_the_second_away(self, stock, line):
+    def test_sdk_refuses_second_thread_as_busy(self, stock, line):
         handler, port = stock
         port.is_using = True  # the first thread is between question and answer
         assert handler.read2ByteTxRx(port, 1, 56)[1] == COMM_PORT_BUSY
 
-    def test_ours_lets_the_second_wait(self, feetech, line, port):
+    def test_driver_lets_second_thread_wait(self, feetech, line, port):
         line.expect(READ_POSITION, AT_2048)
         found = []
         second = threading.Thread(target=lambda: found.append(feetech.read(1, POSITION, raw=True)))
@@ -340,31 +340,31 @@ class TestF18HighErrorBits:
 
     ODD = "FF FF 01 04 80 00 08 72"
 
-    def test_stock_receives_nothing(self, stock, line):
+    def test_sdk_drops_reply_with_unknown_alarm_bit(self, stock, line):
         handler, port = stock
         line.expect(READ_POSITION, self.ODD)
         assert handler.read2ByteTxRx(port, 1, 56)[1] != COMM_SUCCESS
 
-    def test_ours_keeps_value_and_alarm(self, feetech, line):
+    def test_driver_keeps_value_and_unknown_alarm(self, feetech, line):
         line.expect(READ_POSITION, self.ODD)
         assert feetech.read(1, POSITION, raw=True) == 2048
         assert feetech.alarms[1] == {Alarm.UNKNOWN}
 
 
-def test_a_wrong_checksum_is_never_a_value(feetech, line):
+def test_reply_with_wrong_checksum_is_never_a_value(feetech, line):
     line.expect(READ_POSITION, "FF FF 01 04 00 01 08 F2")
     with pytest.raises(BadReplyError, match="damaged reply"):
         feetech.read(1, POSITION)
 
 
-def test_two_different_answers_of_one_id_are_never_a_value(feetech, line):
+def test_two_different_replies_of_one_id_are_never_a_value(feetech, line):
     line.expect("FF FF FE 06 82 38 02 01 02 3C", AT_2048, AT_5, after_s=0.0005)
     readings = feetech.sync_read([1, 2], RegisterName.PRESENT_POSITION, raw=True)
     assert readings.values == {}
     assert isinstance(readings.errors[1], BadReplyError)
 
 
-def test_mixed_models_are_asked_by_their_own_registers(port, line):
+def test_voltage_is_read_from_register_of_servo_model(port, line):
     bus = ServoBus(port, [ServoSpec(1, STS3215, "elbow")])
     line.expect("FF FF 01 04 02 3E 01 B9", "FF FF 01 03 00 7B 80")
     assert bus.read(1, RegisterName.PRESENT_VOLTAGE) == pytest.approx(12.3)

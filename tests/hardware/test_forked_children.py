@@ -91,13 +91,13 @@ FORKED = "opened before this process was forked"
 
 @pytest.mark.parametrize("use", USES.values(), ids=USES)
 @pytest.mark.parametrize("name", ["pty", "sim"])
-def test_a_forked_child_cannot_use_the_port_and_is_shown_why(pty_name, name, use):
+def test_forked_child_cannot_use_port_and_says_why(pty_name, name, use):
     with open_port(pty_name if name == "pty" else SIM, 1_000_000) as port:
         assert FORKED in in_fork(lambda: message_of(lambda: use(port)))
         assert message_of(lambda: use(port)) == "done"
 
 
-def test_a_child_forked_while_a_thread_uses_the_bus_is_reported_at_once_and_closes_nothing():
+def test_child_forked_during_exchange_fails_at_once():
     servos = [ServoSpec(1, STS3215, "shoulder_pan")]
     held, done = threading.Event(), threading.Event()
     with open_port(SIM, 1_000_000) as port:
@@ -132,7 +132,7 @@ def test_a_child_forked_while_a_thread_uses_the_bus_is_reported_at_once_and_clos
         assert bus.read(1, RegisterName.TORQUE_ENABLE, raw=True) == 0
 
 
-def test_a_child_opens_the_port_while_a_thread_of_its_parent_opens_another(pty_name, monkeypatch):
+def test_child_opens_port_while_parent_thread_opens_another(pty_name, monkeypatch):
     opening, done = threading.Event(), threading.Event()
 
     def open_slowly(*_):
@@ -155,7 +155,7 @@ def test_a_child_opens_the_port_while_a_thread_of_its_parent_opens_another(pty_n
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="needs /proc")
-def test_a_forked_child_has_neither_the_port_nor_its_lock_open(pty_name, tmp_path):
+def test_forked_child_has_no_open_lock_of_port(pty_name, tmp_path):
     lock = lock_name(pty_name, tmp_path)
     with open_port(pty_name, 1_000_000):
         assert lock in descriptors()
@@ -167,7 +167,7 @@ def lock_name(device, folder):
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="needs /proc")
-def test_a_program_that_is_started_inherits_neither(pty_name, tmp_path):
+def test_started_program_inherits_no_lock_of_port(pty_name, tmp_path):
     with open_port(pty_name, 1_000_000):
         command = ["ls", "-l", "/proc/self/fd"]
         listing = subprocess.run(
@@ -177,7 +177,7 @@ def test_a_program_that_is_started_inherits_neither(pty_name, tmp_path):
     assert lock_name(pty_name, tmp_path) not in listing
 
 
-def test_once_the_owner_is_killed_its_forked_child_does_not_keep_the_port(pty_name):
+def test_forked_child_of_killed_owner_does_not_keep_port(pty_name):
     owner = subprocess.Popen(
         [sys.executable, "-c", OWNER, pty_name], stdout=subprocess.PIPE, text=True
     )
@@ -192,14 +192,14 @@ def test_once_the_owner_is_killed_its_forked_child_does_not_keep_the_port(pty_na
         owner.stdout.close()
 
 
-def test_the_end_of_a_child_leaves_its_parents_lock_in_force(pty_name):
+def test_end_of_child_leaves_port_lock_of_parent(pty_name):
     with open_port(pty_name, 1_000_000) as port:
         in_fork(port.close)
         with pytest.raises(PortError, match="in use by"):
             acquire_lock(pty_name)
 
 
-def test_a_child_that_closes_the_owners_listener_leaves_the_parent_listening(short_folder):
+def test_child_that_closes_listener_leaves_parent_listening(short_folder):
     listener = serve(str(short_folder / "device"), lambda _: {})
     place = listener._listening.path
     assert in_fork(listener.close) == "None"

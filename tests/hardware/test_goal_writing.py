@@ -33,7 +33,7 @@ def bus():
     ],
     ids=["above", "below", "beyond where it was", "no number", "no range"],
 )
-def test_a_goal_outside_is_refused_with_all_others(bus, tick, ranges, reached, confirmed):
+def test_goal_outside_range_is_refused_with_all_others(bus, tick, ranges, reached, confirmed):
     before = [bus.read(i, RegisterName.GOAL_POSITION, raw=True) for i in (1, 3)]
     with pytest.raises(RefusedError, match="Nothing was sent"):
         write_goals(
@@ -44,14 +44,14 @@ def test_a_goal_outside_is_refused_with_all_others(bus, tick, ranges, reached, c
 
 
 @pytest.mark.parametrize("confirmed", [False, True])
-def test_a_goal_inside_or_on_the_way_back_is_written(bus, confirmed):
+def test_goal_inside_range_or_on_way_back_is_written(bus, confirmed):
     write_goals(bus, {1: 2048, 2: 2130}, {1: (2048, 2048), 2: (2000, 2100)},
                 reached=lambda _: (2150,), confirmed=confirmed)  # fmt: skip
     assert [bus.read(i, RegisterName.GOAL_POSITION, raw=True) for i in (1, 2)] == [2048, 2130]
 
 
 @pytest.mark.full
-def test_nothing_else_writes_goals():
+def test_only_goal_writing_module_writes_goals():
     package = Path(ikservo.__file__).parent
     found = {
         str(path.relative_to(package))

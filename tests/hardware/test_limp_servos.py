@@ -37,7 +37,7 @@ def holds(bus, servo_id=1):
 
 @pytest.mark.parametrize("model", MODELS)
 @pytest.mark.parametrize("write", WRITES.values(), ids=WRITES)
-def test_no_goal_reaches_a_limp_servo(model, write):
+def test_goal_write_with_torque_off_is_refused(model, write):
     bus, at_tick = limp_bus(model)
     goals = [servo.read("goal_position") for servo in simulated_servos(bus).values()]
     with pytest.raises(RegisterAccessError, match="torque is off, and a goal can switch it on"):
@@ -49,7 +49,7 @@ def test_no_goal_reaches_a_limp_servo(model, write):
 
 @pytest.mark.parametrize("model", MODELS)
 @pytest.mark.parametrize("by_this_bus", [True, False])
-def test_no_prepared_goal_is_executed_where_torque_has_gone_off_since(model, by_this_bus):
+def test_prepared_goal_is_refused_once_torque_is_off(model, by_this_bus):
     bus, at_tick = limp_bus(model)
     torque_on(bus, 1)
     bus.reg_write(1, GOAL, at_tick + 20, raw=True)
@@ -64,7 +64,7 @@ def test_no_prepared_goal_is_executed_where_torque_has_gone_off_since(model, by_
     assert simulated_servos(bus)[1].read("goal_position") != at_tick + 20
 
 
-def test_a_prepared_goal_is_executed_once_torque_is_on():
+def test_prepared_goal_is_executed_while_torque_is_on():
     bus, at_tick = limp_bus("STS3215")
     torque_on(bus, 1)
     bus.reg_write(1, GOAL, at_tick + 20, raw=True)
@@ -76,14 +76,14 @@ def test_a_prepared_goal_is_executed_once_torque_is_on():
 
 
 @pytest.mark.parametrize("model", MODELS)
-def test_torque_that_another_program_switched_on_is_found_out(model):
+def test_torque_switched_on_by_another_program_is_noticed(model):
     bus, at_tick = limp_bus(model)
     simulated_servos(bus)[1].write("torque_enable", 1)
     bus.write(1, GOAL, at_tick + 5, raw=True)
     assert simulated_servos(bus)[1].read("goal_position") == at_tick + 5
 
 
-def test_torque_that_was_switched_off_by_this_bus_is_known():
+def test_torque_switched_off_by_this_bus_is_remembered():
     bus, _ = limp_bus("STS3215")
     bus.write(2, TORQUE, 0, raw=True)
     assert not bus.is_torque_on(2)
@@ -91,7 +91,7 @@ def test_torque_that_was_switched_off_by_this_bus_is_known():
         bus.write(2, GOAL, 2048, raw=True)
 
 
-def test_a_servo_is_switched_on_where_it_was_measured_and_nowhere_else():
+def test_enabling_refuses_goal_far_from_measured_position():
     bus, at_tick = limp_bus("STS3215")
     with (
         pytest.raises(RegisterAccessError, match="far from"),
@@ -101,7 +101,7 @@ def test_a_servo_is_switched_on_where_it_was_measured_and_nowhere_else():
     assert not holds(bus)
 
 
-def test_a_servo_that_a_goal_switched_on_goes_off_if_the_rest_fails():
+def test_servo_switched_on_by_goal_goes_off_if_enabling_fails():
     bus, at_tick = limp_bus("STS3215")
 
     def fail():
@@ -115,7 +115,7 @@ def test_a_servo_that_a_goal_switched_on_goes_off_if_the_rest_fails():
     assert (holds(bus, 1), holds(bus, 2)) == (False, True)
 
 
-def test_a_servo_that_held_before_holds_where_a_goal_cannot_be_set():
+def test_servo_with_torque_on_still_holds_if_goal_write_fails():
     bus, at_tick = limp_bus("STS3215")
     servo = simulated_servos(bus)[1]
     servo.write("torque_enable", 1)
@@ -126,7 +126,7 @@ def test_a_servo_that_held_before_holds_where_a_goal_cannot_be_set():
     assert (holds(bus), servo.read("goal_position")) == (True, at_tick)
 
 
-def test_torque_whose_switching_off_was_not_answered_counts_as_off():
+def test_torque_off_write_without_reply_counts_as_off():
     bus, _ = limp_bus("STS3215")
     simulated_servos(bus)[2].on_write = lambda *_: add_faults(bus, ("silent", {"id": 2}))
     with pytest.raises(ServoSilentError):
@@ -134,14 +134,14 @@ def test_torque_whose_switching_off_was_not_answered_counts_as_off():
     assert not bus.is_torque_on(2)
 
 
-def test_a_servo_whose_torque_was_not_switched_on_in_the_end_goes_off():
+def test_servo_goes_off_if_enabling_ends_without_torque_on():
     bus, at_tick = limp_bus("STS3215")
     with bus.enabling({1: at_tick}):
         bus.write(1, GOAL, at_tick, raw=True)
     assert not holds(bus)
 
 
-def test_silence_while_torque_comes_on_leaves_it_off():
+def test_silence_during_torque_on_leaves_torque_off():
     bus, _ = limp_bus("STS3215")
     add_faults(bus, ("silent", {"id": 1, "at_s": bus.clock.now_s() + 0.002, "for_s": 0.05}))
     with pytest.raises(ServoSilentError):
@@ -151,7 +151,7 @@ def test_silence_while_torque_comes_on_leaves_it_off():
 
 
 @pytest.mark.parametrize("mode", [1, 2, 3])
-def test_a_servo_in_another_mode_is_not_switched_on(mode):
+def test_torque_on_refuses_other_operating_mode(mode):
     bus, _ = limp_bus("STS3215")
     simulated_servos(bus)[1].write("operating_mode", mode)
     with pytest.raises(RefusedError, match=f"its operating mode is {mode}"):
@@ -160,7 +160,7 @@ def test_a_servo_in_another_mode_is_not_switched_on(mode):
 
 
 @pytest.mark.parametrize("model", ["SCS0009", "AX-12A"])
-def test_a_servo_that_turns_on_and_on_is_not_switched_on(model):
+def test_torque_on_refuses_continuous_rotation(model):
     bus, _ = limp_bus(model)
     low, high = (
         bus.servos[1].table.find(name).name
@@ -174,7 +174,7 @@ def test_a_servo_that_turns_on_and_on_is_not_switched_on(model):
 
 
 @pytest.mark.parametrize(("outside", "switched_on"), [(30, True), (600, False)])
-def test_a_servo_outside_its_limits_comes_back_only_from_nearby(outside, switched_on):
+def test_torque_on_outside_limits_works_only_nearby(outside, switched_on):
     bus, at_tick = limp_bus("STS3215")
     simulated_servos(bus)[1].write("max_position_limit", at_tick - outside)
     if switched_on:
@@ -185,7 +185,7 @@ def test_a_servo_outside_its_limits_comes_back_only_from_nearby(outside, switche
     assert holds(bus) == switched_on
 
 
-def test_registers_beside_the_goal_may_be_written_to_a_limp_servo():
+def test_other_registers_may_be_written_with_torque_off():
     bus, _ = limp_bus("STS3215")
     bus.bulk_write({1: {STS3215.acceleration: 9, STS3215.goal_speed: 100}}, raw=True)
     bus.ping(1)

@@ -29,33 +29,31 @@ def on_line():
     ("framing", "servo_id", "ping"),
     [(ONE, 1, "ff ff 01 02 01 fb"), (TWO, 1, "ff ff fd 00 01 03 00 01 19 4e")],
 )
-def test_a_ping_is_written_as_the_manuals_say(framing, servo_id, ping):
+def test_ping_bytes_match_manual(framing, servo_id, ping):
     assert framing.make_scanner().ping(servo_id).hex(" ") == ping
     assert framing.ping_bytes == len(bytes.fromhex(ping))
 
 
 @pytest.mark.parametrize("latency_ms", [0, 4, 16])
 @pytest.mark.parametrize(("arm", "framing"), [("so101", ONE), ("koch", TWO)])
-def test_a_reply_that_an_adapter_holds_back_is_received_all_the_same(
-    on_line, arm, framing, latency_ms
-):
+def test_ping_sweep_receives_replies_delayed_by_adapter(on_line, arm, framing, latency_ms):
     port = on_line(arm, f"?latency_ms={latency_ms}&usb_frame_ms=1")
     found_ids = ping_ids(port, framing, framing.ids)
     assert sorted(found_ids.frames) == [1, 2, 3, 4, 5, 6]
     assert found_ids.junk == 0
 
 
-def test_ids_of_the_other_framing_stay_silent(on_line):
+def test_ping_sweep_of_other_framing_finds_nothing(on_line):
     assert ping_ids(on_line("so101"), TWO, TWO.ids).frames == {}
 
 
-def test_an_echo_is_recognised_and_not_counted(on_line):
+def test_ping_sweep_recognises_echo_and_does_not_count_it(on_line):
     found_ids = ping_ids(on_line("so101", "?echo=1"), ONE, ONE.ids)
     assert found_ids.echoes
     assert sorted(found_ids.frames) == [1, 2, 3, 4, 5, 6]
 
 
-def test_an_alarm_that_reads_like_an_echo_is_an_answer(on_line):
+def test_ping_sweep_takes_echo_like_alarm_for_reply(on_line):
     port = on_line("so101")
     port.transport.line.servos[4].inject_alarm(0x01)
     found_ids = ping_ids(port, ONE, ONE.ids)
@@ -63,7 +61,7 @@ def test_an_alarm_that_reads_like_an_echo_is_an_answer(on_line):
     assert sorted(found_ids.frames) == [1, 2, 3, 4, 5, 6]
 
 
-def test_two_at_once_make_their_neighbours_suspect(on_line):
+def test_ping_sweep_marks_duplicate_id_as_suspect(on_line):
     port = on_line("so101")
     port.transport.line.servos[3].memory.put("id", 2)
     found_ids = ping_ids(port, ONE, ONE.ids)
@@ -71,13 +69,13 @@ def test_two_at_once_make_their_neighbours_suspect(on_line):
     assert found_ids.junk
 
 
-def test_progress_is_reported_for_each_ping(on_line):
+def test_ping_sweep_reports_progress_per_ping(on_line):
     counts = []
     ping_ids(on_line("so101"), ONE, range(10), counts.append)
     assert counts == list(range(1, 11))
 
 
-def test_calmly_a_silent_id_is_given_up_soon(on_line):
+def test_one_by_one_sweep_gives_up_silent_id_after_three_pings(on_line):
     counts = []
     ping_ids(on_line("so101"), ONE, [99] * 8, counts.append, echoes=False, one_by_one=True)
     assert counts == [1, 2, 3]

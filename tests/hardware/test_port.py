@@ -18,16 +18,16 @@ from ikservo.hardware import Port, open_port, serial_ports, transport
 class TestOpening:
     """What a person reads when a port cannot be opened."""
 
-    def test_a_missing_device_lists_the_ports_that_exist(self, monkeypatch):
+    def test_missing_device_error_lists_existing_ports(self, monkeypatch):
         monkeypatch.setattr(serial_ports, "list_devices", lambda: ["/dev/ttyACM7"])
         with pytest.raises(NoPortError, match=r"Ports found: /dev/ttyACM7\. .*port=\"sim\""):
             open_port("/dev/ttyNOTHERE", 1_000_000)
 
-    def test_no_name_at_all_offers_the_simulator(self):
+    def test_empty_port_name_error_offers_simulator(self):
         with pytest.raises(NoPortError, match='port="sim"'):
             open_port("", 1_000_000)
 
-    def test_a_file_that_is_no_port_is_not_taken_for_one(self, tmp_path):
+    def test_regular_file_as_port_is_refused(self, tmp_path):
         file = tmp_path / "notes.txt"
         file.touch()
         with pytest.raises(PortError, match="Cannot open"):
@@ -35,14 +35,14 @@ class TestOpening:
 
     @pytest.mark.skipif(sys.platform == "win32", reason="these are names of Unix")
     @pytest.mark.parametrize("name", ["/", "/dev/null", "/dev/zero", __file__])
-    def test_what_is_no_port_is_said_to_be_none_without_the_systems_numbers(self, name):
+    def test_device_that_is_not_serial_is_refused_in_plain_words(self, name):
         with pytest.raises(NoPortError, match=r": not a serial port\.\nPorts found: "):
             open_port(name, 1_000_000)
 
     @pytest.mark.parametrize(
         "name", ["socket://", "socket://host", "socket://h:99999", "rfc2217://"]
     )
-    def test_an_address_without_host_and_port_is_answered_with_one_that_has_both(self, name):
+    def test_incomplete_url_is_answered_with_example(self, name):
         with pytest.raises(NoPortError, match=r"written like socket://192\.168\.1\.5:4000"):
             open_port(name, 1_000_000)
 
@@ -56,12 +56,12 @@ class TestOpening:
             ("hwgrep://(", "unterminated"),
         ],
     )
-    def test_whatever_pyserial_makes_of_a_name_is_one_error(self, name, why):
+    def test_pyserial_url_errors_become_no_port_error(self, name, why):
         with pytest.raises(NoPortError, match=why):
             open_port(name, 1_000_000)
 
     @pytest.mark.skipif(sys.platform == "win32", reason="these are errors of Unix")
-    def test_a_name_that_the_system_refuses_is_no_port(self, tmp_path):
+    def test_port_name_refused_by_system_raises_no_port_error(self, tmp_path):
         link = tmp_path / "arm"
         link.symlink_to(link)
         refused = {
@@ -77,46 +77,46 @@ class TestOpening:
             open_port(str(link), 1_000_000, arm="pan", servo_ids=[1])
 
     @pytest.mark.skipif(sys.platform == "win32", reason="there are no pseudo-terminals")
-    def test_a_spied_port_shows_what_it_carries(self, pty_name, capsys):
+    def test_spy_port_logs_sent_bytes(self, pty_name, capsys):
         with open_port(f"spy://{pty_name}", 1_000_000) as port:
             port.writePort(b"\xff\xff\x01")
         assert "TX   0000  FF FF 01" in capsys.readouterr().err
 
     @pytest.mark.parametrize("rate", [2**31, 2**64])
-    def test_a_rate_beyond_all_numbers_is_refused(self, pty_name, rate):
+    def test_baud_rate_too_large_is_refused(self, pty_name, rate):
         with pytest.raises(PortError, match=f"does not support {rate} baud"):
             open_port(pty_name, rate)
 
-    def test_a_missing_permission_names_the_group_to_join(self, monkeypatch):
+    def test_permission_error_names_group_to_join(self, monkeypatch):
         self._fail_with(monkeypatch, serial.SerialException(13, "Permission denied"))
         with pytest.raises(PortError, match="usermod -aG"):
             open_port("/dev/null", 1_000_000)
 
-    def test_windows_words_for_busy_are_understood(self, monkeypatch):
+    def test_windows_access_denied_is_reported_as_no_permission(self, monkeypatch):
         words = "could not open port 'COM3': PermissionError(13, 'Access is denied.')"
         self._fail_with(monkeypatch, serial.SerialException(words))
         with pytest.raises(PortError, match="No permission"):
             open_port("COM3", 1_000_000)
 
-    def test_a_lock_held_in_another_place_is_busy(self, pty_name):
+    def test_port_locked_by_pyserial_is_busy(self, pty_name):
         with serial.Serial(pty_name, exclusive=True), pytest.raises(PortBusyError):
             open_port(pty_name, 1_000_000)
 
-    def test_a_refused_connection_is_no_port(self):
+    def test_refused_socket_connection_raises_no_port_error(self):
         with socket.socket() as closed_socket:
             closed_socket.bind(("127.0.0.1", 0))  # bound and not listening
             url = f"socket://127.0.0.1:{closed_socket.getsockname()[1]}"
             with pytest.raises(NoPortError, match="Cannot open"):
                 open_port(url, 1_000_000)
 
-    def test_a_socket_is_a_port(self):
+    def test_socket_url_is_opened_as_port(self):
         with socket.create_server(("127.0.0.1", 0)) as server:
             url = f"socket://127.0.0.1:{server.getsockname()[1]}"
             with open_port(url, 1_000_000) as port, server.accept()[0] as far_end:
                 far_end.sendall(b"hello")
                 assert port.read_until(5, port.clock.now_s() + 10) == b"hello"
 
-    def test_a_plug_in_opens_what_begins_with_its_name(self, line, monkeypatch):
+    def test_port_plug_in_opens_urls_of_its_name(self, line, monkeypatch):
         class EntryPoint:
             def load(self):
                 return lambda url: line if url == "echo:loud" else pytest.fail(url)
@@ -132,7 +132,7 @@ class TestOpening:
     @pytest.mark.parametrize(
         ("error", "expected"), [(ValueError("of 5"), InputError), (OSError("busy"), NoPortError)]
     )
-    def test_an_address_that_a_plug_in_cannot_use_is_bad_input(self, monkeypatch, error, expected):
+    def test_port_plug_in_error_is_reported_with_url(self, monkeypatch, error, expected):
         def opener(_):
             raise error
 
@@ -163,19 +163,19 @@ class TestLosing:
         yield port
         port.close()
 
-    def test_reading(self, orphan):
+    def test_read_after_unplug_raises_port_lost_error(self, orphan):
         with pytest.raises(PortLostError, match="Lost connection"):
             orphan.read_until(1, orphan.clock.now_s() + 10)
 
-    def test_writing(self, orphan):
+    def test_write_after_unplug_raises_port_lost_error(self, orphan):
         with pytest.raises(PortLostError, match="Lost connection"):
             orphan.writePort(b"hello")
 
-    def test_discarding(self, orphan):
+    def test_clear_after_unplug_raises_port_lost_error(self, orphan):
         with pytest.raises(PortLostError, match="Lost connection"):
             orphan.clearPort()
 
-    def test_closing_a_lost_port_is_no_trouble(self, orphan):
+    def test_closing_lost_port_raises_nothing(self, orphan):
         orphan.close()
         assert not orphan.is_open
 
@@ -183,27 +183,27 @@ class TestLosing:
 class TestTime:
     """Waits are as long as the question needs, on the port's own clock."""
 
-    def test_a_real_port_has_the_machines_clock(self, pty_name):
+    def test_real_port_has_real_clock(self, pty_name):
         with open_port(pty_name, 1_000_000) as port:
             assert isinstance(port.clock, RealClock)
 
-    def test_an_answer_may_take_its_time_on_the_wire(self, line):
+    def test_expected_reply_time_includes_wire_time_and_delay(self, line):
         port = Port(line, "scripted", 57_600)
         line.expect("00 00 00 00 00 00 00 00 00 00")
         port.writePort(bytes(10))
         needed_s = port.expected_at_s(90, delays_s=0.003) - line.clock.now_s()
         assert needed_s == pytest.approx(100 * 10 / 57_600 + 0.003)
 
-    def test_a_read_returns_as_soon_as_it_has_everything(self, port, line):
+    def test_port_read_returns_as_soon_as_all_bytes_are_there(self, port, line):
         line.add_stale("01 02", at_s=0.001)
         port.read_until(2, 1.0)
         assert line.clock.now_s() == 0.001
 
-    def test_a_read_past_its_deadline_takes_what_is_there(self, port, line):
+    def test_port_read_past_deadline_returns_available_bytes(self, port, line):
         line.add_stale("01 02")
         assert port.read_until(5, -1.0) == b"\x01\x02"
 
-    def test_the_timeout_is_not_set_to_the_same_value_twice(self, port, line):
+    def test_port_time_out_is_set_only_when_it_changes(self, port, line):
         times = []
         type(line).timeout = property(
             lambda self: times and times[-1], lambda self, s: times.append(s)
@@ -215,14 +215,14 @@ class TestTime:
             del type(line).timeout
         assert times == [0.0028]
 
-    def test_the_sdks_packet_timeout_is_sized_to_the_packet(self, port, line):
+    def test_sdk_packet_time_out_follows_packet_length(self, port, line):
         port.setPacketTimeout(100)
         line.clock.sleep_until(0.0019)
         assert not port.isPacketTimeout()
         line.clock.sleep_until(0.0021)
         assert port.isPacketTimeout()
 
-    def test_an_answer_is_awaited_from_when_everything_written_has_left(self, line):
+    def test_expected_reply_time_counts_from_last_written_byte(self, line):
         port = Port(line, "scripted", 57_600)
         line.expect("00 " * 100).expect("00 " * 8)
         port.writePort(bytes(100))
@@ -234,17 +234,17 @@ class TestTime:
 class TestTimeout:
     """The wait shrinks to a multiple of the slowest answer of late."""
 
-    def test_it_is_long_before_anything_is_known(self, pty_name):
+    def test_reply_time_out_starts_at_40_ms(self, pty_name):
         with open_port(pty_name, 1_000_000) as port:
             assert port.reply_timeout.timeout_s == 0.040
 
-    def test_quick_answers_make_it_short(self, pty_name):
+    def test_reply_time_out_shrinks_to_2_ms_with_quick_replies(self, pty_name):
         with open_port(pty_name, 1_000_000) as port:
             for _ in range(16):
                 port.reply_timeout.on_reply(0.0001)
             assert port.reply_timeout.timeout_s == 0.002
 
-    def test_one_silent_servo_asked_twice_is_no_reason_to_wait_longer(self, pty_name):
+    def test_reply_time_out_stays_after_two_time_outs(self, pty_name):
         with open_port(pty_name, 1_000_000) as port:
             for _ in range(16):
                 port.reply_timeout.on_reply(0.0001)
@@ -252,7 +252,7 @@ class TestTimeout:
                 port.reply_timeout.on_timeout()
             assert port.reply_timeout.timeout_s == 0.002
 
-    def test_it_doubles_while_no_servo_replies(self, pty_name):
+    def test_reply_time_out_grows_to_16_ms_after_five_time_outs(self, pty_name):
         with open_port(pty_name, 1_000_000) as port:
             for _ in range(16):
                 port.reply_timeout.on_reply(0.0001)
@@ -260,21 +260,21 @@ class TestTimeout:
                 port.reply_timeout.on_timeout()
             assert port.reply_timeout.timeout_s == 0.016
 
-    def test_many_silent_at_once_are_waited_for_longer_at_once(self, pty_name):
+    def test_reply_time_out_grows_at_once_if_many_are_silent(self, pty_name):
         with open_port(pty_name, 1_000_000) as port:
             for _ in range(16):
                 port.reply_timeout.on_reply(0.0001)
             port.reply_timeout.on_timeout(many=True)
             assert port.reply_timeout.timeout_s == 0.008
 
-    def test_one_slow_answer_makes_it_long_again(self, pty_name):
+    def test_reply_time_out_grows_to_12_ms_after_slow_reply(self, pty_name):
         with open_port(pty_name, 1_000_000) as port:
             for overhead_s in [0.001] * 16 + [0.008]:
                 port.reply_timeout.on_reply(overhead_s)
             assert port.reply_timeout.timeout_s == 0.012
 
 
-def test_the_ports_of_the_mainboard_are_not_offered(monkeypatch):
+def test_mainboard_ports_are_not_listed(monkeypatch):
     ports = [SimpleNamespace(device=f"/dev/{name}") for name in ("ttyS0", "ttyUSB0", "ttyAMA0")]
     monkeypatch.setattr("serial.tools.list_ports.comports", lambda: ports)
     assert serial_ports.list_devices() == ["/dev/ttyAMA0", "/dev/ttyUSB0"]

@@ -44,32 +44,32 @@ def holder(pty_name):
     process.communicate("")
 
 
-def test_the_second_is_reported_process_and_command_of_the_first(pty_name, holder):
+def test_second_open_names_process_that_holds_port(pty_name, holder):
     with pytest.raises(PortBusyError, match=rf"in use by python.* \(process {holder.pid}\)"):
         open_port(pty_name, 1_000_000)
 
 
-def test_a_link_leads_to_the_same_lock(pty_name, holder, tmp_path):
+def test_symbolic_link_leads_to_same_port_lock(pty_name, holder, tmp_path):
     link = tmp_path / "by-id-arm"
     link.symlink_to(pty_name)
     with pytest.raises(PortBusyError, match="in use by"):
         open_port(str(link), 1_000_000)
 
 
-def test_it_dies_with_its_process(pty_name, holder):
+def test_port_lock_is_freed_when_its_process_dies(pty_name, holder):
     holder.send_signal(signal.SIGKILL)
     holder.wait()
     with open_port(pty_name, 1_000_000) as port:
         assert port.is_open
 
 
-def test_closing_the_port_gives_it_back(pty_name):
+def test_closing_port_frees_its_lock(pty_name):
     open_port(pty_name, 1_000_000).close()
     with acquire_lock(pty_name):
         pass
 
 
-def test_a_port_that_cannot_be_opened_leaves_no_lock(tmp_path):
+def test_port_that_cannot_be_opened_leaves_no_lock(tmp_path):
     missing = str(tmp_path / "ttyMISSING")
     with pytest.raises(OSError, match="Cannot open"):
         open_port(missing, 1_000_000)
@@ -92,7 +92,7 @@ LONG = pytest.param(100, marks=[pytest.mark.campaign, pytest.mark.timeout(3600)]
 
 @pytest.mark.full
 @pytest.mark.parametrize("races", [1, LONG])
-def test_of_those_that_race_one_wins_and_once_it_is_killed_the_next_start_succeeds(pty_name, races):
+def test_one_of_racing_processes_gets_port_lock(pty_name, races):
     chance = random.Random(3)
     for race in range(races):
         racers = [start(pty_name) for _ in range(chance.randint(2, 8) if race else 4)]
@@ -105,7 +105,7 @@ def test_of_those_that_race_one_wins_and_once_it_is_killed_the_next_start_succee
             pass
 
 
-def test_a_lock_file_that_is_a_link_is_not_followed(pty_name, tmp_path):
+def test_port_lock_file_that_is_a_link_is_not_followed(pty_name, tmp_path):
     target = tmp_path / "precious"
     target.write_text("keep me")
     name = os.path.realpath(pty_name).replace("/", "-").strip("-")
@@ -114,7 +114,7 @@ def test_a_lock_file_that_is_a_link_is_not_followed(pty_name, tmp_path):
         assert target.read_text() == "keep me"
 
 
-def test_a_program_whose_name_is_no_text_may_have_the_port(pty_name, monkeypatch):
+def test_port_lock_owner_with_undecodable_name_is_reported(pty_name, monkeypatch):
     monkeypatch.setattr(sys, "orig_argv", ["python", "m\udcfcller.py"])
     with acquire_lock(pty_name), pytest.raises(PortBusyError, match=r"m\?ller\.py"):
         acquire_lock(pty_name)

@@ -100,19 +100,19 @@ def bus(served):
 
 
 @pytest.mark.sample(1)
-def test_servos_reply(bus):
+def test_remote_servos_answer_ping(bus):
     assert [bus.ping(i).model_number for i in (1, 2)] == [777, 777]
 
 
 @pytest.mark.sample(1)
-def test_many_are_read_and_written(bus):
+def test_remote_servos_are_read_and_written_together(bus):
     ticks = {i: torque_on(bus, i) for i in (1, 2)}
     bus.sync_write(RegisterName.GOAL_POSITION, ticks, raw=True)
     assert bus.sync_read([1, 2], RegisterName.GOAL_POSITION, raw=True).require_all() == ticks
 
 
 @pytest.mark.sample(1)
-def test_sixty_cycles_of_reading_and_telling_take_less_than_two_seconds(bus):
+def test_sixty_remote_cycles_take_less_than_2_s(bus):
     goals = {i: torque_on(bus, i) for i in (1, 2)}
     begin_s = time.monotonic()
     for _ in range(60):  # with Nagle's algorithm, ten a second
@@ -122,14 +122,14 @@ def test_sixty_cycles_of_reading_and_telling_take_less_than_two_seconds(bus):
 
 
 @pytest.mark.sample(1)
-def test_a_server_that_goes_is_a_lost_port(bus, served):
+def test_end_of_server_raises_port_lost_error(bus, served):
     bus.ping(1)
     served[1].close()
     with pytest.raises(PortLostError, match="Lost connection"):
         bus.read(1, RegisterName.PRESENT_POSITION)
 
 
-def test_a_baud_rate_reaches_the_other_end():
+def test_baud_rate_is_set_at_remote_end():
     server = Server(telnet=True)
     try:
         with open_port(f"rfc2217://{server.address}", 1_000_000) as port:

@@ -17,13 +17,13 @@ SPECIAL = [76_800, 250_000, 2_000_000, 3_000_000, 4_000_000, 4_500_000]
 linux_only = pytest.mark.skipif(sys.platform != "linux", reason="pseudo-terminals take any rate")
 
 
-def test_the_special_ones_are_among_them():
+def test_special_baud_rates_are_listed():
     assert set(SPECIAL) <= set(RATES)
 
 
 @linux_only
 @pytest.mark.parametrize("rate", RATES)
-def test_a_port_opens_at_it(pty_name, rate):
+def test_port_opens_at_every_listed_baud_rate(pty_name, rate):
     with open_port(pty_name, rate) as port:
         assert port.getBaudRate() == rate
         assert port.wire_s(1) == pytest.approx(10 / rate)
@@ -31,13 +31,13 @@ def test_a_port_opens_at_it(pty_name, rate):
 
 @linux_only
 @pytest.mark.parametrize("rate", RATES)
-def test_an_open_port_changes_to_it(pty_name, rate):
+def test_open_port_changes_to_every_listed_baud_rate(pty_name, rate):
     with open_port(pty_name, 57_600) as port:
         assert port.setBaudRate(rate)
         assert port.transport.baudrate == rate
 
 
-def test_a_rate_that_the_adapter_cannot_make_is_refused_and_the_old_one_stays(port, line):
+def test_baud_rate_refused_by_adapter_leaves_old_one(port, line):
     def refuse(self, rate):
         if rate == 4_500_000:
             raise ValueError("invalid rate")
@@ -51,7 +51,7 @@ def test_a_rate_that_the_adapter_cannot_make_is_refused_and_the_old_one_stays(po
     assert port.getBaudRate() == 1_000_000
 
 
-def test_a_scan_passes_over_the_rates_that_an_adapter_cannot_make(port, line):
+def test_scan_skips_baud_rate_that_adapter_refuses(port, line):
     def refuse(self, rate):
         if rate == 4_500_000:
             raise ValueError("invalid rate")

@@ -14,17 +14,17 @@ readPort setBaudRate setPacketTimeout setPacketTimeoutMillis setPortName writePo
 
 
 @pytest.mark.parametrize("handler", [scservo_sdk.PortHandler, dynamixel_sdk.PortHandler, Port])
-def test_every_method_that_packet_handlers_call_is_there(handler):
+def test_port_has_every_method_that_packet_handlers_call(handler):
     assert [name for name in CALLED.split() if not callable(getattr(handler, name, None))] == []
 
 
-def test_feetechs_own_read_works_on_it(port, line):
+def test_feetech_sdk_reads_through_port(port, line):
     line.expect("FF FF 01 04 02 38 02 BE", "FF FF 01 04 00 00 08 F2")
     handler = scservo_sdk.PacketHandler(0)
     assert handler.read2ByteTxRx(port, 1, 56) == (2048, COMM_SUCCESS, 0)
 
 
-def test_dynamixels_own_read_works_on_it(port, line):
+def test_dynamixel_sdk_reads_through_port(port, line):
     line.expect(
         "FF FF FD 00 01 07 00 02 84 00 04 00 1D 15", "FF FF FD 00 01 08 00 55 00 A6 00 00 00 8C C0"
     )
@@ -32,14 +32,14 @@ def test_dynamixels_own_read_works_on_it(port, line):
     assert handler.read4ByteTxRx(port, 1, 132) == (166, COMM_SUCCESS, 0)
 
 
-def test_a_silent_servo_costs_the_sdk_no_34_ms_on_it(port, line):
+def test_dynamixel_sdk_through_port_times_out_under_5_ms(port, line):
     line.expect("FF FF FD 00 01 07 00 02 84 00 04 00 1D 15")
     result = dynamixel_sdk.PacketHandler(2.0).read4ByteTxRx(port, 1, 132)[1]
     assert result == COMM_RX_TIMEOUT
     assert line.clock.now_s() < 0.005
 
 
-def test_a_broadcast_ping_of_the_sdk_works_on_it(port, line):
+def test_dynamixel_sdk_broadcast_ping_works_through_port(port, line):
     line.expect("FF FF FD 00 FE 03 00 01 31 42", "FF FF FD 00 01 07 00 55 00 06 04 26 65 5D")
     found, result = dynamixel_sdk.PacketHandler(2.0).broadcastPing(port)
     assert (found, result) == ({1: [1030, 38]}, COMM_SUCCESS)

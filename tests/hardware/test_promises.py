@@ -46,7 +46,7 @@ def goals_of(bus):
 )
 @pytest.mark.timeout(1800)
 @pytest.mark.parametrize("protocol", [1, 2])
-def test_damaged_packets_are_refused_and_the_next_good_one_is_found(protocol, packets, capsys):
+def test_damaged_packet_is_refused_and_next_one_found(protocol, packets, capsys):
     make, scan = (
         (packet_1, protocol1.scan_packets)
         if protocol == 1
@@ -74,7 +74,7 @@ def test_damaged_packets_are_refused_and_the_next_good_one_is_found(protocol, pa
 @pytest.mark.usefixtures("plain_line")
 @six
 @pytest.mark.parametrize("silent", [1, 3, 6])
-def test_a_silent_servo_never_costs_a_cycle_more_than_5_ms(models, silent):
+def test_silent_servo_never_delays_cycle_by_over_5_ms(models, silent):
     bus = make_bus(models)
     goals = goals_of(bus)
     healthy_s = max(cycle(bus, goals) for _ in range(60))
@@ -84,7 +84,7 @@ def test_a_silent_servo_never_costs_a_cycle_more_than_5_ms(models, silent):
 
 
 @six
-def test_after_three_misses_it_is_asked_only_every_quarter_of_a_second(models):
+def test_silent_servo_is_asked_about_four_times_per_second(models):
     bus = make_bus(models)
     goals = goals_of(bus)
     add_faults(bus, ("silent", {"id": 3}))
@@ -97,7 +97,7 @@ def test_after_three_misses_it_is_asked_only_every_quarter_of_a_second(models):
 
 
 @six
-def test_it_is_missed_in_the_very_cycle_in_which_it_falls_silent(models):
+def test_silent_servo_is_reported_in_same_cycle(models):
     bus = make_bus(models)
     goals = goals_of(bus)
     add_faults(bus, ("silent", {"id": 5}))
@@ -107,7 +107,7 @@ def test_it_is_missed_in_the_very_cycle_in_which_it_falls_silent(models):
 
 
 @six
-def test_when_it_answers_again_it_is_back_within_a_quarter_of_a_second(models):
+def test_servo_that_answers_again_is_back_within_300_ms(models):
     bus = make_bus(models)
     goals = goals_of(bus)
     add_faults(bus, ("silent", {"id": 3, "for_s": 0.1, "at_s": bus.clock.now_s()}))
@@ -122,7 +122,7 @@ def test_when_it_answers_again_it_is_back_within_a_quarter_of_a_second(models):
 
 @pytest.mark.parametrize("model", ["STS3215", "SCS0009", "AX-12A", "MX-28"])
 @pytest.mark.parametrize("bit", [0, 2, 5])
-def test_each_alarm_bit_is_seen_in_the_very_next_answer(model, bit):
+def test_alarm_bit_is_reported_with_next_reply(model, bit):
     bus = make_bus({1: model, 2: model})
     add_faults(bus, ("alarm", {"id": 1, "bits": 1 << bit}))
     bus.clock.sleep_until(bus.clock.now_s() + 0.01)
@@ -131,7 +131,7 @@ def test_each_alarm_bit_is_seen_in_the_very_next_answer(model, bit):
     assert readings.alarms == {1: {bus.servos[1].table.alarm_bits[bit]}}
 
 
-def test_the_alert_of_protocol_2_is_seen_and_spelt_out_on_request():
+def test_protocol_2_alert_is_reported_and_named_on_request():
     bus = make_bus({1: X, 2: X})
     add_faults(bus, ("alarm", {"id": 2, "bits": 0b100000}))
     bus.clock.sleep_until(bus.clock.now_s() + 0.01)
@@ -143,7 +143,7 @@ def test_the_alert_of_protocol_2_is_seen_and_spelt_out_on_request():
 
 
 @six
-def test_goals_arrive_although_every_tenth_instruction_is_lost(models):
+def test_goals_arrive_though_10_percent_of_packets_are_lost(models):
     bus = make_bus(models)
     goals = goals_of(bus)
     add_faults(bus, ("lost", {"probability": 0.1}))
@@ -159,7 +159,7 @@ def test_goals_arrive_although_every_tenth_instruction_is_lost(models):
 
 
 @pytest.mark.parametrize("model", ["STS3215", X, "MX-28"])
-def test_torque_comes_on_without_a_twitch_wherever_the_joint_was_carried(model):
+def test_torque_on_moves_joint_by_at_most_two_ticks(model):
     bus = make_bus({1: model})
     servo, chance = simulated_servos(bus)[1], random.Random(1)
     for _ in range(25):
@@ -181,7 +181,7 @@ def eeprom_writes(bus):
     return simulated_servos(bus)[1].memory.eeprom_writes
 
 
-def test_an_ordinary_run_writes_no_eeprom():
+def test_ordinary_run_writes_no_eeprom():
     bus = make_bus(SIX["Feetech"])
     goals = goals_of(bus)
     before = eeprom_writes(bus)
@@ -194,7 +194,7 @@ def test_an_ordinary_run_writes_no_eeprom():
 
 
 @pytest.mark.parametrize("packet", range(14))
-def test_a_process_that_dies_at_any_packet_leaves_nothing_that_the_next_run_does_not_mend(packet):
+def test_eeprom_update_repairs_run_that_died_at_any_packet(packet):
     bus = make_bus({1: "STS3215"})
     die_at(bus, packet)
     with pytest.raises(KeyboardInterrupt):
@@ -227,7 +227,7 @@ def bus_with_same_servos(bus):
 
 @pytest.mark.usefixtures("plain_line")
 @pytest.mark.parametrize("model", ["STS3215", X])
-def test_a_number_that_does_not_last_is_reported_and_the_memory_locked(model):
+def test_eeprom_that_does_not_persist_is_reported_and_locked(model):
     bus = make_bus({1: model})
     bus.port.health = LineHealth(clean_requests=0)  # before that, the write itself would be doubted
     limit = bus.servos[1].table.max_temperature_limit
@@ -250,7 +250,7 @@ def test_a_number_that_does_not_last_is_reported_and_the_memory_locked(model):
 
 @six
 @pytest.mark.parametrize("adapter", [PLAIN, ECHO], ids=["plain", "echo"])
-def test_bytes_that_arrive_one_by_one_are_put_together(models, adapter, monkeypatch):
+def test_reply_in_single_bytes_is_assembled(models, adapter, monkeypatch):
     bus = make_bus(models, adapter=adapter)
     read = bus.port.transport.read
     monkeypatch.setattr(bus.port.transport, "read", lambda size=1: read(min(size, 1)))
@@ -264,7 +264,7 @@ def test_bytes_that_arrive_one_by_one_are_put_together(models, adapter, monkeypa
 
 @pytest.mark.usefixtures("plain_line")
 @six
-def test_a_cycle_of_six_servos_uses_85_percent_of_what_the_wire_allows(models):
+def test_cycle_of_six_servos_uses_85_percent_of_wire_time(models):
     bus = make_bus(models)
     goals = goals_of(bus)
     for _ in range(60):
@@ -281,7 +281,7 @@ def wire_s(bus):
 
 
 @pytest.mark.usefixtures("plain_line")
-def test_on_a_dead_line_everything_fails_by_name_and_nothing_hangs():
+def test_silent_bus_raises_bus_error_within_50_ms():
     bus = make_bus(SIX["Feetech"])
     add_faults(bus, ("silent", {}))
     started_s = bus.clock.now_s()

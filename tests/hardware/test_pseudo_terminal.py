@@ -22,11 +22,11 @@ def served():
     os.close(slave)
 
 
-def test_a_pseudo_terminal_is_one(served):
+def test_pseudo_terminal_is_recognised(served):
     assert is_pseudo_terminal(served)
 
 
-def test_a_link_to_one_is_one(served, tmp_path):
+def test_link_to_pseudo_terminal_is_recognised(served, tmp_path):
     link = tmp_path / "arm"
     link.symlink_to(served)
     assert is_pseudo_terminal(str(link))
@@ -35,11 +35,11 @@ def test_a_link_to_one_is_one(served, tmp_path):
 @pytest.mark.parametrize(
     "name", ["/dev/null", "/dev/ttyNONE7", "sim:", "socket://127.0.0.1:1", "COM3", "\0", ""]
 )
-def test_nothing_else_is_one(name):
+def test_other_port_names_are_not_pseudo_terminals(name):
     assert not is_pseudo_terminal(name)
 
 
-def test_hints_of_a_simulated_bus_name_no_plugs(served):
+def test_hints_for_simulated_bus_do_not_mention_plugs(served):
     servo = ServoSpec(1, MODELS["STS3215"])
     with (
         ServoBus(open_port(served, 1_000_000), [servo]) as bus,

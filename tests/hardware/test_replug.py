@@ -56,17 +56,17 @@ def new_pty():
             continue
 
 
-def test_an_adapter_is_known_by_its_serial_number(set_adapters):
+def test_adapter_is_identified_by_serial_number(set_adapters):
     set_adapters(Comport("/dev/ttyACM0"))
     assert serial_number_of("/dev/ttyACM0") == "58FA083"
 
 
-def test_a_network_port_has_none(set_adapters):
+def test_network_port_has_no_serial_number(set_adapters):
     set_adapters(Comport("/dev/ttyACM0"))
     assert serial_number_of("socket://127.0.0.1:1") == ""
 
 
-def test_it_is_opened_again_under_its_new_name(set_adapters, new_pty):
+def test_reconnect_finds_adapter_under_its_new_name(set_adapters, new_pty):
     (old, ends), (new, _) = new_pty(), new_pty()
     port = open_port(old, 1_000_000)
     for end in ends:
@@ -77,7 +77,7 @@ def test_it_is_opened_again_under_its_new_name(set_adapters, new_pty):
     port.close()
 
 
-def test_what_was_learned_of_the_old_line_is_forgotten(set_adapters, new_pty):
+def test_reconnect_forgets_echo_and_health_of_old_port(set_adapters, new_pty):
     (old, _), (new, _) = new_pty(), new_pty()
     port = open_port(old, 1_000_000)
     port.echoes, health = True, port.health
@@ -88,7 +88,7 @@ def test_what_was_learned_of_the_old_line_is_forgotten(set_adapters, new_pty):
     port.close()
 
 
-def test_a_bus_goes_on_with_the_servos_behind_the_adapter_that_came_back(set_adapters, new_pty):
+def test_bus_reconnects_to_adapter_under_its_new_name(set_adapters, new_pty):
     (old, _), (new, _) = new_pty(), new_pty()
     with ServoBus(open_port(old, 1_000_000), [ServoSpec(1, STS3215)]) as bus:
         set_adapters(Comport(new))
@@ -96,7 +96,7 @@ def test_a_bus_goes_on_with_the_servos_behind_the_adapter_that_came_back(set_ada
         assert (bus.port.name, bus.port.is_open) == (new, True)
 
 
-def test_another_adapter_is_not_taken_for_it(set_adapters, new_pty):
+def test_reconnect_ignores_adapter_with_another_serial_number(set_adapters, new_pty):
     (old, _), (other, _) = new_pty(), new_pty()
     port = open_port(old, 1_000_000)
     set_adapters(Comport(other, "another"))
@@ -105,7 +105,7 @@ def test_another_adapter_is_not_taken_for_it(set_adapters, new_pty):
     assert not port.is_open
 
 
-def test_an_adapter_without_a_number_comes_back_under_its_old_name(set_adapters, new_pty):
+def test_adapter_without_serial_number_reconnects_by_old_name(set_adapters, new_pty):
     old, _ = new_pty()
     port = open_port(old, 1_000_000)
     set_adapters(Comport(old, serial_number=None))
@@ -115,7 +115,7 @@ def test_an_adapter_without_a_number_comes_back_under_its_old_name(set_adapters,
 
 
 @pytest.mark.parametrize("moment", range(20))
-def test_a_cable_pulled_in_mid_conversation_is_an_error_within_100_ms(new_pty, moment):
+def test_unplugged_cable_raises_error_within_100_ms(new_pty, moment):
     name, (master, slave) = new_pty()
     port = open_port(name, 1_000_000)
     os.close(slave)
@@ -130,7 +130,7 @@ def test_a_cable_pulled_in_mid_conversation_is_an_error_within_100_ms(new_pty, m
     port.close()
 
 
-def test_a_port_that_is_connected_anew_knows_nothing_of_the_old_line():
+def test_port_connect_resets_everything_learned_of_old_line():
     port = Port(make_transport({1: "STS3215"}), "old", 1_000_000)
     new = Port(make_transport({1: "STS3215"}), "new", 57_600)
     lock, kept = port.lock, vars(port).keys()

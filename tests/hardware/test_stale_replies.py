@@ -47,7 +47,7 @@ def value_or_loss(bus, register):
 
 @both
 @pytest.mark.parametrize("delay_s", [0.005, 0.01, 0.02, 0.05, 0.1, 0.2])
-def test_a_late_answer_is_never_taken_for_that_to_a_later_question(bus, model, delay_s):
+def test_late_reply_is_never_taken_for_that_to_later_request(bus, model, delay_s):
     add_faults(bus, ("late", {"delay_s": delay_s, "count": 1}))
     held = simulated_servos(bus)[1].read(OTHERS[model].name)
     with pytest.raises(ServoSilentError):
@@ -58,7 +58,7 @@ def test_a_late_answer_is_never_taken_for_that_to_a_later_question(bus, model, d
 
 @both
 @pytest.mark.parametrize("delay_s", [0.0, 1e-5, 1e-4, 1e-3, 0.005, 0.015])
-def test_a_second_copy_is_never_taken_for_the_answer_to_another_question(bus, model, delay_s):
+def test_duplicated_reply_is_never_taken_for_another_request(bus, model, delay_s):
     add_faults(bus, ("duplicated", {"delay_s": delay_s, "count": 1}))
     held = simulated_servos(bus)[1].read(OTHERS[model].name)
     bus.read(1, LIMITS[model])
@@ -67,7 +67,7 @@ def test_a_second_copy_is_never_taken_for_the_answer_to_another_question(bus, mo
 
 
 @both
-def test_a_late_reply_to_one_write_is_not_taken_for_the_reply_to_the_next(bus, model):
+def test_late_write_reply_is_not_taken_for_next_write(bus, model):
     bus.write(1, RegisterName.TORQUE_ENABLE, 1, raw=True)
     now_s = bus.clock.now_s()
     add_faults(
@@ -82,7 +82,7 @@ def test_a_late_reply_to_one_write_is_not_taken_for_the_reply_to_the_next(bus, m
     assert simulated_servos(bus)[1].read("goal_position") == 2000
 
 
-def test_what_must_not_be_repeated_waits_until_nothing_is_owed(feetech, line):
+def test_unrepeatable_write_waits_until_no_reply_is_owed(feetech, line):
     line.expect("FF FF 01 04 03 28 01 CE")
     line.expect("FF FF 01 04 03 28 80 4F", reply(1))
     with pytest.raises(ServoSilentError):
@@ -94,25 +94,25 @@ def test_what_must_not_be_repeated_waits_until_nothing_is_owed(feetech, line):
 class TestHealthyLine:
     """What the precautions cost where nothing is wrong: next to nothing."""
 
-    def test_the_same_question_is_put_in_the_same_shape(self, feetech, line):
+    def test_same_sync_read_is_sent_in_same_shape(self, feetech, line):
         for _ in range(20):
             line.expect(sync_request([1, 2], 56, 2), reply(1, 0, 8), reply(2, 0, 8))
             feetech.sync_read([1, 2], RegisterName.PRESENT_POSITION)
 
-    def test_another_request_within_20_ms_gets_a_window_one_byte_wider(self, feetech, line):
+    def test_different_read_within_20_ms_is_one_byte_longer(self, feetech, line):
         line.expect(request(1, 9, 2), reply(1, 0, 0)).expect(
             request(1, 10, 3), reply(1, 0, 255, 15)
         )
         feetech.read(1, STS3215.min_position_limit)
         assert feetech.read(1, STS3215.max_position_limit, raw=True) == 4095
 
-    def test_later_than_that_it_does_not(self, feetech, line):
+    def test_different_read_after_20_ms_keeps_its_length(self, feetech, line):
         line.expect(request(1, 9, 2), reply(1, 0, 0)).expect(request(1, 11, 2), reply(1, 255, 15))
         feetech.read(1, STS3215.min_position_limit)
         line.clock.s += 0.021
         feetech.read(1, STS3215.max_position_limit)
 
-    def test_another_servo_is_read_as_before(self, feetech, line):
+    def test_read_of_another_servo_keeps_its_length(self, feetech, line):
         line.expect(request(1, 9, 2), reply(1, 0, 0)).expect(request(2, 11, 2), reply(2, 255, 15))
         feetech.read(1, STS3215.min_position_limit)
         feetech.read(2, STS3215.max_position_limit)
@@ -126,26 +126,26 @@ class TestNewOrOddLine:
         port.health = LineHealth(clean_requests=5)
         return feetech
 
-    def test_two_readings_that_agree_are_accepted(self, suspecting_bus, line):
+    def test_two_equal_readings_are_accepted_on_suspect_line(self, suspecting_bus, line):
         line.expect(request(1, 9, 2), reply(1, 5, 0)).expect(request(1, 9, 2), reply(1, 5, 0))
         assert suspecting_bus.read(1, STS3215.min_position_limit, raw=True) == 5
 
-    def test_two_readings_that_differ_are_not(self, suspecting_bus, line):
+    def test_two_different_readings_are_refused_on_suspect_line(self, suspecting_bus, line):
         line.expect(request(1, 9, 2), reply(1, 5, 0)).expect(request(1, 9, 2), reply(1, 6, 0))
         with pytest.raises(BadReplyError, match="a second read did not confirm"):
             suspecting_bus.read(1, STS3215.min_position_limit)
 
-    def test_what_moves_is_read_once(self, suspecting_bus, line):
+    def test_position_is_read_only_once_on_suspect_line(self, suspecting_bus, line):
         line.expect(request(1, 56, 2), reply(1, 0, 8))
         assert suspecting_bus.read(1, STS3215.present_position, raw=True) == 2048
 
-    def test_an_odd_reply_makes_every_request_different_from_the_last(self, feetech, port, line):
+    def test_odd_reply_makes_every_request_differ_from_last(self, feetech, port, line):
         port.health.record(odd=True)
         line.expect(request(1, 56, 2), reply(1, 0, 8)).expect(request(1, 55, 3), reply(1, 0, 0, 8))
         for _ in range(2):
             assert feetech.read(1, STS3215.present_position, raw=True) == 2048
 
-    def test_it_is_believed_after_so_many_clean_questions(self):
+    def test_line_is_trusted_again_after_300_clean_requests(self):
         trust = LineHealth(clean_requests=0)
         trust.record(odd=True)
         for _ in range(300):
@@ -157,14 +157,14 @@ class TestNewOrOddLine:
 class TestPace:
     """More bytes than the wire can have carried are older than the question."""
 
-    def test_until_answers_have_kept_to_it_nothing_is_called_stale(self):
+    def test_byte_rate_check_without_history_reports_no_excess(self):
         assert ByteRateCheck().excess_bytes(8, 0.0, 1e-5) == 0
 
-    def test_then_what_comes_too_soon_is(self):
+    def test_byte_rate_check_reports_bytes_that_come_too_soon(self):
         assert self.known().excess_bytes(8, 0.0, 1e-5) == 7
         assert self.known().excess_bytes(8, 8e-5, 1e-5) == 0
 
-    def test_one_answer_that_came_sooner_ends_it(self):
+    def test_byte_rate_check_ends_after_one_faster_reply(self):
         pace = self.known()
         pace.on_reply(8, 0.0, 1e-5)
         assert pace.excess_bytes(8, 0.0, 1e-5) == 0
@@ -182,7 +182,7 @@ histories = st.lists(st.tuples(spans, st.booleans(), st.floats(0.0, 0.05)), max_
 
 
 @given(history=histories, wanted=spans, is_degraded=st.booleans())
-def test_no_window_is_ever_as_long_as_an_answer_that_is_owed(history, wanted, is_degraded):
+def test_read_window_never_has_length_of_an_owed_reply(history, wanted, is_degraded):
     late_replies, trust, now_s = PendingReplies(), LineHealth(clean_requests=0), 0.0
     if is_degraded:
         trust.record(odd=True)
@@ -202,14 +202,14 @@ def test_no_window_is_ever_as_long_as_an_answer_that_is_owed(history, wanted, is
 
 
 @given(span=spans, by=st.integers(0, 24), data=st.binary(min_size=300, max_size=300))
-def test_a_wider_window_holds_the_span_and_begins_no_lower_than_the_table(span, by, data):
+def test_grown_window_holds_span_and_stays_inside_table(span, by, data):
     window = span.grown(by)
     assert window.size == span.size + by
     assert 0 <= window.address <= span.address
     assert span.end <= window.end
 
 
-def test_a_window_is_cut_to_what_was_wanted(feetech, line):
+def test_reply_to_longer_read_is_cut_to_wanted_bytes(feetech, line):
     line.expect("FF FF 01 04 02 38 02 BE").expect(request(1, 55, 3), reply(1, 99, 0, 8))
     with pytest.raises(ServoSilentError):
         feetech.read(1, RegisterName.PRESENT_POSITION)

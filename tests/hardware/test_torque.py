@@ -34,26 +34,26 @@ def ranged(fed):
     return fed.expect(LIMITS, LIMITS_4095).expect(MODE, MODE_0).expect(TORQUE, IS_OFF)
 
 
-def test_the_goal_becomes_the_present_position_before_torque_comes_on(feetech, ranged):
+def test_torque_on_writes_position_as_goal_first(feetech, ranged):
     ranged.expect(POSITION, AT_2048).expect(SET_GOAL_2048, TAKEN).expect(GOAL, GOAL_2048)
     ranged.expect(ON, TAKEN)
     assert torque_on(feetech, 1) == 2048
 
 
-def test_torque_goes_off_where_the_goal_was_not_taken(feetech, ranged):
+def test_torque_goes_off_if_servo_does_not_take_goal(feetech, ranged):
     ranged.expect(POSITION, AT_2048).expect(SET_GOAL_2048, TAKEN).expect(GOAL, GOAL_5)
     ranged.expect(OFF, TAKEN)
     with pytest.raises(ServoRejectedError, match="keeps goal 5 instead of 2048"):
         torque_on(feetech, 1)
 
 
-def test_torque_stays_off_where_the_position_is_unknown(feetech, ranged):
+def test_torque_stays_off_if_position_is_unknown(feetech, ranged):
     ranged.expect(POSITION)
     with pytest.raises(ServoSilentError):
         torque_on(feetech, 1)
 
 
-def test_torque_stays_off_at_a_wrong_voltage(feetech, line):
+def test_torque_stays_off_at_wrong_supply_voltage(feetech, line):
     line.expect(VOLTAGE, "FF FF 01 03 00 C8 33").expect(LOWEST, LOWEST_4)
     line.expect(HIGHEST, HIGHEST_14)
     with pytest.raises(
@@ -62,11 +62,11 @@ def test_torque_stays_off_at_a_wrong_voltage(feetech, line):
         torque_on(feetech, 1)
 
 
-def test_a_right_voltage_is_returned(feetech, fed):
+def test_supply_voltage_inside_limits_is_returned(feetech, fed):
     assert check_supply_voltage(feetech, 1) == pytest.approx(12.0)
 
 
-def test_torque_goes_off_at_the_second_servo_though_the_first_is_silent(feetech, line):
+def test_torque_off_reaches_second_servo_if_first_is_silent(feetech, line):
     line.expect(OFF).expect("FF FF 02 04 03 28 00 CE", "FF FF 02 02 00 FB")
     errors = torque_off(feetech, [1, 2])
     assert list(errors) == [1]

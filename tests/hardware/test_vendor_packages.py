@@ -62,27 +62,27 @@ def moved(folder, arm):
 
 @pytest.mark.full
 @pytest.mark.parametrize("packages", [(FEETECH, FTSERVO), (FTSERVO, FEETECH)])
-def test_a_feetech_arm_moves_with_either_sdk_over_the_other(installed, packages):
+def test_feetech_arm_moves_with_both_sdk_packages_installed(installed, packages):
     result = moved(installed(*packages), "so101")
     assert result.returncode == 0, result.stderr
 
 
 @pytest.mark.full
 @pytest.mark.parametrize("package", ["ftservo-python-sdk==2.0.0", FTSERVO])
-def test_doctor_works_with_the_renamed_feetech_sdk(installed, package):
+def test_doctor_works_with_renamed_feetech_sdk(installed, package):
     result = run(installed(package), "doctor --arm so101 --port sim")
     assert result.returncode == 0, result.stderr
 
 
 @pytest.mark.campaign
 @pytest.mark.parametrize("release", ["3.7.31", "3.8.4", "4.0.5"])
-def test_a_dynamixel_arm_moves_with_an_older_release_over_the_newest(installed, release):
+def test_dynamixel_arm_moves_with_old_sdk_over_newest(installed, release):
     result = moved(installed(NEWEST_DYNAMIXEL, f"dynamixel-sdk=={release}"), "koch")
     assert result.returncode == 0, result.stderr
 
 
 @pytest.mark.full
-def test_the_package_serial_over_pyserial_is_named_with_the_line_that_repairs_it(installed):
+def test_package_serial_over_pyserial_is_named_with_repair(installed):
     result = run(installed("pyserial==3.5", "serial==0.0.97"), "ports")
     first, second = result.stderr.splitlines()
     assert first == "The Python module serial of pyserial is damaged or replaced by serial."
@@ -91,7 +91,7 @@ def test_the_package_serial_over_pyserial_is_named_with_the_line_that_repairs_it
 
 
 @pytest.mark.full
-def test_pyserial_over_the_package_serial_works(installed):
+def test_pyserial_over_package_serial_works(installed):
     result = moved(installed("serial==0.0.97", "pyserial==3.5"), "so101")
     assert result.returncode == 0, result.stderr
 
@@ -101,9 +101,7 @@ def test_pyserial_over_the_package_serial_works(installed):
                          [(FEETECH, "scservo_sdk", "so101"),
                           (NEWEST_DYNAMIXEL, "dynamixel_sdk", "koch"),
                           ("pyserial==3.5", "serial", "so101")])  # fmt: skip
-def test_what_an_uninstalled_package_left_of_a_module_is_one_sentence(
-    installed, package, module, arm
-):
+def test_damaged_vendor_module_is_named_with_repair(installed, package, module, arm):
     folder = installed(package)
     for path in (folder / module).glob("p*.py"):  # packets, ports: what the packages share
         path.unlink()

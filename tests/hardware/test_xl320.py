@@ -19,19 +19,19 @@ def bus():
     return make_bus({1: "XL-320", 2: "XL430-W250", 3: "XL-320"})
 
 
-def test_servos_of_both_memories_are_read_in_one_go(bus):
+def test_xl320_is_read_together_with_x_servos(bus):
     ticks = bus.sync_read([1, 2, 3], RegisterName.PRESENT_POSITION, raw=True).require_all()
     assert ticks == {i: s.read("present_position") for i, s in simulated_servos(bus).items()}
 
 
-def test_it_gets_no_torque_as_a_wheel(bus):
+def test_xl320_in_wheel_mode_is_refused_torque(bus):
     update_eeprom(bus, 1, {bus.servos[1].table.operating_mode: 1})
     with pytest.raises(RefusedError, match="its operating mode is 1"):
         torque_on(bus, 1)
     assert simulated_servos(bus)[1].read("torque_enable") == 0
 
 
-def test_its_eeprom_is_not_written_under_torque(bus):
+def test_xl320_eeprom_is_not_written_under_torque(bus):
     torque_on(bus, 1)
     limit = bus.servos[1].table.max_temperature_limit
     with pytest.raises(RegisterAccessError, match="torque"):
@@ -40,7 +40,7 @@ def test_its_eeprom_is_not_written_under_torque(bus):
     assert len(update_eeprom(bus, 1, {limit: 61})) == 1
 
 
-def test_its_alarms_have_other_bits_than_those_of_an_x_servo(bus):
+def test_xl320_alarm_bits_differ_from_those_of_x_servo(bus):
     simulated_servos(bus)[1].inject_alarm(0b100)
     found = identify(bus.port, framing_of(Family.DYNAMIXEL_2), 1, echoes=PortMode.name == "echo")
     assert found.alarms == (Alarm.VOLTAGE,)

@@ -21,53 +21,53 @@ THERE, HERE = Target((0.3, 0.1, 0.0)), np.zeros(2)
     {"turn_weight_m_rad": "1"}, {"turn_weight_m_rad": math.nan}, {"turn_weight_m_rad": math.inf},
     {"tolerance": 1e-3}, {"posture": "home"},
 ], ids=str)  # fmt: skip
-def test_an_option_that_makes_no_sense_is_refused(option):
+def test_solve_refuses_invalid_option(option):
     with pytest.raises(BadValueError, match=next(iter(option))):
         solve(ARM, THERE, **option)
 
 
 @pytest.mark.parametrize("value", [0.0, -1e-3, math.nan, "1 mm", None])
-def test_a_tolerance_is_a_number_above_0(value):
+def test_tolerance_must_be_number_above_zero(value):
     with pytest.raises(BadValueError, match="tolerance in metres"):
         Tolerance(position_m=value)
 
 
 @pytest.mark.parametrize("numbers", [[10**400, 0, 0], [1j, 0, 0], np.zeros(3, complex), {}, [{}]])
-def test_what_is_no_number_is_no_position(numbers):
+def test_target_position_must_be_real_numbers(numbers):
     with pytest.raises(BadValueError, match="target position"):
         Target(numbers)
 
 
 @pytest.mark.parametrize("frame", [3, ["l1"], b"l1"])
-def test_a_frame_is_a_name(frame):
+def test_target_frame_must_be_a_string(frame):
     with pytest.raises(BadValueError, match="The frame"):
         Target((0.3, 0.1, 0.0), frame=frame)
 
 
 @pytest.mark.parametrize("method", [None, 3, ["auto"]])
-def test_a_method_is_a_name(method):
+def test_method_name_must_be_a_string(method):
     with pytest.raises(UnknownNameError, match="method"):
         solve(ARM, THERE, method=method)
 
 
-def test_an_offset_is_not_a_thousand_kilometres_long():
+def test_target_offset_of_1e308_m_is_refused():
     with pytest.raises(BadValueError, match="offset_m"):
         Target((0.3, 0.1, 0.0), offset_m=(1e308, 0, 0))
 
 
-def test_direction_may_have_any_length():
+def test_target_direction_is_normalised():
     np.testing.assert_allclose(Target((0, 0, 0), direction=(1e11, 0, 0)).target_axis, [1, 0, 0])
 
 
 @pytest.mark.parametrize("ask", [
     lambda: Solver(3), lambda: Solver(None), lambda: solve_batch(THERE, [[0, 0, 0]]),
 ])  # fmt: skip
-def test_only_an_arm_is_an_arm(ask):
+def test_value_that_is_not_an_arm_is_refused(ask):
     with pytest.raises(BadValueError, match="The arm"):
         ask()
 
 
-def test_names_and_models_are_arms_for_all_three_and_begin_alike():
+def test_solve_batch_and_solver_accept_names_and_models():
     model, point = load_model("so101"), (0.25, 0.05, 0.15)
     start = model.initial_joints()
     expected = solve(model.chain, point, start, nearest=False).q
@@ -80,7 +80,7 @@ def test_names_and_models_are_arms_for_all_three_and_begin_alike():
 
 
 @pytest.mark.parametrize("kind", [None, 3, ["pose"]])
-def test_a_kind_of_target_is_a_name(kind):
+def test_kind_of_target_must_be_a_string(kind):
     with pytest.raises(UnknownNameError, match="kind of target"):
         Solver(ARM, kind)
 
@@ -88,7 +88,7 @@ def test_a_kind_of_target_is_a_name(kind):
 @pytest.mark.parametrize("ask", [
     lambda: Solver(ARM, options={"restarts": 3}), lambda: solve_batch(ARM, [[0, 0, 0]], options=3),
 ])  # fmt: skip
-def test_only_options_are_options(ask):
+def test_options_must_be_an_options_object(ask):
     with pytest.raises(BadValueError, match="The options"):
         ask()
 
@@ -96,7 +96,7 @@ def test_only_options_are_options(ask):
 @pytest.mark.parametrize(("T", "q0"), [
     ("x", HERE), (None, HERE), ([[1], [2, 3]], HERE), (np.eye(4), "home"), (np.eye(4), {}),
 ])  # fmt: skip
-def test_a_prepared_solver_refuses_what_are_no_numbers(T, q0):
+def test_solver_refuses_pose_or_start_that_is_not_numeric(T, q0):
     with pytest.raises(BadValueError, match=r"T_world_tool|q0"):
         Solver(ARM)(T, q0)
 
@@ -110,35 +110,35 @@ def transposed():
 @pytest.mark.parametrize("ask", [
     lambda: Solver(ARM)(transposed(), HERE), lambda: solve_batch(ARM, [transposed()]),
 ])  # fmt: skip
-def test_a_transposed_pose_is_noticed(ask):
+def test_transposed_pose_is_refused(ask):
     with pytest.raises(BadValueError, match="transposed"):
         ask()
 
 
 @pytest.mark.parametrize("out", [np.zeros(3), 5])
-def test_answers_are_written_where_there_is_room_for_them(out):
+def test_out_array_of_wrong_type_or_size_is_refused(out):
     with pytest.raises(BadValueError, match="out"):
         Solver(ARM)(np.eye(4), HERE, out)
 
 
 @pytest.mark.parametrize("targets", [3.0, None, "abc", [[1, 2, 3], [1, 2]], [[1e200, 0, 0]]])
-def test_a_batch_of_something_else_is_refused(targets):
+def test_batch_of_invalid_targets_is_refused(targets):
     with pytest.raises(BadValueError, match="target"):
         solve_batch(ARM, targets)
 
 
 @pytest.mark.parametrize("workers", [0, -1, "2", 1.5])
-def test_workers_are_counted(workers):
+def test_workers_must_be_a_positive_integer(workers):
     with pytest.raises(BadValueError, match="workers"):
         solve_batch(ARM, [[0.3, 0, 0]], workers=workers)
 
 
-def test_options_are_looked_at_wherever_they_are_made():
+def test_options_are_checked_when_created():
     with pytest.raises(BadValueError, match="posture"):
         Options(posture=[0.0, 0.0])
 
 
-def test_auto_leans_towards_a_posture_where_the_target_leaves_freedom():
+def test_auto_method_prefers_posture_of_redundant_arm():
     arm = planar(0.3, 0.2, 0.1)
     near = Posture([0.0, 0.0, 1.2], [0.0, 0.0, 1.0])
     target = Target((0.35, 0.1, 0.0))

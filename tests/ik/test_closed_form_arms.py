@@ -87,22 +87,22 @@ def six_joints_with_three_parallel():
     return Chain.from_joints(joints, "l0", "tip")
 
 
-def test_every_shipped_arm_is_recognised_from_its_axes():
+def test_structure_of_every_shipped_arm_is_recognised():
     assert {name: str(recognise_structure(chain(name))) for name in arm_names()} == STRUCTURES
 
 
-def test_only_rounded_axes_keep_an_arm_from_being_exact():
+def test_only_arms_with_rounded_axes_have_inexact_structure():
     assert {name for name in arm_names() if not recognise_structure(chain(name)).is_exact} == set(
         NEARLY
     )
     assert recognise_structure(chain("koch")).deviation == pytest.approx(2.65e-6, rel=0.01)
 
 
-def test_the_structure_of_a_chain_is_found_once():
+def test_structure_of_chain_is_cached():
     assert recognise_structure(chain("so101")) is recognise_structure(chain("so101"))
 
 
-def test_an_arm_with_a_slide_has_no_structure():
+def test_arm_with_prismatic_joint_has_no_closed_form():
     assert recognise_structure(crane()) is None
     assert solutions(crane(), Target((0.2, 0.1, 0.3))) == ()
 
@@ -110,7 +110,7 @@ def test_an_arm_with_a_slide_has_no_structure():
 @pytest.mark.sample(24)
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("name", sorted(STRUCTURES))
-def test_every_solution_is_one_and_inside_the_limits(name, kind):
+def test_closed_form_solutions_meet_target_inside_limits(name, kind):
     arm, rng = chain(name), np.random.default_rng(7)
     for _ in range(25):
         target = target_of(arm, sampled(arm, rng), kind)
@@ -134,7 +134,7 @@ def determined(name, kind):
     ("name", "kind"),
     [(n, k) for n in sorted(set(STRUCTURES) - set(NEARLY)) for k in KINDS if determined(n, k)],
 )
-def test_the_set_contains_the_joints_that_made_the_target(name, kind):
+def test_closed_form_contains_joints_that_made_target(name, kind):
     arm, rng = chain(name), np.random.default_rng(8)
     for _ in range(25):
         q = sampled(arm, rng)
@@ -146,7 +146,7 @@ def test_the_set_contains_the_joints_that_made_the_target(name, kind):
 
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("name", sorted(set(STRUCTURES) - set(NEARLY)))
-def test_joints_that_meet_the_target_already_stay(name, kind):
+def test_closed_form_returns_start_that_meets_target_first(name, kind):
     arm, rng = chain(name), np.random.default_rng(9)
     for _ in range(15):
         q = sampled(arm, rng)
@@ -154,14 +154,14 @@ def test_joints_that_meet_the_target_already_stay(name, kind):
 
 
 @pytest.mark.parametrize("name", sorted(STRUCTURES))
-def test_a_point_that_some_joints_reach_is_reached_from_anywhere(name):
+def test_closed_form_reaches_every_reachable_point(name):
     arm, rng = chain(name), np.random.default_rng(10)
     for _ in range(25):
         assert solutions(arm, target_of(arm, sampled(arm, rng), "position"), sampled(arm, rng))
 
 
 @pytest.mark.parametrize("name", ["so101", "open_manipulator_x", "px100", "planar2"])
-def test_a_solution_within_narrowed_limits_is_found_and_stays_within_them(name):
+def test_closed_form_finds_solution_within_narrowed_limits(name):
     rng = np.random.default_rng(11)
     for _ in range(15):
         ends = np.sort([sampled(chain(name), rng), sampled(chain(name), rng)], axis=0)
@@ -180,7 +180,7 @@ def test_a_solution_within_narrowed_limits_is_found_and_stays_within_them(name):
         ("wx250s", (0.25, 0.02, 0.06), (1, 0, 0)),
     ],
 )
-def test_straight_down_is_a_direction_for_every_yaw_despite_rounded_axes(name, point, tool_axis):
+def test_closed_form_points_straight_down_at_any_yaw(name, point, tool_axis):
     target = Target(point, direction=(0, 0, -1), tool_axis=tool_axis)
     result = solve(chain(name), target, method="closed_form")
     assert result.reached
@@ -190,7 +190,7 @@ def test_straight_down_is_a_direction_for_every_yaw_despite_rounded_axes(name, p
 
 @pytest.mark.sample(1)
 @pytest.mark.parametrize("name", ["open_manipulator_x", "px100"])
-def test_a_direction_out_of_the_arms_plane_costs_no_position_and_is_met_as_nearly_as_possible(name):
+def test_closed_form_keeps_position_and_finds_nearest_direction(name):
     arm, rng = chain(name), np.random.default_rng(13)
     for _ in range(4):
         target = Target(target_of(arm, sampled(arm, rng), "position").position,
@@ -204,7 +204,7 @@ def test_a_direction_out_of_the_arms_plane_costs_no_position_and_is_met_as_nearl
             assert result.orientation_error_rad <= best + 1e-6
 
 
-def test_the_intervals_of_a_real_arm_are_the_pitches_with_which_its_tool_gets_there():
+def test_direction_intervals_contain_only_reachable_pitches():
     arm = chain("px100")
     target = Target((0.18, 0.05, 0.12))
     for found in direction_intervals(arm, target):
@@ -214,7 +214,7 @@ def test_the_intervals_of_a_real_arm_are_the_pitches_with_which_its_tool_gets_th
             assert solutions(arm, there)
 
 
-def test_any_point_of_any_link_can_be_the_one_that_goes_there():
+def test_closed_form_places_any_point_of_any_link():
     arm, q = chain("so101"), np.array([0.4, -0.3, 0.5, 0.2, 0.1])
     for frame in ("forearm", "wrist", "gripper"):
         offset_m = (0.01, -0.02, 0.03)
@@ -223,14 +223,14 @@ def test_any_point_of_any_link_can_be_the_one_that_goes_there():
         np.testing.assert_allclose(found[0], q, atol=1e-6)
 
 
-def test_joints_beyond_the_dragged_link_stay():
+def test_closed_form_keeps_joints_beyond_target_link():
     arm, q0 = chain("so101"), np.array([0.1, 0.2, 0.3, 0.4, 0.5])
     wanted = arm.forward([0.4, -0.3, 0.5, 0.0, 0.0], "forearm", (0.01, 0.02, 0.0))[:3, 3]
     found = solutions(arm, Target(wanted, frame="forearm", offset_m=(0.01, 0.02, 0.0)), q0)
     np.testing.assert_array_equal([q[3:] for q in found], [q0[3:]] * len(found))
 
 
-def test_a_wrist_that_must_leave_its_start_stays_inside_its_limits_to_the_last_bit():
+def test_closed_form_wrist_stays_inside_limits_exactly():
     rng = np.random.default_rng(16)
     for _ in range(40):
         ends = np.sort([sampled(chain("wx250s"), rng), sampled(chain("wx250s"), rng)], axis=0)
@@ -239,7 +239,7 @@ def test_a_wrist_that_must_leave_its_start_stays_inside_its_limits_to_the_last_b
             assert ((ends[0] <= q) & (q <= ends[1])).all()
 
 
-def test_three_parallel_joints_and_a_wrist_of_two_have_all_their_poses():
+def test_six_joints_with_three_parallel_have_all_poses():
     arm, rng = six_joints_with_three_parallel(), np.random.default_rng(14)
     assert recognise_structure(arm).is_exact
     for _ in range(25):
@@ -251,20 +251,20 @@ def test_three_parallel_joints_and_a_wrist_of_two_have_all_their_poses():
         assert max(max(errors(arm, target, other)) for other in found) < 1e-9
 
 
-def test_a_spherical_wrist_has_up_to_eight_solutions():
+def test_spherical_wrist_has_up_to_eight_solutions():
     arm, rng = chain("wx250s"), np.random.default_rng(15)
     free = arm.with_limits(np.full(6, -math.pi), np.full(6, math.pi))
     counts = [len(solutions(free, target_of(arm, sampled(arm, rng), "pose"))) for _ in range(40)]
     assert max(counts) == 8
 
 
-def test_with_the_wrist_stretched_its_two_rolls_share_their_sum_and_the_first_stays():
+def test_stretched_wrist_keeps_first_roll():
     arm, q = chain("wx250s"), np.array([0.3, 0.2, 0.4, 0.5, 0.0, 0.7])
     found = solutions(arm, target_of(arm, q, "pose"), q)[0]
     np.testing.assert_allclose(found, q, atol=1e-6)
 
 
-def test_seeds_of_a_point_out_of_reach_stretch_the_arm_towards_it():
+def test_seeds_of_point_out_of_reach_stretch_towards_it():
     arm, target = chain("so101"), np.array([0.9, 0.2, 0.3])
     for seed in analytic_seeds(arm, Target(target)):
         tip = arm.forward(seed)[:3, 3]
@@ -273,27 +273,27 @@ def test_seeds_of_a_point_out_of_reach_stretch_the_arm_towards_it():
         assert (seed <= arm.upper_rad).all()
 
 
-def test_seeds_of_a_direction_out_of_reach_meet_the_point():
+def test_seeds_of_direction_out_of_reach_meet_point():
     target = Target((0.25, 0.05, 0.1), direction=(0.1, -0.9, 0.4))
     seeds = analytic_seeds(chain("so101"), target)
     assert seeds
     assert all(errors(chain("so101"), target, seed)[0] < 1e-9 for seed in seeds)
 
 
-def test_where_there_is_no_closed_form_bounded_answers_and_says_so():
+def test_closed_form_falls_back_to_bounded_without_structure():
     result = solve(crane(), Target(crane().forward([1.1, 0.22])[:3, 3]), method="closed_form")
     assert result.reached
     assert result.method == "bounded"
 
 
-def test_the_trace_of_a_closed_form_is_its_start_and_its_answer():
+def test_closed_form_trace_is_start_and_answer():
     arm = chain("px100")
     result = solve(arm, Target((0.18, 0.05, 0.12)), method="closed_form", trace=True)
     np.testing.assert_array_equal(result.trace[0], arm.mid_range())
     np.testing.assert_array_equal(result.trace[1], result.q)
 
 
-def test_a_start_that_is_no_joint_vector_and_an_unknown_frame_are_refused():
+def test_closed_form_refuses_nan_start_and_unknown_frame():
     with pytest.raises(BadValueError, match="q0"):
         solutions(chain("px100"), Target((0.1, 0, 0.1)), [0.0, math.nan, 0, 0])
     with pytest.raises(UnknownNameError, match="link"):
@@ -320,7 +320,7 @@ def agrees(name, kind, q, q0):
 
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("name", sorted(STRUCTURES))
-def test_closed_form_and_bounded_agree_on_a_few_targets(name, kind):
+def test_closed_form_and_bounded_agree(name, kind):
     rng = np.random.default_rng(12)
     for _ in range(3):
         assert agrees(name, kind, sampled(chain(name), rng), sampled(chain(name), rng))
@@ -330,7 +330,7 @@ def test_closed_form_and_bounded_agree_on_a_few_targets(name, kind):
 @pytest.mark.timeout(14_400)
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("name", sorted(STRUCTURES))
-def test_closed_form_and_bounded_agree_on_a_third_of_a_hundred_thousand_targets(name, kind):
+def test_closed_form_and_bounded_agree_on_34000_targets(name, kind):
     rng, count = np.random.default_rng(2026), 34_000
     pairs = ((sampled(chain(name), rng), sampled(chain(name), rng)) for _ in range(count))
     lost = [q for q, q0 in pairs if not agrees(name, kind, q, q0)]

@@ -35,7 +35,7 @@ def narrowed(chain, rng):
 
 
 @given(length, angle, length, angle, angle, angle)
-def test_both_elbows_of_two_bent_links_reach_every_point_that_some_angles_reach(a, b, c, d, e, f):
+def test_planar_2r_solutions_reach_the_point(a, b, c, d, e, f):
     l1, l2 = link(a, b), link(c, d)
     m = planar_tip((l1, l2), (e, f))
     for angles in solve_planar_2r(l1, l2, m):
@@ -43,7 +43,7 @@ def test_both_elbows_of_two_bent_links_reach_every_point_that_some_angles_reach(
 
 
 @given(length, length, st.floats(0.1, 3.0), angle)
-def test_the_two_elbows_bend_to_opposite_sides(L1, L2, bend, turn):
+def test_planar_2r_elbows_bend_to_opposite_sides(L1, L2, bend, turn):
     m = planar_tip((L1 + 0j, L2 + 0j), (turn, bend))
     (_, left), (_, right) = solve_planar_2r(L1 + 0j, L2 + 0j, m)
     assert left == pytest.approx(bend, abs=1e-6)
@@ -51,13 +51,13 @@ def test_the_two_elbows_bend_to_opposite_sides(L1, L2, bend, turn):
 
 
 @pytest.mark.parametrize("d", [0.5000001, 0.0999999])
-def test_no_elbow_reaches_outside_the_annulus(d):
+def test_planar_2r_has_no_solution_outside_annulus(d):
     assert solve_planar_2r(0.3 + 0j, 0.2 + 0j, d + 0j) == ()
 
 
 @pytest.mark.parametrize(("d", "bend"), [(0.5, 0.0), (0.1, math.pi)])
 @pytest.mark.parametrize("direction", [0.0, 0.7, -2.5])
-def test_on_the_boundary_of_the_annulus_the_one_elbow_is_exact(d, bend, direction):
+def test_planar_2r_has_one_exact_solution_on_annulus_edge(d, bend, direction):
     found = solutions(TWO, Target((d * math.cos(direction), d * math.sin(direction), 0)))
     assert len(found) == 1
     assert abs(found[0][1]) == pytest.approx(bend, abs=1e-7)
@@ -66,25 +66,25 @@ def test_on_the_boundary_of_the_annulus_the_one_elbow_is_exact(d, bend, directio
     )
 
 
-def test_two_links_have_both_elbows_the_nearer_first():
+def test_planar_2r_has_two_solutions_nearest_first():
     up, down = solutions(TWO, Target((0.35, 0.1, 0.0)), q0=[0.0, 1.0])
     assert up[1] > 0.1
     assert down[1] == pytest.approx(-up[1])
 
 
-def test_limits_leave_the_elbow_that_they_allow():
+def test_joint_limits_leave_only_allowed_elbow():
     arm = TWO.with_limits([-math.pi, -math.pi], [math.pi, 0.0])
     (only,) = solutions(arm, Target((0.35, 0.1, 0.0)), q0=[0.0, 1.0])
     assert only[1] < 0
 
 
-def test_limits_that_allow_no_elbow_leave_none():
+def test_joint_limits_that_allow_no_elbow_leave_no_solution():
     arm = TWO.with_limits([-math.pi, -0.1], [math.pi, 0.1])
     assert solutions(arm, Target((0.35, 0.1, 0.0))) == ()
 
 
 @pytest.mark.parametrize("target", [(3.0, 4.0), (0.03, 0.04)])
-def test_outside_the_annulus_the_nearest_point_is_on_its_boundary(target):
+def test_nearest_point_outside_annulus_is_on_its_edge(target):
     result = solve(TWO, Target((*target, 0.0)), method="closed_form")
     d = 0.5 if target[0] > 1 else 0.1
     assert result.method == "closed_form"
@@ -93,7 +93,7 @@ def test_outside_the_annulus_the_nearest_point_is_on_its_boundary(target):
 
 
 @pytest.mark.parametrize("chain", [TWO, THREE])
-def test_the_nearest_point_within_limits_is_the_one_of_a_dense_search(chain):
+def test_nearest_point_in_limits_is_nearer_than_dense_search(chain):
     rng = np.random.default_rng(5)
     for _ in range(25):
         arm = narrowed(chain, rng)
@@ -110,13 +110,13 @@ def test_the_nearest_point_within_limits_is_the_one_of_a_dense_search(chain):
         assert result.position_error_m >= densest - 0.06
 
 
-def test_the_nearest_point_of_a_planar_arm_to_a_point_above_it_is_below_that_point():
+def test_nearest_point_to_target_above_plane_is_below_it():
     result = solve(THREE, Target((0.3, 0.2, 0.15)), method="closed_form")
     np.testing.assert_allclose(result.nearest_m, [0.3, 0.2, 0.0], atol=1e-12)
     assert result.position_error_m == pytest.approx(0.15)
 
 
-def test_links_held_at_limits_move_as_one():
+def test_planar_angles_are_nearer_than_dense_search_at_limits():
     limits = ((-1.0, 1.0), (0.3, 0.4), (-0.2, 0.2))
     best = nearest_planar_angles(
         (0.3 + 0j, 0.2 + 0j, 0.1 + 0j), limits, 2.0 + 0.5j, (0.0, 0.0, 0.0)
@@ -130,7 +130,7 @@ def test_links_held_at_limits_move_as_one():
 
 
 @given(length, angle, length, length, angle, angle, angle)
-def test_three_links_meet_the_point_with_the_wanted_last_direction(a, b, c, d, e, f, g):
+def test_planar_3r_solutions_meet_point_and_last_direction(a, b, c, d, e, f, g):
     links = (link(a, b), c + 0j, d + 0j)
     m = planar_tip(links, (e, f, g))
     for angles in solve_planar_3r(*links, m, e + f + g):
@@ -138,7 +138,7 @@ def test_three_links_meet_the_point_with_the_wanted_last_direction(a, b, c, d, e
         assert math.remainder(sum(angles) - (e + f + g), 2 * math.pi) == pytest.approx(0, abs=1e-9)
 
 
-def test_a_wanted_last_direction_is_met_by_both_elbows():
+def test_planar_3r_meets_direction_with_both_elbows():
     T = THREE.forward([0.4, -0.9, 1.3])
     found = solutions(THREE, Target(T[:3, 3], direction=T[:3, 0], tool_axis=(1, 0, 0)))
     assert len(found) == 2
@@ -146,7 +146,7 @@ def test_a_wanted_last_direction_is_met_by_both_elbows():
         np.testing.assert_allclose(THREE.forward(q), T, atol=1e-12)
 
 
-def test_a_last_direction_that_limits_forbid_is_met_as_nearly_as_they_allow():
+def test_planar_3r_meets_forbidden_direction_nearest_limit():
     arm = THREE.with_limits([-1.0, -1.5, -0.5], [1.0, 1.5, 0.5])
     target = Target((0.45, 0.1, 0.0), direction=(0, 1, 0), tool_axis=(1, 0, 0))
     result = solve(arm, target, method="closed_form")
@@ -158,7 +158,7 @@ def test_a_last_direction_that_limits_forbid_is_met_as_nearly_as_they_allow():
 
 
 @pytest.mark.parametrize("seed", range(12))
-def test_the_intervals_of_directions_are_those_of_a_dense_scan(seed):
+def test_direction_intervals_equal_dense_scan(seed):
     rng = np.random.default_rng(seed)
     arm = narrowed(THREE, rng)
     target = Target(arm.forward(rng.uniform(arm.lower_rad, arm.upper_rad))[:3, 3])
@@ -183,7 +183,7 @@ def test_the_intervals_of_directions_are_those_of_a_dense_scan(seed):
 
 
 @pytest.mark.parametrize("direction", [0.0, 1.0, 3.0])
-def test_stretched_out_only_one_direction_is_left(direction):
+def test_stretched_planar_3r_has_single_direction(direction):
     point = (0.6 * math.cos(direction), 0.6 * math.sin(direction), 0.0)
     assert direction_intervals(THREE, Target(point))
     for interval in direction_intervals(THREE, Target(point)):
@@ -191,19 +191,19 @@ def test_stretched_out_only_one_direction_is_left(direction):
         assert interval.upper_rad == pytest.approx(direction, abs=1e-5)
 
 
-def test_a_point_that_any_direction_allows_has_the_whole_circle():
+def test_direction_interval_of_near_point_is_full_circle():
     # Within 0.3 of the first joint no wrist point is out of reach of links of 0.3 and 0.3.
     arm = planar(0.3, 0.3, 0.1, limit_rad=10.0)
     for interval in direction_intervals(arm, Target((0.2, 0.1, 0.0))):
         assert interval.upper_rad - interval.lower_rad == pytest.approx(2 * math.pi)
 
 
-def test_no_direction_allows_a_point_out_of_reach():
+def test_point_out_of_reach_has_no_direction_interval():
     assert direction_intervals(THREE, Target((0.5, 0.5, 0.0))) == ()
 
 
 @pytest.mark.parametrize("seed", range(12))
-def test_among_the_allowed_directions_the_one_with_the_nearest_joints_is_chosen(seed):
+def test_planar_3r_chooses_direction_with_nearest_joints(seed):
     arm, rng = planar(0.3, 0.2, 0.1, limit_rad=2.5), np.random.default_rng(seed)
     target, q0 = Target(arm.forward(rng.uniform(-2, 2, 3))[:3, 3]), rng.uniform(-2, 2, 3)
     nearest = solutions(arm, target, q0)[0]
@@ -217,19 +217,19 @@ def test_among_the_allowed_directions_the_one_with_the_nearest_joints_is_chosen(
     assert np.linalg.norm(nearest - q0) <= nearest_scanned + 1e-3
 
 
-def test_a_start_that_is_a_solution_stays():
+def test_planar_3r_returns_start_that_meets_target():
     q = np.array([0.3, 0.8, -0.4])
     np.testing.assert_allclose(solutions(THREE, Target(THREE.forward(q)[:3, 3]), q)[0], q,
                                atol=1e-9)  # fmt: skip
 
 
-def test_a_joint_of_more_than_a_turn_takes_the_turn_nearest_the_start():
+def test_planar_2r_takes_turn_nearest_start():
     arm = planar(0.3, 0.2, limit_rad=10.0)
     q = solutions(arm, Target(arm.forward([6.5, 1.0])[:3, 3]), q0=[6.0, 0.8])[0]
     np.testing.assert_allclose(q, [6.5, 1.0], atol=1e-9)
 
 
-def test_a_solution_on_a_limit_is_inside_it_to_the_last_bit():
+def test_solution_on_limit_is_inside_it_exactly():
     arm = TWO.with_limits([-1.0, 0.3], [0.7, 1.1])
     for q in ([-1.0, 0.3], [0.7, 1.1], [0.7, 0.3]):
         found = solutions(arm, Target(arm.forward(q)[:3, 3]))[0]
@@ -238,14 +238,14 @@ def test_a_solution_on_a_limit_is_inside_it_to_the_last_bit():
         np.testing.assert_allclose(found, q, atol=1e-8)
 
 
-def test_a_point_beside_the_plane_has_no_solution_but_a_nearest_one():
+def test_point_off_the_plane_has_only_nearest_solution():
     target = Target((0.3, 0.1, 0.2))
     assert solutions(THREE, target) == ()
     assert closest_solution(THREE, target)
 
 
 @given(st.floats(-2, 2), st.floats(-2, 2), angle)
-def test_where_finds_the_angle_that_made_the_value(a, b, theta):
+def test_solve_acos_bsin_finds_angle_that_made_value(a, b, theta):
     found = solve_acos_bsin(a, b, a * math.cos(theta) + b * math.sin(theta))
     if found is not None:
         assert min(abs(math.remainder(t - theta, 2 * math.pi)) for t in found) < 1e-6

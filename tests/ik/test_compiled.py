@@ -103,7 +103,7 @@ def same_both_ways(name, kind, seed, count, *, uncompiled=with_numpy, **options)
 @needs_extension
 @pytest.mark.parametrize("kind", TargetKind)
 @pytest.mark.parametrize("name", ARMS)
-def test_compiled_and_uncompiled_search_give_the_same_bits(name, kind):
+def test_compiled_search_equals_python_search(name, kind):
     assert same_both_ways(name, kind, 1, 12, traced=40) > 0.9
 
 
@@ -111,7 +111,7 @@ def test_compiled_and_uncompiled_search_give_the_same_bits(name, kind):
 @needs_extension
 @pytest.mark.parametrize("uncompiled", [with_numpy, without_numpy])
 @pytest.mark.parametrize("kind", TargetKind)
-def test_they_give_the_same_bits_out_of_reach(kind, uncompiled):
+def test_compiled_search_equals_python_out_of_reach(kind, uncompiled):
     options = {"stretched": 3.0, "traced": 40, "uncompiled": uncompiled}
     assert same_both_ways("so101", kind, 2, 1, **options) == 0.0
 
@@ -121,7 +121,7 @@ def test_they_give_the_same_bits_out_of_reach(kind, uncompiled):
 @needs_extension
 @pytest.mark.parametrize("uncompiled", [with_numpy, without_numpy])
 @pytest.mark.parametrize("kind", [TargetKind.DIRECTION, TargetKind.POSE])
-def test_they_give_the_same_bits_where_only_the_position_is_reached(kind, uncompiled):
+def test_compiled_search_equals_python_with_unmet_direction(kind, uncompiled):
     options = {"turned": True, "traced": 40, "uncompiled": uncompiled}
     assert same_both_ways("so101", kind, 2, 2, **options) == 0.0
 
@@ -141,7 +141,7 @@ CHANGES = {
 @pytest.mark.sample(2)
 @needs_extension
 @pytest.mark.parametrize("module", CHANGES)
-def test_a_last_digit_changed_in_a_kernel_is_noticed(module, tmp_path):
+def test_kernel_changed_in_last_digit_is_noticed(module, tmp_path):
     for package in ("kernels", "kinematics"):
         shutil.copytree(ROOT / "ikservo" / package, tmp_path / "ikservo" / package)
     kernel = tmp_path / "ikservo" / "kernels" / f"{module}.py"
@@ -159,7 +159,7 @@ def test_a_last_digit_changed_in_a_kernel_is_noticed(module, tmp_path):
 @pytest.mark.parametrize("part", range(10))
 @pytest.mark.parametrize("kind", TargetKind)
 @pytest.mark.parametrize("name", ARMS)
-def test_ten_thousand_targets_in_ten_parts_give_the_same_bits(name, kind, part):
+def test_compiled_search_equals_python_in_campaign(name, kind, part):
     options = {"restarts": DEFAULT_RESTARTS, "uncompiled": without_numpy if PYPY else with_numpy}
     assert same_both_ways(name, kind, part, 995, **options) > 0.99
     assert same_both_ways(name, kind, part, 5, stretched=3.0, **options) < 1.0
@@ -190,7 +190,7 @@ def test_ten_thousand_targets_in_ten_parts_give_the_same_bits(name, kind, part):
     ],
 )
 @pytest.mark.parametrize("way", ["compiled", "uncompiled"])
-def test_arrays_that_do_not_fit_together_are_refused(way, argument, shape):
+def test_solve_all_refuses_arrays_of_wrong_shape(way, argument, shape):
     run = search.solve_all if way == "compiled" else compiled.uncompiled["solve_all"]
     call = Search("so101", TargetKind.POSITION, 1, 3)
     old = getattr(call, argument)
@@ -205,7 +205,7 @@ def test_arrays_that_do_not_fit_together_are_refused(way, argument, shape):
     ("row", "column", "value"),
     [(0, 0, 4.0), (0, 0, 1e300), (0, 1, -1.0), (1, 13, 5.0), (5, 13, -1.0), (3, 13, math.nan)],
 )
-def test_a_packed_arm_with_an_index_out_of_range_is_refused(row, column, value):
+def test_packed_arm_with_index_out_of_range_is_refused(row, column, value):
     call = Search("so101", TargetKind.POSITION, 1, 1)
     arm = call.arm.copy()
     arm[row, column] = value
@@ -225,7 +225,7 @@ def test_a_packed_arm_with_an_index_out_of_range_is_refused(row, column, value):
         lambda _: None,
     ],
 )
-def test_an_array_of_another_type_is_refused(way, change):
+def test_array_of_wrong_dtype_is_refused(way, change):
     run = search.solve_all if way == "compiled" else compiled.uncompiled["solve_all"]
     call = Search("so101", TargetKind.POSITION, 1, 3)
     with pytest.raises(TypeError):
@@ -241,14 +241,14 @@ def test_an_array_of_another_type_is_refused(way, change):
         lambda a: np.repeat(a, 2, axis=1)[:, ::2],
     ],
 )
-def test_an_array_of_another_order_is_refused(change):
+def test_array_of_wrong_byte_or_memory_order_is_refused(change):
     call = Search("so101", TargetKind.POSITION, 1, 3)
     with pytest.raises((TypeError, ValueError, BufferError)):
         search.solve_all(*call.arguments(problems=change(call.problems)))
 
 
 @needs_extension
-def test_an_array_that_is_written_to_must_be_writable_and_the_others_need_not():
+def test_only_result_array_must_be_writable():
     call = Search("so101", TargetKind.POSITION, 1, 3)
     for array in (call.arm, call.problems, call.settings, call.starts, call.seeds):
         array.flags.writeable = False
@@ -260,7 +260,7 @@ def test_an_array_that_is_written_to_must_be_writable_and_the_others_need_not():
 
 @needs_extension
 @pytest.mark.parametrize("count", [0, 8, 10])
-def test_the_wrong_number_of_arguments_is_refused(count):
+def test_solve_all_refuses_wrong_number_of_arguments(count):
     call = Search("so101", TargetKind.POSITION, 1, 3)
     with pytest.raises(TypeError):
         search.solve_all(*[*call.arguments(), None][:count])
@@ -268,7 +268,7 @@ def test_the_wrong_number_of_arguments_is_refused(count):
 
 @needs_extension
 @pytest.mark.parametrize("kind", ["position", "direction", "pose"])
-def test_a_solver_gives_the_same_bits_both_ways(monkeypatch, kind):
+def test_compiled_solver_equals_python_solver(monkeypatch, kind):
     model = load_model("so101")
     chain, rng = model.chain, np.random.default_rng(5)
     T = chain.forward(rng.uniform(chain.lower_rad, chain.upper_rad, (8, chain.dof)))
@@ -294,7 +294,7 @@ def test_a_solver_gives_the_same_bits_both_ways(monkeypatch, kind):
         ((1001.0, 0.1, 0.0), np.eye(3), (False, False)),
     ],
 )
-def test_a_target_is_judged_by_its_numbers(way, position, rotation, accepted):
+def test_is_target_accepts_only_valid_numbers(way, position, rotation, accepted):
     judge = single.is_target if way == "compiled" else compiled.uncompiled["is_target"]
     packed = np.vstack([position, rotation])
     assert (judge(packed, False), judge(packed, True)) == accepted
@@ -303,7 +303,7 @@ def test_a_target_is_judged_by_its_numbers(way, position, rotation, accepted):
 @pytest.mark.parametrize(
     "change", [np.asfortranarray, lambda T: T.tolist(), lambda T: T.astype("f4")]
 )
-def test_a_solver_takes_poses_and_starts_of_any_kind(change):
+def test_solver_accepts_any_array_layout_list_and_float32(change):
     model = load_model("so101")
     solver, T = Solver(model.chain, "pose"), np.eye(4)
     T[:3, 3] = 0.25, 0.0, 0.125
@@ -317,7 +317,7 @@ def test_a_solver_takes_poses_and_starts_of_any_kind(change):
 
 @pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf, 1e300])
 @pytest.mark.parametrize("argument", ["problems", "starts"])
-def test_a_number_that_is_not_finite_names_its_problem(argument, value):
+def test_number_out_of_range_names_its_problem(argument, value):
     call = Search("so101", TargetKind.POSE, 1, 3)
     getattr(call, argument)[1, 2] = value
     assert search.solve_all(*call.arguments()) == 1
@@ -326,7 +326,7 @@ def test_a_number_that_is_not_finite_names_its_problem(argument, value):
 
 @pytest.mark.full
 @needs_extension
-def test_settings_that_make_no_sense_give_the_same_bits_where_python_gives_any():
+def test_invalid_settings_give_same_results_compiled_and_python():
     rng, same = np.random.default_rng(3), 0
     for _ in range(40):
         kind = TargetKind(int(rng.integers(3)))
@@ -350,7 +350,7 @@ def test_settings_that_make_no_sense_give_the_same_bits_where_python_gives_any()
 
 @pytest.mark.full
 @needs_extension
-def test_a_changed_kernel_is_run_as_python_with_a_warning(tmp_path):
+def test_changed_kernel_runs_as_python_with_warning(tmp_path):
     package = Path(compiled.__file__).parents[1]
     copy = tmp_path / "ikservo"
     subprocess.run(["cp", "-r", package, copy], check=True)
@@ -364,7 +364,7 @@ def test_a_changed_kernel_is_run_as_python_with_a_warning(tmp_path):
 
 
 @pytest.mark.full
-def test_without_the_extension_the_same_code_gives_the_same_bits():
+def test_solve_without_extension_gives_same_bits():
     code = (
         "import ikservo; m = ikservo.load_model('so101');"
         "r = ikservo.solve(m.chain, ikservo.Target((0.25, 0.05, 0.15)), m.chain_pose('home'));"
@@ -385,7 +385,7 @@ def warning_of(code, folder, **environment):
     )  # fmt: skip
 
 
-def test_the_caches_of_versions_that_compiled_at_the_first_use_are_removed(tmp_path):
+def test_kernel_caches_of_old_versions_are_removed(tmp_path):
     if sys.platform != "linux":
         pytest.skip("the cache directory is elsewhere")
     for name in ("kernels-0123456789ab", "other"):

@@ -13,7 +13,7 @@ def chain(request):
     return bent_chain(request.param, half_play=0.003)
 
 
-def test_the_drooping_tip_is_on_the_target(chain):
+def test_sag_aware_solution_puts_sagging_tip_on_target(chain):
     for q in random_joints(chain, 20):
         T = chain.forward(0.8 * q)
         result = solve(chain, Target(T[:3, 3]), 0.7 * q)
@@ -24,7 +24,7 @@ def test_the_drooping_tip_is_on_the_target(chain):
         assert (result.q <= chain.upper_rad).all()
 
 
-def test_the_drooping_tool_has_the_direction(chain):
+def test_sag_aware_solution_gives_sagging_tool_its_direction(chain):
     for q in random_joints(chain, 10):
         T = chain.forward(0.7 * q)
         result = solve(chain, Target(T[:3, 3], direction=T[:3, 2]), 0.6 * q)
@@ -32,7 +32,7 @@ def test_the_drooping_tool_has_the_direction(chain):
         np.testing.assert_allclose(chain.forward(result.q)[:3, 2], T[:3, 2], atol=1e-3)
 
 
-def test_a_prepared_solver_tracks_a_line(chain):
+def test_sag_aware_solver_tracks_a_line(chain):
     solver, q = Solver(chain), chain.mid_range()
     start = chain.forward(q)
     for k in range(1, 30):
@@ -44,13 +44,13 @@ def test_a_prepared_solver_tracks_a_line(chain):
         np.testing.assert_allclose(solver.result.nearest_m, T[:3, 3], atol=2e-6)
 
 
-def test_out_of_reach_it_stretches_to_the_nearest_point(chain):
+def test_sag_aware_solution_out_of_reach_is_nearest_point(chain):
     result = solve(chain, Target((1.0, 0.0, 0.1)))
     assert not result.reached
     np.testing.assert_allclose(chain.forward(result.q)[:3, 3], result.nearest_m, atol=1e-6)
 
 
-def test_it_looks_at_a_point_as_it_droops(chain):
+def test_sag_aware_sight_points_sagging_axis_at_point(chain):
     sight = solve_sight(chain, (0.3, 0.1, 0.0), chain.mid_range(), (0.0, 0.0, 1.0))
     assert not sight.reached or sight.error_rad < 1e-3
     assert sight.error_rad < 0.1

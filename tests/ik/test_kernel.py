@@ -21,7 +21,7 @@ def work_for(chain, q):
 
 
 @pytest.mark.parametrize("frame", ["gripper_frame", "forearm"])
-def test_the_packed_arm_is_placed_where_the_chain_is(frame):
+def test_packed_arm_pose_and_jacobian_equal_those_of_chain(frame):
     chain, q, offset = (
         load_model("so101").chain,
         np.array([0.3, -0.5, 0.7, 0.2, 1.0]),
@@ -35,7 +35,7 @@ def test_the_packed_arm_is_placed_where_the_chain_is(frame):
     np.testing.assert_allclose(work[J : J + 6, : chain.dof], jacobian, atol=1e-14)
 
 
-def test_slides_and_mimics_are_placed_where_the_chain_puts_them():
+def test_packed_prismatic_and_mimic_joints_equal_chain():
     chain, q = crane(), np.array([0.7, 0.2])
     work = work_for(chain, q)
     forward_kinematics.forward_kinematics(pack_chain(chain), work)
@@ -45,7 +45,7 @@ def test_slides_and_mimics_are_placed_where_the_chain_puts_them():
 
 
 @pytest.mark.parametrize("kind", [layout.POSITION_ONLY, layout.DIRECTION, layout.POSE])
-def test_the_second_derivative_is_the_difference_of_gradients(kind):
+def test_hessian_equals_finite_difference_of_gradients(kind):
     chain, q, h = load_model("wx250s").chain, np.array([0.3, -0.5, 0.7, 0.2, 1.0, -0.4]), 1e-6
     arm, n = pack_chain(chain), chain.dof
 
@@ -62,7 +62,7 @@ def test_the_second_derivative_is_the_difference_of_gradients(kind):
     np.testing.assert_allclose(upper, np.triu(differences), atol=1e-8)
 
 
-def test_cosine_and_sine_are_right_to_the_last_digits():
+def test_kernel_sincos_is_exact_to_4e_16():
     angles = [scale * part for scale in (1.0, 100.0, 1e6) for part in np.linspace(-1, 1, 301)]
     found = np.array([sincos(angle) for angle in angles])
     np.testing.assert_allclose(found, np.array([np.cos(angles), np.sin(angles)]).T, atol=4e-16)

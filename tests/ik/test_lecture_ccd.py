@@ -24,7 +24,7 @@ angles = st.floats(-math.pi, math.pi)
 @settings(max_examples=80)
 @given(vectors, arrays(float, (2, 3), elements=coordinates),
        arrays(float, (2, 3), elements=coordinates), angles)  # fmt: skip
-def test_no_other_turn_about_an_axis_brings_points_nearer_to_their_targets(w, x, M, other):
+def test_best_rotation_brings_points_nearest_to_targets(w, x, M, other):
     axis = exp_so3(w) @ (0.0, 0.0, 1.0)
 
     def left(angle):
@@ -35,27 +35,27 @@ def test_no_other_turn_about_an_axis_brings_points_nearer_to_their_targets(w, x,
 
 
 @given(vectors, vectors, st.floats(-5, 5))
-def test_no_other_way_along_a_slide_brings_the_tip_nearer(E, v, other):
+def test_best_translation_brings_tip_nearest(E, v, other):
     if v @ v < 1e-6:
         return
     assert np.linalg.norm(E - best_translation(E, v) * v) <= np.linalg.norm(E - other * v) + 1e-12
 
 
 @given(angles, st.floats(0, 3), st.floats(0, 3), st.floats(0, 1))
-def test_of_an_arc_the_angle_nearest_on_the_circle_is_taken(requested, below, above, share):
+def test_clamp_angle_to_range_picks_nearest_angle_on_circle(requested, below, above, share):
     chosen = clamp_angle_to_range(requested, -below, above)
     other = -below + share * (above + below)
     assert -below <= chosen <= above
     assert math.cos(chosen - requested) >= math.cos(other - requested) - 1e-12
 
 
-def test_the_arcs_other_end_may_be_nearer_round_the_back():
+def test_clamp_angle_to_range_may_pick_far_end_across_half_turn():
     assert clamp_angle_to_range(3.1, -2.5, 1.0) == -2.5
 
 
 @settings(max_examples=40, deadline=None)
 @given(questions(["planar", "narrow", "crane", "so101"]), st.floats(-1, 1))
-def test_the_last_joint_goes_where_nothing_it_could_have_done_is_better(question, share):
+def test_ccd_first_step_of_last_joint_is_its_best(question, share):
     chain, target, q0 = question
     first = walk("ccd", chain, target, q0, max_iterations=1).trace
     moved = q0.copy()
@@ -70,7 +70,7 @@ def test_the_last_joint_goes_where_nothing_it_could_have_done_is_better(question
     assert left[0] <= left[1] + 1e-12
 
 
-def test_one_sweep_turns_the_last_joint_first():
+def test_ccd_sweep_turns_last_joint_first():
     chain, q = planar(0.3, 0.2), np.array([0.0, 0.0])
     target = Target((0.3, 0.2 * math.sin(0.05), 0.0))
     swept = walk("ccd", chain, target, q, max_iterations=1).trace[1]
@@ -80,7 +80,7 @@ def test_one_sweep_turns_the_last_joint_first():
     assert swept[0] != 0.0
 
 
-def test_a_roll_about_the_tip_does_not_spin():
+def test_ccd_does_not_turn_roll_about_tip():
     joints_ = [
         joint("turn", JointType.REVOLUTE, "base", "arm", lower=-2.0, upper=2.0),
         joint("roll", JointType.REVOLUTE, "arm", "hand", (0.2, 0, 0), (1, 0, 0),
@@ -95,7 +95,7 @@ def test_a_roll_about_the_tip_does_not_spin():
 
 @settings(max_examples=25, deadline=None)
 @given(joints(planar(0.3)))
-def test_with_one_joint_and_no_cap_in_the_way_one_sweep_is_enough(q):
+def test_ccd_solves_single_joint_in_one_sweep(q):
     chain = planar(0.3)
     near = chain.clip(q + 0.9 * MAX_STEP)
     assert walk("ccd", chain, Target(chain.forward(near)[:3, 3]), q).iterations <= 1

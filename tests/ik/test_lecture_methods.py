@@ -22,7 +22,7 @@ TWO_DEGREES = math.radians(2.0)
 @EACH
 @settings(max_examples=25, deadline=None)
 @given(question=questions())
-def test_no_iterate_is_ever_outside_the_limits(method, question):
+def test_iterates_never_leave_joint_limits(method, question):
     chain, target, q0 = question
     result = walk(method, chain, target, q0, max_iterations=40)
     for q in (*result.trace, result.q):
@@ -35,26 +35,26 @@ def test_no_iterate_is_ever_outside_the_limits(method, question):
 )
 @settings(max_examples=15, deadline=None)
 @given(question=questions())
-def test_no_joint_goes_further_in_one_iteration_than_its_cap(method, cap_deg, question):
+def test_no_joint_exceeds_its_step_cap_per_iteration(method, cap_deg, question):
     trace = np.array(walk(method, *question, max_iterations=30).trace)
     assert np.abs(np.diff(trace, axis=0)).max(initial=0.0) <= math.radians(cap_deg) + 1e-12
 
 
 @given(st.lists(st.floats(-10, 10), min_size=1, max_size=7).map(np.array))
-def test_a_long_step_is_scaled_as_a_whole_to_two_degrees(step):
+def test_scale_step_scales_long_step_to_2_degrees(step):
     scaled = scale_step(step)
     assert np.abs(scaled).max() <= TWO_DEGREES * (1 + 1e-15)
     np.testing.assert_allclose(scaled * np.abs(step).max(), step * np.abs(scaled).max())
 
 
-def test_a_small_step_is_left_alone():
+def test_scale_step_keeps_small_step():
     step = np.array([0.01, -0.02])
     assert scale_step(step) is step
 
 
 @EACH
 @pytest.mark.parametrize("name", arm_names())
-def test_on_every_shipped_arm_a_point_near_home_is_reached(method, name):
+def test_methods_reach_point_near_home_on_every_shipped_arm(method, name):
     model = load_model(name)
     home = model.chain_pose("home")
     target = Target(model.chain.forward(near(model.chain, home, 0.3))[:3, 3])
@@ -67,7 +67,7 @@ def test_on_every_shipped_arm_a_point_near_home_is_reached(method, name):
 @EACH
 @pytest.mark.parametrize("kind", ["direction", "pose"])
 @pytest.mark.parametrize("name", ["planar", "wx250s"])
-def test_a_wanted_direction_or_orientation_is_met_together_with_the_point(method, kind, name):
+def test_methods_meet_point_with_direction_or_orientation(method, kind, name):
     chain = arm(name)
     start = chain.clip(np.full(chain.dof, 0.4))
     T = chain.forward(near(chain, start, 0.15))
@@ -77,14 +77,14 @@ def test_a_wanted_direction_or_orientation_is_met_together_with_the_point(method
 
 
 @EACH
-def test_slides_and_joints_that_follow_them_are_solved(method):
+def test_methods_solve_prismatic_and_mimic_joints(method):
     target = Target(crane().forward([1.1, 0.35])[:3, 3])
     result = walk(method, crane(), target, [-0.5, 0.05])
     np.testing.assert_allclose(result.q, [1.1, 0.35], atol=1e-4)
 
 
 @EACH
-def test_a_point_fixed_to_any_link_can_be_the_one_that_is_wanted(method):
+def test_methods_reach_with_point_of_any_link(method):
     chain = planar(0.3, 0.2, 0.1)
     target = Target((0.25, 0.3, 0.02), frame="l2", offset_m=(0.15, 0.03, 0.02))
     result = walk(method, chain, target, [0.1, 0.2, 0.3])
@@ -93,13 +93,13 @@ def test_a_point_fixed_to_any_link_can_be_the_one_that_is_wanted(method):
 
 
 @EACH
-def test_joints_behind_that_link_do_not_move(method):
+def test_methods_keep_joints_behind_target_link(method):
     target = Target((0.25, 0.2, 0.0), frame="l2", offset_m=(0.15, 0.0, 0.0))
     assert walk(method, planar(0.3, 0.2, 0.1), target, [0.1, 0.2, 0.3]).q[2] == 0.3
 
 
 @EACH
-def test_out_of_reach_the_arm_stretches_towards_the_target_and_says_how_far_it_is(method):
+def test_methods_stretch_to_unreachable_target_and_report_error(method):
     result = walk(method, planar(0.3, 0.2, 0.1), Target((3.0, 4.0, 0.0)), [0.5, 0.5, 0.5])
     assert not result.reached
     np.testing.assert_allclose(result.nearest_m, [0.36, 0.48, 0.0], atol=3e-3)
@@ -107,14 +107,14 @@ def test_out_of_reach_the_arm_stretches_towards_the_target_and_says_how_far_it_i
 
 
 @EACH
-def test_the_limit_that_holds_the_arm_back_is_named(method):
+def test_binding_limit_is_named(method):
     chain = planar(0.3, 0.2).with_limits([-math.pi, 0.5], [math.pi, 2.0])
     result = walk(method, chain, Target((0.5, 0.0, 0.0)), [0.0, 1.0])
     assert [str(limit) for limit in result.binding] == ["j2 at its lower limit"]
 
 
 @EACH
-def test_the_nearest_point_on_a_limit_is_a_true_minimum(method):
+def test_nearest_point_at_limit_equals_dense_search(method):
     chain = planar(0.3, 0.2).with_limits([-0.4, 0.2], [0.9, 1.3])
     target = np.array([0.35, -0.3, 0.0])
     grid = [chain.forward([a, b])[:3, 3] for a in np.linspace(-0.4, 0.9, 80)
@@ -125,14 +125,14 @@ def test_the_nearest_point_on_a_limit_is_a_true_minimum(method):
 
 
 @EACH
-def test_a_start_outside_the_limits_is_legal_and_first_put_onto_them(method):
+def test_start_outside_limits_is_clipped_first(method):
     chain = planar(0.3, 0.2, 0.1, limit_rad=2.5)
     result = walk(method, chain, Target((0.1, 0.3, 0.0)), [9.0, -3.0, 0.5])
     assert result.trace[0].tolist() == [2.5, -2.5, 0.5]
 
 
 @EACH
-def test_at_the_target_there_is_nothing_to_do(method):
+def test_start_at_target_needs_no_iteration(method):
     chain = planar(0.3, 0.2)
     result = walk(method, chain, Target(chain.forward([0.4, 0.8])[:3, 3]), [0.4, 0.8])
     assert result.reached
@@ -141,7 +141,7 @@ def test_at_the_target_there_is_nothing_to_do(method):
 
 
 @EACH
-def test_the_trace_has_the_start_and_every_iterate(method):
+def test_trace_has_start_and_every_iterate(method):
     result = walk(method, planar(0.3, 0.2), Target((0.1, 0.3, 0.0)), [0.5, 0.5])
     assert len(result.trace) == result.iterations + 1
     assert result.trace[0].tolist() == [0.5, 0.5]
@@ -149,20 +149,20 @@ def test_the_trace_has_the_start_and_every_iterate(method):
 
 
 @EACH
-def test_without_being_asked_for_there_is_no_trace(method):
+def test_trace_is_empty_unless_asked_for(method):
     target = Target((0.1, 0.3, 0.0))
     assert get_method(method)(planar(0.3, 0.2), target, np.array([0.5, 0.5]), Options()).trace == ()
 
 
 @EACH
-def test_the_number_of_iterations_can_be_limited(method):
+def test_max_iterations_limits_iterations(method):
     result = walk(method, planar(0.3, 0.2), Target((-0.3, 0.1, 0.0)), [0.5, 0.5], max_iterations=3)
     assert result.iterations == 3
     assert not result.reached
 
 
 @EACH
-def test_a_coarse_tolerance_is_reached_sooner(method):
+def test_coarse_tolerance_is_reached_in_fewer_iterations(method):
     question = (planar(0.3, 0.2), Target((0.1, 0.3, 0.0)), [0.5, 0.5])
     coarse = walk(method, *question, tolerance=Tolerance(position_m=0.02))
     assert coarse.reached
@@ -170,14 +170,14 @@ def test_a_coarse_tolerance_is_reached_sooner(method):
 
 
 @EACH
-def test_the_methods_can_be_asked_for_by_name(method):
+def test_methods_are_selected_by_name(method):
     result = solve(planar(0.3, 0.2), Target((0.1, 0.3, 0.0)), [0.5, 0.5], method)
     assert result.method == method
     assert result.reached
 
 
 @EACH
-def test_the_same_question_gets_the_same_answer(method):
+def test_same_problem_gives_same_trace(method):
     first, second = (
         walk(method, arm("so101"), Target((0.2, 0.1, 0.1)), np.zeros(5)) for _ in range(2)
     )

@@ -38,32 +38,32 @@ clear_matrices = matrices.filter(is_clear)
 
 
 @given(matrices)
-def test_j_jplus_j_is_j(J):
+def test_pinv_satisfies_j_jplus_j_equals_j(J):
     np.testing.assert_allclose(J @ pinv(J, EXACT) @ J, J, atol=1e-9)
 
 
 @given(matrices)
-def test_jplus_j_jplus_is_jplus(J):
+def test_pinv_satisfies_jplus_j_jplus_equals_jplus(J):
     J_plus = pinv(J, EXACT)
     np.testing.assert_allclose(J_plus @ J @ J_plus, J_plus, atol=1e-9)
 
 
 @given(matrices)
-def test_both_products_are_symmetric(J):
+def test_pinv_products_are_symmetric(J):
     J_plus = pinv(J, EXACT)
     np.testing.assert_allclose(J @ J_plus, (J @ J_plus).T, atol=1e-9)
     np.testing.assert_allclose(J_plus @ J, (J_plus @ J).T, atol=1e-9)
 
 
 @given(matrices, st.data())
-def test_what_it_leaves_of_the_error_no_step_could_have_reduced(J, data):
+def test_pinv_leaves_only_error_that_no_step_reduces(J, data):
     E = data.draw(arrays(np.float64, J.shape[0], elements=whole))
     left = E - J @ (pinv(J, EXACT) @ E)
     np.testing.assert_allclose(J.T @ left, 0.0, atol=1e-9)
 
 
 @given(matrices, st.data())
-def test_of_all_steps_that_do_the_same_it_is_the_shortest(J, data):
+def test_pinv_step_is_shortest_of_equal_effect(J, data):
     E = data.draw(arrays(np.float64, J.shape[0], elements=whole))
     other = data.draw(arrays(np.float64, J.shape[1], elements=whole))
     step = pinv(J, EXACT) @ E
@@ -71,22 +71,22 @@ def test_of_all_steps_that_do_the_same_it_is_the_shortest(J, data):
     assert np.linalg.norm(step + idle) >= np.linalg.norm(step) - 1e-9
 
 
-def test_a_direction_below_epsilon_is_left_out_instead_of_blown_up():
+def test_pinv_drops_singular_values_below_epsilon():
     np.testing.assert_allclose(pinv(np.diag([2.0, 1e-3]), 1e-2), np.diag([0.5, 0.0]))
     np.testing.assert_allclose(pinv(np.diag([2.0, 1e-1]), 1e-2), np.diag([0.5, 10.0]))
 
 
-def test_nothing_moves_the_tip_gives_nothing():
+def test_pinv_of_zero_matrix_is_zero():
     assert not pinv(np.zeros((3, 2))).any()
 
 
-def test_a_stretched_arm_that_is_pulled_outwards_stays_calm():
+def test_stretched_arm_pulled_outwards_does_not_move():
     chain = planar(0.3, 0.2)
     here = ResidualFunction(chain, Target((9.0, 0.0, 0.0))).linearise(np.zeros(2))
     np.testing.assert_allclose(limited_step(here, chain, np.zeros(2)), 0.0, atol=1e-15)
 
 
-def test_a_short_step_solves_the_linearised_problem():
+def test_short_step_solves_linearised_problem():
     chain, q = planar(0.3, 0.2, 0.1), np.array([0.3, 0.5, 0.4])
     here = ResidualFunction(chain, Target(chain.forward(q)[:3, 3] + (1e-4, -2e-4, 0.0))).linearise(
         q
@@ -94,7 +94,7 @@ def test_a_short_step_solves_the_linearised_problem():
     np.testing.assert_allclose(here.J @ limited_step(here, chain, np.zeros(3)), here.E, atol=1e-12)
 
 
-def test_at_a_limit_the_other_joints_take_over_the_whole_step():
+def test_other_joints_take_over_step_of_joint_at_limit():
     q = np.array([0.3, 0.5, 0.4])
     chain = planar(0.3, 0.2, 0.1).with_limits([0.3, -1.0, -1.0], [2.0, 1.0, 1.0])
     here = ResidualFunction(chain, Target(chain.forward(q)[:3, 3] + (1e-4, -2e-4, 0.0))).linearise(
@@ -105,7 +105,7 @@ def test_at_a_limit_the_other_joints_take_over_the_whole_step():
     np.testing.assert_allclose(here.J @ step, here.E, atol=1e-12)
 
 
-def test_a_joint_short_of_its_limit_goes_the_rest_of_the_way():
+def test_joint_near_limit_steps_exactly_to_limit():
     q = np.array([0.3, 0.5, 0.4])
     chain = planar(0.3, 0.2, 0.1).with_limits([0.2999, -1.0, -1.0], [2.0, 1.0, 1.0])
     here = ResidualFunction(chain, Target(chain.forward(q)[:3, 3] + (1e-4, -2e-4, 0.0))).linearise(
@@ -120,14 +120,14 @@ def test_a_joint_short_of_its_limit_goes_the_rest_of_the_way():
 @given(
     joints(arm("narrow")), st.tuples(*[st.floats(-1, 1)] * 3), st.tuples(*[st.floats(-1, 1)] * 3)
 )
-def test_no_step_leads_beyond_a_limit_however_it_is_pulled(q, towards, C):
+def test_limited_step_never_leads_beyond_limit(q, towards, C):
     chain = arm("narrow")
     step = limited_step(ResidualFunction(chain, Target(towards)).linearise(q), chain, np.array(C))
     assert (q + step >= chain.lower_rad - 1e-15).all()
     assert (q + step <= chain.upper_rad + 1e-15).all()
 
 
-def test_a_joint_comes_back_off_its_limit_when_the_way_leads_back():
+def test_joint_leaves_its_limit_when_path_leads_back():
     chain = planar(0.3, 0.2, 0.1).with_limits([-0.5, 0.0, -0.3], [2.5, 2.5, 0.3])
     result = walk("pseudo_inverse", chain, Target((-0.31, 0.49, 0.0)), [0.5, 0.4, 0.0])
     at_limit = [q[2] in (-0.3, 0.3) for q in result.trace]
@@ -137,14 +137,14 @@ def test_a_joint_comes_back_off_its_limit_when_the_way_leads_back():
 
 
 @given(clear_matrices, st.data())
-def test_the_null_space_part_of_a_step_does_not_move_the_tip(J, data):
+def test_null_space_step_does_not_move_tip(J, data):
     C = data.draw(arrays(np.float64, J.shape[1], elements=whole))
     np.testing.assert_allclose(J @ nullspace_step(J, np.zeros(J.shape[0]), C), 0.0, atol=1e-9)
 
 
 @settings(deadline=None)
 @given(joints(arm("planar")), arrays(np.float64, 3, elements=whole), st.floats(0.001, 0.05))
-def test_a_null_space_step_leaves_the_tip_where_it_was_to_first_order(q, C, size):
+def test_null_space_step_moves_tip_only_in_second_order(q, C, size):
     chain = arm("planar")
     J = chain.jacobian(q)[:3]
     assume(np.linalg.svd(J, compute_uv=False)[1] > 0.02)
@@ -155,7 +155,7 @@ def test_a_null_space_step_leaves_the_tip_where_it_was_to_first_order(q, C, size
 
 
 @given(clear_matrices, st.data())
-def test_the_null_space_part_never_goes_away_from_the_posture(J, data):
+def test_null_space_step_never_moves_away_from_posture(J, data):
     C = data.draw(arrays(np.float64, J.shape[1], elements=whole))
     assert nullspace_step(J, np.zeros(J.shape[0]), C) @ C <= 1e-9
 
@@ -169,11 +169,11 @@ def leaning(weights, preferred=(1.5, -1.0, -1.0, -1.0)):
     return walk("pseudo_inverse", LONG, AHEAD, START, posture=Posture(preferred, weights))
 
 
-def test_a_posture_does_not_keep_the_tip_from_the_target():
+def test_posture_does_not_keep_tip_from_target():
     assert leaning([1.0, 1.0, 1.0, 1.0]).reached
 
 
-def test_it_ends_where_no_step_in_the_null_space_leads_closer_to_the_posture():
+def test_pseudo_inverse_ends_at_posture_optimum_of_null_space():
     result = leaning([0.5, 0.5, 0.5, 0.5])
     C = 0.5 * (result.q - (1.5, -1.0, -1.0, -1.0))
     rest = nullspace_step(LONG.jacobian(result.q)[:3], np.zeros(3), C)
@@ -181,17 +181,17 @@ def test_it_ends_where_no_step_in_the_null_space_leads_closer_to_the_posture():
     np.testing.assert_allclose(rest, 0.0, atol=1e-6)
 
 
-def test_a_joint_of_more_weight_comes_closer_to_its_target():
+def test_joint_with_more_weight_comes_closer_to_posture():
     light, heavy = leaning([0.1, 0.1, 0.1, 0.1]), leaning([0.1, 0.1, 0.1, 1.0])
     assert abs(heavy.q[3] + 1.0) < abs(light.q[3] + 1.0) - 0.1
 
 
-def test_weights_of_zero_lean_to_nothing():
+def test_zero_weights_ignore_posture():
     plain = walk("pseudo_inverse", LONG, AHEAD, START)
     np.testing.assert_allclose(leaning([0.0] * 4).q, plain.q, atol=1e-4)
 
 
-def test_weights_beyond_one_do_not_swing():
+def test_posture_weights_above_one_act_as_one():
     np.testing.assert_allclose(leaning([50.0] * 4).q, leaning([1.0] * 4).q, atol=1e-6)
 
 
@@ -204,6 +204,6 @@ def test_weights_beyond_one_do_not_swing():
         ([0.0] * 4, [1.0, 1.0, 1.0, -0.1], "A posture's weight is -0.1"),
     ],
 )
-def test_a_posture_that_makes_no_sense_is_refused(preferred, weights, what):
+def test_invalid_posture_is_refused(preferred, weights, what):
     with pytest.raises(BadValueError, match=what):
         leaning(weights, preferred)

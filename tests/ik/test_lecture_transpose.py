@@ -18,7 +18,7 @@ numbers = st.floats(-3, 3)
 @pytest.mark.parametrize("method", DOWNHILL)
 @settings(max_examples=30, deadline=None)
 @given(question=questions())
-def test_the_error_never_grows(method, question):
+def test_transpose_error_never_grows(method, question):
     chain, target, q0 = question
     left = costs(chain, target, walk(method, chain, target, q0, max_iterations=40).trace)
     assert (np.diff(left) <= 1e-15).all()
@@ -28,7 +28,7 @@ def test_the_error_never_grows(method, question):
 @given(
     joints(arm("planar")), st.tuples(numbers, numbers, numbers), arrays(float, 3, elements=numbers)
 )
-def test_the_torques_do_the_same_virtual_work_as_the_force(q, towards, motion):
+def test_transpose_torques_do_same_virtual_work_as_force(q, towards, motion):
     chain = planar(0.3, 0.2, 0.1)
     here = ResidualFunction(chain, Target(towards)).linearise(q)
     assert gradient_torque(here, chain) @ motion == pytest.approx(
@@ -38,31 +38,31 @@ def test_the_torques_do_the_same_virtual_work_as_the_force(q, towards, motion):
 
 @given(arrays(float, (3, 4), elements=numbers), arrays(float, 3, elements=numbers),
        st.floats(-1, 1))  # fmt: skip
-def test_no_other_step_length_leaves_less_of_the_linearised_error(J, E, off):
+def test_step_length_minimises_linearised_error(J, E, off):
     tau = J.T @ E
     alpha = step_length(J, E, tau)
     best = np.linalg.norm(E - alpha * J @ tau)
     assert best <= np.linalg.norm(E - (alpha + off) * J @ tau) + 1e-9
 
 
-def test_without_any_effect_on_the_tip_there_is_no_step():
+def test_step_length_without_effect_on_tip_is_zero():
     assert step_length(np.zeros((3, 2)), np.ones(3), np.zeros(2)) == 0.0
 
 
-def test_a_joint_pulled_against_its_limit_stays_there():
+def test_joint_pulled_against_its_limit_stays():
     chain = planar(0.3, 0.2).with_limits([-1.0, 0.5], [1.0, 2.0])
     here = ResidualFunction(chain, Target((0.5, 0.0, 0.0))).linearise(np.array([-0.2, 0.5]))
     assert (here.J.T @ here.E)[1] < 0
     assert gradient_torque(here, chain)[1] == 0.0
 
 
-def test_a_joint_pulled_off_its_limit_goes():
+def test_joint_pulled_off_its_limit_moves():
     chain = planar(0.3, 0.2).with_limits([-1.0, 0.5], [1.0, 2.0])
     here = ResidualFunction(chain, Target((0.1, 0.1, 0.0))).linearise(np.array([-0.2, 0.5]))
     assert gradient_torque(here, chain)[1] > 0.0
 
 
-def test_it_goes_straight_down_where_the_force_pulls():
+def test_transpose_first_step_follows_negative_gradient():
     chain, q = planar(0.3, 0.2, 0.1), np.array([0.3, 0.5, 0.4])
     target = Target((0.2, 0.45, 0.0))
     first = walk("transpose", chain, target, q, max_iterations=1).trace[1] - q

@@ -14,37 +14,37 @@ from tests.ik.lecture import pantograph
 from tests.kinematics.chains import planar
 
 
-def test_two_links_reach_a_point_with_two_elbows():
+def test_planar_2r_point_has_two_solutions():
     found = solve(planar(0.3, 0.2), Target((0.3, 0.2, 0.0))).solutions
     assert (found.kind, found.count, found.freedom) == ("several", 2, 0)
     assert str(found) == "one of 2 solutions"
 
 
-def test_a_limit_leaves_one_elbow():
+def test_joint_limit_leaves_one_solution():
     chain = planar(0.3, 0.2).with_limits([-3.0, 0.1], [3.0, 3.0])
     found = solve(chain, Target((0.3, 0.2, 0.0))).solutions
     assert (found.kind, found.count) == ("one", 1)
 
 
-def test_stretched_links_reach_the_edge_of_their_reach_in_one_way_only():
+def test_stretched_planar_2r_has_one_solution():
     chain = planar(0.3, 0.2)
     found = solution_set(chain, Target((0.5, 0.0, 0.0)), np.zeros(2))
     assert (found.kind, found.count) == ("one", 1)
 
 
-def test_beyond_the_reach_there_is_none():
+def test_point_out_of_reach_has_no_solution():
     found = solve(planar(0.3, 0.2), Target((0.8, 0.2, 0.0))).solutions
     assert (found.kind, str(found)) == ("none", "no solution found")
 
 
-def test_three_links_reach_a_point_with_an_interval_of_directions():
+def test_planar_3r_point_has_one_parameter_family():
     found = solve(planar(0.3, 0.2, 0.1), Target((0.3, 0.2, 0.0))).solutions
     assert (found.kind, found.freedom) == ("family", 1)
     assert found.count == len(found.directions) >= 1
     assert str(found).startswith("one of a one-parameter family with ")
 
 
-def test_three_links_reach_a_point_and_a_direction_with_two_elbows():
+def test_planar_3r_point_and_direction_have_two_solutions():
     chain = planar(0.3, 0.2, 0.1)
     T = chain.forward([0.3, 0.5, 0.4])
     target = Target(T[:3, 3], direction=T[:3, 0], tool_axis=(1, 0, 0))
@@ -52,7 +52,7 @@ def test_three_links_reach_a_point_and_a_direction_with_two_elbows():
     assert (found.kind, found.count) == ("several", 2)
 
 
-def test_limits_on_both_sides_may_leave_a_single_point_of_a_family():
+def test_tight_limits_leave_no_solution_family():
     q = np.array([0.3, 0.5, 0.4])
     chain = planar(0.3, 0.2, 0.1)
     T = chain.forward(q)
@@ -66,7 +66,7 @@ def test_limits_on_both_sides_may_leave_a_single_point_of_a_family():
     [("so101", "position", 2), ("wx250s", "position", 2), ("wx250s", "direction", 1),
      ("px100", "position", 1)],
 )  # fmt: skip
-def test_joints_to_spare_make_a_family_of_as_many_parameters(name, kind, freedom):
+def test_redundant_joints_give_family_of_their_number(name, kind, freedom):
     chain = load_model(name).chain
     T = chain.forward(chain.mid_range() + 0.2)
     target = Target(T[:3, 3], direction=T[:3, 2] if kind == "direction" else None)
@@ -74,7 +74,7 @@ def test_joints_to_spare_make_a_family_of_as_many_parameters(name, kind, freedom
     assert (found.kind, found.freedom) == ("family", freedom)
 
 
-def test_a_pose_of_six_joints_is_one_of_as_many_as_the_closed_form_knows():
+def test_pose_solution_count_equals_that_of_closed_form():
     chain, rng = load_model("wx250s").chain, np.random.default_rng(6)
     counts = set()
     for q in rng.uniform(chain.lower_rad, chain.upper_rad, (12, chain.dof)):
@@ -87,7 +87,7 @@ def test_a_pose_of_six_joints_is_one_of_as_many_as_the_closed_form_knows():
     assert max(counts) > 2
 
 
-def test_a_point_on_the_axis_of_yaw_leaves_the_yaw_free():
+def test_point_on_yaw_axis_has_solution_family():
     chain = load_model("px100").chain
     T = chain.forward(np.zeros(4))
     on_axis = Target((T[0, 3] * 0.0, 0.0, 0.25))
@@ -96,20 +96,20 @@ def test_a_point_on_the_axis_of_yaw_leaves_the_yaw_free():
     assert result.solutions.kind == "family"
 
 
-def test_a_wrist_that_lines_up_leaves_a_family_of_one_pose():
+def test_aligned_wrist_has_one_parameter_family():
     chain, q = load_model("wx250s").chain, np.array([0.3, -0.4, 0.5, 0.6, 0.0, -0.2])
     T = chain.forward(q)
     found = solution_set(chain, Target(T[:3, 3], orientation=T[:3, :3]), q)
     assert (found.kind, found.freedom) == ("family", 1)
 
 
-def test_an_arm_without_a_closed_form_has_no_other_solutions():
+def test_solutions_without_closed_form_are_unknown():
     chain = pantograph()
     result = solve(chain, Target(chain.forward([0.4, 0.5])[:3, 3]))
     assert (result.solutions.kind, str(result.solutions)) == ("unknown", "others not known")
 
 
-def test_a_prepared_solver_does_not_count_them():
+def test_solver_does_not_count_solutions():
     chain = planar(0.3, 0.2)
     solver = Solver(chain)
     solver(make_pose(np.array([0.3, 0.2, 0.0])), np.zeros(2))
@@ -118,7 +118,7 @@ def test_a_prepared_solver_does_not_count_them():
     assert solver.result.singularity is None
 
 
-def test_a_result_knows_how_freely_its_point_moves():
+def test_result_reports_conditioning_and_singularity():
     result = solve(planar(0.3, 0.2), Target((0.3, 0.2, 0.0)))
     assert result.conditioning is not None
     assert 0.0 < result.conditioning.slowest_m_rad < 0.5

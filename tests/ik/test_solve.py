@@ -20,7 +20,7 @@ inside = st.floats(-2.5, 2.5)
 
 @settings(max_examples=60, deadline=None)
 @given(inside, inside, inside)
-def test_every_point_that_some_joints_inside_the_limits_reach_is_reached(a, b, c):
+def test_solve_reaches_every_reachable_point(a, b, c):
     target = ARM.forward([a, b, c])[:3, 3]
     result = solve(ARM, Target(target))
     assert result.reached
@@ -29,7 +29,7 @@ def test_every_point_that_some_joints_inside_the_limits_reach_is_reached(a, b, c
 
 @settings(max_examples=60, deadline=None)
 @given(st.floats(-1, 1), st.floats(-1, 1), st.floats(-1, 1))
-def test_whatever_is_asked_the_answer_is_inside_the_limits(x, y, z):
+def test_answer_is_always_inside_joint_limits(x, y, z):
     result = solve(ARM, Target((x, y, z)), restarts=4)
     assert (result.q >= ARM.lower_rad).all()
     assert (result.q <= ARM.upper_rad).all()
@@ -37,27 +37,27 @@ def test_whatever_is_asked_the_answer_is_inside_the_limits(x, y, z):
 
 @settings(max_examples=40, deadline=None)
 @given(st.floats(-1, 1), st.floats(-1, 1))
-def test_reached_means_that_the_forward_kinematics_agrees(x, y):
+def test_reached_agrees_with_forward_kinematics(x, y):
     result = solve(ARM, Target((x, y, 0.0)), restarts=4)
     error_m = float(np.linalg.norm(ARM.forward(result.q)[:3, 3] - (x, y, 0.0)))
     assert result.position_error_m == pytest.approx(error_m, abs=1e-12)
     assert result.reached == (error_m <= 1e-5)
 
 
-def test_out_of_reach_the_answer_is_the_point_on_the_circle_nearest_the_target():
+def test_nearest_point_of_target_out_of_reach_is_on_circle():
     result = solve(ARM, Target((3.0, 4.0, 0.0)))
     assert not result.reached
     np.testing.assert_allclose(result.nearest_m, [0.36, 0.48, 0.0], atol=1e-6)
     assert result.position_error_m == pytest.approx(5.0 - 0.6)
 
 
-def test_the_limit_that_holds_the_arm_back_is_named():
+def test_binding_limit_is_named():
     arm = planar(0.3, 0.2).with_limits([-math.pi, 0.5], [math.pi, 2.0])
     result = solve(arm, Target((0.5, 0.0, 0.0)))
     assert [str(b) for b in result.binding] == ["j2 at its lower limit"]
 
 
-def test_the_nearest_point_on_a_limit_is_the_one_a_dense_search_finds():
+def test_nearest_point_at_limit_equals_dense_search():
     arm = planar(0.3, 0.2).with_limits([-0.4, 0.2], [0.9, 1.3])
     target = np.array([0.1, -0.3, 0.0])
     result = solve(arm, Target(target))
@@ -68,28 +68,28 @@ def test_the_nearest_point_on_a_limit_is_the_one_a_dense_search_finds():
     assert result.position_error_m == pytest.approx(densest, abs=1e-3)
 
 
-def test_a_start_outside_the_limits_is_legal_and_the_answer_inside():
+def test_start_outside_limits_is_accepted():
     result = solve(ARM, Target((0.4, 0.1, 0.0)), q0=[3.0, -3.0, 9.0])
     assert result.reached
     assert (np.abs(result.q) <= 2.5).all()
 
 
-def test_the_solution_near_the_start_is_preferred():
+def test_solution_near_start_is_preferred():
     up, down = planar(0.3, 0.2), Target((0.3, 0.1, 0.0))
     assert solve(up, down, q0=[0.5, -1.0]).q[1] < 0 < solve(up, down, q0=[-0.5, 1.0]).q[1]
 
 
-def test_the_same_question_gets_the_same_answer():
+def test_same_problem_gives_same_answer():
     first, second = (solve(ARM, Target((0.2, -0.1, 0.0))) for _ in range(2))
     np.testing.assert_array_equal(first.q, second.q)
 
 
-def test_slides_are_solved_like_turns():
+def test_prismatic_joint_is_solved():
     result = solve(crane(), Target(crane().forward([1.1, 0.22])[:3, 3]))
     np.testing.assert_allclose(result.q, [1.1, 0.22], atol=1e-6)
 
 
-def test_any_point_of_any_link_can_be_the_one_that_goes_there():
+def test_solve_reaches_with_point_of_any_link():
     wanted = ARM.forward([0.3, 0.8, 0.0], "l2", (0.15, 0.02, 0))[:3, 3]
     result = solve(ARM, Target(wanted, frame="l2", offset_m=(0.15, 0.02, 0)))
     assert result.reached
@@ -97,14 +97,14 @@ def test_any_point_of_any_link_can_be_the_one_that_goes_there():
                                atol=1e-5)  # fmt: skip
 
 
-def test_a_direction_is_met_when_the_arm_has_the_freedom():
+def test_direction_is_met_by_arm_with_enough_joints():
     wanted = ARM.forward([0.4, -0.9, 1.3])
     result = solve(ARM, Target(wanted[:3, 3], direction=wanted[:3, 0], tool_axis=(1, 0, 0)))
     assert result.reached
     np.testing.assert_allclose(ARM.forward(result.q), wanted, atol=1e-4)
 
 
-def test_a_direction_that_cannot_be_had_costs_no_position():
+def test_unreachable_direction_costs_no_position():
     result = solve(ARM, Target((0.35, 0.1, 0.0), direction=(0, 0, 1), tool_axis=(1, 0, 0)))
     assert not result.reached
     assert result.position_error_m < 1e-5
@@ -112,17 +112,17 @@ def test_a_direction_that_cannot_be_had_costs_no_position():
 
 
 @pytest.mark.parametrize("q0", [[0, 0], [0, 0, math.nan], "abc"])
-def test_a_start_that_is_no_joint_vector_is_refused(q0):
+def test_invalid_start_is_refused(q0):
     with pytest.raises(BadValueError, match="q0"):
         solve(ARM, Target((0.3, 0, 0)), q0=q0)
 
 
-def test_an_unknown_method_is_refused_with_those_there_are():
+def test_unknown_method_is_refused_with_known_names():
     with pytest.raises(UnknownNameError, match="Known: auto, bounded"):
         solve(ARM, Target((0.3, 0, 0)), method="magic")
 
 
-def test_a_prepared_solver_follows_a_line_without_jumps():
+def test_solver_follows_line_without_jumps():
     solver, largest = Solver(ARM), 0.0
     q = solve(ARM, Target((0.35, 0.1, 0.0))).q
     for y in np.linspace(0.1, 0.3, 50):
@@ -134,7 +134,7 @@ def test_a_prepared_solver_follows_a_line_without_jumps():
     assert largest < 0.05
 
 
-def test_an_arm_that_is_no_longer_used_is_freed():
+def test_unused_chain_is_freed():
     chain = ARM.with_limits(ARM.lower_rad / 2, ARM.upper_rad / 2)
     solve(chain, Target([0.3, 0.2, 0.0]), method="bounded")
     known = weakref.ref(chain)
@@ -143,7 +143,7 @@ def test_an_arm_that_is_no_longer_used_is_freed():
     assert known() is None
 
 
-def test_options_that_equal_others_but_are_of_another_type_are_still_refused():
+def test_equal_options_of_wrong_type_are_refused():
     arm, target = planar(0.3, 0.2), Target((0.3, 0.2, 0.0))
     assert solve(arm, target, track=True).reached == solve(arm, target, track=True).reached
     with pytest.raises(BadValueError, match="track"):
@@ -152,7 +152,7 @@ def test_options_that_equal_others_but_are_of_another_type_are_still_refused():
         solve(arm, target, restarts=[400])
 
 
-def test_results_of_one_call_are_not_changed_by_the_next():
+def test_result_is_not_changed_by_next_solve():
     arm, start = planar(0.3, 0.2), np.array([0.3, 0.5])
     first = solve(arm, Target((0.3, 0.2, 0.0)), start)
     q, point = first.q.copy(), first.nearest_m.copy()
@@ -161,7 +161,7 @@ def test_results_of_one_call_are_not_changed_by_the_next():
     np.testing.assert_array_equal(first.nearest_m, point)
 
 
-def test_threads_that_solve_at_the_same_time_get_what_each_alone_would_get():
+def test_threads_solving_at_once_get_same_answers():
     arm, angles = crane(), np.linspace(-0.6, 0.6, 200)
     targets = [Target((0.3 * math.cos(a), 0.3 * math.sin(a), 0.1)) for a in angles]
     alone = [solve(arm, target).q.tolist() for target in targets]

@@ -13,43 +13,43 @@ from tests.kinematics.chains import planar
 @pytest.mark.parametrize(
     "position", [(0, 0), (0, 0, math.nan), (0, math.inf, 0), "abc", None, [[0, 0, 0]]]
 )
-def test_a_position_is_three_finite_numbers(position):
+def test_target_position_must_be_three_finite_numbers(position):
     with pytest.raises(BadValueError, match="target position"):
         Target(position)
 
 
-def test_a_direction_has_a_length():
+def test_target_direction_of_zero_length_is_refused():
     with pytest.raises(BadValueError, match="wanted direction is zero"):
         Target((0, 0, 0), direction=(0, 0, 0))
 
 
 @pytest.mark.parametrize("matrix", [np.zeros((3, 3)), np.diag([1, 1, -1]), 2 * np.eye(3)])
-def test_an_orientation_is_a_rotation(matrix):
+def test_target_orientation_must_be_a_rotation(matrix):
     with pytest.raises(BadValueError, match="not a rotation matrix"):
         Target((0, 0, 0), orientation=matrix)
 
 
 @pytest.mark.parametrize("matrix", [np.zeros(4), np.full((3, 3), math.nan), "x"])
-def test_an_orientation_has_nine_finite_numbers(matrix):
+def test_target_orientation_must_be_nine_finite_numbers(matrix):
     with pytest.raises(BadValueError, match="orientation"):
         Target((0, 0, 0), orientation=matrix)
 
 
-def test_direction_and_orientation_exclude_each_other():
+def test_target_refuses_direction_together_with_orientation():
     with pytest.raises(BadValueError, match="a direction or an orientation"):
         Target((0, 0, 0), direction=(1, 0, 0), orientation=np.eye(3))
 
 
-def test_the_turn_left_is_the_angle_between_the_axes():
+def test_orientation_error_is_angle_between_axes():
     target = Target((0, 0, 0), direction=(1, 0, 0), tool_axis=(0, 0, 2))
     np.testing.assert_allclose(target.orientation_error(np.eye(3)), [0, math.pi / 2, 0], atol=1e-15)
 
 
-def test_opposite_axes_are_half_a_turn_apart():
+def test_opposite_axes_have_orientation_error_of_half_turn():
     target = Target((0, 0, 0), direction=(0, 0, -1))
     assert np.linalg.norm(target.orientation_error(np.eye(3))) == pytest.approx(math.pi)
 
 
-def test_an_unknown_frame_is_refused():
+def test_unknown_frame_is_refused():
     with pytest.raises(UnknownNameError, match="link"):
         solve(planar(0.3, 0.2), Target((0.1, 0, 0), frame="nose"))

@@ -131,7 +131,7 @@ def body(*lines):
         ["return kernel(v, m, x, i)"],
     ],
 )
-def test_what_is_not_in_the_subset_is_refused_with_its_place(translate, translated, lines):
+def test_translator_refuses_code_outside_subset_with_its_line(translate, translated, lines):
     with pytest.raises(translate.TranslationError, match=r"kernels\.py:\d+: .+"):
         translated(body(*lines))
 
@@ -153,7 +153,7 @@ def test_what_is_not_in_the_subset_is_refused_with_its_place(translate, translat
         ["return -x / 3"],
     ],
 )
-def test_what_is_in_the_subset_is_translated(translated, lines):
+def test_translator_accepts_code_of_its_subset(translated, lines):
     assert "static double kernels_kernel(" in translated(body(*lines))
 
 
@@ -171,29 +171,29 @@ def test_what_is_in_the_subset_is_translated(translated, lines):
         HEAD.replace("_TABLE = (1, 2)", "A = 3"),
     ],
 )
-def test_entries_and_constants_that_are_not_in_the_subset_are_refused(translate, translated, head):
+def test_translator_refuses_entry_or_constant_outside_subset(translate, translated, head):
     assert head != HEAD
     with pytest.raises(translate.TranslationError, match=r"kernels\.py:\d+: .+"):
         translated(body("return x"), head)
 
 
 @pytest.mark.parametrize("lines", [["row = m[1]"], ["y, row = x, m[1]"]])
-def test_only_arrays_that_are_written_to_must_be_writable(translated, lines):
+def test_only_arrays_written_to_must_be_writable(translated, lines):
     code = translated(body(*lines, "row[0] = read(v)", "return x"))
     assert '{"kernel", "vMfi", \'f\', enter_kernel}' in code
 
 
-def test_a_function_with_long_loops_is_marked_for_the_compiler(translated):
+def test_vectorised_function_is_marked_for_compiler(translated):
     code = translated(body("return read(v)"), HEAD.replace("def read", "@vectorised\ndef read"))
     assert "static VECTORISED double kernels_read(" in code
     assert "static double kernels_write(" not in code  # nothing calls it
 
 
-def test_a_decorator_of_a_called_function_is_not_ignored(translate, translated):
+def test_unknown_decorator_of_called_function_is_refused(translate, translated):
     with pytest.raises(translate.TranslationError, match="@cache is not known"):
         translated(body("return read(v)"), HEAD.replace("def read", "@cache\ndef read"))
 
 
-def test_a_function_of_another_package_is_refused(translate, translated):
+def test_function_of_another_package_is_refused(translate, translated):
     with pytest.raises(translate.TranslationError, match=r"sqrt\(\) is not known"):
         translated(body("return sqrt(x)"), HEAD.replace("import math", "from math import sqrt"))

@@ -47,7 +47,7 @@ def all_centres(region):
     return region.grid.centres(cells), region.reachable.ravel()
 
 
-def test_the_reach_of_two_links_is_the_ring_between_folded_and_stretched(annulus):
+def test_workspace_of_two_links_is_ring(annulus):
     arm = planar(0.15, 0.15, limit_rad=math.pi)
     arm = arm.with_limits([-math.pi, 0.8], [math.pi, 2.4])
     region = workspace(arm, top_plane(arm, [0, 1.0]), CELL_M, samples=2048)
@@ -63,7 +63,7 @@ def test_the_reach_of_two_links_is_the_ring_between_folded_and_stretched(annulus
     ("lower", "upper"),
     [((-2.618, -2.618), (2.618, 2.618)), ((-0.4, 0.2), (0.9, 1.3)), ((0.0, -2.0), (1.5, 0.5))],
 )
-def test_with_limits_the_cells_are_those_that_the_arcs_touch(lower, upper):
+def test_workspace_within_limits_has_cells_touched_by_arcs(lower, upper):
     arm = two_links(lower, upper)
     region = workspace(arm, top_plane(arm, arm.mid_range()), CELL_M, samples=1024)
     centres, inside = all_centres(region)
@@ -72,7 +72,7 @@ def test_with_limits_the_cells_are_those_that_the_arcs_touch(lower, upper):
     assert not inside[off_m > HALF_DIAGONAL_M].any()
 
 
-def test_wherever_forward_kinematics_puts_the_tip_is_inside(annulus):
+def test_workspace_contains_every_tip_position(annulus):
     arm = two_links()
     rng = np.random.default_rng(3)
     tip_m = tip_positions(arm, rng.uniform(arm.lower_rad, arm.upper_rad, (2000, 2)))
@@ -84,12 +84,12 @@ def test_wherever_forward_kinematics_puts_the_tip_is_inside(annulus):
     assert len(missed) < 20
 
 
-def test_every_sample_that_it_was_made_from_is_inside(annulus):
+def test_workspace_contains_its_own_samples(annulus):
     arm = two_links()
     assert annulus.contains_many(tip_positions(arm, quasi_random_joints(arm, 2048))).all()
 
 
-def test_what_the_solver_cannot_reach_is_at_most_a_cell_inside(annulus):
+def test_workspace_agrees_with_solver_within_two_cells(annulus):
     arm = two_links()
     rng = np.random.default_rng(4)
     for point in rng.uniform(-0.33, 0.33, (150, 2)):
@@ -105,34 +105,34 @@ def contains_nearby(region, point):
     return any(region.contains((point[0] + a, point[1] + b, 0.0)) for a, b in shifts)
 
 
-def test_a_point_off_the_plane_is_not_in_the_slice(annulus):
+def test_point_off_the_plane_is_not_in_slice(annulus):
     assert annulus.contains((0.2, 0.0, 0.4 * CELL_M))
     assert not annulus.contains((0.2, 0.0, 0.6 * CELL_M))
 
 
-def test_a_point_off_the_grid_is_not_inside(annulus):
+def test_point_off_the_grid_is_not_in_workspace(annulus):
     assert not annulus.contains((100.0, 0.0, 0.0))
 
 
 @pytest.mark.parametrize("point", [(math.nan, 0, 0), (0.1, 0.2), "abc"])
-def test_what_is_no_point_is_refused(annulus, point):
+def test_workspace_refuses_invalid_point(annulus, point):
     with pytest.raises(BadValueError, match="point_m"):
         annulus.contains(point)
 
 
-def test_the_area_is_that_of_the_cells(annulus):
+def test_workspace_area_is_sum_of_its_cells(annulus):
     assert annulus.size == pytest.approx(annulus.count * CELL_M**2)
     ring_m2 = math.pi * (0.3**2 - (0.3 * math.cos(2.618 / 2)) ** 2)
     assert annulus.size == pytest.approx(ring_m2, rel=0.1)
 
 
-def test_the_extent_is_the_arms_length_on_either_side(annulus):
+def test_workspace_extent_is_arm_length_on_either_side(annulus):
     lower, upper = annulus.extent_m
     assert upper[0] == pytest.approx(0.3, abs=CELL_M)
     assert lower[1] == pytest.approx(-0.3, abs=CELL_M)
 
 
-def test_the_outline_has_an_outside_and_a_hole(annulus):
+def test_workspace_outline_has_outside_and_hole(annulus):
     areas = sorted(area_of(loop) for loop in annulus.outline())
     assert len(areas) == 2
     assert areas[0] < 0 < areas[1]
@@ -145,27 +145,27 @@ def area_of(loop):
     return 0.5 * float((loop[:, 0] * following[:, 1] - loop[:, 1] * following[:, 0]).sum())
 
 
-def test_one_cell_is_outlined_by_its_four_corners():
+def test_outline_of_one_cell_is_its_four_corners():
     (loop,) = boundary_polygons(np.array([[True]]))
     np.testing.assert_array_equal(loop, [[0, 0], [1, 0], [1, 1], [0, 1]])
 
 
-def test_cells_that_touch_at_a_corner_are_outlined_with_their_own_area():
+def test_outline_of_cells_touching_at_corner_keeps_their_area():
     loops = boundary_polygons(np.array([[True, False], [False, True]]))
     assert sum(area_of(loop) for loop in loops) == pytest.approx(2.0)
 
 
-def test_no_cells_have_no_outline():
+def test_outline_of_no_cells_is_empty():
     assert boundary_polygons(np.zeros((3, 3), dtype=bool)) == ()
 
 
-def test_the_same_arm_has_the_same_workspace_every_time(annulus):
+def test_workspace_of_same_arm_is_repeatable(annulus):
     arm = two_links()
     again = workspace(arm, top_plane(arm, [0.5, 1.0]), CELL_M, samples=2048)
     np.testing.assert_array_equal(annulus.reachable, again.reachable)
 
 
-def test_samples_stay_inside_the_limits_and_fill_them():
+def test_quasi_random_joints_fill_limits():
     arm = two_links((-0.4, 0.2), (0.9, 1.3))
     q = quasi_random_joints(arm, 500)
     assert (q >= arm.lower_rad).all()
@@ -174,21 +174,21 @@ def test_samples_stay_inside_the_limits_and_fill_them():
     np.testing.assert_allclose(q.max(axis=0) - q.min(axis=0), [1.3, 1.1], rtol=0.02)
 
 
-def test_an_arm_in_a_plane_has_a_volume_one_cell_thick(annulus):
+def test_volume_of_planar_arm_is_one_cell_thick(annulus):
     region = workspace(two_links(), cell_m=CELL_M, samples=2048)
     assert region.grid.shape[2] == 1
     assert region.count == annulus.count
     assert region.size == pytest.approx(region.count * CELL_M**3)
 
 
-def test_the_side_of_an_arm_in_a_plane_is_a_line():
+def test_side_slice_of_planar_arm_is_a_line():
     arm = two_links()
     region = workspace(arm, side_plane(arm, [0.0, 0.1]), CELL_M, samples=4096)
     assert region.mask().any(axis=0).sum() == 1
     assert region.contains((0.25, 0.0, 0.0))
 
 
-def test_a_slide_reaches_as_far_as_it_slides():
+def test_workspace_of_prismatic_joint_ends_at_its_limits():
     region = workspace(crane(), side_plane(crane(), [0.0, 0.2]), CELL_M, samples=8192)
     lower, upper = region.extent_m
     assert upper[0] == pytest.approx(0.4, abs=CELL_M)
@@ -199,14 +199,14 @@ def test_a_slide_reaches_as_far_as_it_slides():
 TURNED_RAD = np.array([np.pi / 6, 0, 0, 0, 0])
 
 
-def test_the_side_looks_where_the_arm_points():
+def test_side_plane_follows_direction_of_arm():
     so100 = ikservo.load_model("so100")
     plane = side_plane(so100.chain, so100.chain_pose("home") + TURNED_RAD)
     np.testing.assert_allclose(plane[:3, 0], [np.cos(np.pi / 6), 0.5, 0], atol=1e-12)
     np.testing.assert_allclose(plane[:3, 1], [0, 0, 1], atol=1e-12)
 
 
-def test_the_side_goes_through_the_first_axis():
+def test_side_plane_goes_through_first_axis():
     so101 = ikservo.load_model("so101")
     plane = side_plane(so101.chain, so101.chain_pose("home") + TURNED_RAD)
     across_m = plane[:3, 2] @ (np.array([0.0388353, 0, 0]) - plane[:3, 3])
@@ -214,20 +214,20 @@ def test_the_side_goes_through_the_first_axis():
     assert np.linalg.norm(plane[:3, 3]) > 0.01  # the axis is beside the origin
 
 
-def test_front_and_side_stand_at_right_angles():
+def test_front_plane_is_perpendicular_to_side_plane():
     arm = ikservo.load_model("so101")
     home = arm.chain_pose("home")
     side, front = side_plane(arm.chain, home), front_plane(arm.chain, home)
     assert abs(side[:3, 0] @ front[:3, 0]) < 1e-12
 
 
-def test_a_yaw_turns_the_side():
+def test_yaw_turns_side_plane():
     arm = ikservo.load_model("so101")
     plane = side_plane(arm.chain, arm.chain_pose("home"), yaw_rad=0.5)
     np.testing.assert_allclose(plane[:3, 0], [math.cos(0.5), math.sin(0.5), 0.0])
 
 
-def test_a_slice_of_a_real_arm_holds_what_the_solver_reaches():
+def test_slice_of_real_arm_agrees_with_solver():
     so101 = ikservo.load_model("so101")
     plane = side_plane(so101.chain, so101.chain_pose("home"))
     region = workspace(so101.chain, plane, 0.04)
@@ -248,18 +248,18 @@ def near_edge(region, point):
 
 
 @pytest.mark.parametrize("cell_m", [-0.01, math.nan, math.inf])
-def test_cells_need_a_size(cell_m):
+def test_cell_size_must_be_positive_and_finite(cell_m):
     with pytest.raises(BadValueError, match="cell_m"):
         workspace(two_links(), cell_m=cell_m, samples=16)
 
 
-def test_where_nothing_is_reachable_there_is_no_extent():
+def test_empty_workspace_has_no_extent_and_no_outline():
     region = workspace(two_links(), top_plane(two_links(), [0, 0], 0.5), CELL_M, samples=16)
     assert region.count == 0
     assert region.extent_m is None
     assert region.outline() == ()
 
 
-def test_too_many_cells_are_refused_before_any_work():
+def test_workspace_with_too_many_cells_is_refused():
     with pytest.raises(BadValueError, match="larger cells"):
         workspace(two_links(), top_plane(two_links(), [0, 0]), 1e-6, samples=16)

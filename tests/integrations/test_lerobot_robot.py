@@ -51,7 +51,7 @@ def send(robot, action, frames):
         robot.send_action(action)
 
 
-def test_joint_actions_are_degrees_of_the_geometry_and_percent_of_the_gripper(connected):
+def test_joint_actions_are_degrees_and_gripper_percent(connected):
     robot = connected()
     arm = arm_of(robot)
     jaws = arm.model.gripper
@@ -65,7 +65,7 @@ def test_joint_actions_are_degrees_of_the_geometry_and_percent_of_the_gripper(co
     assert seen.keys() == robot.observation_features.keys()
 
 
-def test_an_observation_sent_back_as_an_action_moves_nothing(connected):
+def test_observation_sent_back_as_action_moves_nothing(connected):
     robot = connected(action="ee", observe_tip=True)
     seen = robot.get_observation()
     before = true_tip_m(arm_of(robot))
@@ -74,7 +74,7 @@ def test_an_observation_sent_back_as_an_action_moves_nothing(connected):
     np.testing.assert_allclose(true_tip_m(arm_of(robot)), before, atol=PLAY_M)
 
 
-def test_pose_actions_move_the_tip_and_the_gripper(connected):
+def test_pose_action_moves_tip_and_gripper(connected):
     robot = connected(action="ee", observe_tip=True)
     seen = robot.get_observation()
     action = {k: seen[k] for k in robot.action_features if k in seen}
@@ -87,7 +87,7 @@ def test_pose_actions_move_the_tip_and_the_gripper(connected):
 
 @pytest.mark.sample(1)
 @pytest.mark.parametrize("arm", ["so101", "wx250s"])
-def test_steps_move_the_tip_along_the_axes_and_keep_how_the_tool_stands(connected, arm):
+def test_ee_delta_steps_move_tip_along_axes_and_keep_tool_angle(connected, arm):
     robot = connected(action="ee_delta", arm=arm, step_m=0.001, observe_tip=True)
     send(robot, STAY, 60)  # the first motion is slow
     before = robot.get_observation()
@@ -100,7 +100,7 @@ def test_steps_move_the_tip_along_the_axes_and_keep_how_the_tool_stands(connecte
     assert max(turned) < math.radians(3.0)
 
 
-def test_steps_move_an_arm_on_another_machine(connected, monkeypatch):
+def test_ee_delta_steps_move_remote_arm(connected, monkeypatch):
     monkeypatch.setattr("ikservo.apps.remote.connection._MAX_ROUND_TRIP_S", TIMEOUT_S)
     with serve(find_free_port()) as served:
         served.server.lease.timeout_s = TIMEOUT_S
@@ -117,7 +117,7 @@ def test_steps_move_an_arm_on_another_machine(connected, monkeypatch):
 
 @pytest.mark.sample(1)
 @pytest.mark.parametrize(("step", "change"), [(2.0, 1), (0.0, -1), (-1.0, 0)])
-def test_the_grippers_steps_open_close_and_stay(connected, step, change):
+def test_gripper_steps_open_close_and_stay(connected, step, change):
     robot = connected(action="ee_delta")
     before = robot.get_observation()["gripper.pos"]
     send(robot, {**STAY, "gripper": step}, 5)
@@ -126,7 +126,7 @@ def test_the_grippers_steps_open_close_and_stay(connected, step, change):
     assert after - before == pytest.approx(change * 10.0, abs=2.0)
 
 
-def test_steps_out_of_reach_are_one_line_and_the_way_back_begins_at_once(connected, caplog):
+def test_ee_delta_out_of_reach_warns_once_and_returns_at_once(connected, caplog):
     robot = connected(action="ee_delta", step_m=0.004)
     send(robot, {**STAY, "delta_x": 1.0}, 140)  # on the way back the guard may refuse a goal
     assert sum("out of reach" in line for line in caplog.messages) == 1
@@ -136,7 +136,7 @@ def test_steps_out_of_reach_are_one_line_and_the_way_back_begins_at_once(connect
     assert true_tip_m(arm_of(robot))[0] < furthest - 0.03
 
 
-def test_what_the_guard_refuses_is_a_line_and_the_recording_goes_on(connected, caplog):
+def test_guard_refusal_is_logged_once_and_actions_continue(connected, caplog):
     robot = connected(action="ee_delta")
     send(robot, {**STAY, "delta_z": -1.0}, 200)
     assert any("the table" in line for line in caplog.messages)
@@ -146,7 +146,7 @@ def test_what_the_guard_refuses_is_a_line_and_the_recording_goes_on(connected, c
     assert true_tip_m(arm_of(robot))[2] > 0.05
 
 
-def test_after_a_refused_goal_the_one_before_is_reached(connected, caplog):
+def test_goal_before_refused_one_is_still_reached(connected, caplog):
     robot = connected()
     send(robot, {"shoulder_pan.pos": 40.0}, 5)
     send(robot, {"shoulder_lift.pos": 90.0, "wrist_flex.pos": 90.0}, 2)
@@ -155,7 +155,7 @@ def test_after_a_refused_goal_the_one_before_is_reached(connected, caplog):
     assert math.degrees(true_joints(arm_of(robot))["shoulder_pan"]) == pytest.approx(40.0, abs=0.5)
 
 
-def test_joints_beyond_a_limit_go_to_it_and_that_is_what_is_returned(connected, caplog):
+def test_joint_action_beyond_limit_is_clipped_and_returned(connected, caplog):
     robot = connected()
     sent = robot.send_action({"elbow_flex.pos": 150.0})
     assert sent["elbow_flex.pos"] == pytest.approx(96.8, abs=0.2)
@@ -163,7 +163,7 @@ def test_joints_beyond_a_limit_go_to_it_and_that_is_what_is_returned(connected, 
     assert {record.levelno for record in caplog.records} == {logging.WARNING}
 
 
-def test_a_jump_of_the_actions_is_shaped_to_the_arms_limits(connected):
+def test_jump_of_actions_is_shaped_to_arm_limits(connected):
     robot = connected(speed="fast")
     auditor = Auditor(arm_of(robot))
     send(robot, {"shoulder_pan.pos": 0.0}, 5)
@@ -172,7 +172,7 @@ def test_a_jump_of_the_actions_is_shaped_to_the_arms_limits(connected):
     assert auditor.faults() == []
 
 
-def test_after_a_stop_actions_are_ignored_with_one_line(connected, caplog):
+def test_actions_after_stop_are_ignored_with_one_message(connected, caplog):
     robot = connected()
     send(robot, {"shoulder_pan.pos": 5.0}, 20)
     arm_of(robot).stop("a person came near")
@@ -185,7 +185,7 @@ def test_after_a_stop_actions_are_ignored_with_one_line(connected, caplog):
 
 
 @pytest.mark.parametrize("value", [math.nan, math.inf])
-def test_an_action_that_is_no_number_moves_nothing(connected, caplog, value):
+def test_action_with_nan_or_infinity_moves_nothing(connected, caplog, value):
     robot = connected()
     before = true_joints(arm_of(robot))
     send(robot, {"shoulder_pan.pos": value}, 3)
@@ -194,7 +194,7 @@ def test_an_action_that_is_no_number_moves_nothing(connected, caplog, value):
 
 
 @pytest.mark.parametrize("action", ["ee", "ee_delta"])
-def test_joint_positions_return_to_the_start_in_each_mode(connected, action):
+def test_joint_positions_are_accepted_in_ee_modes(connected, action):
     robot = connected(action=action)
     start = robot.get_observation()
     send(robot, {**start, "shoulder_pan.pos": 40.0}, 120)
@@ -204,20 +204,20 @@ def test_joint_positions_return_to_the_start_in_each_mode(connected, action):
     assert (away, back) == (pytest.approx(40.0, abs=0.5), pytest.approx(0.0, abs=0.5))
 
 
-def test_a_pose_beside_joint_positions_is_what_counts_in_ee(connected):
+def test_pose_has_priority_over_joint_positions_in_ee_mode(connected):
     robot = connected(action="ee", observe_tip=True)
     seen = robot.get_observation()
     send(robot, {**seen, "shoulder_pan.pos": 40.0, "ee.gripper_pos": seen["gripper.pos"]}, 60)
     assert robot.get_observation()["shoulder_pan.pos"] == pytest.approx(0.0, abs=0.5)
 
 
-def test_actions_of_another_kind_name_the_option(connected):
+def test_action_of_another_kind_names_its_option(connected):
     robot = connected(action="joint")
     with pytest.raises(ValueError, match="action=ee_delta"):
         robot.send_action(STAY)
 
 
-def test_nothing_drops_at_disconnect(connected):
+def test_disconnect_keeps_torque_on_and_arm_in_place(connected):
     robot = connected()
     send(robot, {"shoulder_lift.pos": 0.0}, 100)
     arm, before = arm_of(robot), true_joints(arm_of(robot))
@@ -229,7 +229,7 @@ def test_nothing_drops_at_disconnect(connected):
     assert all(abs(after[name] - before[name]) < 0.02 for name in before)
 
 
-def test_on_exit_relax_lowers_the_arm_before_its_torque_is_switched_off(connected):
+def test_on_exit_relax_lowers_arm_before_torque_off(connected):
     robot = connected(on_exit="relax")
     send(robot, {"shoulder_pan.pos": 5.0}, 20)
     arm = arm_of(robot)
@@ -239,14 +239,14 @@ def test_on_exit_relax_lowers_the_arm_before_its_torque_is_switched_off(connecte
     assert at["shoulder_lift"] == pytest.approx(rest["shoulder_lift"], abs=0.1)
 
 
-def test_connecting_moves_nothing_and_switches_no_torque(connected):
+def test_connect_moves_nothing_and_keeps_torque_off(connected):
     robot = connected(port="sim")
     assert robot.is_connected
     assert robot.is_calibrated
     assert not any(registers(arm_of(robot), "torque_enable").values())
 
 
-def test_an_arm_whose_port_is_gone_is_an_error(connected):
+def test_unplugged_port_raises_port_lost_error(connected):
     robot = connected()
     send(robot, {"shoulder_pan.pos": 5.0}, 5)
     line = line_of(arm_of(robot))
@@ -255,7 +255,7 @@ def test_an_arm_whose_port_is_gone_is_an_error(connected):
         send(robot, {"shoulder_pan.pos": 10.0}, 50)
 
 
-def test_a_second_connection_is_refused(connected):
+def test_second_connect_is_refused(connected):
     from lerobot.utils.errors import DeviceAlreadyConnectedError
 
     robot = connected()
@@ -284,7 +284,7 @@ class Camera:
         return np.zeros((4, 6, 3), np.uint8)
 
 
-def test_cameras_are_opened_read_and_closed(connected):
+def test_cameras_are_opened_read_and_closed_with_robot(connected):
     camera = Camera()
     robot = connected(cameras={"wrist": camera})
     assert robot.observation_features["wrist"] == (4, 6, 3)

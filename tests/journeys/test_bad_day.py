@@ -75,7 +75,7 @@ def assert_moves_again(terminal, simulator):
 
 
 @pytest.mark.campaign
-def test_unplugged_in_mid_motion(terminal, simulator):
+def test_unplug_during_motion_exits_3_and_arm_moves_after_replug(terminal, simulator):
     with under_way(terminal, simulator) as program:
         simulator.send_command("unplug")
         ended = program.ended()
@@ -87,7 +87,7 @@ def test_unplugged_in_mid_motion(terminal, simulator):
 
 
 @pytest.mark.campaign
-def test_a_servo_too_hot_in_mid_motion(terminal, simulator):
+def test_overheated_servo_during_motion_exits_5(terminal, simulator):
     with under_way(terminal, simulator) as program:
         simulator.send_command("temperature", id=1, celsius=85)
         ended = program.ended()
@@ -96,7 +96,7 @@ def test_a_servo_too_hot_in_mid_motion(terminal, simulator):
 
 
 @pytest.mark.campaign
-def test_a_joint_blocked_by_a_hand_and_then_free(terminal, simulator):
+def test_joint_blocked_by_hand_is_named_and_moves_after_recover(terminal, simulator):
     with under_way(terminal, simulator) as program:
         simulator.send_command("hand", joint="shoulder_pan", deg=5, force=50)
         ended = program.ended()
@@ -109,7 +109,7 @@ def test_a_joint_blocked_by_a_hand_and_then_free(terminal, simulator):
 
 
 @pytest.mark.campaign
-def test_the_program_killed_in_mid_motion(terminal, simulator):
+def test_arm_of_killed_program_stops_and_moves_again(terminal, simulator):
     with under_way(terminal, simulator) as program:
         program.signal(signal.SIGKILL)
         at_deg = simulator.joints_deg()["shoulder_pan"]
@@ -119,7 +119,7 @@ def test_the_program_killed_in_mid_motion(terminal, simulator):
     assert_moves_again(terminal, simulator)
 
 
-def test_ctrl_c_holds_the_arm_and_it_moves_again(terminal, simulator):
+def test_ctrl_c_holds_arm_and_it_moves_again(terminal, simulator):
     with under_way(terminal, simulator) as program:
         program.type("\x03")
         ended = program.ended()
@@ -129,7 +129,7 @@ def test_ctrl_c_holds_the_arm_and_it_moves_again(terminal, simulator):
 
 
 @pytest.mark.campaign
-def test_the_power_cut_in_mid_motion(terminal, simulator):
+def test_power_cut_during_motion_exits_4_or_5_and_arm_recovers(terminal, simulator):
     with under_way(terminal, simulator) as program:
         simulator.send_command("brownout", for_s=1.0)
         ended = program.ended()
@@ -140,7 +140,7 @@ def test_the_power_cut_in_mid_motion(terminal, simulator):
     assert_moves_again(terminal, simulator)
 
 
-def test_an_adapter_without_servos_is_silent(terminal):
+def test_adapter_without_servos_exits_4(terminal):
     master, slave = pty.openpty()
     try:
         ended = terminal.run("where", "--arm", "so101", "--port", os.ttyname(slave))
@@ -152,5 +152,5 @@ def test_an_adapter_without_servos_is_silent(terminal):
 
 @pytest.mark.sample(1)
 @pytest.mark.parametrize("port", ["/dev/null", "/dev/nowhere", "/etc"])
-def test_a_port_that_is_no_serial_port(terminal, port):
+def test_port_that_is_not_serial_exits_3(terminal, port):
     assert_clear(terminal.run("where", "--arm", "so101", "--port", port), 3)

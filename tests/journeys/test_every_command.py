@@ -82,19 +82,27 @@ def judge(monkeypatch, folder, arm, line, posture, kind):
     assert not wrong, (wrong, (result.out + result.err)[-900:])
 
 
-def test_each_command_has_a_command_line():
+def test_every_command_has_test_arguments():
     assert all(lines_of(command) for command in commands())
 
 
 @pytest.mark.sample(5)
 @pytest.mark.parametrize(NAMES, on_every_arm(some), ids=name_of)
-def test_a_command_ends_well(monkeypatch, tmp_path, arm, line, posture, kind):
+def test_sampled_commands_exit_with_allowed_code_and_safe_arm(
+    monkeypatch, tmp_path, arm, line, posture, kind
+):
     judge(monkeypatch, tmp_path, arm, line, posture, kind)
 
 
 @pytest.mark.campaign
-def test_every_command_ends_well(monkeypatch, tmp_path, arm, line, posture, kind):
+def test_every_command_exits_with_allowed_code_and_safe_arm(
+    monkeypatch, tmp_path, arm, line, posture, kind
+):
     judge(monkeypatch, tmp_path, arm, line, posture, kind)
 
 
-test_every_command_ends_well.matrix = (NAMES, lambda: on_every_arm(cases), name_of)
+test_every_command_exits_with_allowed_code_and_safe_arm.matrix = (
+    NAMES,
+    lambda: on_every_arm(cases),
+    name_of,
+)

@@ -15,7 +15,7 @@ def terminal(tmp_path):
     return Terminal(100, {"IKSERVO_HOME": str(tmp_path / "home")})
 
 
-def test_an_unknown_arm_moves_after_three_commands(terminal, tmp_path):
+def test_new_arm_moves_after_three_commands(terminal, tmp_path):
     hidden = hide_arm(tmp_path / "hidden")
     typed = [("Which link is the tip?", "\n")]
     for name in sorted(IDS, key=IDS.get):

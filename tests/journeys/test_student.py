@@ -16,21 +16,21 @@ def terminal(request, tmp_path):
     return Terminal(request.param, {"IKSERVO_HOME": str(tmp_path / "home")})
 
 
-def test_compares_the_methods_on_a_planar_arm(terminal):
+def test_solve_compare_lists_methods_on_planar_arm(terminal):
     ended = terminal.run("solve", "0.25", "0.10", "0.05", "--arm", "planar3", "--compare")
     assert ended.code == 0
     assert all(any(line.strip().startswith(name) for line in ended.screen) for name in COMPARED)
     assert not ended.long
 
 
-def test_sees_both_elbows_of_two_links(terminal):
+def test_solve_all_lists_both_elbows_of_two_links(terminal):
     ended = terminal.run("solve", "0.20", "0.10", "0.05", "--arm", "planar2", "--all")
     assert ended.code == 0
     assert [line.split()[0] for line in ended.screen[1:3]] == ["1", "2"]
     assert not ended.long
 
 
-def test_draws_the_iterations_to_a_file(terminal, tmp_path):
+def test_solve_trace_is_plotted_to_png_file(terminal, tmp_path):
     picture = tmp_path / "ccd.png"
     words = ["solve", "0.25", "0.10", "0.05", "--arm", "planar3", "--method", "ccd"]
     ended = terminal.run(*words, "--trace", "--plot", picture)
@@ -38,13 +38,13 @@ def test_draws_the_iterations_to_a_file(terminal, tmp_path):
     assert picture.read_bytes().startswith(b"\x89PNG")
 
 
-def test_is_shown_what_to_do_about_a_point_out_of_reach(terminal):
+def test_solve_of_point_out_of_reach_exits_7(terminal):
     ended = terminal.run("solve", "0.9", "0", "0.05", "--arm", "planar2")
     assert ended.code == 7
     assert not ended.long
 
 
-def test_reads_the_help_of_solve_on_one_screen_each_line_whole(terminal):
+def test_solve_help_has_no_broken_lines(terminal):
     ended = terminal.run("solve", "--help")
     assert ended.code == 0
     assert not ended.long
@@ -62,7 +62,7 @@ def test_reads_the_help_of_solve_on_one_screen_each_line_whole(terminal):
         "solve 0.2 0 --arm so101",
     ],
 )
-def test_a_slip_of_the_pen_is_one_clear_error(terminal, words):
+def test_mistyped_solve_arguments_exit_2_with_short_error(terminal, words):
     ended = terminal.run(*words.split())
     assert ended.code == 2
     assert "Traceback" not in ended.text

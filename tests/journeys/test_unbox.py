@@ -39,7 +39,7 @@ def terminal(request, tmp_path):
     return Terminal(request.param, {"IKSERVO_HOME": str(tmp_path / "home")})
 
 
-def test_six_servos_as_bought_get_their_ids_one_by_one(terminal, tmp_path):
+def test_setup_gives_six_new_servos_their_ids(terminal, tmp_path):
     servos = [word for servo in AS_BOUGHT for word in ("--servo", servo)]
     with run_simulator(tmp_path / "bench", *servos) as bench:
         for place in range(1, 7):
@@ -66,7 +66,7 @@ def test_six_servos_as_bought_get_their_ids_one_by_one(terminal, tmp_path):
     assert ids == [1, 2, 3, 4, 5, 6], found.text
 
 
-def test_the_new_arm_is_calibrated_touched_off_moved_taught_and_played_back(terminal, tmp_path):
+def test_new_arm_is_calibrated_moved_taught_and_replayed(terminal, tmp_path):
     wave, printed = tmp_path / "wave.jsonl", PrintedArm(tmp_path / "printed")
     with run_simulator(tmp_path / "hand", printed.path) as arm:
         calibrate(terminal, arm, printed)

@@ -23,7 +23,7 @@ def sampled(name):
 
 
 @pytest.mark.parametrize("name", ARMS)
-def test_the_tip_is_where_pinocchio_puts_it(name):
+def test_tip_pose_equals_pinocchio(name):
     for chain, model, q, configuration in sampled(name):
         data = model.createData()
         pinocchio.framesForwardKinematics(model, data, configuration)
@@ -32,7 +32,7 @@ def test_the_tip_is_where_pinocchio_puts_it(name):
 
 
 @pytest.mark.parametrize("name", ARMS)
-def test_every_link_is_where_pinocchio_puts_it(name):
+def test_link_poses_equal_pinocchio(name):
     chain, model, q, configuration = next(sampled(name))
     data = model.createData()
     pinocchio.framesForwardKinematics(model, data, configuration)
@@ -42,7 +42,7 @@ def test_every_link_is_where_pinocchio_puts_it(name):
 
 
 @pytest.mark.parametrize("name", ARMS)
-def test_the_jacobian_is_pinocchios_in_world_axes(name):
+def test_jacobian_equals_pinocchio_in_world_axes(name):
     for chain, model, q, configuration in sampled(name):
         data = model.createData()
         tip = model.getFrameId(chain.tip)
@@ -54,7 +54,7 @@ def test_the_jacobian_is_pinocchios_in_world_axes(name):
 
 
 @pytest.mark.parametrize("name", ARMS)
-def test_the_jacobian_of_a_point_beside_the_tip_is_the_central_difference(name):
+def test_jacobian_of_point_beside_tip_is_central_difference(name):
     offset_m, h = (0.01, -0.02, 0.03), 1e-6
     chain, _, q, _ = next(sampled(name))
     J = chain.jacobian(q, offset_m=offset_m)

@@ -15,7 +15,7 @@ points = st.tuples(*[st.floats(-1, 1)] * 3).map(np.array)
 
 @settings(max_examples=60, deadline=None)
 @given(points, points, points, points)
-def test_no_two_points_of_two_segments_are_closer(p1, q1, p2, q2):
+def test_segment_distance_equals_dense_search(p1, q1, p2, q2):
     t = np.linspace(0, 1, 60)[:, None]
     first, second = p1 + t * (q1 - p1), p2 + t * (q2 - p2)
     densest = np.linalg.norm(first[:, None] - second[None], axis=2).min()
@@ -25,14 +25,14 @@ def test_no_two_points_of_two_segments_are_closer(p1, q1, p2, q2):
 
 @settings(max_examples=100, deadline=None)
 @given(points, points, points, points)
-def test_the_distance_of_two_segments_is_symmetric(p1, q1, p2, q2):
+def test_segment_distance_is_symmetric(p1, q1, p2, q2):
     forth, back = segment_distance(p1, q1, p2, q2), segment_distance(p2, q2, p1, q1)
     assert forth == pytest.approx(back, abs=1e-7)
 
 
 @settings(max_examples=100, deadline=None)
 @given(points, points, points, points, st.floats(0.01, 0.2), st.floats(0.01, 0.2))
-def test_capsules_are_as_far_apart_as_an_independent_library_says(p1, q1, p2, q2, r1, r2):
+def test_capsule_distance_equals_that_of_coal(p1, q1, p2, q2, r1, r2):
     ours = segment_distance(p1, q1, p2, q2) - r1 - r2
     if ours < 0.01:  # coal measures penetration otherwise
         return
@@ -43,7 +43,7 @@ def test_capsules_are_as_far_apart_as_an_independent_library_says(p1, q1, p2, q2
 
 @settings(max_examples=60, deadline=None)
 @given(points, points)
-def test_the_distance_to_a_box_is_the_least_along_the_segment(a, b):
+def test_segment_box_distance_equals_dense_search(a, b):
     low, high = np.array([-0.2, -0.3, 0.0]), np.array([0.3, 0.1, 0.4])
     t = np.linspace(0, 1, 400)[:, None]
     along = a + t * (b - a)
@@ -52,7 +52,7 @@ def test_the_distance_to_a_box_is_the_least_along_the_segment(a, b):
     assert segment_box_distance(a, b, low, high) == pytest.approx(densest, abs=0.01)
 
 
-def test_a_capsule_moves_with_its_link():
+def test_capsule_moves_with_its_link():
     T = np.eye(4)
     T[:3, 3] = (1.0, 2.0, 3.0)
     ends = Capsule("link", np.zeros(3), np.array([0, 0, 1.0]), 0.1).ends(T)
@@ -70,13 +70,13 @@ def _coal(p, q, radius_m):
 
 @settings(max_examples=40, deadline=None)
 @given(st.lists(st.tuples(points, points, points, points), min_size=1, max_size=5))
-def test_many_pairs_at_once_are_as_far_apart_as_one_by_one(quadruples):
+def test_segment_distances_of_many_pairs_equal_single_ones(quadruples):
     together = segment_distance(*(np.array(ends) for ends in zip(*quadruples, strict=True)))
     alone = [float(segment_distance(*quadruple)) for quadruple in quadruples]
     np.testing.assert_allclose(together, alone, atol=1e-12)
 
 
-def test_points_are_segments_without_length():
+def test_point_is_segment_of_zero_length():
     origin, one = np.zeros(3), np.array([1.0, 0, 0])
     assert segment_distance(origin, origin, one, one) == pytest.approx(1.0)
     assert segment_distance(origin, origin, one, -one) == pytest.approx(0.0)
@@ -84,7 +84,7 @@ def test_points_are_segments_without_length():
 
 
 @given(points, points, points, st.floats(-1, 1), st.floats(-1, 1))
-def test_parallel_segments_are_as_far_apart_as_a_dense_search_says(p1, q1, p2, stretch, shift):
+def test_distance_of_parallel_segments_equals_dense_search(p1, q1, p2, stretch, shift):
     along = q1 - p1
     p2 = p2 + shift * along
     q2 = p2 + stretch * along
@@ -94,7 +94,7 @@ def test_parallel_segments_are_as_far_apart_as_a_dense_search_says(p1, q1, p2, s
     assert densest - 0.02 <= segment_distance(p1, q1, p2, q2) <= densest + 1e-7
 
 
-def test_segments_of_many_postures_are_as_far_from_a_box_as_one_by_one():
+def test_segment_box_distances_of_many_equal_single_ones():
     ends = np.random.default_rng(4).uniform(-1, 1, (2, 5, 4, 3))
     low, high = np.array([-0.2, -0.3, 0.0]), np.array([0.3, 0.1, 0.4])
     together = segment_box_distance(*ends, low, high)
@@ -113,6 +113,6 @@ def test_segments_of_many_postures_are_as_far_from_a_box_as_one_by_one():
         ((-1.0, 0.3, 0.5), (0.61, 1.91, 0.5), 0.3 / math.sqrt(2.0)),
     ],
 )
-def test_a_segment_is_as_far_from_a_box_as_a_person_would_measure(a, b, distance_m):
+def test_segment_box_distance_equals_hand_computed_value(a, b, distance_m):
     found = segment_box_distance(np.array(a), np.array(b), np.zeros(3), np.ones(3))
     assert found == pytest.approx(distance_m, abs=1e-9)

@@ -16,82 +16,82 @@ angles = st.floats(-3.0, 3.0)
 
 
 @given(angles, angles)
-def test_two_links_in_a_plane_reach_where_trigonometry_says(a, b):
+def test_planar_2r_forward_equals_trigonometry(a, b):
     tip = planar(0.3, 0.2).forward([a, b])[:3, 3]
     expected = [0.3 * math.cos(a) + 0.2 * math.cos(a + b),
                 0.3 * math.sin(a) + 0.2 * math.sin(a + b), 0.0]  # fmt: skip
     np.testing.assert_allclose(tip, expected, atol=1e-15)
 
 
-def test_a_slide_moves_along_its_axis_and_what_mimics_it_follows():
+def test_prismatic_joint_moves_its_mimic_joint():
     hook = crane().forward([math.pi / 2, 0.3])[:3, 3]
     np.testing.assert_allclose(hook, [0.0, 0.3, 0.5 - (0.5 * 0.3 + 0.1)], atol=1e-15)
 
 
-def test_a_joint_that_mimics_another_is_no_degree_of_freedom():
+def test_mimic_joint_is_not_a_degree_of_freedom():
     assert crane().names == ("turn", "slide")
 
 
-def test_any_link_is_a_frame_also_one_beside_the_way_to_the_tip():
+def test_link_beside_path_to_tip_is_a_frame():
     lever = crane().forward([0.0, 0.0], frame="lever")
     assert math.atan2(lever[1, 0], lever[0, 0]) == pytest.approx(0.2)  # nearest to 0 in 0.2…0.9
 
 
-def test_an_offset_is_a_point_in_the_frame_and_does_not_turn_it():
+def test_frame_offset_is_a_point_and_does_not_turn():
     chain = planar(0.3, 0.2)
     moved = chain.forward([0.0, math.pi / 2], frame="l2", offset_m=(0.2, 0, 0))
     np.testing.assert_allclose(moved, chain.forward([0.0, math.pi / 2]), atol=1e-15)
 
 
 @given(angles, angles, angles, st.sampled_from(["l1", "l2", "l3", "tip"]), st.floats(-1, 1))
-def test_the_jacobian_of_any_point_is_the_central_difference(a, b, c, frame, x):
+def test_jacobian_of_any_point_is_central_difference(a, b, c, frame, x):
     _assert_jacobian(planar(0.3, 0.2, 0.1), np.array([a, b, c]), frame, (x, 0.1, -0.2))
 
 
 @given(angles, st.floats(0.0, 0.4))
-def test_the_jacobian_of_slides_and_mimics_is_the_central_difference(turn, slide):
+def test_jacobian_of_prismatic_and_mimic_is_central_difference(turn, slide):
     _assert_jacobian(crane(), np.array([turn, slide]), "hook", (0.02, 0.0, 0.01))
 
 
-def test_joints_beyond_the_frame_do_not_move_it():
+def test_jacobian_is_zero_for_joints_beyond_frame():
     J = planar(0.3, 0.2, 0.1).jacobian([0.1, 0.2, 0.3], frame="l1")
     assert not J[:, 1:].any()
 
 
-def test_limits_can_be_narrowed_without_touching_the_original():
+def test_with_limits_leaves_original_chain_unchanged():
     chain = planar(0.3, 0.2)
     narrow = chain.with_limits([-1, 0], [1, 2])
     assert narrow.lower_rad.tolist() == [-1, 0]
     assert chain.lower_rad.tolist() == [-math.pi, -math.pi]
 
 
-def test_limits_cannot_be_changed_in_place():
+def test_chain_limits_are_read_only():
     with pytest.raises(ValueError, match="read-only"):
         planar(0.3, 0.2).lower_rad[0] = 5.0
 
 
-def test_a_range_upside_down_is_refused_with_the_joints_name():
+def test_reversed_limits_are_refused_with_joint_name():
     with pytest.raises(BadValueError, match="range of j2"):
         planar(0.3, 0.2).with_limits([-1, 2], [1, 0])
 
 
 @pytest.mark.parametrize("q", [[0.0], [0.0, math.nan], [math.inf, 0.0], "ab", [[[0.0, 0.0]]], None])
-def test_joints_that_are_no_finite_numbers_of_the_right_count_are_refused(q):
+def test_joint_vector_of_wrong_size_or_nan_is_refused(q):
     with pytest.raises(BadValueError):
         planar(0.3, 0.2).forward(q)
 
 
-def test_an_unknown_frame_offers_the_closest_link():
+def test_unknown_frame_suggests_closest_link():
     with pytest.raises(UnknownNameError, match="Did you mean tip"):
         planar(0.3, 0.2).forward([0, 0], frame="tipp")
 
 
-def test_joints_may_come_in_any_order():
+def test_joint_order_of_description_does_not_matter():
     assert crane().frames == tuple(crane().link_poses([0, 0]))
     assert set(crane().frames) == {"base", "column", "cart", "hook", "lever"}
 
 
-def test_a_tip_that_nothing_moves_is_refused():
+def test_tip_without_moving_joint_is_refused():
     fixed = joint("weld", JointType.FIXED, "base", "tip")
     with pytest.raises(ValueError, match="No joint moves 'tip'"):
         Chain.from_joints([fixed], "base", "tip")
@@ -109,28 +109,28 @@ def _assert_jacobian(chain, q, frame, offset_m, h=1e-6):
         np.testing.assert_allclose(J[3:, i], [spin[2, 1], spin[0, 2], spin[1, 0]], atol=1e-7)
 
 
-def test_a_tip_that_does_not_hang_on_the_base_is_refused():
+def test_tip_not_connected_to_base_is_refused():
     arm = joint("elbow", JointType.REVOLUTE, "base", "hand")
     with pytest.raises(UnknownNameError, match="hnad"):
         Chain.from_joints([arm], "base", "hnad")
 
 
-def test_a_range_may_be_a_single_value():
+def test_joint_range_may_be_single_value():
     locked = planar(0.3, 0.2).with_limits([0.5, -1.0], [0.5, 1.0])
     assert locked.upper_rad.tolist() == [0.5, 1.0]
 
 
-def test_the_middle_of_a_range_is_as_far_from_both_ends():
+def test_mid_range_is_middle_of_limits():
     chain = planar(0.3, 0.2).with_limits([-1.0, 0.5], [2.0, 1.0])
     assert chain.mid_range().tolist() == [0.5, 0.75]
 
 
-def test_a_joint_that_is_limited_on_one_side_only_stands_nearest_to_zero_in_the_middle():
+def test_mid_range_of_one_sided_joint_is_value_nearest_zero():
     turning = joint("spin", JointType.REVOLUTE, "base", "tip", lower=0.5)
     assert Chain.from_joints([turning], "base", "tip").mid_range().tolist() == [0.5]
 
 
-def test_a_joint_that_is_limited_on_one_side_can_be_narrowed_on_that_side_only():
+def test_one_sided_limit_may_be_narrowed_on_that_side_only():
     turning = joint("spin", JointType.REVOLUTE, "base", "tip", lower=0.5)
     chain = Chain.from_joints([turning], "base", "tip")
     narrow = chain.with_limits([0.7], [math.inf])
@@ -140,19 +140,19 @@ def test_a_joint_that_is_limited_on_one_side_can_be_narrowed_on_that_side_only()
 
 
 @pytest.mark.parametrize("limits", [[0.0], [0.0, 0.0, 0.0], 0.0, [[0.0, 0.0]]])
-def test_limits_of_another_number_of_joints_are_refused(limits):
+def test_limits_for_wrong_number_of_joints_are_refused(limits):
     with pytest.raises(BadValueError, match="lower limits"):
         planar(0.3, 0.2).with_limits(limits, [1.0, 1.0])
 
 
-def test_a_joint_can_be_put_in_another_place_and_the_others_stay():
+def test_with_origins_moves_one_joint_and_keeps_original():
     chain, q = planar(0.3, 0.2), [0.0, math.pi / 2]
     moved = chain.with_origins({"j2": make_pose(np.array([0.4, 0.0, 0.1]))})
     np.testing.assert_allclose(moved.forward(q)[:3, 3], [0.4, 0.2, 0.1], atol=1e-15)
     np.testing.assert_allclose(chain.forward(q)[:3, 3], [0.3, 0.2, 0.0], atol=1e-15)
 
 
-def test_origins_of_unknown_joints_or_that_are_no_poses_are_refused():
+def test_with_origins_refuses_unknown_joint_and_invalid_pose():
     chain = planar(0.3, 0.2)
     with pytest.raises(UnknownNameError, match="Did you mean j2"):
         chain.with_origins({"jj2": np.eye(4)})
@@ -163,12 +163,12 @@ def test_origins_of_unknown_joints_or_that_are_no_poses_are_refused():
         chain.with_origins([np.eye(4)])
 
 
-def test_a_chain_is_shown_without_the_tables_that_it_computes_with():
+def test_repr_of_chain_leaves_out_its_tables():
     assert "names=('turn', 'slide')" in repr(crane())
     assert "ChainJoint" not in repr(crane())
 
 
-def test_mimics_of_a_long_row_are_resolved_once(monkeypatch):
+def test_mimics_of_long_chain_are_resolved_once(monkeypatch):
     resolved, resolve = [], joints._resolve_mimic
     monkeypatch.setattr(
         joints, "_resolve_mimic", lambda *words: resolved.append(1) or resolve(*words)

@@ -42,19 +42,19 @@ def shoulder(upper_m=UPPER_M, fore_m=FORE_M):
     return Chain.from_joints(joints, "base", "tip")
 
 
-def test_a_planar_arm_has_two_ways_to_move_and_its_third_joint_one_to_turn():
+def test_planar_arm_has_two_translations_and_one_rotation():
     found = conditioning(planar(0.3, 0.2, 0.1), [0.3, 0.8, -0.5])
     assert (len(found.moves_m_rad), len(found.turns_rad_rad)) == (2, 1)
 
 
-def test_manipulability_is_the_product_of_what_the_linear_rows_can_do():
+def test_manipulability_is_that_of_linear_jacobian_rows():
     chain = load_model("wx250s").chain
     q = load_model("wx250s").chain_pose("home") + 0.3
     J = chain.jacobian(q)
     assert conditioning(chain, q).manipulability == pytest.approx(float(manipulability(J[:3])))
 
 
-def test_the_slowest_direction_of_two_links_at_right_angles_is_known():
+def test_slowest_direction_of_right_angle_elbow_is_exact():
     # J = [[-b, -b], [a, 0]] for lengths a and b with the elbow at 90°
     a, b = 0.3, 0.2
     found = conditioning(planar(a, b), [0.0, math.pi / 2])
@@ -63,16 +63,16 @@ def test_the_slowest_direction_of_two_links_at_right_angles_is_known():
     assert found.slowest_m_rad == pytest.approx(slowest)
 
 
-def test_stretched_links_have_lost_the_way_outwards():
+def test_stretched_arm_cannot_move_outwards():
     assert conditioning(planar(0.3, 0.2), [0.4, 0.0]).slowest_m_rad < 1e-12
 
 
-def test_without_a_joint_to_spare_nothing_turns_while_the_point_stays():
+def test_arm_without_spare_joint_has_infinite_slowest_rotation():
     found = conditioning(planar(0.3, 0.2), [0.4, 0.6])
     assert found.slowest_rotation_rad_rad == math.inf
 
 
-def test_units_are_kept_apart_an_arm_twice_as_large_moves_twice_as_far_and_turns_as_well():
+def test_conditioning_scales_translations_but_not_rotations():
     q = [0.3, 0.8, -0.5]
     small, large = conditioning(planar(0.3, 0.2, 0.1), q), conditioning(planar(0.6, 0.4, 0.2), q)
     np.testing.assert_allclose(large.moves_m_rad, 2.0 * small.moves_m_rad)
@@ -80,20 +80,20 @@ def test_units_are_kept_apart_an_arm_twice_as_large_moves_twice_as_far_and_turns
 
 
 @pytest.mark.parametrize("elbow_rad", [0.2, 0.9, -0.5])
-def test_two_links_are_singular_where_the_elbow_is_straight(elbow_rad):
+def test_nearest_singularity_of_two_links_is_straight_elbow(elbow_rad):
     found = nearest_singularity(planar(0.3, 0.2), [0.7, elbow_rad])
     assert found is not None
     assert found.distance_rad == pytest.approx(abs(elbow_rad), abs=1e-3)
     assert found.joint == "j2"
 
 
-def test_a_limit_may_keep_an_arm_from_every_singular_posture():
+def test_limits_may_exclude_every_singularity():
     chain = planar(0.3, 0.2).with_limits([-1.0, 0.4], [1.0, 2.0])
     assert nearest_singularity(chain, [0.0, 1.0]) is None
 
 
 @pytest.mark.parametrize("angle_rad", [0.35, -0.6])
-def test_a_wrist_of_six_joints_is_singular_where_its_outer_axes_line_up(angle_rad):
+def test_wrist_is_singular_where_its_outer_axes_align(angle_rad):
     model = load_model("wx250s")
     q = model.chain_pose("home").copy()
     q[1:3] = 0.3, 0.4  # far from every posture in which the point itself is held up
@@ -106,7 +106,7 @@ def test_a_wrist_of_six_joints_is_singular_where_its_outer_axes_line_up(angle_ra
 
 @pytest.mark.parametrize("name", ["px100", "open_manipulator_x", "vx300s"])
 @pytest.mark.parametrize("turning", [False, True])
-def test_what_is_called_singular_is_and_inside_the_limits(name, turning):
+def test_nearest_singularity_is_singular_and_inside_limits(name, turning):
     chain = load_model(name).chain
     rng = np.random.default_rng(3)
     for q in rng.uniform(chain.lower_rad, chain.upper_rad, (3, chain.dof)):
@@ -118,18 +118,18 @@ def test_what_is_called_singular_is_and_inside_the_limits(name, turning):
             assert np.array_equal(found.q, chain.clip(found.q))
 
 
-def test_a_point_that_no_joint_moves_has_no_ways_and_no_singular_posture():
+def test_fixed_point_has_no_motion_and_no_singularity():
     chain = planar(0.3, 0.2)
     assert conditioning(chain, [0.1, 0.2], frame="l0").moves_m_rad.size == 0
     assert nearest_singularity(chain, [0.1, 0.2], frame="l0", rotation=True) is None
 
 
-def test_a_slide_counts_a_metre_as_a_radian():
+def test_prismatic_joint_counts_metre_as_radian():
     found = conditioning(crane(), [0.0, 0.2])
     assert found.moves_m_rad[0] == pytest.approx(math.hypot(1.0, 0.5))
 
 
-def test_bad_questions_are_refused():
+def test_conditioning_refuses_invalid_joints_and_frame():
     chain = planar(0.3, 0.2)
     with pytest.raises(BadValueError):
         conditioning(chain, [0.1])
@@ -143,7 +143,7 @@ def test_bad_questions_are_refused():
 
 
 @pytest.mark.parametrize("q", [(0.5, 0.4, 0.9), (-2.0, 1.2, -1.7), (1.0, -0.6, 2.2)])
-def test_a_shoulder_and_an_elbow_have_the_mobility_of_their_closed_form(q):
+def test_shoulder_elbow_manipulability_equals_closed_form(q):
     _, lift, bend = q
     found = conditioning(shoulder(), q)
     r = abs(UPPER_M * math.cos(lift) + FORE_M * math.cos(lift + bend))
@@ -154,7 +154,7 @@ def test_a_shoulder_and_an_elbow_have_the_mobility_of_their_closed_form(q):
 
 
 @pytest.mark.parametrize("name", ["so101", "wx250s", "px100"])
-def test_rotations_with_the_point_at_rest_are_those_of_the_null_space(name):
+def test_rotations_at_rest_are_those_of_null_space(name):
     model = load_model(name)
     q = model.chain_pose("home") + 0.2
     J = model.chain.jacobian(q)
@@ -165,7 +165,7 @@ def test_rotations_with_the_point_at_rest_are_those_of_the_null_space(name):
     np.testing.assert_allclose(found, turns[: len(found)])
 
 
-def test_a_point_on_the_axis_of_the_only_joint_that_carries_it_has_no_motion():
+def test_point_on_axis_of_its_only_joint_has_no_motion():
     tilted = np.array([1.0, 2.0, 3.0]) / math.sqrt(14.0)
     chain = Chain.from_joints(
         [
@@ -185,7 +185,7 @@ def test_a_point_on_the_axis_of_the_only_joint_that_carries_it_has_no_motion():
 
 @pytest.mark.parametrize("scale", [0.01, 1.0, 100.0])
 @pytest.mark.parametrize("bend_rad", [0.3, -0.3])
-def test_a_shoulder_and_an_elbow_are_singular_where_the_elbow_is_straight(scale, bend_rad):
+def test_shoulder_elbow_is_singular_with_straight_elbow(scale, bend_rad):
     chain = shoulder(scale * UPPER_M, scale * FORE_M)
     found = nearest_singularity(chain, [0.5, 0.4, bend_rad])
     assert found.joint == "bend"
@@ -193,7 +193,7 @@ def test_a_shoulder_and_an_elbow_are_singular_where_the_elbow_is_straight(scale,
 
 
 @pytest.mark.parametrize("short_rad", [0.2, -0.2])
-def test_a_shoulder_and_an_elbow_are_singular_where_the_tip_is_above_the_column(short_rad):
+def test_shoulder_elbow_is_singular_with_tip_above_column(short_rad):
     # For links of one length r is 2 a cos(lift + bend / 2) cos(bend / 2): zero on a plane.
     lift = math.pi / 2 - 0.5 - short_rad
     found = nearest_singularity(shoulder(0.2, 0.2), [0.5, lift, 1.0])
@@ -203,11 +203,11 @@ def test_a_shoulder_and_an_elbow_are_singular_where_the_tip_is_above_the_column(
 
 
 @pytest.mark.parametrize("q", [(0.4, 0.0), (0.4, 1e-9)])
-def test_from_a_singular_posture_the_nearest_is_no_way_off(q):
+def test_nearest_singularity_from_singular_posture_is_zero(q):
     assert nearest_singularity(planar(0.3, 0.2), q).distance_rad < 1e-8
 
 
-def test_a_singular_posture_of_the_wrist_counts_only_where_rotations_do():
+def test_wrist_singularity_counts_only_with_rotation():
     model = load_model("wx250s")
     q = model.chain_pose("home").copy()
     q[1:3], q[4] = (0.3, 0.4), 0.1
@@ -217,7 +217,7 @@ def test_a_singular_posture_of_the_wrist_counts_only_where_rotations_do():
 
 
 @pytest.mark.parametrize("side", [1.0, -1.0])
-def test_a_limit_on_the_way_down_hides_no_singular_posture_on_the_other_side(side):
+def test_limit_hides_no_singularity_on_other_side(side):
     # From here the elbow is downhill when it bends further, to a limit before the folded posture.
     chain = planar(0.3, 0.2).with_limits([-3.0, -2.8], [3.0, 2.8])
     here, further = (conditioning(chain, [0.0, side * bend]).slowest_m_rad for bend in (2.5, 2.6))
@@ -228,7 +228,7 @@ def test_a_limit_on_the_way_down_hides_no_singular_posture_on_the_other_side(sid
 
 
 @pytest.mark.parametrize("mirrored", [False, True])
-def test_where_a_joint_at_its_limit_cannot_help_another_goes_all_the_way(mirrored):
+def test_singularity_is_found_although_joint_is_at_limit(mirrored):
     """The lift is at its limit, and would bring the tip above the column nine times as fast."""
     upper_m, fore_m, lift, bend = 0.3, 0.05, 1.437, 0.8
     straight_up = math.acos(-upper_m * math.cos(lift) / fore_m) - lift  # r = 0 at this bend
@@ -246,21 +246,21 @@ def test_where_a_joint_at_its_limit_cannot_help_another_goes_all_the_way(mirrore
 
 
 @pytest.mark.parametrize("side", [1.0, -1.0])
-def test_no_step_of_the_search_is_so_long_that_it_leads_away(side):
+def test_singularity_search_does_not_overshoot(side):
     lift, bend = side * 2.0, side * 1.8
     found = nearest_singularity(shoulder(0.2, 0.2), [0.5, lift, bend])
     above_the_column_rad = (abs(lift + bend / 2) - math.pi / 2) / math.hypot(1.0, 0.5)
     assert found.distance_rad <= 1.1 * above_the_column_rad  # the straight elbow is at 1.5 of it
 
 
-def test_many_jacobians_have_a_measure_each():
+def test_manipulability_of_many_jacobians_is_one_each():
     chain, postures = shoulder(), np.array([[0.5, 0.4, 0.9], [0.1, 0.2, 0.3]])
     found = manipulability(chain.jacobian(postures)[:, :3])
     assert found == pytest.approx([conditioning(chain, q).manipulability for q in postures])
 
 
 @pytest.mark.parametrize("sample", range(len(ordinary_postures(2))))
-def test_an_arm_that_is_stretched_in_one_of_the_sampled_postures_has_two_directions_all_the_same(
+def test_arm_stretched_in_a_sample_keeps_two_directions(
     sample,
 ):
     bend = ordinary_postures(2)[sample, 1]

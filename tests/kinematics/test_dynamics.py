@@ -55,40 +55,40 @@ def stacked(oracle, count=40):
     return (np.array(each) for each in zip(*samples(oracle, count), strict=True))
 
 
-def test_inverse_dynamics_are_pinocchios(pair):
+def test_inverse_dynamics_equal_pinocchio(pair):
     ours, oracle = pair
     for motion in samples(oracle):
         found = ours.inverse_dynamics(*motion)
         np.testing.assert_allclose(found, oracle.torques(*motion), **EXACT)
 
 
-def test_gravity_torques_are_pinocchios(pair):
+def test_gravity_torques_equal_pinocchio(pair):
     ours, oracle = pair
     for q, _, _ in samples(oracle):
         np.testing.assert_allclose(ours.gravity_torques(q), oracle.gravity(q), **EXACT)
 
 
-def test_the_inertia_matrix_is_pinocchios(pair):
+def test_inertia_matrix_equals_pinocchio(pair):
     ours, oracle = pair
     for q, _, _ in samples(oracle):
         np.testing.assert_allclose(ours.inertia_matrix(q), oracle.inertia_matrix(q), **EXACT)
 
 
-def test_the_regressor_is_pinocchios(pair):
+def test_regressor_equals_pinocchio(pair):
     ours, oracle = pair
     for motion in samples(oracle):
         expected = oracle.regressor(*motion, ours.bodies)
         np.testing.assert_allclose(ours.regressor(*motion), expected, **EXACT)
 
 
-def test_torques_are_the_regressor_times_the_parameters(pair):
+def test_regressor_times_parameters_equals_torques(pair):
     ours, oracle = pair
     for motion in samples(oracle):
         found = ours.regressor(*motion) @ ours.parameters
         np.testing.assert_allclose(found, oracle.torques(*motion), **EXACT)
 
 
-def test_many_samples_give_what_each_one_gives(name):
+def test_dynamics_of_many_samples_equal_single_ones(name):
     ours, motion = dynamics_of(name), list(stacked(oracle_of(name), 7))
     for compute, given in [
         (ours.inverse_dynamics, motion),
@@ -100,7 +100,7 @@ def test_many_samples_give_what_each_one_gives(name):
         np.testing.assert_allclose(compute(*given), each, **EXACT)
 
 
-def test_no_samples_have_no_torques():
+def test_dynamics_of_no_samples_are_empty():
     ours, none = dynamics_of("so101"), np.empty((0, 5))
     assert ours.inverse_dynamics(none, none, none).shape == (0, 5)
     assert ours.gravity_torques(none).shape == (0, 5)
@@ -108,7 +108,7 @@ def test_no_samples_have_no_torques():
     assert ours.regressor(none, none, none).shape == (0, 5, 50)
 
 
-def test_a_pendulum_needs_weight_times_lever_and_mass_times_square_of_the_lever():
+def test_pendulum_torque_is_gravity_plus_inertia():
     # gravity along -y: the link stands out horizontally at q = 0, and larger q lifts it
     pendulum = Dynamics.from_masses(
         planar(0.5), [LinkMass("tip", 2.0, np.zeros(3))], (0.0, -10.0, 0.0)
@@ -119,13 +119,13 @@ def test_a_pendulum_needs_weight_times_lever_and_mass_times_square_of_the_lever(
     np.testing.assert_allclose(pendulum.inertia_matrix([1.0]), [[0.5]])
 
 
-def test_a_follower_loads_its_leader_by_its_share():
+def test_mimic_joint_loads_its_leader_by_its_ratio():
     # the hook sinks by half a metre for each metre of the slide: 2 kg hold back half their weight
     ours = Dynamics.from_masses(crane(), [LinkMass("hook", 2.0, np.array([0.1, 0.2, 0.3]))])
     np.testing.assert_allclose(ours.gravity_torques([0.3, 0.1]), [0.0, -9.81], atol=1e-12)
 
 
-def test_a_jaw_beside_the_path_counts_as_mass_of_the_link_it_hangs_on():
+def test_jaw_mass_counts_with_gripper_link():
     oracle = oracle_of("so101")
     ours = dynamics_of("so101")
     assert ours.bodies == ("shoulder", "upper_arm", "forearm", "wrist", "gripper")
@@ -135,18 +135,18 @@ def test_a_jaw_beside_the_path_counts_as_mass_of_the_link_it_hangs_on():
     assert mass_kg == pytest.approx(weights["gripper"] + weights["jaw"])
 
 
-def test_masses_of_the_base_load_no_joint():
+def test_base_mass_loads_no_joint():
     base = LinkMass("base", 5.0, np.array([0.1, 0.2, 0.3]), TENSOR)
     assert not Dynamics.from_masses(crane(), [base]).parameters.any()
 
 
-def test_a_second_payload_adds_to_the_first():
+def test_second_payload_adds_to_first():
     twice = dynamics_of("koch").with_payload(*PAYLOAD).with_payload(*PAYLOAD)
     double = dynamics_of("koch").with_payload(2 * PAYLOAD[0], PAYLOAD[1], 2 * TENSOR)
     np.testing.assert_allclose(twice.parameters, double.parameters)
 
 
-def test_a_payload_without_a_tensor_is_a_point():
+def test_payload_without_tensor_is_point_mass():
     q = oracle_of("koch").chain.mid_range()
     bare, point = dynamics_of("koch"), dynamics_of("koch").with_payload(0.3)
     J = oracle_of("koch").chain.jacobian(q)[:3]
@@ -154,7 +154,7 @@ def test_a_payload_without_a_tensor_is_a_point():
     np.testing.assert_allclose(added, 0.3 * J.T @ J, atol=1e-12)
 
 
-def test_a_tensor_that_is_rotated_in_the_urdf_is_read_as_pinocchio_reads_it(tmp_path):
+def test_rotated_inertia_tensor_in_urdf_equals_pinocchio(tmp_path):
     path = tmp_path / "arm.urdf"
     path.write_text("""<robot name="one"><link name="base"/><link name="bar"><inertial>
         <origin xyz="0.1 0.2 -0.3" rpy="0.4 -0.5 0.6"/><mass value="1.5"/>
@@ -168,7 +168,7 @@ def test_a_tensor_that_is_rotated_in_the_urdf_is_read_as_pinocchio_reads_it(tmp_
 
 
 @pytest.mark.parametrize("name", ARMS)
-def test_the_guard_sags_by_the_same_torques(name):
+def test_guard_gravity_torques_equal_those_of_dynamics(name):
     model = ikservo.load_model(name)
     chain = collision_body_with_gripper(model).chain
     masses = link_masses(model, chain)
@@ -192,17 +192,17 @@ COUNTS_AT_REST = {name: 2 * (round((count - 1) / 7)) for name, count in COUNTS.i
 
 
 @pytest.mark.parametrize("name", ARMS)
-def test_an_arm_has_as_many_base_parameters_as_theory_says(name):
+def test_base_parameter_count_equals_theory(name):
     assert len(base_parameters(dynamics_of(name)).columns) == COUNTS[name]
 
 
 @pytest.mark.parametrize("name", ARMS)
-def test_postures_at_rest_tell_two_moments_of_each_body_behind_the_first_joint(name):
+def test_base_parameter_count_at_rest_equals_theory(name):
     at_rest = base_parameters(dynamics_of(name), speed_rad_s=0.0, acceleration_rad_s2=0.0)
     assert len(at_rest.columns) == COUNTS_AT_REST[name]
 
 
-def test_base_parameters_are_as_many_as_the_rank_of_pinocchios_regressor(name):
+def test_base_parameter_count_equals_pinocchio_rank(name):
     ours, oracle = dynamics_of(name), oracle_of(name)
     Y = np.vstack([oracle.regressor(*motion, ours.bodies) for motion in samples(oracle, 100)])
     found = base_parameters(ours, tolerance=1e-9)
@@ -210,12 +210,12 @@ def test_base_parameters_are_as_many_as_the_rank_of_pinocchios_regressor(name):
     assert np.linalg.matrix_rank(found.reduce(Y), 1e-9 * np.linalg.norm(Y, 2)) == len(found.columns)
 
 
-def test_other_motions_find_the_same_base_parameters(name):
+def test_base_parameters_do_not_depend_on_seed(name):
     first, second = (base_parameters(dynamics_of(name), seed=seed) for seed in (1, 2))
     np.testing.assert_array_equal(first.columns, second.columns)
 
 
-def test_torques_of_base_parameters_are_those_of_all(pair):
+def test_base_parameters_give_same_torques_as_all(pair):
     ours, oracle = pair
     q, qd, qdd = stacked(oracle)
     base, Y = base_parameters(ours, tolerance=1e-9), ours.regressor(q, qd, qdd)
@@ -227,7 +227,7 @@ def test_torques_of_base_parameters_are_those_of_all(pair):
     np.testing.assert_allclose(found, expected, atol=1e-8, rtol=1e-8)
 
 
-def test_what_the_tolerance_leaves_out_does_not_matter(pair):
+def test_parameters_below_tolerance_hardly_change_torques(pair):
     ours, oracle = pair
     q, qd, qdd = stacked(oracle)
     base, expected = base_parameters(ours), ours.inverse_dynamics(q, qd, qdd)
@@ -235,7 +235,7 @@ def test_what_the_tolerance_leaves_out_does_not_matter(pair):
     np.testing.assert_allclose(found, expected, atol=3e-5 * np.abs(expected).max())
 
 
-def test_least_squares_on_torques_find_the_base_parameters(pair):
+def test_least_squares_recovers_base_parameters(pair):
     ours, oracle = pair
     q, qd, qdd = stacked(oracle, 100)
     base = base_parameters(ours)
@@ -246,7 +246,7 @@ def test_least_squares_on_torques_find_the_base_parameters(pair):
     np.testing.assert_allclose(found, expected, rtol=1e-3, atol=1e-4 * np.abs(expected).max())
 
 
-def test_columns_of_friction_beside_the_bodies_stay_independent():
+def test_friction_columns_stay_independent_of_bodies():
     ours, random = dynamics_of("so101"), np.random.default_rng(2)
     q, qd, qdd = random.uniform(-1.0, 1.0, (3, 100, 5))
     friction = np.einsum("ni,ij->nij", qd, np.eye(5))
@@ -256,7 +256,7 @@ def test_columns_of_friction_beside_the_bodies_stay_independent():
     np.testing.assert_allclose(found.combination[-5:, 55:], np.eye(5), atol=1e-9)
 
 
-def test_a_column_counts_by_its_effect_in_proportion_to_the_largest_one():
+def test_column_effect_is_relative_to_largest_column():
     # two orthogonal columns, the second a thousandth of the first, in any unit of torque
     for unit in (1.0, 1e-6):
         Y = unit * np.array([[1.0, 1e-3], [1.0, -1e-3]] * 20)
@@ -266,18 +266,18 @@ def test_a_column_counts_by_its_effect_in_proportion_to_the_largest_one():
         assert list(independent_columns(Y, [1.0, 0.1], 5e-4).columns) == [0]
 
 
-def test_the_largest_effect_is_that_of_a_column_not_of_a_sample():
+def test_largest_effect_is_that_of_column_not_sample():
     # the third column has 1.2e-3 of the largest; the first sample is longer than any column
     Y = [[1.0, 1.0, 0.0], [0.0, 0.0, 1.2e-3]]
     assert list(independent_columns(Y, np.ones(3), 1e-3).columns) == [0, 2]
     assert list(independent_columns(Y, np.ones(3), 1.3e-3).columns) == [0]
 
 
-def test_the_last_columns_count_where_there_are_fewer_samples_than_parameters():
+def test_last_column_counts_with_fewer_samples_than_columns():
     assert list(independent_columns([[0.0, 0.0, 2.0]], np.ones(3)).columns) == [2]
 
 
-def test_a_regressor_of_zeros_tells_nothing():
+def test_zero_regressor_has_no_independent_columns():
     found = independent_columns(np.zeros((4, 3)), np.ones(3))
     assert found.columns.size == 0
     assert found.combination.shape == (0, 3)
@@ -286,7 +286,7 @@ def test_a_regressor_of_zeros_tells_nothing():
 
 
 @pytest.mark.parametrize("bad", [[0.0] * 4, [0.0] * 4 + [math.nan], "pose", None, [[[0.0] * 5]]])
-def test_what_is_no_joint_vector_is_refused(bad):
+def test_dynamics_refuse_invalid_joint_vector(bad):
     ours, good = dynamics_of("so101"), [0.0] * 5
     for call in (
         lambda: ours.gravity_torques(bad),
@@ -300,7 +300,7 @@ def test_what_is_no_joint_vector_is_refused(bad):
 
 
 @pytest.mark.parametrize("column", [1, 2])
-def test_rates_of_another_shape_than_q_are_named(column):
+def test_rates_of_other_shape_than_q_are_refused(column):
     motion = [np.zeros(5)] * 3
     motion[column] = np.zeros((3, 5))
     what = ("q", "qd", "qdd")[column]
@@ -321,27 +321,27 @@ def test_rates_of_another_shape_than_q_are_named(column):
         ((0.1, (0, 0, 0), [[0, 1, 0], [0, 0, 0], [0, 0, 0]]), "symmetric"),
     ],
 )
-def test_what_is_no_mass_is_refused(mass, named):
+def test_invalid_mass_or_centre_is_refused(mass, named):
     with pytest.raises(BadValueError, match=named):
         LinkMass("hook", *mass)
     with pytest.raises(BadValueError, match=named):
         Dynamics.from_masses(crane(), []).with_payload(*mass)
 
 
-def test_a_mass_of_an_unknown_link_is_refused():
+def test_mass_of_unknown_link_is_refused():
     with pytest.raises(UnknownNameError, match="hok"):
         Dynamics.from_masses(crane(), [LinkMass("hok", 1.0, np.zeros(3))])
 
 
 @pytest.mark.parametrize("gravity", [(0, 9.81), (0, 0, math.nan), "down"])
-def test_what_is_no_gravity_is_refused(gravity):
+def test_invalid_gravity_is_refused(gravity):
     with pytest.raises(BadValueError, match="gravity"):
         Dynamics.from_masses(crane(), [], gravity)
     with pytest.raises(BadValueError, match="gravity"):
         dynamics_of("so101").with_gravity(gravity)
 
 
-def test_parameters_of_another_number_are_refused():
+def test_wrong_number_of_parameters_is_refused():
     ours = dynamics_of("so101")
     base = base_parameters(ours)
     for call in (ours.with_parameters, base.combine, base.expand):
@@ -360,13 +360,13 @@ def test_parameters_of_another_number_are_refused():
         {"tolerance": math.nan},
     ],
 )
-def test_what_is_no_regressor_is_refused(bad):
+def test_independent_columns_refuses_invalid_arguments(bad):
     given = {"regressor": np.eye(3), "typical": np.ones(3)} | bad
     with pytest.raises(BadValueError):
         independent_columns(**given)
 
 
 @pytest.mark.parametrize("bad", [{"speed_rad_s": -1.0}, {"acceleration_rad_s2": math.inf}])
-def test_motions_without_a_size_are_refused(bad):
+def test_base_parameters_refuses_invalid_speed_or_acceleration(bad):
     with pytest.raises(BadValueError):
         base_parameters(dynamics_of("planar2"), **bad)

@@ -22,7 +22,7 @@ def some_geometry(chain, seed=1):
     return GeometricErrors(chance.normal(0, 0.01, 3), chance.normal(0, 0.05, 3), origins)
 
 
-def test_nothing_moved_is_the_same_arm():
+def test_zero_geometric_errors_leave_chain_unchanged():
     chain = load_model("so101").chain
     q = 0.1 * np.arange(chain.dof)
     np.testing.assert_array_equal(
@@ -30,13 +30,13 @@ def test_nothing_moved_is_the_same_arm():
     )
 
 
-def test_all_moving_joints_but_the_first_can_be_moved_and_a_tool_that_is_fixed():
+def test_identifiable_origins_exclude_first_joint():
     assert identifiable_origins(planar(0.3, 0.2, 0.1)) == ("j2", "j3", "end")
     assert identifiable_origins(planar(0.3)) == ("end",)
     assert identifiable_origins(crane()) == ("slide", "hook")
 
 
-def test_a_turned_base_turns_every_link():
+def test_turned_base_turns_every_link():
     chain, geometry = (
         load_model("so101").chain,
         GeometricErrors(base_rad=np.array([0.0, 0.0, np.pi / 2])),
@@ -49,7 +49,7 @@ def test_a_turned_base_turns_every_link():
     np.testing.assert_allclose(links[chain.tip], own.forward(q), atol=1e-12)
 
 
-def test_a_longer_tool_ends_further_out():
+def test_longer_tool_ends_further_out():
     chain = load_model("planar2").chain
     own = apply_geometric_errors(
         chain, GeometricErrors(origins_m={"tool_joint": np.array([0.01, 0.0, 0.0])})
@@ -59,7 +59,7 @@ def test_a_longer_tool_ends_further_out():
 
 
 @pytest.mark.parametrize("name", ARMS)
-def test_slopes_are_finite_differences(name):
+def test_geometry_jacobian_equals_finite_differences(name):
     chain = load_model(name).chain
     names, base = identifiable_origins(chain), some_geometry(chain)
     q = np.random.default_rng(2).uniform(-0.5, 0.5, (3, chain.dof))

@@ -35,7 +35,7 @@ def sagging(model):
 
 
 @pytest.mark.parametrize("name", ARMS)
-def test_gravity_turns_joints_as_pinocchio_says(name):
+def test_gravity_torques_equal_pinocchio(name):
     model = ikservo.load_model(name)
     oracle = pinocchio.buildModelFromUrdf(str(CONFIGS / name / "arm.urdf"))
     beside = [joint for joint in list(oracle.names)[1:] if joint not in model.chain.names]
@@ -55,7 +55,7 @@ def test_gravity_turns_joints_as_pinocchio_says(name):
         np.testing.assert_allclose(found, -held[columns], atol=1e-9)
 
 
-def test_gravity_pulls_a_slide_down_and_what_follows_it_counts_its_share():
+def test_gravity_loads_prismatic_joint_by_mimic_ratio():
     # the hook sinks by half a metre for each metre of the slide, the cart stays as high
     masses = [LinkMass("hook", 2.0, np.array([0.1, 0.2, 0.3])), LinkMass("cart", 5.0, np.zeros(3))]
     found = torques(CollisionBody(crane(), []), masses, [[0.3, 0.1], [1.0, 0.3]])
@@ -63,7 +63,7 @@ def test_gravity_pulls_a_slide_down_and_what_follows_it_counts_its_share():
 
 
 @pytest.mark.parametrize("name", ["so101", "koch", "px100", "vx300s"])
-def test_the_stiffness_of_servos_is_that_of_the_simulated_ones(name):
+def test_servo_stiffness_equals_that_of_simulator(name):
     with ikservo.open_arm(name, port="sim:?pose=home") as arm:
         arm.enable()
         for joint in arm.model.joints:
@@ -81,14 +81,14 @@ VARIANTS = [
 
 
 @pytest.mark.parametrize(("model", "supply_v", "simulated"), VARIANTS)
-def test_torque_and_friction_of_servos_are_those_of_the_simulated_ones(model, supply_v, simulated):
+def test_servo_torque_and_friction_equal_simulator(model, supply_v, simulated):
     known, motor = find_servo_torque(model, supply_v), PARAMETERS[simulated]
     assert known.full_duty_nm == pytest.approx(motor.duty_torque_nm, rel=0.02)
     assert known.static_friction_nm == pytest.approx(motor.static_friction_nm, rel=0.03)
 
 
 @pytest.mark.parametrize(("model", "supply_v", "simulated"), VARIANTS)
-def test_damping_and_gears_of_servos_are_those_of_the_simulated_ones(model, supply_v, simulated):
+def test_servo_damping_and_gear_friction_equal_simulator(model, supply_v, simulated):
     known, motor = find_servo_torque(model, supply_v), PARAMETERS[simulated]
     back_emf_nm_s = motor.torque_constant_nm_a**2 / motor.resistance_ohm
     assert known.damping_nm_s == pytest.approx(back_emf_nm_s + motor.viscous_nm_s, rel=0.02)
@@ -101,7 +101,7 @@ def test_damping_and_gears_of_servos_are_those_of_the_simulated_ones(model, supp
     assert gears.square_per_nm == pytest.approx(motor.load_square_per_nm, rel=0.02)
 
 
-def test_servos_of_a_higher_voltage_sag_less():
+def test_higher_supply_voltage_reduces_sag():
     model = ikservo.load_model("so101")
     at_12_v = replace(model, supply_v=12.0)
     usual, strong = (joint_compliances(m, m.chain) for m in (model, at_12_v))
@@ -109,7 +109,7 @@ def test_servos_of_a_higher_voltage_sag_less():
     np.testing.assert_allclose(usual / strong, duty_nm[1] / duty_nm[0], rtol=0.01)
 
 
-def test_a_joint_on_its_stop_sags_no_further():
+def test_sag_of_joint_near_its_limit_ends_there():
     model = ikservo.load_model("so101")
     sag = sagging(model)
     lift = model.chain.names.index("shoulder_lift")
@@ -118,14 +118,14 @@ def test_a_joint_on_its_stop_sags_no_further():
     assert 0.0 < sag(q[None])[0, lift] <= 1e-4 + 1e-12
 
 
-def test_an_arm_that_reaches_out_sags_by_degrees():
+def test_sag_of_stretched_arm_is_1_to_3_degrees():
     model = ikservo.load_model("so101")
     sag = np.rad2deg(sagging(model)(model.chain_pose("zero")[None])[0])
     assert 1.0 < sag[model.chain.names.index("shoulder_lift")] < 3.0
 
 
 @pytest.mark.parametrize("name", ARMS)
-def test_the_compiled_sag_is_torque_times_what_joints_yield(name):
+def test_compiled_sag_is_torque_times_compliance(name):
     model = ikservo.load_model(name)
     middle = model.chain.mid_range()[None]
     masses, yields = link_masses(model, model.chain), joint_compliances(model, model.chain)

@@ -16,24 +16,24 @@ def asymmetric(by):
     return tensor
 
 
-def test_a_link_may_be_without_mass():
+def test_link_mass_may_be_zero():
     assert LinkMass("hook", 0.0, np.zeros(3)).mass_kg == 0.0
 
 
-def test_a_tensor_that_rounding_made_asymmetric_is_accepted():
+def test_tensor_asymmetric_within_1e_9_is_accepted():
     for by in (9e-10, -9e-10):
         np.testing.assert_array_equal(
             LinkMass("hook", 1.0, np.zeros(3), asymmetric(by)).inertia_kg_m2, asymmetric(by)
         )
 
 
-def test_a_tensor_that_is_asymmetric_by_more_is_refused():
+def test_tensor_asymmetric_by_over_1e_9_is_refused():
     for by in (1.1e-9, -1.1e-9):
         with pytest.raises(BadValueError, match="symmetric"):
             LinkMass("hook", 1.0, np.zeros(3), asymmetric(by))
 
 
-def test_what_was_given_is_kept_as_floats_that_nobody_can_change():
+def test_link_mass_keeps_read_only_copies():
     centre, tensor = np.array([0.1, 0.2, 0.3]), np.eye(3)
     mass = LinkMass("hook", np.float64(2.0), centre, tensor)
     centre[0], tensor[0, 0] = 9.0, 9.0

@@ -17,7 +17,7 @@ from ikservo.kinematics.arrays import (
 
 
 @pytest.mark.parametrize("values", [[1, 2], (1.0, 2.0), np.array([1, 2], dtype=np.int8)])
-def test_whole_numbers_and_fractions_are_taken_as_floats(values):
+def test_integers_and_fractions_become_floats(values):
     found = finite_vector(values, 2, "q")
     assert (found.dtype, found.tolist()) == (np.float64, [1.0, 2.0])
 
@@ -26,7 +26,7 @@ def test_whole_numbers_and_fractions_are_taken_as_floats(values):
     "values",
     [[True, False], [1j, 2j], [b"1", b"2"], ["1", "2"], [[1], [1, 2]], [10**400, 0]],
 )
-def test_truths_texts_and_imaginary_numbers_are_none(values):
+def test_bools_strings_and_complex_numbers_are_refused(values):
     with pytest.raises(BadValueError) as caught:
         finite_vector(values, 2, "q")
     assert "q" in caught.value.message
@@ -34,7 +34,7 @@ def test_truths_texts_and_imaginary_numbers_are_none(values):
 
 
 @pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf])
-def test_what_is_not_finite_is_refused_by_every_question(bad):
+def test_nan_and_infinity_are_refused(bad):
     for ask in (
         lambda: finite_vector([1.0, bad], 2, "q"),
         lambda: finite_vectors([[0.0, 0.0], [1.0, bad]], 2, "q"),
@@ -44,24 +44,24 @@ def test_what_is_not_finite_is_refused_by_every_question(bad):
             ask()
 
 
-def test_one_vector_or_many_of_them_are_vectors():
+def test_finite_vectors_accepts_one_or_many():
     assert finite_vectors([1.0, 2.0], 2, "q").shape == (2,)
     assert finite_vectors([[1.0, 2.0]] * 3, 2, "q").shape == (3, 2)
     assert finite_vectors(np.zeros((0, 2)), 2, "q").shape == (0, 2)
 
 
 @pytest.mark.parametrize("shape", [(), (3,), (2, 3), (3, 1), (1, 1, 2)])
-def test_vectors_of_another_shape_are_refused(shape):
+def test_vectors_of_wrong_shape_are_refused(shape):
     with pytest.raises(BadValueError) as caught:
         finite_vectors(np.zeros(shape), 2, "q")
     assert str(shape) in caught.value.message
 
 
-def test_any_shape_of_numbers_is_numbers():
+def test_as_floats_accepts_any_shape_and_infinity():
     assert as_floats([[1, math.inf]], "limits", "numbers").tolist() == [[1.0, math.inf]]
 
 
-def test_a_frozen_copy_cannot_be_written_to_and_follows_nothing():
+def test_read_only_returns_independent_frozen_copy():
     original = np.array([1, 2])
     copy = read_only(original)
     original[0] = 9
@@ -71,14 +71,14 @@ def test_a_frozen_copy_cannot_be_written_to_and_follows_nothing():
 
 
 @pytest.mark.parametrize("size", [1, 2, 16, 17, 40])
-def test_numbers_up_to_a_bound_are_taken_however_large_their_sum(size):
+def test_bounded_vector_accepts_values_up_to_bound(size):
     for values in (np.full(size, 3.0), np.full(size, -3.0), np.zeros(size)):
         assert bounded_vector(values, size, 3.0, "q", "small numbers") is values
 
 
 @pytest.mark.parametrize("size", [1, 2, 16, 17, 40])
 @pytest.mark.parametrize("bad", [3.001, -3.001])
-def test_a_number_beyond_a_bound_is_refused_with_what_was_expected(size, bad):
+def test_bounded_vector_refuses_value_beyond_bound(size, bad):
     values = np.zeros(size)
     values[-1] = bad
     with pytest.raises(BadValueError, match="q") as caught:
@@ -88,12 +88,12 @@ def test_a_number_beyond_a_bound_is_refused_with_what_was_expected(size, bad):
 
 @pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf])
 @pytest.mark.parametrize("size", [2, 17])
-def test_what_is_not_finite_is_within_no_bound(size, bad):
+def test_bounded_vector_refuses_nan_and_infinity(size, bad):
     for values in (np.full(size, bad), np.append(np.ones(size - 1), bad)):
         with pytest.raises(BadValueError, match="finite"):
             bounded_vector(values, size, 3.0, "q", "small numbers")
 
 
-def test_no_numbers_are_within_the_smallest_bound():
+def test_bounded_vector_accepts_empty_vector():
     assert bounded_vector(np.zeros(0), 0, 0.5, "q", "small numbers").shape == (0,)
     assert bounded_vector(np.full(17, 0.5), 17, 0.5, "q", "small numbers").shape == (17,)

@@ -60,20 +60,20 @@ def placed(row):
 
 
 @pytest.mark.parametrize("frame", [None, "cart", "lever", "base"])
-def test_the_rows_lead_where_the_chain_does(frame):
+def test_packed_chain_pose_equals_forward(frame):
     chain, q, offset_m = crane(), np.array([0.7, 0.2]), np.array([0.01, -0.02, 0.03])
     packed = pack_chain(chain, frame, offset_m)
     np.testing.assert_allclose(unpacked(packed, q), chain.forward(q, frame, offset_m), atol=1e-14)
 
 
-def test_the_header_counts_joint_rows_and_limits():
+def test_packed_header_counts_joint_rows_and_limits():
     packed = pack_chain(crane())
     assert packed.shape == (2 + 3 + 2, WIDTH)
     assert (packed[0, STEPS], packed[0, DOF]) == (3.0, 2.0)
     assert pack_chain(crane(), "base").shape == (2 + 0 + 2, WIDTH)
 
 
-def test_joints_that_are_fixed_or_held_have_no_rows():
+def test_fixed_and_held_joints_have_no_packed_rows():
     assert pack_chain(planar(0.3, 0.2)).shape == (2 + 2 + 2, WIDTH)
     assert pack_chain(crane(), "lever").shape == (2 + 1 + 2, WIDTH)
 
@@ -82,7 +82,7 @@ def test_joints_that_are_fixed_or_held_have_no_rows():
     "axis",
     [(1.0, 0.0, 0.0), (-1.0, 0.0, 0.0), (0.0, -1.0, 0.0), (0.6, 0.0, 0.8), (-0.95, 0.3, 0.1)],
 )
-def test_the_packed_tools_z_points_along_its_axis(axis):
+def test_packed_tool_z_axis_is_tool_axis(axis):
     axis = np.array(axis) / np.linalg.norm(axis)
     chain, q = planar(0.3, 0.2), np.array([0.4, -0.9])
     found = unpacked(pack_chain(chain, tool_axis=axis), q)
@@ -101,7 +101,7 @@ def one_joint(mimic=False, **more):
     return Chain.from_joints(joints, "base", "l1")
 
 
-def test_a_first_joint_that_q_alone_turns_swings():
+def test_first_joint_is_independent_if_revolute_and_no_mimic():
     assert pack_chain(one_joint())[0, FIRST_INDEPENDENT] == 1.0
     assert pack_chain(crane())[0, FIRST_INDEPENDENT] == 1.0
     assert pack_chain(one_joint(mimic=True))[0, FIRST_INDEPENDENT] == 0.0
@@ -110,7 +110,7 @@ def test_a_first_joint_that_q_alone_turns_swings():
 
 
 @pytest.mark.parametrize(("multiplier", "offset"), [(0.5, 0.0), (1.0, 0.3)])
-def test_a_first_joint_that_follows_another_does_not_swing(multiplier, offset):
+def test_first_joint_that_is_a_mimic_is_not_independent(multiplier, offset):
     joints = [
         joint("first", JointType.REVOLUTE, "base", "l1", mimic=Mimic("second", multiplier, offset)),
         joint("second", JointType.REVOLUTE, "l1", "tip", (0.1, 0, 0)),
@@ -129,13 +129,13 @@ def test_a_first_joint_that_follows_another_does_not_swing(multiplier, offset):
         (one_joint(lower=-3.14, upper=3.14, mimic=True), 0.0),
     ],
 )
-def test_a_full_turn_is_one_where_every_direction_is_inside_the_range(chain, full):
+def test_full_turn_is_marked_if_range_covers_every_direction(chain, full):
     row = pack_chain(chain)[-1]
     assert row[FULL_TURN] == full
     assert (row[LOWER], row[UPPER]) == (chain.lower_rad[0], chain.upper_rad[0])
 
 
-def test_each_link_has_a_row_with_its_joint():
+def test_pack_links_has_one_row_per_link_with_its_joint():
     names, rows = pack_links(crane())
     at = {name: dict(zip(("row", "i"), (rows[i], i), strict=True)) for i, name in enumerate(names)}
     assert at["base"]["row"][PARENT] == -1
@@ -148,7 +148,7 @@ def test_each_link_has_a_row_with_its_joint():
     np.testing.assert_array_equal(cart[ORIGIN : ORIGIN + 9], np.eye(3).ravel())
 
 
-def test_a_fixed_joint_is_an_origin_and_nothing_more():
+def test_packed_fixed_joint_is_origin_only():
     names, rows = pack_links(planar(0.3, 0.2))
     row = rows[names.index("tip")]
     np.testing.assert_array_equal(row[LINK_POSE : LINK_POSE + 3], [0.2, 0.0, 0.0])
@@ -156,7 +156,7 @@ def test_a_fixed_joint_is_an_origin_and_nothing_more():
     assert not row[IS_PRISMATIC:].any()
 
 
-def test_each_capsule_has_a_row_with_its_link():
+def test_pack_capsules_has_one_row_per_capsule_with_its_link():
     stick = Capsule("b", np.array([1.0, 2.0, 3.0]), np.array([4.0, 5.0, 6.0]), 0.7)
     (row,) = pack_capsules([stick], ["a", "b"])
     assert row[START : START + 3].tolist() == [1.0, 2.0, 3.0]
@@ -165,7 +165,7 @@ def test_each_capsule_has_a_row_with_its_link():
     assert pack_capsules([], ["a"]).shape == (0, 8)
 
 
-def test_a_row_is_marked_where_its_rotation_is_the_identity_to_the_last_digit():
+def test_packed_row_is_aligned_only_with_exact_identity():
     for packed in (pack_chain(planar(0.3, 0.2)), pack_chain(crane())):
         for row in packed[1 : 2 + int(packed[0, STEPS])]:
             same = np.array_equal(placed(row)[:3, :3], np.eye(3))

@@ -11,17 +11,17 @@ from ikservo.model import load_model
 from tests.kinematics.chains import crane, planar
 
 
-def test_a_force_across_two_stretched_links_turns_each_joint_by_its_lever():
+def test_force_across_stretched_links_gives_lever_torques():
     tau = joint_torques(planar(0.3, 0.2), [0.0, 0.0], (0.0, 10.0, 0.0))
     np.testing.assert_allclose(tau, [5.0, 2.0])
 
 
-def test_a_force_along_the_links_turns_no_joint():
+def test_force_along_stretched_links_gives_no_torque():
     tau = joint_torques(planar(0.3, 0.2), [0.6, 0.0], (math.cos(0.6), math.sin(0.6), 0.0))
     np.testing.assert_allclose(tau, 0.0, atol=1e-15)
 
 
-def test_torques_do_the_work_of_the_force_in_every_small_motion():
+def test_joint_torques_do_same_virtual_work_as_force():
     model = load_model("so101")
     chain, rng = model.chain, np.random.default_rng(5)
     for _ in range(20):
@@ -32,23 +32,23 @@ def test_torques_do_the_work_of_the_force_in_every_small_motion():
         assert work == pytest.approx(float(force @ moved), rel=1e-6, abs=1e-14)
 
 
-def test_a_moment_turns_the_joints_about_their_own_axes():
+def test_moment_acts_on_joints_by_their_axes():
     tau = joint_torques(planar(0.3, 0.2), [0.2, 0.4], (0, 0, 0), moment_nm=(3.0, 4.0, 0.5))
     np.testing.assert_allclose(tau, [0.5, 0.5])
 
 
-def test_a_slide_feels_newtons_and_what_follows_it_adds_its_share():
+def test_prismatic_joint_force_includes_share_of_its_mimic():
     tau = joint_torques(crane(), [0.0, 0.2], (2.0, 0.0, -8.0))
     assert tau[1] == pytest.approx(2.0 + 0.5 * 8.0)
 
 
-def test_a_force_in_the_middle_of_the_arm_turns_no_joint_behind_it():
+def test_force_on_inner_link_gives_no_torque_beyond_it():
     tau = joint_torques(planar(0.3, 0.2), [0.2, 0.4], (0, 1, 0), frame="l1", offset_m=(0.1, 0, 0))
     assert tau[0] == pytest.approx(0.1 * math.cos(0.2))
     assert tau[1] == 0.0
 
 
 @pytest.mark.parametrize("force", [(0, 0), (0, 0, math.inf), ("1", "2", "3"), None])
-def test_what_is_no_force_is_refused(force):
+def test_invalid_force_is_refused(force):
     with pytest.raises(BadValueError):
         joint_torques(planar(0.3, 0.2), [0.0, 0.0], force)

@@ -124,7 +124,7 @@ OUTSIDE = [
 
 
 @pytest.mark.parametrize(("old", "new", "where", "found", "expected"), SLIPS.values(), ids=SLIPS)
-def test_a_slip_is_named_with_its_key(
+def test_mistake_is_reported_with_its_key(
     arm_path: Path, arm_text: str, old: str, new: str, where: str, found: str, expected: str
 ) -> None:
     assert old in arm_text
@@ -133,7 +133,7 @@ def test_a_slip_is_named_with_its_key(
 
 
 @pytest.mark.parametrize(("old", "new", "where"), BROKEN.values(), ids=BROKEN)
-def test_broken_toml_is_named_with_its_place(
+def test_broken_toml_is_reported_with_its_place(
     arm_path: Path, arm_text: str, old: str, new: str, where: str
 ) -> None:
     assert old in arm_text
@@ -141,23 +141,23 @@ def test_broken_toml_is_named_with_its_place(
 
 
 @pytest.mark.parametrize(("content", "where", "found"), DOCUMENTS.values(), ids=DOCUMENTS)
-def test_a_bad_document_is_refused(arm_path: Path, content: str, where: str, found: str) -> None:
+def test_invalid_document_is_refused(arm_path: Path, content: str, where: str, found: str) -> None:
     error = refused(arm_path, content)
     assert (error.where, error.found) == (where, found)
 
 
-def test_latin_1_is_refused_by_its_line(arm_path: Path) -> None:
+def test_latin_1_file_is_refused_with_its_line(arm_path: Path) -> None:
     arm_path.write_bytes(b'format = 1\ntitle = "\xe9t\xe9"\n')
     with pytest.raises(FileFormatError, match=r"line 2: holds the byte 0xE9"):
         read_arm_file(arm_path)
 
 
-def test_many_dots_in_a_comment_do_no_harm(arm_path: Path, arm_text: str) -> None:
+def test_many_dots_in_comment_are_accepted(arm_path: Path, arm_text: str) -> None:
     arm_path.write_text(f"# {'.' * 100}\n{arm_text}")
     assert read_arm_file(arm_path).name == "small"
 
 
-def test_without_joints_there_is_no_arm(arm_path: Path, arm_text: str) -> None:
+def test_arm_file_without_joints_is_refused(arm_path: Path, arm_text: str) -> None:
     head, tail = arm_text.split("[[joints]]", 1)[0], arm_text.split("[poses.rest]", 1)[1]
     error = refused(arm_path, f"joints = []\n{head}[poses.rest]{tail}")
     assert (error.where, error.expected) == ("joints", "at least one")
@@ -169,7 +169,7 @@ def test_a_urdf_outside_the_folder_is_refused(arm_path: Path, arm_text: str, urd
     assert (error.where, error.expected) == ("urdf", "a file in the arm's own folder")
 
 
-def test_a_urdf_that_is_a_link_out_of_the_folder_is_refused(
+def test_urdf_symlink_out_of_folder_is_refused(
     arm_path: Path, arm_text: str, urdf_path: Path, tmp_path: Path
 ) -> None:
     urdf_path.rename(tmp_path / "elsewhere.urdf")
@@ -177,7 +177,7 @@ def test_a_urdf_that_is_a_link_out_of_the_folder_is_refused(
     assert refused(arm_path, arm_text).where == "urdf"
 
 
-def test_in_the_catalogue_the_name_is_the_folder(
+def test_arm_name_in_catalogue_must_be_its_folder(
     arm_path: Path, arm_text: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(catalogue, "__file__", str(tmp_path / "ikservo/model/catalogue.py"))
@@ -186,6 +186,6 @@ def test_in_the_catalogue_the_name_is_the_folder(
     assert (error.where, error.found) == ("name", 'is "large"')
 
 
-def test_the_message_names_file_key_and_what_was_expected(arm_path: Path, arm_text: str) -> None:
+def test_error_names_file_key_and_expected_value(arm_path: Path, arm_text: str) -> None:
     error = refused(arm_path, arm_text.replace("id = 3", "id = 300"))
     assert str(error) == f"{arm_path}, joints[1].servo.id: is 300.\nExpected {IDS}."

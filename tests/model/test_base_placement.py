@@ -28,14 +28,14 @@ def placed(tmp_path):
     return copy
 
 
-def test_words_place_the_base_along_the_axes_of_the_table():
+def test_base_words_become_rotation_and_offset():
     T = make_pose(np.zeros(3), exp_so3([0.0, 0.0, np.pi / 2]))
     lifted = make_pose(np.array([0.2, 0.0, 0.05]))
     assert np.allclose(parse_frame("rotate 90, raise 0.05, forward 0.2"), lifted @ T)
 
 
 @pytest.mark.parametrize("base", ["rotate 90, raise 0.05", "left -0.1", "upside down, raise 0.6"])
-def test_model_and_simulator_place_the_arm_alike(placed, base):
+def test_model_and_simulator_place_base_alike(placed, base):
     plain, folder = load_model("so101"), placed(base)
     model, simulated = load_model(folder), read_arm_file(folder / "arm.toml")
     q = plain.chain_pose("home")
@@ -52,19 +52,19 @@ def test_model_and_simulator_place_the_arm_alike(placed, base):
 
 
 @pytest.mark.full
-def test_an_arm_on_a_turned_base_moves_to_a_point_of_the_table(placed):
+def test_arm_on_turned_base_moves_to_point_of_table(placed):
     folder = placed("rotate 90, raise 0.05")
     with ikservo.open_arm(folder, port="sim:?pose=home", uncalibrated=True) as arm:
         assert arm.move_to((0.0, 0.25, 0.2)).reached
         assert arm.where().tip_m == pytest.approx((0.0, 0.25, 0.2), abs=0.003)
 
 
-def test_words_that_place_nothing_are_named(placed):
+def test_unknown_base_words_are_refused(placed):
     with pytest.raises(FileFormatError, match="base"):
         load_model(placed("sideways 3"))
 
 
 @pytest.mark.parametrize("base", ["rotate 1e300", "raise inf", "left nan", "forward -1e9"])
-def test_amounts_without_a_sense_are_refused(base):
+def test_base_amount_out_of_range_is_refused(base):
     with pytest.raises(BadValueError):
         parse_frame(base)

@@ -26,73 +26,75 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return folder
 
 
-def test_names_are_sorted(folder: Path) -> None:
+def test_arm_names_are_sorted(folder: Path) -> None:
     assert arm_names() == ["koch", "so101"]
 
 
-def test_a_folder_without_arm_file_is_no_arm(folder: Path) -> None:
+def test_folder_without_arm_file_is_not_an_arm(folder: Path) -> None:
     (folder / "half").mkdir()
     assert "half" not in arm_names()
 
 
-def test_a_folder_with_an_odd_name_is_no_arm(folder: Path) -> None:
+def test_folder_with_invalid_name_is_not_an_arm(folder: Path) -> None:
     (folder / "koch").rename(folder / "koch v1.1")
     assert arm_names() == ["so101"]
 
 
-def test_without_a_folder_of_arms_there_are_none(folder: Path) -> None:
+def test_arm_names_without_folder_are_empty(folder: Path) -> None:
     shutil.rmtree(folder)
     assert arm_names() == []
 
 
-def test_a_name_leads_to_its_file(folder: Path) -> None:
+def test_arm_name_leads_to_its_file(folder: Path) -> None:
     assert find_arm("so101") == folder / "so101" / "arm.toml"
 
 
-def test_a_misspelled_name_offers_the_closest(folder: Path) -> None:
+def test_misspelled_arm_name_suggests_closest(folder: Path) -> None:
     with pytest.raises(UnknownNameError) as caught:
         find_arm("so1O1")
     assert caught.value.hint == "Did you mean so101? Known: koch, so101."
 
 
 @pytest.mark.parametrize("file", ["arm.toml", "mine.toml", "arm.urdf", "a.b.urdf"])
-def test_a_path_to_a_file_is_that_file(tmp_path: Path, file: str) -> None:
+def test_path_to_arm_file_is_returned(tmp_path: Path, file: str) -> None:
     (tmp_path / file).write_text("")
     assert find_arm(str(tmp_path / file)) == tmp_path / file
 
 
-def test_a_file_here_needs_no_separator(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_arm_file_in_current_folder_needs_no_separator(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.chdir(folder / "so101")
     assert find_arm("arm.toml") == Path("arm.toml")
 
 
-def test_a_path_to_a_folder_is_its_arm_file(folder: Path) -> None:
+def test_path_to_folder_leads_to_its_arm_file(folder: Path) -> None:
     assert find_arm(f"{folder}/koch/") == folder / "koch" / "arm.toml"
 
 
-def test_a_path_object_is_a_path_even_without_separator(
+def test_path_object_is_a_path_even_without_separator(
     folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(folder)
     assert find_arm(Path("koch")) == Path("koch/arm.toml")
 
 
-def test_an_arm_knows_its_name_in_the_catalogue(folder: Path) -> None:
+def test_catalogue_name_is_name_of_arm_folder(folder: Path) -> None:
     assert catalogue_name(find_arm("koch")) == "koch"
 
 
-def test_an_arm_reached_by_a_relative_path_knows_its_name(
+def test_catalogue_name_works_for_relative_path(
     folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(folder / "so101")
     assert catalogue_name(Path("arm.toml")) == "so101"
 
 
-def test_an_arm_outside_it_has_no_name_in_the_catalogue(tmp_path: Path) -> None:
+def test_catalogue_name_outside_catalogue_is_none(tmp_path: Path) -> None:
     assert catalogue_name(tmp_path / "so101" / "arm.toml") is None
 
 
-def test_installed_arms_come_before_those_of_the_source_tree(
+def test_installed_arms_precede_those_of_source_tree(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     module = tmp_path / "ikservo" / "model" / "catalogue.py"
@@ -131,9 +133,7 @@ def refused(trick: str) -> None:
     pytest.fail(f"{trick[:24]!a} has led to {found}")
 
 
-def test_a_trick_in_a_name_finds_and_opens_nothing(
-    folder: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_malicious_arm_name_opens_no_file(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     opened: list[object] = []
     with monkeypatch.context() as watched:
         for opener in ("builtins.open", "io.open", "os.open"):
@@ -143,7 +143,7 @@ def test_a_trick_in_a_name_finds_and_opens_nothing(
     assert opened == []
 
 
-def test_what_is_no_path_is_not_even_looked_for(
+def test_invalid_arm_name_is_not_looked_up_on_disk(
     folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     looked_at: list[str] = []
@@ -160,7 +160,7 @@ def test_what_is_no_path_is_not_even_looked_for(
     assert set(looked_at) == known
 
 
-def test_an_endless_name_is_cut_short_in_the_message(folder: Path) -> None:
+def test_error_for_very_long_arm_name_is_short(folder: Path) -> None:
     with pytest.raises(UnknownNameError) as caught:
         find_arm("a" * 100_000)
     assert len(str(caught.value)) < 200

@@ -38,7 +38,7 @@ def read(path: Path, reader: Callable[[Path], object]) -> object | None:
 
 
 @pytest.mark.parametrize("count", COUNTS)
-def test_damaged_urdfs_are_read_with_whole_limits_or_refused(tmp_path: Path, count: int) -> None:
+def test_damaged_urdf_is_read_or_refused_in_campaign(tmp_path: Path, count: int) -> None:
     chance = random.Random(7)
     wholes = [(CONFIGS / name / "arm.urdf").read_bytes() for name in ARMS]
     for _ in range(count):
@@ -49,7 +49,7 @@ def test_damaged_urdfs_are_read_with_whole_limits_or_refused(tmp_path: Path, cou
 
 
 @pytest.mark.parametrize("count", COUNTS)
-def test_damaged_arm_files_are_read_or_refused(tmp_path: Path, count: int) -> None:
+def test_damaged_arm_file_is_read_or_refused_in_campaign(tmp_path: Path, count: int) -> None:
     chance = random.Random(8)
     wholes = [(CONFIGS / name / "arm.toml").read_bytes() for name in ARMS]
     for _ in range(count):

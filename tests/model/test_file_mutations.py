@@ -69,7 +69,7 @@ def read_or_refuse(read: Callable[[Path], object], path: Path, data: bytes) -> N
 @seed(101)
 @SETTINGS
 @given(wounds=damages)
-def test_a_damaged_urdf_never_raises_anything_else(
+def test_damaged_urdf_raises_only_ikservo_errors(
     a_path: Path, urdf_text: str, wounds: list[tuple[int, int, bytes]]
 ) -> None:
     read_or_refuse(read_urdf, a_path, damaged(urdf_text, wounds))
@@ -79,7 +79,7 @@ def test_a_damaged_urdf_never_raises_anything_else(
 @seed(101)
 @SETTINGS
 @given(wounds=damages)
-def test_a_damaged_arm_file_never_raises_anything_else(
+def test_damaged_arm_file_raises_only_ikservo_errors(
     a_path: Path, arm_text: str, wounds: list[tuple[int, int, bytes]]
 ) -> None:
     arm_path = a_path.with_name("arm.toml")

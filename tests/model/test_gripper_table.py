@@ -14,17 +14,17 @@ def with_gripper(arm_path, arm_text, table):
     return arm_path
 
 
-def test_jaws_close_towards_the_end_that_is_nearer_to_zero(arm_path):
+def test_gripper_closes_towards_limit_nearer_to_zero(arm_path):
     gripper = load_model(arm_path).gripper
     assert (gripper.joint, gripper.closed, gripper.open) == ("gripper", 0.0, 0.02)
 
 
-def test_the_arm_file_may_say_otherwise(arm_path, arm_text):
+def test_closes_to_key_sets_closing_limit_of_gripper(arm_path, arm_text):
     gripper = load_model(with_gripper(arm_path, arm_text, 'closes_to = "upper"')).gripper
     assert (gripper.closed, gripper.open) == (0.02, 0.0)
 
 
-def test_widths_lie_on_straight_lines_between_the_pairs(arm_path, arm_text):
+def test_gripper_width_is_interpolated_between_pairs(arm_path, arm_text):
     table = "width_m_by_m = [[0.0, 0.01], [0.01, 0.03], [0.02, 0.07]]"
     gripper = load_model(with_gripper(arm_path, arm_text, table)).gripper
     assert gripper.width_m(0.015) == pytest.approx(0.05)
@@ -32,13 +32,13 @@ def test_widths_lie_on_straight_lines_between_the_pairs(arm_path, arm_text):
     assert gripper.range_m() == pytest.approx((0.01, 0.07))
 
 
-def test_widths_may_fall_as_the_joint_goes_up(arm_path, arm_text):
+def test_gripper_width_may_decrease_with_position(arm_path, arm_text):
     table = "width_m_by_m = [[0.0, 0.05], [0.02, 0.01]]"
     gripper = load_model(with_gripper(arm_path, arm_text, table)).gripper
     assert gripper.position(0.03) == pytest.approx(0.01)
 
 
-def test_without_widths_there_are_none(arm_path):
+def test_gripper_without_width_table_has_no_width(arm_path):
     gripper = load_model(arm_path).gripper
     assert (gripper.width_m(0.01), gripper.range_m()) == (None, None)
 
@@ -57,13 +57,13 @@ def test_without_widths_there_are_none(arm_path):
         ("width = 0.03", "gripper.width"),
     ],
 )
-def test_a_slip_is_named_with_its_place(arm_path, arm_text, table, where):
+def test_mistake_in_gripper_table_is_reported_with_its_key(arm_path, arm_text, table, where):
     with pytest.raises(FileFormatError) as caught:
         load_model(with_gripper(arm_path, arm_text, table))
     assert caught.value.where.startswith(where)
 
 
-def test_jaws_of_a_continuous_joint_are_refused_with_the_remedy(tmp_path):
+def test_gripper_of_continuous_joint_is_refused_with_hint(tmp_path):
     shutil.copytree(CONFIGS / "so101", tmp_path / "arm")
     urdf = tmp_path / "arm" / "arm.urdf"
     text = urdf.read_text().replace('"gripper" type="revolute"', '"gripper" type="continuous"')
@@ -73,7 +73,7 @@ def test_jaws_of_a_continuous_joint_are_refused_with_the_remedy(tmp_path):
     assert "limits_deg" in caught.value.hint
 
 
-def test_a_servo_cannot_drive_a_joint_that_follows_another(arm_path, arm_text):
+def test_servo_on_mimic_joint_is_refused(arm_path, arm_text):
     text = arm_text.replace('name = "gripper"', 'name = "other_finger"')
     arm_path.write_text(text.replace("{ gripper =", "{ other_finger ="))
     with pytest.raises(FileFormatError, match=r'"other_finger" follows "gripper"'):

@@ -19,14 +19,14 @@ def arm_with(tmp_path, table):
     return path
 
 
-def test_without_a_table_the_usual_limits_hold():
+def test_health_limits_have_defaults_without_table():
     health = load_model(SO101).health
     assert (health.warn_c, health.hold_c, health.release_c) == (60.0, 65.0, 70.0)
     assert (health.load_percent, health.load_s) == (90.0, 3.0)
     assert (health.low_v, health.high_v) == (0.0, math.inf)
 
 
-def test_what_the_table_says_takes_the_place_of_the_usual(tmp_path):
+def test_health_table_replaces_default_limits(tmp_path):
     health = load_model(arm_with(tmp_path, "hold_c = 62.0\nhigh_v = 8.0")).health
     assert (health.warn_c, health.hold_c, health.low_v, health.high_v) == (60.0, 62.0, 0.0, 8.0)
 
@@ -43,7 +43,7 @@ def test_what_the_table_says_takes_the_place_of_the_usual(tmp_path):
         ("cold_c = 5.0", "health.cold_c"),
     ],
 )
-def test_a_table_that_cannot_be_is_refused_with_its_key(tmp_path, table, where):
+def test_inconsistent_health_table_is_refused_with_its_key(tmp_path, table, where):
     with pytest.raises(FileFormatError) as caught:
         read_arm_file(arm_with(tmp_path, table))
     assert caught.value.where == where

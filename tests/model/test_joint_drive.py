@@ -12,14 +12,14 @@ from ikservo.model.joint_drive import joint_drive, nominal_parameters
 from ikservo.model.servo_torque import SERVO_TORQUES
 
 
-def test_two_servos_of_one_joint_give_twice_the_torque_of_one():
+def test_two_servos_on_joint_double_stiffness_and_friction():
     shoulder = ikservo.load_model("wx250s").joint("shoulder")
     both, alone = joint_drive(shoulder, None), joint_drive(replace(shoulder, shadows=()), None)
     assert both.stiffness_nm_rad == pytest.approx(2.0 * alone.stiffness_nm_rad)
     assert both.friction_torque(0.0, 3.0) == pytest.approx(2.0 * alone.friction_torque(0.0, 1.5))
 
 
-def test_a_geared_joint_is_stiffer_by_the_square_of_its_ratio():
+def test_gear_multiplies_stiffness_by_square_of_ratio():
     pan = ikservo.load_model("so101").joint("shoulder_pan")
     direct, geared = (
         joint_drive(pan, None),
@@ -29,7 +29,7 @@ def test_a_geared_joint_is_stiffer_by_the_square_of_its_ratio():
     assert geared.friction.coulomb_nm == pytest.approx(2.0 * direct.friction.coulomb_nm)
 
 
-def test_a_gear_divides_the_load_that_friction_grows_with_the_square_of():
+def test_gear_divides_load_of_quadratic_friction():
     wrist = ikservo.load_model("koch").joint("wrist_roll")
     direct = joint_drive(wrist, None)
     geared = joint_drive(replace(wrist, travel_per_turn=math.pi), None)
@@ -38,18 +38,18 @@ def test_a_gear_divides_the_load_that_friction_grows_with_the_square_of():
 
 
 @pytest.mark.parametrize("held_nm", [0.0, 0.3])
-def test_a_resting_shaft_starts_where_its_load_is_more_than_friction_under_it(held_nm):
+def test_static_load_equals_held_torque_plus_friction(held_nm):
     drive = joint_drive(ikservo.load_model("koch").joint("wrist_roll"), None)
     load_nm = drive.friction.static_load_nm(held_nm)
     assert load_nm == pytest.approx(held_nm + drive.friction_torque(0.0, load_nm))
 
 
-def test_a_joint_with_a_servo_of_an_unknown_motor_has_no_drive():
+def test_joint_with_unknown_servo_model_has_no_drive():
     pan = ikservo.load_model("so101").joint("shoulder_pan")
     assert joint_drive(replace(pan, servo=replace(pan.servo, model="HX-7")), None) is None
 
 
-def test_friction_falls_with_speed_and_grows_with_load():
+def test_drive_friction_falls_with_speed_and_grows_with_load():
     drive = joint_drive(ikservo.load_model("so101").joint("elbow_flex"), None)
     gears = SERVO_TORQUES["STS3215", None].friction
     assert drive.friction_torque(0.0, 0.0) == pytest.approx(gears.coulomb_nm + gears.slow_nm)
@@ -57,13 +57,13 @@ def test_friction_falls_with_speed_and_grows_with_load():
     assert drive.friction_torque(0.1, 1.0) > drive.friction_torque(0.1, 0.0)
 
 
-def test_every_arm_with_servos_has_a_drive_for_each_of_its_joints():
+def test_every_joint_of_shipped_arms_has_a_drive():
     for name in ("so101", "koch", "open_manipulator_x", "px100", "wx250s", "vx300s"):
         model = ikservo.load_model(name)
         assert None not in nominal_parameters(model, model.chain).drives
 
 
-def test_an_arm_without_masses_has_no_parameters():
+def test_arm_without_masses_has_no_nominal_parameters():
     model = ikservo.load_model("so101")
     weightless = tuple(replace(link, mass_kg=0.0) for link in model.urdf.links)
     model = replace(model, urdf=replace(model.urdf, links=weightless))

@@ -22,7 +22,7 @@ DEG = math.radians(1.0)
         (0.0, "rad", False, False),
     ],
 )
-def test_a_joint_that_turns_is_near_within_five_degrees(position, unit, near, at):
+def test_revolute_joint_is_near_limit_within_5_degrees(position, unit, near, at):
     joint = (position, -100 * DEG, 100 * DEG, unit)
     assert (near_limit(*joint), at_limit(*joint)) == (near, at)
 
@@ -31,23 +31,23 @@ def test_a_joint_that_turns_is_near_within_five_degrees(position, unit, near, at
     ("position_m", "near", "at"),
     [(0.2951, True, False), (0.2949, False, False), (0.2998, True, True), (0.0002, True, True)],
 )
-def test_a_slide_is_near_within_five_millimetres(position_m, near, at):
+def test_prismatic_joint_is_near_limit_within_5_mm(position_m, near, at):
     joint = (position_m, 0.0, 0.3, "m")
     assert (near_limit(*joint), at_limit(*joint)) == (near, at)
 
 
-def test_of_a_short_range_only_the_last_twentieth_is_near():
+def test_short_range_is_near_limit_in_its_last_twentieth():
     assert near_limit(0.0195, 0.0, 0.02, "m")
     assert not near_limit(0.0185, 0.0, 0.02, "m")
 
 
-def test_a_joint_that_turns_freely_is_never_near():
+def test_continuous_joint_is_never_near_limit():
     assert not near_limit(7.0, -math.inf, math.inf)
     assert limit_distance(7.0, -math.inf, math.inf) == math.inf
 
 
 @given(st.floats(-2, 2), st.floats(-1, 0), st.floats(0, 1), st.sampled_from(["rad", "m"]))
-def test_what_is_at_a_limit_is_near_it_and_what_is_outside_is_at_it(position, lower, upper, unit):
+def test_joint_at_limit_is_near_it_and_outside_is_at_it(position, lower, upper, unit):
     joint = (position, lower, upper, unit)
     assert near_limit(*joint) or not at_limit(*joint)
     assert at_limit(*joint) or limit_distance(*joint[:3]) >= 0.0

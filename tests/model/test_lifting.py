@@ -30,7 +30,7 @@ def breakaway_nm(servo, load_nm):
     ("omx_f", "joint2", "XL430-W250", 1, 9.09), ("wx250s", "shoulder", "XM430-W350", 2, 39.8),
     ("so101", "shoulder_lift", "STS3215", 1, 17.5), ("koch", "elbow_flex", "XL330-M288", 1, 2.67),
 ])  # fmt: skip
-def test_the_lag_is_enough_for_the_heaviest_posture(name, joint, servo, count, stiffness_nm_rad):
+def test_lifting_lag_is_enough_for_heaviest_posture(name, joint, servo, count, stiffness_nm_rad):
     model = load_model(name)
     dynamics = Dynamics.from_masses(model.chain, link_masses(model, model.chain))
     lower, upper = np.maximum(model.chain.lower_rad, -math.pi), np.minimum(model.chain.upper_rad, 3)
@@ -42,7 +42,7 @@ def test_the_lag_is_enough_for_the_heaviest_posture(name, joint, servo, count, s
 
 
 @pytest.mark.parametrize("name", ARMS)
-def test_every_joint_with_a_known_servo_has_a_lag(name):
+def test_every_joint_with_known_servo_has_lifting_lag(name):
     model = load_model(name)
     lags = load_lags(model, model.chain)
     assert list(lags) == list(model.chain.names)
@@ -50,7 +50,7 @@ def test_every_joint_with_a_known_servo_has_a_lag(name):
 
 
 @pytest.mark.parametrize("name", sorted(set(ARMS) - {"planar2", "planar3"}))  # gravity is across
-def test_a_payload_needs_more_of_the_joints_that_lift_it(name):
+def test_payload_increases_lifting_lag(name):
     model = load_model(name)
     empty = load_lags(model, model.chain)
     loaded = load_lags(model, model.chain, 0.1)
@@ -60,7 +60,7 @@ def test_a_payload_needs_more_of_the_joints_that_lift_it(name):
 
 
 @pytest.mark.parametrize("name", ARMS)
-def test_no_lag_makes_a_servo_switch_itself_off_however_heavy_the_payload(name):
+def test_lifting_lag_stays_below_overload_for_any_payload(name):
     model = load_model(name)
     for joint, lag in load_lags(model, model.chain, 5.0).items():
         servo = model.joint(joint).servo.model
@@ -69,14 +69,14 @@ def test_no_lag_makes_a_servo_switch_itself_off_however_heavy_the_payload(name):
         assert duty + torque.startup_duty < (0.8 if servo.startswith("STS") else 0.9)
 
 
-def test_the_sag_is_that_of_the_weight_and_the_payload():
+def test_sag_includes_weight_and_payload():
     model = load_model("open_manipulator_x")
     empty, loaded = (load_lags(model, model.chain, kg)["joint2"].sag_rad for kg in (0.0, 0.5))
     assert math.degrees(empty) == pytest.approx(2.5, abs=0.3)
     assert math.degrees(loaded) == pytest.approx(7.6, abs=0.5)
 
 
-def test_an_unknown_servo_or_an_arm_without_masses_has_none():
+def test_unknown_servo_or_missing_masses_give_no_lifting_lag():
     model = load_model("so101")
     first, *others = model.joints
     unknown = replace(first, servo=replace(first.servo, model="XC999"))

@@ -18,7 +18,7 @@ def simulated_motor(model, supply_v):
 
 
 @pytest.mark.parametrize(("model", "supply_v"), SERVO_TORQUES)
-def test_a_motor_is_the_simulated_one(model, supply_v):
+def test_servo_torque_constants_equal_simulator(model, supply_v):
     ours, theirs = SERVO_TORQUES[model, supply_v], simulated_motor(model, supply_v)
     kt, ohm = theirs.torque_constant_nm_a, theirs.resistance_ohm
     assert (
@@ -42,7 +42,7 @@ def test_a_motor_is_the_simulated_one(model, supply_v):
 
 
 @pytest.mark.parametrize("model", sorted({model for model, _ in SERVO_TORQUES}))
-def test_a_stiffness_is_that_of_the_servos_gain_in_an_arm(model):
+def test_servo_stiffness_equals_gain_of_simulated_servo(model):
     bus = make_bus({1: model})
     raise_gains(bus, 1, gripper=False)
     ours, servo = SERVO_TORQUES[model, None], simulated_servos(bus)[1]

@@ -23,7 +23,7 @@ SHAPES = [
 
 
 @pytest.mark.parametrize("shape", SHAPES, ids=lambda shape: type(shape).__name__)
-def test_no_point_of_a_shape_lies_outside_its_capsules(shape):
+def test_capsules_contain_every_point_of_shape(shape):
     capsules = bounding_capsules("link", shape)
     for point in _surface(shape):
         depths = [_distance(point, c.start_m, c.end_m) - c.radius_m for c in capsules]
@@ -31,7 +31,7 @@ def test_no_point_of_a_shape_lies_outside_its_capsules(shape):
 
 
 @pytest.mark.parametrize("name", ARMS)
-def test_every_pair_of_links_that_is_not_joined_is_watched(name):
+def test_every_unconnected_link_pair_is_checked(name):
     model = load_model(name)
     with_shape = [link.name for link in model.urdf.links if link.collisions]
     carriers = {joint.child: joint.parent for joint in model.urdf.joints}
@@ -42,7 +42,7 @@ def test_every_pair_of_links_that_is_not_joined_is_watched(name):
     )
 
 
-def test_a_pair_that_overlaps_in_rest_counts_from_there():
+def test_pair_overlapping_in_rest_pose_counts_from_there():
     model = load_model("wx250s")
     rest = model.chain_pose("rest")
     assert collision_body(model).link_distances([rest]).gap_m.min() >= 0
@@ -53,7 +53,7 @@ def test_a_pair_that_overlaps_in_rest_counts_from_there():
 
 @pytest.mark.sample(1)
 @pytest.mark.parametrize("name", ["so101", "open_manipulator_x", "wx250s"])
-def test_whatever_really_touches_is_found(name):
+def test_every_exact_contact_is_found_by_capsules(name):
     model = load_model(name)
     body, random = collision_body(model), np.random.default_rng(3)
     exact = pinocchio.buildModelFromUrdf(str(CONFIGS / name / "arm.urdf"))
@@ -71,14 +71,14 @@ def test_whatever_really_touches_is_found(name):
 
 
 @pytest.mark.parametrize("name", ARMS)
-def test_in_rest_pose_no_link_is_below_the_table(name):
+def test_no_link_is_below_table_in_rest_pose(name):
     model = load_model(name)
     above = collision_body(model).floor_distances([model.chain_pose("rest")], model.floor_m)
     assert {other for _, other in above.pairs} == {"the table"}
     assert above.gap_m.min() > 0
 
 
-def test_a_box_in_the_way_is_named():
+def test_box_in_contact_is_named_with_link():
     model = load_model("so101")
     tip_m = model.chain.forward(model.chain_pose("home"))[:3, 3]
     home = [model.chain_pose("home")]

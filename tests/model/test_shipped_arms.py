@@ -14,24 +14,24 @@ def urdf_of(name: str) -> Urdf:
     return read_urdf(read_arm_file(find_arm(name)).urdf_path)
 
 
-def test_there_are_arms() -> None:
+def test_catalogue_has_arms() -> None:
     assert arm_names()
 
 
 @pytest.mark.parametrize("name", arm_names())
-def test_its_urdf_has_no_slips(name: str) -> None:
+def test_shipped_urdf_has_no_warnings(name: str) -> None:
     assert urdf_of(name).warnings == ()
 
 
 @pytest.mark.parametrize("name", arm_names())
-def test_its_tip_is_reached_over_all_its_arm_joints(name: str) -> None:
+def test_joints_to_tip_are_exactly_the_arm_joints(name: str) -> None:
     arm = read_arm_file(find_arm(name))
     moving = [joint.name for joint in urdf_of(name).joints_to(arm.tip) if joint.kind.is_movable]
     assert moving == [joint.name for joint in arm.joints if joint.role == "arm"]
 
 
 @pytest.mark.parametrize("name", arm_names())
-def test_just_its_prismatic_joints_have_metres_per_turn(name: str) -> None:
+def test_only_prismatic_joints_have_metres_per_turn(name: str) -> None:
     prismatic = {j.name for j in urdf_of(name).joints if j.kind is UrdfJointType.PRISMATIC}
     arm = read_arm_file(find_arm(name))
     assert all(joint.is_prismatic == (joint.name in prismatic) for joint in arm.joints)

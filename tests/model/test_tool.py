@@ -15,7 +15,7 @@ ANGLES = [-1.4, -0.5, 0.0, 0.7, 1.3]
 
 
 @pytest.mark.parametrize("name", ARMS)
-def test_the_tool_axis_leads_away_from_the_wrist(name):
+def test_approach_axis_points_away_from_wrist(name):
     model = load_model(name)
     q, h = model.chain_pose("home"), 1e-6
     T = model.chain.forward(q)
@@ -34,7 +34,7 @@ def moves_m(model, q, joint, step):
 
 
 @pytest.mark.parametrize("name", ["so101", "koch", "open_manipulator_x", "wx250s"])
-def test_an_orientation_says_what_it_was_made_of(name):
+def test_tool_angles_round_trip_through_rotation(name):
     tool = tool_frame(load_model(name))
     for pitch, roll in itertools.product(ANGLES, ANGLES):
         R = tool.rotation(0.4, pitch, roll)
@@ -43,7 +43,7 @@ def test_an_orientation_says_what_it_was_made_of(name):
         assert angles == pytest.approx((0.4, pitch, roll))
 
 
-def test_straight_down_is_minus_90_degrees_and_has_no_heading():
+def test_tool_straight_down_has_pitch_minus_90_and_no_heading():
     tool = tool_frame(load_model("so101"))
     R = tool.rotation(0.4, -math.pi / 2, 0.3)
     assert tool.pitch_rad(R) == pytest.approx(-math.pi / 2)
@@ -51,7 +51,7 @@ def test_straight_down_is_minus_90_degrees_and_has_no_heading():
     assert tool.roll_rad(R, 0.4) == pytest.approx(0.3)
 
 
-def test_a_positive_roll_is_clockwise_as_seen_from_behind_the_tool():
+def test_positive_roll_is_clockwise_from_behind_tool():
     tool = tool_frame(load_model("open_manipulator_x"))
     level = tool.rotation(0.0, 0.0, 0.0)
     rolled = exp_so3(0.2 * level @ tool.approach_axis) @ level
@@ -59,7 +59,7 @@ def test_a_positive_roll_is_clockwise_as_seen_from_behind_the_tool():
 
 
 @pytest.mark.parametrize("name", ["so100", "so101", "koch", "omx_f", "px100", "wx250s"])
-def test_at_home_no_tool_is_upside_down(name):
+def test_home_pose_has_no_tool_roll(name):
     model = load_model(name)
     R = model.chain.forward(model.chain_pose("home"))[:3, :3]
     assert abs(tool_frame(model).roll_rad(R, 0.0)) < math.radians(3)

@@ -28,19 +28,19 @@ def loaded(tmp_path: Path, arm_text: str, urdf_text: str):
     return load
 
 
-def test_a_gear_makes_a_turn_of_the_horn_worth_less(loaded) -> None:
+def test_gear_halves_joint_angle_per_turn_of_horn(loaded) -> None:
     joint = loaded(SHOULDER, f"{SHOULDER}, gear = 2.0").joint("shoulder")
     assert joint.travel_per_turn == pytest.approx(math.pi)
     assert joint.joint_map.position(2048.5 - 1024) == pytest.approx(math.pi / 4)
 
 
-def test_a_rack_moves_its_slide_by_what_a_turn_is_worth(loaded) -> None:
+def test_rack_moves_joint_by_metres_per_turn(loaded) -> None:
     joint = loaded(RACK, RACK).joint("gripper")
     assert joint.travel_per_turn == pytest.approx(0.0722)
     assert joint.joint_map.position(2048 + 1024) == pytest.approx(0.0722 / 4)
 
 
-def test_a_crank_moves_its_slide_along_its_own_curve(loaded) -> None:
+def test_crank_moves_joint_along_its_own_curve(loaded) -> None:
     joint_map = loaded(RACK, CRANK).joint("gripper").joint_map
     turned = math.radians(30.0)
     reach = 0.022 * math.cos(math.pi / 2 - turned) + math.sqrt(
@@ -59,7 +59,7 @@ def test_a_crank_moves_its_slide_along_its_own_curve(loaded) -> None:
         (CRANK.replace("90.0", "180.0"), "joints[2].servo.crank.zero_deg"),
     ],
 )
-def test_a_transmission_that_cannot_be_is_named(loaded, new: str, where: str) -> None:
+def test_invalid_transmission_is_reported_with_its_key(loaded, new: str, where: str) -> None:
     with pytest.raises(FileFormatError) as caught:
         loaded(RACK, new)
     assert caught.value.where == where

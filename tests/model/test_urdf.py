@@ -32,77 +32,77 @@ def joint(urdf: Urdf, name: str) -> UrdfJoint:
     return next(joint for joint in urdf.joints if joint.name == name)
 
 
-def test_the_robot_has_its_name(urdf: Urdf) -> None:
+def test_urdf_robot_has_its_name(urdf: Urdf) -> None:
     assert urdf.name == "small"
 
 
-def test_a_robot_may_lack_a_name(urdf_path: Path, urdf_text: str) -> None:
+def test_urdf_robot_name_may_be_missing(urdf_path: Path, urdf_text: str) -> None:
     urdf_path.write_text(urdf_text.replace(' name="small"', ""))
     assert read_urdf(urdf_path).name == ""
 
 
-def test_the_root_is_the_link_that_nothing_carries(urdf: Urdf) -> None:
+def test_urdf_root_is_link_without_parent(urdf: Urdf) -> None:
     assert urdf.root == "base"
 
 
-def test_the_joints_to_a_link_come_root_first_whatever_their_order_in_the_file(urdf: Urdf) -> None:
+def test_joints_to_link_come_root_first(urdf: Urdf) -> None:
     assert [j.name for j in urdf.joints_to("tip")] == ["shoulder", "elbow", "roll", "tool"]
 
 
-def test_no_joint_leads_to_the_root(urdf: Urdf) -> None:
+def test_joints_to_root_are_empty(urdf: Urdf) -> None:
     assert urdf.joints_to("base") == ()
 
 
-def test_an_unknown_link_offers_the_closest(urdf: Urdf) -> None:
+def test_unknown_link_suggests_closest(urdf: Urdf) -> None:
     with pytest.raises(UnknownNameError, match="Did you mean tip"):
         urdf.joints_to("tipp")
 
 
-def test_a_joint_sits_where_its_origin_says(urdf: Urdf) -> None:
+def test_joint_origin_is_read(urdf: Urdf) -> None:
     assert (joint(urdf, "tool").xyz_m, joint(urdf, "tool").rpy_rad) == ((0, 0, 0.1), (0, 1.5, 0))
 
 
-def test_a_joint_without_origin_sits_at_its_parent(urdf: Urdf) -> None:
+def test_joint_without_origin_is_at_its_parent(urdf: Urdf) -> None:
     assert (joint(urdf, "roll").xyz_m, joint(urdf, "roll").rpy_rad) == ((0, 0, 0), (0, 0, 0))
 
 
-def test_an_origin_without_rpy_is_not_turned(urdf: Urdf) -> None:
+def test_origin_without_rpy_has_no_rotation(urdf: Urdf) -> None:
     assert joint(urdf, "elbow").rpy_rad == (0, 0, 0)
 
 
-def test_an_origin_without_xyz_sits_at_its_parent(urdf_path: Path, urdf_text: str) -> None:
+def test_origin_without_xyz_is_at_its_parent(urdf_path: Path, urdf_text: str) -> None:
     urdf_path.write_text(urdf_text.replace('xyz="0 0 0.1" rpy="0 1.5 0"', 'rpy="0 1.5 0"'))
     tool = joint(read_urdf(urdf_path), "tool")
     assert (tool.xyz_m, tool.rpy_rad) == ((0, 0, 0), (0, 1.5, 0))
 
 
-def test_an_axis_is_made_one_long(urdf: Urdf) -> None:
+def test_joint_axis_is_normalised(urdf: Urdf) -> None:
     assert joint(urdf, "elbow").axis == pytest.approx((0, 0.6, 0.8), abs=1e-15)
 
 
-def test_an_axis_of_huge_numbers_is_made_one_long(urdf_path: Path, urdf_text: str) -> None:
+def test_joint_axis_of_huge_numbers_is_normalised(urdf_path: Path, urdf_text: str) -> None:
     urdf_path.write_text(urdf_text.replace("0 3 4", "0 3e307 4e307"))
     assert joint(read_urdf(urdf_path), "elbow").axis == pytest.approx((0, 0.6, 0.8), abs=1e-15)
 
 
-def test_a_joint_without_axis_turns_about_x(urdf: Urdf) -> None:
+def test_joint_without_axis_turns_about_x(urdf: Urdf) -> None:
     assert joint(urdf, "roll").axis == (1, 0, 0)
 
 
-def test_a_fixed_joint_may_have_an_axis_of_zero_length(urdf: Urdf) -> None:
+def test_fixed_joint_may_have_axis_of_zero_length(urdf: Urdf) -> None:
     assert joint(urdf, "tool").kind is UrdfJointType.FIXED
 
 
-def test_a_fixed_joint_does_not_move(urdf: Urdf) -> None:
+def test_fixed_joint_is_not_movable(urdf: Urdf) -> None:
     assert not joint(urdf, "tool").kind.is_movable
 
 
 @pytest.mark.parametrize("name", ["elbow", "roll", "gripper"])
-def test_a_joint_that_is_not_fixed_moves(urdf: Urdf, name: str) -> None:
+def test_joint_that_is_not_fixed_is_movable(urdf: Urdf, name: str) -> None:
     assert joint(urdf, name).kind.is_movable
 
 
-def test_limits_are_what_the_file_says(urdf: Urdf) -> None:
+def test_joint_limits_are_read(urdf: Urdf) -> None:
     elbow = joint(urdf, "elbow")
     assert (elbow.lower, elbow.upper, elbow.effort, elbow.velocity) == (-1.5, 2.5, 1.9, 4.0)
 
@@ -116,69 +116,69 @@ def test_negative_effort_or_velocity_is_refused(
         read_urdf(urdf_path)
 
 
-def test_a_continuous_joint_has_no_limits(urdf: Urdf) -> None:
+def test_continuous_joint_has_infinite_limits(urdf: Urdf) -> None:
     roll = joint(urdf, "roll")
     assert (roll.lower, roll.upper) == (-math.inf, math.inf)
 
 
-def test_a_limit_left_out_is_zero(urdf_path: Path, urdf_text: str) -> None:
+def test_missing_lower_limit_is_zero(urdf_path: Path, urdf_text: str) -> None:
     urdf_path.write_text(urdf_text.replace('lower="-1.5" ', ""))
     assert joint(read_urdf(urdf_path), "elbow").lower == 0
 
 
-def test_effort_left_out_is_unlimited(urdf_path: Path, urdf_text: str) -> None:
+def test_missing_effort_is_infinite(urdf_path: Path, urdf_text: str) -> None:
     urdf_path.write_text(urdf_text.replace(' effort="1.9"', ""))
     assert joint(read_urdf(urdf_path), "elbow").effort == math.inf
 
 
-def test_a_mimic_has_multiplier_one_and_offset_zero_unless_given(urdf: Urdf) -> None:
+def test_mimic_has_default_offset_zero(urdf: Urdf) -> None:
     assert joint(urdf, "other_finger").mimic == UrdfMimic("gripper", multiplier=-1, offset=0)
 
 
-def test_a_joint_knows_its_line(urdf: Urdf) -> None:
+def test_joint_knows_its_line(urdf: Urdf) -> None:
     assert joint(urdf, "elbow").line == 10
 
 
-def test_a_link_has_its_mass_and_where_it_is(urdf: Urdf) -> None:
+def test_link_has_mass_and_centre_of_mass(urdf: Urdf) -> None:
     assert (urdf.link("base").mass_kg, urdf.link("base").com_m) == (0.5, (0, 0, 0.05))
 
 
-def test_a_link_has_its_inertia_in_the_order_xx_xy_xz_yy_yz_zz(urdf: Urdf) -> None:
+def test_link_inertia_order_is_xx_xy_xz_yy_yz_zz(urdf: Urdf) -> None:
     assert urdf.link("base").inertia_kg_m2 == (1e-3, 0, 0, 2e-3, 0, 3e-3)
 
 
-def test_a_link_without_inertial_has_no_mass(urdf: Urdf) -> None:
+def test_link_without_inertial_has_no_mass(urdf: Urdf) -> None:
     assert urdf.link("tip").mass_kg == 0
 
 
-def test_a_box_has_its_edges(urdf: Urdf) -> None:
+def test_box_shape_has_its_edges(urdf: Urdf) -> None:
     assert urdf.link("base").collisions == (Box((0.1, 0.2, 0.3), (0, 0, 0), (0, 0, 0)),)
 
 
-def test_a_cylinder_has_its_radius_length_and_place(urdf: Urdf) -> None:
+def test_cylinder_shape_has_radius_length_and_origin(urdf: Urdf) -> None:
     assert urdf.link("upper").collisions == (Cylinder(0.02, 0.2, (0.1, 0, 0), (0, 0, 0)),)
 
 
-def test_a_sphere_has_its_radius(urdf: Urdf) -> None:
+def test_sphere_shape_has_its_radius(urdf: Urdf) -> None:
     assert urdf.link("fore").collisions == (Sphere(0.03, (0, 0, 0), (0, 0, 0)),)
 
 
-def test_a_mesh_beside_the_urdf_is_found_though_not_opened(urdf: Urdf, urdf_path: Path) -> None:
+def test_mesh_beside_urdf_has_its_path(urdf: Urdf, urdf_path: Path) -> None:
     (mesh,) = urdf.link("base").visuals
     assert isinstance(mesh, Mesh)
     assert mesh.path == urdf_path.parent.resolve() / "meshes" / "base.stl"
 
 
-def test_a_clean_file_has_no_warnings(urdf: Urdf) -> None:
+def test_clean_urdf_has_no_warnings(urdf: Urdf) -> None:
     assert urdf.warnings == ()
 
 
-def test_a_byte_order_mark_is_no_matter(urdf_path: Path, urdf_text: str) -> None:
+def test_byte_order_mark_is_ignored(urdf_path: Path, urdf_text: str) -> None:
     urdf_path.write_bytes(b"\xef\xbb\xbf" + urdf_text.encode())
     assert read_urdf(urdf_path).root == "base"
 
 
-def test_limits_beyond_a_turn_are_taken_for_degrees(urdf_path: Path, urdf_text: str) -> None:
+def test_limit_beyond_a_turn_warns_about_degrees(urdf_path: Path, urdf_text: str) -> None:
     urdf_path.write_text(urdf_text.replace('lower="-1.5" upper="2.5"', 'lower="-90" upper="2.5"'))
     assert read_urdf(urdf_path).warnings == (
         'line 10: joint "elbow" has lower -90 rad, more than a turn; '
@@ -186,24 +186,24 @@ def test_limits_beyond_a_turn_are_taken_for_degrees(urdf_path: Path, urdf_text: 
     )
 
 
-def test_a_limit_of_one_turn_rounded_up_is_no_slip(urdf_path: Path, urdf_text: str) -> None:
+def test_limit_of_one_turn_rounded_up_gives_no_warning(urdf_path: Path, urdf_text: str) -> None:
     urdf_path.write_text(urdf_text.replace('upper="2.5"', 'upper="6.28319"'))
     assert read_urdf(urdf_path).warnings == ()
 
 
-def test_a_slide_of_ten_metres_is_not_taken_for_degrees(urdf_path: Path, urdf_text: str) -> None:
+def test_prismatic_limit_of_10_m_gives_no_warning(urdf_path: Path, urdf_text: str) -> None:
     urdf_path.write_text(urdf_text.replace('upper="0.02"', 'upper="10"'))
     assert read_urdf(urdf_path).warnings == ()
 
 
-def test_an_origin_beyond_a_turn_is_taken_for_degrees(urdf_path: Path, urdf_text: str) -> None:
+def test_rpy_beyond_a_turn_warns_about_degrees(urdf_path: Path, urdf_text: str) -> None:
     urdf_path.write_text(urdf_text.replace("0 1.5 0", "0 90 0"))
     assert read_urdf(urdf_path).warnings == (
         'line 4: joint "tool" has 90 rad in its rpy; if these are degrees, write 1.5708',
     )
 
 
-def test_limits_of_a_continuous_joint_are_ignored_aloud(urdf_path: Path, urdf_text: str) -> None:
+def test_limits_of_continuous_joint_give_warning(urdf_path: Path, urdf_text: str) -> None:
     limited = '<child link="wrist"/><limit lower="-1" upper="1"/>'
     urdf_path.write_text(urdf_text.replace('<child link="wrist"/>', limited))
     assert read_urdf(urdf_path).warnings == (
@@ -220,7 +220,7 @@ print({"pydantic", "numpy"} & set(sys.modules))
 """
 
 
-def test_the_urdf_reader_by_itself_needs_neither_pydantic_nor_numpy() -> None:
+def test_urdf_reader_imports_neither_pydantic_nor_numpy() -> None:
     run = [sys.executable, "-c", ALONE]
     done = subprocess.run(run, capture_output=True, text=True, check=True)
     assert done.stdout == "set()\n"
@@ -236,7 +236,7 @@ COLOURED = """<robot name="r"><material name="steel"><color rgba="0.5 0.6 0.7 1"
 </link></robot>"""  # noqa: E501
 
 
-def test_a_visual_shape_has_the_colour_of_its_material_and_a_bad_colour_is_none(
+def test_visual_has_colour_of_material_and_none_if_invalid(
     urdf_path: Path,
 ) -> None:
     urdf_path.write_text(COLOURED)

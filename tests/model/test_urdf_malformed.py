@@ -139,7 +139,7 @@ SLIPS = {
 
 
 @pytest.mark.parametrize(("old", "new", "where", "found", "expected"), SLIPS.values(), ids=SLIPS)
-def test_a_slip_is_named_with_its_line(
+def test_mistake_is_reported_with_its_line(
     urdf_path: Path, urdf_text: str, old: str, new: str, where: str, found: str, expected: str
 ) -> None:
     assert old in urdf_text
@@ -190,23 +190,25 @@ DOCUMENTS = {
 
 
 @pytest.mark.parametrize(("content", "where", "found"), DOCUMENTS.values(), ids=DOCUMENTS)
-def test_a_bad_document_is_refused(urdf_path: Path, content: bytes, where: str, found: str) -> None:
+def test_invalid_document_is_refused(
+    urdf_path: Path, content: bytes, where: str, found: str
+) -> None:
     error = refused(urdf_path, content)
     assert (error.where, error.found) == (where, found)
 
 
-def test_63_levels_inside_the_robot_are_still_read(urdf_path: Path) -> None:
+def test_urdf_with_63_nested_levels_is_read(urdf_path: Path) -> None:
     inner = "<a>" * 63 + "</a>" * 63
     urdf_path.write_text(f'<robot><link name="only"/>{inner}</robot>')
     assert read_urdf(urdf_path).root == "only"
 
 
-def test_an_unknown_encoding_that_is_declared_does_not_matter(urdf_path: Path) -> None:
+def test_unknown_declared_encoding_is_ignored(urdf_path: Path) -> None:
     urdf_path.write_text('<?xml version="1.0" encoding="rot13"?><robot><link name="a"/></robot>')
     assert read_urdf(urdf_path).root == "a"
 
 
-def test_the_message_names_file_line_and_what_was_expected(urdf_path: Path) -> None:
+def test_error_names_file_line_and_expected_content(urdf_path: Path) -> None:
     error = refused(urdf_path, LAUGHS)
     assert str(error) == (
         f"{urdf_path}, line 2: {DOCTYPE}.\nExpected plain XML without <!DOCTYPE> and <!ENTITY>."
@@ -224,7 +226,7 @@ def test_a_description_has_at_most_200_links(urdf_path: Path) -> None:
         read_description(urdf_path)
 
 
-def test_at_most_a_hundred_joints_of_a_description_move(urdf_path: Path) -> None:
+def test_description_with_101_moving_joints_is_refused(urdf_path: Path) -> None:
     links = "".join(f'<link name="l{i}"/>' for i in range(102))
     joints = "".join(
         f'<joint name="j{i}" type="continuous"><parent link="l{i}"/><child link="l{i + 1}"/></joint>'

@@ -23,7 +23,7 @@ coordinates = st.floats(-1.0, 1.0)
 points = st.tuples(coordinates, coordinates, coordinates).map(np.array)
 
 
-def test_a_half_circle_by_hand():
+def test_arc_of_half_circle_is_exact():
     arc = arc_through_points(X, Y, -X)
     assert arc.length == pytest.approx(math.pi)
     np.testing.assert_allclose(arc.at(0.0)[0], X, atol=1e-12)
@@ -31,13 +31,13 @@ def test_a_half_circle_by_hand():
     np.testing.assert_allclose(arc.at(math.pi)[0], -X, atol=1e-12)
 
 
-def test_the_via_point_decides_which_way_round():
+def test_via_point_decides_direction_of_arc():
     arc = arc_through_points(X, -X, Y)
     assert arc.length == pytest.approx(1.5 * math.pi)
     np.testing.assert_allclose(arc.at(math.pi / 2)[0], -Y, atol=1e-12)
 
 
-def test_a_full_circle_passes_all_three_and_ends_at_its_start():
+def test_full_circle_passes_three_points_and_returns_to_start():
     arc = arc_through_points(X, Y, -X, full_circle=True)
     assert arc.length == pytest.approx(2 * math.pi)
     np.testing.assert_allclose(arc.at(math.pi)[0], -X, atol=1e-12)
@@ -46,7 +46,7 @@ def test_a_full_circle_passes_all_three_and_ends_at_its_start():
 
 @pytest.mark.full
 @given(start=points, via=points, end=points)
-def test_every_arc_goes_through_its_three_points_with_unit_speed(start, via, end):
+def test_arc_passes_its_three_points_with_unit_speed(start, via, end):
     try:
         arc = arc_through_points(start, via, end)
     except BadValueError:
@@ -72,13 +72,13 @@ def test_every_arc_goes_through_its_three_points_with_unit_speed(start, via, end
         ((0.0, 1.0, 0.0), (0.0, 1.0, 0.0)),
     ],
 )
-def test_points_on_one_line_or_without_distance_are_no_arc(via, end):
+def test_collinear_or_equal_points_are_refused_as_arc(via, end):
     with pytest.raises(BadValueError, match=r"on one line|are the same"):
         arc_through_points(X, via, end)
 
 
 @pytest.mark.parametrize("angle_rad", [0.5, -0.5, 2 * math.pi, -5 * math.pi])
-def test_a_circle_about_an_axis_turns_by_its_angle(angle_rad):
+def test_arc_about_axis_turns_by_its_angle(angle_rad):
     arc = arc_about_axis(np.array([1.0, 0.0, 0.3]), (0, 0, 0), (0, 0, 2.0), angle_rad)
     assert arc.length == pytest.approx(abs(angle_rad))
     expected = (math.cos(angle_rad), math.sin(angle_rad), 0.3)
@@ -96,7 +96,7 @@ def test_a_circle_about_an_axis_turns_by_its_angle(angle_rad):
         ((0, math.nan, 0), (0, 0, 1), 1.0, "finite"),
     ],
 )
-def test_what_is_no_circle_is_refused(center, normal, angle_rad, words):
+def test_invalid_circle_is_refused(center, normal, angle_rad, words):
     with pytest.raises(BadValueError, match=words):
         arc_about_axis(X, center, normal, angle_rad)
 
@@ -106,7 +106,7 @@ def circle(angle_rad=2 * math.pi, **options):
     return CartesianTrajectory(CHAIN, HOME, arc, PACES, **options)
 
 
-def test_the_tip_stays_on_the_circle_and_the_joints_keep_their_limits():
+def test_circle_motion_keeps_tip_on_circle_and_joint_limits():
     motion = circle()
     _, joints, _, _ = sampled(motion, 1000)
     gone = CHAIN.forward(joints)[:, :3, 3] - (FROM - (0.03, 0.0, 0.0))
@@ -117,7 +117,7 @@ def test_the_tip_stays_on_the_circle_and_the_joints_keep_their_limits():
 
 
 @pytest.mark.parametrize("tool_speed_m_s", [0.01, 0.03])
-def test_the_tool_speed_is_constant_between_its_ramps(tool_speed_m_s):
+def test_tool_speed_is_constant_between_ramps(tool_speed_m_s):
     motion = circle(tool_speed_m_s=tool_speed_m_s)
     times_s = np.linspace(0.0, motion.duration_s, 4001)
     tips = CHAIN.forward(np.array([motion.at(t) for t in times_s]))[:, :3, 3]
@@ -128,7 +128,7 @@ def test_the_tool_speed_is_constant_between_its_ramps(tool_speed_m_s):
     assert len(between) > 0.6 * len(speeds)
 
 
-def test_where_an_arc_leaves_the_reach_it_is_named_as_an_arc():
+def test_arc_out_of_reach_is_refused_as_an_arc():
     arc = arc_about_axis(FROM, FROM + 0.2 * X, (0, 1, 0), math.pi)
     with pytest.raises(CartesianPathError, match="The arc can be followed for 0"):
         CartesianTrajectory(CHAIN, HOME, arc, PACES)

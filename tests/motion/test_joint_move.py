@@ -18,7 +18,7 @@ joints = st.tuples(st.floats(-3, 3), st.floats(-3, 3)).map(np.array)
 
 @settings(max_examples=50, deadline=None)
 @given(joints, joints)
-def test_no_joint_is_ever_faster_than_its_pace(start, goal):
+def test_joint_move_never_exceeds_speed_limit(start, goal):
     move = JointMove(start, goal, PACES)
     steps = _sampled(move)
     speeds = np.abs(np.diff(steps, axis=0)).max(axis=0) / _spacing(move)
@@ -27,7 +27,7 @@ def test_no_joint_is_ever_faster_than_its_pace(start, goal):
 
 @settings(max_examples=50, deadline=None)
 @given(joints, joints)
-def test_the_way_never_leaves_the_box_between_start_and_goal(start, goal):
+def test_joint_move_stays_between_start_and_goal(start, goal):
     steps = _sampled(JointMove(start, goal, PACES))
     assert (steps >= np.minimum(start, goal) - 1e-9).all()
     assert (steps <= np.maximum(start, goal) + 1e-9).all()
@@ -35,7 +35,7 @@ def test_the_way_never_leaves_the_box_between_start_and_goal(start, goal):
 
 @settings(max_examples=50, deadline=None)
 @given(joints, joints)
-def test_it_starts_at_the_start_and_ends_at_the_goal_exactly(start, goal):
+def test_joint_move_starts_and_ends_exactly(start, goal):
     move = JointMove(start, goal, PACES)
     np.testing.assert_array_equal(move.at(-1.0), start)
     np.testing.assert_array_equal(move.at(1e9), goal)
@@ -43,23 +43,23 @@ def test_it_starts_at_the_start_and_ends_at_the_goal_exactly(start, goal):
     np.testing.assert_allclose(move.at(move.duration_s - 1e-9), goal, atol=1e-6)
 
 
-def test_the_slowest_joint_sets_the_time_for_all():
+def test_slowest_joint_sets_duration_of_joint_move():
     alone = JointMove([0, 0], [0, 1], PACES).duration_s
     assert JointMove([0, 0], [0.1, 1], PACES).duration_s == pytest.approx(alone)
 
 
-def test_no_way_takes_no_time():
+def test_joint_move_without_distance_takes_no_time():
     assert JointMove([1, 2], [1, 2], PACES).duration_s == 0.0
 
 
 @pytest.mark.parametrize("goal", [[1], [1, math.nan], [math.inf, 0]])
-def test_a_goal_that_is_no_joint_vector_is_refused(goal):
+def test_invalid_goal_of_joint_move_is_refused(goal):
     with pytest.raises(BadValueError, match="goal of the motion"):
         JointMove([0, 0], goal, PACES)
 
 
 @pytest.mark.parametrize("speed", [0.0, -1.0, math.nan, math.inf])
-def test_a_pace_is_positive(speed):
+def test_speed_limit_must_be_positive_and_finite(speed):
     with pytest.raises(BadValueError, match="speed_rad_s"):
         KinematicLimits(speed, 1.0, 1.0)
 
@@ -74,7 +74,7 @@ def _spacing(move):
 
 @settings(max_examples=60, deadline=None)
 @given(joints, joints, joints, st.floats(0.0, 1.0))
-def test_a_new_goal_in_mid_motion_makes_no_jump(start, first, second, share):
+def test_new_goal_during_motion_makes_no_jump(start, first, second, share):
     move = JointMove(start, first, PACES)
     before = move.state(share * move.duration_s)
     after = JointMove(before, second, PACES)
@@ -85,7 +85,7 @@ def test_a_new_goal_in_mid_motion_makes_no_jump(start, first, second, share):
 
 @settings(max_examples=60, deadline=None)
 @given(joints, joints, st.floats(0.0, 1.0))
-def test_a_new_goal_in_mid_motion_keeps_every_pace(start, goal, share):
+def test_new_goal_during_motion_keeps_kinematic_limits(start, goal, share):
     move = JointMove(start, goal, PACES)
     turned = JointMove(move.state(share * move.duration_s), start, PACES)
     states = [turned.state(t) for t in np.linspace(0, turned.duration_s, 100)]
@@ -96,7 +96,7 @@ def test_a_new_goal_in_mid_motion_keeps_every_pace(start, goal, share):
 
 @settings(max_examples=60, deadline=None)
 @given(joints, joints, st.floats(0.0, 1.0))
-def test_braking_ends_at_rest_as_soon_as_the_pace_allows(start, goal, share):
+def test_stop_trajectory_ends_at_rest_in_shortest_time(start, goal, share):
     move = JointMove(start, goal, PACES)
     moving = move.state(share * move.duration_s)
     stop = stop_trajectory(moving, PACES)
@@ -105,7 +105,7 @@ def test_braking_ends_at_rest_as_soon_as_the_pace_allows(start, goal, share):
     assert stop.duration_s <= max(p.speed_rad_s / p.acceleration_rad_s2 for p in PACES) + 3 * 0.2
 
 
-def test_joints_at_rest_brake_in_no_time():
+def test_stop_trajectory_of_resting_joints_takes_no_time():
     assert stop_trajectory(TrajectoryPoint.at_rest([1.0, 2.0]), PACES).duration_s == 0.0
 
 
@@ -119,7 +119,7 @@ three = st.tuples(*[st.floats(-3, 3)] * 3).map(np.array)
 
 @settings(max_examples=60, deadline=None)
 @given(three, three)
-def test_speed_acceleration_and_jerk_are_kept_at_every_instant(start, goal):
+def test_joint_move_keeps_speed_acceleration_and_jerk_limits(start, goal):
     assert_keeps_paces(JointMove(start, goal, SLOW_AND_FAST), SLOW_AND_FAST)
 
 
@@ -134,14 +134,14 @@ def test_all_joints_arrive_together(start, goal):
 
 @settings(max_examples=40, deadline=None)
 @given(three, three, st.floats(0.0, 1.0))
-def test_braking_keeps_acceleration_and_jerk_too(start, goal, share):
+def test_stop_trajectory_keeps_acceleration_and_jerk_limits(start, goal, share):
     move = JointMove(start, goal, SLOW_AND_FAST)
     assert_keeps_paces(
         stop_trajectory(move.state(share * move.duration_s), SLOW_AND_FAST), SLOW_AND_FAST
     )
 
 
-def test_its_extent_is_how_far_each_joint_goes():
+def test_joint_move_extent_includes_overshoot_of_moving_start():
     moving = TrajectoryPoint(np.zeros(1), np.ones(1), np.zeros(1))
     lowest, highest = JointMove(moving, [-0.5], [PACES[0]]).extent
     assert lowest == pytest.approx([-0.5])
@@ -149,7 +149,7 @@ def test_its_extent_is_how_far_each_joint_goes():
 
 
 @pytest.mark.parametrize("what", ["velocity", "acceleration"])
-def test_a_start_that_is_no_state_is_refused(what):
+def test_start_state_with_nan_is_refused(what):
     broken = {"velocity": np.zeros(2), "acceleration": np.zeros(2)} | {
         what: np.array([0, math.nan])
     }
@@ -157,12 +157,12 @@ def test_a_start_that_is_no_state_is_refused(what):
         JointMove(TrajectoryPoint(np.zeros(2), **broken), [1, 1], PACES)
 
 
-def test_what_ruckig_cannot_solve_is_refused_and_not_streamed():
+def test_joint_move_that_ruckig_cannot_solve_is_refused():
     with pytest.raises(RefusedError, match="No motion to the goal was found"):
         JointMove([-1e12], [1e12], [KinematicLimits(1.0, 1.0, 1.0)])
 
 
-def test_a_failure_that_ruckig_only_returns_is_refused_too(monkeypatch):
+def test_ruckig_error_result_is_refused(monkeypatch):
     failed = ruckig.Result.ErrorSynchronizationCalculation
     monkeypatch.setattr("ikservo.motion.point_to_point.Ruckig", lambda _: Failing(failed))
     with pytest.raises(RefusedError, match="ErrorSynchronizationCalculation"):
@@ -179,7 +179,7 @@ class Failing:
         return self.result
 
 
-def test_a_braking_motion_knows_all_that_a_motion_knows():
+def test_stop_trajectory_has_all_attributes_of_joint_move():
     moving = TrajectoryPoint(np.zeros(2), np.array([0.8, -0.2]), np.zeros(2))
     stop = stop_trajectory(moving, PACES)
     assert vars(stop).keys() == vars(JointMove([0.0, 0.0], [1.0, 1.0], PACES)).keys()

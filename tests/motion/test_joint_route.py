@@ -28,17 +28,17 @@ def route_of(seed, blend=0.2):
 
 
 @pytest.mark.parametrize("seed", SEEDS)
-def test_every_pace_is_kept_at_every_instant(seed):
+def test_waypoint_trajectory_keeps_kinematic_limits(seed):
     assert_keeps_paces(route_of(seed), PACES, count=1200)
 
 
 @pytest.mark.parametrize("seed", SEEDS)
-def test_nothing_jumps(seed):
+def test_waypoint_trajectory_has_no_jumps(seed):
     assert_smooth(route_of(seed), count=1200)
 
 
 @pytest.mark.parametrize("seed", SEEDS)
-def test_no_joint_leaves_the_range_that_the_points_span(seed):
+def test_waypoint_trajectory_stays_in_range_of_its_points(seed):
     corners = np.vstack([np.zeros(3), points_of(seed)])
     assert_inside(route_of(seed), corners.min(axis=0), corners.max(axis=0), count=800)
 
@@ -46,14 +46,14 @@ def test_no_joint_leaves_the_range_that_the_points_span(seed):
 @pytest.mark.sample(4)
 @pytest.mark.parametrize("blend", [0.02, 0.2])
 @pytest.mark.parametrize("seed", SEEDS)
-def test_each_point_is_passed_within_the_blend(seed, blend):
+def test_waypoints_are_passed_within_blend(seed, blend):
     _, position, _, _ = sampled(route_of(seed, blend), 4000)
     for point in points_of(seed):
         assert np.abs(position - point).max(axis=1).min() <= 0.375 * blend + 2e-3
 
 
 @pytest.mark.parametrize("seed", SEEDS)
-def test_it_stops_nowhere_but_at_its_end(seed):
+def test_waypoint_trajectory_stops_only_at_its_end(seed):
     route = route_of(seed)
     _, _, velocity, _ = sampled(route, 400)
     inner = velocity[20:-20]
@@ -63,27 +63,27 @@ def test_it_stops_nowhere_but_at_its_end(seed):
 
 
 @pytest.mark.parametrize("seed", SEEDS)
-def test_without_stops_it_is_never_much_slower_than_with_them(seed):
+def test_waypoint_trajectory_is_hardly_slower_than_with_stops(seed):
     corners = [np.zeros(3), *points_of(seed)]
     stopping = sum(JointMove(a, b, PACES).duration_s for a, b in pairwise(corners))
     assert route_of(seed).duration_s <= 1.15 * stopping
 
 
-def test_one_point_is_reached_as_by_a_move():
+def test_single_waypoint_is_reached_as_by_joint_move():
     alike = [PACES[0]] * 3
     route = JointWaypointTrajectory(np.zeros(3), [[1.0, 0.5, -0.7]], alike, 0.1)
     move = JointMove(np.zeros(3), [1.0, 0.5, -0.7], alike)
     assert route.duration_s == pytest.approx(move.duration_s, rel=0.01)
 
 
-def test_a_way_there_and_back_turns_round_at_the_point():
+def test_waypoint_trajectory_there_and_back_turns_at_point():
     route = JointWaypointTrajectory(np.zeros(3), [[1.0, 0.2, 0.4], [0.0, 0.0, 0.0]], PACES, 0.1)
     _, position, _, _ = sampled(route, 2000)
     assert position[:, 0].max() == pytest.approx(1.0, abs=0.0376)
     assert_keeps_paces(route, PACES, count=1200)
 
 
-def test_points_that_are_one_are_one():
+def test_repeated_waypoint_counts_once():
     twice = JointWaypointTrajectory(
         np.zeros(3), [[1.0, 0, 0], [1.0, 0, 0], [1.0, 0.5, 0]], PACES, 0.1
     )
@@ -91,7 +91,7 @@ def test_points_that_are_one_are_one():
     assert twice.duration_s == pytest.approx(once.duration_s)
 
 
-def test_a_route_to_where_it_is_takes_no_time():
+def test_waypoint_trajectory_to_its_start_takes_no_time():
     assert (
         JointWaypointTrajectory(np.zeros(3), [np.zeros(3), np.zeros(3)], PACES, 0.1).duration_s
         == 0.0
@@ -99,7 +99,7 @@ def test_a_route_to_where_it_is_takes_no_time():
 
 
 @pytest.mark.parametrize("blend", [0.0, -1.0, math.nan, math.inf])
-def test_a_blend_is_positive(blend):
+def test_blend_must_be_positive_and_finite(blend):
     with pytest.raises(BadValueError, match="blend"):
         JointWaypointTrajectory(np.zeros(3), [np.ones(3), np.zeros(3)], PACES, blend)
 
@@ -107,6 +107,6 @@ def test_a_blend_is_positive(blend):
 @pytest.mark.parametrize(
     ("points", "blends"), [([], 0.1), ([[1, 2]], 0.1), ([[1, 2, math.nan]], 0.1),
                            ([[1, 2, 3], [0, 0, 0]], [0.1, 0.1])])  # fmt: skip
-def test_a_route_that_is_none_is_refused(points, blends):
+def test_invalid_waypoints_or_blends_are_refused(points, blends):
     with pytest.raises(BadValueError):
         JointWaypointTrajectory(np.zeros(3), points, PACES, blends)

@@ -58,25 +58,25 @@ class Recorded(OnlineTrajectory):
 
 
 @pytest.mark.parametrize("seed", SEEDS)
-def test_a_goal_that_changes_at_random_keeps_every_pace(seed):
+def test_online_trajectory_keeps_kinematic_limits(seed):
     course, _, _ = chased(seed)
     assert_keeps_paces(course, PACES, count=1500)
 
 
 @pytest.mark.parametrize("seed", SEEDS)
-def test_positions_never_leave_the_limits_whatever_is_asked(seed):
+def test_online_trajectory_never_leaves_position_limits(seed):
     course, lower, upper = chased(seed)
     assert_inside(course, lower, upper)
 
 
 @pytest.mark.parametrize("seed", SEEDS)
-def test_nothing_jumps_where_the_goal_changes(seed):
+def test_online_trajectory_has_no_jump_at_new_goal(seed):
     course, _, _ = chased(seed)
     assert_smooth(course, count=1500)
 
 
 @pytest.mark.parametrize("seed", SEEDS)
-def test_left_alone_it_rests_at_its_last_goal(seed):
+def test_online_trajectory_rests_at_its_last_goal(seed):
     course, _, _ = chased(seed, ended=False)
     rest = course.state(course.settles_at_s)
     np.testing.assert_allclose(rest.position, course.goal, atol=1e-9)
@@ -85,7 +85,7 @@ def test_left_alone_it_rests_at_its_last_goal(seed):
 
 
 @pytest.mark.parametrize("seed", SEEDS)
-def test_once_ended_it_rests_for_good(seed):
+def test_stopped_online_trajectory_rests_for_good(seed):
     course, _, _ = chased(seed)
     assert math.isfinite(course.duration_s)
     for time_s in (course.duration_s, course.duration_s + 1.0, 1e9):
@@ -93,12 +93,12 @@ def test_once_ended_it_rests_for_good(seed):
         np.testing.assert_allclose(course.state(time_s).position, course.goal, atol=1e-12)
 
 
-def test_not_aimed_at_anything_it_stays():
+def test_online_trajectory_without_goal_stays():
     course = OnlineTrajectory([0.1, 0.2, 0.3], PACES)
     np.testing.assert_array_equal(course.state(5.0).position, [0.1, 0.2, 0.3])
 
 
-def test_one_goal_is_reached_as_fast_as_by_a_move():
+def test_online_goal_is_reached_as_fast_as_by_joint_move():
     course = OnlineTrajectory(np.zeros(3), PACES)
     course.retarget([1.0, 0.5, -0.7], 2.0)
     assert course.settles_at_s == pytest.approx(
@@ -106,7 +106,7 @@ def test_one_goal_is_reached_as_fast_as_by_a_move():
     )
 
 
-def test_the_same_goal_again_and_again_changes_nothing():
+def test_repeated_equal_goal_changes_nothing():
     once, often = OnlineTrajectory(np.zeros(3), PACES), OnlineTrajectory(np.zeros(3), PACES)
     once.retarget([1.0, 0.5, -0.7], 0.0)
     for time_s in np.arange(0.0, 1.0, 0.01):
@@ -114,7 +114,7 @@ def test_the_same_goal_again_and_again_changes_nothing():
     np.testing.assert_array_equal(often.state(1.1).position, once.state(1.1).position)
 
 
-def test_joints_arrive_together_also_from_the_middle_of_a_motion():
+def test_joints_arrive_together_after_new_goal():
     course = OnlineTrajectory(np.zeros(3), PACES)
     course.retarget([1.0, 0.5, -0.7], 0.0)
     course.retarget([-0.3, 0.4, 0.1], 0.4)
@@ -122,33 +122,33 @@ def test_joints_arrive_together_also_from_the_middle_of_a_motion():
     assert (np.abs(before.position - course.goal) > 1e-8).all()
 
 
-def test_a_goal_past_a_limit_becomes_the_limit():
+def test_goal_beyond_limit_becomes_the_limit():
     course = OnlineTrajectory(np.zeros(3), PACES, lower=[-1, -1, -1], upper=[1, 1, 1])
     np.testing.assert_array_equal(course.retarget([5, 0, -5], 0.0), [1, 0, -1])
     np.testing.assert_array_equal(course.goal, [1, 0, -1])
 
 
-def test_a_joint_that_begins_outside_may_be_led_back_and_not_out_again():
+def test_start_outside_limits_stays_until_goal_leads_inside():
     course = OnlineTrajectory([1.1, 0, 0], PACES, lower=[-1, -1, -1], upper=[1, 1, 1])
     np.testing.assert_array_equal(course.state(3.0).position, [1.1, 0, 0])
     np.testing.assert_array_equal(course.retarget([1.05, 0, 0], 3.0), [1, 0, 0])
 
 
-def test_it_takes_over_a_motion_and_brings_it_to_rest():
+def test_online_trajectory_takes_over_motion_smoothly():
     move = JointMove(np.zeros(3), [1.0, 0.5, -0.7], PACES)
     course = OnlineTrajectory(move.state(0.5), PACES)
     np.testing.assert_allclose(course.state(0.0).velocity, move.state(0.5).velocity)
     np.testing.assert_allclose(course.state(course.settles_at_s).velocity, 0, atol=1e-12)
 
 
-def test_a_motion_that_cannot_stop_inside_the_limits_is_not_taken_over():
+def test_motion_that_cannot_stop_inside_limits_is_refused():
     fast = TrajectoryPoint(np.zeros(3), np.array([1.0, 0, 0]), np.zeros(3))
     with pytest.raises(RefusedError, match="too fast"):
         OnlineTrajectory(fast, PACES, lower=[-1, -1, -1], upper=[0.01, 1, 1])
 
 
 @pytest.mark.parametrize("goal", [[1, 2], [1, 2, math.nan], [math.inf, 0, 0], "here"])
-def test_a_goal_that_is_no_joint_vector_is_refused_and_the_old_one_stays(goal):
+def test_invalid_goal_is_refused_and_old_one_kept(goal):
     course = OnlineTrajectory(np.zeros(3), PACES)
     course.retarget([1, 0, 0], 0.0)
     with pytest.raises(BadValueError, match="The goal"):
@@ -158,14 +158,14 @@ def test_a_goal_that_is_no_joint_vector_is_refused_and_the_old_one_stays(goal):
 
 @pytest.mark.parametrize("time_s", [0.4, -1.0, math.nan, math.inf])
 @pytest.mark.parametrize("what", ["aim", "end"])
-def test_time_does_not_go_back(time_s, what):
+def test_retarget_and_stop_refuse_earlier_time(time_s, what):
     course = OnlineTrajectory(np.zeros(3), PACES)
     course.retarget([1, 0, 0], 0.5)
     with pytest.raises(BadValueError, match="time of the goal"):
         course.retarget([0, 0, 0], time_s) if what == "aim" else course.stop(time_s)
 
 
-def test_another_goal_is_turned_to_at_once_and_not_when_the_old_one_is_reached():
+def test_new_goal_takes_effect_before_old_one_is_reached():
     course = OnlineTrajectory(np.zeros(3), PACES)
     course.retarget([1.0, 0, 0], 0.0)
     old_end_s = course.settles_at_s
@@ -173,7 +173,7 @@ def test_another_goal_is_turned_to_at_once_and_not_when_the_old_one_is_reached()
     assert course.state(old_end_s).position[0] < 0.9
 
 
-def test_ended_in_mid_motion_it_comes_to_rest_before_its_goal():
+def test_stop_during_motion_ends_before_goal():
     course = OnlineTrajectory(np.zeros(3), PACES)
     course.retarget([1.0, 0, 0], 0.0)
     goal_s = course.settles_at_s
@@ -182,7 +182,7 @@ def test_ended_in_mid_motion_it_comes_to_rest_before_its_goal():
     assert course.goal[0] < 0.9
 
 
-def test_where_braking_at_once_would_pass_a_limit_it_comes_to_rest_where_it_was_going():
+def test_stop_that_would_pass_limit_ends_at_old_goal():
     course = OnlineTrajectory(np.zeros(3), PACES, lower=[-1, -1, -1], upper=[1, 1, 1])
     course.retarget([1.0, 0, 0], 0.0)
     goal_s = course.settles_at_s
@@ -194,7 +194,7 @@ def test_where_braking_at_once_would_pass_a_limit_it_comes_to_rest_where_it_was_
     assert_inside(course, [-1, -1, -1], [1, 1, 1])
 
 
-def test_what_has_ended_is_not_aimed_again():
+def test_stopped_online_trajectory_refuses_new_goal():
     course = OnlineTrajectory(np.zeros(3), PACES)
     course.stop(1.0)
     course.stop(2.0)
@@ -205,21 +205,21 @@ def test_what_has_ended_is_not_aimed_again():
 
 @pytest.mark.parametrize("limits", [{"lower": [1, 1, 1], "upper": [0, 2, 2]}, {"lower": [0, 0]},
                                     {"upper": [math.nan, 1, 1]}])  # fmt: skip
-def test_limits_that_are_none_are_refused(limits):
+def test_invalid_position_limits_are_refused(limits):
     with pytest.raises(BadValueError, match="limits"):
         OnlineTrajectory(np.zeros(3), PACES, **limits)
 
 
 @pytest.mark.campaign
 @pytest.mark.parametrize("seed", range(100, 600))
-def test_many_chases_keep_every_law(seed):
+def test_online_trajectory_keeps_every_limit_in_campaign(seed):
     course, lower, upper = chased(seed, aims=20)
     assert_keeps_paces(course, PACES, count=3000)
     assert_inside(course, lower, upper, count=3000)
     assert_smooth(course, count=3000)
 
 
-def test_a_path_that_a_check_refuses_is_not_taken():
+def test_goal_refused_by_check_keeps_old_goal():
     course = OnlineTrajectory(np.zeros(3), PACES)
     course.retarget([0.5, 0.0, 0.0], 0.0)
 

@@ -18,7 +18,7 @@ def curve_of(seed, blend=0.05):
 
 
 @pytest.mark.parametrize("seed", range(7))
-def test_slope_and_bend_are_the_derivatives(seed):
+def test_blended_path_derivatives_equal_finite_differences(seed):
     _, curve = curve_of(seed)
     h = 1e-6
     for s in np.linspace(2 * h, curve.length - 2 * h, 60):
@@ -28,7 +28,7 @@ def test_slope_and_bend_are_the_derivatives(seed):
 
 
 @pytest.mark.parametrize("seed", range(7))
-def test_nothing_exceeds_what_it_says_to_be_steepest(seed):
+def test_max_derivatives_bound_every_derivative(seed):
     _, curve = curve_of(seed)
     begin, end = 0.3 * curve.length, 0.8 * curve.length
     slope, bend, _ = curve.max_derivatives(begin, end)
@@ -39,7 +39,7 @@ def test_nothing_exceeds_what_it_says_to_be_steepest(seed):
 
 
 @pytest.mark.parametrize("seed", range(7))
-def test_corners_are_passed_within_three_eighths_of_the_blend(seed):
+def test_corners_are_passed_within_0_375_of_blend(seed):
     points, curve = curve_of(seed, 0.04)
     along = np.array([curve.at(s)[0] for s in np.linspace(0, curve.length, 4000)])
     for point in points[1:-1]:
@@ -47,25 +47,25 @@ def test_corners_are_passed_within_three_eighths_of_the_blend(seed):
     np.testing.assert_allclose(along[[0, -1]], points[[0, -1]], atol=1e-12)
 
 
-def test_it_is_shorter_than_the_lines_and_longer_than_the_way_across():
+def test_blended_path_is_shorter_than_its_lines():
     curve = BlendedPath(SQUARE, [0.05, 0.05])
     lines = float(np.linalg.norm(np.diff(SQUARE, axis=0), axis=1).sum())
     assert lines - 0.1 < curve.path_length() < lines
 
 
-def test_a_straight_corner_is_no_corner():
+def test_collinear_waypoint_leaves_line_straight():
     curve = BlendedPath(np.array([[0.0, 0, 0], [0.1, 0, 0], [0.3, 0, 0]]), [0.05])
     assert curve.path_length() == pytest.approx(0.3)
     np.testing.assert_allclose(curve.at(0.1)[0], (0.1, 0, 0), atol=1e-12)
 
 
-def test_one_point_is_a_curve_without_length():
+def test_blended_path_of_one_point_has_no_length():
     curve = BlendedPath(np.zeros((2, 3)), [])
     assert curve.length == 0.0
     np.testing.assert_array_equal(curve.at(0.0)[0], np.zeros(3))
 
 
 @pytest.mark.parametrize("blend", [0.0, -0.1, math.nan, math.inf])
-def test_a_blend_is_positive(blend):
+def test_blend_must_be_positive_and_finite(blend):
     with pytest.raises(BadValueError, match="blend"):
         BlendedPath(SQUARE, [blend, 0.05])

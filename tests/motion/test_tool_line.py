@@ -58,20 +58,20 @@ def strays_m(chain, motion):
 
 @pytest.mark.sample(8)
 @pytest.mark.parametrize(("name", "seed"), TOGETHER)
-def test_the_tip_strays_less_than_half_a_millimetre_from_the_line(name, seed):
+def test_tip_deviates_under_half_millimetre_from_line(name, seed):
     assert strays_m(*seeded(name, seed)).max() < 5e-4
 
 
 @pytest.mark.sample(8)
 @pytest.mark.parametrize(("name", "seed"), TOGETHER)
-def test_every_joint_keeps_its_pace_at_every_instant(name, seed):
+def test_tool_line_keeps_kinematic_limits(name, seed):
     chain, motion = seeded(name, seed)
     assert_keeps_paces(motion, [PACES[0]] * chain.dof, count=1000)
 
 
 @pytest.mark.sample(8)
 @pytest.mark.parametrize(("name", "seed"), TOGETHER)
-def test_no_joint_leaves_its_limits_nor_jumps(name, seed):
+def test_tool_line_keeps_joint_limits_and_has_no_jumps(name, seed):
     chain, motion = seeded(name, seed)
     assert_inside(motion, chain.lower_rad, chain.upper_rad)
     assert_smooth(motion, count=1000)
@@ -80,7 +80,7 @@ def test_no_joint_leaves_its_limits_nor_jumps(name, seed):
 @pytest.mark.campaign
 @pytest.mark.parametrize("seed", range(1, 40))
 @pytest.mark.parametrize("name", ARMS)
-def test_many_lines_of_every_arm_keep_every_law(name, seed):
+def test_tool_lines_keep_every_limit_in_campaign(name, seed):
     chain, motion = seeded(name, seed)
     assert strays_m(chain, motion).max() < 5e-4
     assert_keeps_paces(motion, [PACES[0]] * chain.dof, count=1000)
@@ -89,7 +89,7 @@ def test_many_lines_of_every_arm_keep_every_law(name, seed):
 
 
 @pytest.mark.parametrize("speed_m_s", [0.02, 0.25, 5.0])
-def test_the_tip_is_no_faster_than_it_may(speed_m_s):
+def test_tip_never_exceeds_tool_speed(speed_m_s):
     motion = line(speed_m_s=speed_m_s)
     times_s, joints, _, _ = sampled(motion, 800)
     tips = CHAIN.forward(joints)[:, :3, 3]
@@ -97,14 +97,14 @@ def test_the_tip_is_no_faster_than_it_may(speed_m_s):
     assert speeds.max() <= speed_m_s * 1.001
 
 
-def test_it_ends_at_the_goal():
+def test_tool_line_ends_at_goal():
     motion = line()
     np.testing.assert_allclose(CHAIN.forward(motion.goal)[:3, 3],
                                FROM + np.array([0, 0.1, 0.05]), atol=1e-6)  # fmt: skip
 
 
 @pytest.mark.parametrize("name", ["wx250s", "vx300s"])
-def test_an_arm_with_a_free_wrist_keeps_the_whole_orientation(name):
+def test_six_joint_arm_keeps_full_orientation_on_line(name):
     model = load_model(name)
     chain, q = model.chain, model.chain_pose("home")
     goal_m = chain.forward(q)[:3, 3] + (0.03, 0.1, 0.05)
@@ -115,7 +115,7 @@ def test_an_arm_with_a_free_wrist_keeps_the_whole_orientation(name):
 
 
 @pytest.mark.parametrize("name", ["so101", "omx_f", "open_manipulator_x", "px100"])
-def test_an_arm_without_one_keeps_how_steep_the_tool_is(name):
+def test_arm_without_free_wrist_keeps_tool_pitch_on_line(name):
     model = load_model(name)
     chain, q = model.chain, model.chain_pose("home")
     goal_m = chain.forward(q)[:3, 3] + (-0.03, 0.06, 0.02)
@@ -125,7 +125,7 @@ def test_an_arm_without_one_keeps_how_steep_the_tool_is(name):
     np.testing.assert_allclose(steep, np.tile(steep[0], (50, 1)), atol=2e-3)
 
 
-def test_turned_along_it_ends_with_the_tool_as_asked():
+def test_tool_line_with_end_orientation_reaches_it():
     model = load_model("wx250s")
     chain, q = model.chain, model.chain_pose("home")
     end = q + np.array([0.1, 0.15, -0.1, 0.1, 0.2, 0.3])
@@ -136,7 +136,7 @@ def test_turned_along_it_ends_with_the_tool_as_asked():
     assert_keeps_paces(motion, [PACES[0]] * chain.dof, count=1000)
 
 
-def test_turned_along_the_turn_goes_evenly():
+def test_tool_line_with_end_orientation_turns_evenly():
     model = load_model("wx250s")
     chain, q = model.chain, model.chain_pose("home")
     end = q + np.array([0.1, 0.15, -0.1, 0.1, 0.2, 0.3])
@@ -145,7 +145,7 @@ def test_turned_along_the_turn_goes_evenly():
     assert math.degrees(motion.orientation_error_rad.max()) < 0.1
 
 
-def test_a_turn_in_place_leaves_the_tip_where_it_is():
+def test_turn_in_place_keeps_tip_position():
     model = load_model("wx250s")
     chain, q = model.chain, model.chain_pose("home")
     end = q + np.array([0, 0, 0, 0, 0, 0.5])
@@ -158,7 +158,7 @@ def test_a_turn_in_place_leaves_the_tip_where_it_is():
     )
 
 
-def test_a_line_out_of_reach_is_refused_with_the_last_point_that_is_not():
+def test_line_out_of_reach_is_refused_with_last_reachable_point():
     with pytest.raises(CartesianPathError) as caught:
         line(dx=0.5, dy=0.0, dz=0.0)
     error = caught.value
@@ -167,7 +167,7 @@ def test_a_line_out_of_reach_is_refused_with_the_last_point_that_is_not():
     assert error.binding
 
 
-def test_a_line_past_the_base_axis_is_refused_as_a_singularity():
+def test_line_past_base_axis_is_refused_as_singularity():
     model = load_model("open_manipulator_x")
     chain = model.chain
     q = solve(chain, Target((0.06, 0.0, 0.25)), model.chain_pose("home")).q
@@ -176,18 +176,18 @@ def test_a_line_past_the_base_axis_is_refused_as_a_singularity():
     assert 0.0 < caught.value.along_m < 0.12
 
 
-def test_an_orientation_that_must_be_kept_and_cannot_is_refused_with_the_place():
+def test_strict_line_that_turns_tool_is_refused_with_place():
     with pytest.raises(CartesianPathError, match="tool would turn") as caught:
         line(0.0, 0.15, 0.0, strict=True)
     assert 0.0 < caught.value.along_m < 0.15
 
 
-def test_a_line_of_no_length_takes_no_time():
+def test_line_of_zero_length_takes_no_time():
     assert line(0, 0, 0).duration_s == pytest.approx(0.0, abs=1e-6)
 
 
 @pytest.mark.parametrize("speed_m_s", [0.0, -1.0, math.nan, math.inf])
-def test_a_speed_is_positive(speed_m_s):
+def test_tool_speed_must_be_positive_and_finite(speed_m_s):
     with pytest.raises(BadValueError, match="speed of the tool"):
         line(speed_m_s=speed_m_s)
 
@@ -196,7 +196,7 @@ CORNERS = [FROM + np.array(way_m) for way_m in ((0, 0.08, 0), (0, 0.08, 0.08), (
 
 
 @pytest.mark.parametrize("blend_m", [0.005, 0.02, 0.05])
-def test_a_route_passes_each_point_within_the_blend(blend_m):
+def test_tool_waypoints_are_passed_within_blend(blend_m):
     route = tool_line(CHAIN, HOME, CORNERS, PACES, blend_m=blend_m)
     _, joints, _, _ = sampled(route, 3000)
     tips = CHAIN.forward(joints)[:, :3, 3]
@@ -205,20 +205,20 @@ def test_a_route_passes_each_point_within_the_blend(blend_m):
     np.testing.assert_allclose(tips[-1], CORNERS[-1], atol=1e-5)
 
 
-def test_a_route_keeps_every_law_of_a_line():
+def test_tool_waypoint_line_keeps_every_limit():
     route = tool_line(CHAIN, HOME, CORNERS, PACES)
     assert_keeps_paces(route, PACES, count=1500)
     assert_smooth(route, count=1500)
     assert_inside(route, CHAIN.lower_rad, CHAIN.upper_rad)
 
 
-def test_a_route_stops_nowhere_but_at_its_end():
+def test_tool_waypoint_line_stops_only_at_its_end():
     route = tool_line(CHAIN, HOME, CORNERS, PACES)
     _, _, velocity, _ = sampled(route, 400)
     assert (np.abs(velocity[20:-20]).max(axis=1) > 0.01).all()
 
 
-def test_a_route_takes_less_time_than_its_lines_one_after_the_other():
+def test_tool_waypoint_line_is_faster_than_single_lines():
     lines_s, q = 0.0, HOME
     for corner in CORNERS:
         motion = tool_line(CHAIN, q, [corner], PACES)
@@ -226,6 +226,6 @@ def test_a_route_takes_less_time_than_its_lines_one_after_the_other():
     assert tool_line(CHAIN, HOME, CORNERS, PACES).duration_s < lines_s
 
 
-def test_a_line_takes_little_longer_than_the_same_joints_without_one():
+def test_tool_line_takes_under_1_5_times_joint_move():
     motion = line()
     assert motion.duration_s < 1.5 * JointMove(HOME, motion.goal, PACES).duration_s

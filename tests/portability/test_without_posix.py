@@ -30,7 +30,7 @@ def output(tmp_path_factory):
     "case",
     ["solve", "move", "view", "arms", "ports", "calibrate", "doctor", "relax", "lock", "sim"],
 )
-def test_the_core_works(output, case):
+def test_core_works_without_posix_modules(output, case):
     assert f"works: {case}" in output
 
 

@@ -28,16 +28,16 @@ ALL = [Unsigned(), TwosComplement(), SignMagnitude(10), SignMagnitude(11), SignM
 class TestBytes:
     """The datasheets' own examples, in both directions."""
 
-    def test_encode(self, register, raw, data):
+    def test_register_encodes_value_to_bytes(self, register, raw, data):
         assert register.encode(raw) == bytes.fromhex(data)
 
-    def test_decode(self, register, raw, data):
+    def test_register_decodes_bytes_to_value(self, register, raw, data):
         assert register.decode(bytes.fromhex(data)) == raw
 
 
 @pytest.mark.parametrize("codec", ALL, ids=str)
 @given(data=st.data())
-def test_what_is_written_is_read_back(codec, data):
+def test_codec_round_trips_every_number(codec, data):
     size = 2
     number = data.draw(st.integers(*codec.span(size)))
     assert codec.to_number(codec.to_word(number, size), size) == number
@@ -45,17 +45,17 @@ def test_what_is_written_is_read_back(codec, data):
 
 @pytest.mark.parametrize("codec", ALL, ids=str)
 @given(data=st.data())
-def test_a_number_in_the_span_fits_the_word(codec, data):
+def test_codec_word_fits_its_bytes(codec, data):
     size = 2
     assert 0 <= codec.to_word(data.draw(st.integers(*codec.span(size))), size) < 1 << 16
 
 
 @pytest.mark.parametrize("codec", ALL, ids=str)
 @given(word=st.integers(0, 0xFFFF))
-def test_every_word_stands_for_a_number_in_the_span_or_is_flagged_above_it(codec, word):
+def test_codec_number_of_every_word_is_in_span(codec, word):
     lower, upper = codec.span(2)
     assert lower <= codec.to_number(word, 2) <= upper
 
 
-def test_minus_zero_is_zero():
+def test_sign_magnitude_minus_zero_is_zero():
     assert SignMagnitude(15).to_number(0x8000, 2) == 0

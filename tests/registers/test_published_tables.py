@@ -80,7 +80,7 @@ CHANGED = {
 
 
 @pytest.mark.parametrize(("source", "model", "rows"), CASES, ids=[f"{m}, {s}" for s, m, _ in CASES])
-def test_names_addresses_and_sizes_are_those_that_others_have(source, model, rows):
+def test_register_names_addresses_and_sizes_equal_published(source, model, rows):
     table = MODELS[model]
     assert len(rows) > 25
     for address, size, name in rows:
@@ -96,7 +96,7 @@ def test_names_addresses_and_sizes_are_those_that_others_have(source, model, row
         assert (register.address, register.size) == (int(address), int(size)), name
 
 
-def test_each_family_has_two_sources():
+def test_each_family_has_two_published_sources():
     for family in Family:
         found = {source for source, model, _ in CASES if MODELS[model].family is family}
         assert len(found) >= 2, family
@@ -104,7 +104,7 @@ def test_each_family_has_two_sources():
 
 @pytest.mark.parametrize("model", ["STS3215", "SCS0009", "XL330-M288", "XM430-W350", "AX-12A",
                                    "MX-28", "XL-320"])  # fmt: skip
-def test_all_but_a_few_registers_of_a_series_are_published_elsewhere(model):
+def test_almost_all_registers_are_published_elsewhere(model):
     published = {
         (int(address), int(size)) for _, each, rows in CASES if each == model
         for address, size, _ in rows

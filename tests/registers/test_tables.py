@@ -38,7 +38,7 @@ def test_registers_do_not_overlap(table):
 
 
 @every_table
-def test_every_role_is_filled_or_said_to_be_lacking(table):
+def test_every_role_has_register_or_is_marked_missing(table):
     for role in set(RegisterName) - set(table.missing):
         assert table.find(role) in table.registers.values(), role
     for role in table.missing:
@@ -46,7 +46,7 @@ def test_every_role_is_filled_or_said_to_be_lacking(table):
             table.find(role)
 
 
-def test_the_roles_are_what_type_checkers_see():
+def test_register_roles_are_declared_for_type_checkers():
     declared = {
         n for n, kind in ControlTable.__annotations__.items() if kind == "ClassVar[Register]"
     }
@@ -54,13 +54,13 @@ def test_the_roles_are_what_type_checkers_see():
 
 
 @every_table
-def test_the_name_is_the_attribute(table):
+def test_register_name_is_table_attribute(table):
     for name, register in table.registers.items():
         assert getattr(table, name) is register
 
 
 @every_table
-def test_the_writable_range_fits_the_bytes(table):
+def test_writable_range_fits_register_bytes(table):
     for register in table.registers.values():
         lower, upper = register.range
         least, most = register.codec.span(register.size)
@@ -68,13 +68,13 @@ def test_the_writable_range_fits_the_bytes(table):
 
 
 @every_table
-def test_everything_measured_is_read_only(table):
+def test_measured_registers_are_read_only(table):
     measured = [r for name, r in table.registers.items() if name.startswith("present_")]
     assert {register.access for register in measured} == {Access.RO}
 
 
 @every_table
-def test_ram_stands_behind_eeprom_but_for_the_makers_own_settings(table):
+def test_ram_registers_follow_eeprom_registers(table):
     own = STS3215.moving_threshold.address if table.family is Family.FEETECH_STS else 1 << 16
     eeprom = [r.end for r in table.registers.values() if r.area is Area.EEPROM and r.address < own]
     ram = [r.address for r in table.registers.values() if r.area is Area.RAM]
@@ -98,51 +98,51 @@ NUMBERS = {
 
 
 @pytest.mark.parametrize("model", NUMBERS)
-def test_a_model_is_known_by_its_number(model):
+def test_model_number_leads_to_its_table(model):
     table = MODELS[model]
     assert control_table_for_number(table.family, NUMBERS[model]) is table
 
 
-def test_no_two_models_of_a_family_have_the_same_number():
+def test_model_numbers_are_unique_within_family():
     numbers = [(table.family, table.number) for table in MODELS.values()]
     assert len(set(numbers)) == len(numbers)
 
 
-def test_an_unknown_number_has_no_table():
+def test_unknown_model_number_has_no_table():
     assert control_table_for_number(Family.DYNAMIXEL_2, 4242) is None
 
 
-def test_a_table_is_found_by_the_name_on_the_case():
+def test_table_is_found_by_model_name():
     assert control_table("STS3215") is STS3215
 
 
-def test_an_unknown_model_offers_the_closest():
+def test_unknown_model_name_suggests_closest():
     with pytest.raises(UnknownNameError, match="XL430-W250"):
         control_table("XL430-W25")
 
 
-def test_a_role_bridges_the_vendors_names():
+def test_role_finds_register_despite_vendor_names():
     assert STS3215.find(RegisterName.PRESENT_VOLTAGE) is STS3215.present_voltage
     assert XL430W250.find(RegisterName.PRESENT_VOLTAGE) is XL430W250.present_input_voltage
 
 
-def test_a_register_of_another_model_becomes_ones_own():
+def test_register_of_another_model_is_mapped_to_own_one():
     assert XL330M288.find(XL430W250.max_voltage_limit) is XL330M288.max_voltage_limit
 
 
-def test_a_servo_with_two_shafts_lacks_what_its_sheet_does():
+def test_dual_shaft_models_lack_two_registers():
     lacks = {"startup_configuration", "backup_ready"}
     assert lacks <= XL430W250.registers.keys()
     for model in ("2XL430-W250", "2XC430-W250"):
         assert MODELS[model].registers.keys() == XL430W250.registers.keys() - lacks
 
 
-def test_a_role_that_only_the_series_has_is_not_found():
+def test_role_missing_in_model_of_series_is_refused():
     with pytest.raises(UnknownNameError, match="HLS3606M register named 'return_delay'"):
         MODELS["HLS3606M"].find(RegisterName.RETURN_DELAY)
 
 
-def test_a_register_that_a_model_lacks_is_named():
+def test_register_missing_in_model_is_refused_by_name():
     with pytest.raises(UnknownNameError, match="XL430-W250 register named 'goal_current'"):
         XL430W250.find(XL330M288.goal_current)
 
@@ -177,22 +177,22 @@ def test_a_register_that_a_model_lacks_is_named():
 class TestUnits:
     """One count is worth what the sheet says, both ways."""
 
-    def test_value(self, register, raw, value):
+    def test_register_converts_raw_to_value(self, register, raw, value):
         assert register.to_value(raw) == pytest.approx(value)
 
-    def test_raw(self, register, raw, value):
+    def test_register_converts_value_to_raw(self, register, raw, value):
         assert register.to_raw(value) == raw
 
 
-def test_a_plain_number_stays_an_integer():
+def test_register_without_unit_returns_integer():
     assert isinstance(STS3215.p_gain.to_value(32), int)
 
 
-def test_alarm_bits_have_names():
+def test_alarm_bits_decode_to_named_alarms():
     assert STS3215.decode_alarms(0b100001) == {Alarm.VOLTAGE, Alarm.OVERLOAD}
     assert XL430W250.decode_alarms(0b010000) == {Alarm.SHOCK}
     assert MODELS["XL-320"].decode_alarms(0b101) == {Alarm.OVERLOAD, Alarm.VOLTAGE}
 
 
-def test_an_unnamed_alarm_bit_is_not_passed_over():
+def test_unnamed_alarm_bit_becomes_unknown_alarm():
     assert STS3215.decode_alarms(0b1000_0000) == {Alarm.UNKNOWN}

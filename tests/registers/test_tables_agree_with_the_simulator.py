@@ -10,11 +10,11 @@ from servosim.servo_models import TABLES
 OURS = pytest.mark.parametrize("table", MODELS.values(), ids=MODELS)
 
 
-def test_both_know_the_same_models():
+def test_driver_and_simulator_know_same_models():
     assert set(MODELS) == set(TABLES) - {"STS3215-C018"}
 
 
-def test_the_sts3215_of_12_v_says_of_itself_what_the_other_does():
+def test_sts3215_c018_has_number_and_registers_of_sts3215():
     variant = TABLES["STS3215-C018"]
     assert variant.number == MODELS["STS3215"].number
     assert [row.name for row in variant.registers] == [
@@ -23,17 +23,17 @@ def test_the_sts3215_of_12_v_says_of_itself_what_the_other_does():
 
 
 @OURS
-def test_model_numbers(table):
+def test_model_numbers_equal_those_of_simulator(table):
     assert table.number == TABLES[table.model_name].number
 
 
 @OURS
-def test_counts_in_a_turn(table):
+def test_ticks_per_turn_equal_those_of_simulator(table):
     assert table.ticks_per_turn == pytest.approx(TABLES[table.model_name].ticks_per_turn)
 
 
 @OURS
-def test_names_places_and_access(table):
+def test_register_names_addresses_and_access_equal_simulator(table):
     theirs = {
         row.name: (row.address, row.size, row.writable, row.area.name)
         for row in TABLES[table.model_name].registers
@@ -52,7 +52,7 @@ def test_names_places_and_access(table):
 
 
 @OURS
-def test_the_bytes_of_a_number(table):
+def test_encoded_numbers_equal_those_of_simulator(table):
     rows = {row.name: row for row in TABLES[table.model_name].registers}
     for name, register in table.registers.items():
         row = rows[name]

@@ -99,7 +99,7 @@ def mass_matrix(model: mujoco.MjModel, data: mujoco.MjData, names: Sequence[str]
     return M[np.ix_(columns, columns)]
 
 
-def test_gravity_agrees_with_mujoco_on_a_cranked_branching_arm(tmp_path: Path) -> None:
+def test_gravity_of_cranked_branching_arm_equals_mujoco(tmp_path: Path) -> None:
     path = write(tmp_path, CRANKED)
     body, model = RigidArm(path, CRANKED_JOINTS), mujoco_model(path)
     for q in poses(body, 50):
@@ -108,7 +108,7 @@ def test_gravity_agrees_with_mujoco_on_a_cranked_branching_arm(tmp_path: Path) -
         assert body.load_nm(q, [0.0] * 4) == pytest.approx(expected, abs=1e-9)
 
 
-def test_the_mass_matrix_is_mujocos_on_a_cranked_branching_arm(tmp_path: Path) -> None:
+def test_mass_matrix_of_cranked_branching_arm_equals_mujoco(tmp_path: Path) -> None:
     path = write(tmp_path, CRANKED)
     body, model = RigidArm(path, CRANKED_JOINTS), mujoco_model(path)
     for q in poses(body, 10):
@@ -117,7 +117,7 @@ def test_the_mass_matrix_is_mujocos_on_a_cranked_branching_arm(tmp_path: Path) -
         assert np.array(body.mass_matrix(q)) == pytest.approx(expected, abs=1e-9)
 
 
-def test_velocity_forces_are_mujocos_on_a_cranked_branching_arm(tmp_path: Path) -> None:
+def test_velocity_forces_of_cranked_arm_equal_mujoco(tmp_path: Path) -> None:
     path = write(tmp_path, CRANKED)
     body, model = RigidArm(path, CRANKED_JOINTS), mujoco_model(path)
     rng = np.random.default_rng(8)
@@ -131,7 +131,7 @@ def test_velocity_forces_are_mujocos_on_a_cranked_branching_arm(tmp_path: Path) 
 
 
 @pytest.mark.parametrize("path", CONFIGS, ids=lambda path: path.parent.name)
-def test_gravity_agrees_with_mujoco_on_every_shipped_arm(path: Path) -> None:
+def test_gravity_of_every_shipped_arm_equals_mujoco(path: Path) -> None:
     model = mujoco_model(path)
     names = driven_joints(model)
     body = RigidArm(path, names)
@@ -141,17 +141,17 @@ def test_gravity_agrees_with_mujoco_on_every_shipped_arm(path: Path) -> None:
         assert body.load_nm(q, [0.0] * len(names)) == pytest.approx(expected, abs=1e-6)
 
 
-def test_a_level_pendulum_is_pulled_down_with_its_weight_times_its_length(tmp_path: Path) -> None:
+def test_level_pendulum_load_is_weight_times_length(tmp_path: Path) -> None:
     body = RigidArm(write(tmp_path, PENDULUM.format(more="")), ["swing"])
     assert body.load_nm([0.0], [0.0]) == pytest.approx([0.5 * 9.81 * 0.2])
 
 
-def test_a_hanging_pendulum_is_not_pulled(tmp_path: Path) -> None:
+def test_hanging_pendulum_has_no_load(tmp_path: Path) -> None:
     body = RigidArm(write(tmp_path, PENDULUM.format(more="")), ["swing"])
     assert body.load_nm([math.pi / 2], [0.0]) == pytest.approx([0.0], abs=1e-12)
 
 
-def test_a_mimic_joint_hands_its_pull_to_the_joint_it_copies(tmp_path: Path) -> None:
+def test_mimic_joint_adds_its_load_to_leader(tmp_path: Path) -> None:
     copy = """<joint name="copy" type="revolute"><parent link="base"/><child link="twin"/>
       <axis xyz="0 1 0"/><limit lower="-3" upper="3" effort="1" velocity="1"/>
       <mimic joint="swing" multiplier="2"/></joint>
@@ -162,13 +162,13 @@ def test_a_mimic_joint_hands_its_pull_to_the_joint_it_copies(tmp_path: Path) -> 
     assert body.load_nm([0.3], [0.0]) == pytest.approx([swing_nm + twin_nm])
 
 
-def test_a_missing_joint_is_named_together_with_those_there_are(tmp_path: Path) -> None:
+def test_missing_joint_is_named_with_existing_ones(tmp_path: Path) -> None:
     path = write(tmp_path, PENDULUM.format(more=""))
     with pytest.raises(ArmFileError, match=r"no moving joint 'elbow'; has: swing"):
         RigidArm(path, ["elbow"])
 
 
-def test_a_file_that_is_no_urdf_is_refused_with_its_name(tmp_path: Path) -> None:
+def test_invalid_urdf_is_refused_with_its_name(tmp_path: Path) -> None:
     path = write(tmp_path, "<robot><joint type='revolute' name='a'/></robot>")
     with pytest.raises(ArmFileError, match=r"arm\.urdf"):
         RigidArm(path, ["a"])

@@ -65,20 +65,20 @@ def so101(drive: DriveCommand | None = None) -> Bench:
     return Bench(RigidArm(CONFIGS / "so101" / "arm.urdf", JOINTS), drive=drive or DriveCommand())
 
 
-def test_an_arm_falls_to_its_stop_when_torque_goes() -> None:
+def test_arm_falls_to_its_stop_with_torque_off() -> None:
     arm = so101()
     arm.motors["shoulder_lift"].place(0.8)
     arm.run(3.0)
     assert arm.motors["shoulder_lift"].position_rad == arm.motors["shoulder_lift"].upper_stop_rad
 
 
-def test_an_arm_holds_its_pose_when_torque_is_on() -> None:
+def test_arm_holds_its_pose_with_torque_on() -> None:
     arm = so101(DriveCommand(torque_on=True)).run(3.0)
     assert [m.position_rad for m in arm.motors.values()] == pytest.approx([0.0] * 6, abs=0.05)
     assert [m.velocity_rad_s for m in arm.motors.values()] == [0.0] * 6
 
 
-def test_the_shoulder_sags_by_gravitys_torque_over_its_stiffness() -> None:
+def test_shoulder_sag_is_gravity_torque_over_stiffness() -> None:
     arm = so101(DriveCommand(torque_on=True)).run(3.0)
     positions = [m.position_rad for m in arm.motors.values()]
     load_nm = arm.body.load_nm(positions, positions)[1]
@@ -89,7 +89,7 @@ def test_the_shoulder_sags_by_gravitys_torque_over_its_stiffness() -> None:
     assert abs(held_nm + load_nm) <= friction_nm
 
 
-def test_what_hangs_on_a_shaft_slows_its_start() -> None:
+def test_load_inertia_slows_start_of_shaft() -> None:
     bare, laden = free(drive=DriveCommand(True, mode=ControlMode.PWM, goal_pwm=0.5)), free()
     laden.drive = bare.drive
     laden.motors["joint"].load_inertia_kg_m2 = 0.03
@@ -99,19 +99,19 @@ def test_what_hangs_on_a_shaft_slows_its_start() -> None:
     assert share == pytest.approx(0.0215 / 0.0515, rel=0.25)
 
 
-def test_a_hand_carries_a_free_joint_to_its_goal() -> None:
+def test_hand_carries_free_joint_to_its_goal() -> None:
     bench = free(hand=Hand(glide(0.0, 0.7, speed=0.5))).run(2.0)
     assert bench.motors["joint"].position_rad == pytest.approx(0.7, abs=0.003)
 
 
-def test_a_hand_holds_an_arm_against_gravity() -> None:
+def test_hand_holds_arm_against_gravity() -> None:
     arm = so101()
     arm.hands["shoulder_lift"] = Hand(hold(0.4))
     arm.run(2.0)
     assert arm.motors["shoulder_lift"].position_rad == pytest.approx(0.4, abs=0.01)
 
 
-def test_a_sweeping_hand_reaches_both_stops_and_comes_back() -> None:
+def test_sweeping_hand_reaches_both_stops() -> None:
     bench = free(hand=Hand(sweep(0.0, -1.2, 1.2, speed=1.0), limit=3.0))
     seen: list[float] = []
     for _ in range(600):
@@ -119,34 +119,34 @@ def test_a_sweeping_hand_reaches_both_stops_and_comes_back() -> None:
     assert (min(seen), max(seen)) == (-1.0, 1.0)
 
 
-def test_a_hand_presses_with_no_more_than_its_limit() -> None:
+def test_hand_pushes_with_its_force_limit_at_most() -> None:
     hand = Hand(push(-1.0), limit=0.6)
     bench = free(drive=DriveCommand(torque_on=True), hand=hand).run(2.0)
     assert hand.force == -0.6
     assert bench.motors["joint"].torque_nm == pytest.approx(0.6, abs=0.3)
 
 
-def test_a_strong_hand_stalls_the_motor_at_its_limit() -> None:
+def test_strong_hand_stalls_motor_at_its_torque_limit() -> None:
     drive = DriveCommand(torque_on=True, goal_rad=0.5, torque_limit=0.3)
     bench = free(drive=drive, hand=Hand(hold(0.0), limit=10.0)).run(1.0)
     assert abs(bench.motors["joint"].position_rad) < 0.01
     assert bench.motors["joint"].pwm == pytest.approx(0.3)
 
 
-def test_a_joint_let_go_is_under_its_motor_again() -> None:
+def test_released_joint_returns_to_motor_goal() -> None:
     bench = free(drive=DriveCommand(torque_on=True), hand=Hand(hold(0.4), limit=10.0)).run(0.5)
     bench.hands.clear()
     bench.run(2.0)
     assert bench.motors["joint"].position_rad == pytest.approx(0.0, abs=0.02)
 
 
-def test_an_obstacle_stops_a_joint_that_comes_to_it() -> None:
+def test_one_sided_hand_stops_joint_that_comes_to_it() -> None:
     drive = DriveCommand(torque_on=True, goal_rad=0.5, torque_limit=0.3)
     bench = free(drive=drive, hand=Hand(hold(0.2), limit=10.0, only=-1)).run(1.0)
     assert bench.motors["joint"].position_rad == pytest.approx(0.2, abs=0.01)
 
 
-def test_an_obstacle_leaves_a_joint_alone_that_goes_away_from_it() -> None:
+def test_one_sided_hand_ignores_joint_that_moves_away() -> None:
     drive = DriveCommand(torque_on=True, goal_rad=-0.5)
     hand = Hand(hold(0.2), limit=10.0, only=-1)
     bench = free(drive=drive, hand=hand).run(1.0)
@@ -155,14 +155,14 @@ def test_an_obstacle_leaves_a_joint_alone_that_goes_away_from_it() -> None:
 
 
 @pytest.mark.parametrize("model", sorted(PARAMETERS))
-def test_a_hand_holds_joints_of_every_inertia_without_shaking(model: str) -> None:
+def test_hand_holds_joints_of_every_model_without_oscillation(model: str) -> None:
     bench = free(model, hand=Hand(hold(0.2))).run(1.0)
     held_rad = bench.motors["joint"].position_rad
     bench.run(0.01)
     assert bench.motors["joint"].position_rad == pytest.approx(held_rad, abs=1e-5)
 
 
-def test_the_supply_sags_with_the_current_that_the_bridges_draw() -> None:
+def test_supply_voltage_drops_with_current_of_motors() -> None:
     motor = Motor(PARAMETERS["STS3215"])
     motor.stuck = True
     motor.step(DT_S, 0.0, DriveCommand(True, mode=ControlMode.PWM, goal_pwm=1.0), 7.4)
@@ -170,10 +170,10 @@ def test_the_supply_sags_with_the_current_that_the_bridges_draw() -> None:
     assert supply.voltage_v([motor]) == pytest.approx(7.4 - 0.2 * motor.current_a * motor.pwm)
 
 
-def test_resting_servos_draw_their_electronics_only() -> None:
+def test_resting_servo_draws_standby_current_only() -> None:
     supply = PowerSupply(open_v=12.0, resistance_ohm=0.5, standby_a=0.2)
     assert supply.voltage_v([Motor(PARAMETERS["XL430-W250"])]) == pytest.approx(11.9)
 
 
-def test_a_push_never_ends() -> None:
+def test_push_without_end_has_infinite_target() -> None:
     assert push(2.0)(99.0) == (math.inf, 0.0)

@@ -46,14 +46,14 @@ def run(body: MujocoBody, motors: list[Motor], drive: DriveCommand, seconds: flo
             motor.set_state(*state)
 
 
-def test_a_rod_without_torque_falls_onto_the_floor_and_stays_there(tmp_path: Path) -> None:
+def test_rod_with_torque_off_falls_onto_floor_and_stays(tmp_path: Path) -> None:
     body, motor = rod(tmp_path), Motor(STS)
     run(body, [motor], DriveCommand(), 3.0)
     assert body.contacts > 0
     assert motor.position_rad == pytest.approx(0.305, abs=0.01)  # sin = (0.1 - 0.01 cos) / 0.3
 
 
-def test_a_held_rod_sags_by_torque_over_stiffness(tmp_path: Path) -> None:
+def test_held_rod_sags_by_torque_over_stiffness(tmp_path: Path) -> None:
     body, motor = rod(tmp_path), Motor(STS)
     run(body, [motor], DriveCommand(torque_on=True), 3.0)
     load_nm = 0.5 * 9.81 * 0.15
@@ -63,21 +63,21 @@ def test_a_held_rod_sags_by_torque_over_stiffness(tmp_path: Path) -> None:
     assert abs(held_nm + load_nm) <= dry_nm
 
 
-def test_the_so101_reaches_a_pose_with_all_joints_pulling_at_each_other() -> None:
+def test_so101_in_mujoco_reaches_pose_with_all_joints_moving() -> None:
     body, motors = MujocoBody(SO101, JOINTS, [[STS]] * 6), [Motor(STS) for _ in JOINTS]
     drive = DriveCommand(True, goal_rad=0.3, velocity_limit_rad_s=1.0, acceleration_rad_s2=4.0)
     run(body, motors, drive, 2.0)
     assert [m.position_rad for m in motors] == pytest.approx([0.3] * 6, abs=0.05)
 
 
-def test_a_missing_joint_is_an_arm_file_error(tmp_path: Path) -> None:
+def test_missing_joint_raises_arm_file_error(tmp_path: Path) -> None:
     path = tmp_path / "rod.urdf"
     path.write_text(ROD)
     with pytest.raises(ArmFileError, match="elbow"):
         MujocoBody(path, ["elbow"], [[STS]])
 
 
-def test_a_sliding_joint_carries_the_inertia_of_its_servo_through_the_rack() -> None:
+def test_prismatic_joint_in_mujoco_reaches_goal_through_rack() -> None:
     port = open_port(f"sim:{CONFIGS}/open_manipulator_x/arm.toml?pose=home&physics=1")
     servo, world = port.line.servos[15], port.line.world
     servo.write("goal_position", servo.read("present_position") - 100)
@@ -86,14 +86,14 @@ def test_a_sliding_joint_carries_the_inertia_of_its_servo_through_the_rack() -> 
     assert servo.read("present_position") == pytest.approx(servo.read("goal_position"), abs=3)
 
 
-def test_the_floor_lies_where_the_arm_file_puts_the_table() -> None:
+def test_mujoco_floor_is_at_table_height_of_arm_file() -> None:
     port = open_port(f"sim:{CONFIGS}/open_manipulator_x/arm.toml?pose=home&physics=1")
     port.line.world.advance_to(3.0)
     joints = {joint.name: joint.position for joint in port.line.world.joints}
     assert -0.017 < tip_from_joints("open_manipulator_x", joints)[2] < 0.005
 
 
-def test_a_link_does_not_rub_on_the_base_that_it_turns_on() -> None:
+def test_link_has_no_contact_with_base_it_turns_on() -> None:
     port = open_port(f"sim:{CONFIGS}/koch/arm.toml?pose=home&physics=1")
     pan = port.line.servos[1]
     pan.write("torque_enable", 1)
@@ -102,7 +102,7 @@ def test_a_link_does_not_rub_on_the_base_that_it_turns_on() -> None:
     assert pan.read("present_position") == pytest.approx(pan.read("goal_position"), abs=5)
 
 
-def test_mujocos_rotor_stays_while_the_output_falls_through_the_play(tmp_path: Path) -> None:
+def test_mujoco_rotor_stays_while_output_crosses_backlash(tmp_path: Path) -> None:
     body = rod(tmp_path)
     for _ in range(12):
         position, _, lash, rotor = body.step(0.001, [0.0], {})[0]
@@ -111,7 +111,7 @@ def test_mujocos_rotor_stays_while_the_output_falls_through_the_play(tmp_path: P
     assert lash == pytest.approx(position, abs=1e-6)
 
 
-def test_mujoco_and_the_own_dynamics_agree_on_where_a_held_arm_rests() -> None:
+def test_mujoco_and_own_dynamics_agree_on_rest_position() -> None:
     states: list[list[tuple[float, float]]] = []
     for option in ("", "&physics=1"):
         port = open_port(f"sim:{CONFIGS}/so101/arm.toml?pose=home{option}")

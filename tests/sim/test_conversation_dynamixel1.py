@@ -22,18 +22,18 @@ def run(port, seconds):
     port.clock.sleep_until(port.clock.now_s() + seconds)
 
 
-def test_the_manuals_temperature_read_is_answered(make_port):
+def test_temperature_read_of_manual_is_answered(make_port):
     port = make_port("AX-12A")
     port.write(bytes.fromhex("FFFF0104022B01CC"))
     assert port.read(64).hex() == "ffff010300 19 e2".replace(" ", "")
 
 
 @pytest.mark.parametrize(("model", "number"), [("AX-12A", 12), ("MX-28", 29)])
-def test_the_model_number_is_a_register(make_port, model, number):
+def test_model_number_is_read_from_register(make_port, model, number):
     assert ask(make_port(model), 1, 2, b"\x00\x02") == [(1, 0, bytes((number, 0)))]
 
 
-def test_a_broadcast_ping_is_not_answered(make_port):
+def test_broadcast_ping_is_not_answered(make_port):
     assert ask(make_port("AX-12A"), 254, 1) == []
 
 
@@ -46,21 +46,21 @@ def test_a_broadcast_ping_is_not_answered(make_port):
         (b"\x1e\x00\x02", 0x00),
     ],
 )
-def test_a_write_is_judged_by_the_table(make_port, params, error):
+def test_write_returns_range_error_if_table_forbids_it(make_port, params, error):
     assert ask(make_port("AX-12A"), 1, 3, params) == [(1, error, b"")]
 
 
-def test_a_goal_outside_the_angle_limits_is_an_angle_limit_error(make_port):
+def test_goal_outside_angle_limits_returns_angle_limit_error(make_port):
     port = make_port("AX-12A")
     port.line.servos[1].write("ccw_angle_limit", 600)
     assert ask(port, 1, 3, b"\x1e\xbc\x02") == [(1, 0x02, b"")]
 
 
-def test_an_unknown_instruction_is_an_instruction_error(make_port):
+def test_unknown_instruction_returns_instruction_error(make_port):
     assert ask(make_port("AX-12A"), 1, 0x77) == [(1, 0x40, b"")]
 
 
-def test_a_goal_turns_the_torque_on_and_is_reached(make_port):
+def test_goal_write_switches_torque_on_and_is_reached(make_port):
     port = make_port("AX-12A")
     ask(port, 1, 3, b"\x1e\x58\x02")
     run(port, 2)
@@ -69,7 +69,7 @@ def test_a_goal_turns_the_torque_on_and_is_reached(make_port):
     assert servo.read("present_position") == pytest.approx(600, abs=3)
 
 
-def test_moving_speed_limits_the_motion(make_port):
+def test_moving_speed_limits_motion(make_port):
     port = make_port("MX-28")
     servo = port.line.servos[1]
     servo.write("moving_speed", 100)
@@ -78,7 +78,7 @@ def test_moving_speed_limits_the_motion(make_port):
     assert servo.read("present_speed") == pytest.approx(100, abs=4)
 
 
-def test_both_angle_limits_zero_make_a_wheel(make_port):
+def test_wheel_mode_is_set_by_angle_limits_of_zero(make_port):
     port = make_port("MX-28")
     servo = port.line.servos[1]
     servo.write("ccw_angle_limit", 0)
@@ -88,7 +88,7 @@ def test_both_angle_limits_zero_make_a_wheel(make_port):
     assert servo.read("present_speed") == pytest.approx(-200, abs=6)
 
 
-def test_both_angle_limits_4095_count_turns_on_an_mx(make_port):
+def test_multi_turn_mode_of_mx_is_set_by_angle_limits_of_4095(make_port):
     port = make_port("MX-28")
     servo = port.line.servos[1]
     servo.write("cw_angle_limit", 4095)
@@ -97,7 +97,7 @@ def test_both_angle_limits_4095_count_turns_on_an_mx(make_port):
     assert servo.read("present_position") == pytest.approx(6000, abs=8)
 
 
-def test_a_lock_holds_until_the_power_is_cycled(make_port):
+def test_lock_holds_until_power_cycle(make_port):
     servo = make_port("AX-12A").line.servos[1]
     servo.write("lock", 1)
     refused = servo.write("id", 5), servo.write("lock", 0)
@@ -112,24 +112,24 @@ def test_bulk_read_is_answered_by_mx_in_order(make_port):
     assert answers == [(2, 0, b"\x1d\x00"), (1, 0, b"\x19")]
 
 
-def test_bulk_read_is_unknown_to_ax(make_port):
+def test_bulk_read_is_not_answered_by_ax(make_port):
     assert ask(make_port("AX-12A"), 254, 0x92, bytes.fromhex("00 02 01 00")) == []
 
 
-def test_sync_write_reaches_all(make_port):
+def test_sync_write_reaches_all_servos(make_port):
     port = make_port("AX-12A", "AX-12A")
     ask(port, 254, 0x83, bytes.fromhex("1E 02 01 10 02 02 20 02"))
     assert [port.line.servos[k].read("goal_position") for k in (1, 2)] == [0x210, 0x220]
 
 
-def test_an_overload_takes_the_torque_limit_away(make_port):
+def test_overload_sets_torque_limit_to_zero(make_port):
     servo = make_port("AX-12A").line.servos[1]
     servo.inject_alarm(0x20)
     servo.run_protections(0.01)
     assert (servo.alarm, servo.read("torque_limit")) == (0x20, 0)
 
 
-def test_115200_baud_of_an_ax_are_near_enough(make_port):
+def test_baud_rate_mismatch_of_ax_at_115200_is_tolerated(make_port):
     port = make_port("AX-12A")
     port.line.servos[1].write("baud_rate", 16)
     port.baudrate = 115_200
@@ -143,14 +143,14 @@ class TestXSeriesWithProtocol1:
         port.timeout = 0.02
         return port
 
-    def test_answers_the_old_frames(self):
+    def test_x_servo_in_protocol_1_mode_answers_protocol_1(self):
         assert ask(self.make(), 1, 2, b"\x00\x02") == [(1, 0, b"\x24\x04")]
 
-    def test_ignores_the_new_frames(self):
+    def test_x_servo_in_protocol_1_mode_ignores_protocol_2(self):
         port = self.make()
         port.write(bytes.fromhex("FFFFFD00010300 01194E".replace(" ", "")))
         assert port.read(20) == b""
 
-    def test_a_model_without_it_is_refused(self):
+    def test_model_without_protocol_1_mode_is_refused(self):
         with pytest.raises(SimulatorError, match="XL330-M288 does not speak"):
             self.make("XL330-M288")

@@ -26,30 +26,30 @@ def read(port, id_, address, size):
     return ask(port, id_, 0x02, request)
 
 
-def test_ping_tells_model_and_firmware(make_port):
+def test_ping_returns_model_and_firmware(make_port):
     port = make_port("XM430-W350")
     assert ask(port, 1, 0x01) == [(1, 0, bytes((0xFC, 0x03, 46)))]
 
 
-def test_the_manuals_write_is_answered_as_in_the_manual(make_port):
+def test_write_of_manual_is_answered_as_in_manual(make_port):
     port = make_port("XM430-W350")
     port.write(bytes.fromhex("FFFFFD00010900037400000200 00CA89".replace(" ", "")))
     assert port.read(64).hex() == "fffffd000104005500a10c"
 
 
-def test_position_of_a_servo_in_the_middle_reads_2048(make_port):
+def test_servo_in_middle_reads_position_2048(make_port):
     assert read(make_port("XL430-W250"), 1, 132, 4) == [(1, 0, b"\x00\x08\x00\x00")]
 
 
-def test_a_read_across_a_gap_gives_zero_bytes_for_it(make_port):
+def test_read_across_register_gap_returns_zero_bytes(make_port):
     assert read(make_port("XL430-W250"), 1, 64, 6) == [(1, 0, b"\x00\x00\x00\x00\x02\x00")]
 
 
-def test_a_read_behind_the_table_is_an_access_error_without_data(make_port):
+def test_read_beyond_table_returns_access_error_without_data(make_port):
     assert read(make_port("XL430-W250"), 1, 660, 4) == [(1, 7, b"")]
 
 
-def test_an_unknown_instruction_is_an_instruction_error(make_port):
+def test_unknown_instruction_returns_instruction_error(make_port):
     assert ask(make_port("XL430-W250"), 1, 0x77) == [(1, 2, b"")]
 
 
@@ -66,23 +66,23 @@ def test_an_unknown_instruction_is_an_instruction_error(make_port):
         (116, 512, 4, 0),
     ],
 )
-def test_a_write_is_judged_by_the_table(make_port, address, value, size, error):
+def test_write_is_answered_with_error_code_of_table(make_port, address, value, size, error):
     assert write(make_port("XL430-W250"), 1, address, value, size) == [(1, error, b"")]
 
 
-def test_a_refused_write_changes_nothing(make_port):
+def test_refused_write_changes_nothing(make_port):
     port = make_port("XL430-W250")
     write(port, 1, 9, 255, 1)
     assert port.line.servos[1].read("return_delay_time") == 250
 
 
-def test_eeprom_is_closed_while_torque_is_on(make_port):
+def test_eeprom_write_with_torque_on_returns_access_error(make_port):
     port = make_port("XL430-W250")
     write(port, 1, 64, 1, 1)
     assert write(port, 1, 9, 0, 1) == [(1, 7, b"")]
 
 
-def test_a_registered_write_waits_for_its_action(make_port):
+def test_registered_write_waits_for_action(make_port):
     port = make_port("XL430-W250")
     ask(port, 1, 0x04, b"\x74\x00\xc8\x00\x00\x00")
     before = port.line.servos[1].read("goal_position"), read(port, 1, 69, 1)
@@ -91,33 +91,33 @@ def test_a_registered_write_waits_for_its_action(make_port):
     assert (before, after) == ((2048, [(1, 0, b"\x01")]), (200, [(1, 0, b"\x00")]))
 
 
-def test_an_action_without_a_registered_write_is_an_instruction_error(make_port):
+def test_action_without_registered_write_returns_error(make_port):
     assert ask(make_port("XL430-W250"), 1, 0x05) == [(1, 2, b"")]
 
 
-def test_a_broadcast_ping_is_answered_in_the_order_of_ids(make_port):
+def test_broadcast_ping_is_answered_in_order_of_ids(make_port):
     port = make_port("XL430-W250", "XL430-W250", "XL430-W250", ids=(7, 2, 200))
     port.timeout = 1.0
     assert [id_ for id_, _, _ in ask(port, 254, 0x01)] == [2, 7, 200]
 
 
-def test_a_sync_read_is_answered_in_the_order_of_the_list(make_port):
+def test_sync_read_is_answered_in_order_of_list(make_port):
     port = make_port("XL430-W250", "XL430-W250", "XL430-W250")
     assert [a[0] for a in ask(port, 254, 0x82, b"\x84\x00\x04\x00\x03\x01\x02")] == [3, 1, 2]
 
 
-def test_a_sync_read_goes_on_behind_a_missing_servo(make_port):
+def test_sync_read_continues_after_missing_servo(make_port):
     port = make_port("XL430-W250", "XL430-W250")
     assert [a[0] for a in ask(port, 254, 0x82, b"\x84\x00\x04\x00\x01\x09\x02")] == [1, 2]
 
 
-def test_a_bulk_read_brings_each_servo_its_own_registers(make_port):
+def test_bulk_read_returns_registers_of_each_servo(make_port):
     port = make_port("XL430-W250", "XL430-W250")
     answers = ask(port, 254, 0x92, b"\x01\x90\x00\x02\x00\x02\x92\x00\x01\x00")
     assert answers == [(1, 0, b"\x78\x00"), (2, 0, b"\x19")]
 
 
-def test_a_sync_write_reaches_all_and_is_not_answered(make_port):
+def test_sync_write_reaches_all_servos_without_answer(make_port):
     port = make_port("XL430-W250", "XL430-W250")
     goals = b"\x74\x00\x04\x00\x01\x96\x00\x00\x00\x02\xaa\x00\x00\x00"
     answers = ask(port, 254, 0x83, goals)
@@ -127,7 +127,7 @@ def test_a_sync_write_reaches_all_and_is_not_answered(make_port):
     )  # fmt: skip
 
 
-def test_a_bulk_write_reaches_different_registers(make_port):
+def test_bulk_write_reaches_different_registers(make_port):
     port = make_port("XL430-W250", "XL430-W250")
     ask(port, 254, 0x93, b"\x01\x20\x00\x02\x00\x64\x00\x02\x1f\x00\x01\x00\x46")
     servos = port.line.servos
@@ -136,7 +136,7 @@ def test_a_bulk_write_reaches_different_registers(make_port):
     ) == (100, 70)  # fmt: skip
 
 
-def test_a_fast_sync_read_is_one_packet_of_shares(make_port):
+def test_fast_sync_read_is_answered_in_one_packet(make_port):
     port = make_port("XL430-W250", "XL430-W250")
     port.write(encode2(254, 0x8A, b"\x84\x00\x04\x00\x01\x02"))
     (frame,) = Dynamixel2Reader().feed(port.read(64))
@@ -144,7 +144,7 @@ def test_a_fast_sync_read_is_one_packet_of_shares(make_port):
     assert (frame.params[:6], frame.params[8:]) == (first, second)
 
 
-def test_a_fast_sync_read_breaks_off_at_a_missing_servo(make_port):
+def test_fast_sync_read_breaks_off_at_missing_servo(make_port):
     port = make_port("XL430-W250", "XL430-W250")
     port.write(encode2(254, 0x8A, b"\x84\x00\x04\x00\x01\x09\x02"))
     assert len(port.read(64)) == 8 + 8
@@ -153,14 +153,14 @@ def test_a_fast_sync_read_breaks_off_at_a_missing_servo(make_port):
 @pytest.mark.parametrize(
     ("level", "answered"), [(0, (True, False, False)), (1, (True, True, False)), (2, (True,) * 3)]
 )
-def test_the_status_return_level_decides_what_is_answered(make_port, level, answered):
+def test_status_return_level_decides_which_requests_are_answered(make_port, level, answered):
     port = make_port("XL430-W250")
     port.line.servos[1].write("status_return_level", level)
     asked = ask(port, 1, 0x01), read(port, 1, 132, 4), write(port, 1, 65, 1, 1)
     assert tuple(bool(answers) for answers in asked) == answered
 
 
-def test_an_answer_waits_for_the_return_delay(make_port):
+def test_reply_waits_for_return_delay(make_port):
     port = make_port("XL430-W250")
     port.line.servos[1].write("return_delay_time", 100)
     port.write(encode2(1, 0x01))
@@ -169,7 +169,7 @@ def test_an_answer_waits_for_the_return_delay(make_port):
     assert port.clock.now_s() - wire_s == pytest.approx(200e-6, abs=5e-6)
 
 
-def test_of_packets_in_a_row_the_first_is_answered(make_port):
+def test_back_to_back_packets_get_one_reply_to_the_first(make_port):
     port = make_port("XM430-W350")
     port.write(5 * encode2(1, 0x01, b""))
     assert len(port.read(5 * 14)) == 14
@@ -177,26 +177,26 @@ def test_of_packets_in_a_row_the_first_is_answered(make_port):
     assert len(port.read(14)) == 14
 
 
-def test_a_new_id_is_answered_to_at_once(make_port):
+def test_new_id_takes_effect_at_once(make_port):
     port = make_port("XL430-W250")
     write(port, 1, 7, 42, 1)
     assert (ask(port, 1, 0x01), [a[0] for a in ask(port, 42, 0x01)]) == ([], [42])
 
 
-def test_a_servo_at_another_baud_rate_does_not_answer(make_port):
+def test_servo_at_another_baud_rate_does_not_answer(make_port):
     port = make_port("XL430-W250")
     port.baudrate = 57600
     assert ask(port, 1, 0x01) == []
 
 
-def test_a_new_baud_rate_counts_from_the_next_instruction(make_port):
+def test_new_baud_rate_counts_from_next_instruction(make_port):
     port = make_port("XL430-W250")
     answer = write(port, 1, 8, 2, 1)
     port.baudrate = 115200
     assert (answer, len(ask(port, 1, 0x01))) == ([(1, 0, b"")], 1)
 
 
-def test_a_rebooting_servo_does_not_reply_for_a_while(make_port):
+def test_rebooting_servo_is_silent_for_about_400_ms(make_port):
     port = make_port("XL430-W250")
     answers = [ask(port, 1, 0x08)]
     for at_s in (0.0, 0.35, 0.45):
@@ -205,7 +205,7 @@ def test_a_rebooting_servo_does_not_reply_for_a_while(make_port):
     assert [len(a) for a in answers] == [1, 0, 0, 1]
 
 
-def test_a_reboot_forgets_the_ram_and_keeps_the_eeprom(make_port):
+def test_reboot_clears_ram_and_keeps_eeprom(make_port):
     port = make_port("XL430-W250")
     servo = port.line.servos[1]
     servo.write("temperature_limit", 60)
@@ -215,20 +215,20 @@ def test_a_reboot_forgets_the_ram_and_keeps_the_eeprom(make_port):
 
 
 @pytest.mark.parametrize(("option", "id_", "baud"), [(0xFF, 1, 1), (0x01, 42, 1), (0x02, 42, 3)])
-def test_a_factory_reset_keeps_what_its_option_says(make_port, option, id_, baud):
+def test_factory_reset_keeps_id_and_baud_by_option(make_port, option, id_, baud):
     port = make_port("XL430-W250", ids=(42,))
     servo = port.line.servos[42]
     ask(port, 42, 0x06, bytes((option,)))
     assert (servo.read("id"), servo.read("baud_rate")) == (id_, baud)
 
 
-def test_a_broadcast_reset_of_everything_is_ignored(make_port):
+def test_broadcast_factory_reset_of_everything_is_ignored(make_port):
     port = make_port("XL430-W250", ids=(42,))
     ask(port, 254, 0x06, b"\xff")
     assert port.line.servos[42].read("id") == 42
 
 
-def test_clear_brings_the_position_back_into_one_turn(make_port):
+def test_clear_brings_position_back_into_one_turn(make_port):
     port = make_port("XL430-W250")
     servo = port.line.servos[1]
     servo.write("operating_mode", 4)
@@ -238,39 +238,39 @@ def test_clear_brings_the_position_back_into_one_turn(make_port):
     assert (before, servo.read("present_position")) == (2048 + 3 * 4096, 2048)
 
 
-def test_a_secondary_id_obeys_and_keeps_silent(make_port):
+def test_secondary_id_obeys_without_reply(make_port):
     port = make_port("XL430-W250", "XL430-W250")
     port.line.servos[2].write("secondary_id", 1)
     answers = write(port, 1, 65, 1, 1)
     assert (answers, port.line.servos[2].read("led")) == ([(1, 0, b"")], 1)
 
 
-def test_a_secondary_id_does_not_write_eeprom(make_port):
+def test_secondary_id_does_not_write_eeprom(make_port):
     port = make_port("XL430-W250", "XL430-W250")
     port.line.servos[2].write("secondary_id", 1)
     write(port, 1, 31, 60, 1)
     assert port.line.servos[2].read("temperature_limit") == 72
 
 
-def test_a_hardware_error_sets_the_alert_bit(make_port):
+def test_hardware_error_sets_alert_bit(make_port):
     port = make_port("XL430-W250")
     port.line.servos[1].watch.raise_alarm(0x20)
     assert read(port, 1, 70, 1) == [(1, 0x80, b"\x20")]
 
 
-def test_an_indirect_address_reads_and_writes_where_it_points(make_port):
+def test_indirect_address_reads_and_writes_its_target(make_port):
     port = make_port("XL430-W250")
     write(port, 1, 168, 65, 2)
     write(port, 1, 224, 1, 1)
     assert (port.line.servos[1].read("led"), read(port, 1, 224, 1)) == (1, [(1, 0, b"\x01")])
 
 
-def test_two_servos_with_one_id_garble_each_other(make_port):
+def test_duplicate_ids_garble_ping_reply(make_port):
     port = make_port("XL430-W250", "XL330-M288", ids=(1, 1))
     assert ask(port, 1, 0x01) != [(1, 0, bytes((0x24, 0x04, 46)))]
 
 
-def test_the_bus_watchdog_makes_goals_read_only(make_port):
+def test_bus_watchdog_makes_goals_read_only_after_time_out(make_port):
     port = make_port("XL430-W250")
     write(port, 1, 64, 1, 1)
     write(port, 1, 98, 5, 1)
@@ -279,7 +279,7 @@ def test_the_bus_watchdog_makes_goals_read_only(make_port):
     assert status == ([(1, 0, b"\xff")], [(1, 4, b"")])
 
 
-def test_the_bus_watchdog_is_cleared_by_zero(make_port):
+def test_bus_watchdog_is_cleared_by_zero(make_port):
     port = make_port("XL430-W250")
     write(port, 1, 64, 1, 1)
     write(port, 1, 98, 5, 1)

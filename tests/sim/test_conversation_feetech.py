@@ -14,33 +14,33 @@ def ask(port, id_, instruction, params=b""):
     return [(frame.id, frame.instruction, frame.params) for frame in answers]
 
 
-def test_ping_is_answered_as_in_the_manual(make_port):
+def test_ping_is_answered_as_in_manual(make_port):
     port = make_port("STS3215")
     port.write(bytes.fromhex("FFFF010201FB"))
     assert port.read(6).hex() == "ffff010200fc"
 
 
-def test_position_2048_is_answered_as_in_the_manual(make_port):
+def test_position_read_is_answered_as_in_manual(make_port):
     port = make_port("STS3215")
     port.write(bytes.fromhex("FFFF0104023802BE"))
     assert port.read(8).hex() == "ffff0104000008f2"
 
 
-def test_the_model_number_is_a_register(make_port):
+def test_model_number_is_read_from_register(make_port):
     assert ask(make_port("STS3215"), 1, 0x02, b"\x03\x02") == [(1, 0, b"\x09\x03")]
 
 
-def test_a_broadcast_ping_is_answered_by_everybody(make_port):
+def test_broadcast_ping_is_answered_by_all(make_port):
     port = make_port("STS3215", "STS3215")
     assert [a[0] for a in ask(port, 254, 0x01)] == [1, 2]
 
 
-def test_a_sync_read_is_answered_in_the_order_of_the_list(make_port):
+def test_sync_read_is_answered_in_order_of_list(make_port):
     port = make_port("STS3215", "STS3215")
     assert [a[0] for a in ask(port, 254, 0x82, b"\x38\x02\x02\x01")] == [2, 1]
 
 
-def test_a_sync_write_sets_the_goals_of_the_manual(make_port):
+def test_sync_write_of_manual_sets_its_goals(make_port):
     port = make_port("STS3215", "STS3215")
     port.write(bytes.fromhex("FFFFFE0A832A0201000802FF0737"))
     port.clock.sleep_until(0.01)
@@ -49,9 +49,7 @@ def test_a_sync_write_sets_the_goals_of_the_manual(make_port):
 
 
 @pytest.mark.parametrize(("beyond", "is_done"), [(0, True), (1, False)])
-def test_a_write_up_to_the_last_byte_is_done_and_one_that_goes_beyond_changes_nothing(
-    make_port, beyond, is_done
-):
+def test_write_beyond_last_byte_of_table_changes_nothing(make_port, beyond, is_done):
     port = make_port("STS3215")
     servo, address = port.line.servos[1], 0x2A
     length = servo.table.size - address + beyond
@@ -59,19 +57,19 @@ def test_a_write_up_to_the_last_byte_is_done_and_one_that_goes_beyond_changes_no
     assert (servo.read("goal_position") == 1500) is is_done
 
 
-def test_a_write_of_no_bytes_is_out_of_range(make_port):
+def test_write_of_no_bytes_is_refused(make_port):
     servo = make_port("STS3215").line.servos[1]
     assert servo.check_write(0x2A, b"") is not None
 
 
-def test_a_negative_offset_is_sign_and_magnitude(make_port):
+def test_negative_homing_offset_is_sign_magnitude(make_port):
     port = make_port("STS3215")
     port.write(bytes.fromhex("FFFF0105031F64086B"))
     port.read(6)
     assert port.line.servos[1].read("homing_offset") == -100
 
 
-def test_present_position_is_the_actual_one_minus_the_offset(make_port):
+def test_present_position_is_actual_minus_homing_offset(make_port):
     port = make_port("STS3215")
     ask(port, 1, 0x03, b"\x1f\x64\x08")
     assert port.line.servos[1].read("present_position") == 2148
@@ -83,7 +81,7 @@ def test_present_position_wraps_into_one_turn(make_port):
     assert port.line.servos[1].read("present_position") == 2048 + 2282 - 4096
 
 
-def test_phase_bit_4_counts_turns(make_port):
+def test_phase_bit_4_makes_position_count_turns(make_port):
     port = make_port("STS3215")
     servo = port.line.servos[1]
     servo.write("phase", 12 | 16)
@@ -91,7 +89,7 @@ def test_phase_bit_4_counts_turns(make_port):
     assert servo.read("present_position") == 2048 + 2282
 
 
-def test_torque_128_makes_the_present_position_2048(make_port):
+def test_torque_128_sets_present_position_to_2048(make_port):
     port = make_port("STS3215")
     port.line.world.place("servo_1", 0.5)
     ask(port, 1, 0x03, b"\x28\x80")
@@ -100,7 +98,7 @@ def test_torque_128_makes_the_present_position_2048(make_port):
 
 
 @pytest.mark.parametrize("goal", [1500, 2500])
-def test_torque_128_on_the_way_to_a_goal_makes_the_present_position_the_goal(make_port, goal):
+def test_torque_128_during_motion_stops_at_present_position(make_port, goal):
     port = make_port("STS3215")
     servo, clock = port.line.servos[1], port.clock
     servo.write("torque_enable", 1)
@@ -114,14 +112,14 @@ def test_torque_128_on_the_way_to_a_goal_makes_the_present_position_the_goal(mak
         1, pytest.approx(2048, abs=10))  # fmt: skip
 
 
-def test_torque_128_turns_no_torque_on(make_port):
+def test_torque_128_does_not_switch_torque_on(make_port):
     port = make_port("STS3215")
     ask(port, 1, 0x03, b"\x28\x80")
     assert not port.line.servos[1].drive.torque_on
 
 
 @pytest.mark.parametrize(("lock", "kept"), [(1, 1), (0, 7)])
-def test_eeprom_writes_survive_the_power_only_unlocked(make_port, lock, kept):
+def test_eeprom_write_survives_power_cycle_only_if_unlocked(make_port, lock, kept):
     port = make_port("STS3215")
     servo = port.line.servos[1]
     servo.write("lock", lock)
@@ -130,14 +128,14 @@ def test_eeprom_writes_survive_the_power_only_unlocked(make_port, lock, kept):
     assert servo.read("id") == kept
 
 
-def test_an_unlocked_servo_is_locked_again_after_power_up(make_port):
+def test_unlocked_servo_is_locked_after_power_up(make_port):
     servo = make_port("STS3215").line.servos[1]
     servo.write("lock", 0)
     servo.power_up()
     assert servo.read("lock") == 1
 
 
-def test_a_goal_beyond_the_limits_is_driven_to_the_limit(make_port):
+def test_goal_beyond_limits_is_driven_to_limit(make_port):
     port = make_port("STS3215")
     servo = port.line.servos[1]
     servo.write("max_position_limit", 2200)
@@ -147,19 +145,19 @@ def test_a_goal_beyond_the_limits_is_driven_to_the_limit(make_port):
     assert servo.read("present_position") == pytest.approx(2200, abs=3)
 
 
-def test_a_write_to_a_measured_register_is_ignored(make_port):
+def test_write_to_measured_register_is_ignored(make_port):
     port = make_port("STS3215")
     ask(port, 1, 0x03, b"\x38\x00\x00")
     assert port.line.servos[1].read("present_position") == 2048
 
 
-def test_a_write_is_not_answered_at_response_level_0(make_port):
+def test_write_at_response_level_0_is_not_answered(make_port):
     port = make_port("STS3215")
     port.line.servos[1].write("response_level", 0)
     assert (ask(port, 1, 0x03, b"\x29\x14"), len(ask(port, 1, 0x01))) == ([], 1)
 
 
-def test_a_registered_write_waits_for_its_action(make_port):
+def test_registered_write_waits_for_action(make_port):
     port = make_port("STS3215")
     ask(port, 1, 0x04, b"\x2a\x00\x09")
     servo = port.line.servos[1]
@@ -169,7 +167,7 @@ def test_a_registered_write_waits_for_its_action(make_port):
     assert (before, after) == ((2048, 1), (2304, 0))
 
 
-def test_a_reboot_is_not_answered_and_takes_most_of_a_second(make_port):
+def test_reboot_is_not_answered_and_takes_0_7_to_0_9_s(make_port):
     port = make_port("STS3215")
     port.line.servos[1].write("acceleration", 9)
     answers = [ask(port, 1, 0x08), ask(port, 1, 0x01)]
@@ -180,7 +178,7 @@ def test_a_reboot_is_not_answered_and_takes_most_of_a_second(make_port):
     assert port.line.servos[1].read("acceleration") == 0
 
 
-def test_recovery_brings_back_what_a_backup_kept(make_port):
+def test_recovery_restores_backup(make_port):
     port = make_port("STS3215")
     servo = port.line.servos[1]
     servo.write("lock", 0)
@@ -192,20 +190,20 @@ def test_recovery_brings_back_what_a_backup_kept(make_port):
 
 
 @pytest.mark.parametrize("wanted", [0, 1000, 2048, 4095])
-def test_calibration_with_two_bytes_gives_the_present_position_that_number(make_port, wanted):
+def test_calibration_instruction_sets_present_position(make_port, wanted):
     port = make_port("STS3215")
     port.line.world.place("servo_1", 0.5)
     assert ask(port, 1, 0x0B, wanted.to_bytes(2, "little")) == [(1, 0, b"")]
     assert port.line.servos[1].read("present_position") == wanted
 
 
-def test_a_goal_switches_the_torque_on(make_port):
+def test_goal_write_switches_torque_on(make_port):
     servo = make_port("STS3215").line.servos[1]
     servo.write("goal_position", 2148)
     assert (servo.read("torque_enable"), servo.drive.torque_on) == (1, True)
 
 
-def test_a_goal_leaves_the_torque_off_where_the_world_keeps_it(make_port):
+def test_goal_write_keeps_torque_off_if_world_says_so(make_port):
     port = make_port("STS3215")
     port.line.world.keep_torque_with_goals()
     servo = port.line.servos[1]
@@ -213,7 +211,7 @@ def test_a_goal_leaves_the_torque_off_where_the_world_keeps_it(make_port):
     assert (servo.read("torque_enable"), servo.drive.torque_on) == (0, False)
 
 
-def test_a_goal_does_not_switch_the_torque_on_against_an_alarm(make_port):
+def test_goal_write_does_not_switch_torque_on_during_alarm(make_port):
     port = make_port("STS3215")
     servo = port.line.servos[1]
     servo.inject_alarm(0x04)
@@ -222,7 +220,7 @@ def test_a_goal_does_not_switch_the_torque_on_against_an_alarm(make_port):
 
 
 @pytest.mark.parametrize(("goal", "driven_to"), [(3100, 3000), (3900, 500), (100, 500)])
-def test_a_goal_outside_the_limits_means_the_nearest_one_on_the_circle(make_port, goal, driven_to):
+def test_goal_outside_limits_is_clamped_to_nearest_on_circle(make_port, goal, driven_to):
     servo = make_port("STS3215").line.servos[1]
     servo.write("min_position_limit", 500)
     servo.write("max_position_limit", 3000)
@@ -231,7 +229,7 @@ def test_a_goal_outside_the_limits_means_the_nearest_one_on_the_circle(make_port
 
 
 @pytest.mark.parametrize("goal_speed", [0, 3000])
-def test_register_84_caps_the_speed(make_port, goal_speed):
+def test_max_speed_limit_caps_goal_speed(make_port, goal_speed):
     port = make_port("STS3215")
     servo = port.line.servos[1]
     servo.write("max_speed_limit", 20)
@@ -243,13 +241,13 @@ def test_register_84_caps_the_speed(make_port, goal_speed):
     assert servo.read("present_position") - first == pytest.approx(500, abs=15)
 
 
-def test_two_servos_with_one_id_and_different_positions_garble_each_other(make_port):
+def test_duplicate_ids_with_different_positions_garble_replies(make_port):
     port = make_port("STS3215", "STS3215", ids=(1, 1))
     port.line.world.place("servo_2", 0.7)
     assert ask(port, 1, 0x02, b"\x38\x02") != [(1, 0, b"\x00\x08")]
 
 
-def test_a_motion_with_speed_and_acceleration_arrives(make_port):
+def test_motion_with_speed_and_acceleration_reaches_goal(make_port):
     port = make_port("STS3215")
     servo = port.line.servos[1]
     for name, value in (("torque_enable", 1), ("acceleration", 50), ("goal_speed", 1000)):

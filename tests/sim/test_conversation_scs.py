@@ -13,36 +13,36 @@ def ask(port, id_, instruction, params=b""):
     return [(frame.id, frame.instruction, frame.params) for frame in answers]
 
 
-def test_the_manuals_big_endian_goal_is_512(make_port):
+def test_scs_goal_of_manual_is_written_big_endian(make_port):
     port = make_port("SCS0009")
     port.write(bytes.fromhex("FFFF0105032A0200CA"))
     port.read(6)
     assert port.line.servos[1].read("goal_position") == 512
 
 
-def test_positions_are_read_big_endian(make_port):
+def test_scs_position_is_read_big_endian(make_port):
     assert ask(make_port("SCS0009"), 1, 2, b"\x38\x02") == [(1, 0, b"\x02\x00")]
 
 
-def test_register_2_tells_the_byte_order(make_port):
+def test_scs_register_2_holds_byte_order(make_port):
     assert ask(make_port("SCS15"), 1, 2, b"\x02\x01") == [(1, 0, b"\x01")]
 
 
-def test_a_sync_read_is_not_answered(make_port):
+def test_scs_sync_read_is_not_answered(make_port):
     assert ask(make_port("SCS0009"), 254, 0x82, b"\x38\x02\x01") == []
 
 
-def test_a_broadcast_ping_is_not_answered(make_port):
+def test_scs_broadcast_ping_is_not_answered(make_port):
     assert ask(make_port("SCS0009"), 254, 1) == []
 
 
-def test_an_sts_on_the_same_line_still_answers_the_sync_read(make_port):
+def test_sts_beside_scs_still_answers_sync_read(make_port):
     port = make_port("SCS0009", "STS3215")
     assert [a[0] for a in ask(port, 254, 0x82, b"\x38\x02\x01\x02")] == [2]
 
 
 @pytest.mark.parametrize("model", ["SCS0009", "SCS15"])
-def test_a_motion_arrives(make_port, model):
+def test_scs_motion_reaches_goal(make_port, model):
     port = make_port(model)
     servo = port.line.servos[1]
     servo.write("torque_enable", 1)
@@ -51,7 +51,7 @@ def test_a_motion_arrives(make_port, model):
     assert servo.read("present_position") == pytest.approx(700, abs=5)  # dead zone 2, no start-up
 
 
-def test_without_a_speed_the_time_decides(make_port):
+def test_scs_goal_time_sets_speed_if_goal_speed_is_zero(make_port):
     port = make_port("SCS0009")
     servo = port.line.servos[1]
     servo.write("torque_enable", 1)
@@ -60,7 +60,7 @@ def test_without_a_speed_the_time_decides(make_port):
     assert servo.read("present_position") == pytest.approx(656, abs=20)
 
 
-def test_both_limits_zero_make_a_motor(make_port):
+def test_scs_limits_of_zero_select_motor_mode(make_port):
     port = make_port("SCS15")
     servo = port.line.servos[1]
     servo.write("max_position_limit", 0)
@@ -70,7 +70,7 @@ def test_both_limits_zero_make_a_motor(make_port):
     assert servo.read("present_load") < -200
 
 
-def test_eeprom_survives_the_power_only_unlocked_by_register_48(make_port):
+def test_scs_eeprom_survives_power_cycle_if_unlocked(make_port):
     servo = make_port("SCS0009").line.servos[1]
     servo.write("lock", 0)
     servo.write("id", 9)

@@ -102,7 +102,7 @@ def _hex(text: str) -> bytes:
 
 
 @pytest.mark.parametrize("name", PROTOCOL_2)
-def test_protocol_2_frame_is_written_and_read_as_in_the_manual(name):
+def test_protocol_2_frame_is_encoded_and_read_as_in_manual(name):
     id_, instruction, params, raw = PROTOCOL_2[name]
     data = _hex(raw)
     assert encode2(id_, instruction, _hex(params)) == data
@@ -110,26 +110,26 @@ def test_protocol_2_frame_is_written_and_read_as_in_the_manual(name):
 
 
 @pytest.mark.parametrize("name", PROTOCOL_1)
-def test_protocol_1_frame_is_written_and_read_as_in_the_manual(name):
+def test_protocol_1_frame_is_encoded_and_read_as_in_manual(name):
     id_, instruction, params, raw = PROTOCOL_1[name]
     data = _hex(raw)
     assert encode1(id_, instruction, _hex(params)) == data
     assert Dynamixel1Reader().feed(data) == [Frame(id_, instruction, _hex(params), len(data))]
 
 
-def test_each_share_of_a_fast_reply_carries_the_checksum_of_all_before_it():
+def test_fast_reply_share_has_checksum_of_all_bytes_before():
     ends = (14, 22, 30)
     sums = [FAST_REPLY[end : end + 2] for end in ends]
     assert [crc16(FAST_REPLY[:end]).to_bytes(2, "little") for end in ends] == sums
 
 
 @given(st.binary(max_size=40))
-def test_stuffing_is_undone(body):
+def test_unstuff_inverts_stuff(body):
     assert unstuff(stuff(body)) == body
 
 
 @given(st.lists(st.sampled_from(b"\xff\xfd\x00\x01"), max_size=40))
-def test_stuffed_bytes_never_look_like_a_header(body):
+def test_stuffed_bytes_contain_no_header(body):
     assert b"\xff\xff\xfd\x00" not in stuff(bytes(body))
 
 
@@ -137,48 +137,50 @@ def test_stuffed_bytes_never_look_like_a_header(body):
     ("reader", "encode"), [(Dynamixel2Reader, encode2), (Dynamixel1Reader, encode1)]
 )
 class TestReader:
-    def test_finds_a_frame_that_comes_byte_by_byte(self, reader, encode):
+    def test_reader_finds_frame_that_comes_byte_by_byte(self, reader, encode):
         data, ears = encode(3, 2, b"\x84\x00\x04\x00"), reader()
         found = [frame for k in range(len(data)) for frame in ears.feed(data[k : k + 1])]
         assert found == [Frame(3, 2, b"\x84\x00\x04\x00", 1)]
 
-    def test_finds_two_frames_in_one_piece(self, reader, encode):
+    def test_reader_finds_two_frames_in_one_piece(self, reader, encode):
         first, second = encode(3, 1), encode(4, 1)
         found = reader().feed(first + second)
         assert [(frame.id, frame.end) for frame in found] == [(3, len(first)), (4, 2 * len(first))]
 
-    def test_counts_the_junk_before_a_header(self, reader, encode):
+    def test_reader_counts_junk_before_header(self, reader, encode):
         ears = reader()
         ears.feed(b"\x00\xff\x12" + encode(3, 1))
         assert ears.junk_bytes == 3
 
-    def test_finds_the_frame_behind_one_with_a_bad_checksum(self, reader, encode):
+    def test_reader_finds_frame_after_one_with_bad_checksum(self, reader, encode):
         bad = bytearray(encode(3, 1))
         bad[-1] ^= 1
         ears = reader()
         assert [frame.id for frame in ears.feed(bytes(bad) + encode(4, 1))] == [4]
 
-    def test_counts_a_bad_checksum(self, reader, encode):
+    def test_reader_counts_bad_checksum(self, reader, encode):
         bad = bytearray(encode(3, 1))
         bad[-1] ^= 1
         ears = reader()
         ears.feed(bytes(bad) + encode(4, 1))
         assert ears.bad_checksums == 1
 
-    def test_finds_a_frame_inside_a_torn_one(self, reader, encode):
+    def test_reader_finds_frame_after_a_truncated_one(self, reader, encode):
         torn = encode(3, 3, bytes(20))[:12]
         ears = reader()
         found = ears.feed(torn + encode(4, 1) + encode(5, 1) + encode(6, 1) + encode(7, 1))
         assert found[-1].id == 7
 
-    def test_forgets_an_unfinished_frame_after_a_reset(self, reader, encode):
+    def test_reader_forgets_unfinished_frame_after_reset(self, reader, encode):
         ears = reader()
         ears.feed(encode(3, 3, bytes(20))[:12])
         ears.reset()
         assert [frame.id for frame in ears.feed(encode(4, 1))] == [4]
 
     @given(noise=st.binary(max_size=60), cut=st.integers(0, 60))
-    def test_never_fails_and_reads_the_next_frame_after_a_pause(self, reader, encode, noise, cut):
+    def test_reader_survives_noise_and_reads_next_frame_after_reset(
+        self, reader, encode, noise, cut
+    ):
         ears = reader()
         ears.feed(noise[:cut])
         ears.feed(noise[cut:])

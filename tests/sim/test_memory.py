@@ -28,7 +28,7 @@ def numbers(memory):
 
 @pytest.mark.parametrize("way", WAYS)
 @pytest.mark.parametrize("model", TABLES)
-def test_a_number_that_was_read_is_read_anew_after_a_change_by(way, model):
+def test_register_is_decoded_anew_after_memory_changes(way, model):
     memory = Memory(TABLES[model], {"id": 7})
     memory.write(0, b"\xa5" * memory.table.size)
     assert numbers(memory) == decoded(memory)
@@ -38,7 +38,7 @@ def test_a_number_that_was_read_is_read_anew_after_a_change_by(way, model):
     assert numbers(memory) == decoded(memory)
 
 
-def test_a_measured_number_is_as_fresh_for_the_firmware_as_for_an_instruction(make_port):
+def test_measured_register_is_fresh_for_firmware_and_reads(make_port):
     port = make_port("STS3215")
     servo = port.line.servos[1]
     assert servo.read("present_voltage") == servo.memory.get("present_voltage") != 30

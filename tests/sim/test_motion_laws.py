@@ -38,7 +38,7 @@ def trapezoid(time_s, travel, speed, acceleration):
 
 
 @pytest.mark.parametrize("model", PROFILES)
-def test_the_target_of_a_servo_follows_its_trapezoid_within_one_percent(make_port, model):
+def test_servo_reference_follows_trapezoid_within_1_percent(make_port, model):
     registers, speed, acceleration = PROFILES[model]
     port = make_port(model)
     servo = port.line.servos[1]
@@ -66,11 +66,11 @@ def lag_at(port, velocity, **gains):
     return servo.read("position_trajectory") - servo.read("present_position")
 
 
-def test_an_xl430_trails_its_trajectory_by_what_its_gain_needs(make_port):
+def test_xl430_lags_profile_by_69_ticks_at_velocity_100(make_port):
     assert lag_at(make_port("XL430-W250"), 100) == pytest.approx(69, abs=14)
 
 
-def test_feed_forward_of_the_velocity_is_what_its_register_says(make_port):
+def test_velocity_feed_forward_reduces_lag_by_its_register(make_port):
     without = lag_at(make_port("XL430-W250"), 100)
     some = lag_at(make_port("XL430-W250"), 100, feedforward_1st_gain=500)
     more = lag_at(make_port("XL430-W250"), 100, feedforward_1st_gain=1000)
@@ -79,14 +79,14 @@ def test_feed_forward_of_the_velocity_is_what_its_register_says(make_port):
 
 
 @pytest.mark.parametrize(("model", "divisor"), [("XL330-M288", 256), ("XL430-W250", 128)])
-def test_the_p_gain_gives_the_duty_of_its_divisor(make_port, model, divisor):
+def test_p_gain_gives_duty_by_divisor_of_model(make_port, model, divisor):
     servo = make_port(model).line.servos[1]
     servo.write("position_p_gain", 640)
     assert servo.drive.kp == pytest.approx(640 / divisor * (4096 / (2 * math.pi)) / 885)
 
 
 @pytest.mark.parametrize("model", ["SCS0009", "AX-12A"])
-def test_a_servo_without_acceleration_moves_at_its_goal_speed(make_port, model):
+def test_servo_without_acceleration_moves_at_goal_speed(make_port, model):
     port = make_port(model)
     servo = port.line.servos[1]
     name, value, ticks_s = {
@@ -103,7 +103,7 @@ def test_a_servo_without_acceleration_moves_at_its_goal_speed(make_port, model):
     assert gone == pytest.approx(0.5 * ticks_s, abs=0.01 * 500)
 
 
-def test_present_speed_agrees_with_the_positions(make_port):
+def test_present_speed_agrees_with_positions(make_port):
     port = make_port("STS3215")
     servo = port.line.servos[1]
     servo.write("torque_enable", 1)
@@ -119,7 +119,7 @@ def test_present_speed_agrees_with_the_positions(make_port):
 
 
 @pytest.mark.parametrize(("threshold", "moving"), [(50, 1), (150, 0)])
-def test_moving_is_reported_from_the_threshold_on(make_port, threshold, moving):
+def test_moving_flag_is_set_above_moving_threshold(make_port, threshold, moving):
     port = make_port("STS3215")
     servo = port.line.servos[1]
     servo.write("moving_threshold", threshold)
@@ -131,7 +131,7 @@ def test_moving_is_reported_from_the_threshold_on(make_port, threshold, moving):
     assert servo.read("moving") == moving
 
 
-def test_a_load_that_holds_back_an_xm430_shuts_it_down_after_its_time(make_port):
+def test_overload_shuts_blocked_xm430_down_after_2_s(make_port):
     port = make_port("XM430-W350")
     servo = port.line.servos[1]
     servo.motor.stuck = True

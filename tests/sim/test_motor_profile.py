@@ -29,7 +29,7 @@ def travel(pieces: list, velocity: float) -> tuple[float, float]:
 
 
 @given(distances, velocities, limits, slopes)
-def test_a_trapezoid_from_any_velocity_ends_at_its_goal_at_rest(
+def test_trapezoid_from_any_velocity_ends_at_rest_at_goal(
     distance: float, velocity: float, limit: float, slope: float
 ) -> None:
     pieces = trapezoid(distance, velocity, limit, slope)
@@ -37,7 +37,7 @@ def test_a_trapezoid_from_any_velocity_ends_at_its_goal_at_rest(
 
 
 @given(distances, velocities, limits, slopes)
-def test_a_trapezoid_never_exceeds_its_limits(
+def test_trapezoid_never_exceeds_its_limits(
     distance: float, velocity: float, limit: float, slope: float
 ) -> None:
     top = max(limit, abs(velocity)) + 1e-9
@@ -47,7 +47,7 @@ def test_a_trapezoid_never_exceeds_its_limits(
 
 
 @given(distances, slopes)
-def test_without_a_speed_limit_the_trapezoid_is_a_triangle(distance: float, slope: float) -> None:
+def test_trapezoid_without_speed_limit_is_triangle(distance: float, slope: float) -> None:
     pieces = trapezoid(distance, 0.0, 0.0, slope)
     assert sum(piece.duration_s for piece in pieces) == pytest.approx(
         2.0 * math.sqrt(abs(distance) / slope), abs=1e-6
@@ -55,7 +55,7 @@ def test_without_a_speed_limit_the_trapezoid_is_a_triangle(distance: float, slop
 
 
 @given(distances, velocities, st.floats(0.01, 20.0), st.floats(0.001, 20.0))
-def test_a_timed_profile_ends_at_its_goal_at_rest(
+def test_timed_profile_ends_at_rest_at_goal(
     distance: float, velocity: float, total: float, ramp_s: float
 ) -> None:
     pieces = timed(distance, velocity, total, ramp_s)
@@ -63,19 +63,19 @@ def test_a_timed_profile_ends_at_its_goal_at_rest(
 
 
 @given(distances, st.floats(0.01, 20.0), st.floats(0.0, 20.0))
-def test_a_timed_profile_takes_its_time(distance: float, total: float, ramp_s: float) -> None:
+def test_timed_profile_takes_its_time(distance: float, total: float, ramp_s: float) -> None:
     pieces = timed(distance, 0.0, total, ramp_s)
     assert sum(piece.duration_s for piece in pieces) == pytest.approx(total)
 
 
 @given(velocities, velocities, slopes)
-def test_a_ramp_ends_at_its_velocity(start: float, goal: float, slope: float) -> None:
+def test_ramp_ends_at_its_velocity(start: float, goal: float, slope: float) -> None:
     _, velocity = travel(ramp(start, goal, slope), start)
     assert velocity == pytest.approx(goal, abs=1e-9)
 
 
 @given(distances, limits, slopes, st.integers(1, 200))
-def test_a_reference_is_where_the_closed_form_says_at_any_step_length(
+def test_profile_generator_equals_closed_form_at_any_step(
     distance: float, limit: float, slope: float, steps: int
 ) -> None:
     reference = ProfileGenerator(0.0)
@@ -87,7 +87,7 @@ def test_a_reference_is_where_the_closed_form_says_at_any_step_length(
     assert abs(reference.position_rad) == pytest.approx(expected, abs=1e-7)
 
 
-def test_a_reference_stops_exactly_on_its_goal() -> None:
+def test_profile_generator_stops_exactly_at_goal() -> None:
     reference = ProfileGenerator(0.1)
     reference.follow(trapezoid(0.7, 0.0, 1.3, 3.1), 0.8)
     for _ in range(3000):
@@ -95,13 +95,13 @@ def test_a_reference_stops_exactly_on_its_goal() -> None:
     assert (reference.position_rad, reference.velocity_rad_s) == (0.8, 0.0)
 
 
-def test_without_limits_the_reference_jumps() -> None:
+def test_profile_generator_without_limits_jumps_to_goal() -> None:
     reference = ProfileGenerator(0.0)
     reference.follow(trapezoid(0.7, 0.0, 0.0, 0.0), 0.7)
     assert reference.position_rad == 0.7
 
 
-def test_without_a_slope_the_reference_moves_at_its_limit_at_once() -> None:
+def test_profile_generator_without_slope_moves_at_speed_limit() -> None:
     reference = ProfileGenerator(0.0)
     reference.follow(trapezoid(-0.7, 0.0, 2.0, 0.0), -0.7)
     reference.advance(0.1)

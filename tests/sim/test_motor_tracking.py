@@ -39,7 +39,7 @@ def duty_at(motor: MotorParameters, velocity_rad_s: float) -> float:
 
 
 @pytest.mark.parametrize("model", MODELS)
-def test_an_unloaded_motor_lags_its_profile_by_the_duty_that_it_needs(model: str) -> None:
+def test_unloaded_motor_lags_profile_by_duty_over_gain(model: str) -> None:
     motor, supply_v = nominal(model)
     speed_rad_s = 0.4 * motor.parameters.no_load_speed_rad_s
     drive = DriveCommand(True, goal_rad=99.0, velocity_limit_rad_s=speed_rad_s, kp=5.3)
@@ -49,7 +49,7 @@ def test_an_unloaded_motor_lags_its_profile_by_the_duty_that_it_needs(model: str
     assert lag_rad == pytest.approx(needed / drive.kp, rel=0.02)
 
 
-def test_feed_forward_of_the_velocity_takes_the_lag_away() -> None:
+def test_velocity_feed_forward_removes_lag() -> None:
     motor, supply_v = nominal("XM430-W350")
     drive = DriveCommand(True, goal_rad=9.0, velocity_limit_rad_s=1.0)
     drive.velocity_feed_forward = duty_at(motor.parameters, 1.0)
@@ -58,7 +58,7 @@ def test_feed_forward_of_the_velocity_takes_the_lag_away() -> None:
 
 
 @pytest.mark.parametrize("model", ["XL330-M288", "XL430-W250", "XM430-W350"])
-def test_a_time_based_profile_arrives_when_it_says(model: str) -> None:
+def test_time_based_profile_arrives_on_time(model: str) -> None:
     motor, supply_v = nominal(model)
     drive = DriveCommand(True, goal_rad=1.0, profile_time_s=2.0, acceleration_time_s=0.5)
     run(motor, drive, 1.0, supply_v)
@@ -69,7 +69,7 @@ def test_a_time_based_profile_arrives_when_it_says(model: str) -> None:
 
 
 @pytest.mark.parametrize("new_goal", [2.0, 0.4, -1.0])
-def test_a_goal_changed_in_mid_profile_makes_no_jump_in_velocity(new_goal: float) -> None:
+def test_new_goal_during_profile_makes_no_velocity_jump(new_goal: float) -> None:
     motor, supply_v = nominal("STS3215")
     drive = DriveCommand(True, goal_rad=1.5, velocity_limit_rad_s=1.0, acceleration_rad_s2=3.0)
     run(motor, drive, 0.7, supply_v)
@@ -81,7 +81,7 @@ def test_a_goal_changed_in_mid_profile_makes_no_jump_in_velocity(new_goal: float
     assert motor.position_rad == pytest.approx(new_goal, abs=0.02)
 
 
-def test_a_changed_time_based_goal_makes_no_jump_in_velocity() -> None:
+def test_new_goal_of_timed_profile_makes_no_velocity_jump() -> None:
     motor, supply_v = nominal("XL330-M288")
     drive = DriveCommand(True, goal_rad=1.0, profile_time_s=1.0, acceleration_time_s=0.25)
     run(motor, drive, 0.5, supply_v)
@@ -91,7 +91,7 @@ def test_a_changed_time_based_goal_makes_no_jump_in_velocity() -> None:
     assert motor.reference_velocity_rad_s == pytest.approx(before, abs=0.02)
 
 
-def test_torque_switched_on_starts_from_where_the_shaft_is() -> None:
+def test_torque_on_starts_profile_from_shaft_position() -> None:
     motor, supply_v = nominal("STS3215")
     drive = DriveCommand(goal_rad=1.0, velocity_limit_rad_s=1.0, acceleration_rad_s2=2.0)
     run(motor, drive, 0.1, supply_v)
@@ -101,14 +101,14 @@ def test_torque_switched_on_starts_from_where_the_shaft_is() -> None:
     assert motor.reference_rad == pytest.approx(0.6, abs=1e-4)
 
 
-def test_a_motor_in_velocity_mode_settles_at_its_goal() -> None:
+def test_velocity_mode_settles_at_goal_velocity() -> None:
     motor, supply_v = nominal("XM430-W350")
     drive = DriveCommand(True, mode=ControlMode.VELOCITY, goal_velocity_rad_s=-2.0)
     run(motor, drive, 2.0, supply_v, load_nm=0.5)
     assert motor.velocity_rad_s == pytest.approx(-2.0, abs=0.01)
 
 
-def test_velocity_mode_ramps_with_the_profile_acceleration() -> None:
+def test_velocity_mode_ramps_with_profile_acceleration() -> None:
     motor, supply_v = nominal("XM430-W350")
     drive = DriveCommand(
         True, mode=ControlMode.VELOCITY, goal_velocity_rad_s=2.0, acceleration_rad_s2=1.0
@@ -117,7 +117,7 @@ def test_velocity_mode_ramps_with_the_profile_acceleration() -> None:
     assert motor.velocity_rad_s == pytest.approx(1.0, abs=0.15)
 
 
-def test_moving_is_true_from_the_first_step_of_a_profile_to_its_end() -> None:
+def test_moving_flag_is_set_from_start_to_end_of_profile() -> None:
     motor, supply_v = nominal("STS3215")
     drive = DriveCommand(True, goal_rad=0.5, velocity_limit_rad_s=1.0, acceleration_rad_s2=2.0)
     motor.step(DT_S, 0.0, drive, supply_v)
@@ -126,7 +126,7 @@ def test_moving_is_true_from_the_first_step_of_a_profile_to_its_end() -> None:
     assert not motor.moving
 
 
-def test_two_equal_runs_are_equal_to_the_last_bit() -> None:
+def test_equal_runs_are_identical() -> None:
     traces = []
     for _ in range(2):
         motor, supply_v = nominal("XL430-W250")
@@ -137,7 +137,7 @@ def test_two_equal_runs_are_equal_to_the_last_bit() -> None:
 
 
 @pytest.mark.parametrize("model", MODELS)
-def test_the_stiffest_gains_stay_stable_at_steps_of_a_millisecond(model: str) -> None:
+def test_highest_gains_are_stable_at_1_ms_steps(model: str) -> None:
     supply_v = PARAMETERS[model].nominal_v
     motor = Motor(replace(PARAMETERS[model], backlash_rad=0.0))  # play swings by itself
     full_duty_units, ticks_per_rad, largest = 885.0, 4096.0 / (2.0 * math.pi), 16383.0
@@ -150,7 +150,7 @@ def test_the_stiffest_gains_stay_stable_at_steps_of_a_millisecond(model: str) ->
 
 
 @pytest.mark.parametrize("way_rad", [0.0011, 0.0028, 0.0049])
-def test_what_the_d_gain_adds_on_the_way_to_a_goal_sums_up_to_nothing(way_rad: float) -> None:
+def test_d_gain_impulses_sum_to_gain_times_distance(way_rad: float) -> None:
     # a D gain acts on the change of the error, however the way falls into steps of the loop
     controller = Controller(0.0)
     drive = DriveCommand(True, velocity_limit_rad_s=1.25, kp=0.0, kd=0.18)
@@ -162,7 +162,7 @@ def test_what_the_d_gain_adds_on_the_way_to_a_goal_sums_up_to_nothing(way_rad: f
 
 
 @pytest.mark.parametrize("way_rad", [0.0011, 0.0028, 0.0049])
-def test_feed_forward_of_the_velocity_sums_up_to_the_way_to_a_goal(way_rad: float) -> None:
+def test_velocity_feed_forward_sums_to_gain_times_distance(way_rad: float) -> None:
     controller = Controller(0.0)
     drive = DriveCommand(True, velocity_limit_rad_s=1.25, kp=0.0, velocity_feed_forward=0.2)
     controller.duty(DT_S, drive, 0.0, 0.0)
@@ -171,7 +171,7 @@ def test_feed_forward_of_the_velocity_sums_up_to_the_way_to_a_goal(way_rad: floa
     assert sum(duties) * DT_S == pytest.approx(0.2 * way_rad)
 
 
-def test_feed_forward_of_the_acceleration_brakes_as_much_as_it_drives() -> None:
+def test_acceleration_feed_forward_brakes_as_much_as_it_drives() -> None:
     controller = Controller(0.0)
     drive = DriveCommand(
         True, velocity_limit_rad_s=1.0, acceleration_rad_s2=10.0, kp=0.0,
@@ -185,7 +185,7 @@ def test_feed_forward_of_the_acceleration_brakes_as_much_as_it_drives() -> None:
 
 
 @pytest.mark.parametrize("load_nm", [0.3, -0.8])
-def test_the_sag_under_a_load_is_torque_over_stiffness(load_nm: float) -> None:
+def test_sag_without_friction_is_torque_over_stiffness(load_nm: float) -> None:
     dry = ("friction_nm", "stribeck_nm", "load_friction", "load_stribeck", "load_square_per_nm")
     ideal = replace(PARAMETERS["STS3215"], **dict.fromkeys(dry, 0.0))
     motor, drive = Motor(ideal), DriveCommand(True, goal_rad=0.2, kp=5.3)
@@ -195,7 +195,7 @@ def test_the_sag_under_a_load_is_torque_over_stiffness(load_nm: float) -> None:
 
 
 @pytest.mark.parametrize("model", MODELS)
-def test_dry_friction_moves_the_sag_by_no_more_than_itself(model: str) -> None:
+def test_dry_friction_changes_sag_by_no_more_than_itself(model: str) -> None:
     motor, supply_v = nominal(model)
     figures = motor.parameters
     drive, load_nm = DriveCommand(True, kp=5.3), -0.2 * figures.stall_torque_nm
@@ -211,7 +211,7 @@ def bound_nm(motor: MotorParameters, gear_nm: float) -> float:
     return motor.friction_nm + motor.stribeck_nm + load * abs(gear_nm)
 
 
-def test_a_load_is_held_higher_from_above_than_from_below() -> None:
+def test_held_load_has_hysteresis_of_dry_friction() -> None:
     """Hysteresis of the dry friction, which grows with the load (K-Scale's pendulum logs).
 
     The load moves with the shaft as on the bench: it carries the shaft on before it sticks.
@@ -227,14 +227,14 @@ def test_a_load_is_held_higher_from_above_than_from_below() -> None:
     assert (above + below) / 2.0 == pytest.approx(-2.6, abs=0.9)
 
 
-def test_an_integral_gain_removes_the_sag() -> None:
+def test_integral_gain_removes_sag() -> None:
     motor, supply_v = nominal("XM430-W350")
     drive = DriveCommand(True, kp=4.6, ki=20.0)
     run(motor, drive, 5.0, supply_v, load_nm=-0.8)
     assert motor.position_rad == pytest.approx(0.0, abs=0.01)
 
 
-def test_the_integral_waits_while_a_limit_cuts_the_duty() -> None:
+def test_integral_stops_growing_while_duty_is_limited() -> None:
     motor, supply_v = nominal("XM430-W350")
     motor.stuck = True
     drive = DriveCommand(True, goal_rad=0.3, kp=4.6, ki=20.0)
@@ -244,7 +244,7 @@ def test_the_integral_waits_while_a_limit_cuts_the_duty() -> None:
     assert motor.position_rad < 0.5
 
 
-def test_an_error_inside_the_dead_zone_draws_no_current() -> None:
+def test_error_inside_dead_zone_draws_no_current() -> None:
     motor, supply_v = nominal("STS3215")
     drive = DriveCommand(True, goal_rad=0.004, dead_zone_rad=0.005)
     run(motor, drive, 0.1, supply_v)
@@ -252,14 +252,14 @@ def test_an_error_inside_the_dead_zone_draws_no_current() -> None:
 
 
 @pytest.mark.parametrize(("error_rad", "duty"), [(0.01, 0.067), (-0.01, -0.067), (0.0, 0.0)])
-def test_the_startup_force_is_added_to_what_the_gain_gives(error_rad: float, duty: float) -> None:
+def test_startup_force_is_added_to_gain_output(error_rad: float, duty: float) -> None:
     motor, supply_v = nominal("STS3215")
     motor.stuck = True
     motor.step(DT_S, 0.0, DriveCommand(True, goal_rad=error_rad, startup_pwm=0.014), supply_v)
     assert motor.pwm == pytest.approx(duty)
 
 
-def test_a_goal_that_is_very_far_is_followed_with_a_quarter_of_the_duty() -> None:
+def test_goal_beyond_protected_error_gets_quarter_of_duty() -> None:
     motor, supply_v = nominal("STS3215")
     motor.stuck = True
     drive = DriveCommand(True, goal_rad=1.8, kp=0.2, protected_error_rad=1.7)
@@ -267,7 +267,7 @@ def test_a_goal_that_is_very_far_is_followed_with_a_quarter_of_the_duty() -> Non
     assert motor.pwm == pytest.approx(0.2 * 1.8 / 4.0)
 
 
-def test_errors_are_counted_in_whole_ticks() -> None:
+def test_position_error_is_counted_in_whole_ticks() -> None:
     motor, supply_v = nominal("STS3215")
     motor.stuck = True
     drive = DriveCommand(True, goal_rad=0.0026, tick_rad=0.001, kp=10.0)
@@ -275,7 +275,7 @@ def test_errors_are_counted_in_whole_ticks() -> None:
     assert motor.pwm == pytest.approx(10.0 * 0.003)
 
 
-def test_a_goal_already_reached_starts_no_profile() -> None:
+def test_goal_already_reached_starts_no_profile() -> None:
     motor, supply_v = nominal("XL330-M288")
     motor.step(DT_S, 0.0, DriveCommand(True, profile_time_s=1.0, acceleration_time_s=0.2), supply_v)
     assert not motor.profile_running

@@ -12,7 +12,7 @@ def run(port, seconds):
 
 
 class TestDynamixelX:
-    def test_velocity_mode_turns_at_the_goal_velocity(self, make_port):
+    def test_x_velocity_mode_turns_at_goal_velocity(self, make_port):
         port = make_port("XM430-W350")
         servo = port.line.servos[1]
         servo.write("operating_mode", 1)
@@ -21,7 +21,7 @@ class TestDynamixelX:
         run(port, 2)
         assert servo.read("present_velocity") == pytest.approx(-100, abs=3)
 
-    def test_pwm_mode_turns_as_fast_as_its_duty_drives(self, make_port):
+    def test_x_pwm_mode_turns_at_speed_of_its_duty(self, make_port):
         port = make_port("XM430-W350")
         servo = port.line.servos[1]
         servo.write("operating_mode", 16)
@@ -31,7 +31,7 @@ class TestDynamixelX:
         assert servo.read("present_pwm") == pytest.approx(443, abs=2)
         assert 60 < servo.read("present_velocity") < 110
 
-    def test_current_mode_presses_with_the_goal_current(self, make_port):
+    def test_x_current_mode_presses_with_goal_current(self, make_port):
         port = make_port("XM430-W350")
         servo = port.line.servos[1]
         servo.write("operating_mode", 0)
@@ -42,7 +42,7 @@ class TestDynamixelX:
         assert servo.read("present_current") == pytest.approx(100, abs=2)
 
     @pytest.mark.parametrize(("mode", "limited"), [(3, False), (4, False), (5, True)])
-    def test_the_current_limit_is_one_of_modes_with_current(self, make_port, mode, limited):
+    def test_current_limit_acts_only_in_current_based_modes(self, make_port, mode, limited):
         servo = make_port("XL330-M288").line.servos[1]
         servo.write("operating_mode", mode)
         servo.write("current_limit", 500)
@@ -53,7 +53,7 @@ class TestDynamixelX:
         servo.motor.step(0.001, 0.0, servo.drive, 5.0)
         assert (servo.read("present_current") <= 500) is limited
 
-    def test_extended_position_mode_goes_over_turns(self, make_port):
+    def test_extended_position_mode_moves_over_several_turns(self, make_port):
         port = make_port("XM430-W350")
         servo = port.line.servos[1]
         servo.write("operating_mode", 4)
@@ -62,14 +62,14 @@ class TestDynamixelX:
         run(port, 4)
         assert servo.read("present_position") == pytest.approx(6000, abs=15)
 
-    def test_a_new_mode_resets_profile_and_gains(self, make_port):
+    def test_mode_change_resets_profile_and_gains(self, make_port):
         servo = make_port("XM430-W350").line.servos[1]
         servo.write("profile_velocity", 50)
         servo.write("position_p_gain", 100)
         servo.write("operating_mode", 4)
         assert (servo.read("profile_velocity"), servo.read("position_p_gain")) == (0, 800)
 
-    def test_a_new_mode_brings_the_position_into_one_turn(self, make_port):
+    def test_mode_change_brings_position_into_one_turn(self, make_port):
         port = make_port("XM430-W350")
         port.line.world.place("servo_1", 2 * TURN)
         servo = port.line.servos[1]
@@ -77,7 +77,7 @@ class TestDynamixelX:
         servo.write("operating_mode", 4)
         assert (before, servo.read("present_position")) == (2048 + 8192, 2048)
 
-    def test_torque_in_position_mode_brings_the_position_into_one_turn(self, make_port):
+    def test_torque_on_in_position_mode_wraps_position_to_one_turn(self, make_port):
         port = make_port("XM430-W350")
         port.line.world.place("servo_1", TURN)
         servo = port.line.servos[1]
@@ -86,20 +86,20 @@ class TestDynamixelX:
 
     @pytest.mark.parametrize(("mode", "offset", "seen"), [(3, 1024, 3072), (3, 1025, 2048),
                                                          (4, 5000, 7048)])  # fmt: skip
-    def test_the_homing_offset_is_added_where_it_is_valid(self, make_port, mode, offset, seen):
+    def test_homing_offset_is_added_only_in_its_valid_range(self, make_port, mode, offset, seen):
         servo = make_port("XM430-W350").line.servos[1]
         servo.write("operating_mode", mode)
         servo.write("homing_offset", offset)
         assert servo.read("present_position") == seen
 
-    def test_reverse_mode_counts_the_other_way(self, make_port):
+    def test_reverse_mode_counts_in_other_direction(self, make_port):
         port = make_port("XM430-W350")
         servo = port.line.servos[1]
         servo.write("drive_mode", 1)
         port.line.world.place("servo_1", 0.25 * TURN)
         assert servo.read("present_position") % 4096 == 1024
 
-    def test_reverse_mode_still_reaches_its_goal(self, make_port):
+    def test_reverse_mode_reaches_its_goal(self, make_port):
         port = make_port("XM430-W350")
         servo = port.line.servos[1]
         servo.write("drive_mode", 1)
@@ -108,7 +108,7 @@ class TestDynamixelX:
         run(port, 2)
         assert servo.read("present_position") == pytest.approx(2500, abs=8)
 
-    def test_a_time_based_profile_takes_its_time(self, make_port):
+    def test_x_time_based_profile_takes_its_time(self, make_port):
         port = make_port("XM430-W350")
         servo = port.line.servos[1]
         servo.write("drive_mode", 4)
@@ -122,13 +122,13 @@ class TestDynamixelX:
         assert middle == (pytest.approx(2548, abs=5), 0x32)
         assert servo.read("position_trajectory") == 3048
 
-    def test_torque_on_by_goal_update(self, make_port):
+    def test_drive_mode_8_switches_torque_on_by_goal_write(self, make_port):
         servo = make_port("XM430-W350").line.servos[1]
         servo.write("drive_mode", 8)
         servo.write("goal_position", 2100)
         assert servo.read("torque_enable") == 1
 
-    def test_a_shutdown_lasts_until_a_reboot(self, make_port):
+    def test_shutdown_lasts_until_reboot(self, make_port):
         servo = make_port("XM430-W350").line.servos[1]
         servo.write("torque_enable", 1)
         servo.inject_alarm(0x20)
@@ -136,13 +136,13 @@ class TestDynamixelX:
         servo.reboot()
         assert (off, servo.write("torque_enable", 1)) == ((0, False), None)
 
-    def test_startup_configuration_turns_the_torque_on(self, make_port):
+    def test_startup_configuration_switches_torque_on(self, make_port):
         servo = make_port("XM430-W350").line.servos[1]
         servo.write("startup_configuration", 1)
         servo.reboot()
         assert servo.drive.torque_on
 
-    def test_a_backup_brings_the_ram_back_at_boot(self, make_port):
+    def test_backup_restores_ram_at_boot(self, make_port):
         servo = make_port("XM430-W350").line.servos[1]
         servo.write("startup_configuration", 2)
         servo.write("profile_velocity", 77)
@@ -152,7 +152,7 @@ class TestDynamixelX:
 
 
 class TestFeetechSts:
-    def test_velocity_mode_turns_at_the_goal_speed(self, make_port):
+    def test_sts_velocity_mode_turns_at_goal_speed(self, make_port):
         port = make_port("STS3215")
         servo = port.line.servos[1]
         servo.write("operating_mode", 1)
@@ -161,7 +161,7 @@ class TestFeetechSts:
         run(port, 1)
         assert servo.read("present_speed") == pytest.approx(-800, abs=25)
 
-    def test_pwm_mode_drives_with_the_goal_time(self, make_port):
+    def test_sts_pwm_mode_drives_with_goal_time(self, make_port):
         port = make_port("STS3215")
         servo = port.line.servos[1]
         servo.write("operating_mode", 2)
@@ -170,7 +170,7 @@ class TestFeetechSts:
         run(port, 1)
         assert servo.read("present_load") == pytest.approx(-500, abs=5)
 
-    def test_step_mode_adds_goals_to_each_other(self, make_port):
+    def test_sts_step_mode_adds_goals(self, make_port):
         port = make_port("STS3215")
         servo = port.line.servos[1]
         servo.write("operating_mode", 3)
@@ -180,7 +180,7 @@ class TestFeetechSts:
         run(port, 2)
         assert servo.read("present_position") == pytest.approx(2248, abs=3)
 
-    def test_damping_holds_no_position(self, make_port):
+    def test_sts_damping_mode_holds_no_position(self, make_port):
         port = make_port("STS3215")
         servo = port.line.servos[1]
         servo.write("torque_enable", 2)
@@ -188,7 +188,7 @@ class TestFeetechSts:
         run(port, 1)
         assert servo.read("present_position") == 2048
 
-    def test_a_goal_on_the_other_side_of_the_seam_is_reached_the_long_way(self, make_port):
+    def test_goal_across_count_wrap_is_reached_the_long_way(self, make_port):
         port = make_port("STS3215")
         port.line.world.place("servo_1", 1900 / 4096 * TURN)  # tick 3948
         servo = port.line.servos[1]
@@ -197,7 +197,7 @@ class TestFeetechSts:
         run(port, 0.5)
         assert 500 < servo.read("present_position") < 3900
 
-    def test_limits_of_zero_let_it_turn_over_turns(self, make_port):
+    def test_sts_limits_of_zero_allow_several_turns(self, make_port):
         port = make_port("STS3215")
         servo = port.line.servos[1]
         servo.write("phase", 12 | 16)
@@ -207,7 +207,7 @@ class TestFeetechSts:
         run(port, 4)
         assert servo.read("present_position") == pytest.approx(7000, abs=3)
 
-    def test_a_stale_goal_is_driven_to_when_the_torque_comes_on(self, make_port):
+    def test_stale_goal_is_driven_to_at_torque_on(self, make_port):
         port = make_port("STS3215")
         port.line.world.place("servo_1", 0.5)
         servo = port.line.servos[1]
@@ -215,7 +215,7 @@ class TestFeetechSts:
         run(port, 2)
         assert servo.read("present_position") == pytest.approx(2048, abs=3)
 
-    def test_an_overload_limits_the_output_to_the_protective_torque(self, make_port):
+    def test_overload_limits_output_to_protective_torque(self, make_port):
         port = make_port("STS3215")
         servo = port.line.servos[1]
         servo.motor.stuck = True
@@ -228,7 +228,7 @@ class TestFeetechSts:
         assert before[1] > 800
         assert (servo.read("status"), servo.read("present_load")) == (0x20, 200)
 
-    def test_the_alarm_is_in_every_answer(self, make_port):
+    def test_alarm_is_in_every_reply(self, make_port):
         port = make_port("STS3215")
         port.line.servos[1].inject_alarm(0x20)
         port.write(bytes.fromhex("FFFF0104023802BE"))

@@ -23,27 +23,27 @@ def machine():
     return Machine()
 
 
-def test_a_wait_takes_as_long_as_it_says(machine):
+def test_paced_clock_waits_as_long_as_asked(machine):
     clock = PacedClock(machine=machine)
     clock.sleep_until(0.5)
     assert (clock.now_s(), machine.slept_s) == (0.5, 0.5)
 
 
-def test_waits_too_short_for_the_kernel_are_saved_up(machine):
+def test_paced_clock_saves_up_waits_below_1_ms(machine):
     clock = PacedClock(machine=machine)
     for microseconds in range(100, 1600, 100):
         clock.sleep_until(microseconds * 1e-6)
     assert machine.slept_s == pytest.approx(0.001)
 
 
-def test_after_a_stall_time_catches_up_with_the_machine(machine):
+def test_paced_clock_catches_up_after_stall(machine):
     clock = PacedClock(machine=machine)
     machine.time_s += 2.0
     clock.sleep_until(0.01)
     assert (clock.now_s(), machine.slept_s) == (2.0, 0.0)
 
 
-def test_the_world_goes_by_it(machine):
+def test_paced_clock_reports_time_to_world(machine):
     reported = []
     PacedClock(reported.append, machine).sleep_until(0.25)
     assert reported == [0.25]

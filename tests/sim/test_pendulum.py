@@ -35,7 +35,7 @@ class Pendulum:
         return [[0.01]]
 
 
-def test_a_limp_pendulum_without_friction_swings_as_high_as_it_hung() -> None:
+def test_limp_pendulum_without_friction_keeps_its_amplitude() -> None:
     ideal = replace(PARAMETERS["STS3250"], **dict.fromkeys(FRICTION, 0.0))
     motor = Motor(ideal, 1.0)
     servo = make_servo("STS3250", motor, HornMounting(1, 2048, 4096), {"id": 1})

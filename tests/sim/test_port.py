@@ -12,46 +12,46 @@ from servosim.errors import ArmFileError, PortClosedError, SimulatorError
 PING = bytes.fromhex("FFFF010201FB")
 
 
-def test_bytes_take_their_time_at_the_baud_rate(make_port):
+def test_bytes_take_time_of_baud_rate(make_port):
     port = make_port("STS3215")
     port.write(PING)
     port.read(6)
     assert port.clock.now_s() == pytest.approx(12 * 10e-6, abs=5e-6)
 
 
-def test_without_wire_time_the_answer_is_there_at_once(make_port):
+def test_reply_without_wire_time_is_there_at_once(make_port):
     port = make_port("STS3215", wire_time=False)
     port.write(PING)
     port.read(6)
     assert port.clock.now_s() < 10e-6
 
 
-def test_a_read_that_gets_nothing_ends_at_its_timeout(make_port):
+def test_read_without_reply_ends_at_its_time_out(make_port):
     port = make_port("STS3215")
     assert (port.read(6), port.clock.now_s()) == (b"", 0.02)
 
 
-def test_a_read_returns_what_has_come_at_its_timeout(make_port):
+def test_read_returns_partial_data_at_its_time_out(make_port):
     port = make_port("STS3215")
     port.write(PING)
     assert port.read(60) == bytes.fromhex("FFFF010200FC")
 
 
-def test_a_read_without_timeout_ends_when_nothing_more_can_come(make_port):
+def test_read_without_time_out_ends_when_nothing_can_come(make_port):
     port = make_port("STS3215")
     port.timeout = None
     port.write(PING)
     assert len(port.read(60)) == 6
 
 
-def test_timeout_zero_returns_at_once(make_port):
+def test_read_with_time_out_zero_returns_at_once(make_port):
     port = make_port("STS3215")
     port.timeout = 0
     port.write(PING)
     assert port.read(6) == b""
 
 
-def test_polling_lets_a_little_time_pass(make_port):
+def test_polling_in_waiting_lets_time_pass(make_port):
     port = make_port("STS3215")
     port.write(PING)
     polls = 0
@@ -60,14 +60,14 @@ def test_polling_lets_a_little_time_pass(make_port):
     assert polls < 100
 
 
-def test_flush_waits_until_the_last_byte_has_left(make_port):
+def test_flush_waits_until_last_byte_has_left(make_port):
     port = make_port("STS3215")
     port.write(PING)
     port.flush()
     assert port.clock.now_s() == pytest.approx(60e-6)
 
 
-def test_reset_throws_away_what_has_arrived(make_port):
+def test_reset_input_buffer_discards_received_bytes(make_port):
     port = make_port("STS3215")
     port.write(PING)
     port.clock.sleep_until(0.01)
@@ -75,14 +75,14 @@ def test_reset_throws_away_what_has_arrived(make_port):
     assert port.in_waiting == 0
 
 
-def test_a_closed_port_refuses(make_port):
+def test_closed_port_refuses_read(make_port):
     port = make_port("STS3215")
     port.close()
     with pytest.raises(PortClosedError):
         port.read(1)
 
 
-def test_speaking_over_an_answer_garbles_it(make_port):
+def test_request_sent_during_reply_garbles_it(make_port):
     port = make_port("STS3215", "STS3215")
     port.write(PING)
     port.clock.sleep_until(80e-6)
@@ -90,7 +90,7 @@ def test_speaking_over_an_answer_garbles_it(make_port):
     assert bytes.fromhex("FFFF020200FB") not in port.read(64)
 
 
-def test_the_same_seed_gives_the_same_conversation(configs):
+def test_same_seed_gives_same_conversation(configs):
     def talk():
         port = servosim.open_port(f"sim:{configs}/so101/arm.toml?seed=3")
         port.timeout = 0.01
@@ -101,7 +101,7 @@ def test_the_same_seed_gives_the_same_conversation(configs):
 
 
 @pytest.mark.parametrize("name", ["so101", "koch", "open_manipulator_x", "px100", "vx300s"])
-def test_an_arm_starts_at_the_pose_asked_for(configs, name):
+def test_arm_starts_at_pose_of_address(configs, name):
     path = configs / name / "arm.toml"
     port = servosim.open_port(f"sim:{path}?pose=home")
     arm = servosim.read_arm_file(path)
@@ -112,14 +112,14 @@ def test_an_arm_starts_at_the_pose_asked_for(configs, name):
         assert port.line.servos[servo.id].read("present_position") == pytest.approx(tick, abs=1)
 
 
-def test_a_limp_arm_falls(configs):
+def test_limp_arm_falls(configs):
     port = servosim.open_port(f"sim:{configs}/so101/arm.toml?pose=home")
     before = port.line.servos[3].read("present_position")
     port.clock.sleep_until(3.0)
     assert abs(port.line.servos[3].read("present_position") - before) > 200
 
 
-def test_servos_of_one_joint_turn_together(configs):
+def test_two_servos_of_one_joint_turn_together(configs):
     port = servosim.open_port(f"sim:{configs}/vx300s/arm.toml?pose=home")
     for servo in port.line.servos.values():
         servo.write("torque_enable", 1)
@@ -133,31 +133,31 @@ def test_servos_of_one_joint_turn_together(configs):
 
 
 @pytest.mark.parametrize(("query", "comes_on"), [("", True), ("?goal_keeps_torque=1", False)])
-def test_whether_a_goal_switches_torque_on_is_an_option(configs, query, comes_on):
+def test_goal_keeps_torque_option_decides_torque_on(configs, query, comes_on):
     port = servosim.open_port(f"sim:{configs}/so101/arm.toml{query}")
     servo = port.line.servos[1]
     servo.write("goal_position", servo.read("present_position"))
     assert servo.drive.torque_on == comes_on
 
 
-def test_every_servo_has_the_play_asked_for(configs):
+def test_backlash_option_applies_to_every_servo(configs):
     port = servosim.open_port(f"sim:{configs}/so101/arm.toml?backlash_deg=0.5")
     plays = {servo.motor.parameters.backlash_rad for servo in port.line.servos.values()}
     assert plays == {math.radians(0.5)}
 
 
 @pytest.mark.parametrize("play", ["-1", "50", "nan", "much"])
-def test_a_play_that_no_gears_have_is_refused(configs, play):
+def test_invalid_backlash_option_is_refused(configs, play):
     with pytest.raises(SimulatorError, match=r"play|number"):
         servosim.open_port(f"sim:{configs}/so101/arm.toml?backlash_deg={play}")
 
 
-def test_an_unknown_pose_is_named_with_those_there_are(configs):
+def test_unknown_pose_is_refused_with_known_poses(configs):
     with pytest.raises(ArmFileError, match=r"poses\.nowhere.*rest, home, zero"):
         servosim.open_port(f"sim:{configs}/so101/arm.toml?pose=nowhere")
 
 
-def test_an_address_that_is_none_is_refused():
+def test_address_without_sim_prefix_is_refused():
     with pytest.raises(SimulatorError, match="sim:/path"):
         servosim.open_port("/dev/ttyUSB0")
 
@@ -169,12 +169,12 @@ def test_an_address_that_is_none_is_refused():
         ("colour=red", "has no option 'colour'; known: backlash_deg, board, cubes, echo"),
     ],
 )
-def test_an_option_that_makes_no_sense_is_refused(configs, query, message):
+def test_invalid_address_option_is_refused(configs, query, message):
     with pytest.raises(SimulatorError, match=message):
         servosim.open_port(f"sim:{configs}/so101/arm.toml?{query}")
 
 
-def test_the_address_may_ask_for_an_echo_and_for_faults(configs, tmp_path):
+def test_address_options_set_echo_and_faults(configs, tmp_path):
     faults = tmp_path / "faults.toml"
     faults.write_text('[[fault]]\nkind = "silent"\nid = 1\ncount = 1\n')
     port = servosim.open_port(f"sim:{configs}/so101/arm.toml?echo=1&faults={faults}")

@@ -58,19 +58,19 @@ def received(bus, client, size):
     return data
 
 
-def test_pings_that_waited_for_the_server_are_all_answered(bus, client):
+def test_pings_queued_before_server_runs_are_all_answered(bus, client):
     os.write(client, 20 * (PING_1 + PING_2))
     assert received(bus, client, 240) == 20 * (ANSWER_1 + ANSWER_2)
 
 
-def test_pings_that_come_while_replies_are_under_way_are_all_answered(bus, client):
+def test_pings_during_replies_are_all_answered(bus, client):
     for _ in range(20):
         os.write(client, PING_1)
         bus.process_events()
     assert received(bus, client, 120) == 20 * ANSWER_1
 
 
-def test_a_read_that_waited_behind_a_sync_read_comes_after_all_its_replies(bus, client):
+def test_read_queued_after_sync_read_is_answered_after_it(bus, client):
     sync_read = SYNC_READ + bytes([checksum(SYNC_READ[2:])])
     os.write(client, sync_read + PING_1)
     data = received(bus, client, 8 + 8 + 6)
@@ -78,7 +78,7 @@ def test_a_read_that_waited_behind_a_sync_read_comes_after_all_its_replies(bus, 
     assert data.endswith(ANSWER_1)
 
 
-def test_time_in_which_the_server_was_held_up_passes_for_no_servo(bus, client, hold_up):
+def test_server_stall_does_not_count_as_simulated_time(bus, client, hold_up):
     world = bus.line.world
     bus.process_events()
     before_s = world.time_s
@@ -88,7 +88,7 @@ def test_time_in_which_the_server_was_held_up_passes_for_no_servo(bus, client, h
     assert world.time_s - before_s < 10.0
 
 
-def test_a_servo_held_up_with_its_server_goes_on_from_where_it_was(bus, client, hold_up):
+def test_servo_continues_from_its_position_after_server_stall(bus, client, hold_up):
     servo = bus.line.servos[1]
     servo.write("goal_speed", 500)
     servo.write("goal_position", servo.read("present_position") + 1000)
@@ -99,7 +99,7 @@ def test_a_servo_held_up_with_its_server_goes_on_from_where_it_was(bus, client, 
     assert servo.read("present_position") - before_tick < 100
 
 
-def test_a_server_that_is_a_little_late_makes_up_for_it(bus, client, hold_up):
+def test_small_server_delay_is_made_up_for(bus, client, hold_up):
     world = bus.line.world
     bus.process_events()
     before_s = world.time_s

@@ -108,7 +108,7 @@ def random_states(arm: str, count: int) -> list[tuple[Array, Array, Array]]:
 
 
 @pytest.mark.parametrize("arm", ARMS)
-def test_accelerations_under_torques_with_armatures_are_pinocchios(arm: str) -> None:
+def test_accelerations_with_armature_equal_pinocchio(arm: str) -> None:
     oracle = Oracle.of(arm)
     body = RigidArm(CONFIGS / arm / "arm.urdf", oracle.names)
     for q, v, torques in random_states(arm, 20):
@@ -120,7 +120,7 @@ def test_accelerations_under_torques_with_armatures_are_pinocchios(arm: str) -> 
 
 
 @pytest.mark.parametrize("arm", ARMS)
-def test_near_a_posture_the_dynamics_are_still_pinocchios(arm: str) -> None:
+def test_accelerations_near_cached_posture_equal_pinocchio(arm: str) -> None:
     oracle = Oracle.of(arm)
     body = RigidArm(CONFIGS / arm / "arm.urdf", oracle.names)
     for q, v, moved in random_states(arm, 10):
@@ -135,7 +135,7 @@ def test_near_a_posture_the_dynamics_are_still_pinocchios(arm: str) -> None:
 
 @pytest.mark.sample(3)
 @pytest.mark.parametrize("arm", ARMS)
-def test_a_moving_limp_arm_has_pinocchios_accelerations(
+def test_accelerations_of_moving_limp_arm_equal_pinocchio(
     arm: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(coupling, "EXACT_RAD_S", 1e-9)
@@ -151,7 +151,7 @@ def test_a_moving_limp_arm_has_pinocchios_accelerations(
 
 @pytest.mark.sample(2)
 @pytest.mark.parametrize("arm", ARMS)
-def test_a_limp_arm_without_friction_conserves_energy_while_it_falls(arm: str) -> None:
+def test_falling_limp_arm_without_friction_conserves_energy(arm: str) -> None:
     q, v, _ = random_states(arm, 1)[0]
     limp = LimpArm(arm, q.tolist())
     limp.set_velocities(v)
@@ -166,7 +166,7 @@ def test_a_limp_arm_without_friction_conserves_energy_while_it_falls(arm: str) -
     assert max(errors_j) < 0.04 * max(kinetic_j)
 
 
-def test_two_servos_on_a_joint_share_its_load_and_carry_both_armatures() -> None:
+def test_two_servos_on_joint_share_load_and_motion() -> None:
     limp = LimpArm("vx300s", [0.0, 0.5, 0.3, 0.0, 0.2, 0.0])
     limp.world.advance_to(0.05)
     shoulder = limp.world.joint("shoulder").servos

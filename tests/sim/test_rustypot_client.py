@@ -44,7 +44,7 @@ def wait_until_at(read, goal_rad):
 
 
 @pytest.mark.full
-def test_pings_reads_and_moves_sts_servos(server):
+def test_rustypot_pings_reads_and_moves_sts_servos(server):
     path = server(CONFIGS / "so101" / "arm.toml", "--pose", "home")
     bus = rustypot.Sts3215PyController(path, 1_000_000, TIMEOUT_S)
     assert [bus.ping(id_) for id_ in (1, 6)] == [True, True]
@@ -57,7 +57,7 @@ def test_pings_reads_and_moves_sts_servos(server):
     )
 
 
-def test_pings_reads_and_reboots_x_servos(server):
+def test_rustypot_pings_reads_and_reboots_x_servos(server):
     path = server(CONFIGS / "koch" / "arm.toml", "--pose", "home")
     bus = rustypot.Xl430PyController(path, 1_000_000, TIMEOUT_S)
     assert [bus.ping(id_) for id_ in (1, 2)] == [True, True]
@@ -65,7 +65,7 @@ def test_pings_reads_and_reboots_x_servos(server):
     assert bus.reboot(2)
 
 
-def test_moves_an_scs_servo(server):
+def test_rustypot_moves_scs_servo(server):
     path = server("--servo", "1:scs0009")
     bus = rustypot.Scs0009PyController(path, 1_000_000, TIMEOUT_S)
     bus.write_torque_enable(1, 1)
@@ -75,7 +75,7 @@ def test_moves_an_scs_servo(server):
     )
 
 
-def test_moves_an_mx_servo(server):
+def test_rustypot_moves_mx_servo(server):
     path = server("--servo", "1:mx-28", "--baud", "1000000")
     bus = rustypot.MxPyController(path, 1_000_000, TIMEOUT_S)
     bus.write_torque_enable(1, True)

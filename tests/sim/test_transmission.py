@@ -14,28 +14,28 @@ from tests.oracle import CONFIGS
 CRANK = CrankAndRod(0.01, 0.03, math.radians(60))
 
 
-def test_a_crank_at_a_right_angle_pushes_as_far_as_pythagoras_says():
+def test_crank_at_right_angle_matches_pythagoras():
     crank = CrankAndRod(3.0, 5.0, math.pi / 2)
     assert crank.position(math.pi / 2) == pytest.approx(3.0 + 5.0 - 4.0)
     assert crank.position(-math.pi / 2) == pytest.approx(5.0 - 3.0 - 4.0)
 
 
 @pytest.mark.parametrize("horn_rad", [-1.5, -0.5, 0.0, 0.4, 0.9])
-def test_a_crank_turns_back_from_where_it_pushed(horn_rad):
+def test_crank_horn_angle_inverts_position(horn_rad):
     assert CRANK.horn_rad(CRANK.position(horn_rad)) == pytest.approx(horn_rad)
 
 
-def test_a_crank_is_as_steep_as_its_neighbours_say():
+def test_crank_slope_equals_finite_difference():
     h = 1e-6
     slope = (CRANK.position(0.3 + h) - CRANK.position(0.3 - h)) / (2 * h)
     assert CRANK.slope(0.3) == pytest.approx(slope, rel=1e-6)
 
 
-def test_out_of_reach_is_the_dead_centre():
+def test_crank_position_out_of_reach_gives_dead_centre():
     assert CRANK.horn_rad(1.0) == pytest.approx(math.radians(60))
 
 
-def test_the_horn_itself_is_a_ratio_of_one():
+def test_ratio_without_gear_is_one():
     assert (Ratio().position(0.3), Ratio().horn_rad(0.3), Ratio().is_prismatic) == (
         0.3,
         0.3,
@@ -54,7 +54,7 @@ def arm_with(tmp_path, name, old, new):
 
 
 @pytest.mark.full
-def test_a_geared_joint_goes_where_it_is_sent_and_its_horn_further(tmp_path):
+def test_geared_joint_reaches_goal_and_horn_turns_further(tmp_path):
     path = arm_with(tmp_path, "planar2", "zero_tick = 2048 }", "zero_tick = 2048, gear = 1.5 }")
     with ikservo.open_arm(path, port="sim", collisions=False) as arm:
         arm.move_joints({"joint1": 0.6})
@@ -64,7 +64,7 @@ def test_a_geared_joint_goes_where_it_is_sent_and_its_horn_further(tmp_path):
         assert abs(ticks) * math.tau / 4096 == pytest.approx(1.5 * 0.6, abs=0.015)
 
 
-def test_a_slide_by_a_crank_starts_in_its_pose(tmp_path):
+def test_prismatic_joint_with_crank_starts_in_pose_and_moves(tmp_path):
     path = arm_with(
         tmp_path, "open_manipulator_x", "m_per_turn = ",
         "crank = { radius_m = 0.02, rod_m = 0.05, zero_deg = 90.0 } #",

@@ -85,11 +85,11 @@ def settle(read, goal, within, timeout_s=5.0):
 
 
 class TestFeetechSdk:
-    def test_pings_all_servos(self, feetech):
+    def test_scservo_sdk_pings_all_servos(self, feetech):
         port, packets = feetech
         assert [first_reply(packets.ping, port, k) for k in range(1, 7)] == [(777, 0, 0)] * 6
 
-    def test_reads_one_byte_and_two_bytes(self, feetech):
+    def test_scservo_sdk_reads_one_and_two_bytes(self, feetech):
         port, packets = feetech
         answers = (
             first_reply(packets.read1ByteTxRx, port, 1, 5),
@@ -97,7 +97,7 @@ class TestFeetechSdk:
         )
         assert answers == ((1, 0, 0), (777, 0, 0))
 
-    def test_writes_and_reads_back(self, feetech):
+    def test_scservo_sdk_writes_and_reads_back(self, feetech):
         port, packets = feetech
         wrote = (
             first_reply(packets.write1ByteTxRx, port, 1, 41, 30),
@@ -109,7 +109,7 @@ class TestFeetechSdk:
         )
         assert (wrote, read) == (((0, 0), (0, 0)), ((30, 0, 0), (900, 0, 0)))
 
-    def test_sync_reads_all_positions(self, feetech):
+    def test_vendor_sdk_sync_reads_all_positions(self, feetech):
         port, packets = feetech
         group = scservo_sdk.GroupSyncRead(port, packets, 56, 2)
         for k in range(1, 7):
@@ -117,7 +117,7 @@ class TestFeetechSdk:
         assert first_reply(group.txRxPacket) == 0
         assert group.getData(1, 56, 2) == pytest.approx(2048, abs=3)
 
-    def test_follows_a_motion_to_its_end(self, feetech):
+    def test_vendor_sdk_follows_motion_to_its_end(self, feetech):
         port, packets = feetech
         for id_ in (1, 5):
             first_reply(packets.write1ByteTxRx, port, id_, 41, 50)
@@ -135,14 +135,14 @@ class TestFeetechSdk:
             settle(lambda: first_reply(packets.read2ByteTxRx, port, 5, 56)[0], 1748, 4)[-1] < 1760
         )
 
-    def test_gets_no_answer_at_another_baud_rate(self, feetech):
+    def test_scservo_sdk_gets_no_reply_at_another_baud_rate(self, feetech):
         port, packets = feetech
         assert port.setBaudRate(115_200)
         answer = packets.ping(port, 1)
         port.setBaudRate(1_000_000)
         assert answer[1] == scservo_sdk.COMM_RX_TIMEOUT
 
-    def test_changes_an_id(self, feetech):
+    def test_scservo_sdk_changes_servo_id(self, feetech):
         port, packets = feetech
         first_reply(packets.write1ByteTxRx, port, 6, 55, 0)
         first_reply(packets.write1ByteTxRx, port, 6, 5, 66)
@@ -159,16 +159,16 @@ def everybody(found, result):
 
 
 class TestDynamixelSdk:
-    def test_finds_everybody_by_broadcast_ping(self, dynamixel):
+    def test_dynamixel_sdk_finds_all_servos_by_broadcast_ping(self, dynamixel):
         port, packets = dynamixel
         found, *_ = first_reply(lambda port: everybody(*packets.broadcastPing(port)), port)
         assert found == [1, 2, 3, 4, 5, 6]
 
-    def test_pings_one_servo(self, dynamixel):
+    def test_dynamixel_sdk_pings_one_servo(self, dynamixel):
         port, packets = dynamixel
         assert first_reply(packets.ping, port, 1) == (1060, 0, 0)
 
-    def test_reads_each_width(self, dynamixel):
+    def test_dynamixel_sdk_reads_one_two_and_four_bytes(self, dynamixel):
         port, packets = dynamixel
         answers = (
             first_reply(packets.read1ByteTxRx, port, 1, 7),
@@ -177,12 +177,12 @@ class TestDynamixelSdk:
         )
         assert answers == ((1, 0, 0), (1060, 0, 0), (4095, 0, 0))
 
-    def test_hears_a_range_error(self, dynamixel):
+    def test_dynamixel_sdk_receives_range_error(self, dynamixel):
         port, packets = dynamixel
         assert first_reply(packets.write4ByteTxRx, port, 1, 116, 5000) == (0, 4)
 
     @pytest.mark.parametrize("fast", [False, True])
-    def test_sync_reads_all_positions(self, dynamixel, fast):
+    def test_vendor_sdk_sync_reads_all_positions(self, dynamixel, fast):
         port, packets = dynamixel
         group = dynamixel_sdk.GroupSyncRead(port, packets, 132, 4)
         for k in range(1, 7):
@@ -191,7 +191,7 @@ class TestDynamixelSdk:
         assert group.getData(1, 132, 4) == pytest.approx(2048, abs=10)
 
     @pytest.mark.parametrize("fast", [False, True])
-    def test_bulk_reads_different_registers(self, dynamixel, fast):
+    def test_dynamixel_sdk_bulk_reads_different_registers(self, dynamixel, fast):
         port, packets = dynamixel
         group = dynamixel_sdk.GroupBulkRead(port, packets)
         group.addParam(1, 7, 1)
@@ -199,7 +199,7 @@ class TestDynamixelSdk:
         assert first_reply(group.fastBulkRead if fast else group.txRxPacket) == 0
         assert (group.getData(1, 7, 1), group.getData(3, 0, 2)) == (1, 1200)
 
-    def test_bulk_writes_different_registers(self, dynamixel):
+    def test_dynamixel_sdk_bulk_writes_different_registers(self, dynamixel):
         port, packets = dynamixel
         group = dynamixel_sdk.GroupBulkWrite(port, packets)
         group.addParam(5, 65, 1, [1])
@@ -211,7 +211,7 @@ class TestDynamixelSdk:
         )
         assert read == ((1, 0, 0), (77, 0, 0))
 
-    def test_follows_a_motion_to_its_end(self, dynamixel):
+    def test_vendor_sdk_follows_motion_to_its_end(self, dynamixel):
         port, packets = dynamixel
         first_reply(packets.write4ByteTxRx, port, 5, 112, 60)
         first_reply(packets.write4ByteTxRx, port, 5, 108, 10)
@@ -221,14 +221,14 @@ class TestDynamixelSdk:
         assert way == sorted(way)
         assert way[-1] == pytest.approx(2348, abs=6)
 
-    def test_reboots_a_servo(self, dynamixel):
+    def test_dynamixel_sdk_reboots_servo(self, dynamixel):
         port, packets = dynamixel
         first_reply(packets.write1ByteTxRx, port, 4, 65, 1)
         assert first_reply(packets.reboot, port, 4) == (0, 0)
         first_reply(packets.ping, port, 4)
         assert first_reply(packets.read1ByteTxRx, port, 4, 65) == (0, 0, 0)
 
-    def test_scans_another_baud_rate_in_vain(self, dynamixel):
+    def test_dynamixel_sdk_gets_no_reply_at_another_baud_rate(self, dynamixel):
         port, packets = dynamixel
         port.setBaudRate(57_600)
         answer = packets.ping(port, 1)
@@ -236,7 +236,7 @@ class TestDynamixelSdk:
         assert answer[1] == dynamixel_sdk.COMM_RX_TIMEOUT
 
     @pytest.mark.full
-    def test_changes_id_and_baud_rate(self, dynamixel):
+    def test_dynamixel_sdk_changes_id_and_baud_rate(self, dynamixel):
         port, packets = dynamixel
         first_reply(packets.write1ByteTxRx, port, 6, 7, 60)
         first_reply(packets.write1ByteTxRx, port, 60, 8, 2)
@@ -250,14 +250,14 @@ class TestDynamixelSdk:
 
 @pytest.mark.full
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_a_signal_ends_the_server_cleanly(server, number):
+def test_signal_ends_server_cleanly(server, number):
     process, link = server("so101")
     process.send_signal(number)
     assert (process.wait(10), link.is_symlink()) == (0, False)
 
 
 @pytest.mark.full
-def test_a_closed_server_looks_like_a_pulled_cable(server):
+def test_closed_server_looks_like_unplugged_cable(server):
     process, link = server("so101")
     port = scservo_sdk.PortHandler(str(link))
     port.openPort()

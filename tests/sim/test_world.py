@@ -17,13 +17,13 @@ def run(port, seconds):
     port.clock.sleep_until(port.clock.now_s() + seconds)
 
 
-def test_a_world_at_rest_dozes(make_port):
+def test_world_at_rest_is_idle(make_port):
     port = make_port("STS3215")
     run(port, 0.1)
     assert port.line.world.is_idle
 
 
-def test_a_motor_that_crosses_its_backlash_goes_on_to_its_goal(make_port):
+def test_motor_crossing_its_backlash_reaches_its_goal(make_port):
     port = make_port("STS3215")
     servo, goals = port.line.servos[1], random.Random(1)
     servo.write("torque_enable", 1)
@@ -36,20 +36,20 @@ def test_a_motor_that_crosses_its_backlash_goes_on_to_its_goal(make_port):
         assert servo.read("moving") == 0
 
 
-def test_a_dozing_world_keeps_the_time(make_port):
+def test_idle_world_keeps_time(make_port):
     port = make_port("XL430-W250")
     run(port, 1.0)
     assert port.line.servos[1].read("realtime_tick") == 1000
 
 
-def test_a_write_wakes_the_world(make_port):
+def test_register_write_wakes_idle_world(make_port):
     port = make_port("STS3215")
     run(port, 0.1)
     port.line.servos[1].write("torque_enable", 1)
     assert not port.line.world.is_idle
 
 
-def test_a_servo_that_holds_a_load_warms_while_the_world_dozes(configs):
+def test_servo_holding_load_warms_in_idle_world(configs):
     port = servosim.open_port(f"sim:{configs}/so101/arm.toml?pose=home")
     for servo in port.line.servos.values():
         servo.write("torque_enable", 1)
@@ -58,7 +58,7 @@ def test_a_servo_that_holds_a_load_warms_while_the_world_dozes(configs):
     assert port.line.servos[3].motor.temperature_c > 25.1
 
 
-def test_an_event_happens_at_its_time_in_a_dozing_world(make_port):
+def test_scheduled_event_happens_on_time_in_idle_world(make_port):
     port = make_port("STS3215")
     happened = []
     port.line.world.schedule(0.5, lambda: happened.append(port.line.world.time_s))
@@ -66,7 +66,7 @@ def test_an_event_happens_at_its_time_in_a_dozing_world(make_port):
     assert happened == [pytest.approx(0.5, abs=0.0011)]
 
 
-def test_a_hand_moves_a_limp_joint(configs):
+def test_hand_moves_joint_of_limp_arm(configs):
     port = servosim.open_port(f"sim:{configs}/so101/arm.toml?pose=home")
     world = port.line.world
     world.grasp("elbow_flex", Hand(hold(0.3), limit=5.0))
@@ -74,7 +74,7 @@ def test_a_hand_moves_a_limp_joint(configs):
     assert world.joint("elbow_flex").position == pytest.approx(0.3, abs=0.01)
 
 
-def test_a_hand_cannot_overcome_a_servo_that_is_stronger(make_port):
+def test_hand_cannot_overcome_stronger_servo(make_port):
     port = make_port("STS3215")
     port.line.servos[1].write("torque_enable", 1)
     port.line.world.grasp("servo_1", Hand(hold(1.0), limit=0.5))
@@ -82,12 +82,12 @@ def test_a_hand_cannot_overcome_a_servo_that_is_stronger(make_port):
     assert abs(port.line.world.joint("servo_1").position) < 0.1
 
 
-def test_an_unknown_joint_is_named_with_those_there_are(make_port):
+def test_grasp_of_unknown_joint_is_refused_with_known_joints(make_port):
     with pytest.raises(SimulatorError, match="no joint is named 'knee'; known: servo_1"):
         make_port("STS3215").line.world.grasp("knee", Hand(hold(0.0)))
 
 
-def test_hands_that_sweep_take_every_limp_joint_through_its_travel_at_once(configs):
+def test_sweeping_hands_move_every_joint_of_limp_arm_to_ends(configs):
     port = servosim.open_port(f"sim:{configs}/so101/arm.toml?pose=home&hand=sweep")
     world = port.line.world
     seen = []
@@ -105,7 +105,7 @@ def map_ends(rows):
     ]
 
 
-def test_hands_that_sweep_take_up_a_joint_as_soon_as_it_is_limp(make_port):
+def test_sweeping_hand_grasps_joint_once_torque_is_off(make_port):
     port = make_port("STS3215")
     servo, world = port.line.servos[1], port.line.world
     servo.write("torque_enable", 1)
@@ -117,7 +117,7 @@ def test_hands_that_sweep_take_up_a_joint_as_soon_as_it_is_limp(make_port):
     assert abs(world.joint("servo_1").position) > 0.3
 
 
-def test_an_unknown_kind_of_hand_is_refused(configs):
+def test_unknown_hand_option_is_refused(configs):
     with pytest.raises(SimulatorError, match="sweep, calibrate"):
         servosim.open_port(f"sim:{configs}/so101/arm.toml?hand=wave")
 
@@ -136,7 +136,7 @@ def moved_by_hands(configs, joint, *spans_s):
 
 
 @pytest.mark.full
-def test_sweeping_hands_hold_the_pose_and_show_a_direction_before_they_sweep(configs):
+def test_calibration_hands_hold_pose_and_show_direction_first(configs):
     held, shown = moved_by_hands(configs, "wrist_flex", 8.0, 12.0)
     home, there = math.radians(60.0), math.radians(35.0)
     assert held == (pytest.approx(home, abs=0.01), pytest.approx(home, abs=0.01))
@@ -147,7 +147,7 @@ def test_sweeping_hands_hold_the_pose_and_show_a_direction_before_they_sweep(con
 
 
 @pytest.mark.full
-def test_sweeping_hands_start_over_when_a_program_begins_to_talk(configs):
+def test_calibration_hands_restart_when_program_talks(configs):
     port = servosim.open_port(f"sim:{configs}/so101/arm.toml?pose=home&hand=calibrate")
     run(port, 26.0)
     wrist = port.line.world.joint("wrist_flex")
@@ -159,12 +159,12 @@ def test_sweeping_hands_start_over_when_a_program_begins_to_talk(configs):
 
 
 @pytest.mark.campaign
-def test_sweeping_hands_take_a_limp_joint_through_its_travel(configs):
+def test_calibration_hands_sweep_joint_with_torque_off(configs):
     _, (low, high) = moved_by_hands(configs, "shoulder_pan", 20.0, 8.0)
     assert (low, high) == (pytest.approx(-1.92, abs=0.08), pytest.approx(1.92, abs=0.08))
 
 
-def test_sweeping_hands_know_the_limits_of_mujocos_joints(configs):
+def test_mujoco_world_has_same_joint_limits(configs):
     pytest.importorskip("mujoco")
     port = servosim.open_port(f"sim:{configs}/so101/arm.toml?physics=1")
     plain = servosim.open_port(f"sim:{configs}/so101/arm.toml")
@@ -173,7 +173,7 @@ def test_sweeping_hands_know_the_limits_of_mujocos_joints(configs):
     )
 
 
-def test_sweeping_hands_let_go_of_a_joint_that_holds(configs):
+def test_calibration_hands_release_joint_with_torque_on(configs):
     port = servosim.open_port(f"sim:{configs}/so101/arm.toml?pose=home")
     CalibrationHands(port.line.world)
     port.line.servos[1].write("torque_enable", 1)
@@ -181,7 +181,7 @@ def test_sweeping_hands_let_go_of_a_joint_that_holds(configs):
     assert "shoulder_pan" not in port.line.world.hands
 
 
-def test_two_servos_of_one_arm_differ_as_their_seed_says(configs):
+def test_servos_of_one_arm_differ_by_seed(configs):
     def frictions(seed):
         port = servosim.open_port(f"sim:{configs}/so101/arm.toml?seed={seed}")
         return [servo.motor.parameters.friction_nm for servo in port.line.world.servos]
@@ -191,7 +191,7 @@ def test_two_servos_of_one_arm_differ_as_their_seed_says(configs):
 
 
 @pytest.mark.parametrize(("supply_v", "model"), [(7.4, "STS3215"), (12.0, "STS3215-C018")])
-def test_an_arm_file_says_for_which_voltage_its_servos_are(configs, tmp_path, supply_v, model):
+def test_supply_voltage_of_arm_file_selects_servo_variant(configs, tmp_path, supply_v, model):
     text = (configs / "so101" / "arm.toml").read_text()
     urdf = configs / "so101" / "arm.urdf"
     file = tmp_path / "arm.toml"
@@ -202,7 +202,7 @@ def test_an_arm_file_says_for_which_voltage_its_servos_are(configs, tmp_path, su
     assert (servo.table.model, servo.supply_v) == (model, supply_v)
 
 
-def test_a_voltage_that_no_variant_has_is_refused(configs, tmp_path):
+def test_supply_voltage_without_servo_variant_is_refused(configs, tmp_path):
     text = (configs / "so101" / "arm.toml").read_text()
     urdf = configs / "so101" / "arm.urdf"
     file = tmp_path / "arm.toml"
@@ -211,14 +211,14 @@ def test_a_voltage_that_no_variant_has_is_refused(configs, tmp_path):
         servosim.open_port(f"sim:{file}")
 
 
-def test_two_rails_feed_the_servos_of_a_koch(configs):
+def test_koch_servos_have_two_supply_voltages(configs):
     port = servosim.open_port(f"sim:{configs}/koch/arm.toml")
     run(port, 0.1)
     volts = [port.line.servos[k].read("present_input_voltage") for k in (1, 6)]
     assert volts == [120, 50]
 
 
-def test_mujoco_moves_the_joints_of_an_arm(configs):
+def test_arm_in_mujoco_reaches_its_goal(configs):
     pytest.importorskip("mujoco")
     port = servosim.open_port(f"sim:{configs}/so101/arm.toml?pose=home&physics=1")
     for servo in port.line.servos.values():
@@ -230,7 +230,7 @@ def test_mujoco_moves_the_joints_of_an_arm(configs):
     assert servo.read("present_position") == pytest.approx(2548, abs=12)
 
 
-def test_a_limp_arm_in_mujoco_comes_to_lie_on_the_floor(configs):
+def test_limp_arm_in_mujoco_comes_to_rest_on_floor(configs):
     pytest.importorskip("mujoco")
     port = servosim.open_port(f"sim:{configs}/so101/arm.toml?pose=home&physics=1")
     run(port, 6.0)
@@ -238,7 +238,7 @@ def test_a_limp_arm_in_mujoco_comes_to_lie_on_the_floor(configs):
     assert math.isclose(speed, 0.0, abs_tol=0.05)
 
 
-def test_a_limp_arm_in_mujoco_comes_to_rest_and_dozes(configs):
+def test_limp_arm_in_mujoco_becomes_idle(configs):
     port = servosim.open_port(f"sim:{configs}/so101/arm.toml?physics=1")
     port.clock.sleep_until(0.05)
     assert not port.line.world.is_idle
@@ -246,7 +246,7 @@ def test_a_limp_arm_in_mujoco_comes_to_rest_and_dozes(configs):
     assert port.line.world.is_idle
 
 
-def test_a_limp_joint_is_not_thrown_out_of_contacts_near_its_axis(configs):
+def test_joint_with_torque_off_is_not_thrown_out_of_contact(configs):
     """A Koch arm stands in the table; only its shoulder, which can hardly lift it out, is limp."""
     port = servosim.open_port(f"sim:{configs}/koch/arm.toml?pose=home")
     world, run_s = port.line.world, 0.2

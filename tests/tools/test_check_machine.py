@@ -14,18 +14,18 @@ def headers(tmp_path):
 
 
 @pytest.mark.parametrize("machine", ["Linux aarch64", "Linux armv7l"])
-def test_a_raspberry_pi_without_a_compiler_is_shown_what_to_install(machine, headers):
+def test_raspberry_pi_without_compiler_names_packages(machine, headers):
     assert missing_text(machine, None, headers).endswith(ADVICE)
 
 
-def test_a_raspberry_pi_without_pythons_headers_is_shown_what_to_install(tmp_path):
+def test_raspberry_pi_without_headers_names_packages(tmp_path):
     assert missing_text("Linux aarch64", "/usr/bin/c++", tmp_path).endswith(ADVICE)
 
 
-def test_a_raspberry_pi_with_both_lacks_nothing(headers):
+def test_raspberry_pi_with_compiler_and_headers_lacks_nothing(headers):
     assert missing_text("Linux aarch64", "/usr/bin/c++", headers) == ""
 
 
 @pytest.mark.parametrize("machine", ["Linux x86_64", "Darwin arm64", "Windows ARM64"])
-def test_a_machine_for_which_there_is_a_wheel_needs_no_compiler(machine, tmp_path):
+def test_machine_with_wheel_needs_no_compiler(machine, tmp_path):
     assert missing_text(machine, None, tmp_path) == ""

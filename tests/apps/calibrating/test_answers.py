@@ -28,16 +28,16 @@ def answered_at(hand, script, until_s=70.0):
     return None
 
 
-def test_the_pose_is_taken_as_soon_as_the_arm_is_still():
+def test_anchor_pose_is_accepted_as_soon_as_arm_is_still():
     hand = Hand(subject()).read()
     assert answered_at(hand, ScriptedAnswers()) == (pytest.approx(0.5, abs=0.05), "accept")
 
 
-def test_a_whole_sweep_is_accepted_after_a_second_without_news():
+def test_full_sweep_is_accepted_after_1_s_without_change():
     assert answered_at(swept(), ScriptedAnswers()) == (pytest.approx(1.0, abs=0.03), "accept")
 
 
-def test_a_narrow_sweep_is_accepted_after_four_seconds_without_news():
+def test_narrow_sweep_is_accepted_after_4_s_without_change():
     assert answered_at(swept(500, 1000), ScriptedAnswers()) == (
         pytest.approx(4.0, abs=0.03),
         "accept",
@@ -45,13 +45,13 @@ def test_a_narrow_sweep_is_accepted_after_four_seconds_without_news():
 
 
 @pytest.mark.parametrize(("up", "down", "wait_s"), [(1000, 2000, 1.0), (500, 1000, 4.0)])
-def test_the_wait_must_be_over(up, down, wait_s):
+def test_scripted_accept_waits_until_wait_is_over(up, down, wait_s):
     state, script = swept(up, down).state, ScriptedAnswers()
     answers = [answer_at(script, state, at_s) for at_s in (5.0, 5.0 + wait_s, 5.0 + wait_s + 0.01)]
     assert answers == [None, None, "accept"]
 
 
-def test_timeout_is_longer_than_a_minute():
+def test_scripted_answer_times_out_after_60_s():
     state, script = Hand(subject()).rest().accept().state, ScriptedAnswers()
     assert [answer_at(script, state, at_s) for at_s in (5.0, 65.0)] == [
         None,
@@ -61,14 +61,14 @@ def test_timeout_is_longer_than_a_minute():
         answer_at(script, state, 65.01)
 
 
-def test_news_begin_the_wait_anew():
+def test_new_motion_restarts_wait_for_accept():
     hand, script = swept(), ScriptedAnswers()
     assert answered_at(hand, script, until_s=0.8) is None
     hand.move(-200)
     assert answered_at(hand, script)[0] == pytest.approx(1.0, abs=0.03)
 
 
-def test_what_is_no_accept_waits_for_the_sweep_and_no_longer():
+def test_scripted_skip_is_given_as_soon_as_sweep_starts():
     script = ScriptedAnswers(["skip elbow", "accept"])
     hand = Hand(subject()).rest()
     assert script.next_answer(hand.request()) is None
@@ -76,7 +76,7 @@ def test_what_is_no_accept_waits_for_the_sweep_and_no_longer():
     assert script.next_answer(hand.request()) == "skip elbow"
 
 
-def test_each_answer_is_waited_for_on_its_own():
+def test_each_scripted_answer_has_its_own_time_out():
     hand, script = (
         Hand(subject("a", 1), subject("b", 2)).rest().accept(),
         ScriptedAnswers(["skip a"]),
@@ -97,7 +97,7 @@ def trembling(hand, script):
         hand.read()
 
 
-def test_an_arm_that_is_never_still_ends_in_a_clear_message():
+def test_arm_that_never_rests_times_out_with_clear_message():
     hand = Hand(subject()).read()
     with pytest.raises(CalibrationError, match="still moving"):
         trembling(hand, ScriptedAnswers())
@@ -107,7 +107,7 @@ def test_an_arm_that_is_never_still_ends_in_a_clear_message():
 @pytest.mark.parametrize(
     ("text", "line"), [("jump\n", 1), ("accept\n# a remark\n\nagian elbow\n", 4)]
 )
-def test_a_slip_in_a_script_is_named_with_its_line(tmp_path, text, line):
+def test_slip_in_script_is_named_with_its_line(tmp_path, text, line):
     path = tmp_path / "script"
     path.write_text(text)
     with pytest.raises(FileFormatError) as caught:
@@ -115,13 +115,13 @@ def test_a_slip_in_a_script_is_named_with_its_line(tmp_path, text, line):
     assert caught.value.where == f"line {line}"
 
 
-def test_a_script_may_have_the_former_words_for_joints(tmp_path):
+def test_script_may_use_former_words_for_joints(tmp_path):
     path = tmp_path / "script"
     path.write_text("again elbow\nfree wrist\ncontinuous wrist\n")
     assert read_script(path) == ["remeasure elbow", "continuous wrist", "continuous wrist"]
 
 
-def test_an_answer_that_changed_nothing_is_given_again_after_another_wait():
+def test_accept_without_effect_is_repeated_after_another_wait():
     state, script = swept().state, ScriptedAnswers()
     answers = [answer_at(script, state, at_s) for at_s in (5.0, 6.01, 6.02, 6.5, 7.03)]
     assert answers == [None, "accept", None, None, "accept"]

@@ -21,7 +21,7 @@ def towards(so101, joint, end):
     return postures.path_to_clear(column, 0.0, end, model.chain_pose("rest"))
 
 
-def test_the_way_to_the_posture_touches_nothing(so101):
+def test_path_to_search_posture_touches_nothing(so101):
     model, postures = so101
     way = towards(so101, "wrist_flex", 1.7)
     here = model.chain_pose("rest")
@@ -30,7 +30,7 @@ def test_the_way_to_the_posture_touches_nothing(so101):
         here = posture
 
 
-def test_in_the_posture_the_joint_goes_to_its_end_above_the_table(so101):
+def test_search_posture_keeps_tip_above_table_up_to_end_stop(so101):
     model, _ = so101
     posture = towards(so101, "elbow_flex", -1.75)[-1]
     rows = np.tile(posture, (30, 1))
@@ -39,7 +39,7 @@ def test_in_the_posture_the_joint_goes_to_its_end_above_the_table(so101):
     assert (heights > 0.0).all()
 
 
-def test_joints_whose_ends_are_known_may_stand_near_them_and_a_long_arm_gets_to_its_end(so101):
+def test_measured_joints_may_stand_near_their_ends(so101):
     model = so101[0]
     postures = PosturePlanner(model)
     for joint in ("wrist_flex", "elbow_flex"):
@@ -53,7 +53,7 @@ def test_joints_whose_ends_are_known_may_stand_near_them_and_a_long_arm_gets_to_
     assert postures.space.distances(rows)[:, around:].min() >= 0.0
 
 
-def test_an_end_that_lies_below_the_table_in_every_posture_is_refused_with_what_touches():
+def test_end_stop_below_table_is_refused_with_colliding_parts():
     model = load_model("wx250s")
     column = model.chain.names.index("shoulder")
     with pytest.raises(RefusedError, match=r"upper_arm would touch the table by \d+ mm"):

@@ -74,7 +74,7 @@ def file_of(home, name="planar2"):
     return home / "arms" / f"{name}-58FA083.toml"
 
 
-def test_the_conversation_ends_with_a_saved_file(mount_arm, run_cli, home):
+def test_calibration_dialogue_ends_with_saved_file(mount_arm, run_cli, home):
     done = calibrated(mount_arm(), run_cli)
     assert done.out == f"Saved to {file_of(home)}\n"
     calibration = read_calibration(file_of(home))
@@ -82,7 +82,7 @@ def test_the_conversation_ends_with_a_saved_file(mount_arm, run_cli, home):
     assert [joint.swept for joint in calibration.joints] == ["by hand", "by hand"]
 
 
-def test_off_a_terminal_each_step_is_one_line(mount_arm, run_cli):
+def test_calibration_off_terminal_prints_one_line_per_step(mount_arm, run_cli):
     lines = calibrated(mount_arm(sign=1), run_cli).err.splitlines()
     assert [line for line in lines if line.startswith("Step ")] == [
         'Step 1 of 5: Put the arm in the pose "home". Hold it still …',
@@ -102,7 +102,7 @@ def shown_before_saving(done):
     return joints, [line for line in review if "replaces" in line or " was " in line]
 
 
-def test_what_is_saved_is_shown_before(mount_arm, run_cli, home):
+def test_calibration_is_shown_before_it_is_saved(mount_arm, run_cli, home):
     joints, changed = shown_before_saving(calibrated(mount_arm(), run_cli))
     saved = read_calibration(file_of(home))
     assert len(joints) == len(saved.joints)
@@ -113,7 +113,7 @@ def test_what_is_saved_is_shown_before(mount_arm, run_cli, home):
     assert changed == []
 
 
-def test_what_differs_from_the_file_before_is_shown(mount_arm, run_cli, home):
+def test_changes_from_previous_calibration_are_shown(mount_arm, run_cli, home):
     arm = mount_arm()
     calibrated(arm, run_cli)
     first = read_calibration(file_of(home))
@@ -126,7 +126,7 @@ def test_what_differs_from_the_file_before_is_shown(mount_arm, run_cli, home):
 
 
 @pytest.mark.full
-def test_a_damaged_file_is_said_to_be_replaced(mount_arm, run_cli, home):
+def test_damaged_calibration_file_is_announced_as_replaced(mount_arm, run_cli, home):
     arm = mount_arm()
     calibrated(arm, run_cli)
     text = file_of(home).read_text()
@@ -135,14 +135,14 @@ def test_a_damaged_file_is_said_to_be_replaced(mount_arm, run_cli, home):
     assert "is damaged" in changed[0]
 
 
-def test_json_is_one_object_with_every_joint(mount_arm, run_cli, home):
+def test_calibrate_json_is_one_object_with_every_joint(mount_arm, run_cli, home):
     answer = calibrated(mount_arm(), run_cli, "--json").json
     assert answer["schema"] == "ikservo/calibrate/1"
     assert answer["path"] == str(file_of(home))
     assert [joint["name"] for joint in answer["joints"]] == ["joint1", "joint2"]
 
 
-def test_where_then_names_the_hand_sweep_and_the_truth(mount_arm, run_cli):
+def test_where_after_calibration_names_sweep_and_true_angles(mount_arm, run_cli):
     arm = mount_arm()
     calibrated(arm, run_cli)
     answer = run_cli(f"where --arm planar2 --port {PORT} --json").json
@@ -165,7 +165,7 @@ def test_a_calibrated_arm_moves_its_tip(mount_arm, run_cli):
     assert reach == pytest.approx((0.18, 0.05), abs=3e-3)
 
 
-def test_limits_are_written_only_when_asked_for(mount_arm, run_cli):
+def test_servo_limits_are_written_only_if_asked(mount_arm, run_cli):
     arm = mount_arm(spoiled=False)
     calibrated(arm, run_cli)
     assert arm.register(1, "min_position_limit") == 0
@@ -184,7 +184,7 @@ def test_a_script_skips_a_joint(mount_arm, run_cli, home, tmp_path):
     assert [j.swept for j in read_calibration(file_of(home)).joints] == ["not swept", "by hand"]
 
 
-def test_own_limits_bind_and_say_so(mount_arm, run_cli):
+def test_user_limits_bind_and_are_named(mount_arm, run_cli):
     arm = mount_arm()
     calibrated(arm, run_cli, "--limit joint1=-30:40")
     joints = run_cli(f"where --arm planar2 --port {PORT} --json").json["joints"]
@@ -192,7 +192,7 @@ def test_own_limits_bind_and_say_so(mount_arm, run_cli):
     assert math.degrees(joints[0]["upper_rad"]) == pytest.approx(40.0)
 
 
-def test_a_rest_pose_outside_of_what_was_swept_is_named(mount_arm, run_cli):
+def test_rest_pose_outside_swept_range_is_named(mount_arm, run_cli):
     arm = mount_arm()
     hands_on(arm)
     done = run_cli(
@@ -203,20 +203,20 @@ def test_a_rest_pose_outside_of_what_was_swept_is_named(mount_arm, run_cli):
 
 
 @pytest.mark.parametrize("text", ["joint1", "joint1=3", "joint3=1:2", "joint1=a:b", "joint1=3:1"])
-def test_a_limit_that_is_none_changes_nothing(mount_arm, run_cli, home, text):
+def test_invalid_limit_option_saves_nothing(mount_arm, run_cli, home, text):
     done = run_cli(f"calibrate planar2 --port {mount_arm() and PORT} --limit {text} --yes")
     assert done.code in (2, 6)
     assert not file_of(home).exists()
 
 
-def test_without_a_terminal_the_options_that_answer_are_named(mount_arm, run_cli, home):
+def test_calibrate_without_terminal_names_yes_and_script(mount_arm, run_cli, home):
     done = run_cli(f"calibrate planar2 --port {mount_arm() and PORT} --pose home --no-input")
     assert done.code == 2
     assert "--yes" in done.err
     assert "--from-script" in done.err
 
 
-def test_without_an_operator_it_ends_with_what_is_missing(mount_arm, run_cli, home, monkeypatch):
+def test_calibrate_without_operator_names_unmoved_joint(mount_arm, run_cli, home, monkeypatch):
     monkeypatch.setattr("ikservo.maintenance.dialogue._TIMEOUT_S", 3.0)
     done = run_cli(f"calibrate planar2 --port {mount_arm() and PORT} --pose home --yes")
     assert done.code == 6
@@ -224,7 +224,7 @@ def test_without_an_operator_it_ends_with_what_is_missing(mount_arm, run_cli, ho
     assert not file_of(home).exists()
 
 
-def test_an_arm_that_holds_is_not_dropped_without_a_word(mount_arm, run_cli, home):
+def test_calibrate_asks_before_it_switches_torque_off(mount_arm, run_cli, home):
     arm = mount_arm()
     arm.line.servos[1].write("torque_enable", 1)
     done = run_cli(f"calibrate planar2 --port {PORT} --pose home --no-input")
@@ -233,13 +233,13 @@ def test_an_arm_that_holds_is_not_dropped_without_a_word(mount_arm, run_cli, hom
     assert arm.register(1, "torque_enable") == 1
 
 
-def test_an_unknown_pose_names_the_known_ones(mount_arm, run_cli):
+def test_unknown_pose_names_known_poses(mount_arm, run_cli):
     done = run_cli(f"calibrate planar2 --port {mount_arm() and PORT} --pose folded --yes")
     assert done.code == 2
     assert "home, rest, zero" in done.err
 
 
-def test_limits_in_the_servos_that_cut_the_range_are_named(mount_arm, run_cli):
+def test_servo_limits_narrower_than_range_are_named(mount_arm, run_cli):
     arm = mount_arm(spoiled=False, zero=2048, sign=1)
     arm.line.servos[2].write("lock", 0)
     arm.line.servos[2].write("max_position_limit", 2100)
@@ -251,14 +251,14 @@ def test_limits_in_the_servos_that_cut_the_range_are_named(mount_arm, run_cli):
 # --- without a calibration ---
 
 
-def test_an_uncalibrated_arm_does_not_move_its_tip_on_a_real_port(mount_arm, run_cli):
+def test_uncalibrated_arm_refuses_tip_move_on_real_port(mount_arm, run_cli):
     done = run_cli(f"move 0.18 0.05 0.05 --arm planar2 --port {mount_arm() and PORT} --yes")
     assert done.code == 6
     assert "planar2 is not calibrated" in done.err
     assert "ikservo calibrate planar2" in done.err
 
 
-def test_an_uncalibrated_arm_takes_small_agreed_steps_only(mount_arm, run_cli):
+def test_uncalibrated_arm_takes_only_small_confirmed_steps(mount_arm, run_cli):
     arm = mount_arm(zero=2048, sign=1)
     words = f"joints joint1={{}} --arm planar2 --port {PORT} --no-collision"
     here = math.degrees(arm.true_position("joint1"))
@@ -271,7 +271,7 @@ def test_an_uncalibrated_arm_takes_small_agreed_steps_only(mount_arm, run_cli):
     assert math.degrees(arm.true_position("joint1")) == pytest.approx(here - 5, abs=0.5)
 
 
-def test_an_uncalibrated_arm_is_let_go_where_it_is_once_that_is_agreed(mount_arm, run_cli):
+def test_uncalibrated_arm_relaxes_in_place_after_confirmation(mount_arm, run_cli):
     arm = mount_arm()
     arm.line.servos[1].write("torque_enable", 1)
     assert run_cli(f"relax --arm planar2 --port {PORT}").code == 1
@@ -281,7 +281,7 @@ def test_an_uncalibrated_arm_is_let_go_where_it_is_once_that_is_agreed(mount_arm
 
 
 @pytest.mark.full
-def test_a_person_may_vouch_for_the_arm_files_zeros(mount_arm, run_cli):
+def test_uncalibrated_option_accepts_nominal_zeros(mount_arm, run_cli):
     arm = mount_arm(zero=2048, sign=1, spoiled=False)
     words = f"move 0.18 0.05 0.05 --arm planar2 --port {PORT} --yes --no-collision"
     done = run_cli(f"{words} --uncalibrated")
@@ -293,7 +293,7 @@ def test_a_person_may_vouch_for_the_arm_files_zeros(mount_arm, run_cli):
 # --- file and servos ---
 
 
-def test_another_offset_in_a_servo_is_refused_with_both_values(mount_arm, run_cli, home):
+def test_changed_servo_offset_is_refused_with_both_values(mount_arm, run_cli, home):
     arm = mount_arm()
     calibrated(arm, run_cli)
     held = read_calibration(file_of(home)).joints[0].servo.holds["homing_offset"]
@@ -318,7 +318,7 @@ def changed(arm, run_cli):
 
 
 @pytest.mark.full
-def test_diff_lists_every_register_that_differs_and_exits_with_6(mount_arm, run_cli):
+def test_calibration_diff_lists_registers_and_exits_with_6(mount_arm, run_cli):
     arm = mount_arm()
     calibrated(arm, run_cli)
     same = run_cli(f"calibration diff planar2 --port {PORT}")
@@ -330,7 +330,7 @@ def test_diff_lists_every_register_that_differs_and_exits_with_6(mount_arm, run_
     assert (row["register"], row["expected"]) == ("homing_offset", str(offset))
 
 
-def test_push_makes_the_servos_hold_what_the_file_says(mount_arm, run_cli):
+def test_calibration_push_writes_file_values_to_servos(mount_arm, run_cli):
     arm = mount_arm()
     offset = changed(arm, run_cli)
     assert run_cli(f"calibration push planar2 --port {PORT}").code == 1
@@ -339,9 +339,7 @@ def test_push_makes_the_servos_hold_what_the_file_says(mount_arm, run_cli):
     assert run_cli(f"where --arm planar2 --port {PORT}").code == 0
 
 
-def test_pull_makes_the_file_say_what_the_servos_hold_and_zeros_stay_where_they_are(
-    mount_arm, run_cli
-):
+def test_calibration_pull_updates_file_and_keeps_zeros(mount_arm, run_cli):
     arm = mount_arm()
     changed(arm, run_cli)
     assert run_cli(f"calibration pull planar2 --port {PORT} --yes").code == 0
@@ -354,7 +352,9 @@ IGNORED = [("koch", "homing_offset", 1500)]
 
 
 @pytest.mark.parametrize(("name", "register", "flips"), TURNED + IGNORED)
-def test_servos_that_count_otherwise_are_not_pulled(monkeypatch, run_cli, name, register, flips):
+def test_calibration_pull_refuses_other_count_direction(
+    monkeypatch, run_cli, name, register, flips
+):
     arm = connect_arm(monkeypatch, name, spoiled=False, zero=2048, sign=1)
     write_calibration(arm)
     servo = arm.line.servos[2]
@@ -369,9 +369,7 @@ def test_servos_that_count_otherwise_are_not_pulled(monkeypatch, run_cli, name, 
 @pytest.mark.sample(2)
 @pytest.mark.parametrize("action", ["push", "pull"])
 @pytest.mark.parametrize("other", [{"id": 7}, {"model": "STS3250"}], ids=str)
-def test_a_file_of_other_servos_is_neither_pushed_nor_pulled(
-    mount_arm, run_cli, home, action, other
-):
+def test_push_and_pull_refuse_file_of_other_servos(mount_arm, run_cli, home, action, other):
     calibrated(mount_arm(), run_cli)
     calibration = read_calibration(file_of(home))
     first, second = calibration.joints
@@ -384,13 +382,13 @@ def test_a_file_of_other_servos_is_neither_pushed_nor_pulled(
     assert file_of(home).read_text() == text
 
 
-def test_an_arm_without_a_calibration_has_nothing_to_push(mount_arm, run_cli):
+def test_calibration_push_refuses_uncalibrated_arm(mount_arm, run_cli):
     done = run_cli(f"calibration push planar2 --port {mount_arm() and PORT} --yes")
     assert done.code == 6
     assert "is not calibrated" in done.err
 
 
-def test_there_is_nothing_to_resume_after_a_calibration_that_went_well(mount_arm, run_cli):
+def test_calibration_resume_has_nothing_to_do_after_success(mount_arm, run_cli):
     done = run_cli(f"calibration resume planar2 --port {mount_arm() and PORT}")
     assert (done.code, done.out) == (0, "No interrupted write; nothing to do.\n")
 
@@ -415,13 +413,13 @@ SLIPS = [
 
 
 @pytest.mark.parametrize("words", SLIPS)
-def test_no_arm_goes_limp_for_a_slip(mount_arm, run_cli, words):
+def test_invalid_calibration_command_keeps_torque_on(mount_arm, run_cli, words):
     holds = holding(mount_arm())
     run_cli(f"{words} --port {PORT}")
     assert holds()
 
 
-def test_no_arm_goes_limp_where_nothing_could_be_saved(mount_arm, run_cli, home):
+def test_calibrate_keeps_torque_if_folder_cannot_be_written(mount_arm, run_cli, home):
     home.write_text("no folder")
     holds = holding(mount_arm())
     done = run_cli(f"calibrate planar2 --port {PORT} --pose home --yes")
@@ -430,7 +428,7 @@ def test_no_arm_goes_limp_where_nothing_could_be_saved(mount_arm, run_cli, home)
 
 
 @pytest.mark.parametrize("action", ["resume", "revert"])
-def test_an_arm_that_holds_is_asked_about_before_a_writing_is_mended(mount_arm, run_cli, action):
+def test_calibration_resume_and_revert_ask_before_torque_off(mount_arm, run_cli, action):
     holds = holding(mount_arm())
     journal = Journal(format=1, path="x", old_text="", new_text="", changes=())
     write_atomic(journal_path("planar2", "58FA083"), dump_journal(journal))
@@ -440,7 +438,7 @@ def test_an_arm_that_holds_is_asked_about_before_a_writing_is_mended(mount_arm, 
 
 
 @pytest.mark.full
-def test_a_new_calibration_says_that_it_drops_what_a_touch_off_found(mount_arm, run_cli, home):
+def test_calibrate_says_that_touch_off_corrections_are_dropped(mount_arm, run_cli, home):
     arm = mount_arm()
     calibrated(arm, run_cli)
     calibration = read_calibration(file_of(home))
@@ -452,20 +450,20 @@ def test_a_new_calibration_says_that_it_drops_what_a_touch_off_found(mount_arm, 
     assert read_calibration(file_of(home)).geometry is None
 
 
-def test_a_closed_stdin_gives_no_answer(mount_arm, run_cli, monkeypatch):
+def test_calibrate_refuses_closed_stdin(mount_arm, run_cli, monkeypatch):
     monkeypatch.setattr("sys.stdin", None)
     done = run_cli(f"calibrate planar2 --port {mount_arm() and PORT} --pose home")
     sys.stdin.close()
     assert (done.code, "input is not a terminal" in done.err) == (2, True)
 
 
-def test_an_unknown_action_names_the_known_ones(mount_arm, run_cli):
+def test_unknown_calibration_action_suggests_known_one(mount_arm, run_cli):
     done = run_cli(f"calibration pul planar2 --port {mount_arm() and PORT}")
     assert done.code == 2
     assert "Did you mean pull?" in done.err
 
 
-def test_a_spoiled_file_stops_the_arm_with_one_clear_error(mount_arm, run_cli, home):
+def test_where_refuses_damaged_calibration_file_with_one_error(mount_arm, run_cli, home):
     arm = mount_arm()
     calibrated(arm, run_cli)
     text = file_of(home).read_text()
@@ -476,7 +474,7 @@ def test_a_spoiled_file_stops_the_arm_with_one_clear_error(mount_arm, run_cli, h
     assert len(done.err.splitlines()) == 2
 
 
-def test_another_arms_file_is_refused(mount_arm, run_cli, home):
+def test_calibration_file_of_another_arm_is_refused(mount_arm, run_cli, home):
     calibrated(mount_arm("planar2"), run_cli)
     file_of(home).rename(file_of(home, "planar3"))
     done = run_cli(f"where --arm planar3 --port {mount_arm('planar3') and PORT}")
@@ -484,6 +482,6 @@ def test_another_arms_file_is_refused(mount_arm, run_cli, home):
     assert "belongs to planar2" in done.err
 
 
-def test_errors_of_a_calibration_are_one_json_object(mount_arm, run_cli):
+def test_calibrate_error_is_one_json_object(mount_arm, run_cli):
     done = run_cli(f"calibrate planar2 --port {mount_arm() and PORT} --no-input --json")
     assert json.loads(done.out)["exit_code"] == 2

@@ -73,7 +73,7 @@ def watch(arm):
 
 
 @pytest.mark.full
-def test_every_stop_is_found_within_half_a_degree_and_the_limit_lies_inside(arm, narrow, run_cli):
+def test_auto_calibration_finds_stops_within_0_6_degrees(arm, narrow, run_cli):
     set_stops(arm, "joint1", -0.4, 0.4)  # inside the arm file's range
     arm.stops["joint1"] = (-0.4, 0.4)
     seen = watch(arm)
@@ -98,7 +98,7 @@ def set_stops(arm, name, low, high):
 
 
 @pytest.mark.full
-def test_something_half_way_is_no_stop_and_nothing_is_saved(arm, narrow, run_cli):
+def test_obstacle_before_end_stop_is_refused_and_not_saved(arm, narrow, run_cli):
     set_stops(arm, "joint2", -0.1, 0.436)
     done = auto(run_cli, narrow)
     assert done.code == 6
@@ -112,7 +112,7 @@ def test_something_half_way_is_no_stop_and_nothing_is_saved(arm, narrow, run_cli
 
 
 @pytest.mark.full
-def test_what_was_measured_before_a_failure_is_kept_and_the_next_run_goes_on(arm, narrow, run_cli):
+def test_joints_measured_before_failure_are_kept_for_next_run(arm, narrow, run_cli):
     set_stops(arm, "joint1", -0.1, 0.436)
     assert "Measured and kept for the next run: joint2." in auto(run_cli, narrow).err
     set_stops(arm, "joint1", -0.436, 0.436)
@@ -141,7 +141,7 @@ def back_to_the_pose(arm):
 @pytest.mark.parametrize(
     "text", ["no table", *(pytest.param(t, marks=pytest.mark.campaign) for t in ("", "format = 2"))]
 )
-def test_a_spoiled_file_of_measured_joints_is_no_trouble(arm, narrow, run_cli, text):
+def test_damaged_partial_file_does_not_stop_auto_calibration(arm, narrow, run_cli, text):
     path = partial_path("narrow", SERIAL)
     path.parent.mkdir(parents=True)
     path.write_text(text)
@@ -149,7 +149,7 @@ def test_a_spoiled_file_of_measured_joints_is_no_trouble(arm, narrow, run_cli, t
 
 
 @pytest.mark.full
-def test_a_joint_without_a_stop_is_not_driven_on_for_ever(arm, narrow, run_cli):
+def test_joint_without_end_stop_is_not_driven_forever(arm, narrow, run_cli):
     set_stops(arm, "joint2", -math.inf, math.inf)
     done = auto(run_cli, narrow)
     assert (done.code, "joint2 found no end stop up to" in done.err) == (6, True)
@@ -158,7 +158,7 @@ def test_a_joint_without_a_stop_is_not_driven_on_for_ever(arm, narrow, run_cli):
 
 
 @pytest.mark.full
-def test_ctrl_c_stops_the_arm_which_then_holds(arm, narrow, run_cli):
+def test_ctrl_c_in_auto_calibration_stops_and_holds(arm, narrow, run_cli):
     arm.world.schedule(arm.world.time_s + 7.0, lambda: signal.raise_signal(signal.SIGINT))
     done = auto(run_cli, narrow)
     assert done.code == 130
@@ -168,7 +168,7 @@ def test_ctrl_c_stops_the_arm_which_then_holds(arm, narrow, run_cli):
 
 @pytest.mark.full
 @pytest.mark.parametrize("after_s", [0.5, 7.0])
-def test_stop_reaches_calibration_against_stops(arm, narrow, run_cli, after_s):
+def test_stop_request_ends_auto_calibration(arm, narrow, run_cli, after_s):
     with ThreadPoolExecutor(1) as other:
         asked = []
 
@@ -235,7 +235,7 @@ def test_killed_search_is_undone_once_arm_is_limp(arm, narrow, run_cli, killed):
 
 
 @pytest.mark.campaign
-def test_killed_search_is_over_once_arm_is_calibrated(arm, narrow, run_cli, killed, monkeypatch):
+def test_killed_search_is_cleared_by_next_calibration(arm, narrow, run_cli, killed, monkeypatch):
     back_to_the_pose(arm)
     for servo in arm.line.servos.values():
         servo.write("torque_enable", 1)
@@ -264,7 +264,7 @@ def counts(arm):
 
 
 @pytest.mark.full
-def test_servos_get_back_what_they_held_where_nothing_is_saved(arm, narrow, run_cli, monkeypatch):
+def test_servo_registers_are_restored_if_nothing_is_saved(arm, narrow, run_cli, monkeypatch):
     before = counts(arm)
     agrees = lambda _, question: not question.text.startswith("Save")  # noqa: E731
     monkeypatch.setattr("ikservo.cli.terminal_dialogue.Operator.agrees", agrees)
@@ -274,7 +274,7 @@ def test_servos_get_back_what_they_held_where_nothing_is_saved(arm, narrow, run_
 
 
 @pytest.mark.full
-def test_an_arm_that_stopped_on_the_way_says_how_its_calibration_comes_back(arm, narrow, run_cli):
+def test_stopped_auto_calibration_names_revert_command(arm, narrow, run_cli):
     write_calibration(arm)
     arm.world.schedule(arm.world.time_s + 3.0, lambda: signal.raise_signal(signal.SIGINT))
     assert "ikservo calibration revert narrow" in auto(run_cli, narrow).err
@@ -283,7 +283,7 @@ def test_an_arm_that_stopped_on_the_way_says_how_its_calibration_comes_back(arm,
 
 
 @pytest.mark.full
-def test_joints_that_turn_freely_are_not_driven_at_all(monkeypatch, run_cli):
+def test_freely_turning_joints_are_not_searched(monkeypatch, run_cli):
     arm = connect_arm(monkeypatch, "planar2", sign=1)
     where = {joint.name: joint.position for joint in arm.world.joints}
     done = run_cli(f"calibrate planar2 --port {PORT} --pose rest --auto --yes")
@@ -293,20 +293,20 @@ def test_joints_that_turn_freely_are_not_driven_at_all(monkeypatch, run_cli):
     assert where.keys() == {"joint1", "joint2"}
 
 
-def test_nobody_agreed_so_nothing_moves(arm, narrow, run_cli):
+def test_auto_calibration_without_consent_moves_nothing(arm, narrow, run_cli):
     done = run_cli(f"calibrate {narrow} --port {PORT} --pose home --auto --no-input")
     assert (done.code, "--yes" in done.err) == (2, True)
     assert not any(servo.drive.torque_on for servo in arm.line.servos.values())
 
 
-def test_an_arm_whose_file_forbids_it_is_refused_with_the_reason(run_cli):
+def test_auto_calibration_forbidden_by_arm_file_is_refused(run_cli):
     done = run_cli(f"calibrate vx300s --port {PORT} --auto --yes")
     assert done.code == 6
     assert "strong enough to hurt somebody" in done.err
 
 
 @pytest.mark.parametrize("pair", ["--auto --touch", "--touch --wiggle", "--auto --wiggle"])
-def test_one_way_of_calibrating_at_a_time(run_cli, pair):
+def test_calibrate_takes_only_one_method_at_a_time(run_cli, pair):
     assert run_cli(f"calibrate planar2 --port {PORT} {pair} --yes").code == 2
 
 
@@ -344,7 +344,7 @@ SHORT = {"so100": ("elbow_flex", "shoulder_lift"), "wx250s": ("elbow", "waist")}
 
 @pytest.mark.campaign
 @pytest.mark.parametrize("name", ["so100", pytest.param("wx250s", marks=pytest.mark.campaign)])
-def test_a_folded_arm_with_torque_off_first_makes_room_for_its_joints(run_cli, name):
+def test_folded_limp_arm_first_makes_room_for_its_joints(run_cli, name):
     left_out = [joint.name for joint in load_model(name).joints if joint.name != "gripper"]
     done = limp(run_cli, name, *(f"--skip {joint}" for joint in left_out))
     assert done.code == 0, done.err
@@ -355,7 +355,7 @@ def test_a_folded_arm_with_torque_off_first_makes_room_for_its_joints(run_cli, n
 
 
 @pytest.mark.campaign
-def test_a_joint_is_not_driven_into_its_stop_to_show_its_direction(monkeypatch, run_cli):
+def test_direction_check_avoids_joint_resting_on_its_stop(monkeypatch, run_cli):
     """The limp omx_f lies against the lower stops of its joint2, past the arm file's limit."""
     monkeypatch.setattr(
         "ikservo.apps.calibrating.auto_calibration.AutoCalibration.sweep", lambda _: iter(())
@@ -373,7 +373,7 @@ def stopped_there(_):
 
 
 @pytest.mark.full
-def test_an_arm_without_room_for_a_motion_is_made_to_begin_at_another_pose(monkeypatch, run_cli):
+def test_arm_without_room_must_start_at_another_pose(monkeypatch, run_cli):
     monkeypatch.setattr("ikservo.maintenance.direction_check.plan_clearance", lambda *_: None)
     done = limp(run_cli, "so100")
     assert done.code == 8
@@ -384,7 +384,7 @@ def test_an_arm_without_room_for_a_motion_is_made_to_begin_at_another_pose(monke
 @pytest.mark.campaign
 @pytest.mark.timeout(1200)
 @pytest.mark.parametrize("name", ARMS)
-def test_each_joint_of_a_limp_shipped_arm_is_measured_or_named_with_the_reason(run_cli, name):
+def test_limp_shipped_arm_measures_or_explains_each_joint(run_cli, name):
     done = limp(run_cli, name)
     assert done.code == 0, done.err
     for joint in done.json["joints"]:

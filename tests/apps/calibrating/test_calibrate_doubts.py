@@ -66,7 +66,7 @@ def answering(monkeypatch, **answers):
 # --- signs ---
 
 
-def test_signs_as_in_the_arm_file_need_no_test_motion(mount_arm, run_cli):
+def test_signs_equal_to_arm_file_need_no_test_motion(mount_arm, run_cli):
     mount_arm(sign=1)
     done = run_cli(f"{WORDS} --yes")
     assert done.code == 0, done.err
@@ -74,7 +74,7 @@ def test_signs_as_in_the_arm_file_need_no_test_motion(mount_arm, run_cli):
     assert directions_confirmed(load_model(NAME), PORT)
 
 
-def test_an_opposite_sign_is_measured_twice_named_and_left_to_a_test_motion(mount_arm, run_cli):
+def test_opposite_sign_is_measured_twice_then_left_unconfirmed(mount_arm, run_cli):
     mount_arm(sign=-1)
     done = run_cli(f"{WORDS} --yes")
     assert done.code == 0, done.err
@@ -97,20 +97,20 @@ def check_with_answers(monkeypatch, **answers):
 
 
 @pytest.mark.full
-def test_the_test_motion_is_offered_at_once_and_moves_the_joint_in_doubt_alone(monkeypatch, capsys):
+def test_test_motion_is_offered_for_doubtful_joint_only(monkeypatch, capsys):
     asked, check = check_with_answers(monkeypatch)
     assert check() is True
     assert [prompt.split()[0] for prompt in asked] == ["Make", "Did"]
     assert "joint1 moves so that the tool goes" in capsys.readouterr().err
 
 
-def test_a_test_motion_that_goes_the_wrong_way_is_an_error(monkeypatch):
+def test_test_motion_in_wrong_direction_is_an_error(monkeypatch):
     _, check = check_with_answers(monkeypatch, Did="n")
     with pytest.raises(CalibrationError, match="joint1 does not move as"):
         check()
 
 
-def test_a_test_motion_that_is_put_off_stays_to_be_done(monkeypatch, capsys):
+def test_postponed_test_motion_stays_pending(monkeypatch, capsys):
     _, check = check_with_answers(monkeypatch, Make="n")
     assert check() is False
     assert "The first motion begins with it" in capsys.readouterr().err
@@ -120,9 +120,7 @@ def test_a_test_motion_that_is_put_off_stays_to_be_done(monkeypatch, capsys):
 
 
 @pytest.mark.parametrize("off_deg", [-28.0, 28.0])
-def test_a_pose_that_was_not_the_anchor_pose_is_refused_without_a_prompt(
-    mount_arm, run_cli, off_deg
-):
+def test_wrong_anchor_pose_is_refused_without_terminal(mount_arm, run_cli, off_deg):
     arm = mount_arm(sign=1, off_deg=off_deg)
     before = [servo.memory.eeprom_writes for servo in arm.world.servos]
     done = run_cli(f"{WORDS} --yes")
@@ -149,7 +147,7 @@ def shifted_state(name="joint1"):
 
 
 @pytest.mark.parametrize("answer", ["y", "n"])
-def test_an_implausible_zero_is_a_question_to_a_person(monkeypatch, capsys, answer):
+def test_implausible_zero_is_asked_about_on_terminal(monkeypatch, capsys, answer):
     asked = answering(monkeypatch, Was=answer)
     refused = nullcontext() if answer == "y" else pytest.raises(CalibrationError, match="pose")
     with refused:
@@ -169,7 +167,7 @@ def calibrated(mount_arm, monkeypatch):
     return arm
 
 
-def test_one_joint_is_calibrated_again_and_the_other_is_kept(calibrated, run_cli):
+def test_calibrate_joint_keeps_the_other_joint(calibrated, run_cli):
     before = saved()
     done = run_cli(f"{WORDS} --joint joint1 --yes")
     assert done.code == 0, done.err
@@ -181,7 +179,7 @@ def test_one_joint_is_calibrated_again_and_the_other_is_kept(calibrated, run_cli
     )
 
 
-def test_a_joint_again_needs_a_calibration_of_the_others(mount_arm, run_cli):
+def test_calibrate_joint_needs_calibration_of_other_joints(mount_arm, run_cli):
     arm = mount_arm(moved=["joint1"], sign=1)
     arm.line.servos[1].write("torque_enable", 1)
     done = run_cli(f"{WORDS} --joint joint1 --yes")
@@ -197,7 +195,7 @@ def test_a_joint_again_needs_a_calibration_of_the_others(mount_arm, run_cli):
         ("--joint joint1 --auto --yes", "--joint goes with a calibration by hand"),
     ],
 )
-def test_a_wrong_use_of_joint_is_one_clear_error(calibrated, run_cli, words, message):
+def test_wrong_use_of_joint_option_is_one_clear_error(calibrated, run_cli, words, message):
     done = run_cli(f"{WORDS} {words}")
     assert (done.code, message in done.err) == (2, True), done.err
 

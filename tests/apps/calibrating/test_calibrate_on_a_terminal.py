@@ -56,7 +56,7 @@ def picture(monkeypatch):
     return drawn
 
 
-def test_a_key_is_there_at_once_and_none_is_waited_for(terminal):
+def test_key_reader_returns_at_once_with_or_without_key(terminal):
     with read_keys() as key:
         assert key() == ""
         terminal("u")
@@ -89,7 +89,7 @@ def still(request):
     return request.choices[0].wait_s is not None
 
 
-def test_enter_takes_the_pose_and_ends_the_sweep(terminal, picture):
+def test_enter_accepts_pose_and_ends_sweep(terminal, picture):
     def typed(request):
         return "\n" if still(request) and (request.stage == "anchor" or request.at_s > 6.5) else ""
 
@@ -102,7 +102,7 @@ def test_enter_takes_the_pose_and_ends_the_sweep(terminal, picture):
     assert swept.count("✓") >= 2
 
 
-def test_enter_too_early_says_what_is_missing_and_goes_on(terminal, picture):
+def test_early_enter_names_unmoved_joint_and_continues(terminal, picture):
     result = []
 
     def typed(request):
@@ -116,7 +116,7 @@ def test_enter_too_early_says_what_is_missing_and_goes_on(terminal, picture):
     assert any("joint1 has not been moved yet. Move it, or skip it." in text for text in result)
 
 
-def test_s_skips_the_joint_that_is_asked_for_and_u_takes_it_back(terminal, picture):
+def test_key_s_skips_current_joint_and_u_undoes_it(terminal, picture):
     pressed = iter(["s", "u", "s"])
 
     def typed(request):
@@ -132,7 +132,7 @@ def test_s_skips_the_joint_that_is_asked_for_and_u_takes_it_back(terminal, pictu
 
 @pytest.mark.parametrize("width", [60, 80, 120])
 @pytest.mark.parametrize("name", ["so101", "wx250s"])
-def test_the_table_fits_the_terminal(name, width):
+def test_joint_table_fits_terminal_width(name, width):
     arm = make_mounted_arm(name, 7, spoiled=False)
     with arm.open_limp() as limp_arm:
         state = make_swept_state(limp_arm, {i: arm.direction(i) for i in arm.line.servos})
@@ -146,7 +146,7 @@ def test_the_table_fits_the_terminal(name, width):
 
 
 @pytest.mark.full
-def test_a_resized_terminal_is_cleared_before_the_next_picture(terminal, picture, monkeypatch):
+def test_resized_terminal_is_cleared_before_next_drawing(terminal, picture, monkeypatch):
     cleared = []
     monkeypatch.setattr(Console, "clear", lambda console, home=True: cleared.append(console.width))
 

@@ -21,7 +21,7 @@ def _home(tmp_path, monkeypatch):
 
 @pytest.mark.full
 @pytest.mark.parametrize("arm", EVERY_ARM)
-def test_an_arm_is_calibrated_by_the_scripted_hands(run_cli, arm):
+def test_scripted_hands_calibrate_every_arm(run_cli, arm):
     done = run_cli(f"calibrate {arm} --port sim:?hand=calibrate --yes --json")
     assert done.code == 0, done.err
     model = load_model(arm)
@@ -48,9 +48,7 @@ def test_simulated_arm_is_calibrated_without_a_person(run_cli, pose):
 
 
 @pytest.mark.campaign
-def test_an_arm_with_every_servo_mounted_the_other_way_is_calibrated_as_well(
-    run_cli, monkeypatch, tmp_path
-):
+def test_arm_with_reversed_servos_is_calibrated(run_cli, monkeypatch, tmp_path):
     opened = servosim.open_port
 
     def open_port(url):

@@ -22,44 +22,44 @@ def standing(seconds, goal=AHEAD, load=LOUD):
     return [(0.02 * k, 0.0, goal, load) for k in range(int(seconds / 0.02) + 1)]
 
 
-def test_a_joint_that_stands_and_presses_behind_its_goal_has_met_something():
+def test_standing_joint_that_presses_behind_goal_is_at_stop():
     assert after(standing(0.3)) is ContactState.STOP
 
 
-def test_it_must_stand_for_a_quarter_of_a_second():
+def test_joint_standing_for_only_200_ms_is_not_at_stop():
     assert after(standing(0.2)) is ContactState.MOVING
 
 
-def test_a_joint_that_creeps_on_under_load_is_not_stopped():
+def test_joint_creeping_under_load_is_not_at_stop():
     creeping = [(0.02 * k, 0.001 * k, AHEAD + 0.001 * k, LOUD) for k in range(100)]
     assert after(creeping) is ContactState.MOVING
 
 
-def test_a_joint_that_is_at_its_goal_stands_against_nothing():
+def test_joint_at_its_goal_is_not_at_stop():
     assert after(standing(1.0, goal=0.01)) is ContactState.MOVING
 
 
 @pytest.mark.parametrize("sign", [1, -1])
-def test_the_direction_of_pressing_does_not_matter(sign):
+def test_stop_is_detected_in_both_pressing_directions(sign):
     assert after(standing(0.3, goal=sign * AHEAD, load=sign * LOUD)) is ContactState.STOP
 
 
-def test_a_joint_that_friction_holds_until_it_presses_harder_is_not_stopped():
+def test_joint_held_by_friction_is_not_at_stop():
     stuck = [(0.02 * k, 0.0, min(0.01 * k, 0.11), LOUD) for k in range(50)]
     assert after(stuck) is ContactState.MOVING
 
 
-def test_a_joint_that_stands_without_pressing_is_no_stop_but_a_fault():
+def test_joint_standing_without_load_is_no_contact_not_stop():
     assert after(standing(1.0, load=2.0)) is ContactState.MOVING
     assert after(standing(1.6, load=2.0)) is ContactState.NO_CONTACT
 
 
-def test_how_loud_is_loud_depends_on_how_hard_it_may_press():
+def test_load_threshold_scales_with_torque_limit():
     assert after(standing(0.3, load=14.0), most_percent=60.0) is ContactState.MOVING
     assert after(standing(0.3, load=14.0), most_percent=30.0) is ContactState.STOP
 
 
-def test_a_trembling_of_a_tick_is_standing():
+def test_joint_trembling_by_one_tick_is_standing():
     trembling = [(0.02 * k, math.tau / 4096 * (k % 2), AHEAD, LOUD) for k in range(20)]
     assert after(trembling) is ContactState.STOP
 
@@ -75,18 +75,18 @@ def samples(*rows, most_percent=64.0):
 @pytest.mark.parametrize(
     ("last_s", "touch"), [(5.25, ContactState.STOP), (5.24, ContactState.MOVING)]
 )
-def test_the_quarter_of_a_second_begins_where_it_last_moved(last_s, touch):
+def test_stop_detection_counts_250_ms_from_last_motion(last_s, touch):
     assert samples((4.0, 0.0), (5.0, 1.0), (last_s, 1.0)).contact is touch
 
 
-def test_a_first_look_decides_nothing():
+def test_first_sample_detects_no_stop():
     assert not EndStopDetector(30.0, FAR).may_be_blocked(7.0, 0.0, 1.0)
     assert samples((7.0, 0.0)).contact is ContactState.MOVING
 
 
 @pytest.mark.parametrize("way", [1, -1])
 @pytest.mark.parametrize(("step_rad", "stands"), [(0.00401, False), (0.004, True), (0.0039, True)])
-def test_less_than_three_ticks_are_no_motion(way, step_rad, stands):
+def test_change_below_three_ticks_is_not_motion(way, step_rad, stands):
     seen = samples((0.0, 0.0), (0.25, way * step_rad))
     assert (seen.contact is ContactState.STOP) is stands
     assert samples((0.0, 1.0), (0.25, 1.0 + way * 0.01)).at_rad == 1.0 + way * 0.01
@@ -94,7 +94,7 @@ def test_less_than_three_ticks_are_no_motion(way, step_rad, stands):
 
 @pytest.mark.parametrize("way", [1, -1])
 @pytest.mark.parametrize(("behind_rad", "stop"), [(0.12, True), (0.1199, False)])
-def test_it_must_be_so_far_behind_its_goal(way, behind_rad, stop):
+def test_stop_needs_joint_0_12_rad_behind_its_goal(way, behind_rad, stop):
     feeler = (
         EndStopDetector(64.0, FAR)
         .update_with_load(0.0, 0.0, 0.0, 0.0)
@@ -103,7 +103,7 @@ def test_it_must_be_so_far_behind_its_goal(way, behind_rad, stop):
     assert (feeler.contact is ContactState.STOP) is stop
 
 
-def test_behind_is_counted_from_where_it_stands():
+def test_distance_to_goal_is_measured_from_standing_position():
     feeler = (
         EndStopDetector(64.0, FAR)
         .update_with_load(0.0, 1.0, 1.02, 32.0)
@@ -113,7 +113,7 @@ def test_behind_is_counted_from_where_it_stands():
 
 
 @pytest.mark.parametrize(("load", "stop"), [(25.6, True), (25.5, False), (-25.6, True)])
-def test_two_fifths_of_what_it_may_press_are_loud(load, stop):
+def test_stop_needs_two_fifths_of_torque_limit_as_load(load, stop):
     feeler = (
         EndStopDetector(64.0, FAR)
         .update_with_load(0.0, 0.0, 1.0, load)
@@ -125,7 +125,7 @@ def test_two_fifths_of_what_it_may_press_are_loud(load, stop):
 @pytest.mark.parametrize(
     ("stood_s", "touch"), [(1.5, ContactState.NO_CONTACT), (1.49, ContactState.MOVING)]
 )
-def test_a_joint_that_stands_a_second_and_a_half_without_pressing_is_slack(stood_s, touch):
+def test_joint_standing_1500_ms_without_load_is_no_contact(stood_s, touch):
     feeler = (
         EndStopDetector(64.0, FAR)
         .update_with_load(4.0, 0.0, 1.0, 0.0)

@@ -30,7 +30,7 @@ def calibration_of(name, **changes):
         return make_calibration(arm, limp_arm, WHEN).model_copy(update=changes)
 
 
-def test_without_a_calibration_the_arm_file_is_all_there_is():
+def test_model_without_calibration_is_unchanged():
     model = load_model("so101")
     own = calibrated_model(model)
     assert own.model is model
@@ -38,7 +38,7 @@ def test_without_a_calibration_the_arm_file_is_all_there_is():
 
 
 @pytest.mark.parametrize("name", ["so101", "koch", "planar3"])
-def test_the_ranges_are_those_of_the_opened_arm(name, monkeypatch):
+def test_calibrated_model_has_same_limits_as_opened_arm(name, monkeypatch):
     arm = make_mounted_arm(name, 4, spoiled=False)
     monkeypatch.setattr("ikservo.hardware.port.open_transport", lambda *_: reopened(arm))
     with arm.open_limp() as limp_arm:
@@ -59,7 +59,7 @@ def reopened(arm):
     return arm.port
 
 
-def test_a_limit_that_the_person_set_binds_with_its_source():
+def test_user_limit_binds_with_its_source():
     calibration = calibration_of("so101")
     joints = [
         joint.model_copy(update={"user_upper_deg": 10.0}) if joint.name == "elbow_flex" else joint
@@ -71,7 +71,7 @@ def test_a_limit_that_the_person_set_binds_with_its_source():
     assert limit.source == "user"
 
 
-def test_the_links_are_those_that_a_touch_off_found():
+def test_calibrated_model_uses_touch_off_geometry():
     moved = CalibratedGeometry(
         touched=WHEN, touches=8, left_out=0, before_mm=5.0, after_mm=1.0,
         base_moved_mm=(0.0, 0.0, 7.0), base_turned_deg=(0.0, 0.0, 0.0),
@@ -86,7 +86,7 @@ def test_the_links_are_those_that_a_touch_off_found():
     assert 0.003 < float(np.linalg.norm(here - described)) < 0.011
 
 
-def test_a_touch_off_holds_whatever_link_is_asked_about():
+def test_touch_off_base_correction_applies_to_any_tip_link():
     moved = CalibratedGeometry(
         touched=WHEN, touches=8, left_out=0, before_mm=5.0, after_mm=1.0,
         base_moved_mm=(0.0, 0.0, 7.0), base_turned_deg=(0.0, 0.0, 0.0),
@@ -100,7 +100,7 @@ def test_a_touch_off_holds_whatever_link_is_asked_about():
     assert lift[2, 3] == pytest.approx(0.007)
 
 
-def test_of_several_calibrations_the_newest_holds():
+def test_newest_of_several_calibrations_is_used():
     save_calibration(calibration_of("so101", usb_serial_number="OLD1"))
     newest = save_calibration(
         calibration_of("so101", usb_serial_number="A2", written=WHEN + timedelta(days=1))
@@ -121,7 +121,7 @@ def test_a_calibration_of_other_servos_is_refused():
         calibrated_model(load_model("so101"))
 
 
-def test_a_spoiled_calibration_is_refused():
+def test_damaged_calibration_is_refused():
     path = save_calibration(calibration_of("so101"))
     path.write_text(path.read_text().replace("2026", "2025"))
     with pytest.raises(FileFormatError):

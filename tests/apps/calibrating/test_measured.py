@@ -22,7 +22,7 @@ def measured(sign=1, low=1024, high=3072, swept="by hand"):
     )
 
 
-def test_counting_from_further_on_moves_zero_and_travel_alike():
+def test_shifting_ticks_moves_zero_and_travel_equally():
     moved = measured().shift_ticks(100)
     assert (moved.joint_map.zero_tick, moved.travel) == (1948, TickRange(924, 2972))
     assert moved.range_inside_margin(0.0) == pytest.approx(measured().range_inside_margin(0.0))
@@ -37,13 +37,13 @@ def test_limits_lie_a_margin_inside_both_ends(sign):
     assert lopsided == pytest.approx((0.1, quarter - 0.1) if sign > 0 else (0.1 - quarter, -0.1))
 
 
-def test_an_unswept_joint_has_no_ends_and_keeps_the_arm_files_limits():
+def test_unswept_joint_has_no_ends_and_keeps_arm_file_limits():
     unswept = measured(swept="not swept")
     assert unswept.range_inside_margin(0.1) is None
     assert unswept.limits(EXPECTED, 0.1, None) == EXPECTED
 
 
-def test_the_narrowest_of_sweep_arm_file_and_person_binds():
+def test_narrowest_of_sweep_arm_file_and_user_limit_binds():
     found = measured(low=1536).limits(EXPECTED, 0.0, Limits.of("elbow", -2.0, 0.5, "user"))
     assert (found.lower.value, found.lower.source) == (pytest.approx(-math.pi / 4), "hand sweep")
     assert (found.upper.value, found.upper.source) == (0.5, "user")
@@ -67,7 +67,7 @@ def known(low, high, anchor):
         (1000, 3000, 3001, (1000, 3000)),
     ],
 )
-def test_a_travel_known_before_is_counted_in_the_turn_of_the_pose(low, high, anchor, travel):
+def test_known_travel_is_shifted_to_the_turn_of_the_pose(low, high, anchor, travel):
     found = known(low, high, anchor)
     assert (found.travel, found.swept) == (TickRange(*travel), "by LeRobot")
 
@@ -76,43 +76,43 @@ def test_a_travel_known_before_is_counted_in_the_turn_of_the_pose(low, high, anc
     ("low", "high", "anchor"),
     [(1000, 3000, 998), (1000, 3000, 3002), (6000, 9000, 810), (6000, 9000, 1902)],
 )
-def test_a_pose_outside_of_the_travel_known_before_is_refused(low, high, anchor):
+def test_anchor_pose_outside_known_travel_is_refused(low, high, anchor):
     with pytest.raises(CalibrationError, match="elbow: the anchor pose is outside"):
         known(low, high, anchor)
 
 
-def test_a_sensor_without_a_seam_has_been_where_it_was_seen_before():
+def test_potentiometer_keeps_known_travel_unshifted():
     potentiometer = replace(subject(known=TickRange(20, 900)), ticks_per_turn=0)
     hand = Hand(potentiometer, start=100).rest().accept()
     assert measure_joint(hand.state, hand.state.subjects[0]).travel == TickRange(20, 900)
 
 
-def test_a_joint_that_was_swept_has_gone_where_it_was_seen():
+def test_swept_joint_has_swept_range_as_travel():
     hand = Hand(subject()).rest().accept().move(900).move(-1900)
     found = measure_joint(hand.state, hand.state.subjects[0])
     assert (found.travel, found.swept) == (TickRange(-900, 1000), "by hand")
 
 
 @pytest.mark.parametrize("word", ["skip elbow", "continuous elbow"])
-def test_a_joint_that_is_skipped_or_free_keeps_the_arm_files_travel(word):
+def test_skipped_or_continuous_joint_keeps_arm_file_travel(word):
     hand = Hand(subject()).rest().accept().move(900).say(word)
     found = measure_joint(hand.state, hand.state.subjects[0])
     assert found.swept == "not swept"
     assert found.travel.width == pytest.approx(3.0 / math.tau * TURN, abs=2)
 
 
-def test_a_joint_that_its_servos_moved_says_so():
+def test_joint_moved_by_its_servos_is_swept_by_itself():
     driven = replace(Hand(subject()).rest().accept().move(900).state, motor_driven=True)
     assert measure_joint(driven, driven.subjects[0]).swept == "by itself"
 
 
-def test_a_travel_that_its_servos_found_earlier_says_so():
+def test_known_travel_of_driven_joint_is_swept_by_itself():
     hand = Hand(subject(known=TickRange(1000, 3000)), start=1500).rest().accept()
     driven = replace(hand.state, motor_driven=True)
     assert measure_joint(driven, driven.subjects[0]).swept == "by itself"
 
 
-def test_limits_lie_two_degrees_inside_what_a_hand_found_unless_set_otherwise():
+def test_default_margin_inside_hand_sweep_is_2_degrees():
     state = CalibrationState.begin([subject()])
     (low, high) = measured().range_inside_margin(state.margin_rad)
     assert (math.degrees(low), math.degrees(high)) == pytest.approx((-88.0, 88.0))

@@ -32,25 +32,23 @@ def test_a_joint_counts_as_moved_from_fifty_ticks_on(ticks, state):
         (4074, JointProgress.FREE),
     ],
 )
-def test_a_joint_is_complete_over_four_fifths_of_the_arm_files_range_and_free_after_a_turn(
-    ticks, state
-):
+def test_joint_is_complete_at_80_percent_and_free_after_turn(ticks, state):
     # 3 rad are 1955.7 ticks; a turn less two degrees is 4073.2
     assert shown(Hand(subject()).rest().accept().move(ticks, step=1)).state is state
 
 
-def test_a_joint_that_was_measured_before_is_known():
+def test_joint_measured_before_is_known():
     assert (
         shown(Hand(subject(known=TickRange(0, 2000))).rest().accept()).state is JointProgress.KNOWN
     )
 
 
-def test_a_joint_that_is_said_to_be_free_is_free_at_once():
+def test_joint_marked_continuous_is_free_at_once():
     hand = Hand(subject()).rest().accept().say("continuous elbow")
     assert shown(hand).state is JointProgress.FREE
 
 
-def test_a_meter_shows_where_the_joint_is_and_has_been():
+def test_meter_shows_position_and_swept_range():
     hand = Hand(subject(pose=0.5)).rest().accept().move(1000).move(-1500)
     meter = shown(hand)
     rad = math.tau / TURN

@@ -25,12 +25,12 @@ def messages_of(state):
 
 
 @pytest.mark.parametrize(("ticks", "round_"), [(4073, False), (4074, True)])
-def test_a_turn_less_two_degrees_goes_round(ticks, round_):
+def test_full_turn_is_reached_2_degrees_early(ticks, round_):
     one = subject(lower=-3.1, upper=3.1)
     assert is_full_turn(swept(one, ticks), one) is round_
 
 
-def test_a_turn_of_360_ticks_goes_round_two_ticks_before_its_end():
+def test_full_turn_of_360_ticks_is_reached_2_ticks_early():
     one = replace(subject(), ticks_per_turn=360)
     state = Hand(one, start=0).rest().accept().state
     for width, round_ in ((357, False), (358, True)):
@@ -38,19 +38,19 @@ def test_a_turn_of_360_ticks_goes_round_two_ticks_before_its_end():
         assert is_full_turn(replace(state, tracks=tracks), one) is round_
 
 
-def test_a_sensor_without_a_seam_never_goes_round():
+def test_potentiometer_never_makes_full_turn():
     one = replace(subject(), ticks_per_turn=0)
     assert not is_full_turn(swept(one, 100), one)
 
 
 @pytest.mark.parametrize(("width_deg", "reported"), [(299.5, True), (300.5, False)])
-def test_a_whole_turn_is_no_surprise_where_the_arm_file_allows_300_degrees(width_deg, reported):
+def test_full_turn_is_reported_if_arm_file_allows_below_300_deg(width_deg, reported):
     half = math.radians(width_deg) / 2
     messages = messages_of(swept(subject(lower=-half, upper=half), 4100))
     assert any("was turned by a whole turn" in each for each in messages) is reported
 
 
-def test_a_joint_that_was_measured_before_or_is_free_is_complete():
+def test_continuous_joint_counts_as_complete_range():
     hand = Hand(subject()).rest().accept()
     assert range_complete(hand.state, hand.state.subjects[0]) is False
     hand.say("continuous elbow")
@@ -58,7 +58,7 @@ def test_a_joint_that_was_measured_before_or_is_free_is_complete():
 
 
 @pytest.mark.parametrize(("ticks", "reported"), [(249, True), (250, False)])
-def test_a_joint_must_move_by_fifty_ticks_and_both_margins(ticks, reported):
+def test_joint_must_move_50_ticks_plus_both_margins(ticks, reported):
     margin_rad = 100 * math.tau / TURN
     messages = messages_of(swept(subject(), ticks, margin_rad=margin_rad))
     assert any(f"was moved by only {ticks} ticks" in each for each in messages) is reported
@@ -73,7 +73,7 @@ def test_servos_of_one_joint_may_differ_by_forty_ticks(way, apart, reported):
     assert any("report different motions" in each for each in messages) is reported
 
 
-def test_findings_tell_how_much_of_a_range_was_swept_and_nothing_of_a_whole_one():
+def test_partial_sweep_is_reported_with_its_percentage():
     half = swept(subject(), 489, 978)
     assert [*warnings(half)] == ["elbow was swept over 50% of the arm file's range."]
     assert [*warnings(swept(subject(), 900, 1900))] == []
@@ -92,20 +92,18 @@ def is_reported_mirrored(state):
 
 
 @pytest.mark.parametrize(("apart_deg", "reported"), [(14.5, False), (15.5, True)])
-def test_a_mirrored_range_is_reported_where_both_ends_together_are_off_by_30_degrees(
-    apart_deg, reported
-):
+def test_mirrored_range_is_reported_if_ends_differ_by_30_deg(apart_deg, reported):
     near_deg, far_deg = 60.0, 60.0 + apart_deg
     assert is_reported_mirrored(swept_deg(-near_deg, far_deg, -far_deg, near_deg)) is reported
 
 
 @pytest.mark.parametrize(("short_deg", "reported"), [(29.0, True), (31.0, False)])
-def test_a_range_is_mirrored_where_that_fits_three_times_as_well(short_deg, reported):
+def test_mirrored_range_is_reported_if_it_fits_much_better(short_deg, reported):
     # off by 120 less what is missing of the sweep; mirrored only by what is missing
     assert is_reported_mirrored(swept_deg(-40, 100, short_deg - 100, 40)) is reported
 
 
-def test_a_range_that_lies_off_the_arm_files_is_reported_with_both():
+def test_range_outside_arm_file_is_reported_with_both_ranges():
     lopsided = subject(pose=-1.4, lower=-1.5, upper=1.5)
     hand = Hand(lopsided).rest().accept()
     hand.move(-400).move(400).move(-400).move(400).move(1900)  # both times the wrong way

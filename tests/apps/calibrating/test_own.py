@@ -50,7 +50,7 @@ def opened(arm, **how):
     return ikservo.open_arm(load_model(arm.name), f"bench:{arm.name}", collisions=False, **how)
 
 
-def test_joints_are_where_they_truly_are(mount_arm):
+def test_calibrated_arm_reports_true_joint_positions(mount_arm):
     arm = mount_arm("so101")
     with opened(arm) as machine:
         assert machine.zeros is ZeroSource.CALIBRATED
@@ -59,7 +59,7 @@ def test_joints_are_where_they_truly_are(mount_arm):
             assert state.position_rad == pytest.approx(truth, abs=math.radians(0.2)), state.name
 
 
-def test_a_joint_goes_where_it_is_sent_whatever_its_mounting(mount_arm):
+def test_joint_reaches_goal_for_any_mounting(mount_arm):
     arm = mount_arm("koch", 6)
     with opened(arm) as machine:
         here = {state.name: state.position_rad for state in machine.where().joints}
@@ -69,7 +69,7 @@ def test_a_joint_goes_where_it_is_sent_whatever_its_mounting(mount_arm):
 
 
 @pytest.mark.parametrize("boots_at", [-0.4, 0.0, 0.4])
-def test_a_servo_that_counts_on_is_found_on_its_turn_wherever_it_boots(mount_arm, boots_at):
+def test_multi_turn_servo_is_found_on_its_turn_after_boot(mount_arm, boots_at):
     arm = mount_arm("planar3", zero=0.0, sign=1)  # the seam lies in the middle of each travel
     for joint in arm.world.joints:
         arm.world.place(joint.name, arm.joint(joint.name).position + boots_at)
@@ -83,7 +83,7 @@ def test_a_servo_that_counts_on_is_found_on_its_turn_wherever_it_boots(mount_arm
             assert found == pytest.approx(arm.true_position(joint.name), abs=0.004)
 
 
-def test_limits_name_the_sweep_or_the_arm_file_never_the_copy_in_the_servo(mount_arm):
+def test_limits_name_sweep_or_arm_file_not_servo_register(mount_arm):
     with opened(mount_arm("so101")) as machine:
         sources = {state.limit_from for state in machine.where().joints}
     assert any("hand sweep of 2026-11-02" in source for source in sources)
@@ -99,7 +99,7 @@ def swap(arm, one, other):
 
 
 @pytest.mark.parametrize("pair", [*combinations(range(1, 7), 2)], ids=str)
-def test_any_two_swapped_ids_are_noticed(mount_arm, pair):
+def test_swapped_servo_ids_are_noticed(mount_arm, pair):
     arm = mount_arm("so101")
     swap(arm, *pair)
     with pytest.raises(CalibrationError, match=r"in the servo and .* in the calibration"):
@@ -110,7 +110,7 @@ def test_any_two_swapped_ids_are_noticed(mount_arm, pair):
     ("homing_offset", 900), ("min_position_limit", 5), ("max_position_limit", 4000),
     ("operating_mode", 1), ("phase", 28),
 ])  # fmt: skip
-def test_any_register_that_a_calibration_rests_on_is_compared(mount_arm, register, number):
+def test_changed_register_behind_calibration_is_refused(mount_arm, register, number):
     arm = mount_arm("so101")
     servo = arm.line.servos[3]
     servo.write("lock", 0)
@@ -119,7 +119,7 @@ def test_any_register_that_a_calibration_rests_on_is_compared(mount_arm, registe
         opened(arm)
 
 
-def test_tuning_that_a_calibration_does_not_rest_on_is_left_alone(mount_arm):
+def test_changed_servo_tuning_is_accepted_by_calibration(mount_arm):
     arm = mount_arm("so101")
     servo = arm.line.servos[3]
     servo.write("lock", 0)
@@ -137,13 +137,13 @@ def test_opening_and_moving_a_calibrated_arm_writes_no_eeprom(mount_arm):
     assert arm.eeprom_writes() == writes
 
 
-def test_an_arm_whose_maker_fixes_the_zeros_needs_no_calibration():
+def test_arm_with_vendor_zeros_needs_no_calibration():
     arm = make_mounted_arm("px100", 4, zero=2048, sign=1)
     with arm.open_bus() as bus:
         assert load_calibration_for(bus, load_model("px100")).zeros is ZeroSource.VENDOR
 
 
-def test_an_uncalibrated_arm_is_bound_by_its_servos_alone():
+def test_uncalibrated_arm_takes_limits_from_servo_registers():
     arm = make_mounted_arm("so101", 4, zero=500, spoiled=False)
     with arm.open_bus() as bus:
         own = load_calibration_for(bus, load_model("so101"))
@@ -163,7 +163,7 @@ def test_a_joint_on_another_turn_gets_no_torque(mount_arm):
     assert not any(servo.read("torque_enable") for servo in arm.line.servos.values())
 
 
-def test_a_joint_a_little_outside_is_walked_back_not_refused(mount_arm):
+def test_joint_slightly_outside_limit_is_moved_back(mount_arm):
     arm = mount_arm("planar3", zero=2048.0, sign=1)
     with opened(arm) as machine:
         upper = machine.where().joints[0].upper_rad
@@ -174,7 +174,7 @@ def test_a_joint_a_little_outside_is_walked_back_not_refused(mount_arm):
     assert arm.true_position("joint1") == pytest.approx(upper - 0.05, abs=math.radians(1))
 
 
-def test_a_loose_arm_reads_the_sensors_themselves():
+def test_torque_off_arm_reads_ticks_without_offset():
     arm = make_mounted_arm("so101", 9)
     with arm.open_limp() as limp_arm:
         _, ticks = limp_arm.read_ticks()
@@ -185,7 +185,7 @@ def test_a_loose_arm_reads_the_sensors_themselves():
         assert tick == shaft.tick_at(motor.encoder_rad) % 4096
 
 
-def test_a_joint_that_the_arm_file_leaves_endless_gets_one_turn_of_its_servo():
+def test_endless_joint_is_limited_to_one_turn_of_its_servo():
     joint_map = JointMap.revolute("waist", 1, 1, 2048, 4096)
     endless = Limits.of("waist", -math.inf, math.inf, "arm file")
     limits = limit_to_one_turn(endless, joint_map, Encoder(4096, 4096.0))
@@ -193,7 +193,7 @@ def test_a_joint_that_the_arm_file_leaves_endless_gets_one_turn_of_its_servo():
     assert limits.upper.value == pytest.approx(math.pi, abs=0.01)
 
 
-def test_at_first_contact_every_servos_eeprom_is_copied_once(mount_arm, tmp_path):
+def test_servo_eeproms_are_backed_up_once_at_first_contact(mount_arm, tmp_path):
     arm = mount_arm("so101")
     with opened(arm):
         copies = sorted(path.name for path in (tmp_path / "backups").rglob("*.toml"))
@@ -205,7 +205,7 @@ def test_at_first_contact_every_servos_eeprom_is_copied_once(mount_arm, tmp_path
     assert after == before
 
 
-def test_a_simulated_arm_leaves_no_copies(tmp_path):
+def test_simulated_arm_makes_no_eeprom_backup(tmp_path):
     with ikservo.open_arm("so101", port="sim"):
         pass
     assert not (tmp_path / "backups").exists()

@@ -29,7 +29,7 @@ def shifts_of(one, *ticks):
 
 @pytest.mark.parametrize("way", [1, -1])
 @pytest.mark.parametrize(("shift_m", "reported"), [(0.0039, False), (0.0041, True)])
-def test_a_slide_may_be_off_by_four_millimetres(way, shift_m, reported):
+def test_zero_of_sliding_joint_may_be_off_by_4_mm(way, shift_m, reported):
     ends = [round((way * shift_m + end) * TICKS_PER_M) for end in (-0.0205, 0.0205)]
     found = shifts_of(SLIDE, *ends)
     assert found == ([pytest.approx(-way * shift_m, abs=1e-4)] if reported else [])
@@ -52,14 +52,14 @@ def test_turn_of_same_width_may_be_off_by_5_degrees(way, shift_deg, reported):
 
 @pytest.mark.parametrize("way", [1, -1])
 @pytest.mark.parametrize(("shift_deg", "reported"), [(9.9, False), (10.1, True)])
-def test_a_turn_may_be_off_by_ten_degrees(way, shift_deg, reported):
+def test_zero_of_turning_joint_may_be_off_by_10_degrees(way, shift_deg, reported):
     ends = [round(way * shift_deg / 360 * TURN + end / math.tau * TURN) for end in (-1.53, 1.53)]
     found = [math.degrees(shift) for shift in shifts_of(subject(), *ends)]
     assert found == ([pytest.approx(-way * shift_deg, abs=0.1)] if reported else [])
 
 
 @pytest.mark.parametrize("way", [1, -1])
-def test_how_far_a_zero_seems_to_be_off_is_reported_without_a_sign(way):
+def test_zero_shift_is_reported_without_sign(way):
     hand = Hand(subject(), start=0).rest().accept()
     shifted = [round(way * 20 / 360 * TURN + end / math.tau * TURN) for end in (-1.5, 1.5)]
     tracks = {1: replace(hand.state.tracks[1], low=shifted[0], high=shifted[1])}
@@ -67,12 +67,12 @@ def test_how_far_a_zero_seems_to_be_off_is_reported_without_a_sign(way):
     assert str(found).endswith("the zero seems to be off by 20.0°.")
 
 
-def test_a_joint_that_was_not_swept_has_no_ends_to_judge_its_zero_by():
+def test_zero_of_unswept_joint_is_not_judged():
     hand = Hand(subject("a", 1), subject("b", 2)).rest().accept().say("skip a").move(1500, 2)
     assert [found.subject.name for found in find_shifted_zeros(hand.state)] == ["b"]
 
 
-def test_smaller_shift_by_hand_is_a_notice():
+def test_small_zero_shift_is_notice_by_hand_question_if_driven():
     hand = Hand(subject(), start=0).rest().accept()
     ends = [round(7.0 / 360 * TURN + end / math.tau * TURN) for end in (-1.5, 1.5)]
     tracks = {1: replace(hand.state.tracks[1], low=ends[0], high=ends[1])}

@@ -48,13 +48,13 @@ def limits_in(registers):
 # --- one servo
 
 
-def test_limits_in_the_servos_stay_as_they_are_unless_others_are_asked_for():
+def test_servo_limits_are_kept_unless_write_limits_is_set():
     assert limits_in(build(swept()).memory[1]) == (500, 3500)
     # 1.5 rad of the arm file are 977.8 ticks, less than the 1000 that were swept
     assert limits_in(build(swept(), write_limits=True).memory[1]) == (1071, 3025)
 
 
-def test_a_servo_that_counts_on_is_given_no_limits():
+def test_multi_turn_servo_gets_no_limits():
     across_the_seam = build(swept(start=100), write_limits=True)
     assert across_the_seam.memory[1]["operating_mode"] == 4
     assert limits_in(across_the_seam.memory[1]) == (500, 3500)
@@ -62,19 +62,19 @@ def test_a_servo_that_counts_on_is_given_no_limits():
 
 
 @pytest.mark.parametrize("mode", [3, 4])
-def test_a_servo_stays_in_the_mode_it_is_in_where_its_travel_allows_that(mode):
+def test_servo_keeps_its_mode_if_travel_allows_it(mode):
     assert build(swept(), {1: {"operating_mode": mode}}).memory[1]["operating_mode"] == mode
 
 
 @pytest.mark.parametrize("sign", [1, -1])
-def test_a_direction_shown_by_hand_is_saved_as_that(sign):
+def test_sign_shown_by_hand_is_saved_as_by_hand(sign):
     joint = JointMap.revolute("elbow", 1, sign, 2048, TURN)
     found = saved(swept(replace(subject(), joint_map=joint), up=1000 if sign > 0 else -1000))
     assert (found.sign, found.sign_from) == (sign, "by hand")
 
 
 @pytest.mark.parametrize("sign", [1, -1])
-def test_a_skipped_joint_has_the_arm_files_direction_and_no_range(sign):
+def test_skipped_joint_has_arm_file_sign_and_no_range(sign):
     joint = JointMap.revolute("elbow", 1, sign, 2048, TURN)
     hand = Hand(replace(subject(), joint_map=joint), start=2048).rest().accept().say("skip elbow")
     found = saved(hand)
@@ -110,7 +110,7 @@ def test_the_range_of_a_sliding_joint_is_saved_in_metres():
 
 @pytest.mark.parametrize("lead_offset", [0, 30, -30])
 @pytest.mark.parametrize("apart", [57, -57])
-def test_two_servos_of_a_joint_report_the_same_tick_afterwards(lead_offset, apart):
+def test_offset_makes_two_servos_of_joint_report_same_tick(lead_offset, apart):
     found = build(swept(shadow=2048 + apart), {1: {"homing_offset": lead_offset}})
     lead, shadow = (found.memory[i]["homing_offset"] for i in (1, 2))
     assert lead == lead_offset
@@ -122,12 +122,12 @@ def test_two_servos_of_a_joint_report_the_same_tick_afterwards(lead_offset, apar
 @pytest.mark.parametrize(
     ("off", "corrected"), [(0, False), (3, False), (-3, False), (4, True), (-4, True)]
 )
-def test_a_second_servo_keeps_an_offset_that_is_right_within_three_ticks(present, off, corrected):
+def test_second_servo_keeps_offset_within_three_ticks(present, off, corrected):
     found = build(swept(shadow=2048 - present - off), {2: {"homing_offset": present}})
     assert found.memory[2]["homing_offset"] == (present + off if corrected else present)
 
 
-def test_two_servos_of_a_joint_that_counted_on_are_put_into_position_mode():
+def test_two_servos_of_joint_are_set_to_position_mode():
     found = build(swept(shadow=2060), {1: {"operating_mode": 4}, 2: {"operating_mode": 4}})
     assert [found.memory[i]["operating_mode"] for i in (1, 2)] == [3, 3]
 
@@ -138,24 +138,24 @@ def test_a_travel_across_the_seam_is_refused_for_two_servos():
 
 
 @pytest.mark.parametrize("apart", [1024, -1024])
-def test_the_servos_of_a_joint_may_be_mounted_as_far_apart_as_an_offset_corrects(apart):
+def test_servos_of_joint_may_be_1024_ticks_apart(apart):
     assert build(swept(shadow=2048 - apart)).memory[2]["homing_offset"] == apart
 
 
 @pytest.mark.parametrize("apart", [1025, -1025])
-def test_servos_of_a_joint_that_are_mounted_further_apart_are_refused(apart):
+def test_servos_of_joint_more_than_1024_ticks_apart_are_refused(apart):
     with pytest.raises(CalibrationError, match=f"Servo 2 of elbow is {apart} ticks off servo 1;"):
         build(swept(shadow=2048 - apart))
 
 
 @pytest.mark.parametrize(("down", "up", "apart"), [(1500, 100, 548), (100, 1500, -547)])
-def test_the_sensor_of_the_second_servo_may_reach_its_seam(down, up, apart):
+def test_second_servo_travel_may_reach_encoder_seam(down, up, apart):
     # it goes from its tick 0, or to its tick 4095
     found = build(swept(shadow=2048 - apart, down=down, up=up))
     assert found.memory[2]["homing_offset"] == apart
 
 
 @pytest.mark.parametrize(("down", "up", "apart"), [(1500, 100, 549), (100, 1500, -548)])
-def test_a_second_servo_whose_sensor_would_cross_its_seam_is_refused(down, up, apart):
+def test_second_servo_travel_across_encoder_seam_is_refused(down, up, apart):
     with pytest.raises(CalibrationError, match=f"Servo 2 of elbow is {apart} ticks off servo 1;"):
         build(swept(shadow=2048 - apart, down=down, up=up))

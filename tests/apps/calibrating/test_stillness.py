@@ -14,47 +14,47 @@ def after(readings):
 
 
 @pytest.mark.parametrize(("until_s", "still"), [(0.25, False), (0.375, False), (0.5, True)])
-def test_it_takes_half_a_second_to_be_still(until_s, still):
+def test_arm_is_still_after_half_a_second(until_s, still):
     times = [0.125 * k for k in range(1 + int(until_s / 0.125))]
     assert after([(at_s, 7, 9) for at_s in times]).is_at_rest() is still
 
 
 @pytest.mark.parametrize(("step_s", "still"), [(0.164, False), (0.168, True)])
-def test_the_half_second_is_counted_from_whenever_it_began(step_s, still):
+def test_stillness_counts_half_second_from_any_start_time(step_s, still):
     assert after([(9.0 + step_s * k, 7, 9) for k in range(4)]).is_at_rest() is still
 
 
-def test_two_readings_are_too_few():
+def test_stillness_needs_three_readings():
     assert not after([(0.0, 7, 9), (0.5, 7, 9)]).is_at_rest()
     assert after([(0.0, 7, 9), (0.25, 7, 9), (0.5, 7, 9)]).is_at_rest()
 
 
 @pytest.mark.parametrize(("most", "still"), [(4, True), (5, False)])
 @pytest.mark.parametrize("servo", [1, 2])
-def test_a_servo_may_tremble_by_four_ticks(most, still, servo):
+def test_servo_may_tremble_by_four_ticks_and_be_still(most, still, servo):
     ticks = [(0, most)[k % 2] for k in range(5)]
     rows = [(0.125 * k, *((t, 0) if servo == 1 else (0, t))) for k, t in enumerate(ticks)]
     assert after(rows).is_at_rest() is still
 
 
-def test_what_happened_more_than_half_a_second_ago_is_forgotten():
+def test_stillness_forgets_readings_older_than_half_second():
     moved = after([(0.0, 900, 0), (0.125, 100, 0), *((0.125 * k, 7, 9) for k in range(2, 7))])
     assert moved.is_at_rest()
     assert moved.mean_ticks() == {1: 7.0, 2: 9.0}
     assert moved.readings[0][0] == 0.25
 
 
-def test_the_reading_that_began_the_half_second_is_kept():
+def test_stillness_keeps_reading_that_starts_half_second():
     rare = after([(0.0, 7, 9), (0.375, 7, 9), (0.75, 7, 9)])
     assert [at_s for at_s, _ in rare.readings] == [0.0, 0.375, 0.75]
     assert rare.is_at_rest()
 
 
-def test_the_middle_is_the_mean_of_the_readings():
+def test_mean_ticks_average_the_readings():
     assert after([(0.0, 10, 0), (0.25, 11, 2), (0.5, 15, 4)]).mean_ticks() == {1: 12.0, 2: 2.0}
 
 
-def test_a_restarted_detector_waits_for_another_half_second():
+def test_restarted_stillness_waits_another_half_second():
     still = after([(0.0, 7, 9), (0.25, 7, 9), (0.5, 7, 9)]).restarted()
     assert not still.add_reading(0.6, {1: 7, 2: 9}).is_at_rest()
     for at_s in (0.6, 0.85, 1.1):

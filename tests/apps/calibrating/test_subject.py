@@ -18,26 +18,26 @@ def subject(lower, upper, pose=0.0, turn=TURN, sign=1):
 
 
 @pytest.mark.parametrize(("pose", "towards"), [(0.5, 1), (0.51, -1), (0.49, 1)])
-def test_a_joint_shall_go_where_there_is_more_room(pose, towards):
+def test_free_direction_points_where_joint_has_more_room(pose, towards):
     assert subject(-1.0, 2.0, pose).free_direction == towards
 
 
 @pytest.mark.parametrize("sign", [1, -1])
-def test_the_expected_range_is_as_wide_in_ticks_whatever_the_sign(sign):
+def test_expected_range_in_ticks_does_not_depend_on_sign(sign):
     assert subject(-math.pi / 2, math.pi, sign=sign).expected_ticks == pytest.approx(0.75 * TURN)
 
 
-def test_fifteen_degrees_or_a_quarter_of_a_narrow_range_show_a_direction():
+def test_direction_needs_15_deg_or_quarter_of_narrow_range():
     assert subject(-1.5, 1.5).min_motion_ticks == pytest.approx(15 / 360 * TURN)
     assert subject(0.0, math.pi / 4).min_motion_ticks == pytest.approx(TURN / 32)
 
 
-def test_a_sensor_without_a_seam_counts_its_fifteen_degrees_in_its_own_ticks():
+def test_potentiometer_direction_uses_its_own_tick_scale():
     assert subject(-1.5, 1.5, turn=0).min_motion_ticks == pytest.approx(15 / 360 * 1229)
 
 
 @pytest.mark.parametrize("sign", [1, -1])
-def test_the_zero_lies_where_the_anchor_pose_says(sign):
+def test_zero_tick_follows_from_anchor_pose(sign):
     posed = subject(-1.5, 1.5, pose=math.pi / 4)
     assert posed.zero_tick(sign, 1000.0) == pytest.approx(1000.0 - sign * TURN / 8)
     assert posed.with_mounting(sign, 1000.0).position(1000.0) == pytest.approx(math.pi / 4)

@@ -69,7 +69,7 @@ class Hand:
         return self
 
 
-def test_the_pose_is_taken_only_when_the_arm_is_still():
+def test_pose_is_accepted_only_when_arm_is_still():
     hand = Hand(subject())
     for _ in range(40):
         hand.ticks[1] += 10
@@ -79,7 +79,7 @@ def test_the_pose_is_taken_only_when_the_arm_is_still():
     assert hand.rest().accept().state.stage is CalibrationStage.SWEEP
 
 
-def test_a_trembling_hand_gives_the_middle_of_its_trembling():
+def test_trembling_hand_gives_mean_reference_tick():
     hand = Hand(subject())
     for k in range(40):
         hand.ticks[1] = 500 + (k % 2) * 3
@@ -87,23 +87,23 @@ def test_a_trembling_hand_gives_the_middle_of_its_trembling():
     assert hand.accept().state.reference_ticks[1] == pytest.approx(501.5, abs=0.1)
 
 
-def test_the_zero_is_where_the_pose_says_not_the_middle_of_the_sweep():
+def test_zero_comes_from_anchor_pose_not_from_middle_of_sweep():
     hand = Hand(subject(pose=math.pi / 4), start=1000).rest().accept()
     hand.move(-1000)
     assert hand.state.position(hand.state.subjects[0], 1000) == pytest.approx(math.pi / 4)
 
 
 @pytest.mark.parametrize(("pose", "towards"), [(0.9, -1), (-0.9, 1), (0.0, 1)])
-def test_a_joint_is_asked_to_go_where_there_is_more_room(pose, towards):
+def test_joint_is_asked_to_move_where_it_has_more_room(pose, towards):
     assert subject(pose=pose).free_direction == towards
 
 
-def test_the_first_motion_in_the_shown_direction_tells_the_arm_files_sign():
+def test_first_motion_in_asked_direction_confirms_sign():
     hand = Hand(subject()).rest().accept().move(400)
     assert hand.state.signs == {"elbow": 1}
 
 
-def test_a_sign_opposite_to_the_arm_file_is_measured_again():
+def test_opposite_sign_is_measured_twice():
     hand = Hand(subject()).rest().accept().move(-400)
     assert hand.state.signs == {}
     assert hand.state.is_second_trial
@@ -113,30 +113,30 @@ def test_a_sign_opposite_to_the_arm_file_is_measured_again():
     assert hand.state.signs == {"elbow": -1}
 
 
-def test_a_joint_moved_the_wrong_way_once_keeps_the_arm_files_sign():
+def test_joint_moved_wrong_way_once_keeps_arm_file_sign():
     hand = Hand(subject()).rest().accept().move(-400).move(400).move(400)
     assert hand.state.signs == {"elbow": 1}
 
 
-def test_going_on_the_wrong_way_is_no_second_measurement():
+def test_continuing_wrong_way_is_not_second_measurement():
     hand = Hand(subject()).rest().accept().move(-1200)
     assert hand.state.signs == {}
 
 
 @pytest.mark.parametrize(("back", "signs"), [(343, {}), (344, {"elbow": -1})])
-def test_a_joint_is_back_within_a_third_of_what_shows_its_direction(back, signs):
+def test_joint_must_return_close_to_start_before_second_trial(back, signs):
     # 15 degrees are 170.7 ticks, a third of them 56.9
     hand = Hand(subject()).rest().accept()
     hand.move(-400, step=1).move(back, step=1).move(-400, step=1)
     assert hand.state.signs == signs
 
 
-def test_measuring_again_forgets_a_doubt():
+def test_remeasure_clears_sign_doubt():
     hand = Hand(subject()).rest().accept().move(-400).say("remeasure elbow")
     assert not hand.state.is_second_trial
 
 
-def test_only_the_joint_that_is_asked_for_tells_its_sign():
+def test_only_joint_asked_for_shows_its_sign():
     hand = Hand(subject("a", 1), subject("b", 2)).rest().accept()
     assert hand.state.current_joint.name == "a"
     hand.move(-800, 2)
@@ -146,7 +146,7 @@ def test_only_the_joint_that_is_asked_for_tells_its_sign():
     assert hand.state.signs == {"a": 1}
 
 
-def test_a_range_is_followed_across_the_seam_in_both_directions():
+def test_range_is_tracked_across_encoder_seam():
     hand = Hand(subject(), start=50).rest().accept().move(900).move(-1900).move(900)
     track = hand.state.tracks[1]
     assert (track.low, track.high) == (50 - 1000, 50 + 900)
@@ -164,21 +164,21 @@ def test_a_joint_that_hardly_moved_is_named():
         hand.accept()
 
 
-def test_a_skipped_joint_is_not_asked_for_and_keeps_the_arm_file():
+def test_skipped_joint_is_not_asked_for_and_is_reported():
     hand = Hand(subject("a", 1), subject("b", 2)).rest().accept().say("skip a").move(1500, 2)
     hand.accept()
     assert hand.state.stage is CalibrationStage.REVIEW
     assert "a was skipped" in " ".join(warnings(hand.state))
 
 
-def test_a_joint_that_could_not_be_measured_is_reported_with_the_reason():
+def test_unmeasured_joint_is_reported_with_reason():
     hand = Hand(subject("a", 1)).rest().accept()
     assert [*warnings(hand.state.skip("a", "its end stop is beyond the table"))] == [
         "a: its end stop is beyond the table"
     ]
 
 
-def test_undo_takes_back_one_answer_after_the_other():
+def test_undo_reverts_answers_one_by_one():
     hand = Hand(subject("a", 1), subject("b", 2)).rest().accept()
     hand.say("skip a").say("undo")
     assert hand.state.current_joint.name == "a"
@@ -188,23 +188,23 @@ def test_undo_takes_back_one_answer_after_the_other():
     assert hand.state.stage is CalibrationStage.REFERENCE_POSE
 
 
-def test_undo_forgets_a_direction_that_was_shown_the_wrong_way():
+def test_undo_forgets_wrong_direction_of_joint():
     hand = Hand(subject()).rest().accept().move(-400).say("undo").move(400)
     assert hand.state.signs == {"elbow": 1}
 
 
-def test_undo_at_the_review_goes_on_sweeping_with_what_was_found():
+def test_undo_at_review_resumes_sweep_with_its_range():
     hand = Hand(subject()).rest().accept().move(900).move(-1900).accept().say("undo")
     assert hand.state.stage is CalibrationStage.SWEEP
     assert hand.state.tracks[1].width == 1900
 
 
-def test_undo_at_the_review_keeps_how_far_a_joint_has_moved_since():
+def test_undo_at_review_keeps_motion_since_then():
     hand = Hand(subject()).rest().accept().move(900).move(-1900).accept().move(-200).say("undo")
     assert hand.state.tracks[1].width == 2100
 
 
-def test_joints_are_skipped_during_the_sweep_only():
+def test_joint_is_skipped_only_during_sweep():
     hand = Hand(subject())
     with pytest.raises(CalibrationError, match="only possible during the sweep"):
         hand.state.skip("elbow")
@@ -213,7 +213,7 @@ def test_joints_are_skipped_during_the_sweep_only():
         reviewed.mark_continuous("elbow")
 
 
-def test_measuring_again_forgets_one_joint_only():
+def test_remeasure_forgets_only_one_joint():
     hand = Hand(subject("a", 1), subject("b", 2)).rest().accept().move(900, 1).move(900, 2)
     hand.say("remeasure a")
     assert hand.state.tracks[1].width == 0
@@ -221,21 +221,21 @@ def test_measuring_again_forgets_one_joint_only():
     assert hand.state.current_joint.name == "a"
 
 
-def test_a_joint_without_stops_takes_the_arm_files_range_when_that_is_wide():
+def test_joint_without_stops_uses_wide_arm_file_range():
     hand = Hand(subject(lower=-3.1, upper=3.1)).rest().accept().move(4300).accept()
     assert "turns freely: the arm file's range -177.6° to 177.6° is used" in " ".join(
         warnings(hand.state)
     )
 
 
-def test_a_whole_turn_of_a_joint_with_stops_is_refused_unless_the_person_says_it_is_free():
+def test_full_turn_is_refused_unless_joint_is_marked_continuous():
     hand = Hand(subject()).rest().accept().move(4300)
     with pytest.raises(CalibrationError, match="whole turn"):
         hand.accept()
     assert hand.say("continuous elbow").accept().state.stage is CalibrationStage.REVIEW
 
 
-def test_a_joint_that_was_turned_too_fast_must_be_measured_again():
+def test_joint_turned_too_fast_must_be_remeasured():
     hand = Hand(subject()).rest().accept().move(900).move(-1900, step=100)
     hand.move(1500, step=1500)
     with pytest.raises(CalibrationError, match="moved too fast to count its turns"):
@@ -243,14 +243,14 @@ def test_a_joint_that_was_turned_too_fast_must_be_measured_again():
 
 
 @pytest.mark.parametrize(("gap_s", "lost"), [(0.3, False), (0.5, False), (0.7, True)])
-def test_a_gap_in_the_readings_loses_a_turn_only_where_a_hand_could_have_made_one(gap_s, lost):
+def test_reading_gap_loses_turn_only_if_hand_could_make_one(gap_s, lost):
     hand = Hand(subject()).rest().accept().move(900).move(-1900, step=100)
     hand.at_s += gap_s
     hand.move(300, step=300)
     assert hand.state.tracks[1].lost is lost
 
 
-def test_undo_does_not_make_a_lost_range_a_good_one():
+def test_undo_does_not_restore_lost_range():
     hand = Hand(subject()).rest().accept().move(900).move(-1900, step=100)
     hand.move(1500, step=1500).say("remeasure elbow").say("undo")
     with pytest.raises(CalibrationError, match="moved too fast to count its turns"):
@@ -265,13 +265,13 @@ def test_a_range_that_fits_only_mirrored_is_refused():
         hand.accept()
 
 
-def test_a_joint_without_stops_is_not_held_against_its_mirrored_range():
+def test_full_turn_joint_is_not_checked_for_mirrored_range():
     hand = Hand(subject(lower=-1.0, upper=5.0)).rest().accept()
     hand.move(400).move(-3600).move(4100)  # from -4.9 to 1.4 rad; mirrored it would fit
     assert hand.accept().state.stage is CalibrationStage.REVIEW
 
 
-def test_servos_of_one_joint_that_count_against_each_other_are_refused():
+def test_servos_of_joint_that_count_oppositely_are_refused():
     hand = Hand(subject(shadow_ids=(2,))).rest().accept()
     for _ in range(15):
         hand.ticks[1] += 100
@@ -281,12 +281,12 @@ def test_servos_of_one_joint_that_count_against_each_other_are_refused():
         hand.accept()
 
 
-def test_a_known_range_is_not_swept():
+def test_known_range_needs_no_sweep():
     hand = Hand(subject(known=TickRange(0, 2000))).rest().accept().move(400).accept()
     assert hand.state.stage is CalibrationStage.REVIEW
 
 
-def test_meters_tell_how_far_each_joint_has_come():
+def test_joint_readouts_show_progress_of_each_joint():
     hand = Hand(subject("a", 1), subject("b", 2), subject("c", 3)).rest().accept()
     hand.move(900, 1).move(-1900, 1).move(900, 2).say("skip c")
     states = {meter.name: meter.state for meter in joint_readouts(hand.state)}
@@ -297,7 +297,7 @@ def test_meters_tell_how_far_each_joint_has_come():
     }
 
 
-def test_a_counter_direction_is_reported_before_saving():
+def test_opposite_sign_is_reported_before_saving():
     hand = Hand(subject()).rest().accept().move(-900).move(900).move(-900).move(1900).accept()
     assert "elbow: sign is opposite to the arm file, measured twice" in " ".join(
         warnings(hand.state)
@@ -305,7 +305,7 @@ def test_a_counter_direction_is_reported_before_saving():
 
 
 @pytest.mark.parametrize("shift", [-28, -12, 12, 28])
-def test_a_swept_range_that_is_shifted_shows_a_wrong_anchor_pose(shift):
+def test_shifted_range_reveals_wrong_anchor_pose(shift):
     zero = round(shift / 360 * TURN)
     hand = Hand(subject(lower=-1.0, upper=1.0)).rest().accept()
     hand.move(700 + zero, step=1).move(-1400, step=1).move(100, step=1)
@@ -319,14 +319,14 @@ def test_a_swept_range_that_is_shifted_shows_a_wrong_anchor_pose(shift):
     [(650, 1300), (750, 1500), (650, 900), (560, 1200)],
     ids=["exact", "stops beyond both limits", "swept in part", "a few degrees off"],
 )
-def test_a_plausible_range_leaves_the_zero_in_peace(up, down):
+def test_plausible_range_reports_no_zero_shift(up, down):
     hand = Hand(subject(lower=-1.0, upper=1.0)).rest().accept()
     hand.move(up, step=1).move(-down, step=1)
     assert list(find_shifted_zeros(hand.accept().state)) == []
 
 
 @pytest.mark.parametrize("word", ["jump", "skip", "accept it", ""])
-def test_words_that_are_no_answers_are_refused(word):
+def test_unknown_answers_are_refused(word):
     with pytest.raises(BadValueError, match="answer"):
         Hand(subject()).rest().accept().say(word)
 
@@ -352,43 +352,43 @@ def scripted(hand, script, moves):
     return messages
 
 
-def test_timeout_passes_with_a_still_pose_and_a_whole_sweep():
+def test_default_script_accepts_still_pose_and_full_sweep():
     hand = Hand(subject())
     moves = [None] * 60 + [900, -1900, 900]
     assert scripted(hand, ScriptedAnswers(), moves) == ["accept", "accept"]
 
 
-def test_a_script_is_answered_in_its_order():
+def test_script_answers_are_given_in_order():
     hand = Hand(subject("a", 1), subject("b", 2))
     script = ScriptedAnswers(["accept", "skip a", "continuous b", "accept"])
     moves = [None] * 60 + [900, -1900]
     assert scripted(hand, script, moves) == ["accept", "skip a", "continuous b", "accept"]
 
 
-def test_timeout_ends_a_sweep_after_a_minute_without_change():
+def test_default_script_times_out_if_joint_is_never_moved():
     with pytest.raises(CalibrationError, match="elbow has not been moved yet"):
         scripted(Hand(subject()), ScriptedAnswers(), [])
 
 
-def test_a_script_that_ends_too_early_says_so():
+def test_script_that_ends_too_early_is_refused():
     with pytest.raises(CalibrationError, match="script ended"):
         scripted(Hand(subject()), ScriptedAnswers(["accept"]), [])
 
 
-def test_a_script_is_read_with_its_remarks(tmp_path):
+def test_script_is_read_with_comments(tmp_path):
     path = tmp_path / "script"
     path.write_text("accept   # the pose\n\nskip wrist_roll\naccept\n")
     assert read_script(path) == ["accept", "skip wrist_roll", "accept"]
 
 
-def test_a_script_with_a_slip_names_its_line(tmp_path):
+def test_script_error_names_its_line(tmp_path):
     path = tmp_path / "script"
     path.write_text("accept\nskpi wrist_roll\n")
     with pytest.raises(FileFormatError, match="line 2"):
         read_script(path)
 
 
-def test_a_calibration_state_is_a_value():
+def test_calibration_state_is_immutable_value():
     hand = Hand(subject()).rest()
     before = hand.state
     hand.accept()

@@ -138,7 +138,7 @@ def check_consistent(arm, finish, before, outcome, old_text):
 
 @pytest.mark.campaign
 @pytest.mark.timeout(1200)
-def test_a_thousand_random_power_cuts_on_any_arm(monkeypatch, tmp_path):
+def test_thousand_random_power_cuts_leave_old_or_new(monkeypatch, tmp_path):
     chance, names = random.Random(12), ["so101", "koch", "px100", "so100", "planar2", "vx300s"]
     truths = {name: arm_and_outcome(name) for name in names}
     olds = {name: state_of(arm)[0] for name, (arm, _) in truths.items()}
@@ -152,7 +152,7 @@ def test_a_thousand_random_power_cuts_on_any_arm(monkeypatch, tmp_path):
             check_consistent(arm, finish, olds[name], truths[name][1], None)
 
 
-def test_a_cable_that_falls_out_in_between_says_how_to_go_on(monkeypatch):
+def test_cable_lost_during_save_names_resume_and_revert(monkeypatch):
     arm, outcome = arm_and_outcome("planar2")
     write, writes = arm.port.write, []
 
@@ -171,7 +171,7 @@ def test_a_cable_that_falls_out_in_between_says_how_to_go_on(monkeypatch):
     assert isinstance(caught.value.__cause__, PortLostError)
 
 
-def test_a_servo_that_refuses_takes_everything_back(monkeypatch):
+def test_servo_that_refuses_write_rolls_everything_back(monkeypatch):
     arm, outcome = arm_and_outcome("planar2")
     before = state_of(arm)
     arm.line.servos[2].write("torque_enable", 1)
@@ -183,7 +183,7 @@ def test_a_servo_that_refuses_takes_everything_back(monkeypatch):
     assert read_journal(journal_path(arm.name, "")) is None
 
 
-def test_saving_what_the_servos_hold_already_writes_no_eeprom():
+def test_saving_unchanged_registers_writes_no_eeprom():
     arm, outcome = arm_and_outcome("planar2")
     with arm.open_bus() as bus:
         TorqueOffArm(load_model(arm.name), bus).save(outcome)
@@ -193,21 +193,21 @@ def test_saving_what_the_servos_hold_already_writes_no_eeprom():
     assert arm.eeprom_writes() == writes
 
 
-def test_every_eeprom_is_locked_again_afterwards():
+def test_eeproms_are_locked_again_after_save():
     arm, outcome = arm_and_outcome("planar2")
     with arm.open_bus() as bus:
         TorqueOffArm(load_model(arm.name), bus).save(outcome)
     assert all(servo.read("lock") == 1 for servo in arm.line.servos.values())
 
 
-def test_a_spoiled_journal_is_one_clear_error():
+def test_damaged_journal_is_one_clear_error():
     path = journal_path("planar2", "")
     write_atomic(path, "checksum = 7\n")
     with pytest.raises(FileFormatError, match=r"Remove it, then .*calibration diff"):
         read_journal(path)
 
 
-def test_a_journal_that_the_disk_will_not_take_leaves_no_trace(monkeypatch):
+def test_journal_that_cannot_be_written_changes_nothing(monkeypatch):
     arm, outcome = arm_and_outcome("planar2")
     before = state_of(arm)
     fsync = os.fsync

@@ -39,20 +39,20 @@ def drawn(svg, pixels_per_mm=10):
     return picture
 
 
-def test_names_say_what_a_board_is():
+def test_board_name_encodes_its_size_and_markers():
     assert Board(5, 7, 0.012, "4x4") == BOARD
     assert Board.named("7x9-15.5mm-6x6").name == "7x9-15.5mm-6x6"
 
 
 @pytest.mark.parametrize("name", ["", "5x7", "5x7-12mm-8x8", "2x7-12mm-4x4", "5x7-12mm-4x5",
                                   "5x7-0mm-4x4", "50x50-5mm-4x4", "5x7-12mm-4x4 "])  # fmt: skip
-def test_what_is_no_board_is_refused(name):
+def test_invalid_board_name_is_refused(name):
     with pytest.raises(BadValueError, match="board"):
         Board.named(name)
 
 
 @pytest.mark.parametrize("name", [DEFAULT_BOARD, "6x5-20mm-5x5"])
-def test_what_is_printed_is_what_opencv_finds(name):
+def test_printed_board_is_found_by_opencv(name):
     board = Board.named(name)
     view = find_board(board, drawn(board.svg()))
     assert len(view.ids) == (board.columns - 1) * (board.rows - 1)
@@ -61,7 +61,7 @@ def test_what_is_printed_is_what_opencv_finds(name):
     np.testing.assert_allclose(across, expected - expected.mean(axis=0), atol=0.7)
 
 
-def test_the_pdf_has_the_same_rectangles_as_the_svg():
+def test_board_pdf_has_same_rectangles_as_svg():
     pdf, svg = BOARD.pdf().decode("ascii"), BOARD.svg()
     boxes = re.findall(r"^(\S+) \S+ (\S+) (\S+) re$", pdf, re.MULTILINE)
     drawn_svg = re.findall(r'<rect x="(\S+)" y="\S+" width="(\S+)" height="(\S+)"/>', svg)
@@ -72,7 +72,7 @@ def test_the_pdf_has_the_same_rectangles_as_the_svg():
         assert pdf[int(at) :].startswith(f"{number} 0 obj")
 
 
-def test_the_simulated_camera_shows_the_board_where_it_is(camera):
+def test_simulated_camera_shows_board_at_its_pose(camera):
     found = board_pose(BOARD, find_board(BOARD, camera.take()), LENS)
     off = np.linalg.inv(camera.T_camera_board()) @ found
     assert np.abs(off[:3, 3]).max() < 2e-4
@@ -88,11 +88,11 @@ def test_the_simulated_camera_shows_the_board_where_it_is(camera):
         (lambda p: p[:, : p.shape[1] // 2 - 40], "too little of the board"),
     ],
 )
-def test_pictures_that_show_no_board_say_why(camera, spoil, message):
+def test_picture_without_usable_board_says_why(camera, spoil, message):
     with pytest.raises(CalibrationError, match=message):
         find_board(BOARD, spoil(camera.take()))
 
 
-def test_another_board_is_named(camera):
+def test_other_board_in_picture_is_refused_by_name(camera):
     with pytest.raises(CalibrationError, match=r"another board than 7x5"):
         find_board(Board.named("7x5-12mm-4x4"), camera.take())

@@ -25,7 +25,7 @@ def home(tmp_path, monkeypatch):
 
 @pytest.mark.full
 @pytest.mark.timeout(600)
-def test_a_hidden_arm_is_found_saved_used_and_undone(monkeypatch, run_cli):
+def test_camera_calibration_is_found_saved_used_and_undone(monkeypatch, run_cli):
     arm, camera = hidden_arm(monkeypatch, "so101", 0)
     monkeypatch.setattr("ikservo.apps.cameras.camera_sources.LiveCamera", lambda _: camera)
     path = calibration_path("so101", SERIAL)
@@ -52,7 +52,7 @@ def pose_of(camera):
     return make_pose(np.array(camera.at_mm) / 1000, exp_so3(np.radians(camera.turned_deg)))
 
 
-def test_the_command_says_what_is_missing(monkeypatch, run_cli):
+def test_camera_calibration_command_names_missing_options(monkeypatch, run_cli):
     _, camera = hidden_arm(monkeypatch, "so101", 3)
     words = f"calibrate so101 --port {PORT}"
     for asked in ("", " --yes", " --by-hand"):
@@ -73,7 +73,7 @@ def test_the_command_says_what_is_missing(monkeypatch, run_cli):
     assert "The board is '1x1'" in run_cli(f"{words} --camera 0 --board 1x1 --yes").err
 
 
-def test_the_board_is_written(tmp_path, run_cli):
+def test_camera_board_command_writes_pdf_and_svg(tmp_path, run_cli):
     for name, start in (("b.pdf", b"%PDF-1.4"), ("b.svg", b"<svg")):
         done = run_cli(["camera", "board", str(tmp_path / name)])
         assert done.code == 0, done.err

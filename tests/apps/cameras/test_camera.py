@@ -25,14 +25,14 @@ def arm(tmp_path, monkeypatch):
         yield arm
 
 
-def test_a_point_of_the_table_has_a_pixel_and_the_pixel_that_point(arm):
+def test_table_point_and_pixel_convert_both_ways(arm):
     for point in ([0.25, 0.05, 0.0], [0.2, -0.1, 0.0], [0.3, 0.1, 0.04]):
         u, v = arm.camera.pixel(point)
         found = arm.camera.point_on_table(u, v, height_m=point[2])
         np.testing.assert_allclose(found, point, atol=1e-7)
 
 
-def test_a_thing_of_the_scene_is_seen_before_the_table(arm):
+def test_camera_sees_thing_before_table(arm):
     arm.scene.add("box", "the crate", centre_m=(0.25, 0.1, 0.03), size_m=(0.06, 0.06, 0.06))
     u, v = arm.camera.pixel((0.25, 0.1, 0.06))
     seen = arm.camera.point_seen(u, v)
@@ -43,7 +43,7 @@ def test_a_thing_of_the_scene_is_seen_before_the_table(arm):
     assert arm.camera.point_seen(u, v).thing is None
 
 
-def test_a_ball_and_a_cylinder_are_seen_where_their_bodies_are(arm):
+def test_camera_sees_ball_and_cylinder_surfaces(arm):
     ball, radius = np.array([0.25, 0.1, 0.05]), 0.04
     arm.scene.add("sphere", "the ball", centre_m=ball, radius_m=radius)
     arm.scene.add("cylinder", "the can", centre_m=(0.2, -0.1, 0.05), radius_m=0.03, height_m=0.1)
@@ -60,7 +60,7 @@ def test_a_ball_and_a_cylinder_are_seen_where_their_bodies_are(arm):
     assert np.hypot(x - 0.2, y + 0.1) == pytest.approx(0.03, abs=1e-6) or z == pytest.approx(0.1)
 
 
-def test_what_cannot_be_seen_is_refused_in_one_sentence(arm):
+def test_invisible_points_are_refused_in_one_sentence(arm):
     with pytest.raises(InputError, match="does not meet the table"):
         arm.camera.point_on_table(480, 360, height_m=2.0)
     with pytest.raises(BadValueError, match="Expected finite numbers"):
@@ -86,7 +86,7 @@ def test_a_camera_that_has_moved_is_refused_until_it_is_back(arm):
     assert arm.camera.point_on_table(480, 500)[2] == 0.0
 
 
-def test_without_a_camera_or_with_a_damaged_file_it_says_so(arm):
+def test_missing_or_damaged_camera_file_is_refused(arm):
     path = camera_path("so101", SIMULATED)
     path.write_text(path.read_text().replace("after_mm", "after_cm"), encoding="utf-8")
     with pytest.raises(FileFormatError, match="checksum"):
@@ -101,7 +101,7 @@ def test_without_a_camera_or_with_a_damaged_file_it_says_so(arm):
     [{"lens_px": (-900.0, 900.0, 480.0, 360.0)}, {"lens_px": (900.0, 0.0, 480.0, 360.0)},
      {"size_px": (0, 720)}],
 )  # fmt: skip
-def test_a_stored_lens_that_would_mirror_is_refused(arm, wrong):
+def test_stored_lens_with_invalid_numbers_is_refused(arm, wrong):
     _, known = load_camera("so101", SIMULATED)
     camera = known.camera.model_copy(update=wrong)
     save_camera("so101", SIMULATED, known.model_copy(update={"camera": camera}))
@@ -109,7 +109,7 @@ def test_a_stored_lens_that_would_mirror_is_refused(arm, wrong):
         arm.camera.point_on_table(480, 500)
 
 
-def test_a_camera_in_the_box_around_a_ball_sees_the_ball():
+def test_camera_inside_box_around_ball_sees_ball():
     eye, ball = np.full(3, 0.09), np.zeros(SHAPE_WIDTH)
     ball[:9], ball[ROUNDING] = np.eye(3).ravel(), 0.1
     towards = Ray(eye, np.full(3, -1 / math.sqrt(3)))

@@ -85,7 +85,7 @@ def errors_over_workspace_m(arm, camera, name="so101"):
 
 @pytest.mark.full
 @pytest.mark.timeout(600)
-def test_an_arm_moved_by_hand_is_found_saved_and_undone(monkeypatch, run_cli):
+def test_hand_moved_arm_calibration_is_saved_and_undone(monkeypatch, run_cli):
     arm, camera = hidden_arm(monkeypatch, "so101", 0, compliance=0.0)
     person = Person(arm, camera)
     monkeypatch.setattr("ikservo.apps.cameras.camera_sources.LiveCamera", lambda _: person)
@@ -133,9 +133,7 @@ def save_compliances(name, seed, wrong=0.0):
 @pytest.mark.timeout(0)
 @pytest.mark.parametrize("share", [0.0, 0.5, 1.0])
 @pytest.mark.parametrize("name", ["so101", "koch"])
-def test_arms_whose_bending_is_known_are_right_whoever_carried_them(
-    monkeypatch, capsys, name, share
-):
+def test_hand_carried_arms_with_known_compliance_are_accurate(monkeypatch, capsys, name, share):
     everywhere_m = []
     for seed in part_of(5):
         arm, camera = arm_before_a_camera(monkeypatch, name, seed)
@@ -155,7 +153,7 @@ def test_arms_whose_bending_is_known_are_right_whoever_carried_them(
 @pytest.mark.campaign
 @pytest.mark.timeout(600)
 @pytest.mark.parametrize("share", [0.0, 1.0])
-def test_known_bending_is_kept_whoever_carried_the_arm(monkeypatch, run_cli, share):
+def test_known_compliance_is_kept_whoever_carried_arm(monkeypatch, run_cli, share):
     arm, camera = hidden_arm(monkeypatch, "so101", 1)
     joints = save_compliances("so101", 1)
     person = Person(arm, camera)
@@ -173,7 +171,7 @@ def test_known_bending_is_kept_whoever_carried_the_arm(monkeypatch, run_cli, sha
 
 
 @pytest.mark.campaign
-def test_no_picture_of_a_moving_arm_or_of_a_known_posture_is_used(monkeypatch):
+def test_calibration_by_hand_uses_only_pictures_at_rest(monkeypatch):
     result, said, *_ = run_by_hand(monkeypatch)
     assert result.pictures == 12
     assert [line for line in said if line.startswith("picture")] == [
@@ -194,18 +192,18 @@ def test_no_picture_of_a_moving_arm_or_of_a_known_posture_is_used(monkeypatch):
         (lambda picture, _: np.full_like(picture, 100), "same picture"),
     ],
 )
-def test_without_the_board_it_ends(monkeypatch, spoil, message):
+def test_calibration_by_hand_ends_if_board_is_never_seen(monkeypatch, spoil, message):
     monkeypatch.setattr("ikservo.apps.cameras.camera_by_hand._WAIT_S", 3.0)
     with pytest.raises(CalibrationError, match=message):
         run_by_hand(monkeypatch, spoil)
 
 
-def test_an_arm_that_holds_is_refused(monkeypatch):
+def test_calibration_by_hand_refuses_arm_with_torque_on(monkeypatch):
     with pytest.raises(CalibrationError, match="no longer limp"):
         run_by_hand(monkeypatch, meanwhile=lambda opened: opened.enable())
 
 
-def test_the_command_asks_somebody_and_needs_a_camera(monkeypatch, run_cli):
+def test_calibration_by_hand_asks_and_needs_camera(monkeypatch, run_cli):
     _, camera = hidden_arm(monkeypatch, "so101", 3)
     monkeypatch.setattr("ikservo.apps.cameras.camera_sources.LiveCamera", lambda _: camera)
     words = f"calibrate so101 --port {PORT} --by-hand"

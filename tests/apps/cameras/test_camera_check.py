@@ -39,7 +39,7 @@ def move_camera(monkeypatch):
 
 
 @pytest.mark.full
-def test_a_camera_that_stands_is_found_so(run_cli):
+def test_camera_check_finds_camera_unmoved(run_cli):
     found = run_cli(f"camera check {ARM} --camera sim --json")
     assert (found.code, found.json["moved"], found.json["board"]) == (0, False, "gripper")
     assert found.json["off_m"] < 0.001
@@ -47,9 +47,7 @@ def test_a_camera_that_stands_is_found_so(run_cli):
     assert "stands where it was" in run_cli(f"camera check {ARM} --camera sim").out
 
 
-def test_a_moved_camera_is_found_and_its_pictures_are_refused_until_it_is_back(
-    run_cli, move_camera
-):
+def test_moved_camera_is_detected_and_refused_until_back(run_cli, move_camera):
     back = move_camera([0.01, 0.0, 0.0])
     found = run_cli(f"camera check {ARM} --camera sim --json")
     assert (found.code, found.json["moved"]) == (6, True)
@@ -88,7 +86,7 @@ def test_a_board_that_is_still_on_the_gripper_is_not_remembered(run_cli, move_ca
     assert (found.code, found.json["board"]) == (0, "gripper")
 
 
-def test_look_prints_the_point_that_a_pixel_sees_and_moves_there(run_cli, camera):
+def test_look_prints_point_of_pixel_and_moves_there(run_cli, camera):
     there = np.linalg.inv(camera.T_base_camera) @ [0.27, 0.06, 0.04, 1.0]
     lens = np.array([[900.0, 0, 480.0], [0, 900.0, 360.0], [0, 0, 1.0]])
     px, _ = cv2.projectPoints(
@@ -137,7 +135,7 @@ def test_look_prints_the_point_that_a_pixel_sees_and_moves_there(run_cli, camera
         ("camera checks", 2, "check"),
     ],
 )
-def test_bad_input_is_one_sentence(run_cli, words, code, text):
+def test_bad_camera_input_gives_one_sentence(run_cli, words, code, text):
     done = run_cli(words)
     assert done.code == code, (done.out, done.err)
     assert text in done.err
@@ -153,7 +151,7 @@ def test_bad_input_is_one_sentence(run_cli, words, code, text):
         (lambda picture: cv2.resize(picture, (1200, 900)), 6, "1200 x 900"),
     ],
 )
-def test_a_bad_picture_changes_nothing_that_is_known(run_cli, monkeypatch, spoil, code, text):
+def test_bad_picture_leaves_camera_calibration_unchanged(run_cli, monkeypatch, spoil, code, text):
     take = SimulatedCamera.take
     monkeypatch.setattr(SimulatedCamera, "take", lambda self: spoil(take(self)))
     done = run_cli(f"camera check {ARM} --camera sim")

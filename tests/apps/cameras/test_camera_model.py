@@ -28,7 +28,7 @@ def camera_of(distortion):
 
 
 @pytest.mark.parametrize("distortion", LENSES)
-def test_pixels_are_those_of_opencv_and_rays_go_back(distortion):
+def test_camera_model_matches_opencv_and_inverts_to_rays(distortion):
     camera = camera_of(distortion)
     chance = np.random.default_rng(0)
     flat = chance.uniform([-0.5, -0.38], [0.5, 0.38], (300, 2))
@@ -52,7 +52,7 @@ def test_pixels_are_those_of_opencv_and_rays_go_back(distortion):
 
 
 @pytest.mark.parametrize("distortion", LENSES)
-def test_what_is_far_beside_a_picture_stays_outside_of_it(distortion):
+def test_points_far_beside_picture_project_outside_it(distortion):
     camera = camera_of(distortion)
     angles = np.linspace(0.0, 2 * math.pi, 24)
     rays = np.array([[math.cos(a), math.sin(a)] for a in angles])
@@ -62,12 +62,12 @@ def test_what_is_far_beside_a_picture_stays_outside_of_it(distortion):
 
 
 @pytest.mark.parametrize("pixel", [(-1.0, 5.0), (5.0, 720.0), (math.nan, 5.0), (5.0, math.inf)])
-def test_a_pixel_beside_the_picture_is_refused(pixel):
+def test_pixel_outside_picture_is_refused(pixel):
     with pytest.raises(BadValueError, match="960 x 720"):
         camera_of(LENSES[1]).ray(*pixel)
 
 
-def test_a_line_of_sight_meets_a_level_plane_below_and_boxes_from_outside():
+def test_ray_meets_level_plane_below_and_boxes_from_outside():
     down = np.array([0.6, 0.0, -0.8])
     sight = Ray(np.array([0.0, 0.0, 0.4]), down)
     np.testing.assert_allclose(sight.at(sight.distance_to_level_m(0.0)), [0.3, 0.0, 0.0])
@@ -83,7 +83,7 @@ def test_a_line_of_sight_meets_a_level_plane_below_and_boxes_from_outside():
     assert sight.distance_to_box_m(upright, sight.origin_m, half) == math.inf  # from inside
 
 
-def test_a_lens_that_nearly_turns_back_inside_the_picture_is_inverted():
+def test_strongly_distorted_lens_is_inverted_everywhere():
     lens = np.array([[327.0, 0, 333.5], [0, 327.0, 243.5], [0, 0, 1.0]])
     bent = np.array([-0.43, 0.088, 0.0, 0.0, 0.0])
     camera = CameraModel(Intrinsics(lens, bent, (640, 480)), np.eye(4))
@@ -93,7 +93,7 @@ def test_a_lens_that_nearly_turns_back_inside_the_picture_is_inverted():
             np.testing.assert_allclose(camera.project(seen)[0], (u, v), atol=1e-6)
 
 
-def test_a_pixel_that_no_direction_is_seen_at_is_refused():
+def test_pixel_without_direction_is_refused():
     lens = np.array([[327.0, 0, 333.5], [0, 327.0, 243.5], [0, 0, 1.0]])
     folded = np.array([0.0, 0.0, 0.0, 0.6, 0.0])  # to the left nothing is seen
     camera = CameraModel(Intrinsics(lens, folded, (640, 480)), np.eye(4))

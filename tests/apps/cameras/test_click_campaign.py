@@ -76,7 +76,7 @@ def errors_of_an_arm(monkeypatch, name, seed, pictures, points):
 @pytest.mark.campaign
 @pytest.mark.timeout(0)
 @pytest.mark.parametrize("name", ["so101", "koch", "open_manipulator_x"])
-def test_the_tip_goes_where_the_picture_is_clicked(tmp_path, monkeypatch, capsys, name):
+def test_tip_reaches_clicked_points_within_4_mm(tmp_path, monkeypatch, capsys, name):
     clicked, everywhere = [], []
     for seed in part_of(30):
         monkeypatch.setenv("IKSERVO_HOME", str(tmp_path / str(seed)))
@@ -98,7 +98,7 @@ def in_mm(errors_m):
 
 @pytest.mark.campaign
 @pytest.mark.timeout(600)
-def test_a_last_joint_that_no_board_shows_is_known_after_clicks_on_the_tip(tmp_path, monkeypatch):
+def test_tip_clicks_find_last_zero_that_board_cannot_show(tmp_path, monkeypatch):
     monkeypatch.setenv("IKSERVO_HOME", str(tmp_path))
     name = "open_manipulator_x"
     clicked, _, camera = errors_of_an_arm(monkeypatch, name, 2, 14, 6)

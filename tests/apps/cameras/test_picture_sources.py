@@ -44,7 +44,7 @@ def test_public_source_leaves_out_secrets(source, name):
         "rtsp://cam/1",
     ],
 )
-def test_public_source_keeps_what_holds_no_secret(source):
+def test_public_source_keeps_source_without_secret(source):
     assert public_source(source) == source
 
 
@@ -61,7 +61,7 @@ class SilentCamera:
         return False, None
 
 
-def test_errors_of_a_camera_hide_its_password(monkeypatch):
+def test_camera_errors_hide_password(monkeypatch):
     pytest.importorskip("cv2")
     from ikservo.apps.cameras import pictures
 
@@ -79,7 +79,7 @@ def test_errors_of_a_camera_hide_its_password(monkeypatch):
 
 
 @pytest.mark.parametrize("suffix", [".png", ".jpg"])
-def test_picture_file_is_read_as_often_as_asked(tmp_path, suffix):
+def test_picture_file_can_be_read_repeatedly(tmp_path, suffix):
     cv2 = pytest.importorskip("cv2")
     from ikservo.apps.cameras.pictures import LiveCamera
 

@@ -28,7 +28,7 @@ def home(tmp_path, monkeypatch):
 
 @pytest.mark.campaign
 @pytest.mark.timeout(600)
-def test_the_same_is_found_again_and_damage_is_reported(tmp_path, monkeypatch, run_cli):
+def test_saved_pictures_repeat_calibration_and_report_damage(tmp_path, monkeypatch, run_cli):
     arm, camera = hidden_arm(monkeypatch, "so101", 0)
     person = Person(arm, camera)
     monkeypatch.setattr("ikservo.apps.cameras.camera_sources.LiveCamera", lambda _: person)
@@ -66,7 +66,7 @@ def test_the_same_is_found_again_and_damage_is_reported(tmp_path, monkeypatch, r
     assert path.read_bytes() == before
 
 
-def test_a_folder_whose_pictures_are_none_is_refused(tmp_path, run_cli):
+def test_empty_picture_folder_is_refused(tmp_path, run_cli):
     index = PictureIndex(arm="so101", source="0", camera_name="", board="5x7-12mm-4x4",
                          by_hand=True, joints=load_model("so101").chain.names)  # fmt: skip
     PictureFolder(tmp_path / "pictures", index, None)
@@ -74,7 +74,7 @@ def test_a_folder_whose_pictures_are_none_is_refused(tmp_path, run_cli):
     assert (done.code, "No picture shows the board" in done.err) == (6, True)
 
 
-def test_a_folder_without_pictures_or_with_other_options_is_refused(tmp_path, run_cli):
+def test_folder_without_index_or_extra_options_are_refused(tmp_path, run_cli):
     missing = run_cli(f"{REPEAT} {tmp_path}")
     assert (missing.code, "pictures.toml" in missing.err) == (2, True)
     assert "Leave the others out" in run_cli(f"{REPEAT} {tmp_path} --camera 0").err

@@ -63,7 +63,7 @@ def blind_posture(arm, camera, opened):
     return tried[np.argmin(moved)]
 
 
-def test_the_zero_is_found_and_the_board_is_still_where_it_is_seen(mistaken, opened):
+def test_tip_click_finds_zero_and_camera_check_stays_right(mistaken, opened):
     arm, camera = mistaken
     found = click(opened, tip_pixel(arm, camera))
     assert found.joint == JOINT
@@ -85,7 +85,7 @@ def test_the_zero_is_found_and_the_board_is_still_where_it_is_seen(mistaken, ope
     ("away_px", "text"),
     [((60.0, -40.0), "mm from every place where the tip can be"), ((0.0, 120.0), "tip can be")],
 )
-def test_a_click_beside_all_that_is_plausible_is_refused(mistaken, opened, away_px, text):
+def test_click_far_from_possible_tip_positions_is_refused(mistaken, opened, away_px, text):
     u, v = tip_pixel(*mistaken)
     with pytest.raises(CalibrationError, match=text):
         click(opened, (u + away_px[0], v + away_px[1]))
@@ -93,7 +93,7 @@ def test_a_click_beside_all_that_is_plausible_is_refused(mistaken, opened, away_
         click(opened, (u, 4000.0))
 
 
-def test_a_zero_that_is_far_off_is_not_believed(tmp_path, monkeypatch):
+def test_click_that_implies_zero_off_by_10_degrees_is_refused(tmp_path, monkeypatch):
     monkeypatch.setenv("IKSERVO_HOME", str(tmp_path))
     arm, camera = mistaken_tip(monkeypatch, off_deg=10.5)
     with open_own_arm(load_model(ARM), PORT) as opened:
@@ -102,7 +102,7 @@ def test_a_zero_that_is_far_off_is_not_believed(tmp_path, monkeypatch):
             click(opened, tip_pixel(arm, camera))
 
 
-def test_where_the_picture_shows_too_little_it_says_which_posture_shows_it(mistaken, opened):
+def test_click_in_blind_posture_is_refused_with_better_posture(mistaken, opened):
     arm, camera = mistaken
     opened.move_joints(
         dict(zip(opened.chain.names, blind_posture(arm, camera, opened), strict=True))
@@ -134,7 +134,7 @@ def zero_error_deg(arm):
         return np.degrees(arm.true_position(JOINT) - measured)
 
 
-def test_clicks_in_other_postures_show_the_zero_better(mistaken):
+def test_clicks_in_more_postures_reduce_zero_error(mistaken):
     arm, camera = mistaken
     assert "tip_clicks" not in calibration_path(ARM, SERIAL).read_text()
     found = [clicked(arm, camera) for _ in range(3)]
@@ -153,7 +153,7 @@ def test_clicks_in_other_postures_show_the_zero_better(mistaken):
     assert load_calibration(ARM, SERIAL).camera.tip_clicks == found[1].calibration.camera.tip_clicks
 
 
-def test_the_mean_of_clicks_is_nearer_than_one_of_them(mistaken):
+def test_mean_of_clicks_is_nearer_than_worst_click(mistaken):
     arm, camera = mistaken
     chance = np.random.default_rng(3)
     found = save_clicks(arm, camera, chance, count=6)
@@ -162,7 +162,7 @@ def test_the_mean_of_clicks_is_nearer_than_one_of_them(mistaken):
     assert found.error_deg < 0.5 * off_deg.max()
 
 
-def test_a_click_that_disagrees_with_the_others_is_named_and_does_not_count(mistaken):
+def test_disagreeing_click_is_named_and_does_not_count(mistaken):
     arm, camera = mistaken
     clicked(arm, camera)
     two = clicked(arm, camera, wrong_deg=4.0)
@@ -176,7 +176,7 @@ def test_a_click_that_disagrees_with_the_others_is_named_and_does_not_count(mist
     assert len(load_calibration(ARM, SERIAL).camera.tip_clicks) == 3
 
 
-def test_clicks_of_which_half_do_not_count_are_doubted(mistaken):
+def test_clicks_are_doubted_if_half_do_not_count(mistaken):
     arm, camera = mistaken
     clicked(arm, camera)
     clicked(arm, camera)
@@ -186,7 +186,7 @@ def test_clicks_of_which_half_do_not_count_are_doubted(mistaken):
     assert "Half of the clicks or more do not count" in str(four)
 
 
-def test_several_clicks_of_one_picture_count_as_such(mistaken, opened):
+def test_clicks_in_one_picture_share_camera_error(mistaken, opened):
     pixel = np.array(tip_pixel(*mistaken))
     around = [tuple(pixel + each) for each in ((1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.0, -1.0))]
     once, found = click(opened, pixel), find_tip_zero(opened, around, WHEN)
@@ -196,7 +196,7 @@ def test_several_clicks_of_one_picture_count_as_such(mistaken, opened):
     assert found.error_deg == pytest.approx(error_deg, rel=0.02)
 
 
-def test_what_the_calibration_has_determined_is_left(mistaken, opened):
+def test_click_is_refused_for_zero_that_calibration_determined(mistaken, opened):
     known = load_calibration(ARM, SERIAL)
     shown = known.camera.model_copy(update={"tip_shows": None})
     save_calibration(known.with_cameras({"": shown}))
@@ -204,14 +204,14 @@ def test_what_the_calibration_has_determined_is_left(mistaken, opened):
         click(opened, tip_pixel(*mistaken))
 
 
-def test_an_arm_that_was_opened_with_another_calibration_is_refused(mistaken, opened):
+def test_click_is_refused_if_calibration_changed_after_opening(mistaken, opened):
     found = click(opened, tip_pixel(*mistaken))
     save_tip_zero(opened, found)
     with pytest.raises(CalibrationError, match="changed since the arm was opened"):
         click(opened, tip_pixel(*mistaken))
 
 
-def test_what_another_program_saved_since_the_click_is_kept(mistaken, opened):
+def test_tip_zero_does_not_overwrite_newer_calibration(mistaken, opened):
     found = click(opened, tip_pixel(*mistaken))
     known = load_calibration(ARM, SERIAL)
     other = known.model_copy(update={"written": known.written + timedelta(seconds=1)})
@@ -221,7 +221,7 @@ def test_what_another_program_saved_since_the_click_is_kept(mistaken, opened):
     assert load_calibration(ARM, SERIAL) == other
 
 
-def test_a_camera_that_has_moved_is_refused(mistaken, opened):
+def test_click_is_refused_if_camera_has_moved(mistaken, opened):
     _, known = load_camera(ARM, SERIAL)
     check = CameraCheck(seen=SEEN, off_mm=20, moved_mm=31.4, turned_deg=2.0, has_moved=True)
     save_camera(ARM, SERIAL, known.model_copy(update={"check": check}))
@@ -229,13 +229,13 @@ def test_a_camera_that_has_moved_is_refused(mistaken, opened):
         click(opened, tip_pixel(*mistaken))
 
 
-def test_an_arm_that_moves_is_refused(mistaken, opened):
+def test_click_is_refused_while_arm_moves(mistaken, opened):
     opened.disable_torque()
     with pytest.raises(CalibrationError, match="The arm moves"):
         click(opened, tip_pixel(*mistaken))
 
 
-def test_a_simulated_arm_has_no_zero_to_be_found(tmp_path, monkeypatch):
+def test_click_is_refused_on_simulated_arm(tmp_path, monkeypatch):
     monkeypatch.setenv("IKSERVO_HOME", str(tmp_path))
     with ikservo.open_arm(ARM, "sim:?pose=home") as arm:
         arm.enable()

@@ -78,7 +78,7 @@ def make(run_cli, source, tmp_path):
 
 
 @pytest.mark.full
-def test_a_published_arm_moves_after_one_command(make, run_cli, tmp_path):
+def test_published_arm_moves_after_one_import_command(make, run_cli, tmp_path):
     assert make().code == 0
     arm = f"--arm {tmp_path}/mine"
     result = run_cli(f"move 0.25 0.1 0.25 {arm} --port sim --yes --json")
@@ -86,7 +86,7 @@ def test_a_published_arm_moves_after_one_command(make, run_cli, tmp_path):
     assert run_cli(f"pose rest {arm} --port sim --yes").code == 0
 
 
-def test_its_kinematics_are_those_of_the_description(make, source, tmp_path):
+def test_imported_kinematics_match_description(make, source, tmp_path):
     make()
     pin = pytest.importorskip("pinocchio")
     mine = ikservo.load_model(tmp_path / "mine")
@@ -103,7 +103,7 @@ def test_its_kinematics_are_those_of_the_description(make, source, tmp_path):
         np.testing.assert_allclose(mine.chain.forward(q), T, atol=1e-12)
 
 
-def test_every_decision_is_written(make, tmp_path):
+def test_import_report_lists_every_decision(make, tmp_path):
     make()
     report = (tmp_path / "mine" / "import.md").read_text()
     for part in ("The tip is the link tcp", "jaws are moved by jaw", "pan has no limits",
@@ -112,7 +112,7 @@ def test_every_decision_is_written(make, tmp_path):
         assert part in report
 
 
-def test_it_has_simple_shapes_for_contact_and_meshes_for_pictures(make, source, tmp_path):
+def test_imported_arm_has_capsules_and_visual_meshes(make, source, tmp_path):
     make()
     model = ikservo.load_model(tmp_path / "mine")
     shapes = [shape for link in model.urdf.links for shape in link.collisions]
@@ -131,13 +131,13 @@ def test_it_has_simple_shapes_for_contact_and_meshes_for_pictures(make, source, 
             assert min(away) <= 1e-5
 
 
-def test_the_base_stands_on_the_table(make, tmp_path):
+def test_imported_base_stands_on_table(make, tmp_path):
     make()
     model = ikservo.load_model(tmp_path / "mine")
     assert model.floor_m == pytest.approx(-0.08, abs=0.002)  # half the bar below its middle
 
 
-def test_a_base_leaves_out_what_does_not_hang_on_it(make, tmp_path):
+def test_base_option_leaves_out_links_not_attached_to_it(make, tmp_path):
     assert make("--base turret").code == 0
     model = ikservo.load_model(tmp_path / "mine")
     assert model.urdf.root == "turret"
@@ -156,7 +156,7 @@ TOOL = '<link name="tool"/>' + joint("tool mount", "fixed", "hand", "tool")
     [(HAND + TOOL, "tool"), (HAND.replace("1.5", "2.5"), "hand")],
     ids=["a tool behind it", "more than half a turn"],
 )
-def test_a_joint_that_turns_the_hand_is_no_jaw(make, source, tmp_path, hand, tip):
+def test_joint_that_turns_hand_is_not_imported_as_jaw(make, source, tmp_path, hand, tip):
     without_jaws = published().replace("prismatic", "fixed")
     source.write_text(without_jaws.replace("</robot>", f"{hand}</robot>"))
     assert make().code == 0
@@ -164,14 +164,14 @@ def test_a_joint_that_turns_the_hand_is_no_jaw(make, source, tmp_path, hand, tip
     assert (model.chain.tip, model.gripper, model.chain.names[-1]) == (tip, None, "roll")
 
 
-def test_a_jaw_that_was_exported_with_a_whole_turn_is_one(make, source, tmp_path):
+def test_jaw_exported_with_full_turn_is_imported_as_jaw(make, source, tmp_path):
     whole = published().replace("prismatic", "revolute").replace(JAW, LIMIT.replace("1.5", "3.14"))
     source.write_text(whole)
     assert make().code == 0
     assert ikservo.load_model(tmp_path / "mine").gripper.joint == "jaw"
 
 
-def test_options_decide(make, tmp_path):
+def test_import_options_override_automatic_choices(make, tmp_path):
     options = ("--tip palm --gripper none --limits pan=-90:45 --servo lift=-7:STS3250 "
                "--servo-model STS3250 --base-frame 'rotate 90, raise 0.1'")  # fmt: skip
     assert make(options).code == 0
@@ -186,7 +186,7 @@ def test_options_decide(make, tmp_path):
     np.testing.assert_allclose(T[:3, 0], (0.0, 1.0, 0.0), atol=1e-12)
 
 
-def test_two_tips_are_two_arms_on_one_bus(run_cli, tmp_path):
+def test_import_with_two_tips_makes_two_arms_with_own_ids(run_cli, tmp_path):
     links = ["<link name='base'/>"]
     for side, y in (("left", 0.2), ("right", -0.2)):
         parent = "base"
@@ -207,7 +207,7 @@ def test_two_tips_are_two_arms_on_one_bus(run_cli, tmp_path):
     assert ids == [[1, 2, 3], [4, 5, 6]]
 
 
-def test_a_dry_run_writes_nothing(make, tmp_path):
+def test_import_dry_run_writes_nothing(make, tmp_path):
     result = make("--dry-run")
     assert result.code == 0
     assert "[poses.home]" in result.out
@@ -215,7 +215,7 @@ def test_a_dry_run_writes_nothing(make, tmp_path):
     assert not (tmp_path / "mine").exists()
 
 
-def test_an_existing_arm_is_kept(make, tmp_path):
+def test_import_keeps_existing_arm_without_overwrite(make, tmp_path):
     (tmp_path / "mine").mkdir()
     (tmp_path / "mine" / "arm.toml").write_text("mine")
     refused = make()
@@ -226,7 +226,7 @@ def test_an_existing_arm_is_kept(make, tmp_path):
     assert ikservo.load_model(tmp_path / "mine").name == "mine"
 
 
-def test_a_folder_of_descriptions_is_searched(make, source, tmp_path):
+def test_import_searches_folder_for_description(make, source, tmp_path):
     folder = source.parents[2]
     assert make("--dry-run", of=folder).code == 0
     (source.parent / "other.urdf").write_text(published())
@@ -236,7 +236,7 @@ def test_a_folder_of_descriptions_is_searched(make, source, tmp_path):
     assert make("--file other.urdf --dry-run", of=folder).code == 0
 
 
-def test_a_file_and_what_it_needs_are_found_from_inside_the_folder(make, source, monkeypatch):
+def test_import_finds_files_relative_to_current_folder(make, source, monkeypatch):
     folder = source.parents[2]
     (folder / "bar.stl").write_bytes((folder / "desk_arm/meshes/bar.stl").read_bytes())
     source.write_text(published().replace("package://desk_arm/meshes/bar.stl", "../../bar.stl"))
@@ -248,7 +248,7 @@ def test_a_file_and_what_it_needs_are_found_from_inside_the_folder(make, source,
     assert "is left out" not in found.out
 
 
-def test_a_slide_without_limits_gets_some_and_is_named(make, source, tmp_path):
+def test_sliding_joint_with_huge_limits_gets_usable_ones(make, source, tmp_path):
     old = joint("lift", "revolute", "turret", "upper arm", limit=LIMIT)
     endless = '<limit lower="-50" upper="-3" effort="1" velocity="1"/>'
     source.write_text(published().replace(old, joint(
@@ -260,7 +260,7 @@ def test_a_slide_without_limits_gets_some_and_is_named(make, source, tmp_path):
     assert (lift.lower, lift.upper) == (-4.0, -3.0)
 
 
-def test_links_whose_mass_is_missing_are_named(make, source, tmp_path):
+def test_links_without_mass_are_named_in_import_report(make, source, tmp_path):
     forearm = LINK.format(name="forearm", shapes=both())
     bare = f'<link name="forearm">{both()}</link>'
     source.write_text(source.read_text().replace(forearm, bare))
@@ -269,7 +269,7 @@ def test_links_whose_mass_is_missing_are_named(make, source, tmp_path):
     assert "No mass is given for forearm: servos and the rest pose" in decisions
 
 
-def test_a_missing_mesh_is_left_out_and_said(make, source, tmp_path):
+def test_missing_mesh_is_left_out_and_reported(make, source, tmp_path):
     (source.parents[1] / "meshes" / "bar.stl").unlink()
     assert make().code == 0
     report = (tmp_path / "mine" / "import.md").read_text()
@@ -278,13 +278,13 @@ def test_a_missing_mesh_is_left_out_and_said(make, source, tmp_path):
     assert capsules_of(ikservo.load_model(tmp_path / "mine"))
 
 
-def test_a_mesh_as_large_as_a_house_is_left_out(make, source, tmp_path):
+def test_mesh_120_m_large_is_left_out(make, source, tmp_path):
     source.write_text(source.read_text().replace('scale="0.001 0.001 0.001"', ""))
     assert make().code == 0
     assert "bar.stl is left out: it is 120 m large" in (tmp_path / "mine" / "import.md").read_text()
 
 
-def test_json_names_every_file(make, tmp_path):
+def test_import_json_lists_every_file(make, tmp_path):
     result = make("--json --dry-run")
     (arm,) = json.loads(result.out)["arms"]
     assert set(arm["files"]) == {"arm.toml", "arm.urdf", "import.md", "meshes/01_bar.stl"}
@@ -292,7 +292,7 @@ def test_json_names_every_file(make, tmp_path):
 
 
 @pytest.mark.full
-def test_an_arm_is_measured_with_a_ruler(run_cli, tmp_path):
+def test_arm_from_ruler_measurements_moves(run_cli, tmp_path):
     joints = "--joint pan=z:0.06 --joint lift=y:0.12 --joint elbow=y:0.1"
     assert run_cli(f"arms new ruled {joints} --folder {tmp_path}").code == 0
     model = ikservo.load_model(tmp_path / "ruled")
@@ -320,7 +320,7 @@ def test_an_arm_is_measured_with_a_ruler(run_cli, tmp_path):
         ("--tip world", "--tip"),
     ],
 )
-def test_an_option_that_does_not_fit_is_answered(make, tmp_path, options, said):
+def test_wrong_import_option_is_refused_with_suggestion(make, tmp_path, options, said):
     result = make(options)
     assert result.code == 2
     assert said in result.err
@@ -336,7 +336,7 @@ def test_an_option_that_does_not_fit_is_answered(make, tmp_path, options, said):
         ("new a --joint pan=z:0.1 --limits pan=-inf:inf", "-inf:inf"),
     ],
 )
-def test_what_would_be_ignored_or_contradicts_itself_is_refused(run_cli, tmp_path, words, said):
+def test_contradicting_import_options_are_refused(run_cli, tmp_path, words, said):
     answer = run_cli(f"arms {words} --folder {tmp_path}")
     assert answer.code == 2
     assert said in answer.err
@@ -344,12 +344,12 @@ def test_what_would_be_ignored_or_contradicts_itself_is_refused(run_cli, tmp_pat
 
 
 @pytest.mark.parametrize("name", ["so101", "a/b", "", "x" * 65])
-def test_a_name_that_an_arm_cannot_have_is_refused(run_cli, source, tmp_path, name):
+def test_invalid_arm_name_is_refused(run_cli, source, tmp_path, name):
     result = run_cli(f"arms new '{name}' --from {source} --folder {tmp_path}")
     assert result.code == 2
 
 
-def test_our_own_arms_can_be_imported(run_cli, tmp_path):
+def test_shipped_arms_can_be_imported_again(run_cli, tmp_path):
     for name in ("koch", "px100"):
         path = CONFIGS / name / "arm.urdf"
         assert run_cli(f"arms new my_{name} --from {path} --folder {tmp_path}").code == 0
@@ -361,7 +361,7 @@ def test_our_own_arms_can_be_imported(run_cli, tmp_path):
 
 
 @pytest.mark.full
-def test_a_limp_arm_of_meshes_comes_to_rest_on_the_table(make, tmp_path):
+def test_limp_imported_arm_comes_to_rest_on_table(make, tmp_path):
     make()
     with ikservo.open_arm(tmp_path / "mine", port="sim:?pose=home", uncalibrated=True) as arm:
         for _ in range(40):
@@ -393,7 +393,7 @@ FOREIGN = {
 
 
 @pytest.mark.parametrize("what", FOREIGN)
-def test_an_arm_folder_of_a_foreign_description_gets_the_command(what, run_cli, tmp_path):
+def test_arm_file_with_foreign_description_suggests_import(what, run_cli, tmp_path):
     line, content = FOREIGN[what]
     own = CONFIGS.parent / "examples" / "own_arm"
     toml = (own / "arm.toml").read_text()
@@ -407,13 +407,13 @@ def test_an_arm_folder_of_a_foreign_description_gets_the_command(what, run_cli, 
 
 
 @pytest.mark.parametrize("pose", ["home", "rest"])
-def test_its_poses_are_free_for_the_guard(make, tmp_path, pose):
+def test_poses_of_imported_arm_have_clearance(make, tmp_path, pose):
     make()
     with ikservo.open_arm(tmp_path / "mine", port="sim:?pose=home", uncalibrated=True) as arm:
         assert arm.clearance_m(arm.model.pose(pose)) >= 0.0
 
 
-def test_the_command_that_is_printed_finds_the_new_arm(run_cli, tmp_path, monkeypatch):
+def test_import_prints_arm_option_that_finds_new_arm(run_cli, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     made = run_cli("arms new ruled --joint pan=z:0.1 --joint lift=y:0.1")
     path = re.search(r"--arm (\S+)", made.err).group(1)

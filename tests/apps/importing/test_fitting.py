@@ -75,7 +75,7 @@ def test_a_simple_part_gets_few_capsules():
     assert counts["a bent arm"] <= 4
 
 
-def test_the_solid_inside_a_closed_mesh_is_contained():
+def test_capsules_contain_solid_inside_closed_mesh():
     mesh = trimesh.creation.box((0.3, 0.2, 0.1))
     fit = fit_capsules(np.array(mesh.triangles))
     points = (np.random.default_rng(3).random((3000, 3)) - 0.5) * mesh.extents
@@ -83,7 +83,7 @@ def test_the_solid_inside_a_closed_mesh_is_contained():
 
 
 @pytest.mark.parametrize("count", [1, 2])
-def test_a_flat_mesh_is_contained(count):
+def test_capsules_contain_flat_mesh(count):
     corners = np.array([[0.0, 0.0, 0.0], [0.1, 0.0, 0.0], [0.1, 0.05, 0.0], [0.0, 0.05, 0.0]])
     triangles = corners[[[0, 1, 2], [0, 2, 3]][:count]]
     fit = fit_capsules(triangles)
@@ -92,7 +92,7 @@ def test_a_flat_mesh_is_contained(count):
 
 
 @pytest.mark.full
-def test_a_bracket_is_fitted_nearer_beside_the_servo_that_fills_it():
+def test_bracket_is_fitted_tighter_beside_servo_that_fills_it():
     sides = [trimesh.creation.box((0.09, 0.004, 0.05)).apply_translation((0.0, y, 0.025))
              for y in (-0.035, 0.035)]  # fmt: skip
     holder = trimesh.util.concatenate([trimesh.creation.box((0.09, 0.07, 0.004)), *sides])
@@ -108,7 +108,7 @@ def test_a_bracket_is_fitted_nearer_beside_the_servo_that_fills_it():
     assert second.excess_m < fit_capsules(walls).excess_m - 0.003
 
 
-def test_a_mesh_within_the_capsules_beside_it_needs_none():
+def test_mesh_inside_other_capsules_needs_no_capsule():
     block, core = (trimesh.creation.box((size, size, size)) for size in (0.05, 0.02))
     outer = fit_capsules(np.array(block.triangles))
     inner = fit_capsules(np.array(core.triangles), [np.array(block.triangles)], outer.capsules)

@@ -55,7 +55,7 @@ BOMB = "<!DOCTYPE r [<!ENTITY a 'x'>" + "".join(
 
 @pytest.mark.parametrize("name", ["arm.urdf", "arm.urdf.xacro"])
 @pytest.mark.parametrize("head", [BOMB, "<!DOCTYPE r SYSTEM 'file:///etc/passwd'>"])
-def test_document_types_are_refused_before_anything_runs(read, head, name):
+def test_document_types_in_descriptions_are_refused(read, head, name):
     with pytest.raises(FileFormatError, match="document type"):
         read(robot(LINKS, CHAIN, head=head), name, allow_xacro=True)
 
@@ -65,7 +65,7 @@ def test_a_cycle_of_links_is_refused(read):
         read(robot(LINKS, CHAIN, joint("j4", "d", "a")))
 
 
-def test_followers_that_follow_each_other_move_by_themselves(read):
+def test_mutual_mimic_joints_are_imported_as_independent(read):
     follows = "<mimic joint='{}'/>"
     draft = read(robot(
         LINKS, joint("j1", "a", "b", more=follows.format("j2")),
@@ -84,7 +84,7 @@ def load_with_zero(draft):
 @pytest.mark.parametrize(
     "name", ['x"] = 1', "[bus]", "a'b", "#", "é ü", "</robot>".replace("<", "&lt;")]
 )
-def test_names_stay_names_in_the_files(read, name):
+def test_hostile_link_names_survive_in_written_files(read, name):
     quoted = name.replace("'", "&apos;")
     draft = read(robot(LINKS.replace("'d'", f"'{quoted}'"), CHAIN.replace('"d"', f'"{quoted}"')
                        if '"' not in name else CHAIN.replace('"d"', f"'{quoted}'")))  # fmt: skip
@@ -108,13 +108,13 @@ def test_names_stay_names_in_the_files(read, name):
     ],
     ids=["links", "depth", "elements", "far", "nan", "limits", "other", "empty", "null"],
 )  # fmt: skip
-def test_what_is_no_arm_is_one_sentence(read, text):
+def test_invalid_description_gives_one_sentence_error(read, text):
     with pytest.raises(IkservoError) as caught:
         read(text)
     assert len(str(caught.value)) < 500
 
 
-def test_a_mesh_outside_is_not_read_and_named(read):
+def test_mesh_outside_folder_is_not_read_and_is_named(read):
     shape = "<visual><geometry><mesh filename='../../etc/passwd.stl'/></geometry></visual>"
     draft = read(robot(LINKS.replace("<link name='b'/>", f"<link name='b'>{shape}</link>"), CHAIN))
     assert any("etc/passwd" in each and "outside" in each for each in draft.dropped)
@@ -128,33 +128,33 @@ def test_code_in_a_urdf_is_not_run_without_consent(read, tmp_path):
     assert not trap.exists()
 
 
-def test_of_macros_alone_nothing_is_made(read):
+def test_description_with_only_macros_is_refused(read):
     with pytest.raises(FileFormatError, match="macros only"):
         read(robot("<xacro:macro xmlns:xacro='http://ros.org/wiki/xacro' name='m'/>"),
              "arm.xacro", allow_xacro=True)  # fmt: skip
 
 
-def test_a_pipe_is_not_waited_for(tmp_path):
+def test_description_that_is_a_pipe_is_refused_without_waiting(tmp_path):
     os.mkfifo(tmp_path / "arm.urdf")
     with pytest.raises(FileFormatError, match="not a regular file"):
         read_foreign(tmp_path / "arm.urdf", {}, {}, allow_xacro=False)
 
 
-def test_a_pipe_in_a_folder_is_no_description(tmp_path):
+def test_pipe_in_folder_is_not_chosen_as_description(tmp_path):
     os.mkfifo(tmp_path / "arm.xml")
     for name in (None, "arm.xml", 5000 * "a"):
         with pytest.raises(InputError, match="has no "):
             choose_description(tmp_path, name)
 
 
-def test_folders_that_contain_themselves_are_searched_once(tmp_path):
+def test_folders_with_symlink_cycle_are_searched_once(tmp_path):
     (tmp_path / "inner").mkdir()
     (tmp_path / "inner" / "arm.urdf").write_text("<robot name='x'/>")
     (tmp_path / "inner" / "again").symlink_to(tmp_path)
     assert choose_description(tmp_path) == tmp_path / "inner" / "arm.urdf"
 
 
-def test_nothing_is_left_of_an_arm_that_is_refused(tmp_path):
+def test_refused_import_leaves_no_files(tmp_path):
     (tmp_path / "arm.urdf").write_text(robot(LINKS, CHAIN, joint("j4", "d", "a")))
     code = ikservo.cli.main(
         ["arms", "new", "mine", "--from", str(tmp_path / "arm.urdf"), "--folder", str(tmp_path)]
@@ -164,7 +164,7 @@ def test_nothing_is_left_of_an_arm_that_is_refused(tmp_path):
 
 
 @pytest.mark.parametrize("word", ["joint", "gripper"])
-def test_links_in_a_row_take_linear_time(word):
+def test_long_link_chains_are_analysed_in_linear_time(word):
     def calls(count):
         links = "".join(f"<link name='l{i}'/>" for i in range(count + 1))
         joints = "".join(

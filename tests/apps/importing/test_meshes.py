@@ -51,7 +51,7 @@ def mesh_at(path, scale=(1.0, 1.0, 1.0)):
 
 
 @pytest.mark.parametrize("name", [*FORMATS, "shape.dae"])
-def test_every_format_gives_the_same_triangles(name, tmp_path):
+def test_every_mesh_format_gives_same_triangles(name, tmp_path):
     mesh, path = link_like("bar"), tmp_path / name
     if name == "shape.dae":
         path.write_bytes(mesh.export(file_type="dae"))
@@ -64,7 +64,7 @@ def test_every_format_gives_the_same_triangles(name, tmp_path):
 
 
 @pytest.mark.parametrize(("unit", "metre"), [("0.001", 0.001), ("1", 1.0), ("0", 1.0), ("x", 1.0)])
-def test_a_collada_file_says_its_unit(tmp_path, unit, metre):
+def test_collada_mesh_is_scaled_by_its_unit(tmp_path, unit, metre):
     path = tmp_path / "shape.dae"
     text = link_like("bar").export(file_type="dae").decode()
     assert "<created>" in text
@@ -95,7 +95,7 @@ def test_gltf_reads_its_buffers_from_its_folder_only(tmp_path):
         mesh_triangles("upper", mesh_at(path))
 
 
-def test_the_scale_is_that_of_the_description(tmp_path):
+def test_mesh_is_scaled_as_description_says(tmp_path):
     path = tmp_path / "bar.stl"
     millimetres = link_like("bar")
     millimetres.apply_scale(1000.0)
@@ -113,25 +113,25 @@ def test_the_scale_is_that_of_the_description(tmp_path):
         ("shape.step", b"ISO-10303-21;", "its format is .step"),
     ],
 )
-def test_a_mesh_that_cannot_be_read_is_an_error_that_names_the_link(name, data, found, tmp_path):
+def test_unreadable_mesh_error_names_link(name, data, found, tmp_path):
     path = tmp_path / name
     path.write_bytes(data)
     with pytest.raises(FileFormatError, match=f"mesh of link forearm: .*({found})"):
         mesh_triangles("forearm", mesh_at(path))
 
 
-def test_a_missing_mesh_is_an_error_that_names_the_link(tmp_path):
+def test_missing_mesh_error_names_link(tmp_path):
     with pytest.raises(FileFormatError, match="mesh of link forearm: the file does not exist"):
         mesh_triangles("forearm", mesh_at(tmp_path / "gone.stl"))
 
 
-def test_a_mesh_outside_is_an_error_that_names_the_link():
+def test_mesh_outside_folder_error_names_link():
     mesh = Mesh("/etc/passwd", None, (1.0,) * 3, (0.0,) * 3, (0.0,) * 3)
     with pytest.raises(FileFormatError, match="mesh of link forearm: it is outside the model's"):
         mesh_triangles("forearm", mesh)
 
 
-def test_without_trimesh_the_error_says_what_to_install(tmp_path, monkeypatch):
+def test_mesh_without_trimesh_says_what_to_install(tmp_path, monkeypatch):
     path = tmp_path / "bar.stl"
     path.write_bytes(binary_stl(link_like("bar")))
     monkeypatch.setitem(__import__("sys").modules, "trimesh", None)
@@ -140,7 +140,7 @@ def test_without_trimesh_the_error_says_what_to_install(tmp_path, monkeypatch):
     assert "[import]" in caught.value.hint
 
 
-def test_a_mesh_too_large_is_refused(tmp_path, monkeypatch):
+def test_mesh_file_above_size_limit_is_refused(tmp_path, monkeypatch):
     monkeypatch.setattr(meshes, "_MAX_BYTES", 1000)
     path = tmp_path / "ball.stl"
     path.write_bytes(binary_stl(link_like("ball")))
@@ -149,7 +149,7 @@ def test_a_mesh_too_large_is_refused(tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize("inside", ["meshes/bar.stl", "small_description/meshes/bar.stl"])
-def test_package_names_are_looked_for_in_the_models_folder(inside, tmp_path):
+def test_package_names_are_found_in_model_folder(inside, tmp_path):
     (tmp_path / inside).parent.mkdir(parents=True)
     (tmp_path / inside).write_bytes(b"")
     (tmp_path / "urdf").mkdir()
@@ -162,7 +162,7 @@ def test_package_names_are_looked_for_in_the_models_folder(inside, tmp_path):
         assert mesh.path == (tmp_path / inside).resolve(), name
 
 
-def test_an_arm_without_any_shape_says_so(tmp_path):
+def test_collision_body_of_arm_without_shapes_is_refused(tmp_path):
     (tmp_path / "arm.urdf").write_text(
         """<robot name="bare"><link name="base"/><link name="bar"/>
         <joint name="j" type="revolute"><parent link="base"/><child link="bar"/>

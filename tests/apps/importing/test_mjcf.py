@@ -66,7 +66,7 @@ def path(tmp_path):
     return path
 
 
-def test_the_tool_is_where_mujoco_has_it(path):
+def test_mjcf_tool_pose_matches_mujoco(path):
     model, oracle = load(path), mujoco.MjModel.from_xml_path(str(path))
     assert model.chain.names == ("pan", "lift", "elbow")
     data, random = mujoco.MjData(oracle), np.random.default_rng(1)
@@ -79,13 +79,13 @@ def test_the_tool_is_where_mujoco_has_it(path):
         np.testing.assert_allclose(T[:3, :3].ravel(), data.site("tool").xmat, atol=1e-9)
 
 
-def test_limits_and_kinds_are_those_of_the_file(path):
+def test_mjcf_limits_match_file(path):
     chain = load(path).chain
     np.testing.assert_allclose(np.rad2deg(chain.lower_rad[:2]), [-90, -80])
     assert chain.upper_rad[2] == np.inf
 
 
-def test_masses_and_tensors_are_where_mujoco_has_them(path):
+def test_mjcf_masses_and_inertias_match_mujoco(path):
     model, oracle = load(path), mujoco.MjModel.from_xml_path(str(path))
     data = mujoco.MjData(oracle)
     data.qpos[:] = 0.0
@@ -101,12 +101,12 @@ def test_masses_and_tensors_are_where_mujoco_has_them(path):
         np.testing.assert_allclose(R @ mass.inertia_kg_m2 @ R.T, tensor, atol=1e-9)
 
 
-def test_a_joint_that_follows_another_is_a_mimic(path):
+def test_mjcf_equality_joint_becomes_mimic(path):
     joints = {j.name: j for j in load(path).urdf.joints}
     assert (joints["follow"].mimic.joint, joints["follow"].mimic.multiplier) == ("grip", 1.0)
 
 
-def test_a_follower_without_limits_has_those_of_its_leader(path, tmp_path):
+def test_mjcf_mimic_joint_without_limits_gets_leader_limits(path, tmp_path):
     text = MJCF.replace('axis="0 -1 0" range="0 0.03"', 'axis="0 -1 0"')
     path.write_text(text.replace('"0 1 0 0 0"', '"0.01 -2 0 0 0"'))
     folder = tmp_path / "new"
@@ -116,7 +116,7 @@ def test_a_follower_without_limits_has_those_of_its_leader(path, tmp_path):
     assert (joints["follow"].lower, joints["follow"].upper) == pytest.approx((-0.05, 0.01))
 
 
-def test_every_body_has_capsules_its_meshes_too(path):
+def test_mjcf_bodies_all_have_capsules(path):
     gaps = collision_body(load(path)).floor_distances([[0.0, 0.0, 0.0]], -1.0)
     assert {link for link, _ in gaps.pairs} == {"base", "upper", "fore", "left", "right"}
 
@@ -130,7 +130,7 @@ def test_every_body_has_capsules_its_meshes_too(path):
         ("<asset>", '<include file="../other.xml"/><asset>'),
     ],
 )
-def test_a_file_outside_the_folder_is_refused_before_mujoco_reads_it(path, old, new, monkeypatch):
+def test_mjcf_file_outside_folder_is_refused_before_mujoco(path, old, new, monkeypatch):
     monkeypatch.setattr("ikservo.apps.importing.mjcf.importlib.import_module", None)
     path.write_text(MJCF.replace(old, new))
     with pytest.raises(FileFormatError, match="outside the model's folder"):
@@ -146,7 +146,7 @@ def test_a_file_outside_the_folder_is_refused_before_mujoco_reads_it(path, old, 
         ('<asset><model name="other" file="other.xml"/>', "<model> is not for arms"),
     ],
 )
-def test_no_rule_of_mujoco_leads_outside_the_folder(path, new, found, tmp_path):
+def test_mjcf_mesh_tricks_do_not_reach_outside_folder(path, new, found, tmp_path):
     secret = tmp_path / "secret.stl"
     secret.write_bytes((path.parent / "meshes" / "bar.stl").read_bytes())
     folder = tmp_path / "arm"
@@ -162,7 +162,7 @@ BAR = '<mesh name="bar" file="bar.stl"/>'
 ASSET = f"<asset>{BAR}</asset>"
 
 
-def test_a_mesh_of_an_included_file_is_in_the_folder_that_the_first_file_names(path):
+def test_mjcf_included_mesh_uses_mesh_folder_of_first_file(path):
     (path.parent / "assets.xml").write_text(f"<mujoco>{ASSET}</mujoco>")
     text = MJCF.replace(ASSET, '<include file="assets.xml"/>')
     path.write_text(text)
@@ -179,14 +179,14 @@ def test_a_mesh_of_an_included_file_is_in_the_folder_that_the_first_file_names(p
         ("<worldbody>", "<worldbody><nonsense/>", "MuJoCo refuses it"),
     ],
 )
-def test_what_no_arm_has_is_named(path, old, new, found):
+def test_mjcf_ball_joint_and_unknown_element_are_refused(path, old, new, found):
     assert old in MJCF
     path.write_text(MJCF.replace(old, new))
     with pytest.raises(FileFormatError, match=found):
         load(path)
 
 
-def test_things_beside_an_arm_are_left_out_and_an_arm_that_stands_freely_is_fixed(path):
+def test_mjcf_loose_things_are_left_out_and_free_base_is_fixed(path):
     def parts():
         urdf = read_mjcf(path)
         return urdf.joints, [(link.name, link.mass_kg, link.com_m) for link in urdf.links]
@@ -203,14 +203,14 @@ def test_things_beside_an_arm_are_left_out_and_an_arm_that_stands_freely_is_fixe
     assert parts() == alone
 
 
-def test_without_mujoco_the_error_says_what_to_install(path, monkeypatch):
+def test_mjcf_without_mujoco_says_what_to_install(path, monkeypatch):
     monkeypatch.setitem(__import__("sys").modules, "mujoco", None)
     with pytest.raises(InputError, match="needs mujoco") as caught:
         load(path)
     assert "[physics]" in caught.value.hint
 
 
-def test_a_folder_in_a_package_may_name_what_is_beside_it(path):
+def test_mjcf_in_package_may_use_neighbour_folder(path):
     (path.parent / "package.xml").write_text("<package><name>made</name></package>")
     folder = path.parent / "model"
     folder.mkdir()
@@ -291,7 +291,7 @@ def test_mjcf_with_reversed_limits_is_refused(path, old, new):
         read_mjcf(path)
 
 
-def test_mujoco_writes_and_prints_nothing(path, tmp_path, monkeypatch, capfd):
+def test_mjcf_reading_makes_mujoco_write_and_print_nothing(path, tmp_path, monkeypatch, capfd):
     work = tmp_path / "work"
     work.mkdir()
     monkeypatch.chdir(work)

@@ -35,25 +35,25 @@ def urdf(tmp_path):
         "package://other/b.stl",
     ],
 )
-def test_a_mesh_is_found(urdf, name):
+def test_mesh_is_found_by_package_or_relative_name(urdf, name):
     found = PackageFolders(urdf).find_mesh(name)
     assert found is not None
     assert found.is_file()
 
 
 @pytest.mark.parametrize("start", ["file://", "file:///", ""])
-def test_a_mesh_is_found_by_the_folder_that_find_returns(urdf, start):
+def test_mesh_is_found_by_absolute_path_in_package(urdf, start):
     mesh = urdf.parents[1] / "meshes" / "a.stl"
     assert PackageFolders(urdf).find_mesh(f"{start}{mesh.as_posix()}") == mesh
 
 
-def test_a_package_has_the_name_in_its_manifest(urdf):
+def test_package_is_found_by_name_in_its_manifest(urdf):
     package = urdf.parents[1].rename(urdf.parents[2] / "cloned")
     path = package / "urdf" / "arm.urdf"
     assert PackageFolders(path).find("arm_description") == package
 
 
-def test_the_user_says_where_a_package_is(urdf, tmp_path):
+def test_package_folder_given_by_user_is_used(urdf, tmp_path):
     (tmp_path / "else").mkdir()
     (tmp_path / "else" / "c.stl").write_text("x")
     packages = PackageFolders(urdf, {"far": tmp_path / "else"})
@@ -72,18 +72,18 @@ def test_the_user_says_where_a_package_is(urdf, tmp_path):
         "http://example.org/a.stl",
     ],
 )
-def test_no_mesh_outside_is_found(urdf, name):
+def test_mesh_outside_package_is_not_found(urdf, name):
     packages = PackageFolders(urdf)
     found = packages.find_mesh(name)
     assert found is None or found.is_relative_to(urdf.parents[1])
 
 
-def test_a_link_out_of_the_package_is_not_followed(urdf, tmp_path):
+def test_symlink_out_of_package_is_not_followed(urdf, tmp_path):
     (urdf.parents[1] / "meshes" / "out.stl").symlink_to(tmp_path / "secret.stl")
     assert PackageFolders(urdf).find_mesh("../meshes/out.stl") is None
 
 
-def test_the_search_ends_at_the_repository(urdf, tmp_path):
+def test_package_search_ends_at_repository_root(urdf, tmp_path):
     (tmp_path / "beyond").mkdir()
     packages = PackageFolders(urdf)
     assert packages.find("beyond") is None

@@ -80,7 +80,7 @@ def servos_of(draft):
 
 
 @pytest.mark.full
-def test_each_joint_gets_the_servo_that_moved_it(draft, port):
+def test_each_joint_gets_servo_that_user_saw_move(draft, port):
     onlooker = Onlooker()
     run(assign_servos([draft], port, {}), onlooker)
     assert servos_of(draft) == {name: (IDS[name], SIGNS[name]) for name in IDS}
@@ -90,7 +90,7 @@ def test_each_joint_gets_the_servo_that_moved_it(draft, port):
 
 
 @pytest.mark.full
-def test_a_servo_is_moved_alone_and_limp_whenever_something_is_asked(draft, port, monkeypatch):
+def test_servos_move_one_at_a_time_with_torque_off_at_questions(draft, port, monkeypatch):
     worlds, moved = [], []
     make = servosim.port.make_arm_world
     monkeypatch.setattr(
@@ -113,9 +113,7 @@ def test_a_servo_is_moved_alone_and_limp_whenever_something_is_asked(draft, port
 
 
 @pytest.mark.parametrize("number", [None, signal.SIGTERM, signal.SIGHUP])
-def test_a_dialogue_that_is_left_in_a_motion_leaves_the_servo_limp(
-    draft, port, monkeypatch, number
-):
+def test_assignment_left_during_motion_switches_torque_off(draft, port, monkeypatch, number):
     worlds = []
     make = servosim.port.make_arm_world
     monkeypatch.setattr(
@@ -136,26 +134,26 @@ def test_a_dialogue_that_is_left_in_a_motion_leaves_the_servo_limp(
     assert not any(servo.read("torque_enable") for servo in worlds[0].servos)
 
 
-def test_nothing_moves_without_consent(draft, port, monkeypatch):
+def test_servo_assignment_moves_nothing_without_consent(draft, port, monkeypatch):
     monkeypatch.setattr("ikservo.apps.importing.servo_assignment.torque_on", None)
     with pytest.raises(InputError, match="was not moved") as caught:
         run(assign_servos([draft], port, {}), lambda item: None)
     assert "--servo JOINT=ID" in caught.value.hint
 
 
-def test_servos_that_are_named_are_not_moved(draft, port, monkeypatch):
+def test_servos_named_by_user_are_not_moved(draft, port, monkeypatch):
     monkeypatch.setattr("ikservo.apps.importing.servo_assignment.torque_on", None)
     servos = {name: (DraftServo(IDS[name], "", SIGNS[name]),) for name in IDS}
     run(assign_servos([draft], port, servos), None)
     assert servos_of(draft) == {name: (IDS[name], SIGNS[name]) for name in IDS}
 
 
-def test_a_named_servo_that_is_silent_is_an_error(draft, port):
+def test_named_servo_that_does_not_reply_is_an_error(draft, port):
     with pytest.raises(ServoSilentError, match="servo 99 of gripper"):
         run(assign_servos([draft], port, {"gripper": (DraftServo(99, ""),)}), None)
 
 
-def test_too_few_servos_are_said(draft, port, tmp_path):
+def test_too_few_replying_servos_are_reported(draft, port, tmp_path):
     text = (tmp_path / "arm.toml").read_text()
     head, gripper = text.split('[[joints]]\nname      = "gripper"')
     (tmp_path / "arm.toml").write_text(head + gripper[gripper.index("# Upper arm") :])

@@ -45,14 +45,14 @@ def no_child(monkeypatch):
 
 
 @needs_xacro
-def test_an_arm_is_made_of_it_where_that_is_allowed(run_cli, path, tmp_path):
+def test_xacro_is_expanded_with_allow_xacro(run_cli, path, tmp_path):
     done = run_cli(f"arms new two --from {path} --folder {tmp_path} --allow-xacro")
     assert done.code == 0
     model = ikservo.load_model(tmp_path / "two")
     assert model.chain.forward([0.0], frame="arm")[0, 3] == pytest.approx(0.15)
 
 
-def test_without_consent_nothing_is_run(run_cli, path, tmp_path, no_child):
+def test_xacro_is_not_run_without_consent(run_cli, path, tmp_path, no_child):
     refused = run_cli(f"arms new two --from {path} --folder {tmp_path}")
     assert refused.code == 2
     assert "runs the Python expressions" in refused.err
@@ -60,7 +60,7 @@ def test_without_consent_nothing_is_run(run_cli, path, tmp_path, no_child):
     assert not (tmp_path / "two").exists()
 
 
-def test_a_property_that_nothing_uses_runs_no_code(run_cli, path, tmp_path, no_child):
+def test_unused_xacro_property_runs_no_code(run_cli, path, tmp_path, no_child):
     text = (CONFIGS / "so101" / "arm.urdf").read_text()
     head = '<robot xmlns:xacro="http://ros.org/wiki/xacro" '
     text = text.replace("<robot ", head, 1).replace(
@@ -72,7 +72,7 @@ def test_a_property_that_nothing_uses_runs_no_code(run_cli, path, tmp_path, no_c
 
 
 @needs_xacro
-def test_packages_and_arguments_are_given(tmp_path):
+def test_xacro_gets_packages_and_arguments(tmp_path):
     (tmp_path / "parts").mkdir()
     (tmp_path / "parts" / "part.xacro").write_text(
         '<robot xmlns:xacro="http://ros.org/wiki/xacro"><link name="$(arg link)"/></robot>'
@@ -88,13 +88,13 @@ def test_packages_and_arguments_are_given(tmp_path):
         expand_xacro(path)
 
 
-def test_loading_runs_no_xacro(path, no_child):
+def test_load_model_never_runs_xacro(path, no_child):
     with pytest.raises(FileFormatError, match="runs what is written in the file") as caught:
         ikservo.load_model(path, tip="arm")
     assert f"ikservo arms new NAME --from {path}" in caught.value.hint
 
 
-def test_a_macro_in_a_urdf_names_the_command(path, no_child):
+def test_macro_in_urdf_names_import_command(path, no_child):
     plain = path.rename(path.with_suffix(""))
     with pytest.raises(FileFormatError, match="macros are not expanded") as caught:
         ikservo.load_model(plain, tip="arm")
@@ -103,7 +103,7 @@ def test_a_macro_in_a_urdf_names_the_command(path, no_child):
 
 @needs_xacro
 @pytest.mark.parametrize("place", ["the current folder", "PYTHONPATH"])
-def test_expand_imports_nothing_from(place, path, tmp_path, monkeypatch):
+def test_xacro_imports_nothing_from_folder_or_pythonpath(place, path, tmp_path, monkeypatch):
     trap = tmp_path / "trap"
     trap.mkdir()
     (trap / "xacro.py").write_text(f"open({str(trap / 'ran')!r}, 'w')\ndef main(): print('x')\n")
@@ -115,7 +115,7 @@ def test_expand_imports_nothing_from(place, path, tmp_path, monkeypatch):
     assert not (trap / "ran").exists()
 
 
-def test_without_xacro_the_error_says_what_to_install(path, monkeypatch):
+def test_missing_xacro_says_what_to_install(path, monkeypatch):
     monkeypatch.setattr("ikservo.apps.importing.xacro._MODULE", "no_such_module")
     with pytest.raises(FileFormatError, match="need xacro, which is not installed") as caught:
         expand_xacro(path)
@@ -123,7 +123,7 @@ def test_without_xacro_the_error_says_what_to_install(path, monkeypatch):
 
 
 @needs_xacro
-def test_an_argument_without_a_value_is_asked_for(path):
+def test_xacro_argument_without_value_is_named_with_option(path):
     path.write_text(MACROS.replace('name="base"/>', 'name="base$(arg dof)"/>'))
     with pytest.raises(FileFormatError, match="argument dof has no value") as caught:
         expand_xacro(path)
@@ -131,7 +131,7 @@ def test_an_argument_without_a_value_is_asked_for(path):
 
 
 @needs_xacro
-def test_what_xacro_refuses_is_said_in_its_words(path):
+def test_xacro_error_is_passed_on_in_its_words(path):
     path.write_text(MACROS.replace("${reach} 0 0", "${no_such_length} 0 0"))
     with pytest.raises(FileFormatError, match=r"xacro refuses it: .*no_such_length"):
         expand_xacro(path)
@@ -143,12 +143,12 @@ def test_what_xacro_refuses_is_said_in_its_words(path):
     [f"${{'x' * {MAX_URDF_BYTES + 1}}}", "${len(range(10**9) and [0] * 10**9)}"],
     ids=["output", "memory"],
 )
-def test_an_expansion_is_bounded_in_its(expression, path):
+def test_xacro_expansion_is_bounded_in_output_and_memory(expression, path):
     path.write_text(MACROS.replace("${reach} 0 0", expression))
     with pytest.raises(FileFormatError, match="xacro refuses it"):
         expand_xacro(path)
 
 
-def test_a_missing_file_is_named():
+def test_missing_xacro_file_is_named():
     with pytest.raises(FileFormatError, match=r"nowhere\.xacro: it does not exist"):
         expand_xacro(Path("nowhere.xacro"))

@@ -24,7 +24,7 @@ def folder(tmp_path, monkeypatch):
 
 
 @pytest.mark.full
-def test_poses_are_measured_and_the_page_holds_the_same_figures(run_cli, folder):
+def test_pose_accuracy_is_reported_with_same_figures_on_page(run_cli, folder):
     result = run_cli(f"test planar2 {SIM} --parts poses --cycles 2 --html a.html --json --note 50g")
     assert result.code == 0
     answer = result.json
@@ -60,7 +60,7 @@ def judge_markup(answer):
 
 
 @pytest.mark.campaign
-def test_the_table_says_what_is_shorter_than_in_the_standard(run_cli, folder):
+def test_accuracy_report_says_what_is_shorter_than_iso_9283(run_cli, folder):
     result = run_cli(f"test planar2 {SIM} --parts poses,drift --cycles 2 --drift 1s")
     assert result.code == 0
     assert re.search(r"^AP +P1 +\d+\.\d\d mm +2$", result.out, re.MULTILINE)
@@ -72,14 +72,14 @@ def test_the_table_says_what_is_shorter_than_in_the_standard(run_cli, folder):
 
 
 @pytest.mark.campaign
-def test_poses_are_approached_from_three_directions(run_cli):
+def test_accuracy_poses_are_approached_from_three_directions(run_cli):
     answer = run_cli(f"test planar2 {SIM} {SHORT} --parts directions --json").json
     assert [each["name"] for each in answer["directions"]] == ["P1", "P2", "P4"]
     assert all(each["vap_m"] < 5e-3 for each in answer["directions"])
 
 
 @pytest.mark.campaign
-def test_paths_are_measured_at_three_speeds(run_cli):
+def test_accuracy_paths_are_measured_at_three_speeds(run_cli):
     answer = run_cli(f"test planar2 {SIM} {SHORT} --parts paths --json").json
     found = {(path["shape"], path["speed_percent"]) for path in answer["paths"]}
     assert found == {(s, p) for s in ("line", "circle") for p in (100, 50, 10)}
@@ -98,7 +98,7 @@ def test_paths_are_measured_at_three_speeds(run_cli):
         pytest.param(SystemExit(143), marks=pytest.mark.campaign),
     ],
 )
-def test_what_was_measured_before_a_stop_is_kept(run_cli, folder, monkeypatch, error):
+def test_stopped_accuracy_test_keeps_its_measurements(run_cli, folder, monkeypatch, error):
     measure = accuracy_test.AccuracyTest._measure_directions
 
     def stop(self):
@@ -127,7 +127,7 @@ def test_what_was_measured_before_a_stop_is_kept(run_cli, folder, monkeypatch, e
         ("--html there.html", "there.html, which exists"),
     ],
 )
-def test_bad_settings_move_nothing(run_cli, folder, words, message):
+def test_bad_accuracy_test_settings_move_nothing(run_cli, folder, words, message):
     (folder / "there.html").write_text("mine")
     result = run_cli(f"test planar2 {SIM} {words}")
     assert result.code == 2

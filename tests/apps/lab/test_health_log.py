@@ -47,7 +47,7 @@ def history(random, true_deg, days, wear_deg=None, noise_deg=0.08):
         yield record(day, {n: max(p, 0.0) for n, p in plays.items()}, frictions)
 
 
-def test_wear_of_one_joint_is_found_and_named():
+def test_backlash_growth_of_one_joint_is_found_and_named():
     random = np.random.default_rng(3)
     found = 0
     for _ in range(100):
@@ -58,7 +58,7 @@ def test_wear_of_one_joint_is_found_and_named():
     assert found >= 95
 
 
-def test_measurements_of_an_arm_that_does_not_wear_raise_no_alarm():
+def test_repeated_measurements_without_wear_raise_no_alarm():
     random = np.random.default_rng(4)
     alarms = 0
     for _ in range(200):
@@ -67,7 +67,7 @@ def test_measurements_of_an_arm_that_does_not_wear_raise_no_alarm():
     assert alarms <= 4
 
 
-def test_heat_voltage_and_losses_are_no_wear():
+def test_heat_voltage_and_lost_replies_are_not_wear():
     calm = JointHealth(name="pan", id=1, temperature_c=25.0, voltage_v=7.4, load=0.1, requests=20)
     hot = JointHealth(name="pan", id=1, temperature_c=60.0, voltage_v=6.1, load=0.9, lost=9)
     records = [HealthRecord(written=DAY, source="monitor", joints=(each,)) for each in (calm, hot)]
@@ -76,7 +76,7 @@ def test_heat_voltage_and_losses_are_no_wear():
     assert (latest.temperature_c, latest.requests, latest.lost) == (60.0, 20, 9)
 
 
-def test_records_come_back_and_a_damaged_file_stays(tmp_path, monkeypatch):
+def test_health_records_round_trip_and_damaged_file_is_kept(tmp_path, monkeypatch):
     monkeypatch.setenv("IKSERVO_HOME", str(tmp_path))
     path = health_path("so101", "58FA/../083")
     assert path.parent == tmp_path / "health"
@@ -93,7 +93,7 @@ def test_records_come_back_and_a_damaged_file_stays(tmp_path, monkeypatch):
         path.write_text("".join(f"{each.model_dump_json(exclude_none=True)}\n" for each in written))
 
 
-def test_programs_that_append_at_once_lose_no_record(tmp_path):
+def test_concurrent_appends_lose_no_health_record(tmp_path):
     """Threads stand for programs: the lock excludes whoever has opened its file by itself."""
     path = tmp_path / "health" / "arm.jsonl"
     records = [record(day, {"pan": 0.5}) for day in range(75)]
@@ -102,7 +102,7 @@ def test_programs_that_append_at_once_lose_no_record(tmp_path):
     assert sorted(read_records(path), key=lambda each: each.written) == records
 
 
-def test_very_many_records_drop_the_oldest(tmp_path):
+def test_full_health_log_drops_oldest_record(tmp_path):
     path = tmp_path / "arm.jsonl"
     one = HealthRecord(written=DAY, source="monitor", joints=())
     path.write_text(f"{one.model_dump_json()}\n" * MAX_RECORDS)
@@ -111,7 +111,7 @@ def test_very_many_records_drop_the_oldest(tmp_path):
     assert (len(records), records[-1].written) == (MAX_RECORDS, DAY + timedelta(days=5))
 
 
-def test_servos_are_read_without_a_change():
+def test_measure_health_reads_every_servo():
     bus = make_bus({1: "STS3215", 7: "XL430-W250"})
     joints = measure_health(bus, 0.5)
     assert [joint.id for joint in joints] == [1, 7]

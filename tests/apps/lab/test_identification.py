@@ -40,24 +40,24 @@ def found():
     return identify(DYNAMICS, PRIORS, recorded())
 
 
-def test_gravity_columns_add_up_to_the_gravity_of_the_arm():
+def test_gravity_columns_sum_to_gravity_torques():
     q = np.random.default_rng(0).uniform(-1, 1, (5, DOF))
     columns = gravity_columns(DYNAMICS, q)
     assert columns.sum(axis=2) == pytest.approx(DYNAMICS.with_payload(1.0).gravity_torques(q))
 
 
-def test_masses_and_payload_are_found(found):
+def test_identification_finds_masses_and_payload(found):
     assert found.mass_scales[1:] == pytest.approx(SCALES[1:], rel=0.04)
     assert found.payload_kg == pytest.approx(0.05, abs=0.006)
 
 
-def test_motors_that_measure_their_current_tell_their_torque(found):
+def test_identification_finds_motor_torque_from_current(found):
     for name in found.joints:
         assert found.motors[name].full_duty_nm == pytest.approx(Drive().full_nm, rel=0.02)
         assert found.motors[name].back_emf_nm_s == pytest.approx(2.3**2 / 6.5, rel=0.05)
 
 
-def test_a_size_of_the_current_is_as_good_as_its_direction():
+def test_unsigned_current_identifies_motor_as_well_as_signed():
     one = recorded()
     other = sign_currents(replace(one, current_a=np.abs(one.current_a)), PRIORS)
     motors = [motors_of(recording, 1) for recording in (one, other)]
@@ -65,7 +65,7 @@ def test_a_size_of_the_current_is_as_good_as_its_direction():
 
 
 @pytest.mark.parametrize(("share", "exact"), [(0.05, 0.02), (1.0, 0.08)])
-def test_a_motor_is_found_though_gears_cross_their_backlash_now_and_then_or_always(share, exact):
+def test_motor_is_identified_despite_backlash_crossings(share, exact):
     # A motor that is faster than its joint by chance needs more current and more volts.
     clean, true, random = recorded(), Drive(), np.random.default_rng(0)
     blocks = (len(clean.time_s) // 20 + 1, DOF)
@@ -84,7 +84,7 @@ def motors_of(recording, joint):
     return fit_motors(steady_windows(recording).of_joint(joint), prior_of())
 
 
-def test_a_joint_keeps_the_values_of_the_tables_where_they_predict_no_worse():
+def test_joint_keeps_nominal_values_if_they_predict_as_well():
     # What is not kept aside misleads: the first joint seems to need half as much again.
     clean = recorded()
     more = 1.0 + 0.5 * (clean.leg // 2 % 4 != 1)[:, None] * np.eye(1, DOF)
@@ -99,7 +99,7 @@ def test_a_joint_keeps_the_values_of_the_tables_where_they_predict_no_worse():
 
 @pytest.mark.parametrize("kt_error", [-0.05, 0.0, 0.05])
 @pytest.mark.parametrize("backlash_rad", [0.003, 0.03])
-def test_backlash_is_what_the_motor_turns_further_than_the_joint(backlash_rad, kt_error):
+def test_backlash_is_motor_travel_beyond_joint_travel(backlash_rad, kt_error):
     true, recording = Drive(), swing(Drive(), backlash_rad)
     recording = sign_currents(replace(recording, current_a=np.abs(recording.current_a)), PRIORS[:2])
     kt = true.kt * (1.0 + kt_error)
@@ -113,7 +113,7 @@ def test_backlash_is_what_the_motor_turns_further_than_the_joint(backlash_rad, k
         assert fit_backlash(recording, 0, pressed, motors) is None
 
 
-def test_what_a_step_of_the_current_leaves_at_rest_is_no_backlash():
+def test_current_resolution_at_rest_is_not_taken_for_backlash():
     true, recording = Drive(), swing(Drive(), 0.01)
     last = np.flatnonzero(np.append(np.diff(recording.leg), 1))
     rows = np.sort(np.append(np.arange(len(recording.time_s)), last.repeat(round(2.0 / DT_S))))
@@ -130,7 +130,7 @@ def test_what_a_step_of_the_current_leaves_at_rest_is_no_backlash():
     assert value == pytest.approx(0.01, rel=0.08)
 
 
-def test_friction_is_found(found):
+def test_identification_finds_friction(found):
     true = Drive()
     for name in found.joints[1:3]:
         own = {key: found.estimates[f"{name}.{key}"].value for key in ("coulomb_nm", "slow_nm")}
@@ -139,13 +139,13 @@ def test_friction_is_found(found):
         assert share == pytest.approx(true.load + true.slow_load, rel=0.15)
 
 
-def test_stiffness_is_the_torque_of_the_duty_of_a_rad(found):
+def test_stiffness_is_gain_times_torque_of_full_duty(found):
     for name in found.joints:
         stiffness = found.estimates[f"{name}.stiffness_nm_rad"]
         assert stiffness.value == pytest.approx(Drive().gain * Drive().full_nm, rel=0.05)
 
 
-def test_what_a_d_gain_does_between_two_goals_is_not_taken_for_friction(found):
+def test_d_gain_between_goals_is_not_taken_for_friction(found):
     stepped = identify(DYNAMICS, PRIORS, recorded(d_gain_s=0.15))
     for name in found.joints[1:3]:
         for key in ("damping_nm_s", "coulomb_nm"):
@@ -154,7 +154,7 @@ def test_what_a_d_gain_does_between_two_goals_is_not_taken_for_friction(found):
     assert stepped.payload_kg == pytest.approx(found.payload_kg, abs=0.004)
 
 
-def test_a_joint_that_moves_only_in_legs_kept_aside_spoils_no_other():
+def test_joint_moving_only_in_validation_legs_harms_no_other():
     clean = recorded()
     aside = clean.leg // 2 % 4 == 1
     rests = replace(
@@ -165,12 +165,12 @@ def test_a_joint_that_moves_only_in_legs_kept_aside_spoils_no_other():
     assert own.motors[own.joints[1]].full_duty_nm == pytest.approx(Drive().full_nm, rel=0.02)
 
 
-def test_legs_kept_aside_are_predicted_better_than_before(found):
+def test_validation_legs_are_predicted_better_than_nominal(found):
     for name in found.joints[1:]:
         assert found.validation[name].identified < 0.3 * found.validation[name].nominal
 
 
-def test_without_current_only_the_ratio_to_the_whole_duty_is_determined():
+def test_identification_without_current_finds_only_ratios():
     blind = identify(DYNAMICS, PRIORS, recorded(Drive(senses=False)))
     assert not blind.motors
     full = blind.estimates[f"{blind.joints[1]}.full_duty_nm"]
@@ -179,19 +179,19 @@ def test_without_current_only_the_ratio_to_the_whole_duty_is_determined():
     assert ratio == pytest.approx(SCALES[2] / Drive().full_nm, rel=0.04)
 
 
-def test_a_joint_without_gravity_does_not_tell_friction_under_load(found):
+def test_load_friction_is_undetermined_without_gravity(found):
     pan, lift = found.joints[:2]
     assert not found.estimates[f"{pan}.load"].determined
     assert found.estimates[f"{pan}.load"].error > 2.0 * found.estimates[f"{lift}.load"].error
 
 
-def test_the_first_body_has_no_effect_on_torques_and_is_as_uncertain_as_all_masses(found):
+def test_first_body_mass_is_the_most_uncertain(found):
     errors = [found.estimates[f"{body}.mass_scale"].error for body in found.bodies]
     assert errors[0] > max(errors[1:])
 
 
 @pytest.mark.full
-def test_standard_errors_cover_what_was_found():
+def test_standard_errors_cover_true_payload():
     """Of eight recordings with other postures, two errors hold the payload of seven."""
     inside = 0
     for seed in range(8):
@@ -200,7 +200,7 @@ def test_standard_errors_cover_what_was_found():
     assert inside >= 7
 
 
-def test_parameters_stay_within_physical_bounds():
+def test_identified_parameters_are_never_negative():
     smooth = Drive(coulomb=0.0, load=0.0, slow=0.0, slow_load=0.0, viscous=0.0)
     found = identify(DYNAMICS, PRIORS, recorded(smooth, payload_kg=0.0))
     assert all(estimate.value >= 0.0 for estimate in found.estimates.values())
@@ -211,7 +211,7 @@ def test_a_joint_that_did_not_move_is_named():
         identify(DYNAMICS, PRIORS, recorded(dead=(2,)))
 
 
-def test_a_known_arm_weighs_more_exactly(found):
+def test_payload_of_identified_arm_is_more_certain(found):
     heavy = recorded(payload_kg=0.12, seed=5, legs=6)
     empty = identify(DYNAMICS, PRIORS, recorded(payload_kg=0.0))
     known = identify_payload(DYNAMICS, PRIORS, heavy, empty)
@@ -220,7 +220,7 @@ def test_a_known_arm_weighs_more_exactly(found):
     assert known.error < unknown.error
 
 
-def test_windows_leave_out_what_does_not_follow():
+def test_steady_windows_leave_out_joint_that_does_not_follow():
     one = recorded()
     stuck = one.position.copy()
     stuck[: len(stuck) // 2, 1] = stuck[0, 1]
@@ -230,13 +230,13 @@ def test_windows_leave_out_what_does_not_follow():
     assert legs.min() >= 8
 
 
-def test_the_gain_in_force_is_what_the_loop_is_expected_to_have():
+def test_loop_fit_finds_actual_gain_not_prior_gain():
     windows = steady_windows(recorded(Drive(gain=2.3))).of_joint(0)
     halved = fit_loop(windows, replace(prior_of(), gain=0.5))
     assert halved.duty_per_rad == pytest.approx(2.3, rel=0.02)
 
 
-def test_noisy_duties_do_not_move_the_gain_of_the_firmware_and_leads_count_instead():
+def test_noisy_duties_keep_firmware_gain():
     clean = recorded(Drive(gain=4.65))  # the firmware's is 4.61
     noise = np.random.default_rng(2).normal(scale=0.2, size=clean.duty.shape)
     windows, noisy = (steady_windows(replace(clean, duty=clean.duty + n)) for n in (0.0, noise))
@@ -247,7 +247,7 @@ def test_noisy_duties_do_not_move_the_gain_of_the_firmware_and_leads_count_inste
     assert np.std(own - true) < 0.15 * np.std(noisy.joint_duty - true)
 
 
-def test_smoothing_keeps_the_mean():
+def test_smoothing_keeps_constant_and_reduces_spread():
     samples = np.random.default_rng(0).normal(size=(40, 2))
     assert smooth_samples(np.ones((20, 3))) == pytest.approx(np.ones((20, 3)))
     assert smooth_samples(samples).std() < samples.std()

@@ -25,7 +25,7 @@ SHORT = TourOptions(postures=4, slow_postures=0, swings=3)
 
 
 @pytest.mark.campaign
-def test_a_short_tour_finds_an_arm_with_hidden_masses_payload_and_play():
+def test_short_tour_identifies_arm_with_hidden_parameters():
     scale, payload_kg = 1.13, 0.08
     hidden = f"seed=3&mass_scale={scale}&payload_g={1000 * payload_kg}"
     with ikservo.open_arm("open_manipulator_x", port=f"sim:?{hidden}") as arm:
@@ -43,7 +43,7 @@ def test_a_short_tour_finds_an_arm_with_hidden_masses_payload_and_play():
 
 
 @pytest.mark.full
-def test_the_tour_starts_at_the_reference_and_not_at_the_goals_that_lead_it():
+def test_excitation_starts_at_reference_not_at_leading_goals():
     with ikservo.open_arm("so101", port="sim:") as arm:
         run = IdentificationRun.plan(arm, SHORT)
         run.go_to_start()
@@ -61,7 +61,7 @@ def test_the_tour_starts_at_the_reference_and_not_at_the_goals_that_lead_it():
 
 
 @pytest.mark.full
-def test_servos_turn_slowly_to_the_goals_of_the_tour_and_to_no_others():
+def test_servos_use_slow_profile_speed_during_excitation():
     with ikservo.open_arm("koch", port="sim:") as arm:
         run = IdentificationRun.plan(arm, SHORT)
         run.go_to_start()
@@ -82,7 +82,7 @@ def test_servos_turn_slowly_to_the_goals_of_the_tour_and_to_no_others():
 
 @pytest.mark.campaign
 @pytest.mark.timeout(0)
-def test_twenty_arms_of_the_family(capsys):
+def test_identification_improves_paths_of_twenty_arms(capsys):
     ratios, wrong = [], []
     for seed in part_of(20):
         name, port = FAMILY[seed % len(FAMILY)], f"sim:?seed={seed + 1}"

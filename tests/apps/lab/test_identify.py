@@ -53,7 +53,7 @@ def home(identified, monkeypatch):
 
 
 @pytest.mark.full
-def test_it_reports_and_saves_what_it_found(identified, home):
+def test_identify_reports_and_saves_parameters(identified, home):
     result = identified[0]
     assert result.code == 0, result.err
     assert "slow motions" in result.err
@@ -65,7 +65,7 @@ def test_it_reports_and_saves_what_it_found(identified, home):
 
 
 @pytest.mark.full
-def test_the_parameters_of_the_arm_follow_the_file(home):
+def test_arm_parameters_follow_identified_file(home):
     found = load_identified(ARM, "sim")
     own = identified_parameters(MODEL, MODEL.chain, found)
     usual = nominal_parameters(MODEL, MODEL.chain)
@@ -78,14 +78,14 @@ def test_the_parameters_of_the_arm_follow_the_file(home):
 
 
 @pytest.mark.full
-def test_an_identified_arm_is_moved_by_its_own_parameters(home):
+def test_opened_arm_uses_its_identified_parameters(home):
     joint = load_identified(ARM, "sim").joint("joint2")
     with ikservo.open_arm(ARM, port="sim") as arm:
         own = servo_group(arm).compensator.feed_forward.parameters
     assert own.drives[1].stiffness_nm_rad == pytest.approx(joint.stiffness_nm_rad)
 
 
-def test_the_simulator_has_the_masses_and_motors_of_the_file(home, monkeypatch):
+def test_simulator_uses_identified_masses_and_motors(home, monkeypatch):
     seen = []
     monkeypatch.setattr(sim, "_load_server", lambda: lambda args: seen.append(args) or 0)
     assert run_arguments(["sim", ARM, "--as-identified"]).code == 0
@@ -99,7 +99,7 @@ def test_the_simulator_has_the_masses_and_motors_of_the_file(home, monkeypatch):
 
 
 @pytest.mark.campaign
-def test_the_jaws_weigh_what_they_hold(home):
+def test_gripper_weigh_finds_payload(home):
     words = ["gripper", "--weigh", "--arm", ARM, "--json"]
     result = run_arguments([*words, "--port", "sim:?mass_scale=1.2&payload_g=80"])
     answer = json.loads(result.out)
@@ -107,7 +107,7 @@ def test_the_jaws_weigh_what_they_hold(home):
     assert answer["payload_kg"] == pytest.approx(0.08, abs=0.01)
 
 
-def test_an_arm_that_was_not_identified_cannot_be_simulated_so(monkeypatch, tmp_path):
+def test_sim_as_identified_needs_identified_arm(monkeypatch, tmp_path):
     monkeypatch.setenv("IKSERVO_HOME", str(tmp_path))
     result = run_arguments(["sim", "koch", "--as-identified"])
     assert result.code == InputError("").exit_code
@@ -115,11 +115,11 @@ def test_an_arm_that_was_not_identified_cannot_be_simulated_so(monkeypatch, tmp_
 
 
 @pytest.mark.parametrize("words", [["gripper"], ["gripper", "open", "--weigh"]])
-def test_the_gripper_moves_or_weighs(words):
+def test_gripper_needs_exactly_one_of_target_and_weigh(words):
     assert run_arguments([*words, "--arm", ARM, "--port", "sim"]).code == 2
 
 
-def test_a_damaged_file_is_refused(home):
+def test_damaged_identified_file_is_refused(home):
     path = identified_path(ARM, "sim")
     before = path.read_text()
     try:
@@ -130,7 +130,7 @@ def test_a_damaged_file_is_refused(home):
         path.write_text(before)
 
 
-def test_a_saved_file_is_read_as_it_was(home):
+def test_identified_file_round_trips(home):
     found = load_identified(ARM, "sim")
     assert read_identified(save_identified(found)) == found
 
@@ -140,7 +140,7 @@ def files_in(folder):
 
 
 @pytest.mark.full
-def test_ctrl_c_stops_the_tour_and_leaves_the_file_as_it_was(home, monkeypatch):
+def test_ctrl_c_stops_identify_and_keeps_file(home, monkeypatch):
     record, before = IdentificationRun.record, files_in(home / "identified")
 
     def interrupted(run, _):
@@ -160,7 +160,7 @@ def test_ctrl_c_stops_the_tour_and_leaves_the_file_as_it_was(home, monkeypatch):
     assert files_in(home / "identified") == before
 
 
-def test_an_arm_without_a_calibration_is_not_moved(monkeypatch, tmp_path):
+def test_identify_refuses_uncalibrated_arm_without_moving(monkeypatch, tmp_path):
     monkeypatch.setenv("IKSERVO_HOME", str(tmp_path))
     arm = connect_arm(monkeypatch, "so101")
     result = run_arguments(["identify", "--arm", "so101", "--port", PORT, "--yes"])
@@ -170,14 +170,14 @@ def test_an_arm_without_a_calibration_is_not_moved(monkeypatch, tmp_path):
     assert not (tmp_path / "identified").exists()
 
 
-def test_an_arm_without_masses_is_refused(home, monkeypatch):
+def test_identify_refuses_arm_without_masses(home, monkeypatch):
     monkeypatch.setattr("ikservo.apps.lab.arm_identification.link_masses", lambda *_: [])
     result = run_arguments(["identify", "--arm", ARM, "--port", "sim"])
     assert result.code == RefusedError("").exit_code
     assert "has no masses in its URDF" in result.err
 
 
-def test_a_folder_that_cannot_be_written_is_found_before_the_arm_moves(monkeypatch, tmp_path):
+def test_identify_finds_unwritable_folder_before_arm_moves(monkeypatch, tmp_path):
     monkeypatch.setenv("IKSERVO_HOME", str(tmp_path))
     (tmp_path / "identified").write_text("a file, not a folder")
     monkeypatch.setattr(IdentificationRun, "go_to_start", lambda *_: pytest.fail("it moved"))
@@ -187,7 +187,7 @@ def test_a_folder_that_cannot_be_written_is_found_before_the_arm_moves(monkeypat
     assert "identified" in result.err
 
 
-def test_a_damaged_file_stops_every_command_with_one_clear_error(home):
+def test_where_refuses_damaged_identified_file_with_one_error(home):
     path = identified_path(ARM, "sim")
     before = path.read_text()
     try:

@@ -26,25 +26,25 @@ def test_pose_accuracy_is_the_distance_of_the_barycentre():
     assert pose_accuracy(POINTS, (1.0, 5.0, 7.0)) == pytest.approx(5.0)
 
 
-def test_pose_repeatability_is_mean_distance_and_three_deviations():
+def test_pose_repeatability_is_mean_distance_plus_3_deviations():
     # mean 1.5; squares of differences 4 × 0.25, over n - 1 = 3
     assert pose_repeatability(POINTS) == pytest.approx(1.5 + 3.0 * math.sqrt(1.0 / 3.0))
 
 
-def test_two_points_have_equal_distances_and_no_deviation():
+def test_pose_repeatability_of_two_points_is_half_distance():
     assert pose_repeatability([[0.0, 0, 0], [0.0, 0, 4.0]]) == pytest.approx(2.0)
 
 
-def test_repeatability_does_not_depend_on_where_the_points_are():
+def test_pose_repeatability_does_not_depend_on_location():
     assert pose_repeatability(POINTS + 100.0) == pytest.approx(pose_repeatability(POINTS))
 
 
-def test_multidirectional_variation_is_the_largest_distance_of_barycentres():
+def test_multidirectional_variation_is_largest_distance():
     found = multidirectional_variation([POINTS, POINTS + ASIDE, POINTS + 0.2 * ASIDE])
     assert found == pytest.approx(5.0)
 
 
-def test_path_accuracy_is_the_worst_place_of_the_mean_path():
+def test_path_accuracy_is_worst_deviation_of_mean_path():
     commanded = np.array([[0.0, 0, 0], [1.0, 0, 0], [2.0, 0, 0]])
     first = commanded + np.array([[0, 1, 0], [0, 1, 0], [0, 0, 0]])
     second = commanded + np.array([[0, -1, 0], [0, 2, 0], [0, 0, 1]])
@@ -52,7 +52,7 @@ def test_path_accuracy_is_the_worst_place_of_the_mean_path():
     assert path_accuracy([first, second], commanded) == pytest.approx(1.5)
 
 
-def test_path_repeatability_is_the_worst_place_of_the_spread():
+def test_path_repeatability_is_worst_spread():
     paths = np.zeros((4, 2, 3))
     paths[:, 1] = POINTS
     assert path_repeatability(paths) == pytest.approx(1.5 + 3.0 * math.sqrt(1.0 / 3.0))
@@ -62,20 +62,20 @@ def test_drift_is_the_largest_change_since_the_start():
     assert largest_drift([0.3, 0.4, 0.1, 0.2]) == pytest.approx(0.2)
 
 
-def test_crossings_are_interpolated_in_the_planes_normal_to_the_path():
+def test_path_crossings_are_interpolated_in_normal_planes():
     measured = np.array([[-1.0, 2.0, 0.0], [1.0, 4.0, 0.0], [3.0, 4.0, 0.0]])
     found = path_crossings(measured, [[0.0, 0, 0], [2.0, 0, 0]], [[1.0, 0, 0], [1.0, 0, 0]])
     np.testing.assert_allclose(found, [[0.0, 3.0, 0.0], [2.0, 4.0, 0.0]])
 
 
-def test_of_several_crossings_the_nearest_counts():
+def test_nearest_of_several_path_crossings_counts():
     angles = np.linspace(0.0, 4.0 * math.pi, 4001)
     circle = np.column_stack([1.1 * np.cos(angles), 1.1 * np.sin(angles), 0 * angles])
     found = path_crossings(circle, [[0.0, 1.0, 0.0]], [[-1.0, 0.0, 0.0]])
     np.testing.assert_allclose(found, [[0.0, 1.1, 0.0]], atol=1e-5)
 
 
-def test_a_path_that_ends_early_is_no_path():
+def test_path_that_ends_early_is_refused():
     with pytest.raises(BadValueError, match="crosses each plane"):
         path_crossings(POINTS, [[9.0, 0, 0]], [[1.0, 0, 0]])
 
@@ -91,6 +91,6 @@ def test_a_path_that_ends_early_is_no_path():
         lambda: path_repeatability(np.zeros((1, 5, 3))),
     ],
 )
-def test_too_few_points_or_another_shape_are_refused(call):
+def test_too_few_points_or_wrong_shape_are_refused(call):
     with pytest.raises(BadValueError):
         call()

@@ -12,7 +12,7 @@ from tests.oracle import ARMS
 @pytest.mark.full
 @pytest.mark.sample(2)
 @pytest.mark.parametrize("name", ARMS)
-def test_each_arm_has_a_free_cube_that_its_poses_are_in(name):
+def test_each_arm_has_free_iso_cube_with_reachable_poses(name):
     with ikservo.open_arm(name, port="sim:?pose=home") as arm:
         cube = place_cube(arm)
         assert cube.edge_m in EDGES_M
@@ -21,7 +21,7 @@ def test_each_arm_has_a_free_cube_that_its_poses_are_in(name):
             assert ikservo.solve(arm.chain, ikservo.Target(point)).reached
 
 
-def test_the_five_poses_are_in_one_plane_a_tenth_from_the_ends_of_its_diagonals():
+def test_iso_poses_lie_in_plane_a_tenth_from_diagonal_ends():
     cube = IsoCube(np.array([0.2, 0.0, 0.1]), 0.1)
     p = cube.poses_m
     np.testing.assert_allclose(p["P2"], (0.24, 0.04, 0.14))
@@ -34,7 +34,7 @@ def test_the_five_poses_are_in_one_plane_a_tenth_from_the_ends_of_its_diagonals(
     assert cube.radius_m == pytest.approx(0.04)
 
 
-def test_an_arm_without_free_space_is_refused(monkeypatch):
+def test_iso_cube_without_free_space_is_refused(monkeypatch):
     monkeypatch.setattr("ikservo.apps.lab.iso_cube._CLEARANCE_M", 5.0)
     monkeypatch.setattr("ikservo.apps.lab.iso_cube._OF_HOME", 50.0)
     with (

@@ -11,7 +11,7 @@ def home(tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize("arm", ["so101", "koch"])
-def test_each_run_adds_a_record(run_cli, arm, tmp_path):
+def test_each_monitor_run_adds_one_record(run_cli, arm, tmp_path):
     line = f"monitor --arm {arm} --port sim --duration 0.3 --json"
     first, second = run_cli(line).json, run_cli(line).json
     assert (first["count"], second["count"], second["changes"]) == (1, 2, [])
@@ -21,7 +21,7 @@ def test_each_run_adds_a_record(run_cli, arm, tmp_path):
     assert len(list((tmp_path / "health").glob("*.jsonl"))) == 1
 
 
-def test_of_whose_play_nothing_is_known_is_said(run_cli, tmp_path):
+def test_monitor_report_names_joints_of_unknown_backlash(run_cli, tmp_path):
     run_cli("monitor --arm koch --port sim --duration 0.1")
     (path,) = (tmp_path / "health").glob("*.jsonl")
     found = {"name": "elbow_flex", "id": 3, "backlash_rad": 0.02, "backlash_error_rad": 0.001}

@@ -36,7 +36,7 @@ def low_pass(time_constant_s):
 
 
 @pytest.mark.parametrize(("from_hz", "to_hz"), [(2.0, 2.0), (0.5, 4.0)])
-def test_a_first_order_lag_has_the_amplitude_and_phase_of_its_formula(from_hz, to_hz):
+def test_sine_response_of_first_order_lag_matches_formula(from_hz, to_hz):
     points = response_of(sine(from_hz, to_hz), low_pass(0.05)).points
     assert len(points) == (1 if from_hz == to_hz else 6)
     for each in points:
@@ -46,7 +46,7 @@ def test_a_first_order_lag_has_the_amplitude_and_phase_of_its_formula(from_hz, t
 
 
 @pytest.mark.parametrize("late_s", [0.0, 0.1, 0.2])
-def test_a_delay_is_a_phase_lag_beyond_half_a_turn_too(late_s):
+def test_sine_delay_is_phase_lag_beyond_half_turn(late_s):
     def follow(goal, step_s):
         late = round(late_s / step_s)
         return np.concatenate([np.full(late, goal[0]), goal])[: len(goal)]
@@ -56,7 +56,7 @@ def test_a_delay_is_a_phase_lag_beyond_half_a_turn_too(late_s):
     assert point.amplitude_ratio == pytest.approx(1.0, abs=0.01)
 
 
-def test_the_motion_begins_and_ends_at_rest_and_its_derivatives_agree():
+def test_sine_motion_starts_and_ends_at_rest():
     motion = sine(2.0, 4.0)
     times_s = np.arange(0.0, motion.duration_s, 1e-3)
     states = [motion.state(t) for t in times_s]
@@ -70,7 +70,7 @@ def test_the_motion_begins_and_ends_at_rest_and_its_derivatives_agree():
     assert np.abs(q + 0.2).max() == pytest.approx(AMPLITUDE_RAD, rel=1e-3)
 
 
-def test_swinging_at_rest_is_seen():
+def test_sine_response_detects_swing_at_rest():
     motion = sine(2.0, 2.0)
     calm = response_of(motion, lambda goal, _: goal)
     shaken = response_of(
@@ -97,7 +97,7 @@ def arm():
         (float("nan"), (1.0, 1.0), "at least 0.5°"),
     ],
 )
-def test_what_leaves_the_limits_of_the_joint_moves_nothing(arm, amplitude_deg, hz, said):
+def test_sine_outside_joint_limits_moves_nothing(arm, amplitude_deg, hz, said):
     before = arm.context.servos.measure_positions()
     with pytest.raises((RefusedError, BadValueError), match=said):
         measure_sine(arm, "elbow_flex", np.radians(amplitude_deg), *hz)
@@ -105,7 +105,7 @@ def test_what_leaves_the_limits_of_the_joint_moves_nothing(arm, amplitude_deg, h
 
 
 @pytest.mark.full
-def test_every_tunable_register_is_tried_and_comes_back(arm):
+def test_tunable_registers_are_tried_and_restored(arm):
     servo, bus = servo_of(arm, "elbow_flex"), arm.context.servos.bus
     held = bus.port.transport.line.servos[servo.id]
     registers = tunable_registers(servo)

@@ -48,7 +48,7 @@ def test_a_damped_joint_has_no_overshoot_and_an_undamped_one_has():
 
 
 @pytest.mark.parametrize("lag_s", [0.01, 0.03])
-def test_lag_is_a_time(lag_s):
+def test_lag_of_step_response_is_the_delay(lag_s):
     extra_s = second_order(1.0, 300.0, lag_s).lag_s - second_order(1.0, 300.0).lag_s
     assert extra_s == pytest.approx(lag_s, abs=0.004)
 
@@ -77,7 +77,7 @@ def raw_gains(arm, servo):
 
 
 @pytest.mark.campaign
-def test_suggested_gains_follow_better_and_the_former_come_back(arm):
+def test_suggested_gains_follow_better_and_old_ones_return(arm):
     servo, bus = servo_of(arm, "shoulder_lift"), arm.context.servos.bus
     before = raw_gains(arm, servo)
     with keeping_gains(bus, servo) as present:
@@ -90,7 +90,7 @@ def test_suggested_gains_follow_better_and_the_former_come_back(arm):
     assert bus.read(servo.id, servo.table.eeprom_lock, raw=True) == 1
 
 
-def test_gains_come_back_where_a_trial_fails(arm):
+def test_gains_are_restored_if_trial_fails(arm):
     servo, bus = servo_of(arm, "elbow_flex"), arm.context.servos.bus
     before = raw_gains(arm, servo)
 
@@ -104,7 +104,7 @@ def test_gains_come_back_where_a_trial_fails(arm):
     assert raw_gains(arm, servo) == before
 
 
-def test_volatile_gains_are_forgotten_without_power(arm):
+def test_volatile_gains_are_lost_at_power_off(arm):
     servo, bus = servo_of(arm, "elbow_flex"), arm.context.servos.bus
     held = bus.port.transport.line.servos[servo.id]
     before = held.read("p_gain")
@@ -121,7 +121,7 @@ def test_a_step_too_small_to_be_measured_is_refused(arm, step_rad):
         measure_response(arm, "elbow_flex", step_rad)
 
 
-def test_a_second_ctrl_c_restores_the_gains_all_the_same(arm, monkeypatch):
+def test_second_ctrl_c_still_restores_gains(arm, monkeypatch):
     servo, bus = servo_of(arm, "elbow_flex"), arm.context.servos.bus
     before, write = raw_gains(arm, servo), bus.write_until_power_off
     presses = iter([KeyboardInterrupt])
@@ -141,7 +141,7 @@ def test_a_second_ctrl_c_restores_the_gains_all_the_same(arm, monkeypatch):
     assert raw_gains(arm, servo) == before
 
 
-def test_the_times_of_a_motion_that_waits_increase():
+def test_recorded_times_of_waiting_motion_increase():
     class Runner:
         def run(self, _make, record, _speed, *, compensated):
             for time_s, goal in ((0.0, 0.0), (0.01, 0.1), (0.01, 0.2), (0.02, 0.3), (0.02, 0.3)):

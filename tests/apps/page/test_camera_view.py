@@ -55,7 +55,7 @@ def measured_joints(arm):
 
 
 @pytest.mark.full
-def test_clicks_in_a_mirrored_picture_are_refused_until_it_is_as_before(arm, camera):
+def test_click_in_mirrored_picture_is_refused_until_restored(arm, camera):
     clock, picture, q = ManualClock(), camera.take(), measured_joints(arm)
     view = CameraView(arm, video := Video(picture), clock)
     look(view, clock, q)
@@ -70,7 +70,7 @@ def test_clicks_in_a_mirrored_picture_are_refused_until_it_is_as_before(arm, cam
     view.close()
 
 
-def test_clicks_in_an_old_picture_or_one_of_another_size_are_refused(arm, camera):
+def test_click_in_old_or_resized_picture_is_refused(arm, camera):
     view = CameraView(arm, video := Video(camera.take(), is_fresh=False), ManualClock())
     with pytest.raises(BadMessageError, match="too old"):
         view.require_usable()
@@ -80,7 +80,7 @@ def test_clicks_in_an_old_picture_or_one_of_another_size_are_refused(arm, camera
     view.close()
 
 
-def test_clicks_in_the_picture_of_another_simulated_arm_are_refused(arm, camera):
+def test_click_in_picture_of_another_simulated_arm_is_refused(arm, camera):
     view = CameraView(arm, video := Video(camera.take()), ManualClock())
     video.before = arm.context.port.transport
     view.require_usable()
@@ -90,7 +90,7 @@ def test_clicks_in_the_picture_of_another_simulated_arm_are_refused(arm, camera)
     view.close()
 
 
-def test_a_camera_that_was_turned_away_from_where_the_board_is_seen_has_moved(arm, camera):
+def test_camera_turned_away_from_board_counts_as_moved(arm, camera):
     _, known = load_camera("so101", SIMULATED)
     T = camera.T_base_camera
     back = np.degrees(log_so3(T[:3, :3] * [1.0, -1.0, -1.0]))

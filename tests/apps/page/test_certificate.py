@@ -25,7 +25,7 @@ from tests.apps.page.socket_clients import RecordingController, SocketClient, ar
 ADDRESS = "192.168.0.7"
 
 
-def test_it_is_made_once_and_kept(tmp_path):
+def test_certificate_is_made_once_and_kept(tmp_path):
     first = load_or_make_certificate(ADDRESS, tmp_path / "new")
     again = load_or_make_certificate("10.0.0.1", tmp_path / "new")
     assert (first.is_new, again.is_new) == (True, False)
@@ -33,7 +33,7 @@ def test_it_is_made_once_and_kept(tmp_path):
     assert first.fingerprint != load_or_make_certificate(ADDRESS, tmp_path).fingerprint
 
 
-def test_its_fingerprint_is_that_of_the_certificate_as_browsers_show_it(tmp_path):
+def test_certificate_fingerprint_is_sha256_as_browsers_show_it(tmp_path):
     made = load_or_make_certificate(ADDRESS, tmp_path)
     der = ssl.PEM_cert_to_DER_cert(
         made.path.read_text()[made.path.read_text().index("-----BEGIN CERT") :]
@@ -42,7 +42,7 @@ def test_its_fingerprint_is_that_of_the_certificate_as_browsers_show_it(tmp_path
     assert len(made.fingerprint.split(":")) == 32
 
 
-def test_its_names_are_the_address_and_this_machine(tmp_path):
+def test_certificate_names_are_address_and_this_machine(tmp_path):
     made = load_or_make_certificate("fe80::1%eth0", tmp_path)
     names = x509.load_pem_x509_certificate(made.path.read_bytes()).extensions
     names = names.get_extension_for_class(x509.SubjectAlternativeName).value
@@ -53,7 +53,7 @@ def test_its_names_are_the_address_and_this_machine(tmp_path):
 
 
 @pytest.mark.skipif(os.name != "posix", reason="modes of files")
-def test_only_its_owner_can_read_it(tmp_path):
+def test_certificate_is_readable_only_by_owner(tmp_path):
     made = load_or_make_certificate(ADDRESS, tmp_path)
     assert made.path.stat().st_mode & 0o777 == 0o600
     made.path.chmod(0o640)
@@ -76,7 +76,7 @@ def damage(path, kind):
 
 
 @pytest.mark.parametrize("kind", ["empty", "garbage", "without key", "another key", "cut off"])
-def test_a_damaged_one_is_reported_with_the_way_out_and_is_not_replaced(tmp_path, kind):
+def test_damaged_certificate_is_reported_and_not_replaced(tmp_path, kind):
     made = load_or_make_certificate(ADDRESS, tmp_path)
     damage(made.path, kind)
     before = made.path.read_bytes()
@@ -86,7 +86,7 @@ def test_a_damaged_one_is_reported_with_the_way_out_and_is_not_replaced(tmp_path
     assert made.path.read_bytes() == before
 
 
-def test_an_expired_one_is_reported(tmp_path, monkeypatch):
+def test_expired_certificate_is_reported(tmp_path, monkeypatch):
     class Later(datetime):
         @classmethod
         def now(cls, tz=UTC):
@@ -98,7 +98,7 @@ def test_an_expired_one_is_reported(tmp_path, monkeypatch):
         load_or_make_certificate(ADDRESS, tmp_path)
 
 
-def test_a_folder_that_cannot_be_written_is_reported(tmp_path):
+def test_unwritable_certificate_folder_is_reported(tmp_path):
     (tmp_path / "file").write_text("")
     with pytest.raises(FileWriteError, match="cannot be written"):
         load_or_make_certificate(ADDRESS, tmp_path / "file")
@@ -113,7 +113,7 @@ def house(tmp_path_factory):
         yield url, keys, ssl.create_default_context(cafile=made.path)
 
 
-def test_the_page_and_its_socket_come_by_tls(house):
+def test_page_and_socket_are_served_by_tls(house):
     url, keys, trust = house
     assert url.startswith("https://127.0.0.1:")
     assert "<canvas" in httpx.get(url, verify=trust).text
@@ -122,19 +122,19 @@ def test_the_page_and_its_socket_come_by_tls(house):
     client.close()
 
 
-def test_a_page_that_came_by_plain_http_gets_no_socket(house):
+def test_page_from_plain_http_gets_no_socket_over_tls(house):
     url, _, trust = house
     with pytest.raises(websockets.InvalidStatus) as refused:
         SocketClient(url, ssl=trust, origin=url.replace("https", "http"))
     assert refused.value.response.status_code == 403
 
 
-def test_plain_http_gets_no_page(house):
+def test_plain_http_gets_no_page_from_tls_server(house):
     with pytest.raises(httpx.HTTPError):
         httpx.get(house[0].replace("https", "http"))
 
 
-def test_who_does_not_know_the_certificate_is_warned(house):
+def test_client_without_certificate_sees_self_signed_error(house):
     with pytest.raises(httpx.ConnectError, match="self-signed"):
         httpx.get(house[0])
 
@@ -144,7 +144,7 @@ def test_who_does_not_know_the_certificate_is_warned(house):
     [("https://192.168.0.7", True, True), ("http://192.168.0.7", True, False),
      ("https://192.168.0.7", False, False)],
 )  # fmt: skip
-def test_the_origin_has_the_scheme_of_the_connection(origin, secure, allowed):
+def test_allowed_origin_has_scheme_of_connection(origin, secure, allowed):
     headers = [(b"host", b"192.168.0.7"), (b"origin", origin.encode())]
     local = ("192.168.0.7", 443)
     assert is_allowed_origin(headers, local, upgrade=True, secure=secure) == allowed
@@ -155,7 +155,7 @@ def test_the_origin_has_the_scheme_of_the_connection(origin, secure, allowed):
     ("127.0.0.1", False, "http"), ("127.0.0.1", True, "http"), (None, False, "https"),
     (None, True, "http"),
 ])  # fmt: skip
-def test_beyond_this_machine_plain_http_has_to_be_asked_for(
+def test_plain_http_on_other_address_needs_insecure_option(
     listen, insecure, scheme, own_address, tmp_path, monkeypatch
 ):
     monkeypatch.setenv("IKSERVO_HOME", str(tmp_path))
@@ -170,7 +170,7 @@ def test_beyond_this_machine_plain_http_has_to_be_asked_for(
     assert ("fingerprint" in reported) == (scheme == "https")
 
 
-def test_an_address_that_is_none_makes_no_certificate(tmp_path, monkeypatch):
+def test_invalid_listen_address_makes_no_certificate(tmp_path, monkeypatch):
     monkeypatch.setenv("IKSERVO_HOME", str(tmp_path))
     with pytest.raises(BadValueError):
         ViewApp([ArmAtPort(load_model("planar2"), "sim")], "evil.example")

@@ -46,23 +46,23 @@ def server(host="127.0.0.1:8420", origin=None, *, upgrade=True, local=LOCAL, **m
 
 
 @pytest.mark.parametrize("host", OWN_HOSTS)
-def test_the_page_comes_in_by_every_name_of_loopback(host):
+def test_page_is_accepted_under_every_loopback_name(host):
     assert server(host, f"http://{host.lower()}")
 
 
-def test_another_host_is_refused_even_where_its_origin_agrees():
+def test_foreign_host_is_refused_even_with_matching_origin():
     assert [host for host in FOREIGN_HOSTS if server(host, f"http://{host}")] == []
 
 
-def test_another_host_may_not_even_read_the_page():
+def test_foreign_host_may_not_read_page():
     assert [host for host in FOREIGN_HOSTS if server(host, upgrade=False)] == []
 
 
-def test_another_origin_is_refused():
+def test_foreign_origin_is_refused():
     assert [origin for origin in FOREIGN_ORIGINS if server(origin=origin)] == []
 
 
-def test_another_origin_may_not_fetch():
+def test_foreign_origin_may_not_fetch():
     assert [origin for origin in FOREIGN_ORIGINS if server(origin=origin, upgrade=False)] == []
 
 
@@ -70,61 +70,61 @@ def test_a_socket_without_an_origin_is_refused():
     assert not server(origin=None)
 
 
-def test_a_person_may_open_the_page():
+def test_page_can_be_opened_without_origin():
     assert server(upgrade=False)
 
 
-def test_a_link_from_in_another_place_may_be_followed():
+def test_link_from_other_site_may_open_page():
     assert server(upgrade=False, sec_fetch_site="cross-site", sec_fetch_mode="navigate",
                 sec_fetch_dest="document")  # fmt: skip
 
 
 @pytest.mark.parametrize("site", ["cross-site", "same-site"])
-def test_another_page_may_not_embed_what_is_ours(site):
+def test_other_site_may_not_embed_scripts_of_page(site):
     assert not server(upgrade=False, sec_fetch_site=site, sec_fetch_mode="no-cors",
                     sec_fetch_dest="script")  # fmt: skip
 
 
-def test_a_frame_of_another_page_is_refused():
+def test_other_site_may_not_show_page_in_frame():
     assert not server(upgrade=False, sec_fetch_site="cross-site", sec_fetch_mode="navigate",
                     sec_fetch_dest="iframe")  # fmt: skip
 
 
 @pytest.mark.parametrize("name", [b"host", b"origin"])
-def test_a_header_that_comes_twice_is_refused(name):
+def test_repeated_header_is_refused(name):
     headers = [(b"host", b"127.0.0.1:8420"), (b"origin", b"http://127.0.0.1:8420")]
     assert not is_allowed_origin([*headers, (name, b"127.0.0.1:8420")], LOCAL, upgrade=True)
 
 
-def test_on_a_listening_address_only_that_address_is_a_host():
+def test_listening_address_is_the_only_allowed_host():
     local = ("192.168.0.7", 8420)
     assert server("192.168.0.7:8420", "http://192.168.0.7:8420", local=local)
     assert not server("localhost:8420", "http://localhost:8420", local=local)
 
 
 @pytest.mark.parametrize("listen", ["0.0.0.0", "::", "evil.example", "", "127.0.0.1:80"])
-def test_the_page_is_served_at_one_address_that_is_named(listen):
+def test_listen_address_must_be_one_specific_address(listen):
     with pytest.raises(BadValueError, match="--listen"):
         ViewApp([ArmAtPort(load_model("planar2"), "sim")], listen)
 
 
-def test_each_key_gives_its_own_right():
+def test_each_key_gives_its_own_permission():
     keys, nonce = AccessTokens.generate(), new_nonce()
     assert keys.authorise(nonce, challenge_response(keys.control, nonce)) is Permission.CONTROL
     assert keys.authorise(nonce, challenge_response(keys.watch, nonce)) is Permission.WATCH
 
 
 @pytest.mark.parametrize("shown", ["", "0" * 64, "ü" * 64])
-def test_what_proves_nothing_gives_nothing(shown):
+def test_wrong_proof_gives_no_permission(shown):
     assert AccessTokens.generate().authorise(new_nonce(), shown) is None
 
 
-def test_a_proof_for_another_question_gives_nothing():
+def test_proof_for_another_nonce_gives_no_permission():
     keys = AccessTokens.generate()
     assert keys.authorise(new_nonce(), challenge_response(keys.control, new_nonce())) is None
 
 
-def test_keys_have_more_than_128_bits():
+def test_keys_have_at_least_128_bits():
     assert len(AccessTokens.generate().control) * 6 >= 128
 
 

@@ -41,7 +41,7 @@ def url(offers, clock):
 FILE = Download("arm.csv", lambda: iter(["a,b\r\n", "1,2\r\n"]))
 
 
-def test_a_file_is_served_once(url, offers):
+def test_download_is_served_once(url, offers):
     address = f"{url}/{offers.offer(FILE)}"
     response = httpx.get(address)
     assert response.text == "a,b\r\n1,2\r\n"
@@ -50,30 +50,30 @@ def test_a_file_is_served_once(url, offers):
     assert httpx.get(address).status_code == 404
 
 
-def test_an_address_that_nobody_was_given_serves_nothing(url):
+def test_unknown_download_address_serves_nothing(url):
     assert httpx.get(f"{url}/download/{'A' * 32}").status_code == 404
 
 
-def test_half_a_minute_later_it_is_too_late(url, offers, clock):
+def test_download_expires_after_30_s(url, offers, clock):
     address = f"{url}/{offers.offer(FILE)}"
     clock.time_s = 31.0
     assert httpx.get(address).status_code == 404
 
 
-def test_another_site_is_refused_and_uses_up_nothing(url, offers):
+def test_download_by_other_site_is_refused_and_stays_available(url, offers):
     address = f"{url}/{offers.offer(FILE)}"
     foreign = {"origin": "http://evil.example", "sec-fetch-site": "cross-site"}
     assert httpx.get(address, headers=foreign).status_code == 403
     assert httpx.get(address).status_code == 200
 
 
-def test_only_the_latest_offers_are_kept(offers):
+def test_only_16_latest_downloads_are_kept(offers):
     for _ in range(1000):
         offers.offer(FILE)
     assert len(offers._offers) == 16
 
 
-def test_the_history_of_an_arm_in_motion_is_offered_with_goals_and_errors():
+def test_history_of_moving_arm_is_downloaded_with_goals():
     with ViewSession() as session:
         session.enable_live()
         session.send_message(msg.GoToPose, name="rest")
@@ -89,7 +89,7 @@ def test_the_history_of_an_arm_in_motion_is_offered_with_goals_and_errors():
         assert "download" not in session.latest_frames()
 
 
-def test_without_a_stop_there_is_none_to_save_or_to_show():
+def test_stop_history_exists_only_after_stop():
     with ViewSession() as session:
         with pytest.raises(BadMessageError, match="Nothing has stopped"):
             session.send_message(msg.SaveHistory, stopped=True)

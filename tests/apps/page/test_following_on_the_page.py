@@ -74,7 +74,7 @@ def pair():
 
 
 @pytest.mark.full
-def test_the_follower_goes_where_the_leader_is_led_and_says_how_far_behind_it_is(pair):
+def test_follower_goes_where_leader_is_guided_and_shows_lag(pair):
     pair.follow().until_followed()
     wanted = pair.guide("joint3", TURN_RAD)
     pair.until(lambda: any("ms" in value for _, value in pair.following["lag"]))
@@ -88,7 +88,7 @@ def test_the_follower_goes_where_the_leader_is_led_and_says_how_far_behind_it_is
 
 
 @pytest.mark.full
-def test_a_refused_target_is_reported_and_the_follower_keeps_the_one_before(pair, monkeypatch):
+def test_refused_follow_target_is_reported_and_last_goal_kept(pair, monkeypatch):
     def refuse(*_):
         raise RefusedError("The cup is in the way.")
 
@@ -126,9 +126,7 @@ def silence_servo(pair):
     ],
     ids=["leader's cable", "leader's stop", "follower's servo", "follower's stop"],
 )
-def test_a_fault_of_either_ends_it_and_nothing_moves_until_it_is_acknowledged(
-    pair, fault, reported, leader_too
-):
+def test_fault_of_leader_or_follower_ends_following(pair, fault, reported, leader_too):
     pair.follow().until_followed()
     fault(pair)
     pair.until(lambda: pair.notices()[0] and pair.following["leader"] is None)
@@ -146,7 +144,7 @@ def test_a_fault_of_either_ends_it_and_nothing_moves_until_it_is_acknowledged(
         assert registers(pair.follower.arm_thread.arm, "goal_position") == goals
 
 
-def test_a_leader_that_holds_or_is_not_there_is_refused(pair):
+def test_leader_that_holds_or_is_missing_is_refused(pair):
     pair.leader.arm_thread.arm.enable()
     until(lambda: all(state.torque for state in pair.leader.arm_thread.snapshot.states))
     for name, why in [
@@ -160,7 +158,7 @@ def test_a_leader_that_holds_or_is_not_there_is_refused(pair):
 
 
 @pytest.mark.parametrize("lag_s", [0.0, 0.04, 0.2])
-def test_the_lag_is_the_shift_in_time_between_two_motions(lag_s):
+def test_lag_meter_finds_time_shift_of_motions(lag_s):
     meter = LagMeter(("pan", "lift"))
 
     def led(time_s):
@@ -175,7 +173,7 @@ def test_the_lag_is_the_shift_in_time_between_two_motions(lag_s):
     assert found.joint == "pan"
 
 
-def test_a_leader_that_is_still_tells_no_lag_but_the_error():
+def test_lag_meter_of_still_leader_gives_only_error():
     meter = LagMeter(("pan",))
     for cycle in range(10):
         meter.record(cycle, np.array([0.5]), cycle, np.array([0.5]), np.array([0.4]))

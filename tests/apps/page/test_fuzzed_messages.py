@@ -102,7 +102,7 @@ COUNTS = pytest.mark.parametrize(
 
 
 @COUNTS
-def test_nothing_that_a_watcher_says_changes_anything(session, count):
+def test_watcher_messages_change_nothing(session, count):
     watcher, command = session.connect(Permission.WATCH), session.arm_thread.command
 
     def receive(message):
@@ -118,7 +118,7 @@ def test_nothing_that_a_watcher_says_changes_anything(session, count):
 
 
 @COUNTS
-def test_nothing_that_is_said_in_a_preview_moves_a_servo(session, count):
+def test_preview_messages_move_no_servo(session, count):
     before, others = registers(session.arm, "goal_position"), []
 
     def receive(message):
@@ -141,7 +141,7 @@ def test_nothing_that_is_said_in_a_preview_moves_a_servo(session, count):
 
 
 @pytest.mark.parametrize("count", [1_000, pytest.param(100_000, marks=pytest.mark.campaign)])
-def test_the_memory_that_fuzz_takes_is_given_back(count):
+def test_fuzzing_leaks_no_memory(count):
     fuzz(500, seed=3, receive=lambda _: None)
     tracemalloc.start()
     fuzz(count, seed=4, receive=lambda _: None)

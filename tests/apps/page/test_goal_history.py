@@ -54,7 +54,7 @@ def act(session, action, on_progress=None):
     del arm_thread.on_progress
 
 
-def test_targets_are_undone_one_by_one_and_made_again(session):
+def test_goal_changes_are_undone_and_redone_one_by_one(session):
     for value in (10.0, 20.0, 30.0):
         set_roll(session, value)
     seen = []
@@ -70,7 +70,7 @@ def test_targets_are_undone_one_by_one_and_made_again(session):
     assert (status["undo"], status["redo"], status["target"]) == (True, False, True)
 
 
-def test_a_slider_pulled_along_is_one_gesture_and_a_drag_of_the_arm_too(session):
+def test_slider_pull_and_arm_drag_are_one_undo_step_each(session):
     set_roll(session, 10.0)
     pause(session)
     for value in range(11, 20):
@@ -88,7 +88,7 @@ def test_a_slider_pulled_along_is_one_gesture_and_a_drag_of_the_arm_too(session)
 
 
 @pytest.mark.campaign
-def test_in_live_undo_brings_the_arm_back(session):
+def test_undo_in_live_moves_arm_back(session):
     session.enable_live()
 
     def drive(number):
@@ -103,7 +103,7 @@ def test_in_live_undo_brings_the_arm_back(session):
 
 
 @pytest.mark.full
-def test_what_was_previewed_is_what_is_carried_out(session):
+def test_previewed_goal_is_the_one_executed(session):
     session.send_message(page_messages.SetSpeed, name="fast")
     set_roll(session, 35.0)
     session.send_message(page_messages.SetJoint, joint="gripper", value=50.0)
@@ -117,7 +117,7 @@ def test_what_was_previewed_is_what_is_carried_out(session):
     assert session.arm_thread.job is None
 
 
-def test_a_refused_or_missing_target_is_not_carried_out(session):
+def test_refused_or_missing_target_is_not_executed(session):
     before = registers(session.arm, "goal_position")
     with pytest.raises(BadMessageError, match="No target is shown"):
         session.send_message(page_messages.ArmAction, action="execute")
@@ -132,7 +132,7 @@ def test_a_refused_or_missing_target_is_not_carried_out(session):
 
 
 @pytest.mark.full
-def test_a_stop_on_the_way_holds_until_acknowledged(session):
+def test_stop_during_execute_holds_until_acknowledged(session):
     set_roll(session, 60.0)
 
     def stop():
@@ -151,7 +151,7 @@ def test_a_stop_on_the_way_holds_until_acknowledged(session):
 
 
 @pytest.mark.full
-def test_relax_lowers_the_arm_and_release_lets_go_and_neither_is_reported_as_lost_torque(session):
+def test_relax_and_release_are_not_reported_as_lost_torque(session):
     act(session, "release")
     assert not any(registers(session.arm, "torque_enable").values())
     session.arm_thread.step()
@@ -168,7 +168,7 @@ def test_relax_lowers_the_arm_and_release_lets_go_and_neither_is_reported_as_los
 
 
 @pytest.mark.parametrize("view", ["side", "top", "orbit"])
-def test_zooming_keeps_the_place_under_the_pointer_and_fit_shows_all_again(session, view):
+def test_zoom_keeps_point_under_pointer_and_fit_resets_view(session, view):
     controller, client = session.controller, session.controller._clients[session.client]
     session.send_message(page_messages.SetViewport, w=900, h=700, dpr=1, view=view)
     composer = controller._composer

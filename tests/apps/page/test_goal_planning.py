@@ -91,7 +91,7 @@ def until_idle(session):
     raise AssertionError("it plans on")
 
 
-def test_a_path_around_is_shown_in_words_and_postures_and_carried_out_as_it_is(session):
+def test_path_around_obstacle_is_shown_and_executed_as_planned(session):
     aim_right(session)
     frames = session.planned()
     plan, path = session.interaction.path.plan, frames["scene"]["path"]
@@ -114,14 +114,14 @@ def test_a_path_around_is_shown_in_words_and_postures_and_carried_out_as_it_is(s
     assert session.latest_frames()["scene"]["path"] is None  # the arm is there
 
 
-def test_a_straight_path_is_said_to_be_straight(session):
+def test_straight_path_is_shown_as_straight(session):
     session.send_message(page_messages.SetJoint, joint="wrist_roll", value=20.0)
     frames = session.planned()
     assert rows(frames)["path"].startswith("straight, ")
     assert not session.interaction.messages
 
 
-def test_a_bug_of_a_planner_is_a_refusal_and_no_lost_page(session, monkeypatch):
+def test_planner_error_is_shown_as_refusal_and_not_retried(session, monkeypatch):
     def fail(*_, **__):
         raise RuntimeError("no such state")
 
@@ -134,9 +134,7 @@ def test_a_bug_of_a_planner_is_a_refusal_and_no_lost_page(session, monkeypatch):
 
 
 @pytest.mark.parametrize("by", ["page", "another program"])
-def test_a_stop_while_it_is_planned_ends_that_and_what_was_planned_is_gone(
-    session, monkeypatch, by
-):
+def test_stop_ends_path_planning_and_discards_plan(session, monkeypatch, by):
     before = registers(session.arm, "goal_position")
     with slow_search(monkeypatch) as (begun, _):
         aim_right(session)
@@ -177,7 +175,7 @@ def test_a_newer_target_ends_the_search_for_an_older_one(session, monkeypatch):
     assert frames["scene"]["path"]["joints"][-1] == pytest.approx(frames["scene"]["goal"], abs=1e-6)
 
 
-def test_a_drag_is_looked_at_straight_and_searched_for_once_it_is_released(session, monkeypatch):
+def test_dragged_goal_is_searched_only_after_release(session, monkeypatch):
     session.send_message(page_messages.SetViewport, w=900, h=700, dpr=1, view="top")
     tip_m = session.arm.where().tip_m
     start, end = (
@@ -209,7 +207,7 @@ CHANGES = {
 
 
 @pytest.mark.parametrize(("change", "reason"), CHANGES.values(), ids=CHANGES)
-def test_what_has_changed_since_is_not_carried_out_but_planned_again(session, change, reason):
+def test_outdated_path_is_planned_again_instead_of_executed(session, change, reason):
     if reason == "Its speed has changed":
         session.arm.move_joints({"wrist_roll": 0.1})  # the first motion, which is slow, is over
         session.arm_thread.step()
@@ -238,7 +236,7 @@ def test_what_has_changed_since_is_not_carried_out_but_planned_again(session, ch
     assert math.degrees(true_joints(session.arm)["shoulder_pan"]) == pytest.approx(38.0, abs=1)
 
 
-def test_after_a_stop_the_path_that_is_shown_is_carried_out_at_once(session):
+def test_path_shown_after_stop_is_executed_at_once(session):
     """It is planned slow: whether torque is still on is not known before the arm goes."""
     session.arm.move_joints({"wrist_roll": 0.1})
     session.send_message(page_messages.SetSpeed, name="fast")
@@ -253,7 +251,7 @@ def test_after_a_stop_the_path_that_is_shown_is_carried_out_at_once(session):
     expect_along(plan, run_job(session))
 
 
-def test_a_thing_put_into_the_path_that_is_shown_is_avoided_too(session):
+def test_thing_added_to_shown_path_is_avoided(session):
     aim_right(session)
     session.planned()
     first = session.interaction.path
@@ -275,7 +273,7 @@ def test_a_thing_put_into_the_path_that_is_shown_is_avoided_too(session):
         execute(session, first.number)
 
 
-def test_a_limp_arm_takes_the_path_that_is_shown_unless_a_hand_has_moved_it_since():
+def test_limp_arm_executes_shown_path_unless_moved_by_hand():
     with ViewSession() as session:
         session.arm.disable_torque()
         for _ in range(100):  # it sinks
@@ -292,7 +290,7 @@ def test_a_limp_arm_takes_the_path_that_is_shown_unless_a_hand_has_moved_it_sinc
         expect_along(plan, run_job(session))
 
 
-def test_path_of_arm_that_sags_is_planned_again_and_carried_out():
+def test_path_of_sagging_arm_is_planned_again_and_executed():
     with ViewSession() as session:
         session.arm.disable_torque()
         for _ in range(100):
@@ -318,7 +316,7 @@ def expect_along(plan, setpoints):
 LAMP_M = (0.27, 0.0, 0.15)
 
 
-def test_a_point_that_another_posture_reaches_is_gone_to_in_that():
+def test_blocked_tip_target_is_reached_in_another_posture():
     with ViewSession() as session:
         planner = session.arm.context.planner
         session.arm.scene.add("sphere", "the lamp", center_m=LAMP_M, radius_m=0.015)
@@ -342,7 +340,7 @@ def test_a_point_that_another_posture_reaches_is_gone_to_in_that():
         assert session.interaction.goal is None
 
 
-def test_a_posture_that_was_typed_is_gone_to_or_refused():
+def test_typed_joint_posture_is_not_replaced_but_refused():
     with ViewSession() as session:
         session.arm.scene.add("sphere", "the lamp", center_m=LAMP_M, radius_m=0.015)
         session.send_message(page_messages.SetTool, what="x", value=260.0)

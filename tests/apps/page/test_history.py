@@ -43,7 +43,7 @@ def fill(history, count, step_s=0.02, **fields):
     return history
 
 
-def test_positions_and_goals_are_kept_in_degrees_and_millimetres():
+def test_history_keeps_positions_in_degrees_and_millimetres():
     history = make_history()
     history.record(snapshot(at=math.radians(30), goal=math.radians(32)), LINK, 0.0)
     assert column(history, "position") == pytest.approx([30.0])
@@ -52,7 +52,7 @@ def test_positions_and_goals_are_kept_in_degrees_and_millimetres():
     assert column(history, "error", "slide") == pytest.approx([10.0])
 
 
-def test_what_was_not_measured_is_distinguished_from_zero():
+def test_history_distinguishes_unmeasured_from_zero():
     history = make_history()
     history.record(snapshot(load_percent=None), LinkStatistics(0, None), 0.0)
     for quantity in ("goal", "error", "load", "current"):
@@ -61,7 +61,7 @@ def test_what_was_not_measured_is_distinguished_from_zero():
     assert column(history, "losses", "") == [0.0]
 
 
-def test_telemetry_and_the_line_are_kept_beside_positions():
+def test_history_keeps_telemetry_and_link_statistics():
     history = make_history()
     history.record(snapshot(current_a=0.25), LINK, 0.0)
     values = {q: column(history, q)[0] for q in ("load", "current", "temperature", "voltage")}
@@ -71,12 +71,12 @@ def test_telemetry_and_the_line_are_kept_beside_positions():
     assert column(history, "round_trip", "") == pytest.approx([2.5])
 
 
-def test_a_sample_that_comes_too_soon_is_dropped():
+def test_history_drops_samples_closer_than_20_ms():
     history = fill(make_history(), 100, step_s=0.005)
     assert np.diff(history.since(-math.inf).times_s).min() >= 0.0199
 
 
-def test_its_memory_never_grows_and_the_oldest_samples_go_first():
+def test_history_memory_is_constant_and_drops_oldest_samples():
     history = make_history(duration_s=1.0)
     before = history.size_bytes
     fill(history, 1000)
@@ -87,18 +87,18 @@ def test_its_memory_never_grows_and_the_oldest_samples_go_first():
     assert (np.diff(times) > 0).all()
 
 
-def test_ten_minutes_of_seven_joints_stay_below_ten_megabytes():
+def test_history_of_seven_joints_stays_below_10_mb():
     history = History([f"joint{i}" for i in range(7)], [False] * 7)
     assert history.size_bytes < 10e6
 
 
-def test_only_what_came_after_a_time_is_returned():
+def test_history_since_returns_only_newer_samples():
     history = fill(make_history(), 50)
     assert history.since(0.9).times_s.tolist() == pytest.approx([0.92, 0.94, 0.96, 0.98])
     assert len(history.since(5.0).times_s) == 0
 
 
-def test_samples_that_are_overwritten_while_they_are_read_are_dropped(monkeypatch):
+def test_history_drops_samples_overwritten_during_read(monkeypatch):
     history = fill(make_history(duration_s=1.0), 54)
     search = np.searchsorted
 
@@ -113,7 +113,7 @@ def test_samples_that_are_overwritten_while_they_are_read_are_dropped(monkeypatc
     assert (np.diff(times) > 0).all()
 
 
-def test_the_ten_seconds_before_a_stop_stay_as_they_were():
+def test_history_keeps_ten_seconds_before_stop():
     history = fill(make_history(), 1000)
     lost = LinkStatistics(lost=6, round_trip_s=0.02)  # by the cycle that failed
     history.mark_stop("shoulder hit something", snapshot(), lost, 999 * 0.02 + 0.01)
@@ -124,7 +124,7 @@ def test_the_ten_seconds_before_a_stop_stay_as_they_were():
     assert stop.times_s[-1] - stop.times_s[0] == pytest.approx(10.0, abs=0.03)
 
 
-def test_the_csv_file_has_units_in_its_names_and_nothing_where_nothing_was_measured():
+def test_history_csv_names_units_and_leaves_unmeasured_empty():
     history = fill(make_history(), 250)
     rows = list(csv.DictReader("".join(csv_lines(history.since(-math.inf))).splitlines()))
     assert len(rows) == 250
@@ -136,7 +136,7 @@ def test_the_csv_file_has_units_in_its_names_and_nothing_where_nothing_was_measu
     assert len(rows[0]) == 1 + len(history.channels)
 
 
-def test_the_link_adds_up_its_servos():
+def test_link_statistics_sum_over_servos():
     one, other = ServoStatistics(lost=2, garbled=1), ServoStatistics(lost=4)
     one.round_trips_s.extend([0.5, 0.001])
     other.round_trips_s.append(0.003)
@@ -150,7 +150,7 @@ def chosen(*quantities, joints=("pan",), **fields):
     )
 
 
-def test_closed_plots_send_nothing():
+def test_closed_plots_send_no_frames():
     history, feed = fill(make_history(), 100), PlotFeed()
     assert feed.frames(1, history, 2.0) == []
     feed.choose(1, chosen("position"), history)
@@ -159,7 +159,7 @@ def test_closed_plots_send_nothing():
     assert feed.frames(1, history, 3.0) == []
 
 
-def test_first_the_past_is_sent_then_what_is_new_five_times_a_second():
+def test_plots_send_past_first_then_updates_five_times_a_second():
     history, feed = fill(make_history(), 500), PlotFeed()
     feed.choose(1, chosen("position", "round_trip", span_s=1), history)
     (first,) = feed.frames(1, history, 9.98)
@@ -176,14 +176,14 @@ def test_first_the_past_is_sent_then_what_is_new_five_times_a_second():
 
 
 @pytest.mark.full
-def test_ten_minutes_are_thinned_to_what_a_screen_shows():
+def test_ten_minute_plot_is_thinned_to_about_600_samples():
     history, feed = fill(make_history(), 31000), PlotFeed()
     feed.choose(1, chosen("position", span_s=600), history)
     (first,) = feed.frames(1, history, 620.0)
     assert 590 <= len(first["times"]) <= 601
 
 
-def test_the_seconds_before_a_stop_are_sent_once_and_with_the_reason():
+def test_plot_of_stop_is_sent_once_with_its_reason():
     history, feed = fill(make_history(), 100), PlotFeed()
     history.mark_stop("low supply", snapshot(), LINK, 2.0)
     feed.choose(1, chosen("goal", stopped=True), history)
@@ -200,10 +200,10 @@ def test_the_seconds_before_a_stop_are_sent_once_and_with_the_reason():
         (chosen("position", stopped=True), "Nothing has stopped"),
     ],
 )
-def test_what_cannot_be_plotted_is_reported(message, words):
+def test_plot_of_unknown_joint_or_missing_stop_is_refused(message, words):
     with pytest.raises(BadMessageError, match=words):
         PlotFeed().choose(1, message, make_history())
 
 
-def test_channels_of_the_line_have_no_joint():
+def test_link_channels_have_no_joint():
     assert make_history().channels[-2:] == (Channel("round_trip", "ms"), Channel("losses", ""))

@@ -33,7 +33,7 @@ def intake():
     return MessageFilter(0.0, read_message)
 
 
-def test_messages_in_order_come_in(intake):
+def test_messages_in_order_are_accepted(intake):
     assert [intake.accept(text(seq), 0.0).seq for seq in (1, 2, 5)] == [1, 2, 5]
 
 
@@ -51,7 +51,7 @@ def test_a_message_about_an_old_scene_is_refused(intake):
         intake.accept(text(1, 1, **POINTER), 0.1 + MAX_MESSAGE_AGE_S + 0.01)
 
 
-def test_a_page_that_lags_is_not_taken_for_an_attack(intake):
+def test_lagging_page_is_not_disconnected(intake):
     intake.record_sent(0.0)
     for seq in range(1, 100):
         with pytest.raises(StaleMessageError):
@@ -67,43 +67,43 @@ def test_a_page_that_lags_is_not_taken_for_an_attack(intake):
         {"kind": "go_to_pose", "name": "home"},
     ],
 )
-def test_of_a_press_on_an_old_picture_its_person_is_informed(intake, press):
+def test_press_on_old_picture_is_reported_to_user(intake, press):
     intake.record_sent(0.0)
     with pytest.raises(StalePressError, match="more than 1 s old: nothing was done"):
         intake.accept(text(1, 0, **press), 9.0)
 
 
 @pytest.mark.parametrize("phase", ["hover", "move", "up"])
-def test_of_a_pointer_that_only_passes_over_an_old_picture_nobody_is_informed(intake, phase):
+def test_pointer_motion_on_old_picture_is_dropped_silently(intake, phase):
     intake.record_sent(0.0)
     with pytest.raises(StaleMessageError) as caught:
         intake.accept(text(1, 0, **POINTER | {"phase": phase}), 9.0)
     assert not isinstance(caught.value, StalePressError)
 
 
-def test_a_page_that_says_too_late_that_it_is_hidden_is_believed(intake):
+def test_late_message_that_page_is_hidden_is_accepted(intake):
     intake.record_sent(0.0)
     assert not intake.accept(text(1, kind="heartbeat", visible=False), 9.0).visible
 
 
-def test_a_page_that_is_slow_to_be_laid_out_is_still_asked_about_its_size(intake):
+def test_late_viewport_size_is_accepted(intake):
     intake.record_sent(0.0)
     view_state = {"kind": "viewport", "w": 640, "h": 480, "dpr": 1.0, "view": "side"}
     assert intake.accept(text(1, **view_state), 9.0).h == 480
 
 
-def test_an_old_stop_still_stops(intake):
+def test_late_stop_is_accepted(intake):
     intake.record_sent(0.0)
     intake.record_sent(0.1)
     assert isinstance(intake.accept(text(1, 1), 9.0), Stop)
 
 
-def test_a_message_about_the_latest_scene_is_not_old(intake):
+def test_message_about_latest_scene_is_never_too_old(intake):
     intake.record_sent(0.0)
     assert intake.accept(text(1, 1, **POINTER), 9.0).x == 1
 
 
-def test_a_scene_that_was_never_sent_was_not_seen(intake):
+def test_message_about_scene_never_sent_is_refused(intake):
     with pytest.raises(BadMessageError, match="never sent"):
         intake.accept(text(1, 7), 0.0)
 
@@ -120,16 +120,16 @@ def taken(intake, words):
     return math.inf
 
 
-def test_a_flood_ends_the_connection(intake):
+def test_message_flood_ends_connection_after_200(intake):
     assert taken(intake, map(text, range(1, 10_000))) == 200
 
 
-def test_what_a_quick_hand_says_is_no_flood(intake):
+def test_300_messages_per_second_are_accepted(intake):
     for seq in range(1, 3000):  # 300 a second for 10 s
         intake.accept(text(seq), seq / 300)
 
 
-def test_many_bad_messages_end_the_connection(intake):
+def test_twenty_bad_messages_end_connection(intake):
     assert taken(intake, ["{"] * 100) == 20
 
 
@@ -165,6 +165,6 @@ def test_a_refused_message_does_not_use_up_its_number(intake):
 
 
 @given(st.text(max_size=200) | st.binary(max_size=200).map(lambda b: b.decode("latin-1")))
-def test_no_text_at_all_does_harm(words):
+def test_random_text_is_refused_without_other_error(words):
     with pytest.raises(BadMessageError):
         MessageFilter(0.0, read_message).accept(words, 0.0)

@@ -54,7 +54,7 @@ def calibrated(monkeypatch):
     return pairs
 
 
-def test_once_the_pose_is_taken_and_the_directions_are_known_the_drawing_is_the_arm(calibrated):
+def test_drawing_matches_limp_arm_once_directions_are_known(calibrated):
     shown = [
         (drawn, at)
         for item, drawn, at in calibrated()
@@ -65,7 +65,7 @@ def test_once_the_pose_is_taken_and_the_directions_are_known_the_drawing_is_the_
     assert np.ptp([drawn for drawn, _ in shown], axis=0).min() > math.radians(60.0)
 
 
-def test_before_the_pose_the_drawing_moves_as_much_as_the_joints(calibrated):
+def test_drawing_before_pose_moves_as_much_as_joints(calibrated):
     shown = [
         (drawn, at)
         for item, drawn, at in calibrated(moved_rad=0.3)
@@ -78,7 +78,7 @@ def test_before_the_pose_the_drawing_moves_as_much_as_the_joints(calibrated):
 
 
 @pytest.mark.full
-def test_frames_arrive_during_a_calibration_and_move_arm_ghost_and_joint_list():
+def test_frames_during_calibration_show_moving_limp_arm():
     with ViewSession() as session:
         driver, frames = CalibrationDriver(session.arm.model, "sim:?pose=home"), []
         run = driver.run

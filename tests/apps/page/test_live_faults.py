@@ -34,25 +34,25 @@ def snapshot_after(arm, kind, **fields):
 
 
 @pytest.mark.parametrize("arm", ["koch", "wx250s"])
-def test_a_brown_out_that_ends_before_servos_count_as_silent_is_reported_as_one(arm):
+def test_brief_brown_out_is_reported_as_lost_power(arm):
     notice = reported_of(arm, "brownout", for_s=0.15)
     assert "has lost its power" in notice.message
     assert notice.hint.startswith("Its supply voltage may have dropped.")
 
 
 @pytest.mark.parametrize("arm", ["so101", "koch"])
-def test_a_low_supply_is_reported_with_what_to_do_about_a_supply(arm):
+def test_low_supply_is_reported_with_power_supply_hint(arm):
     notice = reported_of(arm, "voltage", volts=3.0)
     assert "supply" in notice.message
     assert notice.hint.startswith("Check the power supply")
 
 
-def test_a_blocked_joint_is_still_reported_as_one_that_does_not_follow():
+def test_blocked_joint_is_reported_as_not_following():
     notice = reported_of("koch", "stuck")
     assert "does not follow" in notice.message
 
 
-def test_a_stop_on_its_way_is_reported_with_what_to_do_on_the_page():
+def test_page_stop_during_motion_is_reported_with_page_hint():
     with ViewSession() as session:
         session.enable_live()
         session.send_message(page_messages.SetJoint, joint="wrist_roll", value=25.0)
@@ -72,7 +72,7 @@ def test_a_stop_on_its_way_is_reported_with_what_to_do_on_the_page():
 @pytest.mark.parametrize(
     ("arm", "celsius"), [("so101", 68), ("so101", 90), ("koch", 72), ("koch", 90)]
 )
-def test_a_hot_servo_is_reported_as_one_with_what_to_do_on_the_page(arm, celsius):
+def test_hot_servo_is_reported_with_page_hint(arm, celsius):
     joint = servo_id(arm, "shoulder_lift")
     snapshot = snapshot_after(arm, "hot", id=joint, celsius=celsius)
     reported = [entry.message for entry in snapshot.messages]
@@ -82,12 +82,12 @@ def test_a_hot_servo_is_reported_as_one_with_what_to_do_on_the_page(arm, celsius
 
 
 @pytest.mark.full
-def test_a_hot_arm_that_was_lowered_by_itself_is_said_to_be_limp():
+def test_hot_arm_lowered_by_itself_is_reported_limp():
     notice = reported_of("koch", "hot", id=servo_id("koch", "shoulder_lift"), celsius=72)
     assert notice.message.endswith("torque is off, the arm is limp.")
 
 
-def test_a_pulled_cable_is_reported_as_one_until_the_port_is_back(monkeypatch):
+def test_pulled_cable_is_reported_until_port_is_back(monkeypatch):
     with ViewSession() as session:
         line_of(session.arm).plugged = False
         session.arm_thread.step()

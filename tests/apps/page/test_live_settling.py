@@ -52,7 +52,7 @@ def koch(monkeypatch):
     [("koch", 1e-3), pytest.param("wx250s", 1e-3, marks=pytest.mark.campaign),
      pytest.param("so101", 1.2e-3, marks=pytest.mark.campaign)],
 )  # fmt: skip
-def test_the_true_tip_is_at_a_click_once_the_arm_has_settled(arm, near_m, monkeypatch):
+def test_tip_settles_on_clicked_point(arm, near_m, monkeypatch):
     with LiveArm(arm, monkeypatch) as live:
         live.run_until(lambda: live.settled)
         assert live.settled == 1
@@ -60,7 +60,7 @@ def test_the_true_tip_is_at_a_click_once_the_arm_has_settled(arm, near_m, monkey
 
 
 @pytest.mark.full
-def test_an_arm_that_has_settled_stays_there_in_live(koch):
+def test_settled_arm_stays_in_place_in_live(koch):
     tips_m = []
 
     def note(_):
@@ -90,7 +90,7 @@ def test_another_click_ends_settling_and_is_followed(koch):
 
 
 @pytest.mark.full
-def test_a_page_that_falls_silent_while_the_arm_settles_ends_live(koch):
+def test_silent_page_during_settling_ends_live(koch):
     def on_cycle(_):
         if not koch.settling:
             koch.send_message(page_messages.Heartbeat, visible=True)
@@ -100,14 +100,14 @@ def test_a_page_that_falls_silent_while_the_arm_settles_ends_live(koch):
 
 
 @pytest.mark.full
-def test_a_stop_while_the_arm_settles_is_obeyed(koch):
+def test_stop_during_settling_is_obeyed(koch):
     koch.run_until(lambda: koch.is_settling and koch.send_message(page_messages.Stop))
     koch.arm_thread.step()
     assert koch.latest_frames()["status"]["mode"] == "stopped"
 
 
 @pytest.mark.full
-def test_a_refused_target_is_reported_once_however_long_the_arm_stands(koch):
+def test_refused_target_after_settling_is_reported_once(koch):
     koch.run_until(lambda: koch.settled)
     koch.enable_live().send_message(page_messages.SetTool, what="z", value=-40.0)
     koch.run(300)
@@ -115,7 +115,7 @@ def test_a_refused_target_is_reported_once_however_long_the_arm_stands(koch):
 
 
 @pytest.mark.full
-def test_in_live_the_page_says_how_far_the_arm_is_off(koch):
+def test_live_page_shows_remaining_error_in_mm(koch):
     koch.run_until(lambda: koch.settled)
     koch.send_message(page_messages.SetLive, on=True)
     koch.click(*CLICKS["koch"])

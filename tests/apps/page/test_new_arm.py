@@ -49,7 +49,7 @@ def ended(fields):
     return bool(fields["error"] or fields["folders"])
 
 
-def test_an_arm_is_measured_and_written_only_when_that_was_agreed(panel, tmp_path):
+def test_new_arm_is_written_only_after_consent(panel, tmp_path):
     start(panel)
     wait_for(panel, asked("How many joints"))
     with pytest.raises(BadMessageError):
@@ -68,7 +68,7 @@ def test_an_arm_is_measured_and_written_only_when_that_was_agreed(panel, tmp_pat
     assert load_model(tmp_path / "mine").chain.dof == 2
 
 
-def test_a_xacro_runs_nothing_unless_the_page_agrees(panel, tmp_path):
+def test_xacro_on_page_runs_only_with_consent(panel, tmp_path):
     source, proof = tmp_path / "arm.xacro", tmp_path / "proof"
     source.write_text(robot(LINKS.replace("'a'", f"\"${{open('{proof}', 'w')}}\""), CHAIN))
     start(panel, source=source)
@@ -80,14 +80,14 @@ def test_a_xacro_runs_nothing_unless_the_page_agrees(panel, tmp_path):
 
 
 @pytest.mark.parametrize("source", ["/dev/zero", "nothing.urdf", ".."])
-def test_what_is_no_description_is_refused_by_a_sentence(panel, source):
+def test_invalid_description_on_page_gives_one_sentence(panel, source):
     start(panel, source=source)
     wait_for(panel, ended)
     assert panel.fields()["error"].endswith(".")
 
 
 @pytest.mark.full
-def test_leaving_ends_the_conversion_and_writes_nothing(panel, tmp_path):
+def test_leaving_new_arm_dialogue_writes_nothing(panel, tmp_path):
     start(panel, source=CONFIGS / "so101" / "arm.urdf")
     wait_for(panel, asked("tip"))
     panel.close()
@@ -96,7 +96,7 @@ def test_leaving_ends_the_conversion_and_writes_nothing(panel, tmp_path):
 
 
 @pytest.mark.full
-def test_a_stop_ends_the_search_of_servos_and_writes_nothing(panel, tmp_path, monkeypatch):
+def test_stop_ends_servo_search_and_writes_no_arm(panel, tmp_path, monkeypatch):
     monkeypatch.setenv("IKSERVO_HOME", str(tmp_path / "home"))
     port = f"sim:{hide_arm(tmp_path / 'hidden')}?pose=home"
     start(panel, source=CONFIGS / "so101" / "arm.urdf", port=port)
@@ -117,7 +117,7 @@ def test_a_stop_ends_the_search_of_servos_and_writes_nothing(panel, tmp_path, mo
     assert not (tmp_path / "mine").exists()
 
 
-def test_a_page_of_another_machine_has_no_file_read(tmp_path):
+def test_page_on_other_machine_cannot_have_files_read(tmp_path):
     panel = NewArmPanel(tmp_path, is_local=False)
     with pytest.raises(BadMessageError, match="another machine"):
         start(panel, source="/etc/passwd")

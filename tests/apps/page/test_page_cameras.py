@@ -51,7 +51,7 @@ def arm():
         ([], "", None),
     ],
 )
-def test_an_arm_shows_the_camera_that_it_was_calibrated_with(arm, sources, name, shown):
+def test_arm_on_page_shows_its_calibrated_camera(arm, sources, name, shown):
     with PageCameras(RealClock(), sources, name) as cameras, ExitStack() as exits:
         video = cameras.open_before(arm, exits)
         assert (video and video.source) == shown
@@ -68,7 +68,7 @@ def test_an_arm_shows_the_camera_that_it_was_calibrated_with(arm, sources, name,
         ([], "", {}, ""),
     ],
 )  # fmt: skip
-def test_the_cameras_of_an_arm_are_chosen_by_their_names(arm, sources, called, choices, chosen):
+def test_cameras_on_page_are_chosen_by_name(arm, sources, called, choices, chosen):
     with PageCameras(RealClock(), sources, called) as cameras, ExitStack() as exits:
         own = ArmCameras(cameras, arm, exits)
         assert (own.choices, own.chosen) == (choices, chosen)
@@ -79,7 +79,7 @@ def test_the_cameras_of_an_arm_are_chosen_by_their_names(arm, sources, called, c
             own.choose("right")
 
 
-def test_the_view_is_that_of_the_camera_of_the_name(arm):
+def test_camera_view_uses_calibration_of_given_name(arm):
     with PageCameras(RealClock(), [], "left") as cameras, ExitStack() as exits:
         video = cameras.open_before(arm, exits)
         views = [CameraView(arm, video, RealClock(), name) for name in ("left", "")]
@@ -92,7 +92,7 @@ def test_the_view_is_that_of_the_camera_of_the_name(arm):
         PageCameras(RealClock(), [], "right").open_before(arm, ExitStack())
 
 
-def test_each_simulated_arm_has_a_simulated_camera_before_it():
+def test_each_simulated_arm_gets_its_own_simulated_camera():
     places = [ArmAtPort(load_model(name), "sim:?pose=home") for name in ("so101", "koch")]
     for place in places:
         with ikservo.open_arm(place.model.name, place.port) as arm:
@@ -108,7 +108,7 @@ def test_each_simulated_arm_has_a_simulated_camera_before_it():
         view.close()
 
 
-def test_a_camera_that_no_arm_has_is_one_sentence_and_one_that_another_has_is_shown_as_trouble(
+def test_unknown_camera_of_one_arm_is_shown_as_trouble(
     arm,
 ):
     so101, koch = (ArmAtPort(load_model(name), "sim") for name in ("so101", "koch"))

@@ -54,7 +54,7 @@ def largest_acceleration_deg_s2(seen):
 
 
 @pytest.mark.full
-def test_a_steeper_jerk_brings_the_arm_to_the_pointer_sooner_and_no_faster(monkeypatch):
+def test_steeper_jerk_reduces_pointer_lag_at_same_speed(monkeypatch):
     plain, _ = followed(monkeypatch, 1.0)
     steep, seen = followed(monkeypatch, STEEP)
     assert statistics.median(steep) <= 60.0
@@ -65,7 +65,7 @@ def test_a_steeper_jerk_brings_the_arm_to_the_pointer_sooner_and_no_faster(monke
 
 
 @pytest.mark.full
-def test_the_whole_acceleration_of_each_speed_is_there_after_an_eightieth_of_a_second():
+def test_acceleration_ramps_take_12_5_ms_at_each_speed():
     with ViewSession() as session:
         planner = session.arm.context.planner
         for speed in ("slow", "normal", "fast"):

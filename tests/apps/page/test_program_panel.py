@@ -74,7 +74,7 @@ def degrees(session, joint):
 
 
 @pytest.mark.full
-def test_taught_steps_are_played_in_their_order_and_the_gripper_moves(session):
+def test_program_steps_run_in_order_and_move_gripper(session):
     teach_target(session, "wrist_roll", 20.0)
     add(session, "open")
     add(session, "wait", wait_s=0.3)
@@ -87,7 +87,7 @@ def test_taught_steps_are_played_in_their_order_and_the_gripper_moves(session):
     assert true_joints(session.arm)["gripper"] > gripper + 0.3
 
 
-def test_the_present_pose_is_a_step_by_joints_or_a_line_to_its_tip(session):
+def test_current_pose_is_added_as_joint_step_or_line_step(session):
     add(session, "arm")
     add(session, "arm", path="line")
     by_joints, by_line = (each.step for each in panel(session).draft.steps)
@@ -103,7 +103,7 @@ def test_the_present_pose_is_a_step_by_joints_or_a_line_to_its_tip(session):
     )
 
 
-def test_the_step_that_cannot_be_made_is_named_before_anything_moves(session):
+def test_impossible_step_is_named_before_arm_moves(session):
     teach_target(session, "wrist_roll", 20.0)
     session.send_message(page_messages.SetJoint, joint="shoulder_lift", value=90.0)
     session.send_message(page_messages.SetJoint, joint="elbow_flex", value=-20.0)
@@ -126,7 +126,7 @@ def test_the_step_that_cannot_be_made_is_named_before_anything_moves(session):
 
 
 @pytest.mark.full
-def test_a_stop_in_a_step_holds_until_acknowledged_and_then_it_goes_on_from_there(session):
+def test_stopped_program_resumes_in_its_step_after_acknowledge(session):
     teach_target(session, "wrist_roll", 5.0)
     second = teach_target(session, "wrist_roll", 60.0)
 
@@ -155,7 +155,7 @@ def test_a_stop_in_a_step_holds_until_acknowledged_and_then_it_goes_on_from_ther
     ("kind", "words"),
     [("silent", "does not answer"), ("reset", "does not answer")],
 )
-def test_a_fault_in_the_middle_stops_the_program_in_its_step(session, kind, words):
+def test_servo_fault_stops_program_in_its_step(session, kind, words):
     add(session, "wait", wait_s=0.2)
     turning = teach_target(session, "wrist_roll", 60.0)
     line, failed = line_of(session.arm), []
@@ -171,7 +171,7 @@ def test_a_fault_in_the_middle_stops_the_program_in_its_step(session, kind, word
     assert session.arm_thread.snapshot.stop_notice is not None
 
 
-def test_every_step_that_cannot_be_made_is_named_at_once(session):
+def test_all_impossible_steps_are_named_at_once(session):
     teach_target(session, "wrist_roll", 20.0)
     folder = panel(session).draft.folder.path
     folder.mkdir(parents=True, exist_ok=True)
@@ -189,7 +189,7 @@ def test_every_step_that_cannot_be_made_is_named_at_once(session):
 
 
 @pytest.mark.campaign
-def test_pause_ends_after_the_step_and_single_steps_follow_each_other(session):
+def test_program_pauses_after_step_and_runs_single_steps(session):
     first = teach_target(session, "wrist_roll", 10.0)
     second = teach_target(session, "wrist_roll", 20.0)
     third = teach_target(session, "wrist_roll", 30.0)
@@ -208,7 +208,7 @@ def test_pause_ends_after_the_step_and_single_steps_follow_each_other(session):
     assert panel(session).state_fields()["step"] == first
 
 
-def test_a_page_that_goes_away_stops_the_program(session):
+def test_closed_page_stops_program(session):
     teach_target(session, "wrist_roll", 60.0)
 
     def leave(count):
@@ -223,7 +223,7 @@ def test_a_page_that_goes_away_stops_the_program(session):
 
 
 @pytest.mark.full
-def test_while_it_plays_nothing_else_moves_the_arm_and_it_is_not_edited(session):
+def test_running_program_blocks_other_motions_and_edits(session):
     teach_target(session, "wrist_roll", 40.0)
     refused = []
 
@@ -247,7 +247,7 @@ def test_while_it_plays_nothing_else_moves_the_arm_and_it_is_not_edited(session)
     assert degrees(session, "wrist_roll") == pytest.approx(40.0, abs=0.5)
 
 
-def test_a_saved_program_is_the_command_s_file_and_is_loaded_as_it_was(session, own_folder):
+def test_saved_program_is_read_by_command_and_loaded_unchanged(session, own_folder):
     turn = teach_target(session, "wrist_roll", 20.0)
     add(session, "pose", pose="home")
     session.send_message(msg.ChangeStep, step=turn, speed="fast")
@@ -264,7 +264,7 @@ def test_a_saved_program_is_the_command_s_file_and_is_loaded_as_it_was(session, 
     assert panel(session).fields()["names"] == ["tea"]
 
 
-def test_bad_files_and_steps_are_refused_and_the_program_stays(session, own_folder):
+def test_bad_program_files_and_steps_are_refused(session, own_folder):
     kept = add(session, "wait")
     own_folder.mkdir()
     (own_folder / "broken.toml").write_text('format = 1\narm = "so101"\n[[steps]]\nwait_s = -1.0\n')
@@ -324,7 +324,7 @@ def record(session, on_cycle, cycles=60):
 
 
 @pytest.mark.full
-def test_a_limp_arm_is_recorded_by_hand_and_its_step_plays_what_the_hand_did(session):
+def test_limp_arm_is_recorded_by_hand_and_replayed_as_step(session):
     session.arm.disable_torque()
     world = line_of(session.arm).world
     world.grasp("wrist_roll", Hand(glide(0.0, 0.4, speed=0.8), limit=20.0))
@@ -345,7 +345,7 @@ def test_a_limp_arm_is_recorded_by_hand_and_its_step_plays_what_the_hand_did(ses
     assert degrees(session, "wrist_roll") == pytest.approx(there, abs=1.5)
 
 
-def test_an_arm_that_holds_is_not_recorded_and_the_page_says_why(session):
+def test_recording_of_arm_with_torque_on_is_refused(session):
     record(session, lambda _count: None)
     assert not panel(session).draft.steps
     assert "Relax or Release it first" in session.arm_thread.snapshot.messages[-1].message
@@ -353,7 +353,7 @@ def test_an_arm_that_holds_is_not_recorded_and_the_page_says_why(session):
 
 
 @pytest.mark.full
-def test_a_stop_ends_a_recording_without_a_step_and_it_can_be_added_from_the_list(session):
+def test_stop_ends_recording_which_can_be_added_later(session):
     session.arm.disable_torque()
     record(session, lambda count: count == 3 and session.send_message(page_messages.Stop))
     assert session.arm_thread.snapshot.stop_count == 1
@@ -365,7 +365,7 @@ def test_a_stop_ends_a_recording_without_a_step_and_it_can_be_added_from_the_lis
 
 
 @pytest.mark.full
-def test_steps_of_any_motion_are_loaded_shown_played_and_saved(session, own_folder):
+def test_program_steps_of_any_motion_are_loaded_run_and_saved(session, own_folder):
     own_folder.mkdir(parents=True, exist_ok=True)
     (own_folder / "mixed.toml").write_text(
         'format = 1\narm = "so101"\n'

@@ -67,7 +67,7 @@ def live(arm):
 
 
 @pytest.mark.full
-def test_one_arm_is_stopped_and_the_other_stays_live_until_all_are_stopped(two_arms):
+def test_stopping_one_arm_leaves_other_live_until_stop_all(two_arms):
     arms, listed = two_arms
     for arm in arms.all():
         live(arm)
@@ -83,7 +83,7 @@ def test_one_arm_is_stopped_and_the_other_stays_live_until_all_are_stopped(two_a
 
 @pytest.mark.full
 @pytest.mark.parametrize("key", ["Space", "Escape"])
-def test_every_arm_that_a_key_stopped_says_so(two_arms, key):
+def test_arms_stopped_by_key_report_the_key(two_arms, key):
     arms, listed = two_arms
     client = listed.connect(Permission.CONTROL)
     for arm in arms.all():
@@ -95,7 +95,7 @@ def test_every_arm_that_a_key_stopped_says_so(two_arms, key):
 
 
 @pytest.mark.full
-def test_a_pulled_cable_stops_its_arm_alone(two_arms):
+def test_pulled_cable_stops_only_its_arm(two_arms):
     arms, listed = two_arms
     for arm in arms.all():
         live(arm)
@@ -108,7 +108,7 @@ def test_a_pulled_cable_stops_its_arm_alone(two_arms):
 
 
 @pytest.mark.full
-def test_an_arm_is_opened_and_closed_without_power_and_its_pages_are_reported(two_arms):
+def test_arm_is_opened_and_closed_from_list_with_torque_off(two_arms):
     arms, listed = two_arms
     client = listed.connect(Permission.CONTROL)
     listed._choices.start()
@@ -130,7 +130,7 @@ def test_an_arm_is_opened_and_closed_without_power_and_its_pages_are_reported(tw
 
 
 @pytest.mark.full
-def test_a_second_arm_of_a_kind_has_a_name_of_its_own(two_arms):
+def test_second_arm_of_same_kind_gets_own_name(two_arms):
     arms, _ = two_arms
     arms.start_opening(ArmAtPort(load_model("koch"), "sim"))
     until(lambda: arms.find("koch-2"))
@@ -138,7 +138,7 @@ def test_a_second_arm_of_a_kind_has_a_name_of_its_own(two_arms):
 
 
 @pytest.mark.full
-def test_an_arm_that_cannot_be_opened_says_why_and_leaves_the_others_alone():
+def test_arm_that_cannot_be_opened_is_listed_with_reason():
     with served(("koch", NOT_THERE), ("so101", "sim")) as (arms, listed):
         client = listed.connect(Permission.CONTROL)
         row = said(listed, client)["koch"]
@@ -151,7 +151,7 @@ def test_an_arm_that_cannot_be_opened_says_why_and_leaves_the_others_alone():
 
 
 @pytest.mark.full
-def test_a_port_that_is_not_offered_or_in_use_is_refused(two_arms, monkeypatch):
+def test_arm_at_unknown_or_used_port_is_refused(two_arms, monkeypatch):
     arms, listed = two_arms
     client = listed.connect(Permission.CONTROL)
     listed._choices.start()
@@ -180,7 +180,7 @@ def test_watcher_sees_and_stops_arms_and_opens_and_closes_none(two_arms):
     assert all(arm.arm_thread.arm.stop_reason for arm in arms.all())
 
 
-def test_own_arms_are_listed_with_the_port_at_which_they_are_now(tmp_path, monkeypatch):
+def test_own_arms_are_listed_with_their_current_port(tmp_path, monkeypatch):
     monkeypatch.setenv("IKSERVO_HOME", str(tmp_path))
     adapter = SerialAdapter("/dev/ttyACM3", "", 0x1A86, 0x55D3, "58FA0834561")
     monkeypatch.setattr(arm_choices, "list_adapters", lambda: [adapter])

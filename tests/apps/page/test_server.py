@@ -64,33 +64,33 @@ def refused_upgrade(url, **options):
     return refused.value.response.status_code
 
 
-def test_the_page_is_served(url):
+def test_server_serves_page(url):
     assert "<canvas" in httpx.get(url).text
 
 
 @pytest.mark.parametrize("path", PAGES)
-def test_nothing_is_loaded_from_in_another_place(url, path):
+def test_content_security_policy_allows_no_foreign_source(url, path):
     policy = httpx.get(url + path).headers["content-security-policy"]
     assert "default-src 'none'" in policy
     assert "http" not in policy
 
 
-def test_who_is_refused_makes_no_noise(url, caplog):
+def test_refused_upgrade_logs_nothing(url, caplog):
     refused_upgrade(url, origin="http://evil.example")
     assert not caplog.records
 
 
-def test_no_answer_opens_the_page_to_others(url):
+def test_server_sends_no_cors_header(url):
     assert "access-control-allow-origin" not in httpx.get(url).headers
 
 
-def test_no_answer_sets_a_cookie(url):
+def test_server_sets_no_cookie(url):
     assert "set-cookie" not in httpx.get(url).headers
 
 
 @pytest.mark.parametrize("method", ["POST", "PUT", "DELETE", "PATCH", "OPTIONS"])
 @pytest.mark.parametrize("path", ["/", "/page/main.js", "/live"])
-def test_nothing_but_reading_is_possible_without_a_socket(url, method, path):
+def test_server_refuses_http_methods_that_write(url, method, path):
     assert httpx.request(method, url + path).status_code in (404, 405)
 
 
@@ -101,37 +101,37 @@ NO_PAGES = [
 
 
 @pytest.mark.parametrize("path", NO_PAGES)
-def test_nothing_beside_the_page_is_served(url, path):
+def test_server_serves_no_files_outside_page(url, path):
     assert httpx.get(url + path).status_code == 404
 
 
 @pytest.mark.parametrize("path", PAGES)
-def test_another_host_reads_nothing(url, path):
+def test_foreign_host_gets_403_for_every_page(url, path):
     assert httpx.get(url + path, headers={"host": "rebound.example"}).status_code == 403
 
 
 @pytest.mark.parametrize("origin", ["http://evil.example", "null", "http://127.0.0.1:1"])
-def test_another_origin_gets_no_socket(url, controller, origin):
+def test_foreign_origin_gets_no_socket(url, controller, origin):
     assert refused_upgrade(url, origin=origin) == 403
     assert not controller.rights
 
 
-def test_no_origin_gets_no_socket(url):
+def test_missing_origin_gets_no_socket(url):
     assert refused_upgrade(url, origin=None) == 403
 
 
-def test_the_key_in_the_query_of_a_url_opens_nothing(url, keys, visit):
+def test_key_in_cookie_opens_no_socket(url, keys, visit):
     client = visit(additional_headers={"cookie": f"token={keys.control}"})
     client.send("{}")
     assert client.closing_code() == 4401
 
 
-def test_a_client_with_a_key_is_let_in(visit, controller, keys):
+def test_client_with_control_key_gets_control(visit, controller, keys):
     visit().prove(keys.control).receive_kind("scene")
     assert controller.rights == [Permission.CONTROL]
 
 
-def test_of_a_scene_only_what_has_changed_is_sent_again(visit, controller, keys):
+def test_scene_frames_resend_only_changed_fields(visit, controller, keys):
     controller.show = [{"kind": "cross", "at": [1.0, 2.0]}]
     client = visit().prove(keys.control)
     scene = client.receive_kind("scene")
@@ -146,7 +146,7 @@ def test_of_a_scene_only_what_has_changed_is_sent_again(visit, controller, keys)
     assert scene["items"] == []
 
 
-def test_the_other_key_gives_the_other_right(visit, controller, keys):
+def test_client_with_watch_key_may_only_watch(visit, controller, keys):
     visit().prove(keys.watch).receive_kind("scene")
     assert controller.rights == [Permission.WATCH]
 
@@ -155,19 +155,19 @@ def test_the_other_key_gives_the_other_right(visit, controller, keys):
     "{}", "", '{"kind":"stop","seq":1,"seen":0}', '{"kind":"hello"}', '{"kind":"hello","proof":""}',
     '{"kind":"hello","proof":"' + "0" * 64 + '"}', "x" * MAX_MESSAGE_BYTES,
 ])  # fmt: skip
-def test_who_cannot_prove_a_key_is_sent_away(visit, controller, hello):
+def test_client_without_key_proof_is_disconnected(visit, controller, hello):
     client = visit()
     client.send(hello)
     assert client.closing_code() == 4401
     assert not controller.rights
 
 
-def test_a_key_of_another_session_opens_nothing(visit, controller):
+def test_key_of_another_session_is_refused(visit, controller):
     assert visit().prove(AccessTokens.generate().control).closing_code() == 4401
     assert not controller.rights
 
 
-def test_a_proof_that_was_overheard_opens_nothing(visit, keys, controller):
+def test_overheard_proof_is_refused(visit, keys, controller):
     overheard = challenge_response(keys.control, visit().nonce)
     client = visit()
     client.send(json.dumps({"kind": "hello", "proof": overheard}))
@@ -175,7 +175,7 @@ def test_a_proof_that_was_overheard_opens_nothing(visit, keys, controller):
     assert not controller.rights
 
 
-def test_a_message_of_a_client_is_received(visit, controller, keys):
+def test_valid_message_is_received_and_unknown_one_refused(visit, controller, keys):
     client = visit().prove(keys.control)
     scene = client.receive_kind("scene")["seq"]
     client.send_message("stop", scene)
@@ -193,7 +193,7 @@ def test_a_replayed_message_is_refused_and_not_received_again(visit, controller,
     assert len(controller.received) == 1
 
 
-def test_an_oversized_message_changes_nothing(visit, controller, keys):
+def test_oversized_message_is_refused(visit, controller, keys):
     client = visit().prove(keys.control)
     client.send_message("stop", pad="x" * MAX_MESSAGE_BYTES)
     assert "too long" in client.receive_kind("refused")["message"]
@@ -209,13 +209,13 @@ def test_a_huge_message_ends_the_connection_unread(visit, controller, keys, size
     assert not controller.received
 
 
-def test_bytes_where_text_belongs_end_the_connection(visit, keys):
+def test_binary_message_ends_connection(visit, keys):
     client = visit().prove(keys.control)
     client.send(b"\x00\x01")
     assert client.closing_code() == 1008
 
 
-def test_a_flood_is_dropped(visit, keys):
+def test_message_flood_ends_connection(visit, keys):
     client = visit().prove(keys.control)
     with suppress(websockets.ConnectionClosed):
         for _ in range(5_000):
@@ -223,14 +223,14 @@ def test_a_flood_is_dropped(visit, keys):
     assert client.closing_code() == 1008
 
 
-def test_scenes_wait_for_a_page_that_does_not_draw(visit, keys):
+def test_next_scene_waits_for_heartbeat_of_page(visit, keys):
     client = visit().prove(keys.control)
     numbers = [client.receive_kind("scene")["seq"], client.receive_kind("scene")["seq"]]
     client.send_message("heartbeat", numbers[-1], visible=True)
     assert [*numbers, client.receive_kind("scene")["seq"]] == [1, 2, 3]
 
 
-def test_who_leaves_is_forgotten(visit, controller, keys, url):
+def test_disconnected_client_is_forgotten(visit, controller, keys, url):
     client = SocketClient(url).prove(keys.control)
     client.receive_kind("scene")
     client.close()
@@ -239,20 +239,20 @@ def test_who_leaves_is_forgotten(visit, controller, keys, url):
 
 
 @pytest.mark.parametrize(("full", "free"), [("watch", "control"), ("control", "watch")])
-def test_sixteen_clients_of_one_key_lock_out_none_of_the_other(visit, keys, full, free):
+def test_sixteen_clients_of_one_key_leave_other_key_free(visit, keys, full, free):
     for _ in range(16):
         visit().prove(getattr(keys, full)).receive_kind("scene")
     assert visit().prove(getattr(keys, full)).closing_code() == 1013
     assert visit().prove(getattr(keys, free)).receive_kind("scene")
 
 
-def test_a_flood_of_unknown_clients_keeps_nobody_out(visit, keys):
+def test_unproven_clients_do_not_lock_out_key_holder(visit, keys):
     strangers = [visit() for _ in range(16)]
     visit().prove(keys.control).receive_kind("scene")
     assert strangers[0].closing_code() == 1013
 
 
-def test_two_hundred_idle_sockets_keep_nobody_out(url, visit, keys):
+def test_two_hundred_idle_sockets_do_not_lock_out_client(url, visit, keys):
     with ExitStack() as open_sockets:
         idle_sockets(open_sockets, url, 200)
         client = visit().prove(keys.control)
@@ -260,7 +260,7 @@ def test_two_hundred_idle_sockets_keep_nobody_out(url, visit, keys):
             client.send_message("heartbeat", client.receive_kind("scene")["seq"], visible=True)
 
 
-def test_of_many_idle_sockets_only_the_latest_stay(url):
+def test_only_latest_idle_sockets_stay_open(url):
     with ExitStack() as open_sockets:
         waiting = idle_sockets(open_sockets, url, 3 * MAX_PENDING_CONNECTIONS)
         httpx.get(url)  # the server has met them all
@@ -268,7 +268,7 @@ def test_of_many_idle_sockets_only_the_latest_stay(url):
 
 
 @pytest.mark.campaign  # it takes three seconds
-def test_who_never_finishes_a_question_is_dropped(url):
+def test_unfinished_http_request_is_dropped(url):
     with ExitStack() as open_sockets:
         (waiting,) = idle_sockets(open_sockets, url, 1)
         waiting.settimeout(10)

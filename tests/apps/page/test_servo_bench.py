@@ -82,7 +82,7 @@ def line(transport):
     session.bench.close()
 
 
-def test_servos_of_no_arm_are_searched_with_progress_and_given_an_id(line, transport):
+def test_servos_without_arm_file_are_found_and_get_new_id(line, transport):
     shares = []
     found = line.until("line", lambda f: shares.append(f["done"]) or len(f["servos"]) == 2)
     assert [row["name"] for row in found["servos"]] == ["1", "7"]
@@ -93,14 +93,14 @@ def test_servos_of_no_arm_are_searched_with_progress_and_given_an_id(line, trans
     assert {row["id"] for row in moved["servos"]} <= {1, 9}
 
 
-def test_a_search_can_be_ended_at_once(monkeypatch, transport):
+def test_servo_search_can_be_closed_at_once(monkeypatch, transport):
     transport.line.servos.clear()
     session = opened(None, "/dev/ttyUSB7")
     session.until("line", lambda frame: frame["done"] is not None)
     session.bench.close()
 
 
-def test_a_port_that_is_lost_is_opened_again(line, transport):
+def test_lost_servo_port_is_opened_again(line, transport):
     line.until("line", lambda frame: len(frame["servos"]) == 2)
     write = transport.write
 
@@ -115,14 +115,14 @@ def test_a_port_that_is_lost_is_opened_again(line, transport):
     line.until("line", lambda frame: len(frame["servos"]) == 2)
 
 
-def test_a_servo_that_is_silent_while_it_is_plotted_leaves_a_gap(session):
+def test_plot_of_servo_register_shows_its_value(session):
     session.act("plot", joint="elbow_flex", names=["present_voltage"])
     first = session.until("plots", lambda frame: True)
     assert [one["quantity"] for one in first["series"]] == ["present_voltage"]
     assert first["values"][0][0] == 7.4
 
 
-def test_mistakes_are_notes(session):
+def test_wrong_servo_commands_are_answered_with_notes(session):
     for fields, said in (
         ({"joint": "elbow"}, "elbow_flex"),
         ({"joint": "elbow_flex", "name": "goal_position", "value": "5"}, "cannot write"),
@@ -157,12 +157,12 @@ def test_mistakes_are_notes(session):
         {"kind": "write_register", "joint": "../x", "name": "p_gain", "value": "1"},
     ],
 )
-def test_other_messages_are_none(words):
+def test_foreign_or_malformed_bench_message_is_refused(words):
     with pytest.raises(BadMessageError):
         read_bench_message(json.dumps({"seq": 1, "seen": 0, **words}))
 
 
-def test_watchers_see_and_ask_nothing(session):
+def test_watcher_sees_servos_but_cannot_command_them(session):
     watcher = session.bench.connect(Permission.WATCH)
     session.send("read_servo", joint="elbow_flex")
     session.until("servo", lambda frame: frame["joint"] == "elbow_flex")
@@ -173,7 +173,7 @@ def test_watchers_see_and_ask_nothing(session):
     session.bench.disconnect(watcher)
 
 
-def test_commands_beyond_what_can_wait_are_refused(session):
+def test_servo_commands_beyond_queue_limit_are_refused(session):
     session.until("line", lambda frame: frame["servos"])
 
     def press_without_end():
@@ -184,7 +184,7 @@ def test_commands_beyond_what_can_wait_are_refused(session):
         press_without_end()
 
 
-def test_a_servo_that_holds_from_its_start_is_not_called_limp(monkeypatch):
+def test_servo_with_torque_on_at_start_is_reported_so(monkeypatch):
     transport = make_transport({7: "XL430-W250"})
     monkeypatch.setattr("ikservo.hardware.port.open_transport", lambda *_, **__: transport)
     session = opened(None, "/dev/ttyUSB7")
@@ -214,7 +214,7 @@ def gains_of(session):
     return {row["name"]: row["raw"] for row in servo["registers"] if row["name"].endswith("_gain")}
 
 
-def test_gains_are_tried_and_shown_beside_the_present_ones_which_stay(raised):
+def test_trial_gains_are_plotted_and_former_gains_restored(raised):
     before = gains_of(raised)
     raised.act("try", joint="elbow_flex", gains={"p_gain": 64}, step_deg=8)
     trial = raised.until("trial", lambda frame: True)
@@ -247,20 +247,20 @@ def test_better_gains_are_suggested(raised):
         ("tail", {"p_gain": 20}, "tail"),
     ],
 )
-def test_what_is_no_trial_moves_nothing(raised, joint, gains, said):
+def test_invalid_gain_trial_moves_nothing(raised, joint, gains, said):
     raised.act("try", joint=joint, gains=gains)
     raised.note(said)
     assert "trial" not in raised.frames
 
 
-def test_gains_of_a_servo_of_no_arm_are_not_tried(line):
+def test_gain_trial_needs_servo_of_an_arm(line):
     line.until("line", lambda frame: len(frame["servos"]) == 2)
     line.act("try", joint="7", gains={"p_gain": 20})
     line.note("on a joint of an arm")
 
 
 @pytest.mark.parametrize("end", ["stop", "leave", "close"])
-def test_a_trial_ends_at_once_and_leaves_the_former_gains(monkeypatch, end):
+def test_ended_gain_trial_restores_former_gains(monkeypatch, end):
     lines, write, stop = [], servo_tuning.write_gains, Arm.stop
     changed, stopped = threading.Event(), threading.Event()
 
@@ -295,7 +295,7 @@ def test_a_trial_ends_at_once_and_leaves_the_former_gains(monkeypatch, end):
     assert servo.memory.get("p_gain") == 32
 
 
-def test_a_joint_is_found_at_the_id_that_it_was_given(session):
+def test_joint_is_found_at_its_new_servo_id(session):
     session.act("move", joint="elbow_flex", address=(9, 1_000_000))
     session.note("The arm file names id 3")
     session.send("read_servo", joint="elbow_flex")

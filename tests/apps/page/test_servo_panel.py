@@ -33,7 +33,7 @@ def held(session, joint="wrist_roll"):
     return line_of(session.arm).servos[servo_id("so101", joint)]
 
 
-def test_the_table_is_what_the_servo_holds(session):
+def test_servo_table_shows_register_values_of_servo(session):
     shown = read(session)
     assert (shown["joint"], shown["model"], shown["id"]) == ("elbow_flex", "STS3215", 3)
     rows = {row["name"]: row for row in shown["registers"]}
@@ -45,14 +45,14 @@ def test_the_table_is_what_the_servo_holds(session):
     assert rows["torque_limit"]["writable"]
 
 
-def test_it_is_sent_once_and_only_after_it_was_read(session):
+def test_servo_table_is_sent_once_after_reading(session):
     first = session.latest_frames()["servo"]
     assert first["registers"] == []
     read(session)
     assert "servo" not in session.latest_frames()
 
 
-def test_nothing_is_written_to_a_joint_that_holds(session):
+def test_register_is_not_written_while_joint_holds(session):
     tip_m = session.arm.where().tip_m
     for register in ("torque_limit", "p_gain", "acceleration"):
         assert "holds: with other numbers it could fall" in write(session, register, "0")["note"]
@@ -60,7 +60,7 @@ def test_nothing_is_written_to_a_joint_that_holds(session):
     assert abs(session.arm.where().tip_m - tip_m).max() < 0.002
 
 
-def test_a_quantity_is_written_and_shown(session):
+def test_register_is_written_with_unit_and_shown(session):
     session.arm.disable_torque()
     shown = write(session, "max_temperature_limit", "60C")
     assert held(session).read("max_temperature_limit") == 60
@@ -77,7 +77,7 @@ def test_a_quantity_is_written_and_shown(session):
         ("p_gian", "3", "p_gain"),
     ],
 )
-def test_what_the_table_forbids_is_a_note_and_stops_nothing(session, register, value, said):
+def test_forbidden_register_write_is_note_and_stops_nothing(session, register, value, said):
     session.arm.disable_torque()
     before = held(session).read("p_gain")
     shown = write(session, register, value)
@@ -91,23 +91,23 @@ def test_what_the_table_forbids_is_a_note_and_stops_nothing(session, register, v
     "register",
     ["goal_position", "torque_enable", "id", "homing_offset", "lock", "response_level", "phase"],
 )
-def test_what_has_a_way_of_its_own_is_not_written_here(session, register):
+def test_protected_register_cannot_be_written_on_page(session, register):
     with pytest.raises(BadMessageError, match="cannot write"):
         write(session, register, "1")
 
 
-def test_an_alias_of_a_goal_is_not_written_either(session):
+def test_register_that_aliases_goal_cannot_be_written(session):
     session.arm.disable_torque()
     assert "cannot write" in write(session, "profile_velocity", "5")["note"]
 
 
-def test_a_page_without_control_reads_nothing(session):
+def test_watcher_cannot_read_servo(session):
     watcher = session.connect(Permission.WATCH)
     with pytest.raises(BadMessageError):
         session.send_message(page_messages.ReadServo, watcher, joint="elbow_flex")
 
 
-def test_a_servo_that_is_silent_stops_the_arm_as_ever(session):
+def test_silent_servo_in_servo_panel_stops_arm(session):
     line = line_of(session.arm)
     line.faults.add(Fault("silent", id=3, at_s=line.world.time_s))
     session.send_message(page_messages.ReadServo, joint="elbow_flex")

@@ -8,7 +8,7 @@ import pytest
 from ikservo.apps.page.page_app import low_jitter
 
 
-def test_threads_take_turns_often_while_a_view_is_open_and_as_before_afterwards():
+def test_switch_interval_is_shorter_while_panel_is_open():
     before = sys.getswitchinterval()
     with low_jitter():
         assert sys.getswitchinterval() < before
@@ -16,7 +16,7 @@ def test_threads_take_turns_often_while_a_view_is_open_and_as_before_afterwards(
 
 
 @pytest.mark.full
-def test_what_is_loaded_is_not_looked_at_by_the_collector_while_a_view_is_open():
+def test_garbage_collector_is_frozen_while_panel_is_open():
     with low_jitter():
         assert gc.get_freeze_count() > 10_000
     assert gc.get_freeze_count() == 0

@@ -55,7 +55,7 @@ def test_a_thing_is_added_changed_renamed_and_removed(session):
 
 
 @pytest.mark.parametrize("shape", ["box", "cylinder", "sphere"])
-def test_new_things_have_names_of_their_own_and_touch_nothing(session, shape):
+def test_new_things_get_unique_names_and_touch_nothing(session, shape):
     for _ in range(2):
         session.send_message(things.AddThing, shape=shape)
     first, second = session.arm.scene.names
@@ -81,7 +81,7 @@ def test_new_things_stand_in_front_of_arm_and_apart(name, start):
         assert session.arm.plan_to(centres[0] + [0, 0, 0.08]).solution.reached
 
 
-def test_there_is_an_end_to_adding(session):
+def test_number_of_things_is_limited_to_100(session):
     session.send_message(things.AddThing, shape="sphere")
     (ball,) = session.arm.scene.things
     more = {f"ball {i}": replace(ball, name=f"ball {i}") for i in range(100)}
@@ -90,7 +90,7 @@ def test_there_is_an_end_to_adding(session):
         session.send_message(things.AddThing, shape="sphere")
 
 
-def test_what_has_not_changed_is_sent_once(session):
+def test_unchanged_things_are_sent_only_once(session):
     session.send_message(things.AddThing, shape="sphere")
     assert shown(session)
     assert "things" not in session.latest_frames()
@@ -109,7 +109,7 @@ def test_what_has_not_changed_is_sent_once(session):
         (things.RemoveThing, {"name": "the cup"}, "no thing named 'the cup'"),
     ],
 )
-def test_what_cannot_be_is_refused_and_changes_nothing(session, message, fields, sentence):
+def test_invalid_thing_change_is_refused(session, message, fields, sentence):
     session.send_message(things.AddThing, shape="sphere")
     (before,) = session.arm.scene.things
     with pytest.raises(BadMessageError, match=sentence):
@@ -117,7 +117,7 @@ def test_what_cannot_be_is_refused_and_changes_nothing(session, message, fields,
     assert session.arm.scene.things == (before,)
 
 
-def test_nothing_changes_while_the_arm_follows_or_for_who_only_watches(session):
+def test_things_cannot_change_in_live_or_by_watcher(session):
     watcher = session.connect(Permission.WATCH)
     with pytest.raises(BadMessageError, match="for watching only"):
         session.send_message(things.AddThing, watcher, shape="box")
@@ -127,7 +127,7 @@ def test_nothing_changes_while_the_arm_follows_or_for_who_only_watches(session):
     assert session.arm.scene.names == ()
 
 
-def test_a_thing_is_dragged_and_stands_where_it_was_dropped(session):
+def test_dragged_thing_moves_when_it_is_dropped(session):
     session.send_message(things.AddThing, shape="box")
     session.send_message(things.ChangeThing, name="the box 1", center_m=(0.1, 0.25, 0.03))
     at = session.camera().project(np.array([0.1, 0.25, 0.03]))[0].tolist()
@@ -144,7 +144,7 @@ def test_a_thing_is_dragged_and_stands_where_it_was_dropped(session):
     assert session.arm.scene.things == (moved,)
 
 
-def test_they_are_saved_as_a_scene_file(session, tmp_path):
+def test_things_are_saved_as_scene_file(session, tmp_path):
     for shape in ("box", "cylinder", "sphere"):
         session.send_message(things.AddThing, shape=shape)
     session.send_message(things.SaveThings)
@@ -187,7 +187,7 @@ class Table:
         return next(each for each in frames if each["kind"] == "things")
 
 
-def test_another_arm_of_the_page_is_put_beside_this_one_drawn_and_saved(tmp_path):
+def test_other_arm_of_page_is_placed_drawn_and_saved(tmp_path):
     with Table() as table:
         table.send("so101", things.AddArm, name="koch")
         table.send("so101", things.ChangeThing, name="koch", at_m=(0.45, None, None))
@@ -210,7 +210,7 @@ def test_another_arm_of_the_page_is_put_beside_this_one_drawn_and_saved(tmp_path
         assert table.scene("so101").names == ()
 
 
-def test_what_is_no_other_arm_of_the_page_or_moves_is_refused():
+def test_unknown_own_or_moving_arm_cannot_be_placed():
     with Table() as table:
         for name in ("so101", "px150"):
             with pytest.raises(BadMessageError, match="No other arm"):
@@ -222,7 +222,7 @@ def test_what_is_no_other_arm_of_the_page_or_moves_is_refused():
 
 
 @pytest.mark.filterwarnings("ignore::pytest.PytestUnhandledThreadExceptionWarning")
-def test_arms_of_a_scene_are_obstacles_to_each_other_and_stay_so_when_opened_again():
+def test_arms_of_scene_stay_obstacles_after_reopening():
     beside = [PlacedArm("koch", (0.45, 0.0, 0.0), (0.0, 0.0, 180.0))]
     with Table(beside=beside) as table:
         arm = table.arms.find("so101").arm_thread.arm
@@ -257,6 +257,6 @@ def test_arms_of_a_scene_are_obstacles_to_each_other_and_stay_so_when_opened_aga
         (("sim:?pose=home",) * 2, PlacedArm("koch", (0.0, 0.0, 0.0)), BadValueError),
     ],
 )
-def test_no_page_is_opened_where_an_arm_of_the_scene_cannot_be_an_obstacle(ports, beside, error):
+def test_scene_with_arm_that_cannot_be_obstacle_opens_no_page(ports, beside, error):
     with pytest.raises(error):
         Table(ports, [beside])

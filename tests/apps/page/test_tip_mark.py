@@ -65,7 +65,7 @@ def session(tmp_path, monkeypatch):
         yield session
 
 
-def test_the_arm_is_opened_with_the_zero_that_the_tip_shows(session):
+def test_tip_click_on_page_reopens_arm_with_new_zero(session):
     scene = session.latest_frames()["scene"]
     assert (scene["tip_shows"], scene["tip_clicks"]) == (JOINT, 0)
     before = load_calibration(ARM, SERIAL)
@@ -91,7 +91,7 @@ def test_the_arm_is_opened_with_the_zero_that_the_tip_shows(session):
     assert after == pytest.approx(found, abs=2e-3)
 
 
-def test_what_shows_no_zero_changes_nothing(session):
+def test_unusable_tip_click_changes_nothing(session):
     before = load_calibration(ARM, SERIAL)
 
     def refused(text, away_px=(0.0, 0.0)):

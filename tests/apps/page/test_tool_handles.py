@@ -57,7 +57,7 @@ def handle_axes(session):
         ("planar2", [True, True, False], 0),
     ],
 )
-def test_an_arm_offers_the_degrees_of_freedom_that_it_has(name, moves, turns):
+def test_tool_handles_match_degrees_of_freedom_of_arm(name, moves, turns):
     model = load_model(name)
     handles = ToolHandles(model.chain, tool_frame(model).approach_axis)
     assert handles.description == {"moves": moves, "turns": turns}
@@ -65,7 +65,7 @@ def test_an_arm_offers_the_degrees_of_freedom_that_it_has(name, moves, turns):
 
 @pytest.mark.sample(1)
 @pytest.mark.parametrize("session", ["so101", "wx250s", "px100"], indirect=True)
-def test_each_ring_turns_the_tool_about_its_axis_and_the_tip_stays(session):
+def test_ring_turns_tool_about_its_axis_and_keeps_tip(session):
     session.enable_live()
     axes, handles = handle_axes(session)
     for axis in axes.T[: handles.description["turns"]]:
@@ -85,7 +85,7 @@ def test_each_ring_turns_the_tool_about_its_axis_and_the_tip_stays(session):
 @pytest.mark.parametrize(
     ("session", "keeps_heading"), [("so101", False), ("wx250s", True)], indirect=["session"]
 )
-def test_arrows_shift_the_tip_and_what_is_free_of_the_orientation_stays(session, keeps_heading):
+def test_arrow_shifts_tip_and_keeps_pitch(session, keeps_heading):
     session.enable_live()
     before = true_pose(session)
     drag_by(session, shift=(0.0, 0.06, -0.02))
@@ -99,7 +99,7 @@ def test_arrows_shift_the_tip_and_what_is_free_of_the_orientation_stays(session,
     assert (turned_rad < NEAR_RAD) is keeps_heading
 
 
-def test_in_preview_nothing_moves_and_one_undo_takes_a_whole_drag_back(session):
+def test_tool_drag_in_preview_moves_nothing_and_is_one_undo(session):
     before = registers(session.arm, "goal_position")
     drag_by(session, shift=(0.0, 0.03, 0.0))
     session.run(cycles=20)
@@ -109,7 +109,7 @@ def test_in_preview_nothing_moves_and_one_undo_takes_a_whole_drag_back(session):
     assert session.interaction.goal is None
 
 
-def test_a_turn_past_the_joints_is_said_and_its_target_is_not_reached(session):
+def test_tool_turn_past_joint_limits_is_reported(session):
     axes, _ = handle_axes(session)
     drag_by(session, turn=tuple((math.radians(150.0) * axes[:, 1]).tolist()))
     for _ in range(60):
@@ -119,7 +119,7 @@ def test_a_turn_past_the_joints_is_said_and_its_target_is_not_reached(session):
     assert reported.startswith("The tool cannot be turned like that here (")
 
 
-def test_moves_without_a_press_and_after_a_stop_change_nothing(session):
+def test_tool_move_without_press_or_after_stop_does_nothing(session):
     drag(session, "move", shift=(0.0, 0.03, 0.0))
     assert session.interaction.goal is None
     drag(session, "down")

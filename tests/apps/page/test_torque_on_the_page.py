@@ -46,13 +46,13 @@ def go_there(session, on_progress):
 
 
 @pytest.mark.full
-def test_a_limp_arm_that_goes_somewhere_is_shown_as_holding_from_its_first_cycle(limp):
+def test_moving_limp_arm_shows_torque_on_from_first_cycle(limp):
     said = []
     go_there(limp, lambda: said or said.append(torque(limp)))
     assert set(said[0]) == {"on"}
 
 
-def test_a_stop_of_an_arm_that_was_limp_before_its_motion_says_that_it_holds(limp):
+def test_stop_of_moving_formerly_limp_arm_says_torque_stays_on(limp):
     go_there(limp, lambda: limp.send_message(page_messages.Stop, by="Escape"))
     notice = limp.arm_thread.snapshot.stop_notice
     assert notice.message == "Stopped by the Escape key on the page; torque stays on."
@@ -69,7 +69,7 @@ def test_stop_of_limp_arm_at_rest_needs_no_acknowledgement(limp):
     assert limp.arm.stop_reason is None
 
 
-def test_stop_of_limp_arm_drops_what_waited(limp):
+def test_stop_of_limp_arm_drops_waiting_commands(limp):
     limp.send_message(page_messages.SetTorque, joint="wrist_roll", on=True)
     limp.send_message(page_messages.Stop)
     limp.arm_thread.step()
@@ -90,7 +90,7 @@ def test_stop_by_another_program_is_latched_on_limp_arm(limp):
     assert limp.arm_thread.snapshot.stop_notice is not None
 
 
-def test_a_servo_that_lost_torque_is_named_by_a_stop_in_the_same_instant(session):
+def test_servo_that_lost_torque_is_named_by_simultaneous_stop(session):
     line = line_of(session.arm)
     line.servos[servo_id("so101", "wrist_flex")].write("torque_enable", 0)
     session.send_message(page_messages.Stop, by="button")
@@ -99,7 +99,7 @@ def test_a_servo_that_lost_torque_is_named_by_a_stop_in_the_same_instant(session
 
 
 @pytest.mark.full
-def test_an_arm_that_is_guided_by_hand_is_shown_as_limp_after_its_motions(session):
+def test_hand_guided_arm_is_shown_as_limp(session):
     go_there(session, lambda: None)
     session.arm.disable_torque()
     session.arm_thread.step()
@@ -111,7 +111,7 @@ def test_an_arm_that_is_guided_by_hand_is_shown_as_limp_after_its_motions(sessio
 
 @pytest.mark.parametrize(("on", "says"), [(True, "Stopped from another terminal; torque stays on."),
                                           (False, "torque is off, the arm is limp.")])  # fmt: skip
-def test_a_stop_from_another_terminal_is_shown_on_an_arm_at_rest(session, on, says):
+def test_stop_from_other_terminal_is_shown_on_resting_arm(session, on, says):
     if not on:
         session.arm.disable_torque()
     session.arm_thread.step()

@@ -28,7 +28,7 @@ def goal_of(session, joint):
 @pytest.mark.full
 @pytest.mark.sample(1)
 @pytest.mark.parametrize(("joint", "value"), [("wrist_roll", 25.0), ("gripper", 12.0)])
-def test_in_live_a_typed_joint_goes_there_and_the_others_stay(session, joint, value):
+def test_typed_joint_in_live_moves_only_that_joint(session, joint, value):
     session.enable_live()
     before = true_joints(session.arm)
     session.send_message(page_messages.SetJoint, joint=joint, value=value)
@@ -39,7 +39,7 @@ def test_in_live_a_typed_joint_goes_there_and_the_others_stay(session, joint, va
             assert abs(at - before[name]) < math.radians(1.0)
 
 
-def test_in_preview_a_typed_joint_moves_the_goal_only(session):
+def test_typed_joint_in_preview_moves_only_goal(session):
     before = registers(session.arm, "goal_position")
     session.send_message(page_messages.SetJoint, joint="wrist_roll", value=25.0)
     session.run()
@@ -60,7 +60,7 @@ def test_in_preview_a_typed_joint_moves_the_goal_only(session):
         (page_messages.SetTorque, {"joint": "elbow", "on": False}, "no joint"),
     ],
 )
-def test_what_cannot_be_is_refused_and_nothing_changes(session, message, fields, words):
+def test_impossible_typed_target_is_refused(session, message, fields, words):
     session.send_message(page_messages.SetJoint, joint="wrist_roll", value=25.0)
     goal = session.interaction.goal
     with pytest.raises(BadMessageError, match=words):
@@ -68,7 +68,7 @@ def test_what_cannot_be_is_refused_and_nothing_changes(session, message, fields,
     assert session.interaction.goal is goal
 
 
-def test_steps_of_a_joint_add_up_to_its_limit_and_end_there(session):
+def test_joint_steps_end_at_joint_limit(session):
     session.send_message(page_messages.SetJoint, joint="elbow_flex", value=90.0)
     session.send_message(page_messages.JogJoint, joint="elbow_flex", step=5.0)
     assert math.degrees(goal_of(session, "elbow_flex")) == pytest.approx(95.0)
@@ -80,7 +80,7 @@ def test_steps_of_a_joint_add_up_to_its_limit_and_end_there(session):
 
 
 @pytest.mark.full
-def test_steps_of_the_tool_move_the_tip_along_one_axis(session):
+def test_tool_steps_move_tip_along_one_axis(session):
     before_m = true_tip_m(session.arm)
     session.enable_live()
     for _ in range(4):
@@ -99,7 +99,7 @@ def test_the_tool_points_down_and_its_tip_stays(session):
     assert [tool[axis] for axis in "xyz"] == pytest.approx(1000.0 * before_m, abs=0.2)
 
 
-def test_one_servo_is_released_and_held_again_without_moving_and_the_others_hold(session):
+def test_torque_of_one_servo_is_switched_off_and_on_in_place(session):
     elbow = servo_id("so101", "wrist_roll")
     session.send_message(page_messages.SetTorque, joint="wrist_roll", on=False)
     session.arm_thread.step()
@@ -117,7 +117,7 @@ def test_one_servo_is_released_and_held_again_without_moving_and_the_others_hold
     ]
 
 
-def test_torque_is_not_switched_while_the_arm_follows_or_was_stopped(session):
+def test_torque_cannot_be_switched_in_live_or_after_stop(session):
     session.enable_live()
     with pytest.raises(BadMessageError, match="while the arm follows"):
         session.send_message(page_messages.SetTorque, joint="wrist_roll", on=False)
@@ -132,7 +132,7 @@ def test_torque_is_not_switched_while_the_arm_follows_or_was_stopped(session):
     assert all(registers(session.arm, "torque_enable").values())
 
 
-def test_in_preview_the_gripper_opens_all_the_way_and_its_ghost_shows_it(session):
+def test_gripper_preview_opens_fully_and_shows_ghost(session):
     for _ in range(40):
         session.clock.sleep_until(session.clock.now_s() + 0.05)
         session.send_message(page_messages.Gamepad, axes=[0, 0, 0, 0], grip=-1.0)

@@ -49,7 +49,7 @@ def picture_of(part):
 
 
 @pytest.mark.full
-def test_a_page_sees_the_pictures_at_an_address_that_its_key_gives_once(film):
+def test_camera_picture_is_streamed_once_per_address(film):
     app = ViewApp([ArmAtPort(load_model("planar2"), "sim")], cameras=[str(film)])
     with app as urls, app.serve_in_thread():
         url = urls.control.partition("/#")[0]
@@ -75,7 +75,7 @@ def test_a_page_sees_the_pictures_at_an_address_that_its_key_gives_once(film):
         client.close()
 
 
-def test_a_camera_is_read_only_while_somebody_looks_and_says_when_it_is_unplugged():
+def test_camera_is_read_only_while_watched():
     webcam, clock = Webcam(), SteppedClock()
     with VideoSource("0", clock, webcam.open) as source:
         assert (webcam.opened, source.trouble) == (0, "")
@@ -101,7 +101,7 @@ def test_a_camera_is_read_only_while_somebody_looks_and_says_when_it_is_unplugge
         (RuntimeError("a driver"), "it has failed: RuntimeError('a driver')"),
     ],
 )
-def test_a_camera_that_raises_is_reported_and_its_picture_comes_back(error, said):
+def test_camera_error_is_reported_until_picture_returns(error, said):
     webcam, clock = Webcam(), SteppedClock()
     with VideoSource("0", clock, webcam.open) as source:
         loop, looking = asyncio.new_event_loop(), source.stream()
@@ -118,18 +118,18 @@ def test_a_camera_that_raises_is_reported_and_its_picture_comes_back(error, said
 
 
 @pytest.mark.parametrize("source", ["/dev/videoNOTHERE", "film.mp4", "", 5000 * "a"])
-def test_a_camera_that_is_not_there_is_refused(source):
+def test_missing_camera_is_refused(source):
     with pytest.raises(InputError, match=f"no camera or file {source}"):
         VideoSource(source, RealClock())
 
 
-def test_the_address_of_a_camera_hides_what_may_be_secret_in_it():
+def test_camera_name_hides_secrets_of_its_address():
     source = VideoSource("http://user:secret@cam.lan:8080/video?key=secret", RealClock())
     assert source.name == "…@cam.lan:8080/video?…"
     assert VideoSource("http://[cam", RealClock()).name == "…"
 
 
-def test_whether_a_camera_is_there_is_found_without_a_word_of_its_driver():
+def test_camera_probe_prints_nothing_from_driver():
     pytest.importorskip("cv2")
     program = """if True:
         from ikservo.clock import RealClock
@@ -143,7 +143,7 @@ def test_whether_a_camera_is_there_is_found_without_a_word_of_its_driver():
 
 
 @pytest.mark.full
-def test_without_a_camera_there_is_none_to_ask_for():
+def test_page_without_camera_refuses_to_show_one():
     app = ViewApp([ArmAtPort(load_model("planar2"), "sim")])
     with app as urls, app.serve_in_thread():
         client = SocketClient(urls.control.partition("/#")[0], path="/arms").prove(app.keys.control)

@@ -66,7 +66,7 @@ def held(calibration, *last):
     return seen
 
 
-def test_the_screens_follow_the_conversation_until_it_is_saved(screens, tmp_path):
+def test_calibration_screens_follow_stages_until_saved(screens, tmp_path):
     assert list(screens) == [stage.value for stage in CalibrationStage]
     assert [meter["name"] for meter in screens["sweep"]["meters"]] == ["joint1", "joint2"]
     assert screens["saved"]["lines"][0].startswith(str(tmp_path))
@@ -75,20 +75,20 @@ def test_the_screens_follow_the_conversation_until_it_is_saved(screens, tmp_path
 @pytest.mark.parametrize(
     ("screens", "narrow"), [("accept", False), ("protect", True)], indirect=["screens"]
 )
-def test_the_servos_hold_the_limits_only_if_asked_to(screens, narrow):
+def test_servo_limits_are_written_only_with_protect_answer(screens, narrow):
     saved = read_calibration(Path(screens["saved"]["lines"][0]))
     held_ticks = [joint.servo.holds["max_position_limit"] for joint in saved.joints]
     assert (max(held_ticks) < WHOLE_TURN) is narrow
 
 
-def test_the_review_warns_of_limits_in_servos_that_cut_into_the_range(hidden):
+def test_review_warns_of_servo_limits_inside_swept_range(hidden):
     hidden.line.servos[2].write("lock", 0)
     hidden.line.servos[2].write("max_position_limit", 2100)
     review = screens_of(hidden, "cancel")["review"]
     assert any("joint2: its servo's own limits" in line for line in review["lines"])
 
 
-def test_undo_at_the_review_goes_back_to_the_sweep_from_which_it_can_be_saved(hidden):
+def test_undo_at_review_returns_to_sweep_and_can_be_saved(hidden):
     screens = screens_of(hidden, "undo", "accept")
     assert [choice["answer"] for choice in screens["review"]["choices"]] == [
         "accept", "protect", "undo", "cancel"]  # fmt: skip
@@ -109,7 +109,7 @@ def test_an_implausible_zero_that_is_confirmed_is_saved(hidden):
     assert Path(screens["saved"]["lines"][0]).is_file()
 
 
-def test_an_answer_counts_on_the_screen_that_it_was_given_on_alone(hidden):
+def test_answer_counts_only_on_screen_it_was_given_on(hidden):
     calibration = CalibrationDriver(load_model(hidden.name), "/dev/ttyBENCH", "home")
     script, reviewed, late = ScriptedAnswers(), 0, 0
     calibration.request_start()
@@ -127,14 +127,14 @@ def test_an_answer_counts_on_the_screen_that_it_was_given_on_alone(hidden):
     assert reviewed == 20
 
 
-def test_an_answer_that_does_not_do_is_explained(calibration):
+def test_unsuitable_calibration_answer_is_explained(calibration):
     talks = calibration.run()
     calibration.put_answer("skip nowhere", next(talks).number)
     assert "no joint named" in str(next(talks).item.error)
     talks.close()
 
 
-def test_who_leaves_ends_it(calibration):
+def test_cancel_ends_calibration(calibration):
     talks = calibration.run()
     calibration.put_answer("cancel", next(talks).number)
     assert len(list(talks)) <= 1

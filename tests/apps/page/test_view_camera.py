@@ -17,7 +17,7 @@ laws = settings(max_examples=30, deadline=None)
 
 @laws
 @given(cameras, pixels, depths)
-def test_what_is_unprojected_projects_to_the_same_pixel_and_depth(camera, px, depth_m):
+def test_unprojected_pixel_projects_back_with_same_depth(camera, px, depth_m):
     back, depth_back = camera.project(camera.unproject(px, depth_m))
     assert np.abs(back - px).max() < 1e-9 * max(1.0, np.abs(px).max())
     assert depth_back == pytest.approx(depth_m, abs=1e-12)
@@ -25,14 +25,14 @@ def test_what_is_unprojected_projects_to_the_same_pixel_and_depth(camera, px, de
 
 @laws
 @given(cameras, points)
-def test_what_is_projected_unprojects_to_the_same_point(camera, point):
+def test_projected_point_unprojects_to_same_point(camera, point):
     px, depth_m = camera.project(point)
     np.testing.assert_allclose(camera.unproject(px, depth_m), point, atol=1e-9)
 
 
 @laws
 @given(cameras, pixels, depths)
-def test_every_point_of_a_line_of_sight_is_at_its_pixel(camera, px, depth_m):
+def test_points_of_ray_project_to_its_pixel(camera, px, depth_m):
     ray = camera.ray(px)
     way_m = depth_m / float(ray.direction @ camera.forward)
     seen, seen_depth = camera.project(ray.at(way_m))
@@ -42,7 +42,7 @@ def test_every_point_of_a_line_of_sight_is_at_its_pixel(camera, px, depth_m):
 
 @laws
 @given(cameras, pixels, depths, st.floats(-300, 300), st.floats(-300, 300))
-def test_a_vector_in_pixels_is_a_vector_parallel_to_the_screen(camera, px, depth_m, dx, dy):
+def test_pixel_shift_is_parallel_to_screen(camera, px, depth_m, dx, dy):
     there = camera.unproject(px, depth_m) + camera.shift((dx, dy), depth_m)
     moved, moved_depth = camera.project(there)
     np.testing.assert_allclose(moved, px + np.array([dx, dy]), atol=1e-6)
@@ -51,7 +51,7 @@ def test_a_vector_in_pixels_is_a_vector_parallel_to_the_screen(camera, px, depth
 
 @laws
 @given(cameras, pixels, depths)
-def test_a_metre_is_as_many_pixels_as_the_camera_says(camera, px, depth_m):
+def test_pixels_per_metre_match_projection(camera, px, depth_m):
     ends = camera.unproject(px, depth_m) + np.array([np.zeros(3), 0.01 * camera.right])
     (a, b), _ = camera.project(ends)
     expected = 0.01 * camera.pixels_per_metre(depth_m)
@@ -60,7 +60,7 @@ def test_a_metre_is_as_many_pixels_as_the_camera_says(camera, px, depth_m):
 
 @laws
 @given(cameras, points)
-def test_many_points_project_as_each_alone(camera, point):
+def test_points_project_together_as_one_by_one(camera, point):
     px, depth_m = camera.project(np.array([point, point + 1.0]))
     alone_px, alone_depth = camera.project(point)
     np.testing.assert_allclose(px[0], alone_px, atol=1e-9)
@@ -68,20 +68,20 @@ def test_many_points_project_as_each_alone(camera, point):
 
 
 @pytest.mark.parametrize("size", [(0.0, 100.0), (100.0, -1.0), (1e9, 100.0), (float("nan"), 1.0)])
-def test_a_viewport_of_no_size_is_refused(size):
+def test_viewport_of_invalid_size_is_refused(size):
     with pytest.raises(BadValueError):
         Viewport(*size)
 
 
 @pytest.mark.parametrize("ratio", [0.0, 100.0, float("nan")])
-def test_an_absurd_pixel_ratio_is_refused(ratio):
+def test_invalid_pixel_ratio_is_refused(ratio):
     with pytest.raises(BadValueError):
         Viewport(100.0, 100.0, ratio)
 
 
 @pytest.mark.parametrize("view", ["side", "top", "front", "orbit"])
 @pytest.mark.parametrize("name", ["so101", "wx250s", "open_manipulator_x"])
-def test_the_whole_arm_is_in_the_picture_at_home(name, view):
+def test_whole_arm_is_visible_at_home(name, view):
     chain, home = model_of(name).chain, stage(name).home
     links_m = [T[:3, 3] for T in chain.link_poses(home).values()]
     px, depth_m = looked_at(name, view).project(np.array(links_m))
@@ -90,14 +90,14 @@ def test_the_whole_arm_is_in_the_picture_at_home(name, view):
     assert (depth_m > 0).all()
 
 
-def test_from_the_side_up_is_up_and_the_arm_points_to_the_right():
+def test_side_view_has_up_above_and_arm_pointing_right():
     camera = looked_at("so101", "side")
     base, tip = camera.project(np.array([[0.0, 0.0, 0.0], [0.25, 0.0, 0.15]]))[0]
     assert tip[0] > base[0]
     assert tip[1] < base[1]
 
 
-def test_from_the_front_the_arm_points_at_the_person():
+def test_front_view_has_arm_pointing_at_viewer():
     _, (base, tip) = looked_at("so101", "front").project(np.array([[0.0] * 3, [0.25, 0, 0.15]]))
     assert tip < base
 
@@ -111,12 +111,12 @@ def test_the_side_view_turns_with_the_arm(turn_rad):
     np.testing.assert_allclose(turned, at_home, atol=1e-3)
 
 
-def test_a_flat_arm_is_seen_along_its_axes():
+def test_planar_arm_is_seen_along_its_axes():
     camera = looked_at("planar3", "plane")
     np.testing.assert_allclose(np.abs(camera.forward), (0, 0, 1), atol=1e-9)
 
 
-def test_panning_moves_what_is_at_that_depth_by_as_many_pixels():
+def test_panning_moves_point_at_given_depth_by_same_pixels():
     view, the_stage = Viewpoint("orbit"), stage("so101")
     camera = make_camera(the_stage, view, VIEWPORT, 0.0)
     point = np.array([0.1, 0.0, 0.1])
@@ -127,7 +127,7 @@ def test_panning_moves_what_is_at_that_depth_by_as_many_pixels():
 
 @laws
 @given(st.lists(st.tuples(st.floats(-9, 9), st.floats(-9, 9)), max_size=6))
-def test_an_orbit_never_goes_over_the_top(turns):
+def test_orbit_camera_never_turns_upside_down(turns):
     view = Viewpoint("orbit")
     for yaw_rad, pitch_rad in turns:
         view = view.orbit_by(yaw_rad, pitch_rad)
@@ -135,7 +135,7 @@ def test_an_orbit_never_goes_over_the_top(turns):
 
 
 @pytest.mark.parametrize("view", ["side", "top", "orbit"])
-def test_zooming_makes_everything_larger(view):
+def test_zooming_enlarges_picture(view):
     ends = np.array([[0.2, 0.0, 0.1], [0.2, 0.03, 0.13]])
     sizes = [
         np.hypot(

@@ -43,7 +43,7 @@ def test_the_page_is_served_until_ctrl_c():
     )  # fmt: skip
 
 
-def test_without_the_extra_the_command_says_what_to_install(run_cli, monkeypatch):
+def test_view_without_extra_says_what_to_install(run_cli, monkeypatch):
     monkeypatch.setattr("ikservo.apps.page.view_command.find_spec", lambda name: None)
     result = run_cli("view --port sim")
     assert result.code == 2
@@ -51,24 +51,24 @@ def test_without_the_extra_the_command_says_what_to_install(run_cli, monkeypatch
 
 
 @pytest.mark.parametrize("address", ["localhost", "example.com", "1.2.3", "127.0.0.1:80"])
-def test_an_address_that_is_none_is_refused(run_cli, address):
+def test_invalid_listen_address_is_refused(run_cli, address):
     result = run_cli(f"view --port sim --listen {address}")
     assert result.code == 2
     assert "IP address" in result.err
 
 
-def test_an_address_of_another_machine_is_refused(run_cli):
+def test_listen_address_of_other_machine_is_refused(run_cli):
     result = run_cli("view --port sim --listen 192.0.2.1 --http-port 0")
     assert result.code == 3
     assert "cannot be served" in result.err
 
 
 @pytest.mark.parametrize("http", ["-1", "65536", "x"])
-def test_a_port_that_is_none_is_refused(run_cli, http):
+def test_invalid_http_port_is_refused(run_cli, http):
     assert run_cli(f"view --port sim --http-port {http}").code == 2
 
 
-def test_without_an_arm_a_real_port_asks_which(run_cli):
+def test_view_at_real_port_without_arm_asks_for_arm(run_cli):
     result = run_cli("view --port /dev/ttyNOTHERE")
     assert result.code == 2
     assert "No arm given." in result.err
@@ -85,7 +85,7 @@ def test_without_an_arm_a_real_port_asks_which(run_cli):
         (("so101=sim", "koch=/dev/ttyNOTHERE"), "koch: Cannot open port /dev/ttyNOTHERE"),
     ],
 )
-def test_no_arm_or_one_that_cannot_be_opened_leaves_the_page_open(options, expected):
+def test_view_serves_page_without_arm_or_with_failed_arm(options, expected):
     serving = started(*options)
     try:
         url = serving.stdout.readline().strip()
@@ -108,9 +108,7 @@ def test_no_arm_or_one_that_cannot_be_opened_leaves_the_page_open(options, expec
         ("view so101=/dev/ttyNOTHERE koch=/dev/ttyNOR --http-port 0", 3, "/dev/ttyNOTHERE"),
     ],
 )
-def test_arms_that_make_no_sense_are_refused_before_anything_is_served(
-    run_cli, line, code, expected
-):
+def test_contradictory_arms_are_refused_before_serving(run_cli, line, code, expected):
     result = run_cli(line)
     assert (result.code, result.out) == (code, "")
     assert expected in result.err
@@ -140,7 +138,7 @@ def test_arms_that_make_no_sense_are_refused_before_anything_is_served(
         ),
     ],
 )
-def test_a_scene_that_makes_no_sense_is_refused(run_cli, tmp_path, arms, scene, sentence):
+def test_invalid_scene_is_refused_by_view(run_cli, tmp_path, arms, scene, sentence):
     path = tmp_path / "scene.toml"
     if scene is not None:
         path.write_text(scene)
@@ -149,7 +147,7 @@ def test_a_scene_that_makes_no_sense_is_refused(run_cli, tmp_path, arms, scene, 
     assert "/dev/tty" not in done.err
 
 
-def test_no_other_command_loads_the_server():
+def test_other_commands_do_not_load_server():
     script = (
         "import sys; from ikservo.cli import main; main(['arms']);"
         "sys.exit('starlette' in sys.modules)"
@@ -162,7 +160,7 @@ QR_CODES = ("to watch only", "to control the arm")
 
 
 @pytest.mark.full
-def test_address_to_control_is_printed_first():
+def test_control_address_is_printed_before_watch_address():
     serving = served()
     try:
         url = serving.stdout.readline().strip()
@@ -178,7 +176,7 @@ def test_address_to_control_is_printed_first():
 
 
 @pytest.mark.full
-def test_beyond_this_machine_the_terminal_shows_fingerprint_and_qr_code(own_address):
+def test_tls_view_prints_fingerprint_and_qr_codes(own_address):
     serving = served("--listen", own_address)
     try:
         url = serving.stdout.readline().strip()
@@ -198,7 +196,7 @@ def test_beyond_this_machine_the_terminal_shows_fingerprint_and_qr_code(own_addr
         assert sum("█" in line or "▄" in line for line in lines[label + 1 : label + 16]) == 15
 
 
-def test_a_damaged_certificate_is_reported_before_the_arm_is_opened(
+def test_damaged_certificate_is_reported_before_serving(
     run_cli, own_address, tmp_path, monkeypatch
 ):
     monkeypatch.setenv("IKSERVO_HOME", str(tmp_path))
@@ -210,7 +208,7 @@ def test_a_damaged_certificate_is_reported_before_the_arm_is_opened(
     assert "Delete the file" in result.err
 
 
-def test_without_the_tls_libraries_the_command_says_so_before_it_serves(run_cli, monkeypatch):
+def test_view_without_tls_libraries_says_what_is_missing(run_cli, monkeypatch):
     monkeypatch.setattr(
         "ikservo.apps.page.view_command.find_spec", lambda name: name != "segno" or None
     )
@@ -232,14 +230,14 @@ def test_without_the_tls_libraries_the_command_says_so_before_it_serves(run_cli,
         ("--port sim --arm so999", "so999"),
     ],
 )
-def test_servos_are_shown_where_their_owner_says_only(run_cli, monkeypatch, words, said):
+def test_bad_servo_view_options_are_refused(run_cli, monkeypatch, words, said):
     monkeypatch.setattr("ikservo.apps.page.page_app.serve", lambda *_: None)
     result = run_cli(f"view --servos --no-open --http-port 0 {words}")
     assert (result.code, result.out) == (2, "")
     assert said in result.err
 
 
-def test_a_port_that_is_missing_ends_no_page_of_servos(run_cli, monkeypatch):
+def test_servo_view_opens_page_although_port_is_missing(run_cli, monkeypatch):
     monkeypatch.setattr("ikservo.apps.page.page_app.serve", lambda *_: None)
     result = run_cli("view --servos --no-open --http-port 0 --port /dev/ttyNONE")
     assert result.code == 0
@@ -248,7 +246,7 @@ def test_a_port_that_is_missing_ends_no_page_of_servos(run_cli, monkeypatch):
 
 @pytest.mark.full
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
-def test_a_signal_closes_the_servos_in_order(run_cli, monkeypatch, number):
+def test_signal_closes_servo_view_cleanly(run_cli, monkeypatch, number):
     closed, close = [], ServoBench.close
     monkeypatch.setattr("ikservo.apps.page.page_app.serve", lambda *_: signal.raise_signal(number))
     monkeypatch.setattr(ServoBench, "close", lambda bench: closed.append(close(bench)))

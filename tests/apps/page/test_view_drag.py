@@ -47,7 +47,7 @@ def play(name, drag, view_state, moves, q):
 
 @pytest.mark.parametrize("view", ["side", "top", "orbit"])
 @pytest.mark.parametrize("link", ["forearm", "gripper"])
-def test_a_press_grabs_the_point_under_the_pointer(link, view):
+def test_press_grabs_link_under_pointer(link, view):
     home, view_state = stage("so101").home, sight("so101", view)
     px = pixel_on("so101", view_state, link)
     target = drag_of("so101").press(px, view_state).target
@@ -59,7 +59,7 @@ def test_a_press_grabs_the_point_under_the_pointer(link, view):
 
 @settings(max_examples=25, deadline=None)
 @given(st.floats(-60, 60), st.floats(-60, 60))
-def test_the_grabbed_point_goes_where_the_pointer_goes_parallel_to_the_screen(dx, dy):
+def test_grabbed_point_follows_pointer_parallel_to_screen(dx, dy):
     view_state, drag = sight("so101", "orbit"), drag_of("so101")
     px = pixel_of("so101", "orbit", view_state.arms[0], "forearm", (-0.05, 0.0, 0.0))
     start = drag.press(px, view_state).target.position
@@ -69,7 +69,7 @@ def test_the_grabbed_point_goes_where_the_pointer_goes_parallel_to_the_screen(dx
     assert depth_m[1] == pytest.approx(depth_m[0])
 
 
-def test_only_the_joints_up_to_the_grabbed_link_move():
+def test_dragged_link_moves_only_joints_up_to_it():
     view_state, drag = sight("so101", "side"), drag_of("so101")
     px = pixel_of("so101", "side", view_state.arms[0], "forearm", (-0.03, 0.0, 0.0))
     assert drag.press(px, view_state).target.frame == "forearm"
@@ -85,7 +85,7 @@ def test_only_the_joints_up_to_the_grabbed_link_move():
     np.testing.assert_array_equal(moved[3:], 0.0)
 
 
-def test_a_pulled_link_follows_the_pointer():
+def test_dragged_link_follows_pointer():
     view_state, drag = sight("so101", "side"), drag_of("so101")
     px = pixel_of("so101", "side", view_state.arms[0], "forearm", (-0.03, 0.0, 0.0))
     start = drag.press(px, view_state).target
@@ -98,7 +98,7 @@ def test_a_pulled_link_follows_the_pointer():
     np.testing.assert_allclose(view_state.camera.project(at)[0], held_px, atol=0.1)
 
 
-def test_a_jaw_is_pulled_together_with_the_hand_that_carries_it():
+def test_dragged_jaw_moves_the_hand_that_carries_it():
     view_state = sight("so101", "side")
     view_state = PointerContext(view_state.camera, view_state.arms, other_joints={"gripper": 1.0})
     drag = drag_of("so101")
@@ -118,7 +118,7 @@ def test_the_ghost_is_grabbed_before_the_arm_behind_it():
     np.testing.assert_allclose(at, command.target.position, atol=1e-9)
 
 
-def test_the_arm_itself_is_grabbed_where_no_ghost_is():
+def test_arm_is_grabbed_where_no_ghost_is():
     home = stage("so101").home
     goal = model_of("so101").chain.clip(home + np.array([0, 0.9, 0.3, 0, 0]))
     px = pixel_of("so101", "side", home, "forearm", (-0.05, 0.0, 0.0))
@@ -143,14 +143,14 @@ def test_a_second_finger_neither_moves_nor_ends_a_drag():
     assert drag.move((100.0, 100.0), pointer=7) is not None
 
 
-def test_cancel_lets_go_and_holds():
+def test_cancel_ends_drag_and_holds():
     view_state, drag = sight("so101", "side"), drag_of("so101")
     drag.press(EMPTY_PX, view_state)
     assert drag.cancel() == HoldCommand()
     assert not drag.is_busy
 
 
-def test_the_camera_stays_while_something_is_held():
+def test_camera_is_fixed_during_drag():
     view_state, drag = sight("so101", "side"), drag_of("so101")
     drag.press(EMPTY_PX, view_state)
     assert drag.camera is view_state.camera
@@ -160,7 +160,7 @@ def test_the_camera_stays_while_something_is_held():
 
 
 @pytest.mark.parametrize("view", ["side", "top", "front", "orbit"])
-def test_a_click_on_nothing_sends_the_tip_there_in_the_plane_of_the_view(view):
+def test_click_on_empty_space_sends_tip_there_at_its_depth(view):
     view_state = sight("so101", view)
     command = drag_of("so101").press(EMPTY_PX, view_state)
     px, depth_m = view_state.camera.project(command.target.position)
@@ -170,14 +170,14 @@ def test_a_click_on_nothing_sends_the_tip_there_in_the_plane_of_the_view(view):
     assert depth_m == pytest.approx(view_state.camera.depth_of(tip))
 
 
-def test_the_base_is_as_good_as_nothing():
+def test_press_on_base_counts_as_empty_space():
     view_state, drag = sight("so101", "side"), drag_of("so101")
     px = pixel_of("so101", "side", view_state.arms[0], "base", (0.0, 0.0, 0.01))
     assert drag.press(px, view_state).target.frame is None
     assert drag_of("so101").hover(px, view_state) is None
 
 
-def test_a_click_may_fold_the_arm_another_way_and_a_drag_may_not():
+def test_click_may_change_posture_but_drag_may_not():
     view_state, drag = sight("so101", "side"), drag_of("so101")
     assert drag.press(EMPTY_PX, view_state).is_click
     assert not drag.move(EMPTY_PX + 5.0).is_click
@@ -206,7 +206,7 @@ def test_a_click_on_a_reachable_point_is_reached_at_once(name):
 @settings(max_examples=25, deadline=None)
 @given(st.lists(pixels, min_size=1, max_size=12), st.sampled_from(["side", "top", "orbit"]))
 @pytest.mark.parametrize("name", ["so101", "wx250s"])
-def test_dragging_never_asks_beyond_the_limits(name, path, view):
+def test_drag_never_exceeds_joint_limits(name, path, view):
     chain, view_state, drag = model_of(name).chain, sight(name, view), drag_of(name)
     drag.press(pixel_of(name, view, view_state.arms[0], "forearm", (-0.05, 0, 0)), view_state)
     goals = play(name, drag, view_state, path, view_state.arms[0])
@@ -215,7 +215,7 @@ def test_dragging_never_asks_beyond_the_limits(name, path, view):
 
 @settings(max_examples=25, deadline=None)
 @given(st.lists(pixels, min_size=2, max_size=12), st.sampled_from(["side", "top", "orbit"]))
-def test_turning_one_joint_never_asks_beyond_its_limits(path, view):
+def test_single_joint_drag_never_exceeds_its_limits(path, view):
     chain, view_state, drag = model_of("so101").chain, sight("so101", view), drag_of("so101")
     q = view_state.arms[0]
     drag.press(pixel_of("so101", view, q, "forearm", (-0.05, 0, 0)), view_state, shift=True)
@@ -223,7 +223,7 @@ def test_turning_one_joint_never_asks_beyond_its_limits(path, view):
     assert distance_to_limits(chain, goals).min() >= 0.0
 
 
-def test_a_start_outside_the_limits_is_brought_back_to_them():
+def test_start_outside_limits_is_moved_to_limits():
     chain = model_of("so101").chain
     outside = chain.upper_rad + 0.05
     np.testing.assert_array_equal(
@@ -231,7 +231,7 @@ def test_a_start_outside_the_limits_is_brought_back_to_them():
     )
 
 
-def test_a_joint_that_the_arm_does_not_have_is_refused():
+def test_target_of_unknown_joint_is_refused():
     with pytest.raises(UnknownNameError):
         DragSolver(model_of("so101").chain).solve_command(
             JointTarget("knee", 0.0), stage("so101").home
@@ -259,14 +259,14 @@ def path_outside(name, turns=1.0, frames=400):
 
 
 @pytest.mark.parametrize("name", ARMS)
-def test_a_pointer_that_leaves_the_reach_is_followed_without_a_jump(name):
+def test_pointer_out_of_reach_is_followed_without_jump(name):
     view_state, drag, path = path_outside(name)
     goals = play(name, drag, view_state, path, view_state.arms[0])
     assert np.abs(np.diff(goals, axis=0)).max() <= MAX_STEP_RAD + 1e-12
 
 
 @pytest.mark.parametrize("name", ARMS)
-def test_a_pointer_that_leaves_the_reach_is_followed_without_chattering(name):
+def test_pointer_out_of_reach_is_followed_without_chatter(name):
     """A joint turns back where a limit takes over, and not again and again."""
     view_state, drag, path = path_outside(name)
     goals = play(name, drag, view_state, path, view_state.arms[0])
@@ -276,14 +276,14 @@ def test_a_pointer_that_leaves_the_reach_is_followed_without_chattering(name):
 
 
 @pytest.mark.parametrize("name", ARMS)
-def test_a_pointer_that_rests_outside_the_reach_lets_the_arm_rest(name):
+def test_resting_pointer_out_of_reach_lets_arm_rest(name):
     view_state, drag, path = path_outside(name)
     goals = play(name, drag, view_state, [*path[:200], *([path[200]] * 60)], view_state.arms[0])
     assert np.abs(np.diff(goals[-20:], axis=0)).max() < 1e-9
 
 
 @pytest.mark.parametrize("name", ARMS)
-def test_outside_the_reach_no_reachable_point_nearby_is_nearer_to_the_pointer(name):
+def test_pointer_out_of_reach_gets_nearest_reachable_point(name):
     chain, random = model_of(name).chain, np.random.default_rng(11)
     view_state, drag, path = path_outside(name)
     goals = play(name, drag, view_state, [*path[:200], *([path[200]] * 60)], view_state.arms[0])
@@ -294,7 +294,7 @@ def test_outside_the_reach_no_reachable_point_nearby_is_nearer_to_the_pointer(na
     assert others.min() >= here - 1e-6
 
 
-def test_a_target_out_of_reach_names_the_nearest_point_and_the_limit():
+def test_unreachable_target_reports_gap_to_nearest_point():
     chain, q = model_of("planar2").chain, stage("planar2").home
     view_state = sight("planar2", "plane")
     command = drag_of("planar2").press((5.0, 300.0), view_state)
@@ -303,7 +303,7 @@ def test_a_target_out_of_reach_names_the_nearest_point_and_the_limit():
     assert aim.gap_m == pytest.approx(math.dist(aim.nearest_m, command.target.position))
 
 
-def test_a_jerk_of_the_pointer_is_followed_in_bounded_steps_until_it_is_settled():
+def test_pointer_jump_is_followed_in_bounded_steps():
     view_state, drag = sight("so101", "side"), drag_of("so101")
     drag.press(pixel_of("so101", "side", view_state.arms[0], "gripper", (0, 0, -0.02)), view_state)
     command, solver, q, answers = (
@@ -325,7 +325,7 @@ def test_a_jerk_of_the_pointer_is_followed_in_bounded_steps_until_it_is_settled(
 
 
 @pytest.mark.parametrize("view", ["side", "orbit"])
-def test_a_shift_drag_turns_only_the_joint_that_carries_the_link(view):
+def test_shift_drag_turns_only_joint_of_link(view):
     view_state, drag = sight("so101", view), drag_of("so101")
     q = view_state.arms[0]
     px = pixel_of("so101", view, q, "forearm", (-0.05, 0.0, 0.0))
@@ -355,7 +355,7 @@ def test_a_shift_drag_turns_the_link_to_the_pointer(view, link, angle_rad):
     assert goals[-1][column] == pytest.approx(target[column], abs=0.04)
 
 
-def test_a_joint_dragged_past_its_limit_comes_back_where_the_pointer_does():
+def test_joint_dragged_past_limit_returns_with_pointer():
     chain, view_state, drag = (
         model_of("planar2").chain,
         sight("planar2", "plane"),
@@ -373,12 +373,12 @@ def test_a_joint_dragged_past_its_limit_comes_back_where_the_pointer_does():
     np.testing.assert_allclose(goals[-1], q, atol=1e-9)
 
 
-def test_a_shift_press_on_nothing_does_nothing():
+def test_shift_press_on_empty_space_does_nothing():
     assert drag_of("so101").press(EMPTY_PX, sight("so101", "side"), shift=True) is None
 
 
 @pytest.mark.parametrize("notches", [1.0, -3.0])
-def test_a_notch_of_the_wheel_turns_the_joint_under_it_by_a_degree(notches):
+def test_wheel_notch_turns_joint_under_pointer_by_1_degree(notches):
     view_state = sight("so101", "side")
     px = pixel_of("so101", "side", view_state.arms[0], "forearm", (-0.06, 0.0, 0.0))
     command = drag_of("so101").wheel(px, notches, view_state)
@@ -386,14 +386,14 @@ def test_a_notch_of_the_wheel_turns_the_joint_under_it_by_a_degree(notches):
     assert command.position == pytest.approx(view_state.arms[0][2] + notches * math.radians(1.0))
 
 
-def test_with_alt_the_wheel_turns_by_a_tenth():
+def test_wheel_with_alt_turns_joint_by_0_1_degree():
     view_state = sight("so101", "side")
     px = pixel_of("so101", "side", view_state.arms[0], "forearm", (-0.06, 0.0, 0.0))
     command = drag_of("so101").wheel(px, 1.0, view_state, fine=True)
     assert command.position == pytest.approx(view_state.arms[0][2] + math.radians(0.1))
 
 
-def test_the_wheel_over_nothing_does_nothing():
+def test_wheel_over_empty_space_does_nothing():
     assert drag_of("so101").wheel(EMPTY_PX, 1.0, sight("so101", "side")) is None
 
 
@@ -403,7 +403,7 @@ def test_the_wheel_over_a_joints_hub_turns_that_joint():
     assert drag_of("so101").wheel(wrist, 1.0, view_state).joint == "wrist_flex"
 
 
-def test_a_slide_is_pushed_by_the_wheel_in_millimetres():
+def test_wheel_moves_sliding_joint_by_1_mm():
     chain, q = crane(), np.array([0.3, 0.2])
     view_state = PointerContext(looked_at("so101", "orbit"), (q,))
     px = view_state.camera.project(chain.forward(q, "cart")[:3, 3])[0]
@@ -420,7 +420,7 @@ def test_a_slide_is_pushed_by_the_wheel_in_millimetres():
     [("ArrowLeft", (-1, 0)), ("ArrowRight", (1, 0)), ("ArrowUp", (0, -1)), ("ArrowDown", (0, 1))],
 )
 @pytest.mark.parametrize(("fine", "step_m"), [(False, 0.005), (True, 0.001)])
-def test_an_arrow_moves_the_target_on_the_screen(key, way, fine, step_m):
+def test_arrow_key_moves_target_on_screen(key, way, fine, step_m):
     view_state = sight("so101", "side")
     tip = model_of("so101").chain.forward(view_state.arms[0])[:3, 3]
     command = drag_of("so101").on_key(key, view_state, fine=fine)
@@ -429,14 +429,14 @@ def test_an_arrow_moves_the_target_on_the_screen(key, way, fine, step_m):
                                atol=1e-6)  # fmt: skip
 
 
-def test_arrows_add_up_from_the_last_target():
+def test_arrow_keys_add_up_from_last_target():
     view_state, drag = sight("so101", "side"), drag_of("so101")
     first = drag.on_key("ArrowUp", view_state).target.position
     second = drag.on_key("ArrowUp", view_state).target.position
     assert math.dist(first, second) == pytest.approx(0.005)
 
 
-def test_arrows_go_on_from_where_a_click_sent_the_tip():
+def test_arrow_key_continues_from_clicked_target():
     view_state, drag = sight("so101", "side"), drag_of("so101")
     clicked = drag.press(EMPTY_PX, view_state).target.position
     drag.release()
@@ -445,7 +445,7 @@ def test_arrows_go_on_from_where_a_click_sent_the_tip():
     )
 
 
-def test_arrows_begin_at_the_tip_after_a_joint_was_turned():
+def test_arrow_key_starts_at_tip_after_wheel():
     view_state, drag = sight("so101", "side"), drag_of("so101")
     drag.press(EMPTY_PX, view_state)
     drag.release()
@@ -459,14 +459,14 @@ def test_arrows_begin_at_the_tip_after_a_joint_was_turned():
 
 
 @pytest.mark.parametrize("key", ["Escape", " "])
-def test_escape_and_space_hold(key):
+def test_escape_and_space_end_drag_and_hold(key):
     view_state, drag = sight("so101", "side"), drag_of("so101")
     drag.press(EMPTY_PX, view_state)
     assert drag.on_key(key, view_state) == HoldCommand()
     assert not drag.is_busy
 
 
-def test_other_keys_mean_nothing():
+def test_other_keys_do_nothing():
     assert drag_of("so101").on_key("a", sight("so101", "side")) is None
 
 
@@ -490,7 +490,7 @@ def answers_of(solver, command, q, count=400):
 
 
 @pytest.mark.parametrize("method", METHODS)
-def test_a_drag_is_answered_by_the_method_that_was_chosen(method):
+def test_drag_uses_chosen_solver_method(method):
     view_state, drag = sight("so101", "side"), drag_of("so101")
     px = pixel_on("so101", view_state, "gripper")
     drag.press(px, view_state)
@@ -504,7 +504,7 @@ def test_a_drag_is_answered_by_the_method_that_was_chosen(method):
 
 
 @pytest.mark.parametrize("method", METHODS)
-def test_whatever_method_answers_the_joints_beyond_the_grabbed_link_stay(method):
+def test_every_method_keeps_joints_beyond_grabbed_link(method):
     view_state, drag = sight("so101", "side"), drag_of("so101")
     px = pixel_of("so101", "side", view_state.arms[0], "forearm", (-0.03, 0.0, 0.0))
     drag.press(px, view_state)
@@ -525,7 +525,7 @@ def leaning(name, method="auto", weights=None):
 
 
 @pytest.mark.parametrize("method", ["auto", "pseudo_inverse"])
-def test_a_drag_leans_towards_the_posture_and_the_tip_stays_where_it_is_pulled(method):
+def test_drag_approaches_preferred_posture_and_keeps_tip(method):
     view_state, drag = sight("so101", "side"), drag_of("so101")
     px = pixel_of("so101", "side", view_state.arms[0], "gripper", (-0.009, -0.023, -0.006))
     drag.press(px, view_state)
@@ -547,7 +547,7 @@ def clicked(solver, q):
     )
 
 
-def test_a_click_goes_all_the_way_to_what_is_preferred():
+def test_click_reaches_nearest_posture_to_preferred_one():
     """No posture nearby that the tip's place leaves is nearer to the preferred one, by weight."""
     weights, chain = np.array([1.0, 1.0, 0.5, 1.0, 1.0]), model_of("so101").chain
     solver, wanted = leaning("so101", weights=weights)
@@ -558,13 +558,13 @@ def test_a_click_goes_all_the_way_to_what_is_preferred():
     np.testing.assert_allclose(free.T @ (weights * (answer.q - wanted)), 0.0, atol=1e-3)
 
 
-def test_a_weight_of_0_leaves_a_joint_alone():
+def test_joint_with_weight_0_is_not_drawn_to_posture():
     solver, wanted = leaning("so101", weights=np.array([0.0, 0.0, 0.0, 0.0, 1.0]))
     answer = clicked(solver, stage("so101").home)
     assert answer.q[4] == pytest.approx(wanted[4], abs=1e-3)
 
 
-def test_a_preferred_posture_does_not_move_the_joints_beyond_the_grabbed_link():
+def test_preferred_posture_keeps_joints_beyond_grabbed_link():
     view_state, drag = sight("so101", "side"), drag_of("so101")
     px = pixel_of("so101", "side", view_state.arms[0], "forearm", (-0.03, 0.0, 0.0))
     drag.press(px, view_state)
@@ -589,7 +589,7 @@ def behind_each_other():
     raise AssertionError("nothing lies behind anything")
 
 
-def test_all_that_lies_behind_each_other_is_listed_with_its_depth():
+def test_links_behind_each_other_are_listed_by_depth():
     px, view_state, names = behind_each_other()
     options, index = drag_of("so101").candidates_under(px, view_state)
     depths = [found.hit.depth_m for found in options if found and found.kind == "link"]
@@ -598,7 +598,7 @@ def test_all_that_lies_behind_each_other_is_listed_with_its_depth():
     assert index == 0
 
 
-def test_a_goal_where_the_arm_is_lists_each_link_once_and_one_apart_lists_both():
+def test_ghost_at_arm_is_not_listed_apart_from_arm():
     px, view_state, names = behind_each_other()
     q, drag = view_state.arms[0], drag_of("so101")
 
@@ -610,7 +610,7 @@ def test_a_goal_where_the_arm_is_lists_each_link_once_and_one_apart_lists_both()
     assert len(listed(q + 0.05, q)) > len(names)
 
 
-def test_a_key_goes_on_to_what_is_behind_and_round():
+def test_select_next_cycles_through_links_behind_each_other():
     px, view_state, names = behind_each_other()
     drag, hovered = drag_of("so101"), []
     for _ in drag.candidates_under(px, view_state)[0]:
@@ -623,7 +623,7 @@ def test_a_key_goes_on_to_what_is_behind_and_round():
     assert drag.hover(px, view_state) == names[0]
 
 
-def test_a_second_click_at_the_same_place_grabs_what_is_behind():
+def test_second_click_at_same_place_grabs_link_behind():
     px, view_state, names = behind_each_other()
     drag = drag_of("so101")
     for name in names:
@@ -632,14 +632,14 @@ def test_a_second_click_at_the_same_place_grabs_what_is_behind():
         drag.release()
 
 
-def test_what_was_chosen_behind_is_what_is_dragged():
+def test_selected_link_behind_is_the_one_dragged():
     px, view_state, names = behind_each_other()
     drag = drag_of("so101")
     drag.select_next(px, view_state)
     assert drag.press(px, view_state).target.frame == names[1]
 
 
-def test_after_a_drag_the_nearest_is_first_again():
+def test_drag_resets_selection_to_nearest_link():
     px, view_state, names = behind_each_other()
     drag = drag_of("so101")
     drag.select_next(px, view_state)
@@ -649,7 +649,7 @@ def test_after_a_drag_the_nearest_is_first_again():
     assert drag.hover(px, view_state) == names[0]
 
 
-def test_in_another_place_the_nearest_is_first_again():
+def test_other_place_resets_selection_to_nearest_link():
     px, view_state, names = behind_each_other()
     drag = drag_of("so101")
     drag.select_next(px, view_state)
@@ -659,7 +659,7 @@ def test_in_another_place_the_nearest_is_first_again():
     assert drag.candidates_under(other_place, view_state)[1] == 0
 
 
-def test_behind_all_links_a_press_sends_the_tip_there():
+def test_press_behind_all_links_sends_tip_there():
     px, view_state, names = behind_each_other()
     drag = drag_of("so101")
     for _ in names:
@@ -669,7 +669,7 @@ def test_behind_all_links_a_press_sends_the_tip_there():
     assert command.is_click
 
 
-def test_the_base_comes_last_and_cannot_be_dragged():
+def test_base_is_listed_last_and_cannot_be_dragged():
     view_state, drag = sight("so101", "side"), drag_of("so101")
     px = pixel_of("so101", "side", view_state.arms[0], "base", (0.0, 0.0, 0.01))
     assert drag.candidates_under(px, view_state)[0][-1].kind == "fixed"
@@ -693,7 +693,7 @@ def with_a_cup(view):
 
 
 @pytest.mark.parametrize("view", ["top", "orbit"])
-def test_a_box_is_picked_by_its_name_where_the_line_of_sight_meets_it(view):
+def test_box_is_picked_by_name_where_ray_meets_it(view):
     drag, view_state, px = with_a_cup(view)
     found = next(f for f in drag.candidates_under(px, view_state)[0] if f and f.kind == "object")
     assert found.hit.link == "the cup"
@@ -705,7 +705,7 @@ def test_a_box_is_picked_by_its_name_where_the_line_of_sight_meets_it(view):
 
 
 @pytest.mark.parametrize("view", ["top", "orbit"])
-def test_a_box_that_is_dragged_moves_level_under_the_pointer(view):
+def test_dragged_box_moves_level_under_pointer(view):
     drag, view_state, px = with_a_cup(view)
     assert drag.press(px, view_state) is None
     assert not drag.moved_thing.shift_m.any()

@@ -86,7 +86,7 @@ def cast_one(shape, origin, direction):
 @pytest.mark.parametrize("kind", ["capsules", "balls"])
 @laws
 @given(st.integers(0, 2**32 - 1), st.integers(1, 40))
-def test_ray_meets_a_link_where_it_meets_its_first_capsule(kind, seed, count):
+def test_ray_meets_link_at_its_first_capsule(kind, seed, count):
     random = np.random.default_rng(seed)
     clouds = {link: cloud(random, count, kind) for link in ("a", "b", "c")}
     shapes = {link: capsule_shape(rows) for link, rows in clouds.items()}
@@ -100,7 +100,7 @@ def test_ray_meets_a_link_where_it_meets_its_first_capsule(kind, seed, count):
 
 @laws
 @given(points, points, st.floats(0.02, 0.5), st.integers(0, 2**32 - 1))
-def test_a_ray_meets_a_capsule_where_it_first_comes_as_near_as_its_radius(a, b, radius_m, seed):
+def test_ray_meets_capsule_at_distance_of_its_radius(a, b, radius_m, seed):
     (origin,), (direction,) = rays_at(np.random.default_rng(seed), 1)
     assume(segment_distance(origin, origin, a, b) > radius_m)
     way = cast_one(one_capsule(a, b, radius_m), origin, direction)
@@ -117,7 +117,7 @@ def test_ray_along_the_axis_of_a_capsule_meets_its_end():
     assert cast_one(one_capsule(x, 2 * x, 0.1), np.zeros(3), x) == pytest.approx(0.9)
 
 
-def test_ray_misses_a_capsule_that_it_starts_in_or_that_is_behind():
+def test_ray_misses_capsule_around_or_behind_its_origin():
     x = np.array([1.0, 0.0, 0.0])
     for start in (0.0, 0.5, 1.0, 1.09, 1.2):
         assert cast_one(one_capsule(0 * x, x, 0.1), start * x, x) == np.inf
@@ -125,7 +125,7 @@ def test_ray_misses_a_capsule_that_it_starts_in_or_that_is_behind():
 
 @laws
 @given(points, points, st.integers(0, 2**32 - 1))
-def test_ray_meets_a_box_at_the_first_of_the_walls_it_passes(a, b, seed):
+def test_ray_meets_box_at_nearest_wall(a, b, seed):
     (origin,), (direction,) = rays_at(np.random.default_rng(seed), 1)
     low, high = np.minimum(a, b), np.maximum(a, b)
     assume(np.ptp([low, high], axis=0).min() > 0.01)
@@ -148,7 +148,7 @@ def test_ray_that_starts_in_a_box_meets_its_wall():
 
 @pytest.mark.parametrize("view", VIEWS)
 @pytest.mark.parametrize("name", ["so101", "wx250s", "open_manipulator_x"])
-def test_the_middle_of_a_capsule_in_view_picks_its_own_link(name, view):
+def test_middle_of_visible_capsule_picks_its_link(name, view):
     """What hides it, where anything does, is nearer: never something behind."""
     home = stage(name).home
     poses, camera = link_poses(model_of(name).chain, home, {}), looked_at(name, view)
@@ -164,7 +164,7 @@ def test_the_middle_of_a_capsule_in_view_picks_its_own_link(name, view):
 
 @laws
 @given(st.integers(0, 2**32 - 1), st.sampled_from(VIEWS))
-def test_a_visible_point_of_a_link_picks_that_link_at_that_very_point(seed, view):
+def test_visible_point_of_link_picks_that_link_and_point(seed, view):
     random, chain = np.random.default_rng(seed), model_of("so101").chain
     q = random.uniform(chain.lower_rad, chain.upper_rad)
     poses, camera = link_poses(chain, q, {}), looked_at("so101", view, q)
@@ -182,7 +182,7 @@ def test_a_visible_point_of_a_link_picks_that_link_at_that_very_point(seed, view
 
 @laws
 @given(cameras, st.integers(0, 2**32 - 1))
-def test_hits_come_nearest_first(camera, seed):
+def test_pick_hits_are_sorted_nearest_first(camera, seed):
     random = np.random.default_rng(seed)
     shapes = {link: random_shape(random, 10, "capsules") for link in "abcd"}
     hits = Picker(shapes).pick_all_at(camera, places(random, shapes), camera.viewport.centre_px)
@@ -206,15 +206,15 @@ def test_a_link_within_two_pixels_of_the_pointer_is_picked():
     assert selected(ball_beside_the_pointer(1.9)).link == "ball"
 
 
-def test_a_link_three_pixels_away_is_not():
+def test_link_three_pixels_from_pointer_is_not_picked():
     assert ball_beside_the_pointer(3.1) == ()
 
 
-def test_what_is_right_under_the_pointer_is_preferred_to_what_is_nearer_beside_it():
+def test_link_under_pointer_is_preferred_to_nearer_one_beside():
     assert selected(ball_beside_the_pointer(1.5, behind=[("wall", 9.5)])).link == "wall"
 
 
-def test_all_that_is_near_the_pointer_is_listed_by_depth():
+def test_links_near_pointer_are_listed_by_depth():
     hits = ball_beside_the_pointer(1.5, [("far", 9.9), ("near", 9.5)])
     assert [hit.link for hit in hits] == ["ball", "near", "far"]
 
@@ -226,7 +226,7 @@ AROUND = [np.array([u, v]) for u in np.linspace(-2.3, 2.3, 7) for v in np.linspa
 
 @pytest.mark.parametrize("view", ["front", "orbit"])
 @pytest.mark.parametrize("along_px", [(90.0, 0.0), (0.0, 90.0), (60.0, 60.0), (80.0, -30.0)])
-def test_wire_of_one_pixel_is_found_all_over_the_square(view, along_px):
+def test_wire_one_pixel_wide_is_found_in_whole_pick_square(view, along_px):
     camera, middle, along = looked_at("so101", view), VIEWPORT.centre_px, np.array(along_px)
     radius_m = 0.5 / float(camera.pixels_per_metre(1.0))
     for away in AROUND:
@@ -238,7 +238,7 @@ def test_wire_of_one_pixel_is_found_all_over_the_square(view, along_px):
 @pytest.mark.parametrize("kind", KINDS)
 @laws
 @given(cameras, st.integers(0, 2**32 - 1))
-def test_hit_is_drawn_where_it_was_found(kind, camera, seed):
+def test_pick_hit_projects_to_pixel_where_it_was_found(kind, camera, seed):
     """The ray through the pixel of a hit meets the link at the same point."""
     random, half_px = np.random.default_rng(seed), 20.0
     shapes = {link: random_shape(random, 3, kind) for link in "abcdef"}
@@ -254,7 +254,7 @@ def test_hit_is_drawn_where_it_was_found(kind, camera, seed):
 @pytest.mark.parametrize("kind", KINDS)
 @laws
 @given(cameras, st.integers(0, 2**32 - 1))
-def test_hit_is_at_the_pixel_of_the_link_nearest_to_the_pointer(kind, camera, seed):
+def test_pick_hit_is_the_pixel_of_link_nearest_to_pointer(kind, camera, seed):
     """No ray of a coarser grid all over the square meets the link nearer to the pointer."""
     random, half_px = np.random.default_rng(seed), 20.0
     shapes = {link: random_shape(random, 12, kind) for link in "abcdef"}
@@ -269,14 +269,14 @@ def test_hit_is_at_the_pixel_of_the_link_nearest_to_the_pointer(kind, camera, se
             assert hits[link].away_px <= nearest_px
 
 
-def test_what_is_behind_the_eye_is_not_in_the_square():
+def test_thing_behind_camera_is_not_picked():
     camera = looked_at("so101", "orbit")
     behind = camera.eye_m - 0.5 * camera.forward
     thing = Picker({"x": one_capsule(behind, behind + 0.1, 0.05)})
     assert thing.pick_all_at(camera, {"x": np.eye(4)}, VIEWPORT.centre_px, 500) == ()
 
 
-def test_pick_takes_a_fraction_of_a_frame():
+def test_pick_takes_less_than_4_ms():
     camera, home = looked_at("wx250s", "orbit"), stage("wx250s").home
     poses = link_poses(model_of("wx250s").chain, home, {})
     px = camera.project(poses["wrist"][:3, 3])[0]
@@ -294,18 +294,18 @@ def _seconds(run):
     return time.thread_time() - began
 
 
-def test_over_empty_space_nothing_is_picked():
+def test_pick_over_empty_space_finds_nothing():
     camera, poses = looked_at("so101", "side"), link_poses(model_of("so101").chain,
                                                            stage("so101").home, {})  # fmt: skip
     assert picker("so101").pick_all_at(camera, poses, (5.0, 5.0)) == ()
 
 
-def test_an_arm_without_shapes_can_be_looked_at():
+def test_arm_without_shapes_is_picked_without_error():
     camera = looked_at("so101", "side")
     assert Picker({}).pick_all_at(camera, {}, (5.0, 5.0)) == ()
 
 
-def test_a_jaw_is_picked_where_it_is_opened_to():
+def test_jaw_is_picked_at_its_opened_position():
     model, camera = model_of("so101"), looked_at("so101", "side")
     poses = link_poses(model.chain, stage("so101").home, {"gripper": 1.2})
     jaw = next(c for c in capsules_of(model) if c.link == "jaw")
@@ -314,7 +314,7 @@ def test_a_jaw_is_picked_where_it_is_opened_to():
     assert "jaw" in [hit.link for hit in hits]
 
 
-def test_the_arms_own_shapes_stay_where_the_link_puts_them():
+def test_pick_shapes_contain_every_capsule_of_each_link():
     capsules = capsules_of(model_of("so101"))
     shapes = link_shapes(capsules)
     assert set(shapes) == {capsule.link for capsule in capsules}

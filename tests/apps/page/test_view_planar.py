@@ -30,23 +30,23 @@ CAMERA = make_camera(arm_extent(MODEL), Viewpoint("plane"), Viewport(600, 600), 
 
 
 @pytest.mark.parametrize("lengths_m", [[0.1], [0.2, 0.1], LENGTHS_M, [0.05] * 12])
-def test_an_arm_is_as_long_as_its_links(lengths_m):
+def test_planar_arm_is_as_long_as_its_links(lengths_m):
     chain = planar_model(lengths_m).chain
     assert chain.dof == len(lengths_m)
     assert chain.forward(np.zeros(chain.dof))[0, 3] == pytest.approx(sum(lengths_m))
 
 
-def test_the_tip_is_where_the_sum_of_turned_links_is():
+def test_planar_tip_is_sum_of_turned_links():
     angles = np.cumsum(START)
     expected = np.array(LENGTHS_M) @ np.column_stack([np.cos(angles), np.sin(angles)])
     np.testing.assert_allclose(MODEL.chain.forward(START)[:2, 3], expected, atol=1e-12)
 
 
-def test_it_is_seen_along_its_axes_only():
+def test_planar_arm_offers_only_view_along_its_axes():
     assert available_views(arm_extent(MODEL)) == ("plane",)
 
 
-def test_it_is_picked_like_any_arm():
+def test_planar_arm_is_picked_like_any_arm():
     chain = MODEL.chain
     picker, poses = Picker(link_shapes(capsules_of(MODEL))), link_poses(chain, START, {})
     middle = chain.forward(START, "link2", (0.05, 0.0, 0.0))[:3, 3]
@@ -55,7 +55,7 @@ def test_it_is_picked_like_any_arm():
 
 
 @pytest.mark.parametrize("method", SOLVERS)
-def test_every_method_starts_at_the_same_joints_and_gets_there(method):
+def test_every_method_starts_at_same_joints_and_reaches_target(method):
     solver_trace = trace_method(MODEL.chain, TARGET_M, START, method)
     np.testing.assert_allclose(
         solver_trace.lines_m[0, -1], MODEL.chain.forward(START)[:3, 3], atol=1e-12
@@ -65,7 +65,7 @@ def test_every_method_starts_at_the_same_joints_and_gets_there(method):
 
 
 @pytest.mark.parametrize("method", SOLVERS)
-def test_a_target_out_of_reach_stays_as_far_as_the_arm_is_too_short(method):
+def test_every_method_ends_nearest_to_unreachable_target(method):
     solver_trace = trace_method(MODEL.chain, np.array([0.5, 0.2, 0.0]), START, method)
     assert not solver_trace.page_fields["reached"]
     assert solver_trace.distance_left_m(solver_trace.count - 1) == pytest.approx(
@@ -74,12 +74,12 @@ def test_a_target_out_of_reach_stays_as_far_as_the_arm_is_too_short(method):
 
 
 @pytest.mark.parametrize("method", SOLVERS)
-def test_every_iteration_is_inside_the_limits(method):
+def test_every_iteration_stays_inside_joint_limits(method):
     solver_trace = trace_method(MODEL.chain, TARGET_M, START, method)
     assert distance_to_limits(MODEL.chain, np.array(solver_trace.result.trace)).min() >= 0.0
 
 
-def test_the_page_is_sent_the_arm_at_every_step():
+def test_page_is_sent_link_positions_of_every_step():
     solver_trace = trace_method(MODEL.chain, TARGET_M, START, "ccd")
     sent = np.array(solver_trace.page_fields["lines"])
     assert len(sent) == solver_trace.count
@@ -90,7 +90,7 @@ def test_the_page_is_sent_the_arm_at_every_step():
     np.testing.assert_allclose(sent[step], expected, atol=1e-5)
 
 
-def test_a_long_way_is_thinned_and_keeps_both_ends():
+def test_long_solver_trace_is_thinned_and_keeps_both_ends():
     far = MODEL.chain.forward(np.array([-2.9, -2.0, 2.5]))[:3, 3]
     solver_trace = trace_method(MODEL.chain, far, START, "transpose")
     assert solver_trace.count <= 200
@@ -98,7 +98,7 @@ def test_a_long_way_is_thinned_and_keeps_both_ends():
     assert solver_trace.numbers[-1] == len(solver_trace.result.trace) - 1
 
 
-def test_a_step_says_which_it_is_and_what_is_left():
+def test_solver_step_text_has_number_and_remaining_distance():
     solver_trace = trace_method(MODEL.chain, TARGET_M, START, "ccd")
     last = solver_trace.numbers[-1]
     assert (
@@ -107,6 +107,6 @@ def test_a_step_says_which_it_is_and_what_is_left():
     )
 
 
-def test_an_unknown_method_is_refused():
+def test_unknown_solver_method_is_refused():
     with pytest.raises(UnknownNameError):
         trace_method(MODEL.chain, TARGET_M, START, "magic")

@@ -32,7 +32,7 @@ def wound(rings, at):
     return round(sum(float(t.sum()) for t in turns) / math.tau)
 
 
-def test_the_reach_of_two_links_is_a_ring():
+def test_reachable_region_of_two_links_is_a_ring():
     model = planar_model([0.2, 0.1])
     the_stage = arm_extent(model)
     plane = slice_plane(the_stage, "plane", the_stage.home, lambda: np.zeros(3))
@@ -41,7 +41,7 @@ def test_the_reach_of_two_links_is_a_ring():
     assert inside == [0, 1, 1, 0]
 
 
-def test_what_is_shaded_can_be_reached_and_what_is_not_cannot():
+def test_shaded_region_matches_reachable_points():
     chain, plane = model_of("so101").chain, plane_of("so101", "side")
     reach, random = reach_of("side"), np.random.default_rng(3)
     wrong = 0
@@ -53,7 +53,7 @@ def test_what_is_shaded_can_be_reached_and_what_is_not_cannot():
     assert wrong <= 1  # one that is reached by less than a cell
 
 
-def test_the_region_turns_with_the_arms_own_plane_and_is_not_found_again():
+def test_reachable_region_turns_with_arm_without_recomputation():
     chain, home = model_of("so101").chain, stage("so101").home
     turned = home + 0.7 * np.eye(chain.dof)[0]
     here, there = plane_of("so101", "side"), plane_of("so101", "side", turned)
@@ -61,23 +61,23 @@ def test_the_region_turns_with_the_arms_own_plane_and_is_not_found_again():
     assert not np.allclose(here.T_world_plane, there.T_world_plane)
 
 
-def test_from_above_the_plane_is_that_of_the_tip_to_a_centimetre():
+def test_top_view_region_lies_at_tip_height_within_1_cm():
     tip_m = model_of("so101").chain.forward(stage("so101").home)[:3, 3]
     assert plane_of("so101", "top").T_world_plane[2, 3] == pytest.approx(tip_m[2], abs=0.0051)
 
 
-def test_from_the_front_the_plane_goes_through_the_tip_to_a_centimetre():
+def test_front_view_region_goes_through_tip_within_1_cm():
     tip_m = model_of("so101").chain.forward(stage("so101").home)[:3, 3]
     T = plane_of("so101", "front").T_world_plane
     assert abs((tip_m - T[:3, 3]) @ T[:3, 2]) < 0.0051
 
 
-def test_walking_round_the_arm_shows_no_region():
+def test_orbit_view_shows_no_reachable_region():
     assert plane_of("so101", "orbit") is None
 
 
 @pytest.mark.parametrize("view", ["side", "top"])
-def test_the_region_is_in_the_plane_that_is_shown(view):
+def test_region_border_is_within_reach_of_shoulder(view):
     """Every border point of it is within the longest stretch of the arm from its shoulder."""
     chain, T = model_of("so101").chain, reach_of(view).T_world_plane
     border = np.vstack([np.array(ring) for ring in reach_of(view).rings]) @ T[:3, :2].T + T[:3, 3]

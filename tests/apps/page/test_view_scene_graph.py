@@ -52,7 +52,7 @@ def placed(graph, positions):
 
 
 @pytest.mark.parametrize("name", ARMS)
-def test_the_positions_put_every_link_where_forward_kinematics_does(name):
+def test_page_link_poses_match_forward_kinematics(name):
     model, graph = model_of(name), graph_of(model_of(name))
     rng = np.random.default_rng(3)
     q = rng.uniform(model.chain.lower_rad, model.chain.upper_rad)
@@ -65,21 +65,21 @@ def test_the_positions_put_every_link_where_forward_kinematics_does(name):
         assert np.abs(found[link] - T).max() < 1e-6, link
 
 
-def test_every_link_has_its_shapes_with_the_graph():
+def test_every_link_is_sent_with_its_shapes():
     graph = graph_of(model_of("so101"))
     names = [link["name"] for link in graph.description["links"]]
     assert list(graph.shapes["links"]) == names
     assert graph.shapes["links"]["base"] == link_shapes(model_of("so101"), "base") != []
 
 
-def test_a_goal_where_the_arm_is_measured_is_no_ghost():
+def test_goal_at_measured_position_shows_no_ghost():
     graph, q = graph_of(model_of("so101")), stage("so101").home
     state = SceneState(looked_at("so101", "top"), q, goal=q + 1e-4)
     assert graph.fields(state)["goal"] is None
     assert graph.fields(replace(state, goal=q + 0.1))["goal"] is not None
 
 
-def test_shapes_have_the_colours_of_the_urdf():
+def test_link_shapes_have_colours_of_urdf():
     foot, post, servo = link_shapes(model_of("so101"), "base")
     assert foot["shape"] == post["shape"] == servo["shape"] == "box"
     assert foot["size"] == (0.1, 0.09, 0.026)
@@ -87,7 +87,7 @@ def test_shapes_have_the_colours_of_the_urdf():
     assert servo["colour"] == (0.12, 0.12, 0.13)
 
 
-def test_every_key_that_a_page_is_sent_of_the_arm_is_in_the_protocol(session):
+def test_every_scene_key_is_documented_in_protocol(session):
     page = Path(__file__).parents[3].joinpath("tools/pages/formats.py").read_text("utf-8")
     graph = graph_of(model_of("so101")).description
     scene = session.latest_frames()["scene"]
@@ -95,7 +95,7 @@ def test_every_key_that_a_page_is_sent_of_the_arm_is_in_the_protocol(session):
     assert {key for key in keys if f"`{key}`" not in page} == {"kind"}
 
 
-def test_a_mesh_travels_as_its_triangles(tmp_path):
+def test_mesh_is_sent_as_triangles(tmp_path):
     ball = trimesh.creation.icosphere(subdivisions=1, radius=30.0)
     path = tmp_path / "ball.stl"
     ball.export(path)
@@ -161,7 +161,7 @@ def session():
 @pytest.mark.parametrize(
     ("view", "webgl"), [("side", False), ("top", False), ("orbit", False), ("orbit", True)]
 )
-def test_a_page_receives_the_arm_once_and_at_rest_and_dragging_little(session, view, webgl):
+def test_page_gets_arm_once_and_little_data_afterwards(session, view, webgl):
     look = {"w": 900, "h": 700, "dpr": 1, "view": view}
     session.send_message(page_messages.SetViewport, **look, webgl=webgl)
     wire = Wire(session)
@@ -183,7 +183,7 @@ def test_a_page_receives_the_arm_once_and_at_rest_and_dragging_little(session, v
 
 
 @pytest.mark.full
-def test_the_region_travels_when_it_changes_and_not_with_every_scene(session):
+def test_region_is_sent_only_when_it_changes(session):
     session.send_message(page_messages.SetViewport, w=900, h=700, dpr=1, view="top")
     wire = Wire(session)
     wire.run(0.1)
@@ -195,25 +195,25 @@ def test_the_region_travels_when_it_changes_and_not_with_every_scene(session):
     assert len(json.dumps(first)) > wire.bytes
 
 
-def test_the_side_view_is_drawn_on_the_canvas_whatever_the_page_can(session):
+def test_side_view_is_drawn_on_canvas_even_with_webgl(session):
     session.send_message(page_messages.SetViewport, w=900, h=700, dpr=1, view="side", webgl=True)
     frames = session.latest_frames()
     assert "shapes" not in frames
     assert not frames["scene"]["webgl"]
 
 
-def test_the_range_of_a_joint_is_the_calibrated_one():
+def test_joint_range_on_page_is_calibrated_one():
     model = model_of("so101")
     narrow = model.chain.with_limits(0.5 * model.chain.lower_rad, 0.5 * model.chain.upper_rad)
     dial = next(d for d in graph_of(model, narrow).description["dials"] if d["link"] == "forearm")
     assert dial["range"] == [narrow.lower_rad[2], narrow.upper_rad[2]]
 
 
-def test_the_table_is_described():
+def test_scene_graph_contains_table_height():
     assert graph_of(replace(load_model("so101"), floor_m=-0.02)).description["floor"] == -0.02
 
 
-def test_a_box_of_the_surroundings_is_described():
+def test_keep_out_box_is_described_for_drawing():
     fields = thing_fields(KeepOutBox("shelf", (0.2, 0.1, 0.0), (0.3, 0.2, 0.4)))
     assert (fields["name"], fields["shape"], fields["drawn"]) == ("shelf", "box", True)
     np.testing.assert_allclose(fields["half"], (0.05, 0.05, 0.2))

@@ -30,7 +30,7 @@ def session():
 
 
 @pytest.mark.campaign
-def test_a_click_moves_the_simulated_servos_to_its_place(session):
+def test_click_in_live_moves_tip_to_clicked_point(session):
     session.enable_live()
     session.click(480, 300)
     wanted = session.interaction.marker.target_m
@@ -38,7 +38,7 @@ def test_a_click_moves_the_simulated_servos_to_its_place(session):
     assert math.dist(true_tip_m(session.arm), wanted) < 0.002
 
 
-def test_the_target_of_a_grabbed_link_is_called_so(session):
+def test_status_names_target_of_grabbed_link(session):
     session.click(480, 300)
     assert [name for name, *_ in session.latest_frames()["status"]["tip"]][:2] == ["tip", "target"]
     session.interaction.marker = replace(session.interaction.marker, frame="gripper")
@@ -55,7 +55,7 @@ def test_live_without_a_target_moves_nothing(session):
 
 
 @pytest.mark.full
-def test_after_a_cancelled_gesture_the_joints_stay(session):
+def test_joints_stay_after_cancelled_gesture(session):
     session.enable_live()
     session.point("down", 480, 300)
     session.run(cycles=150, on_cycle=lambda number: number == 100 and session.point("cancel", 0, 0))
@@ -64,7 +64,7 @@ def test_after_a_cancelled_gesture_the_joints_stay(session):
     assert math.dist(true_tip_m(session.arm), cancelled_m) < 0.002
 
 
-def test_without_live_a_click_moves_nothing(session):
+def test_click_without_live_moves_nothing(session):
     before = registers(session.arm, "goal_position")
     session.click(480, 300)
     session.run()
@@ -73,7 +73,7 @@ def test_without_live_a_click_moves_nothing(session):
 
 
 @pytest.mark.full
-def test_every_goal_of_a_wild_drag_is_inside_the_limits(session):
+def test_wild_drag_keeps_every_goal_inside_limits(session):
     session.enable_live()
     session.point("down", 480, 300)
     seen = []
@@ -90,7 +90,7 @@ def test_every_goal_of_a_wild_drag_is_inside_the_limits(session):
     assert np.abs(np.diff(goals, axis=0)).max() > 0.0
 
 
-def test_a_silent_page_holds_within_the_dead_man_time(session):
+def test_silent_page_makes_arm_hold_within_dead_man_time(session):
     session.enable_live()
     session.send_message(page_messages.SetSpeed, name="slow")
     session.click(480, 300)
@@ -108,7 +108,7 @@ def test_a_silent_page_holds_within_the_dead_man_time(session):
     assert not session.latest_frames()["status"]["live"]
 
 
-def test_after_silence_only_live_begins_again(session):
+def test_silent_page_must_enable_live_again_to_move_arm(session):
     session.enable_live()
     session.click(480, 300)
     session.arm_thread.step()
@@ -120,7 +120,7 @@ def test_after_silence_only_live_begins_again(session):
     assert registers(session.arm, "goal_position") == before
 
 
-def test_a_hidden_page_holds(session):
+def test_hidden_page_ends_live(session):
     session.enable_live()
     session.click(480, 300)
     session.run(
@@ -129,7 +129,7 @@ def test_a_hidden_page_holds(session):
     assert not session.latest_frames()["status"]["live"]
 
 
-def test_a_page_that_leaves_holds(session):
+def test_disconnected_page_ends_live(session):
     session.enable_live()
     session.click(480, 300)
     session.controller.disconnect(session.client)
@@ -137,7 +137,7 @@ def test_a_page_that_leaves_holds(session):
 
 
 @pytest.mark.full
-def test_a_gesture_that_is_taken_back_holds_the_arm_where_it_is(session):
+def test_cancelled_drag_holds_arm_where_it_is(session):
     session.enable_live()
     start = session.arm_thread.snapshot.measured
     session.point("down", 480, 300)
@@ -160,7 +160,7 @@ CYCLE_S = 0.02  # until a cycle handles it and goals are sent
     [CUT_S[5::50], *(pytest.param(CUT_S[n::5], marks=pytest.mark.campaign) for n in range(5))],
     ids=lambda cuts: f"{len(cuts)} from {cuts[0]:.3f} s",
 )
-def test_a_line_that_is_cut_in_mid_drag_holds_the_arm_each_time(session, cuts, way, notice_s):
+def test_connection_cut_during_drag_makes_arm_hold(session, cuts, way, notice_s):
     for cut_s in cuts:
         assert held_s(session, cut_s, way) - cut_s < notice_s + CYCLE_S + longest_brake_s(
             session.arm
@@ -198,7 +198,7 @@ def held_s(session, cut_s, way):
     return sent_goals[changed[-1]][0] - heartbeats_s[0]
 
 
-def test_a_stop_after_an_acknowledgement_stands(session):
+def test_stop_after_acknowledgement_stays(session):
     session.send_message(page_messages.Stop)
     session.arm_thread.step()
     session.send_message(page_messages.Acknowledge)
@@ -207,7 +207,7 @@ def test_a_stop_after_an_acknowledgement_stands(session):
     assert session.latest_frames()["status"]["mode"] == "stopped"
 
 
-def test_a_fault_of_the_view_itself_is_reported(session):
+def test_error_in_arm_thread_is_shown_on_banner(session):
     def fail():
         raise ZeroDivisionError
 
@@ -217,7 +217,7 @@ def test_a_fault_of_the_view_itself_is_reported(session):
     assert "has failed" in session.latest_frames()["status"]["banner"]["message"]
 
 
-def test_the_limits_of_an_arm_that_was_opened_again_are_the_new_ones(session):
+def test_reopened_arm_replaces_limits_of_page(session):
     before = session.interaction
     session.latest_frames()
     assert session.interaction is before
@@ -228,7 +228,7 @@ def test_the_limits_of_an_arm_that_was_opened_again_are_the_new_ones(session):
 
 
 @pytest.mark.full
-def test_a_trigger_opens_the_gripper_and_lifting_it_stops_the_jaws(session):
+def test_trigger_opens_gripper_and_its_release_stops_jaws(session):
     session.enable_live()
     before = session.arm_thread.snapshot.measured[-1]
     closing = session.arm.model.gripper.closed - session.arm.model.gripper.open
@@ -246,7 +246,7 @@ def test_a_trigger_opens_the_gripper_and_lifting_it_stops_the_jaws(session):
     assert np.ptp(goals[:, :-1], axis=0).max() < 0.04
 
 
-def test_live_that_is_thrown_again_while_the_arm_brakes_is_thrown(session):
+def test_live_switched_on_again_while_arm_brakes_stays_on(session):
     session.enable_live()
     session.click(480, 300)
 
@@ -259,7 +259,7 @@ def test_live_that_is_thrown_again_while_the_arm_brakes_is_thrown(session):
     assert session.latest_frames()["status"]["live"]
 
 
-def test_a_stop_latches(session):
+def test_stop_latches_and_refuses_live(session):
     session.enable_live()
     session.click(480, 300)
     session.run(on_cycle=lambda n: n == 5 and session.send_message(page_messages.Stop))
@@ -269,7 +269,7 @@ def test_a_stop_latches(session):
         session.enable_live()
 
 
-def test_a_stop_without_words_is_a_stop(session):
+def test_stop_without_text_stops_arm(session):
     session.arm_thread.request_stop(StopReason(StopKind.CLIENT))
     session.arm_thread.step()
     assert session.latest_frames()["status"]["mode"] == "stopped"
@@ -277,7 +277,7 @@ def test_a_stop_without_words_is_a_stop(session):
 
 
 @pytest.mark.full
-def test_after_an_acknowledgement_the_arm_moves_again(session):
+def test_arm_moves_again_after_acknowledgement(session):
     session.send_message(page_messages.Stop)
     session.arm_thread.step()
     session.send_message(page_messages.Acknowledge)
@@ -322,7 +322,7 @@ def pixel_of_hub(session, joint):
     return session.camera().project(dial.hub(link_poses(chain, q, {}), q))[0].tolist()
 
 
-def test_what_is_under_the_pointer_is_reported_by_depth(session):
+def test_links_under_pointer_are_listed_by_depth(session):
     session.point("hover", *pixel_of_hub(session, "elbow_flex"))
     under = session.latest_frames()["status"]["under"]
     links = [row for row in under if row["depth"]]
@@ -332,7 +332,7 @@ def test_what_is_under_the_pointer_is_reported_by_depth(session):
     assert under[len(links)]["name"] == "the tip moves here"
 
 
-def test_the_key_for_behind_chooses_the_next_of_them(session):
+def test_select_behind_chooses_next_link_under_pointer(session):
     session.point("hover", *pixel_of_hub(session, "elbow_flex"))
     first = session.latest_frames()["scene"]["hover"]
     session.send_message(page_messages.SelectBehind, step=1)
@@ -341,7 +341,7 @@ def test_the_key_for_behind_chooses_the_next_of_them(session):
     assert sent_goals["scene"]["hover"] != first
 
 
-def test_after_a_tap_the_list_stays_though_a_finger_leaves(session):
+def test_list_under_pointer_stays_after_touch_tap(session):
     fields = {"x": 480, "y": 300, "button": 0, "pointer": 1, "touch": True}
     for phase in ("down", "up", "leave"):
         session.send_message(page_messages.Pointer, phase=phase, **fields)
@@ -350,7 +350,7 @@ def test_after_a_tap_the_list_stays_though_a_finger_leaves(session):
     assert not session.latest_frames()["status"]["under"]
 
 
-def test_over_nothing_only_the_tip_can_come(session):
+def test_pointer_over_empty_space_lists_only_tip(session):
     session.point("hover", 5, 5)
     assert [row["name"] for row in session.latest_frames()["status"]["under"]] == [
         "the tip moves here"
@@ -360,9 +360,7 @@ def test_over_nothing_only_the_tip_can_come(session):
 @pytest.mark.full
 @pytest.mark.sample(1)
 @pytest.mark.parametrize("method", ["ccd", "transpose"])
-def test_a_drag_is_answered_by_the_chosen_method_and_goes_on_while_the_pointer_rests(
-    session, method
-):
+def test_drag_uses_chosen_solver_until_target_is_reached(session, method):
     session.send_message(page_messages.SetSolver, name=method)
     tip_m = session.arm.chain.forward(session.chain_joints())[:3, 3]
     tip = session.camera().project(tip_m)[0].tolist()
@@ -374,7 +372,7 @@ def test_a_drag_is_answered_by_the_chosen_method_and_goes_on_while_the_pointer_r
     assert session.interaction.marker.gap_m < 2e-3
 
 
-def test_the_preferred_posture_is_reported_and_leans_where_the_tip_leaves_freedom(session):
+def test_preferred_posture_changes_goal_of_click(session):
     session.send_message(page_messages.PreferPosture, pose="rest", weights={"shoulder_pan": 0.0})
     session.click(480, 300)
     leaning, gestures = session.interaction.goal, session.interaction
@@ -386,7 +384,7 @@ def test_the_preferred_posture_is_reported_and_leans_where_the_tip_leaves_freedo
     assert session.latest_frames()["status"]["preference"]["pose"] == "none"
 
 
-def test_a_method_without_a_null_space_says_that_it_does_not_lean(session):
+def test_solver_without_null_space_says_it_ignores_posture(session):
     session.send_message(page_messages.PreferPosture, pose="rest")
     assert session.latest_frames()["status"]["preference"]["note"] == ""
     session.send_message(page_messages.SetSolver, name="ccd")
@@ -401,13 +399,13 @@ def test_a_method_without_a_null_space_says_that_it_does_not_lean(session):
         ({"pose": "rest", "weights": {"knee": 1.0}}, "no joint"),
     ],
 )
-def test_a_preference_that_makes_no_sense_is_refused(session, fields, why):
+def test_invalid_posture_preference_is_refused(session, fields, why):
     with pytest.raises(BadMessageError, match=why):
         session.send_message(page_messages.PreferPosture, **fields)
     assert session.latest_frames()["status"]["preference"]["pose"] == "none"
 
 
-def test_an_iteration_that_ends_at_another_point_does_not_call_it_the_nearest_point(session):
+def test_ended_iteration_is_not_called_nearest_point(session):
     session.send_message(page_messages.SetSolver, name="transpose")
     session.click(60, 60)
     assert "transpose ended" in session.latest_frames()["status"]["messages"][-1]["message"]
@@ -435,7 +433,7 @@ def test_manipulability_is_that_of_the_jacobian(session):
     assert unit == "m³"
 
 
-def test_the_nearest_singularity_and_hidden_links_are_reported_once_the_arm_rests(session):
+def test_singularity_and_hidden_links_are_reported_at_rest(session):
     assert later(session, "singularity").endswith(("inside the limits", "elbow_flex"))
     session.send_message(page_messages.SetViewport, w=900, h=700, dpr=1, view="top")
     assert "shoulder (by " in later(session, "hidden here")
@@ -450,7 +448,7 @@ def refused_request(session, client, asking, why):
         assert session.arm_thread.command is drag_command, kind.__name__
 
 
-def test_who_only_watches_changes_nothing(session):
+def test_watcher_request_is_refused(session):
     asking = [(kind, fields) for kind, fields in ASKING if kind is not page_messages.Stop]
     refused_request(session, session.connect(Permission.WATCH), asking, "for watching only")
 
@@ -464,19 +462,19 @@ def test_watcher_stops_arm_and_cannot_acknowledge(session):
     assert session.arm.stop_reason
 
 
-def test_who_is_not_in_control_changes_nothing(session):
+def test_page_without_control_is_refused(session):
     free = (page_messages.Stop, page_messages.Acknowledge, page_messages.TakeControl)
     asking = [(kind, fields) for kind, fields in ASKING if kind not in free]
     refused_request(session, session.connect(), asking, "Another page")
 
 
-def test_everybody_with_the_key_may_stop(session):
+def test_page_without_control_may_stop_arm(session):
     session.send_message(page_messages.Stop, session.connect())
     session.arm_thread.step()
     assert session.latest_frames()["status"]["mode"] == "stopped"
 
 
-def test_taking_control_takes_live_off(session):
+def test_taking_control_switches_live_off(session):
     session.enable_live()
     other = session.connect()
     session.send_message(page_messages.TakeControl, other, on=True)
@@ -484,13 +482,13 @@ def test_taking_control_takes_live_off(session):
     assert session.latest_frames(other)["status"]["controller"] == "you"
 
 
-def test_who_comes_next_begins_slowly(session):
+def test_next_page_in_control_starts_at_slow_speed(session):
     session.enable_live()
     session.controller.disconnect(session.client)
     assert session.latest_frames(session.connect())["status"]["speed"] == "slow"
 
 
-def test_an_unknown_pose_is_refused_with_the_known_ones(session):
+def test_unknown_pose_is_refused_by_page(session):
     for name in ("nowhere", "homes"):
         with pytest.raises(BadMessageError, match="no pose"):
             session.send_message(page_messages.GoToPose, name=name)
@@ -499,7 +497,7 @@ def test_an_unknown_pose_is_refused_with_the_known_ones(session):
 @pytest.mark.parametrize(
     ("pose", "joint", "upper_deg"), [("rest", "elbow_flex", 80.0), ("home", "wrist_flex", 57.0)]
 )
-def test_a_pose_beyond_narrower_limits_is_gone_to_at_the_limit_and_reported(pose, joint, upper_deg):
+def test_pose_beyond_narrowed_limit_goes_to_limit_and_says_so(pose, joint, upper_deg):
     model = narrowed("so101", **{joint: (-90.0, upper_deg)})
     with ViewSession(open_arm(model, f"sim:{model.path}?pose=zero")) as session:
         session.send_message(page_messages.GoToPose, name=pose)
@@ -510,19 +508,19 @@ def test_a_pose_beyond_narrower_limits_is_gone_to_at_the_limit_and_reported(pose
         assert any(entry.message.startswith(joint) for entry in session.interaction.messages)
 
 
-def test_what_stands_still_is_not_sent_sixty_times_a_second(session):
+def test_resting_scene_is_not_sent_again(session):
     session.latest_frames()
     assert [frame["kind"] for frame in session.controller.frames(session.client)] == []
 
 
-def test_the_goal_of_a_wheel_is_a_degree_a_notch(session):
+def test_wheel_moves_goal_by_one_degree_per_notch(session):
     x, y = pixel_of_hub(session, "elbow_flex")
     session.send_message(page_messages.Wheel, x=x, y=y, notches=3)
     turned = session.interaction.goal - session.arm_thread.snapshot.measured
     assert math.degrees(np.abs(turned).max()) == pytest.approx(3.0, abs=0.3)
 
 
-def test_commands_to_the_arm_thread_are_posted_whole(session):
+def test_arm_thread_commands_are_replaced_as_a_whole(session):
     command = replace(session.arm_thread.command, speed="fast")
     session.arm_thread.post(command)
     assert session.arm_thread.command is command
@@ -530,7 +528,7 @@ def test_commands_to_the_arm_thread_are_posted_whole(session):
         session.arm_thread.command = command
 
 
-def test_a_page_that_has_sent_no_size_has_no_camera(session):
+def test_page_without_viewport_size_has_no_camera(session):
     client = Client(9, Permission.WATCH, Viewpoint("side"))
     with pytest.raises(BadMessageError, match="size of its drawing"):
         FrameComposer(
@@ -538,7 +536,7 @@ def test_a_page_that_has_sent_no_size_has_no_camera(session):
         ).camera(client)
 
 
-def test_a_gesture_before_the_size_is_reported_is_no_gesture(session):
+def test_press_before_viewport_size_sets_no_goal(session):
     client = session.controller.connect(Permission.CONTROL)
     session.send_message(page_messages.TakeControl, client, on=True)
     session.point("down", 400, 300, client)
@@ -556,7 +554,7 @@ PRESSES = {
 
 
 @pytest.mark.parametrize("press", PRESSES.values(), ids=PRESSES)
-def test_a_press_while_the_arm_goes_to_the_preview_is_refused_with_the_reason(session, press):
+def test_press_while_arm_executes_goal_is_refused(session, press):
     session.click(480, 300)
     goal = session.interaction.goal
     session.go_there()

@@ -23,7 +23,7 @@ from ikservo.model.model import HealthLimits
 TIP = np.array([0.2, 0.0, 0.15])
 
 
-def test_the_words_of_a_target_out_of_reach_are_those_of_the_command_line():
+def test_unreachable_target_is_described_as_on_command_line():
     aim = TargetMarker(
         TIP + np.array([0.5, 0, 0]),
         TIP,
@@ -39,11 +39,11 @@ def test_the_words_of_a_target_out_of_reach_are_those_of_the_command_line():
 @pytest.mark.parametrize(
     ("volts", "words"), [((7.41, 7.38), "7.4 V"), ((5.0, 12.04), "5.0 – 12.0 V")]
 )
-def test_a_supply_is_a_range_only_where_it_is_one(volts, words):
+def test_supply_is_shown_as_range_only_if_voltages_differ(volts, words):
     assert format_supply(volts) == words
 
 
-def test_points_and_times_have_units():
+def test_points_and_times_are_shown_with_units():
     assert format_point(TIP) == "(0.200, 0.000, 0.150) m"
     assert format_solve_time(0.000042) == "0.04 ms"
 
@@ -59,19 +59,19 @@ def test_a_servos_health_has_a_level(messages, level):
 
 
 @pytest.mark.parametrize(("celsius", "level"), [(39.0, "good"), (41.0, "amber"), (46.0, "red")])
-def test_an_arm_with_its_own_limits_is_warm_and_hot_by_those(celsius, level):
+def test_health_levels_follow_limits_of_arm(celsius, level):
     state = JointState("elbow_flex", 0.0, -1.0, 1.0, "arm file", celsius, 12.1, 4.0, torque=True)
     limits = HealthLimits(warn_c=40.0, hold_c=45.0, release_c=50.0)
     assert health_rows([state], limits)[0]["level"] == level
 
 
-def test_health_is_said_in_units():
+def test_health_values_are_shown_with_units():
     state = JointState("elbow_flex", 0.0, -1.0, 1.0, "arm file", 31.0, 12.1, 4.0, torque=True)
     row = health_rows([state], HealthLimits())[0]
     assert (row["temperature"], row["voltage"], row["load"]) == ("31 °C", "12.1 V", "4 %")
 
 
-def test_joint_at_its_limit_is_near_and_only_one_beyond_is_wrong():
+def test_joint_at_limit_is_near_and_joint_past_it_is_beyond():
     model = load_model("so101")
 
     def nearness(at):

@@ -26,7 +26,7 @@ def seen(eye_m, model=None, joints=HOME):
 
 @pytest.mark.parametrize("view", ["side", "top", "front", "orbit"])
 @pytest.mark.parametrize("name", ["so101", "wx250s"])
-def test_the_share_in_sight_is_that_of_lines_of_sight_through_every_pixel(name, view):
+def test_visible_fraction_matches_rays_through_all_pixels(name, view):
     """Counted over the picture: of the pixels that show a link alone, those that show it here."""
     model, home = model_of(name), stage(name).home
     poses, camera = link_poses(model.chain, home, {}), looked_at(name, view)
@@ -42,7 +42,7 @@ def test_the_share_in_sight_is_that_of_lines_of_sight_through_every_pixel(name, 
             )
 
 
-def test_from_afar_a_point_sees_what_a_parallel_picture_shows():
+def test_distant_point_sees_same_as_parallel_camera():
     model, home = replace(model_of("so101"), floor_m=None), stage("so101").home
     poses, camera = link_poses(model.chain, home, {}), looked_at("so101", "front")
     one, far = VisibilityChecker(model), camera.eye_m - 200.0 * camera.forward
@@ -50,29 +50,29 @@ def test_from_afar_a_point_sees_what_a_parallel_picture_shows():
         assert a.visible_fraction == pytest.approx(b.visible_fraction, abs=0.03)
 
 
-def test_a_wall_before_the_eye_hides_everything():
+def test_wall_before_camera_hides_every_link():
     wall = KeepOutBox("the wall", (0.5, -2.0, -1.0), (0.52, 2.0, 3.0))
     found = seen((0.8, 0.0, 0.3), replace(model_of("so101"), keep_out=(wall,)))
     assert {each.hidden_by for each in found.values()} == {("the wall",)}
     assert not any(each.is_visible for each in found.values())
 
 
-def test_from_before_the_gripper_hides_the_shoulder_and_is_named():
+def test_gripper_hides_shoulder_from_front_and_is_named():
     found = seen((0.6, 0.0, 0.1))
     assert found["shoulder"].visible_fraction < 0.2
     assert "gripper" in found["shoulder"].hidden_by
     assert found["gripper"].is_visible
 
 
-def test_from_behind_nothing_of_the_gripper_is_seen():
+def test_gripper_is_hidden_from_behind():
     assert not seen((-0.5, 0.0, 0.1))["gripper"].is_visible
 
 
-def test_under_the_table_nothing_is_seen():
+def test_table_hides_every_link_from_below():
     assert {each.hidden_by for each in seen((0.2, 0.0, -0.5)).values()} == {(TABLE,)}
 
 
-def test_where_the_jaw_is_opened_to_counts():
+def test_visibility_of_jaw_depends_on_its_opening():
     eye = (0.6, -0.3, 0.2)
     closed, opened = (
         seen(eye, joints={**HOME, "gripper": at})["jaw"].visible_fraction for at in (0.0, 1.5)
@@ -80,19 +80,19 @@ def test_where_the_jaw_is_opened_to_counts():
     assert abs(opened - closed) > 0.02
 
 
-def test_a_missing_joint_is_named():
+def test_missing_joint_in_visibility_request_is_named():
     with pytest.raises(UnknownNameError, match="elbow_flex"):
         seen((1, 1, 1), joints={k: v for k, v in HOME.items() if k != "elbow_flex"})
 
 
 @pytest.mark.parametrize("eye", [(0.0, 0.0), (0.0, np.nan, 0.0), "camera"])
-def test_a_point_that_is_none_is_refused(eye):
+def test_invalid_viewpoint_is_refused(eye):
     with pytest.raises(BadValueError):
         seen(eye)
 
 
 @pytest.mark.full
-def test_the_manipulability_is_computed_three_times_a_second_at_most(monkeypatch):
+def test_manipulability_is_computed_three_times_per_second(monkeypatch):
     with ViewSession() as session:
         computed = []
         plain = visibility.conditioning

@@ -18,7 +18,7 @@ from ikservo.errors import BadValueError, InputError
         ("zenoh:desk@tls/127.0.0.1", "desk", "tls/127.0.0.1:7448"),
     ],
 )
-def test_an_address_names_an_arm_and_where_it_is_served(text, name, endpoint):
+def test_address_names_arm_and_endpoint(text, name, endpoint):
     address = parse_address(text)
     assert (address.name, str(address.endpoint)) == (name, endpoint)
     assert parse_address(str(address)) == address
@@ -31,18 +31,18 @@ def test_an_address_names_an_arm_and_where_it_is_served(text, name, endpoint):
      "desk@lab-pi", "zenoh:desk@udp/lab-pi", "zenoh:desk@lab-pi;x=1",
      "zenoh:" + "a" * 65 + "@lab-pi"],
 )  # fmt: skip
-def test_what_is_no_address_is_refused_with_what_was_expected(text):
+def test_invalid_address_is_refused_with_expected_form(text):
     with pytest.raises(BadValueError, match="Expected "):
         parse_address(text)
 
 
-def test_without_certificates_only_this_machine_is_served():
+def test_serving_other_machines_needs_certificates():
     assert parse_listen("tcp/127.0.0.1:7448") == Endpoint("tcp", "127.0.0.1", 7448)
     assert parse_listen("tls/0.0.0.0:7448") == Endpoint("tls", "0.0.0.0", 7448)
     with pytest.raises(InputError, match="ikservo net keys"):
         parse_listen("tcp/0.0.0.0:7448")
 
 
-def test_a_port_that_the_system_chooses_could_not_be_announced():
+def test_listen_port_0_is_refused():
     with pytest.raises(BadValueError, match="Expected "):
         parse_listen("tcp/127.0.0.1:0")

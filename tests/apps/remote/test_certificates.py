@@ -95,7 +95,7 @@ def served(certificates, _own_folder):
         yield Counted(arm, endpoint)
 
 
-def test_an_operator_drives(served, certificates):
+def test_operator_certificate_drives_arm(served, certificates):
     before = served.packets
     connection = served.connect(certificates["operator"])
     connection.drive("enable")
@@ -104,7 +104,7 @@ def test_an_operator_drives(served, certificates):
     connection.close()
 
 
-def test_a_watcher_looks_and_stops(served, certificates):
+def test_watcher_certificate_reads_and_stops_arm(served, certificates):
     connection = served.connect(certificates["watcher"])
     assert connection.watch("where").names == served.arm.joint_names
     assert connection.stop("", "CLIENT").arm == "so101"
@@ -113,7 +113,7 @@ def test_a_watcher_looks_and_stops(served, certificates):
     connection.close()
 
 
-def test_a_watcher_is_shown_that_watching_is_all(served, certificates):
+def test_watcher_certificate_may_not_drive(served, certificates):
     connection = served.connect(certificates["watcher"])
     for ask_to_drive in (connection.drive, connection.plan):
         with pytest.raises(RefusedError, match="does not let this machine drive it"):
@@ -122,7 +122,7 @@ def test_a_watcher_is_shown_that_watching_is_all(served, certificates):
 
 
 @pytest.mark.parametrize("who", ["watcher", "guest"])
-def test_nobody_but_an_operator_drives_by_any_key(served, certificates, who):
+def test_only_operator_certificate_drives_by_any_key(served, certificates, who):
     before = served.packets
     with open_client([served.endpoint], certificates[who]) as session:
         for service in DRIVE:
@@ -136,7 +136,7 @@ def test_nobody_but_an_operator_drives_by_any_key(served, certificates, who):
     assert served.packets == before
 
 
-def test_a_guest_may_not_even_look(served, certificates):
+def test_guest_certificate_sees_nothing(served, certificates):
     before = served.packets
     with open_client([served.endpoint], certificates["guest"]) as session:
         for name in ("desk", "*"):
@@ -148,7 +148,7 @@ def test_a_guest_may_not_even_look(served, certificates):
     assert served.arm.stop_reason is None
 
 
-def test_a_watcher_takes_no_control_from_an_operator(served, certificates):
+def test_watcher_cannot_take_lease_from_operator(served, certificates):
     operator = served.connect(certificates["operator"])
     operator.drive("enable")
     token = keys.operator("desk", keys.operator_token(operator._lease))
@@ -188,14 +188,14 @@ def test_a_wrong_certificate_is_refused(served, certificates, wrong):
 
 
 @pytest.mark.usefixtures("impatient")
-def test_without_tls_the_arm_is_not_reached(served):
+def test_client_without_tls_reads_that_arm_uses_tls(served):
     plain = Endpoint("tcp", "127.0.0.1", served.endpoint.port)
     with pytest.raises(PortError, match="it is served there with TLS"), open_client([plain], None):
         pass
 
 
 @pytest.mark.usefixtures("impatient")
-def test_an_arm_served_without_tls_is_named_as_such(certificates):
+def test_server_without_tls_is_reported(certificates):
     with socket.create_server(("127.0.0.1", 0)) as server:
         secured = Endpoint("tls", "127.0.0.1", server.getsockname()[1])
         with pytest.raises(PortError, match="without TLS"), \
@@ -208,14 +208,14 @@ def test_an_arm_served_without_tls_is_named_as_such(certificates):
     ("host", "why"),
     [("no-such-host.invalid", "no machine named"), ("127.0.0.1", "nothing listens there")],
 )
-def test_an_unknown_machine_is_distinguished_from_one_that_serves_nothing(host, why):
+def test_unknown_host_differs_from_host_without_server(host, why):
     with socket.create_server(("127.0.0.1", 0)) as server:
         free_port = server.getsockname()[1]
     with pytest.raises(PortError, match=why), open_client([Endpoint("tcp", host, free_port)], None):
         pass
 
 
-def test_keys_are_made_once_and_private(tmp_path):
+def test_certificates_are_made_once_with_private_keys(tmp_path):
     folders = making.make_keys(tmp_path / "keys", ["lab-pi", "192.168.1.7"])
     assert [folder.name for folder in folders] == ["authority", "server", "operator", "watcher"]
     for folder in folders:
@@ -225,7 +225,7 @@ def test_keys_are_made_once_and_private(tmp_path):
         making.make_keys(tmp_path / "keys", [])
 
 
-def test_this_machine_uses_the_certificates_of_its_folder(tmp_path, monkeypatch):
+def test_client_uses_certificates_of_keys_folder(tmp_path, monkeypatch):
     monkeypatch.setenv("IKSERVO_KEYS", str(tmp_path))
     assert making.client_certificate(parse_host("127.0.0.1")) is None
     with pytest.raises(InputError, match="ikservo net keys"):

@@ -44,7 +44,7 @@ def stream_until_cut(served, proxy, how, dice):
 @pytest.mark.full
 @pytest.mark.sample(3)
 @pytest.mark.parametrize("how", CUTS)
-def test_a_cut_in_mid_motion_makes_the_arm_hold(served, proxy, how):
+def test_network_cut_during_motion_makes_arm_hold(served, proxy, how):
     dice = random.Random(f"{SEED} {how}")
     arm = stream_until_cut(served, proxy, how, dice)
     until(lambda: served.server.lease.moving is None)
@@ -63,7 +63,7 @@ def test_a_cut_in_mid_motion_makes_the_arm_hold(served, proxy, how):
     until(lambda: served.server.lease.holder is None)
 
 
-def test_a_lost_connection_is_said_with_what_to_look_at(served, proxy, monkeypatch):
+def test_lost_connection_error_says_what_to_check(served, proxy, monkeypatch):
     arm = ikservo.open_arm("so101", port=f"zenoh:desk@127.0.0.1:{proxy.port}")
     monkeypatch.setattr("ikservo.apps.remote.connection._QUICK_S", 0.1)
     proxy.close()
@@ -72,7 +72,7 @@ def test_a_lost_connection_is_said_with_what_to_look_at(served, proxy, monkeypat
     arm.close()
 
 
-def test_a_question_is_asked_again_once_the_connection_is_back(served, proxy):
+def test_request_is_repeated_after_reconnection(served, proxy):
     arm = ikservo.open_arm("so101", port=f"zenoh:desk@127.0.0.1:{proxy.port}")
     proxy.cut("hang up")
     assert arm.where().names == served.arm.joint_names

@@ -99,7 +99,7 @@ def test_a_canceled_goal_ends_once_the_arm_is_at_rest(arm, driver):
     assert watch.ends == [(GoalEnd.ENDED, False)]
 
 
-def test_a_goal_canceled_before_it_was_followed_ends_once_the_arm_is_at_rest(arm, driver):
+def test_goal_canceled_before_start_ends_once_arm_is_at_rest(arm, driver):
     goes_on = threading.Event()
     first = Goal(goes_on)
     put(driver, first)
@@ -113,7 +113,7 @@ def test_a_goal_canceled_before_it_was_followed_ends_once_the_arm_is_at_rest(arm
     assert watch.ends == [(GoalEnd.ENDED, False)]
 
 
-def test_a_goal_canceled_while_the_arm_still_brakes_ends_once_it_is_at_rest(arm, driver):
+def test_goal_canceled_during_braking_ends_at_rest(arm, driver):
     goal = Goal()
     first = put(driver, goal)
     assert goal.followed.wait(WITHIN_S)
@@ -127,7 +127,7 @@ def test_a_goal_canceled_while_the_arm_still_brakes_ends_once_it_is_at_rest(arm,
     assert watch.ends == [(GoalEnd.ENDED, False)]
 
 
-def test_a_canceled_goal_is_replaced_where_the_arm_goes_on_to_a_newer_one(driver):
+def test_canceled_goal_is_replaced_if_arm_follows_newer_goal(driver):
     goes_on = threading.Event()
     first = Goal(goes_on)
     watch = put(driver, first)
@@ -139,9 +139,7 @@ def test_a_canceled_goal_is_replaced_where_the_arm_goes_on_to_a_newer_one(driver
     assert watch.ends == [(GoalEnd.REPLACED, True)]
 
 
-def test_a_goal_waits_for_rest_of_its_own_where_the_one_before_had_almost_arrived(
-    arm, driver, monkeypatch
-):
+def test_new_goal_needs_its_own_rest_before_arrival(arm, driver, monkeypatch):
     now_s, began_s = [0.0], []
     clock = SimpleNamespace(
         monotonic=lambda: now_s[0], sleep=lambda wait_s: now_s.append(now_s.pop() + wait_s)
@@ -172,7 +170,7 @@ def test_a_goal_waits_for_rest_of_its_own_where_the_one_before_had_almost_arrive
     assert elapsed_s > 1.95
 
 
-def test_a_goal_whose_end_cannot_be_measured_is_aborted_with_the_reason():
+def test_goal_with_unmeasurable_end_is_aborted_with_reason():
     def where():
         raise IkservoError("gripper does not answer.")
 

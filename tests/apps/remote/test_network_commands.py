@@ -31,45 +31,45 @@ def run(capsys):
     return run
 
 
-def test_where_shows_the_arm_there(served, run):
+def test_where_shows_remote_arm(served, run):
     code, out, err = run("where", "--arm", "so101", "--port", served.address)
     assert code == 0, err
     assert "shoulder_pan" in out
 
 
-def test_a_joint_is_moved_there(served, run):
+def test_joints_command_moves_remote_arm(served, run):
     code, out, err = run("joints", "gripper=20", "--arm", "so101", "--port", served.address,
                          "--json")  # fmt: skip
     assert code == 0, err
     assert json.loads(out)["reached"]
 
 
-def test_the_port_of_the_environment_may_be_an_address(served, run, monkeypatch):
+def test_ikservo_port_may_be_a_remote_address(served, run, monkeypatch):
     monkeypatch.setenv("IKSERVO_PORT", served.address)
     assert run("where", "--arm", "so101")[0] == 0
 
 
 @pytest.mark.parametrize("action", ["show", "restore", "diff"])
-def test_a_calibration_there_is_not_that_of_this_machine(served, run, action):
+def test_calibration_commands_refuse_remote_arm(served, run, action):
     code, out, err = run("calibration", action, "so101", "--port", served.address)
     assert (code, out) == (3, "")
     assert f"{served.address} is an arm on another machine" in err
 
 
-def test_poses_are_those_taught_there(served, run):
+def test_pose_command_lists_poses_of_remote_arm(served, run):
     served.arm.teach("there")
     code, out, _ = run("pose", "--arm", "so101", "--port", served.address)
     assert (code, out.split()) == (0, [*served.arm.poses.all_poses()])
     assert "there" in out
 
 
-def test_an_unreachable_point_has_the_exit_code_that_it_has_on_a_port(served, run):
+def test_unreachable_point_on_remote_arm_exits_with_7(served, run):
     code, _, err = run("move", "0.9", "0", "0.1", "--arm", "so101", "--port", served.address)
     assert code == 7
     assert "Try: ikservo move" in err
 
 
-def test_a_stop_is_acknowledged_at_the_command_line(served, run):
+def test_remote_stop_is_acknowledged_on_command_line(served, run):
     there = ("--arm", "so101", "--port", served.address)
     assert run("stop", *there)[0] == 0
     code, _, err = run("joints", "gripper=10", *there)
@@ -83,7 +83,7 @@ def test_a_stop_is_acknowledged_at_the_command_line(served, run):
 
 
 @pytest.mark.full
-def test_a_stop_of_a_limp_arm_there_says_nothing_of_torque_that_is_on(served, run):
+def test_stop_of_limp_remote_arm_reports_torque_off(served, run):
     served.arm.disable_torque()
     code, out, _ = run("stop", "--arm", "so101", "--port", served.address)
     reason = served.arm.stop_reason.text
@@ -96,7 +96,7 @@ def test_a_stop_of_a_limp_arm_there_says_nothing_of_torque_that_is_on(served, ru
 
 
 @pytest.mark.parametrize("words", [(), ("--all",)], ids=["stop", "stop --all"])
-def test_stop_without_an_arm_reaches_the_machines_of_the_fleet(served, run, monkeypatch, words):
+def test_stop_without_arm_stops_fleet(served, run, monkeypatch, words):
     monkeypatch.setenv("IKSERVO_FLEET", f"127.0.0.1:{served.port}")
     code, out, err = run("stop", *words, "--json")
     assert code == 0, err
@@ -105,7 +105,7 @@ def test_stop_without_an_arm_reaches_the_machines_of_the_fleet(served, run, monk
 
 
 @pytest.mark.parametrize("way", ["fleet", "address", "port of the environment"])
-def test_a_stop_over_the_network_loads_no_large_module_but_zenoh(served, monkeypatch, way):
+def test_network_stop_loads_no_heavy_module_except_zenoh(served, monkeypatch, way):
     args = ()
     if way == "fleet":
         monkeypatch.setenv("IKSERVO_FLEET", f"127.0.0.1:{served.port}")
@@ -119,7 +119,7 @@ def test_a_stop_over_the_network_loads_no_large_module_but_zenoh(served, monkeyp
     assert not (HEAVY - {"zenoh"}) & modules
 
 
-def test_a_wrong_address_in_the_fleet_keeps_no_other_arm_from_stopping(served, run, monkeypatch):
+def test_wrong_fleet_address_does_not_prevent_other_stops(served, run, monkeypatch):
     monkeypatch.setenv("IKSERVO_FLEET", f"pi_2, 127.0.0.1:{served.port}")
     code, _, err = run("stop", "--all")
     assert code == 2
@@ -128,14 +128,14 @@ def test_a_wrong_address_in_the_fleet_keeps_no_other_arm_from_stopping(served, r
 
 
 @pytest.mark.parametrize("words", [(), ("--all",)], ids=["stop", "stop --all"])
-def test_an_arm_served_on_this_machine_is_stopped_unlisted(served, run, monkeypatch, words):
+def test_stop_reaches_arm_served_on_this_machine(served, run, monkeypatch, words):
     monkeypatch.setattr("ikservo.apps.remote.address.DEFAULT_PORT", served.port)
     code, _, err = run("stop", *words)
     assert code == 0, err
     assert served.arm.stop_reason is not None
 
 
-def test_stop_all_stops_the_arm_of_the_environment_too(served, run, monkeypatch):
+def test_stop_all_also_stops_arm_of_ikservo_port(served, run, monkeypatch):
     monkeypatch.setattr("ikservo.apps.remote.zenoh_session._CONNECT_TIMEOUT_S", 0.3)
     monkeypatch.setenv("IKSERVO_PORT", served.address)
     monkeypatch.setenv("IKSERVO_FLEET", f"127.0.0.1:{find_free_port()}")
@@ -153,9 +153,7 @@ def silent_port():
 
 
 @pytest.mark.full
-def test_a_machine_that_answers_nothing_is_named_and_the_others_are_stopped(
-    served, run, monkeypatch, silent_port
-):
+def test_silent_machine_is_named_and_others_are_stopped(served, run, monkeypatch, silent_port):
     monkeypatch.setattr("ikservo.apps.remote.zenoh_session._CONNECT_TIMEOUT_S", 0.3)
     monkeypatch.setenv("IKSERVO_FLEET", f"127.0.0.1:{silent_port},127.0.0.1:{served.port}")
     code, out, err = run("stop", "--all")
@@ -165,9 +163,7 @@ def test_a_machine_that_answers_nothing_is_named_and_the_others_are_stopped(
     assert ([arm["arm"] for arm in found["arms"]], len(found["errors"])) == (["so101"], 1)
 
 
-def test_an_arm_whose_program_hangs_is_asked_again_and_not_counted_as_stopped(
-    served, run, monkeypatch
-):
+def test_hanging_server_is_asked_3_times_and_not_confirmed(served, run, monkeypatch):
     asked, goes_on = [], threading.Event()
     answer = served.server.service.stop
 
@@ -185,20 +181,20 @@ def test_an_arm_whose_program_hangs_is_asked_again_and_not_counted_as_stopped(
     assert f"desk at tcp/127.0.0.1:{served.port} was not confirmed" in err
 
 
-def test_an_address_is_stopped_however_slow_the_network_is(served, run, monkeypatch):
+def test_stop_ignores_slow_network(served, run, monkeypatch):
     monkeypatch.setattr("ikservo.apps.remote.connection._MAX_ROUND_TRIP_S", 0.0)
     assert run("stop", "--port", served.address)[0] == 0
     assert served.arm.stop_reason is not None
 
 
-def test_an_address_is_stopped_without_the_name_of_its_arm(served, run):
+def test_stop_of_address_needs_no_arm_name(served, run):
     code, out, err = run("stop", "--port", served.address)
     assert code == 0, err
     assert out.startswith("so101")
     assert served.arm.stop_reason is not None
 
 
-def test_the_fleet_lists_arms_and_machines_that_are_not_reached(served, run, monkeypatch):
+def test_fleet_lists_arms_and_unreachable_machines(served, run, monkeypatch):
     monkeypatch.setattr("ikservo.apps.remote.zenoh_session._CONNECT_TIMEOUT_S", 0.3)
     dead = find_free_port()
     code, out, _ = run("fleet", f"127.0.0.1:{served.port}", f"127.0.0.1:{dead}", "--json")
@@ -209,14 +205,14 @@ def test_the_fleet_lists_arms_and_machines_that_are_not_reached(served, run, mon
     assert there["error"]
 
 
-def test_the_reason_of_a_stop_is_whole_in_a_narrow_terminal(served, run, monkeypatch):
+def test_fleet_shows_whole_stop_reason_in_narrow_terminal(served, run, monkeypatch):
     monkeypatch.setattr("ikservo.cli.terminal.terminal_width", lambda _: 80)
     served.arm.stop("a person has come near the arm, too near for it to move")
     _, out, _ = run("fleet", f"127.0.0.1:{served.port}")
     assert "a person has come near the arm, too near for it to move" in out
 
 
-def test_the_fleet_says_who_controls_an_arm(served, run):
+def test_fleet_shows_who_controls_arm(served, run):
     with served.open() as arm:
         arm.enable()
         _, out, _ = run("fleet", f"127.0.0.1:{served.port}")
@@ -245,7 +241,7 @@ def test_the_fleet_says_who_controls_an_arm(served, run):
         ("move 0.2 0 0.1 --scene s.toml --arm so101 --port zenoh:d@127.0.0.1", 2, "A scene"),
     ],
 )  # fmt: skip
-def test_bad_input_is_one_clear_error(run, monkeypatch, tmp_path, words, code, text):
+def test_bad_network_command_is_one_clear_error(run, monkeypatch, tmp_path, words, code, text):
     monkeypatch.chdir(tmp_path)
     scene = '[[sphere]]\nname = "the ball"\ncentre_m = [1.0, 0.0, 0.0]\nradius_m = 0.1\n'
     (tmp_path / "s.toml").write_text(scene)
@@ -255,7 +251,7 @@ def test_bad_input_is_one_clear_error(run, monkeypatch, tmp_path, words, code, t
     assert "Traceback" not in err
 
 
-def test_keys_are_made_in_a_folder(run, tmp_path):
+def test_net_keys_makes_certificates_in_folder(run, tmp_path):
     code, out, _ = run("net", "keys", "--folder", tmp_path / "keys", "--host", "lab-pi", "--json")
     assert code == 0
     assert json.loads(out)["hosts"] == ["lab-pi"]
@@ -265,7 +261,7 @@ def test_keys_are_made_in_a_folder(run, tmp_path):
 
 
 @pytest.mark.parametrize("host", ["münchen", "a/b", "", "x" * 300])
-def test_keys_for_a_host_that_is_none_lose_no_earlier_ones(run, tmp_path, host):
+def test_net_keys_for_invalid_host_keeps_old_certificates(run, tmp_path, host):
     folder = tmp_path / "keys"
     assert run("net", "keys", "--folder", folder)[0] == 0
     before = {path: path.read_bytes() for path in folder.rglob("*.*")}
@@ -274,7 +270,7 @@ def test_keys_for_a_host_that_is_none_lose_no_earlier_ones(run, tmp_path, host):
     assert {path: path.read_bytes() for path in folder.rglob("*.*")} == before
 
 
-def test_keys_without_the_library_for_them_are_one_clear_error(run, tmp_path, monkeypatch):
+def test_net_keys_without_library_is_one_clear_error(run, tmp_path, monkeypatch):
     monkeypatch.setattr("ikservo.apps.remote.certificates.find_spec", lambda _: None)
     code, _, err = run("net", "keys", "--folder", tmp_path / "keys")
     assert (code, install_command("net") in err) == (1, True), err
@@ -283,7 +279,7 @@ def test_keys_without_the_library_for_them_are_one_clear_error(run, tmp_path, mo
 
 @pytest.mark.full
 @pytest.mark.skipif(sys.platform == "win32", reason="signals")
-def test_serve_says_where_it_listens_and_ends_by_ctrl_c():
+def test_serve_prints_address_and_ends_by_ctrl_c():
     port = find_free_port()
     argv = [sys.executable, "-c", SERVE, "serve", "so101", "--port", "sim", "--json",
             "--listen", f"tcp/127.0.0.1:{port}"]  # fmt: skip
@@ -297,7 +293,7 @@ def test_serve_says_where_it_listens_and_ends_by_ctrl_c():
 
 
 @pytest.mark.parametrize("name", ["SIGINT", "SIGTERM", "SIGHUP"])
-def test_a_signal_before_the_wait_ends_a_served_arm_without_an_error(name):
+def test_signal_before_wait_ends_serving_without_error(name):
     if not hasattr(signal, name):
         pytest.skip("Windows has no SIGHUP")
     before = signal.getsignal(getattr(signal, name))
@@ -307,7 +303,7 @@ def test_a_signal_before_the_wait_ends_a_served_arm_without_an_error(name):
     assert signal.getsignal(getattr(signal, name)) == before
 
 
-def test_a_signal_while_serving_is_announced_ends_it_well(run, monkeypatch):
+def test_signal_during_serve_announcement_exits_with_0(run, monkeypatch):
     monkeypatch.setattr(
         "ikservo.apps.remote.serve_command._announce",
         lambda *_, **__: signal.raise_signal(signal.SIGINT),

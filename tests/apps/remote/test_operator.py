@@ -59,7 +59,7 @@ def test_streamed_goals_move_the_arm(served):
     assert (stream.sent, stream.refused, stream.unreached) == (sent, 0, 0)
 
 
-def test_a_stream_ends_where_its_end_overtakes_its_start(served):
+def test_setpoint_inbox_accepts_end_before_start_of_stream(served):
     inbox, lease = SetpointInbox(), "ab"
 
     def sent(number, **goal):
@@ -91,7 +91,7 @@ def test_a_stream_without_goals_stops_the_arm(served):
 
 
 @pytest.mark.parametrize("goals", [0, 5])
-def test_a_follower_without_goals_stops_and_stays_stopped(served, goals):
+def test_follow_without_goals_stops_and_latches(served, goals):
     def targets():
         yield from [{"wrist_roll": joint_of(served, "wrist_roll")}] * goals
         while True:
@@ -107,7 +107,7 @@ def test_a_follower_without_goals_stops_and_stays_stopped(served, goals):
         arm.acknowledge()
 
 
-def test_states_of_a_leader_that_are_old_or_repeated_are_dropped(served):
+def test_old_or_repeated_leader_states_are_dropped(served):
     seen, leader = [], served.connect()
     key, now_s = keys.news("desk", "test"), served.server._clock.now_s
 
@@ -133,7 +133,7 @@ def _publishes(publish, number, sent_s, value, seen):
     return bool(seen)
 
 
-def test_a_leader_on_this_machine_that_does_not_answer_stops_the_follower_there(served):
+def test_silent_local_leader_stops_remote_follower(served):
     with served.open() as arm, ikservo.open_arm("so101", port="sim:?pose=home") as leader:
         served.server.lease.timeout_s = 1.0
         line_of(leader).faults.add(Fault("silent", id=3))
@@ -150,7 +150,7 @@ def test_a_stream_may_end_before_its_first_goal(served):
         assert served.arm.stop_reason is None
 
 
-def test_poses_and_targets_are_streamed_too(served):
+def test_remote_stream_accepts_targets_joints_and_poses(served):
     with served.open() as arm:
         state = arm.where()
         goals = (
@@ -164,7 +164,7 @@ def test_poses_and_targets_are_streamed_too(served):
     assert (stream.unreached, stream.refused) == (0, 0)
 
 
-def test_targets_are_followed_and_reported(served):
+def test_remote_follow_reaches_goal_and_reports(served):
     with served.open() as arm:
         goal = arm.where()["wrist_roll"].position_rad + 0.1
 
@@ -178,7 +178,7 @@ def test_targets_are_followed_and_reported(served):
 
 
 @pytest.mark.full
-def test_an_arm_on_another_machine_follows_a_leader_here(served):
+def test_remote_arm_follows_local_leader(served):
     there = joint_of(served, "wrist_roll") + 0.2
     with served.open() as arm, ikservo.open_arm("so101", port="sim:?pose=home") as leader:
         leader.move_joints({"wrist_roll": there})
@@ -189,7 +189,7 @@ def test_an_arm_on_another_machine_follows_a_leader_here(served):
 
 
 @pytest.mark.campaign
-def test_an_arm_here_follows_a_leader_on_another_machine(served):
+def test_local_arm_follows_remote_leader(served):
     there = joint_of(served, "wrist_roll")
     with served.open() as leader, ikservo.open_arm("so101", port="sim:?pose=home") as arm:
 
@@ -203,7 +203,7 @@ def test_an_arm_here_follows_a_leader_on_another_machine(served):
     assert result.measured_rad["wrist_roll"] == pytest.approx(there, abs=0.1)
 
 
-def test_a_jog_goes_on_while_it_is_wanted(served):
+def test_remote_jog_continues_while_wanted(served):
     with served.open() as arm:
         before = joint_of(served, "wrist_roll")
 
@@ -240,7 +240,7 @@ def lose(served, how):
     return arm
 
 
-def test_a_silent_operator_loses_the_arm_which_holds(served):
+def test_silent_operator_loses_lease_and_arm_holds(served):
     def fall_silent(connection):
         connection.send_setpoint = lambda **goal: None
         served.server.lease.timeout_s = HOLD_S
@@ -256,7 +256,7 @@ def test_a_silent_operator_loses_the_arm_which_holds(served):
     arm.close()
 
 
-def test_the_connection_of_an_operator_is_missed_without_waiting(served):
+def test_closed_operator_connection_is_noticed_at_once(served):
     def cut(connection):
         connection._closed.set()
         connection._session.close()
@@ -324,7 +324,7 @@ def test_malformed_messages_are_refused_and_move_nothing(served, payload):
     ids=["nan", "no joint", "no pose", "nan pose", "inf target"],
 )  # fmt: skip
 @pytest.mark.parametrize("service", ["stream", "follow"])
-def test_a_goal_that_makes_no_sense_moves_nothing(served, service, goal):
+def test_invalid_goal_moves_nothing(served, service, goal):
     client = served.connect()
     before = goals_sent(served.arm)
     pending = client.start(service, speed="fast")
@@ -378,7 +378,7 @@ def test_replayed_message_is_refused_and_moves_nothing(served):
 
 
 @pytest.mark.full
-def test_flood_of_messages_does_not_hold_up_a_stop(served):
+def test_message_flood_does_not_delay_stop(served):
     client, other = served.connect(), served.connect()
     request = other._request({})
     flood = [other._send(keys.watch("desk", "health"), request, TIMEOUT_S) for _ in range(500)]
@@ -401,14 +401,14 @@ def test_a_motion_without_the_lease_is_refused(served):
 
 
 @pytest.mark.parametrize("service", ["plan", "move"])
-def test_a_recording_of_the_other_machine_is_not_replayed_from_here(served, service):
+def test_replay_of_recording_on_remote_machine_is_refused(served, service):
     client = served.connect()
     with pytest.raises(RefusedError, match="only on the arm's computer"):
         client.drive(service, motion={"replay": {"path": "/etc/passwd"}})
     client.close()
 
 
-def test_a_motion_asked_of_every_arm_is_refused(served):
+def test_motion_request_to_all_arms_is_refused(served):
     client = served.connect()
     answers = ask(client._session, keys.drive("*", "move"), client._request({}), 5.0)
     assert len(answers) == 1
@@ -417,7 +417,7 @@ def test_a_motion_asked_of_every_arm_is_refused(served):
     client.close()
 
 
-def test_control_given_back_during_a_motion_ends_it(served):
+def test_releasing_control_during_motion_stops_arm(served):
     with served.open() as arm:
 
         def give_back(progress):
@@ -430,7 +430,7 @@ def test_control_given_back_during_a_motion_ends_it(served):
         arm.acknowledge()
 
 
-def test_closing_the_server_ends_a_motion_and_the_arm_holds(served):
+def test_closing_server_ends_motion(served):
     with served.open() as arm:
 
         def close(progress):

@@ -40,7 +40,7 @@ def public_methods(kind):
 
 
 @pytest.mark.parametrize("kind", [Arm, RemoteArm])
-def test_protocol_of_open_arms_is_implemented_with_the_same_parameters(kind):
+def test_arm_and_remote_arm_implement_open_arm_protocol(kind):
     methods = public_methods(OpenArm)
     assert public_methods(kind).items() >= methods.items()
     names = {name for name in dir(OpenArm) if name[0] != "_"}
@@ -48,13 +48,13 @@ def test_protocol_of_open_arms_is_implemented_with_the_same_parameters(kind):
     assert len(names) > len(methods) > 40
 
 
-def test_protocol_of_open_arms_leaves_out_only_what_needs_the_servos():
+def test_open_arm_protocol_omits_only_listen_and_follow_goals():
     left_out = {"listen", "follow_goals"}
     assert public_methods(Arm).keys() - public_methods(RemoteArm).keys() == left_out
     assert public_methods(Arm).keys() - public_methods(OpenArm).keys() == left_out
 
 
-def test_it_has_the_limits_the_chain_and_the_state_of_the_arm_there(served):
+def test_remote_arm_has_limits_chain_and_state_of_served_arm(served):
     with served.open() as arm:
         np.testing.assert_array_equal(arm.limits(), served.arm.limits())
         assert not any(side.flags.writeable for side in arm.limits())
@@ -66,7 +66,7 @@ def test_it_has_the_limits_the_chain_and_the_state_of_the_arm_there(served):
 
 
 @pytest.mark.full
-def test_a_motion_reports_what_it_would_report_on_a_port(served):
+def test_remote_motion_returns_same_report_as_local_one(served):
     with served.open() as arm:
         there, here = arm.move_to(POINT_M), served.arm.move_to(POINT_M)
     assert type(there) is type(here)
@@ -75,7 +75,7 @@ def test_a_motion_reports_what_it_would_report_on_a_port(served):
     assert there.reached
 
 
-def test_an_unreachable_point_is_the_same_error_with_the_same_details(served):
+def test_unreachable_point_is_same_error_on_remote_arm(served):
     with served.open() as arm:
         with pytest.raises(UnreachableError) as here:
             served.arm.move_to((0.9, 0.0, 0.1))
@@ -86,7 +86,7 @@ def test_an_unreachable_point_is_the_same_error_with_the_same_details(served):
     assert there.value.exit_code is here.value.exit_code
 
 
-def test_a_plan_is_looked_at_here_and_executed_there(served):
+def test_remote_plan_is_sampled_here_and_executed_there(served):
     with served.open() as arm:
         plan = arm.plan_line(POINT_M)
         path = plan.sample(0.05)
@@ -96,7 +96,7 @@ def test_a_plan_is_looked_at_here_and_executed_there(served):
         assert arm.execute(plan).reached
 
 
-def test_the_path_between_the_samples_is_the_planned_one(served):
+def test_remote_plan_matches_server_path_between_samples(served):
     with served.open() as arm:
         plan = arm.plan_to(POINT_M)
         own = served.server._plans.get(plan.trajectory.plan)
@@ -106,7 +106,7 @@ def test_the_path_between_the_samples_is_the_planned_one(served):
             np.testing.assert_allclose(here.velocity, there.velocity, atol=1e-2)
 
 
-def test_only_the_latest_plans_are_kept(served):
+def test_server_keeps_only_32_latest_plans(served):
     with served.open() as arm:
         first = arm.plan_joints({"gripper": 0.1})
         for _ in range(40):
@@ -132,12 +132,12 @@ def test_a_plan_of_another_arm_is_refused(served):
     ],
     ids=["line", "through", "pose", "gripper"],
 )
-def test_every_motion_arrives(served, move):
+def test_remote_line_through_pose_and_gripper_motions_arrive(served, move):
     with served.open() as arm:
         assert move(arm).reached
 
 
-def test_progress_is_reported_on_the_way(served):
+def test_remote_motion_reports_progress(served):
     seen = []
     with served.open() as arm:
         arm.move_joints({"shoulder_pan": 0.8}, on_progress=seen.append)
@@ -145,7 +145,7 @@ def test_progress_is_reported_on_the_way(served):
     assert seen[0].names == served.arm.joint_names
 
 
-def test_an_error_of_the_programs_own_stops_the_arm_there(served):
+def test_error_in_progress_callback_stops_remote_arm(served):
     calls = []
 
     def fail(progress):
@@ -160,13 +160,13 @@ def test_an_error_of_the_programs_own_stops_the_arm_there(served):
         assert served.arm.where()["shoulder_pan"].position_rad > -1.4
 
 
-def test_a_motion_in_the_background_returns_its_result(served):
+def test_remote_background_motion_returns_its_result(served):
     with served.open() as arm:
         motion = arm.move_joints({"gripper": 0.5}, wait=False)
         assert motion.wait(60.0).reached
 
 
-def test_motions_that_wait_are_ended_by_a_stop_even_if_it_is_acknowledged(served):
+def test_stop_ends_queued_motions_even_if_acknowledged(served):
     with served.open() as arm:
         before = served.arm.where()["gripper"].position_rad
         with served.arm.runner.lock:  # the server cannot begin the first one
@@ -193,7 +193,7 @@ def stopped_elsewhere(served):
     other.close()
 
 
-def test_motions_that_wait_in_a_program_are_ended_by_the_stop_of_another(served, stopped_elsewhere):
+def test_stop_by_other_program_ends_motions_queued_locally(served, stopped_elsewhere):
     with served.open() as arm:
         before = registers(served.arm, "goal_position")
         with arm.background._queue:  # none is sent before all are requested
@@ -215,7 +215,7 @@ def test_motions_that_wait_in_a_program_are_ended_by_the_stop_of_another(served,
     ],
     ids=["move_to", "draw", "gripper"],
 )
-def test_a_motion_that_is_prepared_in_a_program_is_ended_by_the_stop_of_another(
+def test_stop_by_other_program_ends_motion_being_prepared(
     served, stopped_elsewhere, monkeypatch, request_motion
 ):
     with served.open() as arm:
@@ -237,9 +237,7 @@ def test_a_motion_that_is_prepared_in_a_program_is_ended_by_the_stop_of_another(
     ],
     ids=["move", "jog", "follow", "relax"],
 )
-def test_a_stop_by_another_program_between_two_steps_ends_a_program(
-    served, stopped_elsewhere, go_on
-):
+def test_stop_by_other_program_between_steps_ends_program(served, stopped_elsewhere, go_on):
     with served.open() as arm, arm.background.requested():
         arm.move_joints({"gripper": 0.2})
         stopped_elsewhere()
@@ -249,7 +247,7 @@ def test_a_stop_by_another_program_between_two_steps_ends_a_program(
         assert registers(served.arm, "goal_position") == before
 
 
-def test_a_cancelled_motion_does_not_end_those_that_wait(served):
+def test_cancelled_motion_does_not_end_queued_ones(served):
     with served.open() as arm:
         with arm.background._queue:
             first, second = (arm.move_joints({"gripper": x}, wait=False) for x in (0.5, 0.1))
@@ -257,7 +255,7 @@ def test_a_cancelled_motion_does_not_end_those_that_wait(served):
         assert second.wait(60.0).reached
 
 
-def test_a_taught_pose_is_kept_beside_the_arm(served):
+def test_taught_pose_is_stored_with_served_arm(served):
     with served.open() as arm:
         arm.teach("cup")
         assert "cup" in arm.poses.user_poses()
@@ -266,7 +264,7 @@ def test_a_taught_pose_is_kept_beside_the_arm(served):
 
 
 @pytest.mark.full
-def test_a_stop_lasts_until_it_is_acknowledged(served):
+def test_remote_stop_lasts_until_acknowledged(served):
     with served.open() as arm:
         arm.move_joints({"gripper": 0.2})
         watcher = served.connect()
@@ -279,9 +277,7 @@ def test_a_stop_lasts_until_it_is_acknowledged(served):
 
 
 @pytest.mark.parametrize("delays_s", [(0.2,), (0.2, 0.0)])
-def test_stops_that_are_slow_on_their_way_arrive_before_they_are_acknowledged(
-    served, monkeypatch, delays_s
-):
+def test_acknowledge_waits_for_slow_stop_requests(served, monkeypatch, delays_s):
     stop, left_s = served.server.service.stop, list(delays_s)
 
     def stop_late(*args, **kwargs):
@@ -297,7 +293,7 @@ def test_stops_that_are_slow_on_their_way_arrive_before_they_are_acknowledged(
         assert arm.stop_reason is None
 
 
-def test_a_stop_by_another_program_ends_the_motion(served):
+def test_stop_by_other_program_ends_remote_motion(served):
     watcher = served.connect()
     stopping = []
 
@@ -313,7 +309,7 @@ def test_a_stop_by_another_program_ends_the_motion(served):
     watcher.close()
 
 
-def test_what_needs_the_servos_own_port_is_refused_and_says_where(served):
+def test_require_own_port_refuses_remote_arm(served):
     with served.open() as arm:
         with pytest.raises(RefusedError, match=f"not on this machine: {served.address}"):
             require_own_port(arm)
@@ -321,12 +317,12 @@ def test_what_needs_the_servos_own_port_is_refused_and_says_where(served):
     assert require_own_port(served.arm) is served.arm
 
 
-def test_arms_of_other_machines_are_not_opened_where_the_servos_are_needed(served):
+def test_open_own_arm_refuses_address_of_other_machine(served):
     with pytest.raises(PortError, match="arm on another machine"):
         open_own_arm(served.arm.model, served.address)
 
 
-def test_the_bus_of_another_machine_is_not_opened(served):
+def test_open_bus_refuses_address_of_other_machine(served):
     with pytest.raises(PortError, match="arm on another machine"):
         ikservo.arm.opening.open_bus(served.arm.model, served.address)
 
@@ -336,17 +332,17 @@ def test_another_arm_than_the_served_one_is_refused(served):
         ikservo.open_arm("koch", port=served.address)
 
 
-def test_a_name_that_is_not_served_is_refused_with_those_that_are(served):
+def test_unserved_name_is_refused_with_served_names(served):
     with pytest.raises(PortError, match="Served there: desk"):
         ikservo.open_arm("so101", port=served.address.replace("desk", "bench"))
 
 
-def test_options_that_belong_beside_the_arm_are_refused(served):
+def test_options_for_local_ports_are_refused_on_remote_arm(served):
     with pytest.raises(InputError, match="another machine"):
         served.open(collisions=False)
 
 
-def test_a_closed_arm_moves_nothing(served):
+def test_closed_remote_arm_refuses_motion(served):
     arm = served.open()
     arm.close()
     arm.close()
@@ -354,7 +350,7 @@ def test_a_closed_arm_moves_nothing(served):
         arm.move_joints({"gripper": 0.1})
 
 
-def test_a_connection_is_closed_whatever_becomes_of_a_motion_in_the_background(served, monkeypatch):
+def test_connection_closes_even_if_background_close_fails(served, monkeypatch):
     arm = served.open()
     monkeypatch.setattr(arm.background, "close", lambda: 1 / 0)
     with pytest.raises(ZeroDivisionError):
@@ -362,9 +358,7 @@ def test_a_connection_is_closed_whatever_becomes_of_a_motion_in_the_background(s
     assert not arm._connection.is_open
 
 
-def test_a_recording_has_no_calibration_of_another_arm_on_this_machine(
-    served, tmp_path, monkeypatch
-):
+def test_remote_recording_contains_no_local_calibration(served, tmp_path, monkeypatch):
     monkeypatch.setattr("ikservo.apps.teaching.recorder.load_calibration", pytest.fail)
     with served.open() as arm:
         arm.zeros = ikservo.arm.ZeroSource.CALIBRATED
@@ -373,14 +367,14 @@ def test_a_recording_has_no_calibration_of_another_arm_on_this_machine(
     assert read_attachment(result.path, CALIBRATION_FILE) is None
 
 
-def test_a_start_of_another_length_is_named(served):
+def test_start_of_wrong_length_is_refused(served):
     with served.open() as arm:
         for each in (served.arm, arm):
             with pytest.raises(BadValueError, match="The start"):
                 each.pose_within_limits("home", np.zeros(2))
 
 
-def test_unknown_options_are_type_errors_as_on_a_port(served):
+def test_unknown_option_is_type_error_on_remote_arm(served):
     with served.open() as arm, pytest.raises(TypeError, match="argument 'sped'"):
         arm.move_to(POINT_M, sped="slow")
 
@@ -397,7 +391,7 @@ def test_unknown_options_are_type_errors_as_on_a_port(served):
     ],
     ids=str,
 )
-def test_motions_that_cannot_be_made_are_the_same_kind_of_error_here_and_there(served, motion):
+def test_impossible_motion_is_same_error_on_remote_arm(served, motion):
     with served.open() as arm:
         with pytest.raises(IkservoError) as there:
             arm.execute(motion)
@@ -420,7 +414,7 @@ def test_an_unknown_joint_is_refused_before_it_is_sent(served):
     [POINT_M, {"elbow": 0.1}, {"gripper": np.nan}, np.full((4, 4), np.nan), "here"],
     ids=str,
 )
-def test_setpoints_that_cannot_be_used_are_the_same_error_here_and_there(served, setpoint):
+def test_invalid_setpoint_is_same_error_on_remote_arm(served, setpoint):
     with served.open() as arm:
         with pytest.raises(InputError) as there:
             arm.stream().send(setpoint)
@@ -454,13 +448,13 @@ def described(served, monkeypatch):
     ],
     ids=["nothing", "name alone", "zeros", "limits"],
 )
-def test_descriptions_of_another_version_are_refused(served, described, change):
+def test_incompatible_arm_description_is_refused(served, described, change):
     described(change)
     with pytest.raises(IkservoError, match="unexpected reply"):
         served.open()
 
 
-def test_descriptions_of_a_newer_version_may_say_more(served, described):
+def test_arm_description_may_have_unknown_fields(served, described):
     described(lambda right: right | {"weight_kg": 1.0})
     with served.open() as arm:
         assert arm.joint_names == served.arm.joint_names

@@ -225,11 +225,11 @@ def goal_to(*points, **more):
         (CANCEL_GOAL, CANCEL),
     ],
 )
-def test_the_hash_of_each_type_is_that_of_another_implementation(kind, theirs):
+def test_ros_type_hashes_match_another_implementation(kind, theirs):
     assert type_hash(kind) == theirs.hash_rihs01()
 
 
-def test_the_hashes_that_all_actions_share_are_those_of_ros_2():
+def test_ros_action_hashes_match_ros_2():
     cancel = "RIHS01_573d8b0a534451d7bc2ac8c5ffde8ac14b8593b7001175d0cd6516dcbeb8689a"
     status = "RIHS01_6c1684b00f177d37438febe6e709fc4e2b0d4248dca4854946f9ed8b30cda83e"
     assert type_hash(CANCEL_GOAL) == cancel
@@ -237,7 +237,7 @@ def test_the_hashes_that_all_actions_share_are_those_of_ros_2():
 
 
 @pytest.mark.full
-def test_a_goal_is_carried_out_with_feedback_and_states(graph, client, start):
+def test_action_goal_succeeds_with_feedback_and_states(graph, client, start):
     number, accepted = client.send(goal_to((1.0, start + 0.2), (2.0, start + 0.3)))
     assert accepted
     assert client.result(number)[:2] == (GoalStatus.SUCCEEDED, ErrorCode.SUCCESSFUL)
@@ -268,7 +268,7 @@ def test_a_goal_is_carried_out_with_feedback_and_states(graph, client, start):
          ErrorCode.INVALID_GOAL, "tolerance"),
     ],
 )  # fmt: skip
-def test_a_goal_that_cannot_be_used_is_rejected_with_its_code(graph, client, change, code, text):
+def test_unusable_action_goal_is_rejected_with_its_code(graph, client, change, code, text):
     number, accepted = client.send(Goal(**{"trajectory": trajectory(JOINT, (1.0, 0.1)), **change}))
     assert not accepted
     status, found, why = client.result(number)
@@ -276,7 +276,7 @@ def test_a_goal_that_cannot_be_used_is_rejected_with_its_code(graph, client, cha
     assert not graph.bridge._driver.is_moving
 
 
-def test_an_old_goal_is_rejected(client):
+def test_old_action_goal_is_rejected(client):
     old = trajectory(JOINT, (1.0, 0.1))
     old.header.stamp = Time(sec=int(time.time()) - 10)
     number, accepted = client.send(Goal(trajectory=old))
@@ -284,13 +284,13 @@ def test_an_old_goal_is_rejected(client):
 
 
 @pytest.mark.full
-def test_a_goal_that_comes_again_is_rejected_and_goes_on(client, start):
+def test_repeated_action_goal_is_rejected_and_first_continues(client, start):
     number, _ = client.send(goal_to((1.0, start + 0.2)))
     assert client.send(goal_to((1.0, start - 0.2)), number) == (number, False)
     assert client.result(number)[0] is GoalStatus.SUCCEEDED
 
 
-def test_a_motion_that_leaves_its_path_is_aborted(graph, client, start):
+def test_motion_outside_path_tolerance_is_aborted(graph, client, start):
     far = start - 1.5 if start > 0 else start + 1.5
     at_once = [JointTolerance(name=JOINT, position=0.1)]
     number, accepted = client.send(goal_to((0.1, far), (9.0, far), path_tolerance=at_once))
@@ -303,13 +303,13 @@ def test_a_motion_that_leaves_its_path_is_aborted(graph, client, start):
 
 
 @pytest.mark.campaign
-def test_a_motion_that_ends_beside_its_goal_is_aborted(client, start):
+def test_motion_outside_goal_tolerance_is_aborted(client, start):
     exact = [JointTolerance(name=JOINT, position=1e-9)]
     number, _ = client.send(goal_to((0.5, start + 0.1), goal_tolerance=exact))
     assert client.result(number)[:2] == (GoalStatus.ABORTED, ErrorCode.GOAL_TOLERANCE_VIOLATED)
 
 
-def test_a_motion_that_is_late_is_aborted(client, start):
+def test_late_motion_is_aborted(client, start):
     far = start - 1.5 if start > 0 else start + 1.5
     tolerance = Duration(sec=0, nanosec=100_000_000)
     number, _ = client.send(goal_to((0.1, far), goal_time_tolerance=tolerance))
@@ -332,7 +332,7 @@ def test_a_canceled_goal_ends_and_the_arm_holds(graph, client, start):
 
 
 @pytest.mark.full
-def test_a_newer_goal_replaces_the_one_before(graph, client, start):
+def test_newer_goal_replaces_older_one(graph, client, start):
     first, _ = client.send(goal_to((20.0, start + 1.0)))
     until(lambda: true_joints(graph.arm)[JOINT] > start + 0.05)
     second, _ = client.send(goal_to((0.5, start)))
@@ -358,5 +358,5 @@ def test_a_stop_aborts_the_goal_and_rejects_the_next(graph, client, start):
     assert (accepted, client.result(number)[1]) == (False, ErrorCode.INVALID_GOAL)
 
 
-def test_the_result_of_a_goal_that_is_not_known_is_answered(client):
+def test_result_of_unknown_goal_is_status_unknown(client):
     assert client.result(os.urandom(16))[0] is GoalStatus.UNKNOWN

@@ -54,7 +54,7 @@ def sdk(graph):
 
 
 @pytest.mark.full
-def test_another_implementation_lists_reads_and_calls(graph, sdk):
+def test_other_ros_implementation_lists_reads_and_calls_bridge(graph, sdk):
     assert dict(discovery.get_topic_names_and_types(0, HOST, graph.port)) == {
         "/joint_states": ["sensor_msgs/msg/JointState"], "/tf": ["tf2_msgs/msg/TFMessage"],
         "/robot_description": ["std_msgs/msg/String"],
@@ -92,7 +92,7 @@ def test_another_implementation_lists_reads_and_calls(graph, sdk):
     assert tuple(seen[-1].name) == graph.arm.joint_names
 
 
-def test_joint_states_are_those_of_the_simulated_servos(graph):
+def test_joint_states_match_simulated_servos(graph):
     message, sample = graph.next("/joint_states", JointState)
     truth = true_joints(graph.arm)
     assert dict(zip(message.name, message.position, strict=True)) == pytest.approx(truth, abs=0.003)
@@ -102,7 +102,7 @@ def test_joint_states_are_those_of_the_simulated_servos(graph):
 
 
 @pytest.mark.full
-def test_a_trajectory_moves_the_servos_along_its_points(graph):
+def test_ros_trajectory_moves_servos_along_its_points(graph):
     start = true_joints(graph.arm)["wrist_roll"]
     graph.publish("/joint_trajectory", trajectory("wrist_roll", (1.0, start + 0.3), (2.5, start)))
     seen = []
@@ -118,7 +118,7 @@ def test_a_trajectory_moves_the_servos_along_its_points(graph):
 
 
 @pytest.mark.campaign
-def test_an_empty_trajectory_ends_the_one_before(graph):
+def test_empty_ros_trajectory_ends_current_one(graph):
     start = true_joints(graph.arm)["wrist_roll"]
     graph.publish("/joint_trajectory", trajectory("wrist_roll", (20.0, start + 1.0)))
     until(lambda: true_joints(graph.arm)["wrist_roll"] > start + 0.05)
@@ -129,7 +129,7 @@ def test_an_empty_trajectory_ends_the_one_before(graph):
 
 
 @pytest.mark.full
-def test_a_pose_is_reached(graph):
+def test_ros_target_pose_is_reached(graph):
     pose = PoseStamped()
     pose.header.frame_id = "base"
     pose.pose.position.x, pose.pose.position.y, pose.pose.position.z = 0.22, 0.03, 0.12
@@ -141,7 +141,7 @@ def test_a_pose_is_reached(graph):
 
 
 @pytest.mark.full
-def test_a_twist_moves_the_tip_until_it_is_silent(graph):
+def test_ros_twist_moves_tip_until_it_falls_silent(graph):
     start_m, twist = true_tip_m(graph.arm), TwistStamped()
     twist.twist.linear.z = 0.05
 
@@ -157,7 +157,7 @@ def test_a_twist_moves_the_tip_until_it_is_silent(graph):
 
 
 @pytest.mark.full
-def test_a_stop_is_latched_until_it_is_acknowledged(graph):
+def test_ros_stop_latches_until_acknowledged(graph):
     start = true_joints(graph.arm)["wrist_roll"]
     graph.publish("/joint_trajectory", trajectory("wrist_roll", (20.0, start + 1.0)))
     until(lambda: true_joints(graph.arm)["wrist_roll"] > start + 0.05)
@@ -176,7 +176,7 @@ def test_a_stop_is_latched_until_it_is_acknowledged(graph):
     until(lambda: true_joints(graph.arm)["wrist_roll"] < held - 0.02)
 
 
-def test_a_stop_says_of_torque_what_the_servos_say(graph):
+def test_ros_stop_reports_torque_of_servos(graph):
     def stopped(torque):
         until(lambda: all(joint.torque is torque for joint in graph.bridge._joints))
         response, _ = graph.call("/stop")
@@ -193,7 +193,7 @@ def test_a_stop_says_of_torque_what_the_servos_say(graph):
     assert holding[1] == limp[1] == "Stopped from ROS 2."
 
 
-def test_a_goal_that_waits_is_ended_by_the_stop_of_another_node(graph, monkeypatch):
+def test_ros_stop_by_other_node_ends_waiting_goal(graph, monkeypatch):
     before, waits, goes_on = true_joints(graph.arm), threading.Event(), threading.Event()
 
     def wait(*_):
@@ -215,7 +215,7 @@ def test_a_goal_that_waits_is_ended_by_the_stop_of_another_node(graph, monkeypat
     assert true_joints(graph.arm) == pytest.approx(before, abs=0.01)
 
 
-def test_a_stop_without_attachment_is_obeyed_however_busy_the_other_services_are(graph):
+def test_ros_stop_is_obeyed_while_other_services_are_busy(graph):
     busy, goes_on = [], threading.Event()
 
     def wait():
@@ -239,7 +239,7 @@ def test_a_stop_without_attachment_is_obeyed_however_busy_the_other_services_are
     assert graph.arm.stop_reason is not None
 
 
-def test_a_goal_that_comes_again_is_dropped(graph):
+def test_repeated_ros_goal_is_dropped(graph):
     start = true_joints(graph.arm)["wrist_roll"]
     message, sent = trajectory("wrist_roll", (0.5, start + 0.1)), graph.attachment()
     graph.publish("/joint_trajectory", message, attachment=sent)
@@ -250,7 +250,7 @@ def test_a_goal_that_comes_again_is_dropped(graph):
     assert not graph.bridge._driver.is_moving
 
 
-def test_an_unforeseen_error_of_a_reading_is_said_and_states_go_on(graph, monkeypatch):
+def test_error_while_reading_is_reported_and_states_continue(graph, monkeypatch):
     with monkeypatch.context() as patch:
         patch.setattr(graph.arm, "where", lambda: 1 / 0)
         graph.next("/diagnostics", DiagnosticArray,
@@ -259,7 +259,7 @@ def test_an_unforeseen_error_of_a_reading_is_said_and_states_go_on(graph, monkey
     graph.bridge._warning = ""
 
 
-def test_an_unforeseen_error_ends_a_motion_and_not_the_bridge(graph, monkeypatch):
+def test_unexpected_error_ends_motion_but_not_bridge(graph, monkeypatch):
     start = true_joints(graph.arm)["wrist_roll"]
     goal = trajectory("wrist_roll", (0.5, start + 0.1))
     with monkeypatch.context() as patch:
@@ -280,7 +280,7 @@ def test_an_unforeseen_error_ends_a_motion_and_not_the_bridge(graph, monkeypatch
         (String(data="no trajectory"), {}, "JointTrajectory"),
     ],
 )
-def test_what_cannot_be_used_is_said_and_moves_nothing(graph, message, how, found):
+def test_unusable_ros_message_is_reported_and_moves_nothing(graph, message, how, found):
     before = true_joints(graph.arm)
     how = {"attachment": graph.attachment(), **how}
     key = graph.key("/joint_trajectory", JointTrajectory)
@@ -290,7 +290,7 @@ def test_what_cannot_be_used_is_said_and_moves_nothing(graph, message, how, foun
     assert true_joints(graph.arm) == pytest.approx(before, abs=0.03)
 
 
-def test_the_description_reaches_those_who_come_later(graph):
+def test_robot_description_reaches_late_subscribers(graph):
     found = []
     with zenoh.ext.declare_advanced_subscriber(
         graph._session, graph.key("/robot_description", String), found.append,
@@ -302,7 +302,7 @@ def test_the_description_reaches_those_who_come_later(graph):
 
 
 @pytest.mark.full
-def test_a_motion_ends_where_the_router_is_lost():
+def test_motion_ends_if_router_is_lost():
     port = find_free_port()
     with contextlib.ExitStack() as stack:
         lost = stack.enter_context(router(port))
@@ -318,7 +318,7 @@ def test_a_motion_ends_where_the_router_is_lost():
 
 
 @pytest.mark.full
-def test_an_arm_of_another_machine_is_bridged(graph):
+def test_remote_arm_is_bridged_to_ros(graph):
     own = Endpoint("tcp", HOST, graph.port)
     with (
         serve(find_free_port()) as served,
@@ -346,7 +346,7 @@ def test_an_arm_of_another_machine_is_bridged(graph):
         ("--port sim --speed warp", 2, "warp"),
     ],
 )
-def test_bad_input_is_one_clear_error(graph, capsys, monkeypatch, words, code, text):
+def test_bad_ros_command_is_one_clear_error(graph, capsys, monkeypatch, words, code, text):
     monkeypatch.setattr("ikservo.apps.remote.zenoh_session._CONNECT_TIMEOUT_S", 0.3)
     given = words if "--router" in words else f"{words} --router {HOST}:{graph.port}"
     assert main(["ros", "so101", *given.split()]) == code
@@ -354,13 +354,13 @@ def test_bad_input_is_one_clear_error(graph, capsys, monkeypatch, words, code, t
     assert text in captured.out + captured.err
 
 
-def test_a_domain_that_is_none_is_named(monkeypatch, capsys):
+def test_invalid_ros_domain_id_is_named(monkeypatch, capsys):
     monkeypatch.setenv("ROS_DOMAIN_ID", "x")
     assert main(["ros", "so101", "--port", "sim"]) == 2
     assert "ROS_DOMAIN_ID" in capsys.readouterr().err
 
 
-def test_a_signal_while_the_command_announces_itself_ends_it_well(graph, monkeypatch):
+def test_signal_during_ros_announcement_exits_with_0(graph, monkeypatch):
     monkeypatch.setattr(
         "ikservo.apps.remote.ros_command._announce",
         lambda *_, **__: signal.raise_signal(signal.SIGINT),
@@ -370,7 +370,7 @@ def test_a_signal_while_the_command_announces_itself_ends_it_well(graph, monkeyp
 
 @pytest.mark.full
 @pytest.mark.skipif(sys.platform == "win32", reason="signals")
-def test_the_command_joins_the_graph_and_ends_by_ctrl_c(graph):
+def test_ros_command_joins_graph_and_ends_by_ctrl_c(graph):
     argv = [sys.executable, "-c", CONSOLE, "ros", "so101", "--port", "sim", "--json",
             "--domain", "3", "--namespace", "left", "--router", f"{HOST}:{graph.port}"]  # fmt: skip
     with subprocess.Popen(argv, stdout=subprocess.PIPE, text=True) as process:

@@ -107,7 +107,7 @@ OURS = [
 
 
 @pytest.mark.campaign
-def test_rclpy_reads_each_of_our_messages(exchanged):
+def test_rclpy_reads_every_message_of_ikservo(exchanged):
     for (kind, message), returned in zip(OURS, exchanged[1], strict=True):
         assert encode(kind, decode(kind, returned)) == encode(kind, message)
 
@@ -130,7 +130,7 @@ def test_bytes_after_a_message_are_ignored():
 
 
 @pytest.mark.parametrize("missing", range(1, 12))
-def test_a_message_that_is_cut_off_is_refused(missing):
+def test_truncated_message_is_refused(missing):
     data = encode("std_msgs/msg/String", make("std_msgs/msg/String", data="arm"))
     with pytest.raises(InputError, match="Not a message of type std_msgs/msg/String"):
         decode("std_msgs/msg/String", data[:-missing])

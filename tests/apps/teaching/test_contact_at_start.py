@@ -65,12 +65,12 @@ def assert_no_plan_goes_deeper(arm):
 
 @pytest.mark.full
 @pytest.mark.parametrize("name", ["koch", "px100"])
-def test_an_arm_that_sank_onto_the_table_is_not_led_into_it(name):
+def test_arm_sunk_onto_table_is_not_moved_deeper(name):
     with open_limp(name) as arm:
         assert_no_plan_goes_deeper(arm)
 
 
-def test_a_motion_down_from_the_table_is_refused_and_sends_nothing():
+def test_motion_down_from_table_contact_is_refused():
     with open_limp("koch") as arm:
         before = registers(arm, "goal_position")
         tip_m = arm.where().tip_m
@@ -83,7 +83,7 @@ def test_a_motion_down_from_the_table_is_refused_and_sends_nothing():
 @pytest.mark.sample(1)
 @pytest.mark.parametrize("degrees", SET_DOWN)
 @pytest.mark.parametrize("name", ["so101", "so100"])
-def test_an_arm_that_was_set_down_is_not_led_into_the_table(name, degrees):
+def test_arm_set_down_on_table_is_not_moved_deeper(name, degrees):
     with open_limp(name) as arm:
         set_down(arm, degrees)
         assert_no_plan_goes_deeper(arm)
@@ -166,7 +166,7 @@ def test_a_recording_that_begins_or_ends_in_the_table_is_refused(recorded, order
         assert registers(arm, "goal_position") == before
 
 
-def test_a_recording_that_begins_in_a_box_is_refused_even_by_an_arm_in_it(recorded):
+def test_recording_that_starts_in_box_is_refused_by_arm_in_it(recorded):
     model = ikservo.load_model("so101")
     tip_m = model.chain.forward(model.chain_pose("home"))[:3, 3]
     box = KeepOutBox("the cup", tip_m - 0.02, tip_m + 0.02)
@@ -180,7 +180,7 @@ def test_a_recording_that_begins_in_a_box_is_refused_even_by_an_arm_in_it(record
 
 
 @pytest.mark.parametrize("name", ["so101", "koch"])
-def test_a_recording_does_not_come_back_into_a_box_that_the_arm_has_left(name, tmp_path):
+def test_recording_that_reenters_box_is_refused(name, tmp_path):
     model = ikservo.load_model(name)
     tip_m = model.chain.forward(model.chain_pose("home"))[:3, 3]
     cup = KeepOutBox("the cup", tuple(tip_m - 0.02), tuple(tip_m + 0.02))

@@ -61,7 +61,7 @@ def write_frames(folder, table):
     pq.write_table(table, folder / "data" / "chunk-000" / "file-000.parquet")
 
 
-def test_a_data_set_has_degrees_and_percents_at_its_rate(exported, wave):
+def test_exported_data_set_has_degrees_and_percent_at_its_rate(exported, wave):
     table, recorded = frames_of(exported), ikservo.read_recording(wave)
     state = np.array(table.column("observation.state").to_pylist())
     names = info_of(exported)["features"]["observation.state"]["names"]
@@ -76,7 +76,7 @@ def test_a_data_set_has_degrees_and_percents_at_its_rate(exported, wave):
     np.testing.assert_allclose(table.column("timestamp").to_pylist()[:51], np.arange(51) / 25)
 
 
-def test_an_action_is_where_the_joints_are_in_the_next_frame(exported):
+def test_exported_action_is_state_of_next_frame(exported):
     table = frames_of(exported)
     state, action = (
         np.array(table.column(name).to_pylist())[:51] for name in ("observation.state", "action")
@@ -86,9 +86,7 @@ def test_an_action_is_where_the_joints_are_in_the_next_frame(exported):
 
 
 @pytest.mark.full
-def test_what_was_exported_is_imported_and_replayed_through_the_guard(
-    exported, wave, run_cli, tmp_path
-):
+def test_exported_data_set_is_imported_and_replayed(exported, wave, run_cli, tmp_path):
     done = run_cli(f"import dataset {exported} --arm so101 --to {tmp_path / 'back'} --json")
     assert done.code == 0, done.err
     report = json.loads(done.out)
@@ -106,7 +104,7 @@ def test_what_was_exported_is_imported_and_replayed_through_the_guard(
     assert rolls[-1] == pytest.approx(back.joints[-1, 4], abs=0.01)
 
 
-def test_actions_are_imported_when_they_are_wanted(exported, run_cli, tmp_path):
+def test_import_dataset_reads_actions_if_asked(exported, run_cli, tmp_path):
     run_cli(f"import dataset {exported} --arm so101 --to {tmp_path} --what state")
     run_cli(f"import dataset {exported} --arm so101 --to {tmp_path / 'a'} --what action")
     state = ikservo.read_recording(tmp_path / "set-000.jsonl")
@@ -114,7 +112,7 @@ def test_actions_are_imported_when_they_are_wanted(exported, run_cli, tmp_path):
     np.testing.assert_allclose(action.joints[:-1], state.joints[1:], atol=1e-6)
 
 
-def test_nothing_is_written_over(exported, wave, run_cli, tmp_path):
+def test_dataset_commands_overwrite_nothing(exported, wave, run_cli, tmp_path):
     assert run_cli(f"export dataset {wave} --arm so101 --to {exported}").code == 2
     (tmp_path / "back").mkdir()
     (tmp_path / "back" / "set-001.jsonl").write_text("mine")
@@ -166,7 +164,9 @@ def test_a_damaged_data_set_is_one_error_and_nothing_is_written(
     assert not (tmp_path / "back").exists()
 
 
-def test_without_pyarrow_the_error_says_what_to_install(exported, run_cli, monkeypatch, tmp_path):
+def test_import_dataset_without_pyarrow_says_what_to_install(
+    exported, run_cli, monkeypatch, tmp_path
+):
     find = importlib.util.find_spec
     monkeypatch.setattr(
         "ikservo.apps.teaching.dataset_reading.find_spec",
@@ -179,7 +179,7 @@ def test_without_pyarrow_the_error_says_what_to_install(exported, run_cli, monke
     assert (done.code, "that contains meta and data" in done.err) == (2, True), done.err
 
 
-def test_another_arms_data_are_refused(exported, wave, run_cli, tmp_path):
+def test_data_set_of_another_arm_is_refused(exported, wave, run_cli, tmp_path):
     done = run_cli(f"import dataset {exported} --arm px100 --to {tmp_path / 'back'}")
     assert done.code == 2
     assert "px100" in done.err
@@ -187,7 +187,7 @@ def test_another_arms_data_are_refused(exported, wave, run_cli, tmp_path):
     assert not (tmp_path / "k").exists()
 
 
-def test_lerobots_own_data_need_the_calibration_that_they_are_by(exported, run_cli, tmp_path):
+def test_lerobot_data_set_needs_its_calibration(exported, run_cli, tmp_path):
     change_info(exported, robot_type="so101_follower")
     done = run_cli(f"import dataset {exported} --arm so101 --to {tmp_path / 'back'}")
     assert done.code == 6
@@ -217,7 +217,7 @@ def mounted(monkeypatch, tmp_path, run_cli):
 @pytest.mark.full
 @pytest.mark.sample(1)
 @pytest.mark.parametrize("percent", [False, True])
-def test_lerobots_values_become_positions_of_the_geometry(
+def test_lerobot_values_become_calibrated_joint_positions(
     mounted, exported, run_cli, tmp_path, percent
 ):
     arm, path = mounted

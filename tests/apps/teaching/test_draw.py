@@ -22,7 +22,7 @@ def test_a_csv_is_drawn_and_reported_like_a_move(run_cli, square):
     assert result.json["path_error_max_m"] > 0.0
 
 
-def test_size_and_origin_are_announced_before_it_moves(run_cli, square):
+def test_drawing_size_and_origin_are_announced_first(run_cli, square):
     result = run_cli(f"draw {square} {AT} --dry-run {SIM}")
     assert result.err.splitlines()[0] == (
         "2 strokes, 40 mm along x and 40 mm along y, origin at (0.180, -0.020, 0.080) m."
@@ -30,7 +30,7 @@ def test_size_and_origin_are_announced_before_it_moves(run_cli, square):
     assert "path" in result.out
 
 
-def test_an_svg_is_scaled_to_a_width_and_text_is_reported(run_cli, tmp_path):
+def test_svg_is_scaled_to_width_and_skipped_text_is_reported(run_cli, tmp_path):
     path = tmp_path / "a.svg"
     path.write_text(
         '<svg xmlns="http://www.w3.org/2000/svg"><rect width="30" height="60"/><text>x</text></svg>'
@@ -41,7 +41,7 @@ def test_an_svg_is_scaled_to_a_width_and_text_is_reported(run_cli, tmp_path):
     assert "Not drawn: text" in result.err
 
 
-def test_without_an_origin_it_begins_where_the_tip_is(run_cli, square):
+def test_drawing_without_origin_starts_at_tip(run_cli, square):
     result = run_cli(f"draw {square} --scale 0.5 --rotate 180 --dry-run {SIM} --json")
     assert result.code == 0
     assert result.json["target_m"][0] == pytest.approx(0.217 - 0.01, abs=5e-3)
@@ -65,7 +65,7 @@ def test_without_an_origin_it_begins_where_the_tip_is(run_cli, square):
         ("draw", 2, "Missing argument"),
     ],
 )
-def test_what_cannot_be_drawn_is_refused(run_cli, square, words, code, message):
+def test_invalid_drawing_command_is_refused(run_cli, square, words, code, message):
     result = run_cli(f"{words.format(square=square, folder=square.parent)} {SIM}")
     assert result.code == code
     assert message in result.err

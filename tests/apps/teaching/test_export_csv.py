@@ -16,18 +16,18 @@ def recording(tmp_path):
         return tmp_path / "still.jsonl"
 
 
-def test_a_recording_is_printed_as_csv_with_units_in_its_header(recording, capsys):
+def test_export_csv_prints_recording_with_units_in_header(recording, capsys):
     assert main(["export", "csv", str(recording)]) == 0
     rows = list(csv.DictReader(io.StringIO(capsys.readouterr().out)))
     assert len(rows) == recording.read_text().count("\n") - 1
     assert "elbow_flex_rad" in rows[0]
 
 
-def test_it_is_written_to_a_file_if_one_is_named(recording, tmp_path):
+def test_export_csv_writes_file_if_named(recording, tmp_path):
     assert main(["export", "csv", str(recording), "--to", str(tmp_path / "still.csv")]) == 0
     assert (tmp_path / "still.csv").read_text().startswith("t_s,shoulder_pan_rad,")
 
 
 @pytest.mark.parametrize("words", [["csv"], ["excel"], ["csv", "/nope.jsonl"]])
-def test_what_cannot_be_exported_is_a_usage_error(words):
+def test_invalid_export_is_usage_error(words):
     assert main(["export", *words]) == 2

@@ -59,7 +59,7 @@ def matrix(transform):
 
 
 @pytest.mark.full
-def test_joints_goals_poses_and_health_are_read_by_another_reader(recorded):
+def test_mcap_joints_goals_poses_and_health_are_readable(recorded):
     path, state, samples = recorded
     found = messages(path)
     assert {topic: len(rows) for topic, rows in found.items()} == {
@@ -77,7 +77,7 @@ def test_joints_goals_poses_and_health_are_read_by_another_reader(recorded):
     assert float(servo["temperature [°C]"]) == state["elbow_flex"].temperature_c
 
 
-def test_the_poses_of_the_links_lead_to_the_tip(recorded):
+def test_mcap_link_poses_lead_to_tip(recorded):
     path, _, _ = recorded
     found = messages(path)
     rows = {row.child_frame_id: row for row in found["/tf"][0].transforms}
@@ -89,7 +89,7 @@ def test_the_poses_of_the_links_lead_to_the_tip(recorded):
     np.testing.assert_allclose(T[:3, 3], tip_from_joints("so101", positions), atol=1e-9)
 
 
-def test_messages_are_dated_by_the_wall_clock_of_their_sample(tmp_path):
+def test_mcap_messages_carry_wall_clock_time_of_sample(tmp_path):
     started_ns = []
 
     def look(elapsed_s):
@@ -101,14 +101,14 @@ def test_messages_are_dated_by_the_wall_clock_of_their_sample(tmp_path):
     assert started_ns[0] <= first[2].log_time <= started_ns[0] + 1_000_000_000
 
 
-def test_the_jaw_moves_in_the_poses_of_the_links():
+def test_link_transforms_depend_on_jaw_position():
     model = load_model("so101")
     said = ArmMessages(model, model.chain)
     closed, opened = dict(model.pose("home")), {**model.pose("home"), "gripper": 1.0}
     assert said.transforms(0, closed).data != said.transforms(0, opened).data
 
 
-def test_rosbags_reads_it_too(recorded):
+def test_rosbags_reads_mcap_recording(recorded):
     path, state, samples = recorded
     with AnyReader([path]) as reader:
         rows = [(connection.topic, reader.deserialize(raw, connection.msgtype))
@@ -118,7 +118,7 @@ def test_rosbags_reads_it_too(recorded):
     np.testing.assert_allclose(joints[-1].position, state.positions_rad, atol=0.002)
 
 
-def test_description_arm_file_and_versions_are_attached(recorded):
+def test_mcap_attaches_description_arm_file_and_version(recorded):
     path, _, _ = recorded
     model = load_model("so101")
     with path.open("rb") as file:
@@ -151,7 +151,7 @@ class Tape:
         return ArmSample(self.joints[-1])
 
 
-def test_at_most_the_last_second_is_lost_when_it_is_killed(tmp_path):
+def test_killed_mcap_recording_loses_at_most_one_second(tmp_path):
     path, kept = tmp_path / "wave.mcap", []
 
     def look(elapsed_s):
@@ -164,7 +164,7 @@ def test_at_most_the_last_second_is_lost_when_it_is_killed(tmp_path):
     assert max(kept) <= 1.0 + 1e-6
 
 
-def test_a_file_that_was_cut_short_is_read_to_its_last_whole_second(tmp_path):
+def test_truncated_mcap_is_read_up_to_its_last_whole_second(tmp_path):
     path, copy = tmp_path / "wave.mcap", tmp_path / "copy.mcap"
     tape = Tape(path, 5.0)
     data, lengths = path.read_bytes(), []
@@ -182,7 +182,7 @@ def test_a_file_that_was_cut_short_is_read_to_its_last_whole_second(tmp_path):
     assert len(set(lengths)) >= 5
 
 
-def test_a_damaged_file_is_read_up_to_there_and_the_place_is_named(tmp_path):
+def test_damaged_mcap_is_read_up_to_damage_with_warning(tmp_path):
     path = tmp_path / "wave.mcap"
     tape = Tape(path, 3.0)
     data = bytearray(path.read_bytes())
@@ -197,7 +197,7 @@ def test_a_damaged_file_is_read_up_to_there_and_the_place_is_named(tmp_path):
 
 
 @pytest.mark.full
-def test_it_is_replayed_as_the_same_samples_in_json_lines(tmp_path):
+def test_mcap_and_json_lines_recordings_replay_equally(tmp_path):
     tapes = {suffix: Tape(tmp_path / f"wave.{suffix}", 1.0) for suffix in ("mcap", "jsonl")}
     with ikservo.open_arm("so101", port="sim:?pose=home") as arm:
         read = {suffix: arm.load_replay(tmp_path / f"wave.{suffix}")[1] for suffix in tapes}
@@ -228,7 +228,7 @@ def write_bag(folder, rows):
 
 
 @pytest.mark.parametrize("order", [sorted, list], ids=["as they come", "one after the other"])
-def test_a_bag_of_ros_2_is_replayed_whatever_its_order_and_further_joints(tmp_path, order):
+def test_ros_2_bag_is_replayed_with_any_order_and_extra_joints(tmp_path, order):
     home = load_model("so101").pose("home")
     arm_rows = [
         (5.0 + 0.1 * k, ["wheel", *reversed([n for n in home if n != "gripper"])],
@@ -263,7 +263,7 @@ def test_a_bag_that_cannot_be_replayed_says_why(tmp_path, rows, found):
         arm.replay(path)
 
 
-def test_another_arms_recording_is_refused(tmp_path, recorded):
+def test_mcap_recording_of_another_arm_is_refused(tmp_path, recorded):
     with (
         ikservo.open_arm("so100", port="sim:?pose=home") as arm,
         pytest.raises(FileFormatError, match="arm so101"),
@@ -271,7 +271,7 @@ def test_another_arms_recording_is_refused(tmp_path, recorded):
         arm.replay(recorded[0])
 
 
-def test_an_existing_file_is_kept(tmp_path):
+def test_existing_mcap_file_is_kept_without_overwrite(tmp_path):
     path = tmp_path / "wave.mcap"
     path.write_text("precious")
     with ikservo.open_arm("so101", port="sim") as arm:
@@ -314,7 +314,7 @@ def test_foxglove_shows_joints_and_description_live():
     assert seen == {0: said.joint_states(3, home).data, 1: said.description(1, "<robot/>").data}
 
 
-def test_a_port_that_is_in_use_is_named_and_nothing_is_written(tmp_path):
+def test_foxglove_port_in_use_is_named_and_nothing_is_recorded(tmp_path):
     server = FoxgloveServer(0, "first")
     try:
         with ikservo.open_arm("so101", port="sim") as arm, pytest.raises(PortError, match="port"):
@@ -324,7 +324,7 @@ def test_a_port_that_is_in_use_is_named_and_nothing_is_written(tmp_path):
     assert not (tmp_path / "wave.mcap").exists()
 
 
-def test_json_lines_are_not_shown_in_foxglove(tmp_path):
+def test_foxglove_refuses_json_lines_recording(tmp_path):
     with ikservo.open_arm("so101", port="sim") as arm, pytest.raises(BadValueError, match="mcap"):
         arm.record(tmp_path / "wave.jsonl", duration_s=0.1, foxglove_port=0)
     assert not (tmp_path / "wave.jsonl").exists()

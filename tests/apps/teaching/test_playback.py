@@ -25,7 +25,7 @@ def states(playback):
 
 
 @pytest.mark.parametrize("speed", [0.3, 1.0, 6.0, 40.0])
-def test_it_keeps_to_its_paces_however_fast_it_was_recorded(speed):
+def test_replay_stays_within_speed_limits_of_joints(speed):
     times_s, seen = states(RecordedTrajectory(TIMES_S, wave(speed), PACES, *FREE))
     jerk = np.abs(np.diff([s.acceleration for s in seen], axis=0)).max(axis=0) / times_s[1]
     for i, pace in enumerate(PACES):
@@ -34,13 +34,13 @@ def test_it_keeps_to_its_paces_however_fast_it_was_recorded(speed):
         assert jerk[i] <= pace.jerk_rad_s3
 
 
-def test_it_starts_and_ends_at_rest():
+def test_replay_starts_and_ends_at_rest():
     playback = RecordedTrajectory(TIMES_S, wave(), PACES, *FREE)
     for time_s in (0.0, playback.duration_s, playback.duration_s + 1.0):
         assert np.abs(playback.state(time_s).velocity).max() < 1e-9
 
 
-def test_it_goes_through_what_was_recorded():
+def test_replay_passes_through_recorded_samples():
     recorded = wave()
     _, seen = states(RecordedTrajectory(TIMES_S, recorded, PACES, *FREE))
     path = np.array([s.position for s in seen])
@@ -54,11 +54,11 @@ def test_a_calm_recording_is_not_slowed_down():
     assert playback.duration_s == pytest.approx(TIMES_S[-1], abs=1.5)
 
 
-def test_a_wild_recording_says_how_much_slower_it_goes():
+def test_fast_recording_reports_its_slowdown():
     assert RecordedTrajectory(TIMES_S, wave(40.0), PACES, *FREE).slowdown > 5.0
 
 
-def test_it_stays_inside_the_limits():
+def test_replay_stays_inside_joint_limits():
     lower, upper = np.array([-0.3, -0.2]), np.array([0.3, 0.2])
     _, seen = states(RecordedTrajectory(TIMES_S, wave(), PACES, lower, upper))
     path = np.array([s.position for s in seen])
@@ -66,13 +66,13 @@ def test_it_stays_inside_the_limits():
     assert (path <= upper).all()
 
 
-def test_positions_change_without_a_jump():
+def test_replayed_positions_have_no_jump():
     times_s, seen = states(RecordedTrajectory(TIMES_S, wave(6.0), PACES, *FREE))
     steps = np.abs(np.diff([s.position for s in seen], axis=0)).max(axis=0)
     assert (steps <= [1.0 * times_s[1] + 1e-9, 2.0 * times_s[1] + 1e-9]).all()
 
 
-def test_a_single_sample_is_a_place_to_stay_at():
+def test_recording_with_one_sample_is_a_position_to_stay_at():
     playback = RecordedTrajectory(np.array([0.0]), np.array([[0.1, 0.2]]), PACES, *FREE)
     assert playback.duration_s == 0.0
     np.testing.assert_array_equal(playback.state(0.0).position, [0.1, 0.2])
@@ -80,7 +80,7 @@ def test_a_single_sample_is_a_place_to_stay_at():
 
 
 @pytest.mark.parametrize("span_s", [5e-324, 1e-9, 0.019])
-def test_samples_next_to_each_other_in_time_are_a_place_to_stay_at(span_s):
+def test_recording_shorter_than_20_ms_is_a_position_to_stay_at(span_s):
     playback = RecordedTrajectory(
         np.array([0.0, span_s]), np.array([[0.3, 0.2], [0.1, 0.2]]), PACES, *FREE
     )
@@ -88,7 +88,7 @@ def test_samples_next_to_each_other_in_time_are_a_place_to_stay_at(span_s):
     np.testing.assert_array_equal(playback.start, [0.1, 0.2])
 
 
-def test_its_way_is_looked_at_in_small_steps_from_start_to_end():
+def test_replay_path_is_sampled_in_small_steps():
     playback = RecordedTrajectory(TIMES_S, wave(), PACES, *FREE)
     way = playback.sample_path()
     assert np.abs(np.diff(way, axis=0)).max() < 0.1

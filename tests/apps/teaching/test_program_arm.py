@@ -54,7 +54,7 @@ def run_of(arm, tmp_path, *steps, **options):
     return ProgramRun(arm, wanted, tmp_path, arm.poses)
 
 
-def test_every_kind_of_step_survives_being_written_and_read(tmp_path):
+def test_every_program_step_kind_survives_write_and_read(tmp_path):
     path = tmp_path / "all.toml"
     written = program(*KINDS, speed="fast", repeat=3)
     write_program(path, written)
@@ -92,7 +92,7 @@ def test_a_malformed_program_is_one_error_that_names_the_key(tmp_path, text, exp
     assert not str(raised.value).endswith("..")
 
 
-def test_a_step_of_any_motion_has_its_speed_from_the_step_or_the_program(arm):
+def test_step_speed_comes_from_step_or_program(arm):
     own, of_program, without = (
         program({"motion": each, **more}, speed="slow")
         for each, more in (
@@ -114,7 +114,7 @@ def test_a_program_of_another_arm_is_refused(arm, tmp_path):
         ProgramRun(arm, other, tmp_path, arm.poses)
 
 
-def test_a_check_plans_each_step_from_the_end_of_the_one_before_and_moves_nothing(arm, tmp_path):
+def test_program_check_plans_all_steps_and_moves_nothing(arm, tmp_path):
     write_wave_recording("so101", tmp_path / "wave.jsonl")
     before = registers(arm, "goal_position"), registers(arm, "torque_enable")
     checks = list(run_of(arm, tmp_path, *KINDS, repeat=2).check())
@@ -134,13 +134,13 @@ def test_a_check_plans_each_step_from_the_end_of_the_one_before_and_moves_nothin
         ({"recording": "missing.jsonl"}, FileFormatError),
     ],
 )
-def test_a_check_names_the_step_that_cannot_be_made_and_goes_on(arm, tmp_path, step, kind):
+def test_program_check_names_impossible_step_and_continues(arm, tmp_path, step, kind):
     checks = list(run_of(arm, tmp_path, KINDS[1], step, KINDS[0]).check())
     assert [each.error is None for each in checks] == [True, False, True]
     assert isinstance(checks[1].error, kind)
 
 
-def test_a_line_is_checked_from_where_the_step_before_ends(arm, tmp_path):
+def test_line_step_is_checked_from_end_of_previous_step(arm, tmp_path):
     """From home this line is free; from the other side it goes through the arm's own base."""
     line = {"tip_m": (-0.15, 0.15, 0.1), "path": "line"}
     alone = list(run_of(arm, tmp_path, {"tip_m": (-0.12, 0.18, 0.1)}, line).check())
@@ -151,7 +151,7 @@ def test_a_line_is_checked_from_where_the_step_before_ends(arm, tmp_path):
 
 
 @pytest.mark.full
-def test_steps_are_made_in_order_and_the_joints_end_where_the_last_says(arm, tmp_path):
+def test_program_steps_run_in_order_and_reach_last_target(arm, tmp_path):
     write_wave_recording("so101", tmp_path / "wave.jsonl")
     steps = (*KINDS, KINDS[0], {"tip_m": NEAR}, {"tip_m": FAR, "path": "line"})
     made = list(run_of(arm, tmp_path, *steps).run())
@@ -160,7 +160,7 @@ def test_steps_are_made_in_order_and_the_joints_end_where_the_last_says(arm, tmp
 
 
 @pytest.mark.full
-def test_it_repeats_from_the_first_step_after_beginning_at_another(arm, tmp_path):
+def test_program_started_at_step_2_repeats_from_step_1(arm, tmp_path):
     steps = [{"deg": {"wrist_roll": angle}} for angle in (2.0, 4.0, 6.0)]
     made = list(run_of(arm, tmp_path, *steps, repeat=2).run(first=2))
     assert [(each.repetition, each.number) for each in made] == [
@@ -169,13 +169,13 @@ def test_it_repeats_from_the_first_step_after_beginning_at_another(arm, tmp_path
 
 
 @pytest.mark.parametrize("number", [0, 4, -1])
-def test_a_step_that_is_not_there_is_refused(arm, tmp_path, number):
+def test_start_at_missing_step_is_refused(arm, tmp_path, number):
     with pytest.raises(BadValueError, match="1 to 3"):
         list(run_of(arm, tmp_path, *KINDS[:3]).run(first=number))
 
 
 @pytest.mark.full
-def test_a_stop_ends_a_wait(arm, tmp_path):
+def test_stop_ends_wait_step(arm, tmp_path):
     run = run_of(arm, tmp_path, KINDS[1], {"wait_s": 3600.0}).run()
     next(run)
     arm.stop("Stopped by another terminal.")
@@ -200,7 +200,7 @@ def test_a_supply_that_drops_during_a_wait_stops_the_program(tmp_path, name):
 
 
 @pytest.mark.full
-def test_a_long_wait_of_an_arm_in_order_ends_by_itself(arm, tmp_path):
+def test_wait_step_ends_by_itself_without_fault(arm, tmp_path):
     steps = [{"wait_s": 1.0}, {"deg": {"wrist_roll": 2.0}}, {"wait_s": 4.0}]
     assert len(list(run_of(arm, tmp_path, *steps).run())) == 3
 
@@ -224,9 +224,7 @@ FAULTS = {
 @pytest.mark.full
 @pytest.mark.sample(1)
 @pytest.mark.parametrize("name", FAULTS)
-def test_a_fault_in_a_program_of_twenty_steps_stops_it_until_it_is_acknowledged(
-    arm, tmp_path, monkeypatch, name
-):
+def test_fault_in_program_of_20_steps_needs_acknowledgement(arm, tmp_path, monkeypatch, name):
     run, made, begun = run_of(arm, tmp_path, *TWENTY, speed="fast"), [], []
 
     def fail(_):
@@ -274,7 +272,7 @@ def cause(arm, fault):
     line.faults.add(Fault(kind, at_s=line.world.time_s, **details))
 
 
-def test_a_step_looks_at_a_point(tmp_path):
+def test_look_at_step_is_read_and_described(tmp_path):
     path = tmp_path / "looks.toml"
     step = "motion.look_at = { point_m = [1.0, 0.5, 0.3] }"
     path.write_text(f'format = 1\narm = "so101"\n[[steps]]\nspeed = "slow"\n{step}\n')

@@ -16,14 +16,14 @@ def file(tmp_path):
 
 
 @pytest.mark.parametrize("arm", ["so101", "koch", "px100", "planar3", "vx300s"])
-def test_the_first_program_of_an_arm_can_be_made_as_it_is(run_cli, tmp_path, arm):
+def test_new_program_of_each_arm_passes_check(run_cli, tmp_path, arm):
     path = tmp_path / "first.toml"
     assert run_cli(f"program new {path} --arm {arm}").code == 0
     result = run_cli(f"program check {path} --port sim")
     assert result.code == 0, result.err
 
 
-def test_an_existing_file_is_kept(run_cli, file):
+def test_program_new_keeps_existing_file_without_overwrite(run_cli, file):
     before = file.read_text()
     result = run_cli(f"program new {file} --arm so101")
     assert (result.code, file.read_text()) == (1, before)
@@ -32,7 +32,7 @@ def test_an_existing_file_is_kept(run_cli, file):
 
 
 @pytest.mark.campaign
-def test_a_run_says_each_step_and_how_many_were_made(run_cli, file):
+def test_program_run_prints_each_step_and_their_number(run_cli, file):
     result = run_cli(f"program run {file} {SIM} --yes")
     assert result.code == 0
     assert "2/2  down: line to (0.220, 0.040, 0.100) m" in result.err
@@ -40,14 +40,14 @@ def test_a_run_says_each_step_and_how_many_were_made(run_cli, file):
 
 
 @pytest.mark.full
-def test_a_run_in_json_has_the_error_of_each_step(run_cli, file):
+def test_program_run_json_has_error_of_each_step(run_cli, file):
     result = run_cli(f"program run {file} {SIM} --yes --json")
     assert result.json["schema"] == "ikservo/program-run/1"
     assert [step["number"] for step in result.json["steps"]] == [1, 2]
     assert all(step["error_m"] < 0.003 for step in result.json["steps"])
 
 
-def test_a_check_names_the_step_that_cannot_be_made_and_nothing_moves(run_cli, file):
+def test_program_check_names_impossible_steps_and_exits_with_7(run_cli, file):
     far = '[[steps]]\nname = "far"\ntip_m = [0.9, 0.0, 0.1]\n'
     file.write_text(f"{file.read_text()}{far}{far}")
     for action in ("check", "run --yes"):
@@ -70,7 +70,7 @@ def test_a_check_names_the_step_that_cannot_be_made_and_nothing_moves(run_cli, f
         ("program run {file} --yes --step", 2),
     ],
 )
-def test_bad_input_is_one_error(run_cli, file, line, code):
+def test_bad_program_command_is_one_error(run_cli, file, line, code):
     result = run_cli(f"{line.format(file=file)} {SIM}")
     assert result.code == code
     assert result.out == ""
@@ -92,21 +92,21 @@ def write_steps(path, *steps):
 
 
 @pytest.mark.parametrize("step", MISTAKES)
-def test_one_mistake_is_one_message_with_its_step_counted_from_one(step, run_cli, tmp_path):
+def test_program_mistake_gives_one_message_with_step_number(step, run_cli, tmp_path):
     path = write_steps(tmp_path / "a.toml", step)
     lines = run_cli(f"program check {path} --port sim").err.split(f"{path}, ")
     assert " ".join(lines[1].split()).startswith(MISTAKES[step])
     assert lines[1].count("step ") == 1
 
 
-def test_all_mistakes_are_named_without_words_of_the_validator(run_cli, tmp_path):
+def test_program_mistakes_are_named_without_validator_words(run_cli, tmp_path):
     path = write_steps(tmp_path / "a.toml", *MISTAKES)
     err = run_cli(f"program check {path} --port sim").err
     assert all(f"step {number}" in err for number in range(2, 7))
     assert not any(word in err for word in ("literal", "float", "more to correct", "steps["))
 
 
-def test_all_steps_that_cannot_be_made_are_named_at_once(run_cli, tmp_path):
+def test_program_check_names_all_impossible_steps_at_once(run_cli, tmp_path):
     steps = ("tip_m = [2.0, 0.0, 0.1]", 'pose = "nowhere"', 'recording = "none.jsonl"')
     path = write_steps(tmp_path / "a.toml", *steps, 'pose = "home"')
     result = run_cli(f"program check {path} --port sim")

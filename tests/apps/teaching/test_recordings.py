@@ -33,7 +33,7 @@ def sample(t_s, *q):
     return {"t_s": t_s, "q": list(q)}
 
 
-def test_what_is_recorded_is_read_back(tmp_path):
+def test_recording_round_trips(tmp_path):
     with RecordingWriter(tmp_path / "wave.jsonl", HEADING) as recorder:
         recorder.write(0.0, np.array([0.1, 0.02]))
         recorder.write(0.02, np.array([-0.2, 0.03]))
@@ -43,7 +43,7 @@ def test_what_is_recorded_is_read_back(tmp_path):
     np.testing.assert_array_equal(recording.joints, [[0.1, 0.02], [-0.2, 0.03]])
 
 
-def test_the_file_reads_as_these_lines(tmp_path):
+def test_recording_file_has_documented_lines(tmp_path):
     with RecordingWriter(tmp_path / "wave.jsonl", HEADING) as recorder:
         recorder.write(0.0, np.array([0.1234567, 0.0]))
     first, second = (tmp_path / "wave.jsonl").read_text().splitlines()
@@ -51,28 +51,28 @@ def test_the_file_reads_as_these_lines(tmp_path):
     assert second == '{"t_s": 0.0, "q": [0.123457, 0.0]}'
 
 
-def test_each_line_is_whole_as_soon_as_it_is_written(tmp_path):
+def test_recorded_line_is_complete_once_written(tmp_path):
     recorder = RecordingWriter(tmp_path / "wave.jsonl", HEADING)
     recorder.write(0.0, np.array([0.1, 0.0]))
     assert len(read_recording(tmp_path / "wave.jsonl").times_s) == 1
     recorder.close()
 
 
-def test_a_file_that_is_there_is_not_lost(tape):
+def test_recording_writer_keeps_existing_file(tape):
     path = tape("precious")
     with pytest.raises(InputError, match="exists; use overwrite=True"):
         RecordingWriter(path, HEADING)
     assert path.read_text() == "precious"
 
 
-def test_whoever_says_so_overwrites(tape):
+def test_recording_writer_overwrites_if_asked(tape):
     path = tape("old")
     RecordingWriter(path, HEADING, overwrite=True).close()
     assert json.loads(path.read_text()) == HEADER
 
 
 @pytest.mark.parametrize("name", ["no/such/folder/wave.jsonl", "", "a\0b"])
-def test_a_place_that_takes_no_file_is_named(tmp_path, name):
+def test_recording_writer_names_path_that_cannot_be_written(tmp_path, name):
     with pytest.raises(FileWriteError):
         RecordingWriter(tmp_path / name, HEADING, overwrite=True)
 
@@ -106,7 +106,7 @@ def test_a_place_that_takes_no_file_is_named(tmp_path, name):
         ("x" * 20_000 + "\n", "line 3: is too long"),
     ],
 )
-def test_a_line_that_is_no_sample_is_named(tape, line, found):
+def test_invalid_recording_line_is_named(tape, line, found):
     with pytest.raises(FileFormatError, match=re.escape(found)):
         read_recording(tape(HEADER, sample(0.0, 0.1, 0.0), line))
 
@@ -127,18 +127,18 @@ def test_a_line_that_is_no_sample_is_named(tape, line, found):
         {"extra": 1},
     ],
 )
-def test_a_header_that_is_none_is_named(tape, change):
+def test_invalid_recording_header_is_named(tape, change):
     with pytest.raises(FileFormatError, match="line 1"):
         read_recording(tape({**HEADER, **change}, sample(0.0, 0.1, 0.0)))
 
 
 @pytest.mark.parametrize("lines", [(), (HEADER,), (sample(0.0, 0.1, 0.0),)])
-def test_a_file_without_header_or_samples_is_none(tape, lines):
+def test_recording_without_header_or_samples_is_refused(tape, lines):
     with pytest.raises(FileFormatError):
         read_recording(tape(*lines))
 
 
-def test_a_missing_file_is_named(tmp_path):
+def test_missing_recording_is_named(tmp_path):
     with pytest.raises(FileFormatError, match=r"does not exist|is a folder"):
         read_recording(tmp_path / "none.jsonl")
     with pytest.raises(FileFormatError, match=r"does not exist|is a folder"):

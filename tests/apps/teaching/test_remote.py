@@ -64,7 +64,7 @@ def at(seconds, do):
     return on_progress
 
 
-def test_an_arm_at_rest_is_measured_on_request(arm):
+def test_resting_arm_is_measured_for_other_process(arm):
     here, asked = arm.where(), remote.query_state(arm.model, None)
     np.testing.assert_allclose(asked.tip_m, here.tip_m, atol=1e-3)
     assert [joint.name for joint in asked.joints] == [joint.name for joint in here.joints]
@@ -72,7 +72,7 @@ def test_an_arm_at_rest_is_measured_on_request(arm):
 
 
 @pytest.mark.full
-def test_a_moving_arm_reports_where_it_was_in_the_last_cycle(arm, other_thread):
+def test_moving_arm_reports_positions_of_last_cycle(arm, other_thread):
     seen, there, start = [], [], true_joints(arm)["gripper"]
 
     def ask():
@@ -87,7 +87,7 @@ def test_a_moving_arm_reports_where_it_was_in_the_last_cycle(arm, other_thread):
 
 
 @pytest.mark.full
-def test_a_moving_arm_says_how_warm_its_servos_have_become_on_the_way(arm, other_thread):
+def test_moving_arm_reports_current_servo_temperature(arm, other_thread):
     line, seen = line_of(arm), []
     servo = line.servos[3]
     arm.enable()
@@ -102,7 +102,7 @@ def test_a_moving_arm_says_how_warm_its_servos_have_become_on_the_way(arm, other
     assert seen[0] > 45
 
 
-def test_a_moving_arm_is_stopped_and_stays_so(arm, other_thread):
+def test_stop_from_other_terminal_stops_moving_arm(arm, other_thread):
     answers = []
 
     def stop():
@@ -121,9 +121,7 @@ def test_a_moving_arm_is_stopped_and_stays_so(arm, other_thread):
         arm.move_joints({"shoulder_pan": 0.0})
 
 
-def test_a_stop_that_meets_a_reader_of_the_servos_holds_them_and_reports_no_motion(
-    arm, other_thread
-):
+def test_stop_of_holding_arm_reports_no_motion(arm, other_thread):
     arm.enable()
     with motion_runner(arm).lock:
         stopping = other_thread.submit(remote.stop_arm, arm.model, None)
@@ -134,7 +132,7 @@ def test_a_stop_that_meets_a_reader_of_the_servos_holds_them_and_reports_no_moti
     assert arm.stop_reason is not None
 
 
-def test_a_program_that_does_not_answer_keeps_no_other_from_stopping(arm, tmp_path, monkeypatch):
+def test_silent_program_does_not_prevent_stop_of_others(arm, tmp_path, monkeypatch):
     goes_on = threading.Event()
     silent = serve(str(tmp_path / "ttyACM1"), lambda _: {"waited": goes_on.wait(60)})
     monkeypatch.setattr(control_client, "BRAKE_TIMEOUT_S", -1.0)
@@ -149,13 +147,13 @@ def test_a_program_that_does_not_answer_keeps_no_other_from_stopping(arm, tmp_pa
 
 
 @pytest.mark.full
-def test_after_it_was_acknowledged_the_arm_moves_again(arm):
+def test_arm_moves_again_after_remote_stop_is_acknowledged(arm):
     remote.stop_arm(arm.model, None)
     arm.acknowledge()
     assert arm.move_joints({"gripper": 0.6}).reached
 
 
-def test_stopping_a_limp_arm_switches_no_torque(arm):
+def test_stop_of_limp_arm_switches_no_torque_on(arm):
     stopped = remote.stop_arm(arm.model, None)
     assert (stopped.moving, stopped.held) == (False, ())
     assert stopped.limp == servo_group(arm).names
@@ -163,7 +161,7 @@ def test_stopping_a_limp_arm_switches_no_torque(arm):
 
 
 @pytest.mark.full
-def test_relaxing_lowers_the_arm_and_lets_go_for_good(arm):
+def test_relax_from_other_terminal_lowers_arm_and_latches(arm):
     arm.hold()
     report = remote.request_relax(arm.model, None)
     assert report.reached
@@ -172,12 +170,12 @@ def test_relaxing_lowers_the_arm_and_lets_go_for_good(arm):
         arm.move_joints({"gripper": 0.6})
 
 
-def test_every_arm_is_stopped_where_none_is_named(arm):
+def test_stop_without_name_stops_every_arm(arm):
     (stopped,) = control_client.stop_own_programs().stopped
     assert stopped.arm == "so101"
 
 
-def test_without_a_process_on_the_port_no_request_is_sent(device):
+def test_query_without_process_on_port_returns_none(device):
     model = ikservo.load_model("so101")
     assert remote.query_state(model, None) is None
     assert remote.request_relax(model, None) is None
@@ -186,7 +184,7 @@ def test_without_a_process_on_the_port_no_request_is_sent(device):
 
 @pytest.mark.parametrize("answer", [{}, {"tip_m": [0, 0, 0], "joints": [{"name": "a"}]},
                                     {"tip_m": "here", "joints": []}, {"held": 3}])  # fmt: skip
-def test_an_answer_of_another_version_is_named(device, answer):
+def test_reply_of_another_version_is_refused(device, answer):
     listener = serve(device, lambda _: answer)
     model = ikservo.load_model("so101")
     for ask in (remote.request_relax, remote.stop_arm):
@@ -233,7 +231,7 @@ def test_a_resting_servo_keeps_its_goal_when_it_is_stopped(arm):
     assert registers(arm, "goal_position") == before
 
 
-def test_a_servo_that_does_not_answer_is_named_and_the_others_are_stopped(arm):
+def test_silent_servo_is_named_and_the_others_are_stopped(arm):
     arm.hold()
     line_of(arm).servos[3].power_down()
     halted = servo_group(arm).hold_measured(TESTED)
@@ -242,7 +240,7 @@ def test_a_servo_that_does_not_answer_is_named_and_the_others_are_stopped(arm):
 
 
 @pytest.mark.full
-def test_a_resting_arm_that_holds_a_payload_does_not_sink_when_it_is_stopped():
+def test_resting_arm_with_payload_keeps_its_goals_when_stopped():
     # its goals lead it by more than 0.12 rad: without its masses known it counted as moving
     leaning = {"shoulder": 1.0, "elbow": -0.6}
     with ikservo.open_arm(
@@ -257,7 +255,7 @@ def test_a_resting_arm_that_holds_a_payload_does_not_sink_when_it_is_stopped():
         assert registers(loaded, "goal_position") == before
 
 
-def test_a_program_that_has_just_opened_the_port_is_waited_for(arm, device, monkeypatch):
+def test_stop_waits_for_program_that_has_just_opened_port(arm, device, monkeypatch):
     stopped = control_client.StopResult("so101", device, True, ("gripper",), (), ())
     answers = iter([None, None, encode_value(stopped)])
     monkeypatch.setattr(control_client, "send_command", lambda *_: next(answers))
@@ -269,7 +267,7 @@ def test_a_program_that_has_just_opened_the_port_is_waited_for(arm, device, monk
     assert remote.stop_arm(arm.model, None).moving
 
 
-def test_a_program_that_never_listens_is_waited_for_three_seconds(arm, device, monkeypatch):
+def test_stop_waits_3_s_for_program_that_never_listens(arm, device, monkeypatch):
     monkeypatch.setattr(control_client, "send_command", lambda *_: None)
 
     def busy(*_):

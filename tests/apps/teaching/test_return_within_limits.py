@@ -93,7 +93,7 @@ def test_joint_far_outside_its_limits_is_not_moved_unasked(name):
 
 
 @pytest.mark.full
-def test_way_back_inside_limits_is_refused_if_it_touches():
+def test_path_back_inside_limits_is_refused_if_it_collides():
     with open_past_limit("koch", 4.0) as arm:
         add_box_in_the_way_back(arm)
         before = pan_deg(arm)

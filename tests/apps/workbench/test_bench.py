@@ -23,32 +23,32 @@ def rows():
 
 @pytest.mark.full
 @pytest.mark.parametrize("arm", ["so101", "koch"])
-def test_the_bytes_of_a_cycle_are_those_of_the_protocol(rows, arm):
+def test_bench_bytes_per_cycle_match_protocol(rows, arm):
     positions = rows[arm]["rows"][0]
     assert positions["sent_bytes"] + positions["received_bytes"] == WIRE_BYTES[arm]
 
 
 @pytest.mark.full
-def test_the_limit_follows_from_bytes_and_baud_rate(rows):
+def test_bench_wire_limit_follows_from_bytes_and_baud_rate(rows):
     positions = rows["so101"]["rows"][0]
     assert positions["wire_limit_per_s"] == pytest.approx(1e6 / 10 / WIRE_BYTES["so101"])
 
 
-def test_the_limit_counts_the_return_delay_of_each_answer(rows):
+def test_bench_wire_limit_counts_return_delay(rows):
     positions = rows["koch"]["rows"][0]  # one packet, for fast sync read; 500 µs
     wire_s = WIRE_BYTES["koch"] * 10 / 1e6 + 500e-6
     assert positions["wire_limit_per_s"] == pytest.approx(1 / wire_s)
 
 
 @pytest.mark.parametrize("arm", ["so101", "koch"])
-def test_a_cycle_is_never_faster_than_the_wire_and_not_much_slower(rows, arm):
+def test_bench_reaches_50_to_100_percent_of_wire_limit(rows, arm):
     for row in rows[arm]["rows"]:
         assert 0.5 < row["cycles_per_s"] / row["wire_limit_per_s"] <= 1.0
         assert row["p50_s"] <= row["p99_s"] <= row["p999_s"]
         assert row["lost"] == 0
 
 
-def test_json_says_arm_and_rate(rows):
+def test_bench_json_has_arm_and_baud_rate(rows):
     answer = rows["so101"]
     assert answer["schema"] == "ikservo/bench/1"
     assert (answer["arm"], answer["baud_rate"]) == ("so101", 1_000_000)
@@ -57,7 +57,7 @@ def test_json_says_arm_and_rate(rows):
     ]  # fmt: skip
 
 
-def test_the_table_has_a_line_for_each_kind_of_cycle(run_cli):
+def test_bench_table_has_line_for_each_kind_of_cycle(run_cli):
     result = run_cli("bench bus --arm so101 --port sim --count 20")
     assert result.err == "6 servos (STS3215) at 1000000 baud\n"
     assert result.out.split("\n")[0].split() == [
@@ -70,7 +70,7 @@ def test_the_table_has_a_line_for_each_kind_of_cycle(run_cli):
 
 
 @pytest.mark.parametrize("torque", [0, 1])
-def test_nothing_moves_and_torque_stays_as_it_is(run_cli, monkeypatch, torque):
+def test_bench_moves_nothing_and_keeps_torque(run_cli, monkeypatch, torque):
     def change(line):
         for servo in line.world.servos:
             servo.write("torque_enable", torque)
@@ -83,7 +83,7 @@ def test_nothing_moves_and_torque_stays_as_it_is(run_cli, monkeypatch, torque):
         assert max(abs(s.read("goal_position") - s.read("present_position")) for s in servos) < 64
 
 
-def test_silent_servos_are_named(run_cli, monkeypatch):
+def test_bench_names_silent_servos(run_cli, monkeypatch):
     def change(line):
         for number in (5, 6):
             line.servos[number].powered = False
@@ -94,7 +94,7 @@ def test_silent_servos_are_named(run_cli, monkeypatch):
     assert "wrist_roll (id 5), gripper (id 6)" in result.err
 
 
-def test_two_servos_with_one_id_are_named(run_cli, monkeypatch):
+def test_bench_names_id_that_two_servos_share(run_cli, monkeypatch):
     def change(line):
         line.servos[6].memory.put("id", 5)
 
@@ -114,7 +114,7 @@ def test_two_servos_with_one_id_are_named(run_cli, monkeypatch):
         ("bench bus --arm so101 --port /dev/ttyNONE7", 3, "/dev/ttyNONE7"),
     ],
 )
-def test_bad_input_is_one_clear_error(run_cli, words, code, message):
+def test_bad_bench_command_is_one_clear_error(run_cli, words, code, message):
     result = run_cli(words)
     assert result.code == code
     assert message in result.err

@@ -34,7 +34,7 @@ def well():
     return run_command(f"doctor {SIM}")
 
 
-def test_a_healthy_arm_is_all_ticks(well):
+def test_doctor_of_healthy_arm_shows_only_ticks(well):
     path = well.out.partition("sim:")[2].partition(" ")[0]
     out = re.sub(r"[\d.]+ ms \(p99\)", "… ms (p99)", well.out)
     assert out == WELL.format(path=path)
@@ -78,14 +78,14 @@ def lines_of(result, topic):
          "✗ servos    no answer from gripper (id 6)"),
     ],
 )  # fmt: skip
-def test_each_trouble_has_its_line(run_cli, monkeypatch, change, topic, line):
+def test_doctor_prints_one_line_per_fault(run_cli, monkeypatch, change, topic, line):
     change_bus(monkeypatch, lambda on_line: change(on_line.servos))
     result = run_cli(f"doctor {SIM}")
     assert lines_of(result, topic)[0] == line
     assert result.code == (1 if line.startswith("✗") else 0)
 
 
-def test_the_cable_behind_the_last_that_answers_is_named(run_cli, monkeypatch):
+def test_doctor_names_cable_behind_last_replying_servo(run_cli, monkeypatch):
     def change(line):
         for number in (4, 5, 6):
             line.servos[number].powered = False
@@ -94,7 +94,7 @@ def test_the_cable_behind_the_last_that_answers_is_named(run_cli, monkeypatch):
     assert "check the cable from elbow_flex to wrist_flex." in run_cli(f"doctor {SIM}").out
 
 
-def test_lost_reads_are_counted(run_cli, monkeypatch):
+def test_doctor_counts_lost_reads(run_cli, monkeypatch):
     from servosim.faults import Fault
 
     change_bus(monkeypatch, lambda line: line.faults.add(Fault("silent", id=4, at_s=0.11, count=3)))
@@ -102,7 +102,7 @@ def test_lost_reads_are_counted(run_cli, monkeypatch):
     assert line == "✗ loss      3 of 60 reads lost (wrist_flex (id 4): 3)"
 
 
-def test_a_slow_adapter_is_named(run_cli, monkeypatch):
+def test_doctor_names_slow_adapter(run_cli, monkeypatch):
     slow = LineQuality(1000, {}, (0.0160,) * 900 + (0.0165,) * 100)
     monkeypatch.setattr("ikservo.apps.workbench.doctor.measure_line_quality", lambda *_: slow)
     result = run_cli(f"doctor {SIM}")
@@ -113,7 +113,7 @@ def test_a_slow_adapter_is_named(run_cli, monkeypatch):
 
 
 @pytest.mark.full
-def test_an_arm_at_another_rate_is_found_and_reported(run_cli, monkeypatch):
+def test_doctor_finds_arm_at_another_baud_rate(run_cli, monkeypatch):
     def change(line):
         for servo in line.world.servos:
             servo.memory.put("baud_rate", 4)
@@ -127,7 +127,7 @@ def test_an_arm_at_another_rate_is_found_and_reported(run_cli, monkeypatch):
 
 
 @pytest.mark.full
-def test_a_dead_line_asks_for_the_power_supply(run_cli, monkeypatch):
+def test_doctor_asks_for_power_supply_on_dead_line(run_cli, monkeypatch):
     def change(line):
         for servo in line.world.servos:
             servo.powered = False
@@ -138,7 +138,7 @@ def test_a_dead_line_asks_for_the_power_supply(run_cli, monkeypatch):
     assert "Check that the servos' power supply is on" in result.out
 
 
-def test_eeprom_is_compared_with_the_arm_file(run_cli, monkeypatch):
+def test_doctor_compares_eeprom_with_arm_file(run_cli, monkeypatch):
     change_bus(monkeypatch, lambda line: line.servos[13].memory.put("drive_mode", 0))
     result = run_cli("doctor --arm open_manipulator_x --port sim")
     assert result.code == 1
@@ -147,7 +147,7 @@ def test_eeprom_is_compared_with_the_arm_file(run_cli, monkeypatch):
     ]
 
 
-def test_nothing_is_written(run_cli, monkeypatch):
+def test_doctor_writes_nothing(run_cli, monkeypatch):
     def change(line):
         for servo in line.world.servos:
             servo.memory.put("return_delay_time", 100)
@@ -167,7 +167,7 @@ def test_nothing_is_written(run_cli, monkeypatch):
         ]
 
 
-def test_asked_for_it_writes_what_the_arm_file_says(run_cli, monkeypatch):
+def test_doctor_write_eeprom_writes_arm_file_values(run_cli, monkeypatch):
     def change(line):
         line.servos[13].memory.put("drive_mode", 0)
         line.servos[12].memory.put("return_delay_time", 100)
@@ -178,7 +178,7 @@ def test_asked_for_it_writes_what_the_arm_file_says(run_cli, monkeypatch):
     assert ports[0].line.servos[12].read("return_delay_time") == 0
 
 
-def test_what_a_calibration_rests_on_is_left_to_the_calibration(run_cli, monkeypatch):
+def test_doctor_write_eeprom_keeps_registers_of_calibration(run_cli, monkeypatch):
     def change(line):
         line.servos[12].memory.put("max_position_limit", 3000)
         line.servos[12].memory.put("return_delay_time", 100)
@@ -193,7 +193,7 @@ def test_what_a_calibration_rests_on_is_left_to_the_calibration(run_cli, monkeyp
     assert ports[0].line.servos[12].read("return_delay_time") == 0
 
 
-def test_json_is_one_object_with_every_check(run_cli):
+def test_doctor_json_is_one_object_with_every_check(run_cli):
     answer = run_cli(f"doctor {SIM} --json").json
     assert (answer["schema"], answer["healthy"]) == ("ikservo/doctor/1", True)
     assert [check["topic"] for check in answer["checks"]][:3] == ["port", "servos", "latency"]
@@ -203,7 +203,7 @@ def test_json_is_one_object_with_every_check(run_cli):
 # --- adapter, permission, rules ---
 
 
-def test_without_an_arm_whoever_answers_is_looked_at(run_cli, monkeypatch):
+def test_doctor_without_arm_checks_servos_that_reply(run_cli, monkeypatch):
     from tests.oracle import CONFIGS
 
     result = run_cli(f"doctor --port sim:{CONFIGS / 'koch' / 'arm.toml'}")
@@ -212,7 +212,7 @@ def test_without_an_arm_whoever_answers_is_looked_at(run_cli, monkeypatch):
     assert lines_of(result, "models") == ["✓ models    2 XL430-W250, 4 XL330-M288"]
 
 
-def test_no_adapter_is_a_trouble_too(run_cli, monkeypatch):
+def test_doctor_reports_missing_adapter(run_cli, monkeypatch):
     set_ports(monkeypatch, [])
     result = run_cli("doctor --arm so101")
     assert result.code == 1
@@ -221,7 +221,7 @@ def test_no_adapter_is_a_trouble_too(run_cli, monkeypatch):
     )
 
 
-def test_a_port_that_may_not_be_opened_tells_the_group(run_cli, monkeypatch, tmp_path):
+def test_doctor_names_group_if_port_permission_is_missing(run_cli, monkeypatch, tmp_path):
     def forbidden(*_, **__):
         raise PermissionError(13, "Permission denied")
 
@@ -237,7 +237,7 @@ def test_a_port_that_may_not_be_opened_tells_the_group(run_cli, monkeypatch, tmp
 
 
 @pytest.mark.skipif(installed_rules() is not None, reason="the rule is installed here")
-def test_a_missing_udev_rule_is_a_command_and_not_the_rule_itself(run_cli, monkeypatch):
+def test_doctor_names_command_for_missing_udev_rule(run_cli, monkeypatch):
     set_ports(monkeypatch, [])
     monkeypatch.setattr("sys.platform", "linux")
     result = run_cli("doctor")
@@ -246,7 +246,7 @@ def test_a_missing_udev_rule_is_a_command_and_not_the_rule_itself(run_cli, monke
     assert not any(rule in result.out for rule in read_rules().splitlines() if rule)
 
 
-def test_the_installed_rule_is_a_tick(run_cli, monkeypatch, tmp_path):
+def test_doctor_accepts_installed_udev_rule(run_cli, monkeypatch, tmp_path):
     (tmp_path / "60-ikservo.rules").touch()
     set_ports(monkeypatch, [])
     monkeypatch.setattr("sys.platform", "linux")
@@ -256,7 +256,7 @@ def test_the_installed_rule_is_a_tick(run_cli, monkeypatch, tmp_path):
     ]
 
 
-def test_the_rule_alone_can_be_piped(run_cli):
+def test_doctor_rules_prints_only_udev_rule(run_cli):
     assert run_cli("doctor --rules").out == read_rules()
 
 
@@ -265,7 +265,7 @@ def test_the_rule_alone_can_be_piped(run_cli):
     ['ATTRS{idVendor}=="1a86", ATTRS{idProduct}=="55d3"', 'ATTRS{idVendor}=="0403"',
      'TAG+="uaccess"', 'SUBSYSTEM=="usb-serial", DRIVER=="ftdi_sio", ATTR{latency_timer}="1"'],
 )  # fmt: skip
-def test_the_rule_names_the_adapters(fragment):
+def test_udev_rule_names_adapters(fragment):
     assert fragment in read_rules()
     assert "666" not in read_rules()
 
@@ -278,14 +278,14 @@ def test_the_rule_names_the_adapters(fragment):
         ("doctor --write-eeprom --port sim", "No arm given."),
     ],
 )
-def test_bad_input_is_one_clear_error(run_cli, words, message):
+def test_bad_doctor_command_is_one_clear_error(run_cli, words, message):
     result = run_cli(words)
     assert result.code == 2
     assert message in result.err
     assert result.out == ""
 
 
-def test_wrong_supply_of_all_servos_is_one_finding(run_cli, tmp_path):
+def test_doctor_reports_wrong_supply_of_all_servos_once(run_cli, tmp_path):
     faults = tmp_path / "faults.toml"
     faults.write_text('[[fault]]\nkind = "voltage"\nvolts = 12.0\nfor_s = 1000.0\n')
     done = run_cli(f"doctor --arm so101 --port sim:?faults={faults}")

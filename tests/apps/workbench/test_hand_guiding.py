@@ -80,7 +80,7 @@ HANDS = [
 @pytest.mark.full
 @pytest.mark.sample(2)
 @pytest.mark.parametrize(("name", "joint", "way_rad", "limit_nm"), HANDS)
-def test_a_light_hand_moves_the_arm_and_it_stays_where_it_is_left(name, joint, way_rad, limit_nm):
+def test_light_hand_moves_arm_and_arm_stays_where_left(name, joint, way_rad, limit_nm):
     hand, gravity, stiffness = guided(name, joint, way_rad, limit_nm)
     k = ikservo.load_model(name).chain.names.index(joint)
     assert hand.moved_deg()[k] == pytest.approx(np.degrees(way_rad), abs=1.0)
@@ -91,14 +91,14 @@ def test_a_light_hand_moves_the_arm_and_it_stays_where_it_is_left(name, joint, w
 
 
 @pytest.mark.full
-def test_an_arm_that_is_heavier_than_known_sinks_a_little_and_stays():
+def test_arm_heavier_than_known_sinks_below_2_degrees():
     hand, *_ = guided("so101", "elbow_flex", -0.3, 1.0, hidden="&mass_scale=1.2&payload_g=30")
     sunk = hand.between(0.0, AWAY_S)
     assert np.degrees(np.abs(sunk - sunk[0]).max()) < 2.0
     assert hand.drift_deg().max() < 1.0  # the play of its gears
 
 
-def test_a_stop_ends_it_and_the_arm_holds():
+def test_stop_ends_hand_guiding_and_arm_holds():
     with ikservo.open_arm("so101", port="sim:?pose=home") as arm:
 
         def stop():
@@ -116,7 +116,7 @@ def test_a_stop_ends_it_and_the_arm_holds():
 
 
 @pytest.mark.full
-def test_the_next_motion_starts_where_the_hand_left_the_arm():
+def test_motion_after_hand_guiding_starts_where_hand_left_arm():
     with ikservo.open_arm("so101", port="sim:?pose=home") as arm:
         hand = Guided(arm, "elbow_flex", -0.5, 1.0)
         found = guide_by_hand(arm, hand)
@@ -127,7 +127,7 @@ def test_the_next_motion_starts_where_the_hand_left_the_arm():
 
 
 @pytest.mark.full
-def test_no_goal_leaves_the_limits_however_hard_the_hand_pushes():
+def test_hand_guiding_goals_stay_inside_limits():
     with ikservo.open_arm("so101", port="sim:?pose=home") as arm:
         driven = servo_group(arm).driven_joints[0]
         goals = []
@@ -147,7 +147,7 @@ def test_no_goal_leaves_the_limits_however_hard_the_hand_pushes():
         assert max(goals) <= high
 
 
-def test_an_arm_without_masses_or_known_motors_is_refused(monkeypatch):
+def test_hand_guiding_refuses_arm_without_masses(monkeypatch):
     with ikservo.open_arm("planar2", port="sim") as arm:
         servo_group(arm).compensator.feed_forward = None
         with pytest.raises(RefusedError, match="no masses"):
@@ -155,7 +155,7 @@ def test_an_arm_without_masses_or_known_motors_is_refused(monkeypatch):
         assert not any(registers(arm, "torque_enable").values())
 
 
-def test_an_arm_that_is_not_calibrated_is_refused(monkeypatch):
+def test_hand_guiding_refuses_uncalibrated_arm(monkeypatch):
     with ikservo.open_arm("so101", port="sim") as arm:
 
         def refuse(_):

@@ -59,7 +59,7 @@ def trial_findings(bus):
 
 
 @pytest.mark.full
-def test_doctor_names_it_and_the_former_gains_are_written(left):
+def test_doctor_names_trial_gains_and_former_gains_return(left):
     (finding,) = trial_findings(left)
     assert finding.level is Severity.ODD
     assert "p_gain 99, not 32" in finding.text
@@ -76,7 +76,7 @@ def test_the_next_trial_begins_with_the_former_gains(left):
 
 
 @pytest.mark.full
-def test_gains_that_are_written_since_are_wanted(left):
+def test_gains_written_after_killed_trial_are_kept(left):
     line = ServoLine(left, "bench")
     write_registers(line, SERVO, plan_writes(line, SERVO, {P_GAIN: 40}))
     assert trial_findings(left) == []
@@ -86,7 +86,7 @@ def test_gains_that_are_written_since_are_wanted(left):
 
 @pytest.mark.full
 @pytest.mark.parametrize("text", ["", "[]", '{"p_gian": 3}', '{"p_gain": "x"}', "[" * 9000, "\xff"])
-def test_a_damaged_file_is_named_and_stops_no_check(left, text):
+def test_damaged_trial_file_is_named_by_doctor(left, text):
     (path,) = (config_dir() / "tried").iterdir()
     path.write_text(text)
     with pytest.raises(FileFormatError, match="is damaged"):
@@ -98,7 +98,7 @@ def test_a_damaged_file_is_named_and_stops_no_check(left, text):
 
 
 @pytest.mark.full
-def test_a_damaged_file_of_a_servo_blocks_no_other_servo_and_no_write(left):
+def test_damaged_trial_file_blocks_no_other_servo_or_write(left):
     (path,) = (config_dir() / "tried").iterdir()
     path.write_text("[]")
     both = ServoBus(left.port, [SERVO, OTHER])

@@ -43,7 +43,7 @@ def decoded(path, model):
 
 
 @pytest.mark.parametrize("model", MODELS)
-def test_instructions_and_replies_are_in_words(path, model):
+def test_packet_log_decodes_instructions_and_replies(path, model):
     bus, _ = recorded_bus(model)
     table = control_table(model)
     position = bus.read(7, RegisterName.PRESENT_POSITION, raw=True)
@@ -61,7 +61,7 @@ def test_instructions_and_replies_are_in_words(path, model):
 
 
 @pytest.mark.parametrize("model", MODELS)
-def test_no_byte_is_lost(path, model):
+def test_packet_log_contains_every_byte(path, model):
     bus, transport = recorded_bus(model)
     sent, received = bytearray(), bytearray()
     write, read = transport.write, transport.read
@@ -79,7 +79,7 @@ def test_no_byte_is_lost(path, model):
 
 
 @pytest.mark.parametrize("kind", ["checksum", "truncated", "garbage"])
-def test_faults_of_the_line_are_named(path, kind):
+def test_packet_log_names_line_faults(path, kind):
     bus, _ = recorded_bus("STS3215", Fault(kind, id=7))
     bus.sync_read([1, 7], RegisterName.PRESENT_POSITION)
     bus.close()
@@ -88,7 +88,7 @@ def test_faults_of_the_line_are_named(path, kind):
     assert [p for p in packets if not p.sent and p.servo_id == 1 and not p.error]
 
 
-def test_without_the_variable_nothing_is_recorded(monkeypatch):
+def test_packets_are_not_recorded_without_ikservo_packets(monkeypatch):
     def record(*_):
         raise AssertionError("the packets are recorded")
 
@@ -100,7 +100,7 @@ def test_without_the_variable_nothing_is_recorded(monkeypatch):
     open_port("bench", BAUD).close()
 
 
-def test_several_openings_share_a_file(path):
+def test_packet_log_is_shared_by_several_openings(path):
     for _ in range(3):
         bus, _ = recorded_bus("STS3215")
         bus.ping(7)
@@ -108,7 +108,7 @@ def test_several_openings_share_a_file(path):
     assert {each.opening for each in read_packet_log(path)} == {1, 2, 3}
 
 
-def test_a_full_disk_ends_the_recording_and_not_the_motion(path, monkeypatch):
+def test_full_disk_ends_packet_log_but_not_communication(path, monkeypatch):
     bus, _ = recorded_bus("STS3215")
     bus.ping(7)
 
@@ -124,13 +124,13 @@ def test_a_full_disk_ends_the_recording_and_not_the_motion(path, monkeypatch):
     assert len(list(read_packet_log(path))) >= 2
 
 
-def test_a_file_that_cannot_be_written_is_one_error_before_anything(tmp_path):
+def test_unwritable_packet_log_is_one_error(tmp_path):
     path = str(tmp_path / "none" / "log.pcapng")
     with pytest.raises(FileWriteError, match="cannot be written"):
         recorded_transport(make_transport({1: "STS3215"}), path, "bench")
 
 
-def test_a_recording_that_is_refused_leaves_no_port_open(tmp_path, monkeypatch):
+def test_refused_packet_log_leaves_no_port_open(tmp_path, monkeypatch):
     monkeypatch.setenv("IKSERVO_PACKETS", str(tmp_path))
     transport = make_transport({1: "STS3215"})
     closed = []
@@ -141,7 +141,7 @@ def test_a_recording_that_is_refused_leaves_no_port_open(tmp_path, monkeypatch):
     assert closed == [True]
 
 
-def test_what_is_no_regular_file_is_refused_and_not_waited_for(tmp_path, monkeypatch):
+def test_packet_log_refuses_folder_pipe_socket_and_device(tmp_path, monkeypatch):
     os.mkfifo(tmp_path / "fifo")
     with socket.socket(socket.AF_UNIX) as server:
         monkeypatch.chdir(tmp_path)  # the path of a socket has at most 107 bytes
@@ -151,7 +151,7 @@ def test_what_is_no_regular_file_is_refused_and_not_waited_for(tmp_path, monkeyp
                 recorded_transport(make_transport({1: "STS3215"}), str(name), "bench")
 
 
-def test_every_truncated_file_ends_early_and_no_damaged_one_hangs(path):
+def test_truncated_or_damaged_packet_log_is_read_without_hang(path):
     bus, _ = recorded_bus("STS3215")
     bus.ping(7)
     bus.close()
@@ -174,7 +174,7 @@ def test_every_truncated_file_ends_early_and_no_damaged_one_hangs(path):
 
 @pytest.mark.parametrize("length_hex", ["F403", "F00F"])
 @pytest.mark.parametrize("chunk_bytes", [10, 1000])
-def test_damaged_bytes_take_time_in_proportion_to_their_count(length_hex, chunk_bytes, monkeypatch):
+def test_packet_decoding_time_is_linear_in_damaged_bytes(length_hex, chunk_bytes, monkeypatch):
     checked_bytes = 0
     crc = packet_decoding.crc
 

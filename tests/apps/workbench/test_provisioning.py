@@ -33,7 +33,7 @@ def settings(table, servo_id=7, rate=57_600, **eeprom):
     return ServoSettings(ServoSpec(servo_id, table, "wrist"), rate, eeprom)
 
 
-def test_id_rate_and_delay_are_set_for_good(alone):
+def test_provisioning_sets_id_baud_rate_and_delay_permanently(alone):
     port, servo, table = alone
     provision(port, found(table), settings(table))
     servo.memory.power_cycle()
@@ -41,14 +41,14 @@ def test_id_rate_and_delay_are_set_for_good(alone):
     assert port.baudrate == 57_600
 
 
-def test_torque_is_off_afterwards(alone):
+def test_provisioning_switches_torque_off(alone):
     port, servo, table = alone
     servo.write("torque_enable", 1)
     provision(port, found(table), settings(table))
     assert servo.read("torque_enable") == 0
 
 
-def test_what_holds_already_is_not_written(alone):
+def test_provisioning_writes_nothing_that_is_set_already(alone):
     port, servo, table = alone
     provision(port, found(table), settings(table))
     writes = servo.memory.eeprom_writes
@@ -56,7 +56,7 @@ def test_what_holds_already_is_not_written(alone):
     assert servo.memory.eeprom_writes == writes
 
 
-def test_settings_of_the_arm_are_written_and_reported(alone):
+def test_provisioning_writes_and_reports_arm_file_settings(alone):
     port, servo, table = alone
     before = servo.read("max_position_limit")
     written = provision(port, found(table), settings(table, max_position_limit=3000))
@@ -64,7 +64,7 @@ def test_settings_of_the_arm_are_written_and_reported(alone):
     assert servo.read("max_position_limit") == 3000
 
 
-def test_another_model_is_left_alone(alone):
+def test_provisioning_refuses_other_model(alone):
     port, servo, table = alone
     writes = servo.memory.eeprom_writes
     with pytest.raises(CalibrationError, match="must be a XM540-W270, but a"):
@@ -72,7 +72,7 @@ def test_another_model_is_left_alone(alone):
     assert servo.memory.eeprom_writes == writes
 
 
-def test_a_rate_that_the_model_has_not_is_refused_before_anything_is_written(alone):
+def test_provisioning_refuses_baud_rate_model_does_not_have(alone):
     port, servo, table = alone
     writes = servo.memory.eeprom_writes
     with pytest.raises(BadValueError, match=r"one of (9600|4800), "):
@@ -80,7 +80,7 @@ def test_a_rate_that_the_model_has_not_is_refused_before_anything_is_written(alo
     assert servo.memory.eeprom_writes == writes
 
 
-def test_a_register_that_the_model_has_not_is_refused_before_anything_is_written(alone):
+def test_provisioning_refuses_register_model_does_not_have(alone):
     port, servo, table = alone
     writes = servo.memory.eeprom_writes
     with pytest.raises(BadValueError, match="'colour'"):
@@ -88,7 +88,7 @@ def test_a_register_that_the_model_has_not_is_refused_before_anything_is_written
     assert servo.memory.eeprom_writes == writes
 
 
-def test_a_worn_out_memory_is_noticed(alone, monkeypatch):
+def test_provisioning_notices_worn_out_memory(alone, monkeypatch):
     port, servo, table = alone
     row = servo.table.by_name["id"]
     keep = servo.memory.write
@@ -103,7 +103,7 @@ def test_a_worn_out_memory_is_noticed(alone, monkeypatch):
     assert servo.id == 3
 
 
-def test_the_memory_is_locked_even_after_a_failure(monkeypatch):
+def test_provisioning_locks_memory_after_failure(monkeypatch):
     port = open_port(f"sim:{CONFIGS / 'so101' / 'arm.toml'}", 1_000_000)
     servo = port.transport.line.servos[3]
     row = servo.table.by_name["max_torque"]

@@ -8,7 +8,7 @@ from tests.cli.fixtures_ports import change_bus
 SCAN = "scan --port sim"
 
 
-def test_every_servo_is_found_with_its_health(run_cli):
+def test_scan_finds_every_servo_with_its_health(run_cli):
     result = run_cli(f"{SCAN} --arm so101")
     assert result.code == 0
     assert [line.split() for line in result.out.splitlines()[1:]] == [
@@ -17,7 +17,7 @@ def test_every_servo_is_found_with_its_health(run_cli):
     ]
 
 
-def test_json_gives_each_servo_with_units(run_cli):
+def test_scan_json_lists_each_servo_with_units(run_cli):
     answer = run_cli(f"{SCAN} --arm koch --json").json
     assert answer["schema"] == "ikservo/scan/1"
     assert answer["servos"][2] == {
@@ -28,7 +28,7 @@ def test_json_gives_each_servo_with_units(run_cli):
 
 
 @pytest.mark.parametrize("arm", ["so101", "koch"])
-def test_two_servos_on_one_id_are_called_several(run_cli, monkeypatch, arm):
+def test_scan_reports_two_servos_sharing_an_id(run_cli, monkeypatch, arm):
     change_bus(monkeypatch, lambda line: line.servos[3].memory.put("id", 2))
     result = run_cli(f"{SCAN} --arm {arm} --json")
     assert result.code == 1
@@ -40,7 +40,7 @@ def test_two_servos_on_one_id_are_called_several(run_cli, monkeypatch, arm):
 @pytest.mark.parametrize(
     ("arm", "register"), [("so101", "return_delay"), ("koch", "return_delay_time")]
 )
-def test_two_servos_that_never_speak_at_once_are_several_too(run_cli, monkeypatch, arm, register):
+def test_scan_reports_shared_id_despite_different_delays(run_cli, monkeypatch, arm, register):
     def change(line):
         line.servos[2].memory.put(register, 0)
         line.servos[3].memory.put(register, 250)
@@ -51,7 +51,7 @@ def test_two_servos_that_never_speak_at_once_are_several_too(run_cli, monkeypatc
     assert [s["id"] for s in servos if s["shares_id"]] == [2]
 
 
-def test_all_six_fresh_from_the_box_are_several(run_cli, monkeypatch):
+def test_scan_reports_six_new_servos_sharing_id_1(run_cli, monkeypatch):
     def change(line):
         for servo in line.world.servos:
             servo.memory.put("id", 1)
@@ -61,7 +61,7 @@ def test_all_six_fresh_from_the_box_are_several(run_cli, monkeypatch):
     assert [(s["id"], s["shares_id"]) for s in servos] == [(1, True)]
 
 
-def test_a_servo_at_another_rate_is_found(run_cli, monkeypatch):
+def test_scan_finds_servo_at_another_baud_rate(run_cli, monkeypatch):
     def change(line):
         for servo in line.world.servos:
             servo.memory.put("baud_rate", 2)  # 115,200
@@ -75,25 +75,25 @@ def strangers(line):
     line.servos[6].memory.put("baud_rate", 1)  # 57,600, as it comes from the box
 
 
-def test_the_search_ends_at_the_first_rate_with_servos(run_cli, monkeypatch):
+def test_scan_ends_at_first_baud_rate_with_servos(run_cli, monkeypatch):
     change_bus(monkeypatch, strangers)
     assert [s["id"] for s in run_cli(f"{SCAN} --arm koch --json").json["servos"]] == [1, 2, 3, 4, 5]
 
 
-def test_all_goes_on_to_the_last_rate(run_cli, monkeypatch):
+def test_scan_all_continues_to_last_baud_rate(run_cli, monkeypatch):
     change_bus(monkeypatch, strangers)
     servos = run_cli(f"{SCAN} --arm koch --all --json").json["servos"]
     assert [(s["id"], s["baud_rate"]) for s in servos][-1] == (6, 57_600)
     assert len(servos) == 6
 
 
-def test_a_rate_that_is_named_twice_is_tried_once(run_cli):
+def test_scan_tries_repeated_baud_rate_once(run_cli):
     servos = run_cli(f"{SCAN} --arm so101 --baud 1000000 --baud 1000000 --json").json["servos"]
     assert [s["id"] for s in servos] == [1, 2, 3, 4, 5, 6]
 
 
 @pytest.mark.parametrize("rate", ["99999999999999999999", "1", "٣"])
-def test_a_rate_that_no_adapter_makes_is_refused_by_name(run_cli, rate):
+def test_scan_refuses_impossible_baud_rate(run_cli, rate):
     result = run_cli(f"{SCAN} --arm so101 --baud {rate}")
     assert result.code == 2
     assert "--baud" in result.err
@@ -101,19 +101,19 @@ def test_a_rate_that_no_adapter_makes_is_refused_by_name(run_cli, rate):
 
 @pytest.mark.full
 @pytest.mark.parametrize("arm", ["so101", "koch"])
-def test_behind_an_adapter_that_holds_bytes_for_16_ms_models_are_known_all_the_same(run_cli, arm):
+def test_scan_finds_models_behind_adapter_with_16_ms_latency(run_cli, arm):
     slow = run_cli(f"scan sim:?latency_ms=16&usb_frame_ms=1 --arm {arm} --json").json["servos"]
     assert slow == run_cli(f"{SCAN} --arm {arm} --json").json["servos"]
 
 
 @pytest.mark.parametrize("arm", ["so101", "koch"])
-def test_a_servo_whose_first_answer_is_lost_is_found_all_the_same(run_cli, monkeypatch, arm):
+def test_scan_finds_servo_whose_first_reply_is_lost(run_cli, monkeypatch, arm):
     change_bus(monkeypatch, lambda line: line.faults.add(Fault("silent", id=4, count=1)))
     servos = run_cli(f"{SCAN} --arm {arm} --json").json["servos"]
     assert [s["id"] for s in servos] == [1, 2, 3, 4, 5, 6]
 
 
-def test_only_the_wanted_rate_is_tried(run_cli):
+def test_scan_tries_only_requested_baud_rate(run_cli):
     result = run_cli(f"{SCAN} --arm koch --baud 57600")
     assert result.code == 4
     assert "(all ids, 57600 baud)." in result.err
@@ -123,32 +123,30 @@ def test_only_the_wanted_rate_is_tried(run_cli):
 @pytest.mark.sample(1)
 @pytest.mark.parametrize("echo", ["?echo=1", "?echo=1&usb_frame_ms=1"])
 @pytest.mark.parametrize("arm", ["so101", "koch"])
-def test_an_adapter_that_echoes_invents_no_servos(run_cli, arm, echo):
+def test_scan_through_echoing_adapter_finds_no_false_servos(run_cli, arm, echo):
     servos = run_cli(f"scan sim:{echo} --arm {arm} --json").json["servos"]
     assert [(s["id"], s["shares_id"]) for s in servos] == [(i, False) for i in range(1, 7)]
 
 
-def test_noise_invents_no_servos(run_cli):
+def test_scan_with_noise_finds_no_false_servos(run_cli):
     servos = run_cli("scan sim:?noise=0.002&seed=5 --arm so101 --json").json["servos"]
     assert [s["id"] for s in servos] == [1, 2, 3, 4, 5, 6]
 
 
-def test_a_servo_with_an_alarm_is_found_and_says_so(run_cli, monkeypatch):
+def test_scan_reports_alarm_of_servo(run_cli, monkeypatch):
     change_bus(monkeypatch, lambda line: line.servos[4].inject_alarm(0x20))
     servos = run_cli(f"{SCAN} --arm so101 --json").json["servos"]
     assert servos[3]["alarms"] == ["overload"]
 
 
-def test_a_model_without_a_table_is_shown_by_its_number(run_cli, monkeypatch):
+def test_scan_shows_unknown_model_by_number(run_cli, monkeypatch):
     change_bus(monkeypatch, lambda line: line.servos[4].memory.put("model_number", 4242))
     row = run_cli(f"{SCAN} --arm so101 --json").json["servos"][3]
     assert (row["id"], row["model"], row["model_number"]) == (4, None, 4242)
 
 
 @pytest.mark.parametrize("protocol", ["so101", "koch"])
-def test_253_silent_ids_take_less_than_two_seconds_of_the_lines_time(
-    run_cli, monkeypatch, protocol
-):
+def test_scan_of_253_silent_ids_takes_below_2_s_on_line_clock(run_cli, monkeypatch, protocol):
     def silence(line):
         for servo in line.world.servos:
             servo.powered = False
@@ -169,14 +167,14 @@ def test_253_silent_ids_take_less_than_two_seconds_of_the_lines_time(
         ("scan a b", 2, "unexpected extra argument"),
     ],
 )
-def test_bad_input_is_one_clear_error(run_cli, words, code, message):
+def test_bad_scan_command_is_one_clear_error(run_cli, words, code, message):
     result = run_cli(words)
     assert result.code == code
     assert message in result.err
     assert result.out == ""
 
 
-def test_without_any_port_the_simulator_is_offered(run_cli, monkeypatch):
+def test_scan_without_port_suggests_simulator(run_cli, monkeypatch):
     monkeypatch.setattr("serial.tools.list_ports.comports", list)
     result = run_cli("scan")
     assert result.code == 3
@@ -185,6 +183,6 @@ def test_without_any_port_the_simulator_is_offered(run_cli, monkeypatch):
 
 @pytest.mark.full
 @pytest.mark.parametrize(("option", "is_said"), [("", True), ("--all", False)])
-def test_scan_says_that_it_left_out_the_rates_after_the_first(run_cli, option, is_said):
+def test_scan_says_that_it_skipped_later_baud_rates(run_cli, option, is_said):
     result = run_cli(f"scan --port sim --arm so101 {option}")
     assert ("Only rates up to the first with servos" in result.err) == is_said

@@ -18,14 +18,14 @@ def port():
 
 
 @pytest.mark.full
-def test_253_silent_ids_take_less_than_two_seconds(port):
+def test_scan_of_253_silent_ids_takes_below_2_s(port):
     started_s = time.monotonic()
     assert scan_port(port, [500_000]) == []
     assert time.monotonic() - started_s < 2.0
 
 
 @pytest.mark.campaign
-def test_every_servo_is_found(run_cli, port):
+def test_scan_finds_every_servo(run_cli, port):
     done = run_cli(f"scan {port}")
     assert done.code == 0, done.err
     assert [line.split()[:2] for line in done.out.splitlines()[1:]] == [

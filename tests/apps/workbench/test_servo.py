@@ -28,7 +28,7 @@ def held(ports, servo_id=3):
     return ports[-1].line.servos[servo_id]
 
 
-def test_a_table_has_a_row_for_each_register(run_cli, ports):
+def test_servo_table_has_row_for_each_register(run_cli, ports):
     lines = run_cli(f"servo table {ELBOW}").out.splitlines()
     rows = {line.split()[0]: line for line in lines[1:]}
     assert len(rows) == len(held(ports).table.by_name)
@@ -36,7 +36,7 @@ def test_a_table_has_a_row_for_each_register(run_cli, ports):
     assert "0…254" in rows["p_gain"]
 
 
-def test_read_prints_raw_numbers_and_quantities(run_cli):
+def test_servo_read_prints_raw_numbers_and_quantities(run_cli):
     answer = run_cli(f"servo read present_voltage id {ELBOW} --json").json
     voltage, own_id = answer["registers"]
     assert (answer["schema"], answer["joint"]) == ("ikservo/servo-registers/1", "elbow_flex")
@@ -44,14 +44,14 @@ def test_read_prints_raw_numbers_and_quantities(run_cli):
     assert (own_id["raw"], own_id["range"], own_id["area"]) == (3, [0, 253], "EEPROM")
 
 
-def test_write_changes_what_differs_and_locks_again(run_cli, ports):
+def test_servo_write_changes_only_differences_and_locks_again(run_cli, ports):
     result = run_cli(f"servo write p_gain=20 d_gain=32 max_torque=60% {ELBOW} --yes")
     assert result.code == 0
     assert result.out.strip() == "✓ elbow_flex (id 3): p_gain 32 → 20, max_torque 1000 → 600"
     assert [held(ports).read(name) for name in ("p_gain", "max_torque", "lock")] == [20, 600, 1]
 
 
-def test_a_dry_run_writes_nothing(run_cli, ports):
+def test_servo_write_dry_run_writes_nothing(run_cli, ports):
     result = run_cli(f"servo write p_gain=20 {ELBOW} --dry-run")
     assert result.out.strip() == "would write elbow_flex (id 3): p_gain 32 → 20"
     assert held(ports).read("p_gain") == 32
@@ -79,7 +79,7 @@ def test_a_dry_run_writes_nothing(run_cli, ports):
         (f"servo reboot {ELBOW} --yes", ExitCode.SILENT, "does not support reboot"),
     ],
 )
-def test_mistakes_are_one_error_and_change_nothing(run_cli, ports, words, code, said):
+def test_wrong_servo_command_is_one_error_and_writes_nothing(run_cli, ports, words, code, said):
     result = run_cli(words)
     assert result.code == code, result.err
     assert said in result.err
@@ -88,7 +88,7 @@ def test_mistakes_are_one_error_and_change_nothing(run_cli, ports, words, code, 
         assert held(ports).read("p_gain") == 32
 
 
-def test_a_restored_servo_holds_its_backup(run_cli, monkeypatch):
+def test_servo_restore_returns_registers_to_backup(run_cli, monkeypatch):
     assert run_cli(f"servo backup {ELBOW} --to first.toml").code == 0
     assert run_cli(f"servo backup {ELBOW} --to first.toml").code == ExitCode.USAGE
 
@@ -104,12 +104,12 @@ def test_a_restored_servo_holds_its_backup(run_cli, monkeypatch):
     assert [restored.read(n) for n in ("p_gain", "homing_offset", "lock")] == [32, 0, 1]
 
 
-def test_ping_names_every_servo(run_cli):
+def test_servo_ping_names_every_servo(run_cli):
     servos = run_cli("servo ping --arm koch --port sim --json").json["servos"]
     assert [servo["model"] for servo in servos] == ["XL430-W250"] * 2 + ["XL330-M288"] * 4
 
 
-def test_servos_of_no_arm_are_found_at_any_rate(run_cli, monkeypatch):
+def test_servo_without_arm_is_found_at_any_baud_rate(run_cli, monkeypatch):
     from servosim import open_port
 
     transport = open_port(f"sim:{_arm_file('koch')}")
@@ -125,7 +125,7 @@ def _arm_file(name):
     return load_model(name).path.resolve()
 
 
-def test_packets_of_a_command_are_recorded_and_printed(run_cli, monkeypatch, tmp_path):
+def test_servo_packets_prints_recorded_packets(run_cli, monkeypatch, tmp_path):
     monkeypatch.setenv("IKSERVO_PACKETS", str(tmp_path / "log.pcapng"))
     assert run_cli("where --arm so101 --port sim").code == 0
     monkeypatch.delenv("IKSERVO_PACKETS")
@@ -139,7 +139,7 @@ def test_packets_of_a_command_are_recorded_and_printed(run_cli, monkeypatch, tmp
 
 
 @pytest.mark.full
-def test_tune_compares_gains_and_says_how_to_keep_the_best(run_cli, ports):
+def test_servo_tune_compares_gains_and_says_how_to_keep_best(run_cli, ports):
     result = run_cli("servo tune position_p_gain=1500 --arm koch --port sim:?pose=home --id 2")
     assert result.code == 0, result.err
     rows = result.out.splitlines()
@@ -150,7 +150,7 @@ def test_tune_compares_gains_and_says_how_to_keep_the_best(run_cli, ports):
 
 
 @pytest.mark.campaign
-def test_tune_on_a_sine_prints_amplitude_and_phase(run_cli, ports):
+def test_servo_tune_sine_prints_amplitude_and_phase(run_cli, ports):
     words = f"servo tune cw_dead_zone=3 --sine 2 --step 1 {ELBOW}".replace("sim", "sim:?pose=home")
     answer = run_cli(f"{words} --json").json
     assert [point["gains"]["cw_dead_zone"] for point in answer["points"]] == [1, 3]
@@ -161,7 +161,7 @@ def test_tune_on_a_sine_prints_amplitude_and_phase(run_cli, ports):
 @pytest.mark.parametrize(
     "more", ["--sine x", "--sine 1,2,3", "--sine 4,1", "--sine 99", "--sine 2 --suggest"]
 )
-def test_a_sine_that_is_none_is_refused(run_cli, ports, more):
+def test_servo_tune_refuses_invalid_sine(run_cli, ports, more):
     words = f"servo tune {more} {ELBOW}".replace("sim", "sim:?pose=home")
     result = run_cli(words)
     assert (result.code, result.out) == (ExitCode.USAGE, "")
@@ -169,20 +169,20 @@ def test_a_sine_that_is_none_is_refused(run_cli, ports, more):
 
 
 @pytest.mark.parametrize("word", ["p_gain", "p_gain=999", "max_torque=500", "goal_position=5"])
-def test_tune_takes_gains_only(run_cli, ports, word):
+def test_servo_tune_accepts_only_gains(run_cli, ports, word):
     result = run_cli(f"servo tune {word} {ELBOW}")
     assert (result.code, result.out) == (ExitCode.USAGE, "")
     assert held(ports).read("torque_enable") == 0, "nothing moves for bad input"
 
 
 @pytest.mark.parametrize("more", ["", "--sine 2"])
-def test_a_step_of_nothing_is_not_the_usual_step(run_cli, ports, more):
+def test_servo_tune_refuses_step_of_zero(run_cli, ports, more):
     result = run_cli(f"servo tune --step 0 {more} {ELBOW}".replace("sim", "sim:?pose=home"))
     assert (result.code, result.out) == (ExitCode.USAGE, "")
     assert "at least" in result.err
 
 
-def test_a_joint_without_room_hints_at_no_option_of_move(run_cli):
+def test_servo_tune_without_room_names_no_move_option(run_cli):
     # At rest the links of an SO-101 lie on each other.
     result = run_cli("servo tune --step 20 --arm so101 --port sim --id shoulder_lift")
     assert result.code == ExitCode.REFUSED
@@ -193,7 +193,7 @@ def test_a_joint_without_room_hints_at_no_option_of_move(run_cli):
 FAST = "--port sim:?paced=0"
 
 
-def test_plot_prints_csv_for_programs(run_cli):
+def test_servo_plot_prints_csv_for_programs(run_cli):
     result = run_cli(f"servo plot --arm so101 {FAST} --id 3,wrist_roll --duration 1 --period 50ms")
     head, *rows = result.out.splitlines()
     columns = head.split(",")
@@ -229,7 +229,7 @@ def test_a_servo_that_is_named_twice_is_plotted_once(run_cli):
     assert result.out.splitlines()[0] == "time_s,elbow_flex.present_position [rad]"
 
 
-def test_plot_with_json_has_a_line_for_each_sample(run_cli, ports):
+def test_servo_plot_json_has_line_for_each_sample(run_cli, ports):
     lines = run_cli(
         f"servo plot position_p_gain --arm koch {FAST} --duration 200ms --json"
     ).out.splitlines()
@@ -239,7 +239,7 @@ def test_plot_with_json_has_a_line_for_each_sample(run_cli, ports):
     assert last["values"] == {"position_p_gain": held(ports, 2).read("position_p_gain")}
 
 
-def test_a_servo_that_falls_silent_has_empty_cells(run_cli, monkeypatch):
+def test_silent_servo_has_empty_cells_in_plot(run_cli, monkeypatch):
     change_bus(monkeypatch, lambda line: line.faults.add(Fault("silent", id=3, at_s=0.5)))
     result = run_cli(f"servo plot present_voltage --arm so101 {FAST} --id 2,3 --duration 1")
     cells = [row.split(",")[1:] for row in result.out.splitlines()[1:]]
@@ -257,13 +257,13 @@ def test_a_servo_that_falls_silent_has_empty_cells(run_cli, monkeypatch):
         ("servo read id --arm so101 {fast} --id 3 --duration 3", "No such option: --duration"),
     ],
 )
-def test_a_plot_of_nothing_is_refused(run_cli, words, said):
+def test_invalid_servo_plot_is_refused(run_cli, words, said):
     result = run_cli(words.format(fast=FAST))
     assert (result.code, result.out) == (ExitCode.USAGE, "")
     assert said in result.err
 
 
-def test_a_curve_spans_its_values():
+def test_block_curve_spans_its_values():
     assert block_curve([0.0, 1.0, 2.0, None, 7.0], 1) == ["▁▂▃ █"]
     assert block_curve([0.0, 15.0], 2) == [" █", "▁█"]
     assert block_curve([3.0, 3.0], 1) == ["▁▁"]

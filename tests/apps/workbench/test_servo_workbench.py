@@ -63,7 +63,7 @@ def write(line, values, servo=None):
 
 
 @each_model
-def test_the_whole_table_is_what_the_servo_holds(model):
+def test_register_readings_match_servo_memory(model):
     line = line_of(model)
     held = simulated_servos(line.bus)[ID]
     readings = read_registers(line, servo_of(line))
@@ -90,7 +90,7 @@ def test_each_writable_register_is_written_and_restored(model):
 
 
 @each_model
-def test_what_the_sheet_forbids_is_refused_before_it_is_sent(model):
+def test_value_outside_data_sheet_range_is_refused(model):
     line = line_of(model)
     for register in MODELS[model].registers.values():
         lower, upper = register.range
@@ -101,7 +101,7 @@ def test_what_the_sheet_forbids_is_refused_before_it_is_sent(model):
 
 
 @each_model
-def test_eeprom_stays_under_torque(model):
+def test_eeprom_write_under_torque_is_refused(model):
     line = line_of(model)
     table = MODELS[model]
     torque_on(line.bus, ID)
@@ -114,7 +114,7 @@ def test_eeprom_stays_under_torque(model):
 
 
 @each_model
-def test_a_new_id_and_a_new_rate_are_verified(model):
+def test_new_id_and_baud_rate_are_written_and_verified(model):
     line = line_of(model)
     table, servo = MODELS[model], servo_of(line)
     with pytest.raises(InputError, match="belongs to another servo"):
@@ -131,7 +131,7 @@ KILLED_AT = 100
 
 
 @pytest.mark.parametrize("model", ["STS3215", "SCS0009"])
-def test_a_killed_write_is_found_and_closed_by_the_next(model):
+def test_killed_write_is_finished_by_next_write(model):
     """The line falls silent for this program after each of its packets in turn, as by SIGKILL."""
     table = control_table(model)
     values = {"p_gain": 20, "d_gain": 10, "max_temperature_limit": 60}
@@ -161,7 +161,7 @@ SPOILED = {"p_gain": 20, "d_gain": 10, "max_temperature_limit": 60, "max_positio
 
 
 @pytest.mark.parametrize("model", ["STS3215", "SCS0009"])
-def test_backup_restore_backup_are_the_same_wherever_a_restore_was_killed(model, tmp_path):
+def test_restore_after_killed_restore_gives_same_backup(model, tmp_path):
     first, second = tmp_path / "first.toml", tmp_path / "second.toml"
     for packets in range(KILLED_AT):
         line = line_of(model)
@@ -204,7 +204,7 @@ class _DyingTransport:
 
 
 @each_model
-def test_reset_keeps_id_and_rate_or_is_refused(model):
+def test_servo_reset_keeps_id_and_baud_rate_or_is_refused(model):
     line = line_of(model)
     family = MODELS[model].family
     held = simulated_servos(line.bus)[ID]
@@ -221,7 +221,7 @@ def test_reset_keeps_id_and_rate_or_is_refused(model):
     assert line.bus.read(ID, MODELS[model].registers[name], raw=True) == fresh[name]
 
 
-def test_a_restarted_dynamixel_replies_again_without_torque():
+def test_restarted_dynamixel_replies_with_torque_off():
     line = line_of("XL430-W250")
     torque_on(line.bus, ID)
     restart_servo(line, servo_of(line))
@@ -242,33 +242,33 @@ def test_a_restarted_dynamixel_replies_again_without_torque():
         ("max_voltage_limit", "8.4V", 84),
     ],
 )
-def test_values_are_raw_integers_or_quantities(name, text, raw):
+def test_register_values_are_raw_integers_or_quantities(name, text, raw):
     assert parse_register_value(find_register(MODELS["STS3215"], name), text) == raw
 
 
 @pytest.mark.parametrize(
     "text", ["", "x", "1.5", "8V8", "65V", "1e5", "nan", "--3", "\u0663", "9" * 500]
 )
-def test_other_texts_are_no_values(text):
+def test_invalid_register_value_text_is_refused(text):
     register = find_register(MODELS["STS3215"], "max_temperature_limit")
     line = line_of("STS3215")
     with pytest.raises((InputError, RegisterAccessError)):
         plan_writes(line, servo_of(line), {register: parse_register_value(register, text)})
 
 
-def test_a_wrong_name_offers_the_nearest():
+def test_wrong_register_name_suggests_nearest():
     with pytest.raises(UnknownNameError, match="present_voltage"):
         find_register(MODELS["STS3215"], "present_volt")
 
 
-def test_the_lock_and_the_zero_are_not_written_by_hand():
+def test_eeprom_lock_and_zeroing_command_cannot_be_written():
     line = line_of("STS3215")
     for name, raw in (("lock", 0), ("torque_enable", 128)):
         with pytest.raises((RegisterAccessError, BadValueError)):
             write(line, {name: raw})
 
 
-def test_an_id_that_is_taken_at_the_new_rate_is_refused_before_anything_is_written():
+def test_id_taken_at_new_baud_rate_is_refused_before_writing():
     line = line_of("STS3215")
     other = simulated_servos(line.bus)[1]
     other.memory.put("id", 9)
@@ -290,7 +290,7 @@ def test_an_id_that_is_taken_at_the_new_rate_is_refused_before_anything_is_writt
         ("XL430-W250", "protocol_type", 1),
     ],
 )
-def test_what_ends_replies_or_shares_goals_is_refused(model, name, raw):
+def test_register_that_ends_replies_or_shares_goals_is_refused(model, name, raw):
     line = line_of(model)
     with pytest.raises(RegisterAccessError):
         write(line, {name: raw})

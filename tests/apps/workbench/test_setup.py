@@ -101,7 +101,7 @@ def set_up():
 @pytest.mark.full
 @pytest.mark.sample(1)
 @pytest.mark.parametrize("arm", ["so101", "koch"])
-def test_each_servo_becomes_what_the_arm_file_says_and_stays_so_without_power(set_up, arm):
+def test_setup_writes_arm_file_values_permanently(set_up, arm):
     operator, result = set_up[arm]
     assert result.code == 0, result.err
     for servo, (servo_id, baud) in zip(operator.servos, operator.wanted, strict=True):
@@ -113,13 +113,13 @@ def test_each_servo_becomes_what_the_arm_file_says_and_stays_so_without_power(se
 
 
 @pytest.mark.full
-def test_the_memory_of_each_servo_is_locked_again(set_up):
+def test_setup_locks_memory_of_each_servo(set_up):
     operator, _ = set_up["so101"]
     assert [servo.memory.get("lock") for servo in operator.servos] == [1] * 6
 
 
 @pytest.mark.full
-def test_stdout_tells_what_was_written(set_up):
+def test_setup_prints_what_was_written(set_up):
     _, result = set_up["koch"]
     assert result.out.splitlines()[:3] == [
         "✓ shoulder_pan (id 1): baud_rate 1 → 3, return_delay_time 200 → 0",
@@ -128,7 +128,7 @@ def test_stdout_tells_what_was_written(set_up):
     ]
 
 
-def test_json_gives_one_object_a_servo(set_up):
+def test_setup_json_has_one_object_per_servo(set_up):
     _, result = set_up["so101"]
     rows = [json.loads(line) for line in result.out.splitlines()]
     assert [row["joint"] for row in rows][::5] == ["shoulder_pan", "gripper"]
@@ -138,7 +138,7 @@ def test_json_gives_one_object_a_servo(set_up):
     }  # fmt: skip
 
 
-def test_the_person_is_shown_the_joint_and_asked_to_unplug(set_up):
+def test_setup_names_joint_and_asks_to_unplug(set_up):
     _, result = set_up["koch"]
     assert "3 of 6: plug in only the XL330-M288 of elbow_flex (id 3) …" in result.err
     assert result.err.count("Unplug it.") == 5
@@ -148,7 +148,7 @@ def test_the_person_is_shown_the_joint_and_asked_to_unplug(set_up):
 
 
 @pytest.mark.full
-def test_a_servo_plugged_in_too_early_is_not_taken_for_the_one_before(run_cli, monkeypatch):
+def test_servo_plugged_in_too_early_gets_its_own_id(run_cli, monkeypatch):
     operators, _ = with_operator(monkeypatch, "so101", clumsy=True)
     result = run_cli("setup so101 --port sim --yes")
     assert result.code == 0, result.err
@@ -156,7 +156,7 @@ def test_a_servo_plugged_in_too_early_is_not_taken_for_the_one_before(run_cli, m
 
 
 @pytest.mark.full
-def test_a_whole_arm_plugged_in_is_refused_and_nothing_is_written(run_cli, monkeypatch):
+def test_setup_refuses_whole_arm_and_writes_nothing(run_cli, monkeypatch):
     ports = change_bus(monkeypatch, lambda line: None)
     result = run_cli("setup so101 --port sim --yes --wait 5")
     assert result.code == 4
@@ -180,7 +180,7 @@ def all_but(number):
 
 
 @pytest.mark.full
-def test_two_servos_at_the_same_id_are_refused(run_cli, monkeypatch):
+def test_setup_refuses_two_servos_with_same_id(run_cli, monkeypatch):
     def change(line):
         all_but(3)(line)
         line.servos[4].powered = True
@@ -193,7 +193,7 @@ def test_two_servos_at_the_same_id_are_refused(run_cli, monkeypatch):
 
 
 @pytest.mark.full
-def test_a_servo_that_is_right_already_is_not_written(run_cli, monkeypatch):
+def test_setup_writes_nothing_to_servo_that_is_already_right(run_cli, monkeypatch):
     ports = change_bus(monkeypatch, all_but(6))
     result = run_cli("setup so101 --port sim --start gripper --yes")
     assert result.out == "✓ gripper (id 6): nothing to change\n"
@@ -202,7 +202,7 @@ def test_a_servo_that_is_right_already_is_not_written(run_cli, monkeypatch):
     assert ports[0].line.servos[6].memory.eeprom_writes == before
 
 
-def test_another_model_is_refused_and_nothing_is_written(run_cli, monkeypatch):
+def test_setup_refuses_other_model(run_cli, monkeypatch):
     change_bus(monkeypatch, all_but(3))
     result = run_cli("setup koch --port sim --yes")
     assert result.code == 6
@@ -210,7 +210,7 @@ def test_another_model_is_refused_and_nothing_is_written(run_cli, monkeypatch):
 
 
 @pytest.mark.full
-def test_nobody_came_and_it_says_how_to_go_on(run_cli, monkeypatch):
+def test_setup_without_servo_ends_and_says_how_to_continue(run_cli, monkeypatch):
     change_bus(monkeypatch, all_but(99))
     result = run_cli("setup so101 --port sim --yes --start wrist_flex --wait 3")
     assert result.code == 4
@@ -219,7 +219,7 @@ def test_nobody_came_and_it_says_how_to_go_on(run_cli, monkeypatch):
 
 
 @pytest.mark.full
-def test_without_a_terminal_the_flag_is_named(run_cli, monkeypatch):
+def test_setup_without_terminal_names_yes_option(run_cli, monkeypatch):
     def change(line):
         all_but(6)(line)
         line.servos[6].memory.put("id", 9)
@@ -231,7 +231,7 @@ def test_without_a_terminal_the_flag_is_named(run_cli, monkeypatch):
     assert 9 in ports[0].line.servos
 
 
-def test_settings_of_the_arm_file_are_written_too(run_cli, monkeypatch):
+def test_setup_writes_arm_file_settings(run_cli, monkeypatch):
     def change(line):
         all_but(9)(line)
         line.servos[9].memory.put("velocity_limit", 265)
@@ -256,7 +256,7 @@ def test_settings_of_the_arm_file_are_written_too(run_cli, monkeypatch):
         ("setup so101 --port /dev/ttyNONE7", 3, "/dev/ttyNONE7"),
     ],
 )
-def test_bad_input_is_one_clear_error(run_cli, words, code, message):
+def test_bad_setup_command_is_one_clear_error(run_cli, words, code, message):
     result = run_cli(words)
     assert result.code == code
     assert message in result.err
@@ -264,7 +264,7 @@ def test_bad_input_is_one_clear_error(run_cli, words, code, message):
 
 
 @pytest.mark.full
-def test_a_servo_that_stays_plugged_in_stops_it_at_the_next_joint(run_cli, monkeypatch):
+def test_setup_stops_if_finished_servo_stays_plugged_in(run_cli, monkeypatch):
     change_bus(monkeypatch, all_but(5))
     result = run_cli("setup so101 --port sim --start wrist_roll --yes --wait 3")
     assert result.code == 4
@@ -294,7 +294,7 @@ def at_rate(code):
     "rate",
     [r if r == 115_200 else pytest.param(r, marks=pytest.mark.campaign) for r in STS_CODES],
 )
-def test_a_servo_is_found_at_whatever_rate_it_has(run_cli, monkeypatch, rate):
+def test_setup_finds_servo_at_any_baud_rate(run_cli, monkeypatch, rate):
     ports = change_bus(monkeypatch, at_rate(STS_CODES[rate]))
     result = run_cli("setup so101 --port sim --start gripper --yes")
     assert result.code == 0, result.err
@@ -316,7 +316,7 @@ def other_arm(monkeypatch, name, change):
 
 
 @pytest.mark.parametrize(("code", "rate"), [(1, 57_600), (2, 115_200)])
-def test_a_servo_of_another_family_is_named(run_cli, monkeypatch, code, rate):
+def test_setup_names_servo_of_another_family(run_cli, monkeypatch, code, rate):
     def change(line):
         all_but(3)(line)
         line.servos[3].memory.put("baud_rate", code)
@@ -328,7 +328,7 @@ def test_a_servo_of_another_family_is_named(run_cli, monkeypatch, code, rate):
 
 
 @pytest.mark.full
-def test_a_servo_that_answers_only_now_and_then_is_not_called_absent(run_cli, monkeypatch):
+def test_setup_reports_unsteady_replies_of_servo(run_cli, monkeypatch):
     change_bus(monkeypatch, all_but(6))
     looks = itertools.count()
 
@@ -342,6 +342,6 @@ def test_a_servo_that_answers_only_now_and_then_is_not_called_absent(run_cli, mo
     assert "brings answers of STS3215 at id 6, 1000000 baud, but not steadily" in result.err
 
 
-def test_it_says_what_it_is_doing_and_how_to_end_it(set_up):
+def test_setup_says_that_it_searches_and_how_to_end_it(set_up):
     _, result = set_up["koch"]
     assert "Searching at every baud rate. Ctrl-C stops" in result.err

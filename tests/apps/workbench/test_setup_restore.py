@@ -76,7 +76,7 @@ def edited(path, old, new):
 
 
 @EACH
-def test_what_differs_is_listed_written_and_lasts(monkeypatch, arm):
+def test_restore_lists_and_writes_differing_registers(monkeypatch, arm):
     path, bench_line = backup_of(arm), ChangedServoLine(monkeypatch, arm)
     result = bench_line.restore(path, "--yes")
     assert result.code == 0, result.err
@@ -88,21 +88,21 @@ def test_what_differs_is_listed_written_and_lasts(monkeypatch, arm):
     assert bench_line.held() == bench_line.before != SPOILED[arm]
 
 
-def test_the_memory_is_locked_again(monkeypatch):
+def test_restore_locks_memory_again(monkeypatch):
     path, bench_line = backup_of("so101"), ChangedServoLine(monkeypatch, "so101")
     bench_line.restore(path, "--yes")
     assert bench_line.servo.read("lock") == 1
 
 
 @EACH
-def test_where_nothing_differs_nothing_is_asked_or_written(monkeypatch, arm):
+def test_restore_without_difference_asks_and_writes_nothing(monkeypatch, arm):
     path, bench_line = backup_of(arm), ChangedServoLine(monkeypatch, arm, {})
     result = bench_line.restore(path)  # without --yes, and without a terminal
     assert (result.code, result.out) == (0, "✓ elbow_flex (id 3): nothing to change\n")
     assert "no registers to restore" in result.err
 
 
-def test_without_a_terminal_it_is_not_written_unasked(monkeypatch):
+def test_restore_without_terminal_needs_yes_option(monkeypatch):
     path, bench_line = backup_of("so101"), ChangedServoLine(monkeypatch, "so101")
     result = bench_line.restore(path)
     assert result.code == ExitCode.USAGE
@@ -111,7 +111,7 @@ def test_without_a_terminal_it_is_not_written_unasked(monkeypatch):
 
 
 @pytest.mark.parametrize("answer", [True, False])
-def test_it_is_written_only_after_a_yes(monkeypatch, answer):
+def test_restore_writes_only_after_yes(monkeypatch, answer):
     path, bench_line = backup_of("so101"), ChangedServoLine(monkeypatch, "so101")
     asked = []
     monkeypatch.setattr("sys.stdin.isatty", lambda: True, raising=False)
@@ -125,7 +125,7 @@ def test_it_is_written_only_after_a_yes(monkeypatch, answer):
 
 
 @EACH
-def test_json_says_what_was_written(monkeypatch, arm):
+def test_restore_json_lists_written_registers(monkeypatch, arm):
     path, bench_line = backup_of(arm), ChangedServoLine(monkeypatch, arm)
     report = json.loads(bench_line.restore(path, "--yes", "--json").out)
     assert (report["joint"], report["id"], report["kept"]) == ("elbow_flex", 3, [])
@@ -133,7 +133,7 @@ def test_json_says_what_was_written(monkeypatch, arm):
 
 
 @EACH
-def test_under_torque_nothing_is_asked_or_written(monkeypatch, arm):
+def test_restore_under_torque_writes_nothing(monkeypatch, arm):
     def hold(line):
         line.servos[ID].write("torque_enable", 1)
 
@@ -144,7 +144,7 @@ def test_under_torque_nothing_is_asked_or_written(monkeypatch, arm):
     assert bench_line.held() == SPOILED[arm]
 
 
-def test_a_backup_of_another_id_needs_the_servo_named(monkeypatch):
+def test_backup_of_unknown_id_needs_servo_option(monkeypatch):
     path = backup_of("so101")
     edited(path, "\nid = 3\n\n", "\nid = 9\n\n")
     bench_line = ChangedServoLine(monkeypatch, "so101")
@@ -156,7 +156,7 @@ def test_a_backup_of_another_id_needs_the_servo_named(monkeypatch):
     assert bench_line.held() == bench_line.before
 
 
-def test_a_backup_goes_to_the_servo_with_its_id_unless_another_is_named(monkeypatch):
+def test_backup_goes_to_its_id_unless_servo_is_named(monkeypatch):
     path, bench_line = backup_of("so101", 2), ChangedServoLine(monkeypatch, "so101", {"p_gain": 40})
     assert "nothing to change" in bench_line.restore(path, "--yes").out
     result = bench_line.restore(path, "--yes", "--servo", "3")
@@ -165,7 +165,7 @@ def test_a_backup_goes_to_the_servo_with_its_id_unless_another_is_named(monkeypa
     assert bench_line.servo.read("id") == 3
 
 
-def test_a_backup_of_another_model_is_refused_unless_that_is_meant(monkeypatch):
+def test_backup_of_other_model_needs_other_model_option(monkeypatch):
     path, bench_line = backup_of("so101"), ChangedServoLine(monkeypatch, "so101")
     edited(path, '"STS3215"', '"STS3250"')
     result = bench_line.restore(path, "--yes")
@@ -175,7 +175,7 @@ def test_a_backup_of_another_model_is_refused_unless_that_is_meant(monkeypatch):
     assert bench_line.held() == bench_line.before
 
 
-def test_a_servo_that_is_another_model_than_the_arm_file_says_is_refused(monkeypatch):
+def test_restore_refuses_servo_of_other_model_than_arm_file(monkeypatch):
     path = backup_of("so101")
     bench_line = ChangedServoLine(monkeypatch, "so101", {"model_number": 2825, "p_gain": 40})
     result = bench_line.restore(path, "--yes")
@@ -184,7 +184,7 @@ def test_a_servo_that_is_another_model_than_the_arm_file_says_is_refused(monkeyp
     assert bench_line.held()["p_gain"] == 40
 
 
-def test_a_number_that_the_servo_would_refuse_is_found_before_the_first_is_written(monkeypatch):
+def test_restore_refuses_invalid_value_before_first_write(monkeypatch):
     path, bench_line = backup_of("so101"), ChangedServoLine(monkeypatch, "so101")
     edited(path, f"overload_torque = {80}", "overload_torque = 255")
     result = bench_line.restore(path, "--yes")
@@ -192,7 +192,7 @@ def test_a_number_that_the_servo_would_refuse_is_found_before_the_first_is_writt
     assert bench_line.held() == SPOILED["so101"]
 
 
-def test_id_and_baud_rate_stay(monkeypatch):
+def test_restore_keeps_id_and_baud_rate(monkeypatch):
     path, bench_line = backup_of("so101"), ChangedServoLine(monkeypatch, "so101", {"p_gain": 40})
     edited(path, "baud_rate = 0", "baud_rate = 4")
     result = bench_line.restore(path, "--yes")
@@ -203,7 +203,7 @@ def test_id_and_baud_rate_stay(monkeypatch):
 
 @EACH
 @pytest.mark.parametrize("keep", [0.0, 0.3, 0.9])
-def test_a_damaged_file_is_one_clear_error(monkeypatch, arm, keep):
+def test_damaged_backup_is_one_clear_error(monkeypatch, arm, keep):
     path, bench_line = backup_of(arm), ChangedServoLine(monkeypatch, arm)
     text = path.read_text()
     path.write_text(text[: int(keep * len(text))])
@@ -214,7 +214,7 @@ def test_a_damaged_file_is_one_clear_error(monkeypatch, arm, keep):
     assert result.err.count("rror") <= 1
 
 
-def test_a_servo_that_does_not_answer_is_named(monkeypatch):
+def test_restore_names_silent_servo(monkeypatch):
     def mute(line):
         line.faults.add(Fault("silent", id=ID))
 
@@ -224,14 +224,14 @@ def test_a_servo_that_does_not_answer_is_named(monkeypatch):
     assert "elbow_flex (id 3)" in result.err
 
 
-def test_options_of_restore_alone_are_refused(monkeypatch):
+def test_other_model_option_without_restore_is_refused(monkeypatch):
     ChangedServoLine(monkeypatch, "so101")
     result = run_arguments(["setup", "so101", "--port", "sim", "--other-model"])
     assert result.code == ExitCode.USAGE
     assert "Add --restore FILE." in result.err
 
 
-def test_without_an_arm_it_says_how_to_name_one():
+def test_restore_without_arm_names_missing_argument():
     result = run_arguments(["setup", "--restore", "x.toml"])
     assert result.code == ExitCode.USAGE
     assert "Missing argument 'ARM'." in result.err

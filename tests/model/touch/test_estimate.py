@@ -50,41 +50,41 @@ def judge(name, seed):
 
 @pytest.mark.sample(1)
 @pytest.mark.parametrize(("name", "seed"), FEW)
-def test_fifteen_touches_leave_a_millimetre_and_a_half_at_most(name, seed):
+def test_touch_off_of_15_touches_leaves_at_most_1_5_mm(name, seed):
     judge(name, seed)
 
 
 @pytest.mark.campaign
 @pytest.mark.timeout(600)
-def test_fifty_hidden_arms_are_touched_off():
+def test_touch_off_reduces_median_error_below_0_9_mm():
     before_m, after_m = np.array([judge(name, seed) for name, seed in FIFTY]).T
     summary = f"{1000 * np.median(before_m):.1f} mm before, {1000 * np.median(after_m):.2f} after"
     assert np.median(before_m) > 0.008, summary
     assert np.median(after_m) < 0.0009, summary
 
 
-def test_touches_that_went_astray_are_left_out_by_name():
+def test_outlier_touches_are_left_out_by_name():
     arm = hidden("so101", 3)
     found = select_and_fit(arm.chain, touches_of(arm, offs=(4, 9)))
     assert np.flatnonzero(~found.fit.kept).tolist() == [4, 9]
     assert rms_m(arm, found.fit.tips) <= 1.5e-3
 
 
-def test_a_third_that_contradicts_the_others_is_refused_and_named():
+def test_six_outliers_of_15_touches_are_refused_by_name():
     arm = hidden("planar3", 3)
     with pytest.raises(CalibrationError, match=r"6 of 15 touches are outliers: P1, P4"):
         select_and_fit(arm.chain, touches_of(arm, offs=(1, 4, 7, 10, 12, 14)))
 
 
 @pytest.mark.full
-def test_touches_that_fit_no_arm_at_all_are_refused():
+def test_touches_that_fit_no_arm_are_refused():
     arm = hidden("planar2", 3)
     chaos = [TouchPoint(t.q, t.point, arm.chance.uniform(-0.2, 0.2, 3)) for t in touches_of(arm)]
     with pytest.raises(CalibrationError, match="The touches do not fit this arm"):
         select_and_fit(arm.chain, chaos)
 
 
-def test_an_arm_that_is_right_is_left_alone():
+def test_touch_off_of_exact_arm_changes_nothing():
     arm = hidden("planar2", 4)
     right = [TouchPoint(q, f"P{i}", arm.chain.forward(q)[:3, 3] + arm.noise())
              for i, q in enumerate(arm.posture() for _ in range(15))]  # fmt: skip
@@ -93,14 +93,14 @@ def test_an_arm_that_is_right_is_left_alone():
     assert not found.improves
 
 
-def test_four_touches_say_too_little():
+def test_four_touches_are_refused_as_too_few():
     arm = hidden("planar2", 5)
     with pytest.raises(CalibrationError, match="at least 5 are needed"):
         select_and_fit(arm.chain, touches_of(arm, 4))
 
 
 @pytest.mark.full
-def test_the_error_that_is_promised_is_the_error_that_is_found():
+def test_predicted_error_is_within_factor_two_of_true_one():
     arm = hidden("wx250s", 6)
     found = select_and_fit(arm.chain, touches_of(arm))
     assert 0.4 < rms_m(arm, found.fit.tips) / found.deviation_m[0] < 2.0
@@ -118,7 +118,7 @@ def same_point(arm, count):
 
 
 @pytest.mark.full
-def test_one_unmeasured_point_makes_an_arm_agree_with_itself_but_places_no_base():
+def test_one_unmeasured_point_fits_zeros_but_not_base():
     arm = hidden("koch", 7)
     found = select_and_fit(arm.chain, same_point(arm, 12))
     assert found.after_m < 0.5 * found.before_m
@@ -129,7 +129,7 @@ def test_one_unmeasured_point_makes_an_arm_agree_with_itself_but_places_no_base(
     assert deviation > 0.9 * fit.layout.prior[0]
 
 
-def test_touches_in_a_plane_do_not_tell_which_part_lies_too_high():
+def test_touches_in_a_plane_do_not_determine_tool_height():
     arm = hidden("planar2", 8)
     found = fit_parameters(
         arm.chain, touches_of(arm), ParameterSet.EVERYTHING, np.ones(15, dtype=bool)
