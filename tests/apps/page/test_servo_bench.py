@@ -125,9 +125,9 @@ def test_a_servo_that_is_silent_while_it_is_plotted_leaves_a_gap(session):
 def test_mistakes_are_notes(session):
     for fields, said in (
         ({"joint": "elbow"}, "elbow_flex"),
-        ({"joint": "elbow_flex", "name": "goal_position", "value": "5"}, "not written here"),
-        ({"joint": "elbow_flex", "name": "profile_velocity", "value": "5"}, "not written here"),
-        ({"joint": "elbow_flex", "name": "id", "value": "5"}, "not written here"),
+        ({"joint": "elbow_flex", "name": "goal_position", "value": "5"}, "page cannot write"),
+        ({"joint": "elbow_flex", "name": "profile_velocity", "value": "5"}, "page cannot write"),
+        ({"joint": "elbow_flex", "name": "id", "value": "5"}, "page cannot write"),
         ({"joint": "elbow_flex", "name": "p_gain", "value": "x"}, "not a value"),
         ({"joint": "elbow_flex", "name": "p_gain", "value": "255"}, "outside"),
     ):
@@ -166,7 +166,7 @@ def test_watchers_see_and_ask_nothing(session):
     watcher = session.bench.connect(Permission.WATCH)
     session.send("read_servo", joint="elbow_flex")
     session.until("servo", lambda frame: frame["joint"] == "elbow_flex")
-    with pytest.raises(BadMessageError, match="watching only"):
+    with pytest.raises(BadMessageError, match="can only watch"):
         session.send("read_servo", watcher, joint="elbow_flex")
     assert {"line", "servo", "note"} <= {frame["kind"] for frame in session.bench.frames(watcher)}
     assert session.bench.frames(watcher) == []

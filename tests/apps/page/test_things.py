@@ -119,7 +119,7 @@ def test_what_cannot_be_is_refused_and_changes_nothing(session, message, fields,
 
 def test_nothing_changes_while_the_arm_follows_or_for_who_only_watches(session):
     watcher = session.connect(Permission.WATCH)
-    with pytest.raises(BadMessageError, match="for watching only"):
+    with pytest.raises(BadMessageError, match="can only watch"):
         session.send_message(things.AddThing, watcher, shape="box")
     session.enable_live()
     with pytest.raises(BadMessageError, match="Things stay while the arm follows"):

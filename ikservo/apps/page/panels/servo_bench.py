@@ -275,7 +275,7 @@ class ServoBench:
             case WriteRegister(name=name, value=value):
                 register = find_register(servo.table, name)
                 if not _is_written_here(register.name):
-                    raise InputError(f"{register} is not written here.")
+                    raise InputError(f"The page cannot write {register}.")
                 note = write_limp(line, servo, {register: parse_register_value(register, value)})
             case WorkOnServo(action="move", address=(new_id, rate)):
                 codes = {bits: code for code, bits in servo.table.baud_rates.items()}
