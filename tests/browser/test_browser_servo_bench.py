@@ -180,7 +180,7 @@ def test_servo_page_with_watch_key_writes_nothing(bench):
     bench.page.goto(bench.urls.watch)
     bench.page.wait_for_selector(ROW.format("p_gain"))
     bench.write("p_gain", "20")
-    bench.says("for watching only")
+    bench.says("can only watch")
     assert bench.servos[ELBOW].read("p_gain") == 32
     opened = len(bench.app.lines)
     assert (

@@ -293,7 +293,7 @@ def test_bad_program_files_and_steps_are_refused(session, own_folder):
 
 def test_a_watcher_sees_the_program_and_cannot_change_it(session):
     watcher = session.connect(Permission.WATCH)
-    with pytest.raises(BadMessageError, match="watching only"):
+    with pytest.raises(BadMessageError, match="can only watch"):
         session.send_message(msg.AddStep, watcher, what="wait")
     number = add(session, "wait")
     shown = session.latest_frames(watcher)

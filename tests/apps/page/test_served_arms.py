@@ -172,7 +172,7 @@ def test_watcher_sees_and_stops_arms_and_opens_and_closes_none(two_arms):
     assert set(said(listed, client)) == {"so101", "koch"}
     for kind, fields in [("find_choices", {}), ("open_arm", {"arm": "koch", "port": "sim"}),
                          ("close_arm", {"name": "koch"})]:  # fmt: skip
-        with pytest.raises(BadMessageError, match="watching only"):
+        with pytest.raises(BadMessageError, match="can only watch"):
             tell(listed, client, kind, **fields)
     assert [arm.is_open for arm in arms.all()] == [True, True]
     assert not any(arm.arm_thread.arm.stop_reason for arm in arms.all())

@@ -166,7 +166,7 @@ def test_watcher_sees_servos_but_cannot_command_them(session):
     watcher = session.bench.connect(Permission.WATCH)
     session.send("read_servo", joint="elbow_flex")
     session.until("servo", lambda frame: frame["joint"] == "elbow_flex")
-    with pytest.raises(BadMessageError, match="watching only"):
+    with pytest.raises(BadMessageError, match="can only watch"):
         session.send("read_servo", watcher, joint="elbow_flex")
     assert {"line", "servo", "note"} <= {frame["kind"] for frame in session.bench.frames(watcher)}
     assert session.bench.frames(watcher) == []

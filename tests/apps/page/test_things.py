@@ -119,7 +119,7 @@ def test_invalid_thing_change_is_refused(session, message, fields, sentence):
 
 def test_things_cannot_change_in_live_or_by_watcher(session):
     watcher = session.connect(Permission.WATCH)
-    with pytest.raises(BadMessageError, match="for watching only"):
+    with pytest.raises(BadMessageError, match="can only watch"):
         session.send_message(things.AddThing, watcher, shape="box")
     session.enable_live()
     with pytest.raises(BadMessageError, match="Things stay while the arm follows"):

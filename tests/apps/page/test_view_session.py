@@ -450,14 +450,14 @@ def refused_request(session, client, asking, why):
 
 def test_watcher_request_is_refused(session):
     asking = [(kind, fields) for kind, fields in ASKING if kind is not page_messages.Stop]
-    refused_request(session, session.connect(Permission.WATCH), asking, "for watching only")
+    refused_request(session, session.connect(Permission.WATCH), asking, "can only watch")
 
 
 def test_watcher_stops_arm_and_cannot_acknowledge(session):
     watcher = session.connect(Permission.WATCH)
     session.send_message(page_messages.Stop, watcher)
     assert session.arm.stop_reason.kind is StopKind.CLIENT
-    with pytest.raises(BadMessageError, match="for watching only"):
+    with pytest.raises(BadMessageError, match="can only watch"):
         session.send_message(page_messages.Acknowledge, watcher)
     assert session.arm.stop_reason
 
