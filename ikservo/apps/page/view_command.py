@@ -26,7 +26,7 @@ from ikservo.cli.session import warn_uncompiled
 from ikservo.cli.terminal import print_lines, print_status
 from ikservo.control.stop_requests import exiting_on_signals
 from ikservo.errors import InputError
-from ikservo.hardware.discovery import simulated_port_url
+from ikservo.hardware.discovery import choose_port, simulated_port_url
 from ikservo.model import Model
 from ikservo.model.scene_file import read_scene_with_arms, with_scene_and_arms
 from ikservo.remedies import install_command
@@ -148,18 +148,18 @@ def command(
 def _bench_from_options(
     arms: Sequence[str] | None, connection: ServoConnection, camera: Sequence[str] | None
 ) -> tuple[str, Model | None]:
-    """Return the port of the servos, and their arm if it is given.
+    """Return the port of the servos, the only one if none is given, and their arm if it is given.
 
     Raises:
-        InputError: No port is given, or an option for arms is given.
+        NoPortError: There is no port, or more than one to choose from.
+        InputError: An option for arms is given.
     """
     if arms or camera:
         raise InputError("--servos shows no arm.", "Name the servos' arm with --arm, or none.")
-    if not connection.port:
-        raise InputError("No port is named.", "As in: ikservo view --servos --port /dev/ttyACM0")
     model = model_from_option(connection.arm) if connection.arm else None
-    simulated_port_url(connection.port, model.path if model else None)  # a bus needs its arm
-    return connection.port, model
+    port = choose_port(connection.port, model.name if model else "")
+    simulated_port_url(port, model.path if model else None)  # a bus needs its arm
+    return port, model
 
 
 def _places_from_options(arms: Sequence[str], arm: str | None, port: str | None) -> list[ArmAtPort]:

@@ -12,6 +12,7 @@ import httpx
 import pytest
 
 from ikservo.apps.page.panels.servo_bench import ServoBench
+from ikservo.hardware.serial_ports import SerialAdapter
 from ikservo.remedies import install_command
 
 
@@ -220,7 +221,6 @@ def test_view_without_tls_libraries_says_what_is_missing(run_cli, monkeypatch):
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        ("", "No port is named"),
         ("--port sim", "No arm given for the simulator"),
         ("so101 --port sim", "shows no arm"),
         ("--port sim --arm so101 --camera 0", "shows no arm"),
@@ -235,6 +235,17 @@ def test_bad_servo_view_options_are_refused(run_cli, monkeypatch, words, said):
     result = run_cli(f"view --servos --no-open --http-port 0 {words}")
     assert (result.code, result.out) == (2, "")
     assert said in result.err
+
+
+@pytest.mark.parametrize(
+    ("devices", "code"), [((), 3), (("/dev/a",), 0), (("/dev/a", "/dev/b"), 3)]
+)
+def test_servo_view_takes_port_that_is_plugged_in_alone(run_cli, monkeypatch, devices, code):
+    adapters = [SerialAdapter(device, "", 1, 2, "") for device in devices]
+    monkeypatch.setattr("ikservo.hardware.discovery.list_adapters", lambda: adapters)
+    monkeypatch.setattr("ikservo.apps.page.page_app.serve", lambda *_: None)
+    result = run_cli("view --servos --no-open --http-port 0")
+    assert result.code == code, result.err
 
 
 def test_servo_view_opens_page_although_port_is_missing(run_cli, monkeypatch):
