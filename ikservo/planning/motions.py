@@ -176,7 +176,28 @@ class MotionValue(Generic[R]):
 def _parsers_of(kind: type[MotionValue[Any]]) -> Mapping[str, Callable[[object], object]]:
     """Return the checks of the fields of a kind of motion, written with the fields' types."""
     hints = get_type_hints(kind, include_extras=True)
-    return {each.name: hints[each.name].__metadata__[0] for each in fields(cast("Any", kind))}
+    names = [each.name for each in fields(cast("Any", kind))]
+    return {name: _parser_of(f"{kind.__name__}.{name}", name, hints[name]) for name in names}
+
+
+def _parser_of(place: str, name: str, hint: Any) -> Callable[[object], object]:  # noqa: ANN401
+    """Return the check of a field: that of ``Annotated[type, parse]``, or one of its plain type.
+
+    Raises:
+        TypeError: The type has no check.
+    """
+    if hasattr(hint, "__metadata__"):
+        return hint.__metadata__[0]
+    if hint not in (bool, int, float, str):
+        raise TypeError(f"{place} needs a type with a check, such as Annotated[list, parse].")
+
+    def parse(value: object) -> object:
+        accepted = (int, float) if hint is float else hint
+        if not isinstance(value, accepted) or (isinstance(value, bool) and hint is not bool):
+            raise BadValueError(name, repr(value), f"a value of type {hint.__name__}")
+        return value
+
+    return parse
 
 
 @dataclass(frozen=True)

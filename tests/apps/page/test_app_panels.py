@@ -73,6 +73,15 @@ def test_button_of_panel_moves_arm(page):
     until(lambda: page.shown() and abs(true_joints(arm)[name] - before - STEP_RAD) < 0.02)
 
 
+def test_refused_motion_of_panel_needs_no_stop(page, monkeypatch):
+    thread = page.session.arm_thread
+    monkeypatch.setattr(f"{__name__}.STEP_RAD", 9.0)
+    page.shown()
+    page.press("First", "Step")
+    until(lambda: page.shown() and thread.job is None)
+    assert thread.snapshot.stop_notice is None
+
+
 def test_button_that_panel_lacks_is_refused(page):
     page.shown()
     with pytest.raises(BadMessageError, match="no button"):

@@ -15,6 +15,7 @@ from ikservo.apps.page.server.page_connection import Client
 from ikservo.apps.page.server.server import Frame
 from ikservo.arm import Arm
 from ikservo.clock import Clock
+from ikservo.errors import InputError, RefusedError, UnreachableError
 from ikservo.model import Model
 from ikservo.planning.motions import MotionValue
 
@@ -37,12 +38,17 @@ class RunMotion:
         self.title, self._motion = title, motion
 
     def run(self, arm: Arm, observer: JobObserver) -> None:
-        """Execute the motion.
+        """Execute the motion; one that is refused before it moves the arm needs no stop.
 
         Raises:
             IkservoError: It failed; the arm holds until that is acknowledged.
         """
-        arm.execute(self._motion, observer.on_progress)
+        try:
+            arm.execute(self._motion, observer.on_progress)
+        except (InputError, RefusedError, UnreachableError) as error:
+            if arm.stop_reason is not None:
+                raise
+            observer.log_message(f"{error.message} {error.hint}")
 
 
 class AppPanels:
@@ -89,10 +95,10 @@ class AppPanels:
 
     def _make(self, place: str) -> Panel:
         arm = self._arm_thread.arm
-        states = zip(arm.joint_index.names, self._arm_thread.snapshot.states, strict=True)
+        positions = arm.joint_index.by_name(self._arm_thread.snapshot.measured)
         try:
             make: MakePanel = load_place(place)
-            panel = make(arm.model, {name: state.position_rad for name, state in states})
+            panel = make(arm.model, positions)
             return Panel([(str(name), str(value)) for name, value in panel.rows], panel.motions)
         except Exception as error:  # whatever the app of somebody else does
             return Panel([("error", f"{type(error).__name__}: {error}")])

@@ -83,4 +83,4 @@ export class Actions {
   }
 }
 
-const isIdle = ({ controller, mode }) => controller === "you" && mode === "preview";
+export const isIdle = ({ controller, mode }) => controller === "you" && mode === "preview";

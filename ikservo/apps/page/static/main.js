@@ -1,7 +1,7 @@
 // Connects the parts of the page: server messages update the drawing and the panel, user input is
 // sent to the server.
 
-import { Actions } from "./actions.js";
+import { Actions, isIdle } from "./actions.js";
 import { AppPanels } from "./app_panels.js";
 import { Arms } from "./arms.js";
 import { Connection } from "./connection.js";
@@ -149,6 +149,7 @@ function showStatus(status) {
   program.show(status);
   actions.show(status);
   leader.show(status);
+  appPanels.setReady(isIdle(status));
   stopButton.show(status);
   calibration.show(status.calibration);
   showAllAround(Boolean(status.calibration));
