@@ -261,7 +261,7 @@ def test_add_arm_refuses_invalid_arms_places_and_names(arms):
         for place in nowhere:
             with pytest.raises(BadValueError):
                 arm.scene.add_arm(third, "third", at_m=place)
-        with pytest.raises(BadValueError, match="not taken"):
+        with pytest.raises(BadValueError, match="unused name"):
             arm.scene.add_arm(third, "the koch", at_m=(0.0, 0.5, 0.0))
         assert third.scene.names == ()
         arm.scene.add_arm(third, "third", at_m=(0.0, 0.5, 0.0))

@@ -132,7 +132,7 @@ SPOILED = {
     "digits without end": (TEXT.replace("-1043", "9" * 5000), "a number is too long"),
     "a name for the terminal": ('{"\\u001b[31m": {"id": 1}}', "is missing"),
     "a joint twice": (TEXT.replace('"gripper"', '"shoulder_pan"'), "twice"),
-    "an id twice": (TEXT.replace('"id": 6', '"id": 1'), "second time"),
+    "an id twice": (TEXT.replace('"id": 6', '"id": 1'), "repeats 1"),
     "a range turned over": (TEXT.replace("750", "3451", 1), "not below"),
     "nested too deep": ("[" * 60_000, "too deep"),
     "of before mid-2025": (

@@ -26,7 +26,7 @@ LIMP_AFTERWARDS = ("relax", "disable_torque")
 STABLE = ("rest, sunk", "pose rest")  # a limp arm stays there; from others it falls
 NEAR_M, NEAR_DEG = 0.003, 1.5
 INTERNALS = re.compile(r"Traceback|np\.\w|array\(|<[\w.]+ object|\bNone\b|\w+Error\(|\bnan\b")
-BLOCKED = re.compile(r"collision|would collide|does not follow", re.IGNORECASE)
+BLOCKED = re.compile(r"collision|would collide|would touch|does not follow", re.IGNORECASE)
 
 
 def parameter_names(what):

@@ -148,7 +148,7 @@ def test_backlash_option_applies_to_every_servo(configs):
 
 @pytest.mark.parametrize("play", ["-1", "50", "nan", "much"])
 def test_invalid_backlash_option_is_refused(configs, play):
-    with pytest.raises(SimulatorError, match=r"play|number"):
+    with pytest.raises(SimulatorError, match=r"backlash|number"):
         servosim.open_port(f"sim:{configs}/so101/arm.toml?backlash_deg={play}")
 
 

@@ -80,7 +80,7 @@ class ArmCamera:
             raise CalibrationError(
                 f"{self._context.model.name} was calibrated with camera "
                 f"{public_source(camera.source)}, not {public_source(source)}.",
-                "Name that camera, or calibrate this one with another name: --camera-name",
+                "Name that camera, or calibrate this one under another name.",
             )
         return ArmCamera(self._context, self._scene, name)
 

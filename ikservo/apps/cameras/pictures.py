@@ -173,7 +173,7 @@ def find_board(board: Board, picture: Picture) -> BoardView:
     if markers and not len(ids):
         raise PictureError(
             f"The picture shows too little of the board, or another board than {board.name}.",
-            "Give the name of the board that you printed: --board",
+            "Give the name of the board that you printed.",
         )
     contrast = float(grey.std())
     sharpness = float(cv2.Laplacian(grey, cv2.CV_64F).var()) / max(contrast**2, 1.0)

@@ -84,7 +84,7 @@ def test_simulated_camera_shows_board_at_its_pose(camera):
     [
         (lambda p: np.ascontiguousarray(p[:, ::-1]), "is mirrored"),
         (lambda p: cv2.GaussianBlur(p, (0, 0), 9), "is blurred"),
-        (lambda p: np.full_like(p, 120), "is not seen"),
+        (lambda p: np.full_like(p, 120), "is not in the picture"),
         (lambda p: p[:, : p.shape[1] // 2 - 40], "too little of the board"),
     ],
 )

@@ -97,7 +97,7 @@ def test_hand_moved_arm_calibration_is_saved_and_undone(monkeypatch, run_cli):
     assert (done.json["pictures"], done.json["estimated"]) == (16, "camera and zeros")
     assert done.json["carried"] is None
     assert 0.002 < done.json["sag_m"] < 0.02
-    assert "Where the arm carries itself" in done.err
+    assert "When the arm carries itself" in done.err
     assert found.camera.after_mm < 0.5 * found.camera.before_mm
     assert np.median(errors_over_workspace_m(arm, camera)) < 0.003
     assert run_cli(f"calibration undo so101 --port {PORT}").code == 0
@@ -187,7 +187,7 @@ def test_calibration_by_hand_uses_only_pictures_at_rest(monkeypatch):
     [
         (
             lambda picture, n: np.full_like(picture, 100 + n % 2),
-            "0 of 12 so far. The board .* is not seen",
+            "0 of 12 so far. The board .* is not in the picture",
         ),
         (lambda picture, _: np.full_like(picture, 100), "same picture"),
     ],

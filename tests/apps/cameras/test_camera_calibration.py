@@ -47,7 +47,7 @@ def vanish(_):
     ("spoil", "message"),
     [
         (vanish, "no longer delivers pictures"),
-        (lambda picture: np.full_like(picture, 100), "is not seen"),
+        (lambda picture: np.full_like(picture, 100), "is not in the picture"),
         (lambda picture: picture[:, ::-1].copy(), "is mirrored"),
         (hunt(), "brightness keeps changing"),
     ],

@@ -119,7 +119,11 @@ def test_look_prints_point_of_pixel_and_moves_there(run_cli, camera):
         (f"camera check {ARM}", 2, "Add: --camera 0"),
         (f"camera check {ARM} --camera 77", 2, "There is no camera 77"),
         (f"camera check {ARM} --camera sim --within 0", 2, "above 0"),
-        (f"camera check {ARM} --camera sim --remember --board 9x9-5mm-5x5", 1, "not seen"),
+        (
+            f"camera check {ARM} --camera sim --remember --board 9x9-5mm-5x5",
+            1,
+            "not in the picture",
+        ),
         ("camera board --camera 0", 2, "an option of check only"),
         ("camera board --at 1,2", 2, "an option of tip only"),
         (f"camera check {ARM} --camera sim --at 1,2", 2, "an option of tip only"),
@@ -145,7 +149,7 @@ def test_bad_camera_input_gives_one_sentence(run_cli, words, code, text):
 @pytest.mark.parametrize(
     ("spoil", "code", "text"),
     [
-        (lambda picture: np.full_like(picture, 100), 1, "is not seen"),
+        (lambda picture: np.full_like(picture, 100), 1, "is not in the picture"),
         (lambda picture: cv2.GaussianBlur(picture, (0, 0), 12), 1, "blurred"),
         (lambda picture: np.ascontiguousarray(picture[:, ::-1]), 1, "mirrored"),
         (lambda picture: cv2.resize(picture, (1200, 900)), 6, "1200 x 900"),

@@ -104,7 +104,7 @@ def test_unchanged_things_are_sent_only_once(session):
         (things.ChangeThing, {"name": "the cup", "radius_m": 0.1}, "no thing named 'the cup'"),
         (things.ChangeThing, {"name": "the ball 1", "radius_m": -0.1}, "radius_m"),
         (things.ChangeThing, {"name": "the ball 1", "size_m": (0.1, 0.1, 0.1)}, "size_m"),
-        (things.ChangeThing, {"name": "the ball 1", "new_name": "base"}, "not taken"),
+        (things.ChangeThing, {"name": "the ball 1", "new_name": "base"}, "unused name"),
         (things.ChangeThing, {"name": "the ball 1", "new_name": "a\nb"}, "name"),
         (things.RemoveThing, {"name": "the cup"}, "no thing named 'the cup'"),
     ],

@@ -214,8 +214,7 @@ TWENTY = [
 FAULTS = {
     "a stop": None,
     "a silent servo": ("silent", {"id": 3, "for_s": 0.5}),
-    "a reset": ("reset", {"id": 5}),  # of the shoulder the arm would fall onto the table
-    "a low supply": ("brownout", {"for_s": 0.3}),
+    "a reset": ("reset", {"id": 5}),  # without its shoulder, or its supply, the arm would fall
     "a jam": ("stuck", {"id": 1, "for_s": 2.0}),
     "a pulled cable": ("unplug", {"for_s": 0.5}),
 }
