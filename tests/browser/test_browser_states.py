@@ -22,8 +22,11 @@ REFUSED = "status.refused && scene.refusal"
 
 def test_preview_refuses_target_below_table_beside_pointer(operator):
     at = below_the_table(operator)
-    operator.click(at).wait_for(f"{REFUSED} && items.some(({{ style }}) => style === 'touching')")
-    assert operator.items("target_refused")
+    drawn = " && ".join(
+        f"items.some(({{ style }}) => style === '{each}')"
+        for each in ("touching", "target_refused")
+    )
+    operator.click(at).wait_for(f"{REFUSED} && {drawn}")
     assert not operator.items("target")
     assert not operator.items("ghost")
     words = operator.page.inner_text("#refusal")

@@ -115,7 +115,7 @@ def test_other_arm_is_placed_and_removed_as_a_thing(browser):
         assert operator.page.evaluate(SMALL, 24) == []
         assert all(operator.page.evaluate(NAMES))
         type_until(operator, "koch: x, mm", "0", lambda: is_at(0.0, 0.1, 0.0))
-        refused = "#log :text('away from this arm's base')"
+        refused = '#log :text("away from this arm\'s base")'
         type_until(operator, "koch: y, mm", "0", lambda: operator.page.locator(refused).count() > 0)
         assert is_at(0.0, 0.1, 0.0)
         type_until(operator, "koch: z, mm", "20", lambda: is_at(0.0, 0.1, 0.02))
