@@ -11,6 +11,7 @@ from tests.arm.simulated import context_of, servo_group, true_joints
 LEFT, RIGHT = (0.2, 0.12, 0.1), (0.2, -0.12, 0.1)
 ASIDE_M = (0.2, -0.6, 0.12)
 BRAKING_M = 0.06  # the arm needs 0.05 m to stop at this speed
+GOAL_M = 0.02
 CASES, CAMPAIGN_CASES = 5, 100
 
 
@@ -22,15 +23,19 @@ def distances_m(arm, joints):
 
 
 def blocking_centre(arm, random, path):
-    """Return where the box blocks a path (k, n), but neither of its ends, and when it may come."""
+    """Return where the box blocks a path (k, n), but neither of its ends, and when it may come.
+
+    The box has a new size each time that it does not.
+    """
     while True:
+        size_m = (*random.uniform(0.02, 0.05, 2), random.uniform(0.1, 0.24))
         k = random.integers(len(path))
         tip_m = context_of(arm).planner.tip(path[k])
         centre_m = (*(tip_m[:2] + random.uniform(-0.02, 0.02, 2)), 0.12)
-        arm.scene.change("the box", center_m=centre_m)
+        arm.scene.change("the box", center_m=centre_m, size_m=size_m)
         apart_m = distances_m(arm, path)
         arm.scene.change("the box", center_m=ASIDE_M)
-        if apart_m.min() < 0.0 and min(apart_m[0], apart_m[-1]) > BRAKING_M:
+        if apart_m.min() < 0.0 and apart_m[0] > BRAKING_M and apart_m[-1] > GOAL_M:
             near = int((apart_m < BRAKING_M).argmax())
             return centre_m, random.integers(1, near) / len(path)
 
@@ -45,8 +50,7 @@ def move_past_box(case, *, replan):
     random, near_m, error = np.random.default_rng(case), [], None
     with ikservo.open_arm("so101", port="sim:?pose=home") as arm:
         arm.move_to(LEFT)
-        size_m = (*random.uniform(0.02, 0.05, 2), random.uniform(0.1, 0.24))
-        arm.scene.add("box", "the box", center_m=ASIDE_M, size_m=size_m)
+        arm.scene.add("box", "the box", center_m=ASIDE_M, size_m=(0.03, 0.03, 0.2))
         path = arm.plan_to(RIGHT).sample(0.02).positions
         centre_m, when = blocking_centre(arm, random, path)
 

@@ -130,8 +130,12 @@ class Coal:
         )
         own = list(self._shapes.geometryObjects)
         links = [self._model.frames[each.parentFrame].name for each in own]
+        joints = [each.parentJoint for each in own]
+        above = list(self._model.parents)
         for i, j in itertools.combinations(range(len(own)), 2):
-            if links[i] != links[j] and (links[i], links[j]) not in ignored:
+            # As in MuJoCo, what one joint connects, or none, is not compared.
+            a, b = joints[i], joints[j]
+            if a not in (b, above[b]) and b != above[a] and (links[i], links[j]) not in ignored:
                 self._shapes.addCollisionPair(pin.CollisionPair(i, j))
         for thing in things:
             R, p, half = thing.row[:9].reshape(3, 3), thing.row[9:12], thing.row[12:15]
