@@ -2,7 +2,6 @@
 
 import dataclasses
 import inspect
-from typing import get_args
 
 import numpy as np
 import pytest
@@ -28,15 +27,21 @@ def limp():
 
 
 def listed_options(method):
-    """Return the options of a method; None where it lists its parameters one by one."""
-    for parameter in inspect.signature(getattr(Arm, method), eval_str=True).parameters.values():
-        if parameter.kind is inspect.Parameter.VAR_KEYWORD:
-            return set(get_args(parameter.annotation)[0].__annotations__)
-    return None
+    """Return the options that ``help`` lists for a method that makes a motion; None for others."""
+    function = getattr(Arm, method)
+    taken = inspect.signature(getattr(function, "__wrapped__", function)).parameters.values()
+    if all(each.kind is not inspect.Parameter.VAR_KEYWORD for each in taken):
+        return None
+    listed = inspect.signature(function).parameters.values()
+    return {each.name for each in listed if each.kind is inspect.Parameter.KEYWORD_ONLY} - {"wait"}
 
 
 OF_MOTION = [name for name in methods() if listed_options(name)]
 """The methods that make a motion of their arguments."""
+
+
+def test_methods_that_make_motions_are_found():
+    assert {"move_to", "draw", "gripper", "plan_arc"} <= set(OF_MOTION)
 
 
 @pytest.mark.parametrize("method", OF_MOTION)
