@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -102,7 +101,8 @@ def _run_around(
     """
     stops, replans = arm.context.servos.stop_request, getattr(motion, "replan", False)
     count = stops.count_at_request
-    for tries in itertools.count():
+    tries = 0
+    while True:
         with stops.requested(count + tries, anew=tries > 0):
             try:
                 if motion is not None and (plan is None or tries):
@@ -114,7 +114,7 @@ def _run_around(
                 if not (replans and is_blocked) or stops.count != count + tries + 1:
                     raise
         arm.runner.acknowledge()
-    raise AssertionError("unreachable")
+        tries += 1
 
 
 def run_plan(arm: ArmParts, plan: MotionPlan, on_progress: OnProgress | None) -> ExecutedMotion:

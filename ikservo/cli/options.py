@@ -99,10 +99,6 @@ ThinkOption = Annotated[
     float,
     typer.Option("--think", parser=parse_time_s, help="Longest search for a path around things."),
 ]
-ReplanOption = Annotated[
-    bool,
-    typer.Option("--replan", help="Take another path if an obstacle comes into the path."),
-]
 OverwriteOption = Annotated[bool, typer.Option("--overwrite", help="Replace an existing file.")]
 UncalibratedOption = Annotated[
     bool,

@@ -11,14 +11,7 @@ from ikservo.cli.completion import complete_joints
 from ikservo.cli.direction_prompt import check_directions_once
 from ikservo.cli.motion_report import print_plan
 from ikservo.cli.option_groups import Without
-from ikservo.cli.options import (
-    ArmConnection,
-    MotionOptions,
-    PathOptions,
-    ReplanOption,
-    SpeedOption,
-    ThinkOption,
-)
+from ikservo.cli.options import ArmConnection, MotionOptions, PathOptions, SpeedOption, ThinkOption
 from ikservo.cli.quantities import parse_angle_rad, parse_length_m
 from ikservo.cli.results import Field, Fields, print_fields
 from ikservo.cli.session import announce, motion_progress_bar, open_from_options, plan_motion
@@ -43,7 +36,6 @@ def command(
     connection: ArmConnection,
     speed: SpeedOption = "normal",
     think: ThinkOption = THINK_S,
-    replan: ReplanOption = False,
     path: PathOptions,
     options: Annotated[MotionOptions, Without("tip")],
 ) -> None:
@@ -53,8 +45,7 @@ def command(
     """
     with open_from_options(connection, options, path.scene) as machine:
         positions = _parse_positions(goals, machine.model)
-        motion = MoveJoints(positions, speed=speed, within=path.within(), think_s=think,
-                            replan=replan)  # fmt: skip
+        motion = MoveJoints(positions, speed=speed, within=path.within(), think_s=think)
         report = make_joint_motion(machine, motion, options)
     print_report(report, machine.model, json=options.json)
 

@@ -15,7 +15,6 @@ from ikservo.cli.options import (
     Length,
     MotionOptions,
     PathOptions,
-    ReplanOption,
     SpeedOption,
     StraightOption,
     ThinkOption,
@@ -63,7 +62,6 @@ def command(
     preferred: PostureOptions,
     straight: StraightOption = False,
     think: ThinkOption = THINK_S,
-    replan: ReplanOption = False,
     path: PathOptions,
     options: MotionOptions,
 ) -> None:
@@ -98,7 +96,6 @@ def command(
         others |= {"--upright": path.upright_rad, "--keep-axis": path.keep_axis}
         others |= {"--keep-in": path.keep_in, "--keep-above": path.keep_above}
         others |= {"--straight": straight, "--think": think if think != THINK_S else None}
-        others |= {"--replan": replan}
         others |= {"--prefer": preferred.prefer, "--weight": preferred.weight}
         given = [name for name, value in others.items() if value not in (None, False, [])]
         if given:
@@ -119,7 +116,7 @@ def command(
                                  speed=speed, stance=orientation, within=within)  # fmt: skip
         else:
             motion = MoveTo((x, y, z), speed=speed, stance=orientation, straight=straight,
-                            within=within, think_s=think, replan=replan)  # fmt: skip
+                            within=within, think_s=think)  # fmt: skip
         plan = plan_motion(machine, motion)
         if posture is not None and plan.solution is not None:
             report_missing_freedom(machine.chain, plan.solution.q, directed=False)

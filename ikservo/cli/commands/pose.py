@@ -17,7 +17,6 @@ from ikservo.cli.options import (
     ArmConnection,
     MotionOptions,
     PathOptions,
-    ReplanOption,
     SpeedOption,
     StraightOption,
     ThinkOption,
@@ -45,7 +44,6 @@ def command(
     speed: SpeedOption = "normal",
     straight: StraightOption = False,
     think: ThinkOption = THINK_S,
-    replan: ReplanOption = False,
     path: PathOptions,
     options: Annotated[MotionOptions, Without("tip")],
 ) -> None:
@@ -63,7 +61,7 @@ def command(
         for words in inside.changed:
             print_status(f"{words}.")
         motion = MoveJoints(inside.positions, speed=speed, straight=straight,
-                            within=path.within(), think_s=think, replan=replan)  # fmt: skip
+                            within=path.within(), think_s=think)  # fmt: skip
         report = make_joint_motion(machine, motion, options)
     print_report(report, machine.model, json=options.json)
 
