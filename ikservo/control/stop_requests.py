@@ -111,7 +111,7 @@ class StopRequest:
             count: The ``count`` of stops when it was requested; the present one if None.
             anew: Whether it is independent of a request that this thread may be executing already.
             withdrawn: Set by the requester when the request is withdrawn: its planning then ends,
-            as by a stop.
+                as by a stop.
         """
         outer = self._marked
         if outer is not None and not anew:

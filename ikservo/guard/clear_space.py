@@ -129,9 +129,9 @@ class ClearSpace:
         sag: The sag of the arm under gravity; None if it is not considered.
         load: Multiple of gravity under which it sags.
         bends: Returns the positions of links (n, dof) from those of the joints' sensors; None for
-        an arm that is rigid behind them.
+            an arm that is rigid behind them.
         sampled_m: The distances (2, pairs) that searches must keep at their samples; None:
-        ``allowed_m``.
+            ``allowed_m``.
 
     Attributes:
         sampled: The arrays that such searches give to the kernel.

@@ -258,10 +258,10 @@ class CollisionChecker:
         Args:
             margin_m: The distance.
             ends: Postures (k, dof) to include if they touch nothing: pairs that are nearer than
-            ``margin_m`` there may come as near as half of that on the path. Adjacent links never
-            part, so that a path that had to keep all of it would need the smallest steps.
+                ``margin_m`` there may come as near as half of that on the path. Adjacent links
+                never part, so that a path that had to keep all of it would need the smallest steps.
             load: Multiple of gravity under which a yielding arm keeps the distance, too; 0 ignores
-            sag.
+                sag.
         """
         nearest_m = np.full(len(self._pairs_with_sag), np.inf)
         if ends is not None:

@@ -19,7 +19,7 @@ class OverloadRule:
         output_per_rad: Fraction of the output per rad between goal and horn; 0 if unknown.
         torque_limit: Largest fraction of the output that its present limits allow.
         full_a: Current of the blocked motor at full output, if its servo counts current; 0 if it
-        counts output.
+            counts output.
     """
 
     output: float

@@ -182,7 +182,7 @@ class Requester:
             request: Description, for errors.
             exchange: Sends the request once and returns the reply.
             repeat: It may be repeated if the reply is lost. If not, it is sent only when no older
-            reply can be mistaken for its own.
+                reply can be mistaken for its own.
             confirm: Checks a doubtful reply.
 
         Raises:

@@ -83,7 +83,7 @@ def solve_batch(
             model, the middle of the ranges of a chain.
         workers: The number of threads; None uses the number of cores.
         kind: The part of the poses that counts, ``position``, ``direction`` or ``pose``; None:
-        ``pose``.
+            ``pose``.
         tool_axis: The axis (3,) in the frame's coordinates for ``direction``.
         frame: The link to move there; the tip if None.
         offset_m: The point (3,) of that link, metres; its origin if None.

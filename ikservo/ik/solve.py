@@ -113,7 +113,7 @@ def solve(
         restarts: Maximum number of starting points, the given one first.
         max_iterations: Maximum steps from one start; None uses the method's default.
         posture: A preferred configuration if the target leaves freedom (``auto`` and
-        ``pseudo_inverse``; the other methods have no null space and ignore it).
+            ``pseudo_inverse``; the other methods have no null space and ignore it).
         trace: Whether the result contains every iterate.
         position_first: Whether the position is met exactly and the orientation as well as possible
             after that, instead of weighing both; None: if the arm has fewer than six joints.

@@ -111,7 +111,7 @@ def first_contact(
         boxes: (6, k) box around each thing: its centre, and half of its size.
         floor_m: The height of the table; minus infinity if there is none.
         reach: (pairs of links + links, dof) largest approach of each pair, and largest motion of
-        each link, per unit of a joint.
+            each link, per unit of a joint.
         masses: (bodies, 4) mass [kg] and centre in the frame [m].
         sag: (3, dof) yielding of a joint per torque at 1 m/s², and its lower and upper ends.
         places: (bodies, 12), work array.

@@ -61,7 +61,7 @@ class ServoTorque:
     Attributes:
         stiffness_nm_rad: Torque per rad between goal and horn, at ``p_gain``.
         p_gain: Register value of the P gain while an arm moves: the default, or as raised by
-        `control.servo_gains`.
+            `control.servo_gains`.
         full_duty_nm: Torque of the blocked motor at full duty, before friction.
         damping_nm_s: Torque of back-EMF and viscous friction per rad/s.
         armature_kg_m2: Inertia of rotor and gears.
@@ -191,7 +191,7 @@ def find_servo_torque(model: str, supply_v: float | None) -> ServoTorque | None:
     Args:
         model: The model of the servo.
         supply_v: The supply in the arm file; None, or a supply without its own figures, means the
-        usual one.
+            usual one.
     """
     return SERVO_TORQUES.get((model, supply_v)) or SERVO_TORQUES.get((model, None))
 

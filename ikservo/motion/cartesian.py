@@ -252,7 +252,7 @@ class CartesianTrajectory(PathTrajectory):
         speed_m_s: The maximum speed of the tip; a radian of the tool counts as 0.1 m.
         tool_speed_m_s: The speed of the tip alone, at most ``speed_m_s``; None for the fastest.
         end: Joints (dof,) with the final orientation of the tool, as far as the arm can reach it on
-        its branch.
+            its branch.
         strict: Whether the orientation must be kept in the world exactly.
 
     Attributes:

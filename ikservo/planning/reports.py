@@ -118,7 +118,7 @@ class MotionProgress:
     Attributes:
         elapsed_s: Time of the motion; behind the clock if it was slowed down.
         duration_s: The duration of the whole motion; infinite for a motion that continues until it
-        is ended.
+            is ended.
         tip_m: The measured tip (3,), metres, base frame.
         joints_rad: The measured joints (n,), rad or m; without a reply, as last measured.
         setpoints_rad: The setpoints of the joints (n,); the servos' goals lead them by the effect

@@ -53,7 +53,7 @@ class ToolOrientation:
         keep: Whether the complete orientation of the start is kept in the base frame.
         posture: Preferred joint positions instead, if the point leaves freedom (lecture L10).
         orientation: The complete orientation R_base_tip (3, 3). An arm with fewer than six joints
-        reaches it at few points only.
+            reaches it at few points only.
         within_rad: The largest deviation of the tool from the pitch, roll, direction or
             orientation.
 

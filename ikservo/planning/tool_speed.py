@@ -25,7 +25,7 @@ class ToolSpeed:
         requested_m_s: The constant speed that was requested.
         top_m_s: The highest speed of the motion.
         slowest_m_s: The lowest speed between the first and the last instant at the requested speed;
-        the highest speed if that is never reached.
+            the highest speed if that is never reached.
         limited_by: The limit that keeps the tool from the requested speed.
     """
 

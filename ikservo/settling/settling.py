@@ -45,7 +45,7 @@ class SettlingTrajectory:
         limits: The kinematic limits of each joint.
         stuck: The lowest and the highest leads of goals (n,) with which friction keeps the joints.
         is_reached: Returns whether the arm is at its target with the measured joints (n,), although
-        not every joint is: goals then stay, and it ends when all joints are at rest.
+            not every joint is: goals then stay, and it ends when all joints are at rest.
     """
 
     def __init__(

@@ -306,7 +306,7 @@ class SimulatedJoint:
             velocity: The velocity of the joint.
             lash: The distance to the middle of the backlash; None: unchanged.
             rotor_velocity: The velocity of the rotors, in the joint's unit; None: that of the
-            joint.
+                joint.
         """
         horn_rad = self.transmission.horn_rad(position)
         slope = self.transmission.slope(horn_rad)
