@@ -90,6 +90,7 @@ class JointMap:
         sign: +1 if the joint position increases with the ticks, else -1.
         zero_tick: The tick at position zero; may be between two ticks.
         unit_per_tick: Radians (metres for a prismatic joint) per tick, positive; with a crank the
+            maximum.
         unit: The unit of positions.
         crank: The crank between the horn and the joint, if any.
         horn_rad_per_tick: Rotation of the horn per tick.

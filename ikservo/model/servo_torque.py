@@ -69,8 +69,8 @@ class ServoTorque:
         startup_duty: Duty that the firmware adds in the direction of an error, minus that of its
             dead zone at ``p_gain``.
         sustained_duty: Duty at which a blocked servo may press for long, with a margin to its own
-            protection: 80 % by Feetech's registers; Dynamixel publishes none, the simulator uses 90
-            %.
+            protection: 80 % by Feetech's registers; Dynamixel publishes none, and the simulator
+            uses 90 %.
     """
 
     stiffness_nm_rad: float
