@@ -57,7 +57,7 @@ _BUTTONS = [
     (r"ikservo relax\b(?! [A-Z<])", "acknowledge, then press Relax"),
     (r"See: ikservo where\b", "See Health on this page"),
     (r"ikservo where\b(?! [A-Z<])", "see Health on this page"),
-    (r"ikservo calibrate\b(?! --)( \w+)?", "press Calibrate"),
+    (r"ikservo calibrate\b(?!(?: \w+)? --)( \w+)?", "press Calibrate"),
     (r": (ikservo (?:recover|doctor|setup|scan))\b", r", in a terminal: \1"),
 ]
 _PAGE_REMEDIES = [(re.compile(pattern), replacement) for pattern, replacement in _BUTTONS]

@@ -207,7 +207,8 @@ def known_camera(
     if not cameras:
         raise CalibrationError(
             f"{arm} has no calibrated camera.",
-            f"Fix a printed board to its gripper and calibrate the camera: ikservo calibrate {arm}",
+            "Fix a printed board to its gripper and calibrate the camera: "
+            f"ikservo calibrate {arm} --camera 0",
         )
     if name and name not in cameras:
         raise UnknownNameError("camera", name, filter(None, cameras))
