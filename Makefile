@@ -16,10 +16,11 @@ demo: build  ## move the simulated SO-101 to a coordinate and print the report
 INTERPRETED = tests/guard/test_way_search.py tests/guard/test_collision_kernel.py \
 	tests/guard/test_clear_space.py tests/arm/test_ways_around.py
 
-test: $(VENV)/tested build  ## for every save: the tests that take little time, on every core
-	$(BIN)/python -m pytest -n auto --dist worksteal
-
 # Arms of the browser tests move in real time beside the page that is drawn: one at a time.
+test: $(VENV)/tested build  ## for every save: the tests that take little time, on every core
+	$(BIN)/python -m pytest -n auto --dist worksteal --ignore tests/browser
+	$(BIN)/python -m pytest -n 0 -m smoke tests/browser
+
 test-all: $(VENV)/tested build  ## before a commit: all tests but the campaigns
 	$(BIN)/python -m pytest -n auto --dist worksteal --all --ignore tests/browser
 	$(BIN)/python -m pytest -n 0 tests/browser

@@ -2,7 +2,7 @@
 
 
 def pytest_generate_tests(metafunc):
-    """Give a campaign over a whole matrix its cases, and none where ``-m`` leaves campaigns out.
+    """Give a campaign over a whole matrix its cases, or one where ``-m`` leaves campaigns out.
 
     To make thousands and then to deselect them takes each process that gathers the suite seconds.
     """
@@ -10,4 +10,4 @@ def pytest_generate_tests(metafunc):
     if names is None:
         return
     left_out = "not campaign" in metafunc.config.option.markexpr
-    metafunc.parametrize(names, [] if left_out else cases(), ids=ids)
+    metafunc.parametrize(names, [names] if left_out else cases(), ids=ids)
