@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
 from ikservo.app_discovery import load_place
 from ikservo.arm.background_motion import Background
 from ikservo.arm.motion_runner import MotionRunner
-from ikservo.planning.checked_planning import PreflightPlanner
 from ikservo.planning.context import ArmContext
+from ikservo.planning.preflight_planner import PreflightPlanner
 
 if TYPE_CHECKING:
     from ikservo.arm.scene import Scene

@@ -10,7 +10,7 @@ from ikservo.control.loop import ControlCycle
 from ikservo.control.stillness import StillnessDetector
 from ikservo.errors import BadValueError, IkservoError
 from ikservo.kinematics.arrays import Vector
-from ikservo.model.model import Gripper, Model
+from ikservo.model.arm_model import Gripper, Model
 from ikservo.model.servo_torque import find_servo_torque
 from ikservo.motion import KinematicLimits, OnlineTrajectory
 from ikservo.planning.context import ArmContext

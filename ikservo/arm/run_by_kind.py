@@ -9,9 +9,9 @@ from ikservo.arm.arm_parts import ArmParts
 from ikservo.arm.own_motion import OwnMotion
 from ikservo.arm.plan_execution import plan_and_execute
 from ikservo.kinematics.arrays import Vector
-from ikservo.planning.checked_planning import PreflightPlanner
 from ikservo.planning.context import ArmContext
 from ikservo.planning.motions import MotionValue, MoveGripper, MoveJoints, MovePose, Wait
+from ikservo.planning.preflight_planner import PreflightPlanner
 from ikservo.planning.reports import OnProgress
 
 R = TypeVar("R")

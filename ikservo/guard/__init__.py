@@ -1,16 +1,9 @@
 """Safety checks of every goal: limits, collisions, steps, and monitors of a running motion."""
 
-from ikservo.guard.collision import (
-    MAX_SAMPLE_STEP_RAD,
-    CollisionChecker,
-    refine_path,
-    sample_line,
-    sample_path,
-    thin_path,
-)
+from ikservo.guard.collision import CollisionChecker
 from ikservo.guard.driven_joint import MAX_TRAVEL_RAD, DrivenJoint
 from ikservo.guard.gate import Gate, StopKind, StopLatch, StopReason
-from ikservo.guard.monitors import (
+from ikservo.guard.motion_monitors import (
     DEAD_MAN_TIMEOUT_S,
     CommunicationMonitor,
     DeadManSwitch,
@@ -21,8 +14,15 @@ from ikservo.guard.monitors import (
     power_lost_error,
     torque_lost_error,
 )
-from ikservo.guard.overload import OverloadMonitor, OverloadRule
-from ikservo.model.model import HealthLimits, KeepOutBox
+from ikservo.guard.overload_prediction import OverloadMonitor, OverloadRule
+from ikservo.guard.path_sampling import (
+    MAX_SAMPLE_STEP_RAD,
+    refine_path,
+    sample_line,
+    sample_path,
+    thin_path,
+)
+from ikservo.model.arm_model import HealthLimits, KeepOutBox
 
 __all__ = [
     "DEAD_MAN_TIMEOUT_S",

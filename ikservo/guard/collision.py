@@ -11,99 +11,26 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ikservo.errors import CollisionError
+from ikservo.guard.path_sampling import refine_path
 from ikservo.guard.sag import GravitySag, Sag
 from ikservo.kinematics.arrays import Matrix, Vector, finite_vectors
 from ikservo.kinematics.capsules import Capsule
 from ikservo.kinematics.collision_body import CollisionBody
 from ikservo.kinematics.packed import LINK, RADIUS, SHAPE_WIDTH
-from ikservo.model.model import Obstacle
+from ikservo.model.arm_model import Obstacle
 
 if TYPE_CHECKING:
     from ikservo.guard.clear_space import ClearSpace, RigidBodies
 
-MAX_SAMPLE_STEP_RAD = 0.05
-"""Largest motion of a joint between two samples of a path that is checked for collisions [rad]."""
-
 _TOUCH_M = 1e-9
 # Between two samples a distance may change unseen by this much; deeper contact is found.
 _MAX_UNCHECKED_M = 0.001
-_MAX_HALVINGS = 12
 # Searches check samples. Samples keep the distance increased by this fraction of its excess over a
 # length, so that the motions between them keep the distance, too.
 _FURTHER, _ABOVE_M = 0.2, 0.001
 # A contact at the start may get this much deeper on the path, as when an arm that touches the table
 # turns a joint. At the end it may not, because many short motions would add up.
 _DEEPER_M, _DEEPER_AT_END_M = 5e-4, 1e-6
-
-
-def sample_path(
-    positions_at: Callable[[float], Vector], duration_s: float, top_speed_rad_s: float
-) -> Matrix:
-    """Sample joints (k, n) along a path in time, close enough for collision checks.
-
-    Args:
-        positions_at: The joints (n,) at a time.
-        duration_s: The duration of the path; both ends are sampled.
-        top_speed_rad_s: The maximum speed of any joint.
-    """
-    times_s = np.linspace(0.0, duration_s, _sample_count(duration_s * top_speed_rad_s))
-    return np.array([positions_at(time_s) for time_s in times_s])
-
-
-def sample_line(start: Vector, goal: Vector, unit_per_rad: Vector | float = 1.0) -> Matrix:
-    """Sample joints (k, n) on the straight line from a start to a goal, both included.
-
-    Args:
-        start: The start (n,), rad or m.
-        goal: The end (n,).
-        unit_per_rad: Joint motion per radian of its servo's horn: 1 rad, or metres.
-    """
-    distance_rad = float(np.abs((goal - start) / unit_per_rad).max())
-    return np.linspace(start, goal, _sample_count(distance_rad))
-
-
-def thin_path(joints: Matrix) -> Matrix:
-    """Return the rows of a densely sampled path (k, n) that collision checks need.
-
-    The first and the last row are included. Rows are further apart than the sampling step only if
-    the given rows are, by at most the distance of two given rows.
-    """
-    travelled = np.abs(np.diff(joints, axis=0)).max(axis=1)
-    travelled_rad = np.concatenate([[0.0], np.cumsum(travelled)])
-    marks_rad = np.arange(0.0, travelled_rad[-1], MAX_SAMPLE_STEP_RAD)
-    return joints[np.unique(np.append(np.searchsorted(travelled_rad, marks_rad), len(joints) - 1))]
-
-
-def refine_path(
-    path: Matrix,
-    measure: Callable[[Matrix], Matrix],
-    unresolved_after: Callable[[Matrix, Matrix], NDArray[np.intp]],
-) -> tuple[Vector, Matrix]:
-    """Refine the samples of a path if a measured value may exceed its limit between them.
-
-    Args:
-        path: Joints (k, n), straight between two of them.
-        measure: Returns values (k, m) at joints (k, n).
-        unresolved_after: Returns the indices (i,) of such samples, from their values.
-
-    Returns:
-        The sampled fractions of the path (j,), and the values there (j, m).
-    """
-    fractions, values = np.linspace(0.0, 1.0, len(path)), measure(path)
-    for _ in range(_MAX_HALVINGS):
-        unresolved = unresolved_after(path, values)
-        if not len(unresolved):
-            break
-        between = 0.5 * (path[unresolved] + path[unresolved + 1])
-        middle = 0.5 * (fractions[unresolved] + fractions[unresolved + 1])
-        path = np.insert(path, unresolved + 1, between, axis=0)
-        fractions = np.insert(fractions, unresolved + 1, middle)
-        values = np.insert(values, unresolved + 1, measure(between), axis=0)
-    return fractions, values
-
-
-def _sample_count(distance_rad: float) -> int:
-    return max(2, 1 + math.ceil(distance_rad / MAX_SAMPLE_STEP_RAD))
 
 
 class CollisionChecker:

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ikservo.guard.clear_space import ClearSpace
-from ikservo.guard.collision import sample_line
+from ikservo.guard.path_sampling import sample_line
 from ikservo.kernels.compiled import bind, is_compiled
 from ikservo.kernels.layout import work_shape
 from ikservo.kinematics.arrays import IntVector, Matrix, Vector

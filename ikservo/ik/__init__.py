@@ -1,9 +1,9 @@
 """Inverse kinematics inside the joint limits: pure functions on arrays."""
 
+from ikservo.ik.branch_tracking import Solver
 from ikservo.ik.problem import Options, Posture, Target, Tolerance
 from ikservo.ik.result import NOT_LIMITED, ActiveLimit, Result, SolutionSet
 from ikservo.ik.solve import METHODS, in_millimetres, solve
-from ikservo.ik.solver import Solver
 
 __all__ = [
     "METHODS",

@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ikservo.errors import BadValueError
-from ikservo.ik.arm_chain import ArmLike, chain_and_start
 from ikservo.ik.prepare import (
     SolverBuffers,
     TargetKind,
@@ -22,7 +21,7 @@ from ikservo.ik.prepare import (
     pack_settings,
     target_kind,
 )
-from ikservo.ik.problem import Options, check_position, normalise
+from ikservo.ik.problem import ArmLike, Options, chain_and_start, check_position, normalise
 from ikservo.kernels.layout import (
     ITERATIONS,
     MAX_ANGLE_RAD,

@@ -1,4 +1,4 @@
-"""An inverse kinematics problem: target, options, tolerance."""
+"""An inverse kinematics problem: arm, target, options, tolerance."""
 
 from __future__ import annotations
 
@@ -6,13 +6,14 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cache
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ikservo.errors import BadValueError
 from ikservo.kernels.layout import MAX_POSITION_M
-from ikservo.kinematics import finite_array, finite_vector
+from ikservo.kinematics import Chain, finite_array, finite_vector
 from ikservo.kinematics.arrays import (
     Matrix,
     Vector,
@@ -22,9 +23,33 @@ from ikservo.kinematics.arrays import (
     read_only,
 )
 from ikservo.kinematics.se3 import log_so3
+from ikservo.model.arm_model import Model
+
+ArmLike = Chain | Model | str | Path
+"""An arm's chain or model, its name, or the path of its file."""
 
 _TOOL_AXIS = (0.0, 0.0, 1.0)
 _TOOL_AXIS_ARRAY = read_only(_TOOL_AXIS)
+
+
+def chain_and_start(arm: ArmLike, q0: ArrayLike | None = None) -> tuple[Chain, ArrayLike | None]:
+    """Return the chain of an arm, and the default start: a model's initial joints.
+
+    Raises:
+        BadValueError: It is not an arm.
+        UnknownNameError: No arm has that name.
+    """
+    if isinstance(arm, Chain):
+        return arm, q0
+    model: object = arm
+    if isinstance(arm, str | Path):
+        from ikservo.model import load_model  # noqa: PLC0415  # pydantic, which a chain needs not
+
+        model = load_model(arm)
+    if not isinstance(model, Model):
+        expected = 'a Chain, a Model, or the name or file of an arm, as in "so101"'
+        raise BadValueError("The arm", repr(arm), expected)
+    return model.chain, model.initial_joints() if q0 is None else q0
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,9 +12,16 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ikservo.errors import UnknownNameError
-from ikservo.ik.arm_chain import ArmLike, chain_and_start
 from ikservo.ik.bounded import bounded
-from ikservo.ik.problem import DEFAULT_RESTARTS, Options, Posture, Target, Tolerance
+from ikservo.ik.problem import (
+    DEFAULT_RESTARTS,
+    ArmLike,
+    Options,
+    Posture,
+    Target,
+    Tolerance,
+    chain_and_start,
+)
 from ikservo.ik.result import Result, SolutionSet, SolvedProblem, is_closer
 from ikservo.kernels.layout import MAX_ANGLE_RAD
 from ikservo.kinematics import Chain

@@ -1,7 +1,7 @@
 """Description of an arm: its files, the catalogue of arms, and the model built from them."""
 
+from ikservo.model.arm_model import Model, ModelJoint, ModelServo, SpeedClass
 from ikservo.model.catalogue import arm_names, find_arm
-from ikservo.model.model import Model, ModelJoint, ModelServo, SpeedClass
 from ikservo.model.model_loading import load_model
 
 __all__ = ["Model", "ModelJoint", "ModelServo", "SpeedClass", "arm_names", "find_arm", "load_model"]

@@ -9,7 +9,7 @@ from typing import Annotated, Literal
 from pydantic import BeforeValidator, Field, PrivateAttr
 
 from ikservo.files.validation import StrictModel
-from ikservo.model.model import HealthLimits
+from ikservo.model.arm_model import HealthLimits
 
 
 def _require_integer(value: object) -> object:

@@ -13,7 +13,7 @@ from ikservo.kinematics.arrays import Vector
 from ikservo.kinematics.capsules import Capsule, segment_distance
 from ikservo.kinematics.collision_body import CollisionBody
 from ikservo.kinematics.se3 import rotation_rpy
-from ikservo.model.model import Model
+from ikservo.model.arm_model import Model
 from ikservo.model.model_loading import build_chain
 from ikservo.model.urdf_types import Box, Cylinder, Mesh, Shape, Sphere, Surface
 from ikservo.model.urdf_xml import import_command

@@ -11,8 +11,8 @@ import numpy as np
 from ikservo.calibration.identified_file import IdentifiedArm, IdentifiedJoint
 from ikservo.kinematics import Chain
 from ikservo.kinematics.dynamics import Dynamics
+from ikservo.model.arm_model import Model
 from ikservo.model.joint_drive import ArmParameters, JointDrive, nominal_parameters
-from ikservo.model.model import Model
 from ikservo.model.servo_torque import GearFriction, find_servo_torque
 
 

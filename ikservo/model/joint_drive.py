@@ -8,8 +8,8 @@ from math import exp, inf, tau
 
 from ikservo.kinematics import Chain
 from ikservo.kinematics.dynamics import Dynamics
+from ikservo.model.arm_model import Model, ModelJoint
 from ikservo.model.link_masses import link_masses
-from ikservo.model.model import Model, ModelJoint
 from ikservo.model.servo_torque import GearFriction, ServoTorque, find_servo_torque
 
 # Transmission of a goal, and its wait for the servo's next loop.

@@ -10,7 +10,7 @@ from ikservo.kinematics import Chain
 from ikservo.kinematics.arrays import Matrix, Vector
 from ikservo.kinematics.inertia import LinkMass
 from ikservo.kinematics.se3 import rotation_rpy
-from ikservo.model.model import Model, ModelJoint, ModelServo
+from ikservo.model.arm_model import Model, ModelJoint, ModelServo
 from ikservo.model.servo_torque import find_servo_torque
 from ikservo.model.urdf_types import UrdfLink
 

@@ -9,8 +9,8 @@ import numpy as np
 
 from ikservo.kinematics import Chain
 from ikservo.kinematics.arrays import Matrix, Vector
+from ikservo.model.arm_model import Model
 from ikservo.model.joint_drive import JointDrive, nominal_parameters
-from ikservo.model.model import Model
 from ikservo.model.servo_torque import GearFriction, ServoTorque
 
 _POSTURES = 64

@@ -14,10 +14,7 @@ from ikservo.errors import FileFormatError, InputError
 from ikservo.kinematics import Chain, Joint, JointType, Mimic
 from ikservo.kinematics.se3 import make_pose, rotation_rpy
 from ikservo.model.arm_file import read_arm_file
-from ikservo.model.arm_schema import ArmFile, ArmGripper, ArmHealth, ArmJoint, ArmPose, ArmSpeed
-from ikservo.model.base_placement import parse_frame, turn_base
-from ikservo.model.catalogue import find_arm
-from ikservo.model.model import (
+from ikservo.model.arm_model import (
     Gripper,
     HealthLimits,
     KeepOutBox,
@@ -26,6 +23,9 @@ from ikservo.model.model import (
     ModelServo,
     SpeedClass,
 )
+from ikservo.model.arm_schema import ArmFile, ArmGripper, ArmHealth, ArmJoint, ArmPose, ArmSpeed
+from ikservo.model.base_placement import parse_frame, turn_base
+from ikservo.model.catalogue import find_arm
 from ikservo.model.urdf import read_urdf, read_urdf_text
 from ikservo.model.urdf_types import Mesh, Urdf, UrdfJoint, UrdfJointType
 from ikservo.model.urdf_xml import import_command, is_mjcf

@@ -18,9 +18,9 @@ from math import acos, exp, pi, sqrt
 import numpy as np
 
 from ikservo.kinematics import Chain
+from ikservo.model.arm_model import Model, ModelJoint
 from ikservo.model.joint_drive import JointDrive, joint_drive, nominal_parameters
 from ikservo.model.load_lag import spread_postures
-from ikservo.model.model import Model, ModelJoint
 from ikservo.model.servo_torque import GRIPPER_P_GAINS, find_servo_torque
 
 # Margin: servos differ in torque and damping by a twentieth, and the joints of an arm push each

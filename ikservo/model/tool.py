@@ -9,7 +9,7 @@ import numpy as np
 
 from ikservo.kinematics import Chain
 from ikservo.kinematics.arrays import Matrix, Vector, freeze_arrays
-from ikservo.model.model import Model, ModelJoint
+from ikservo.model.arm_model import Model, ModelJoint
 
 _SWINGS_M_PER_RAD = 0.03
 # A tool nearer to upright than this has no heading; solutions are exact to 0.1 mrad.

@@ -16,7 +16,7 @@ from ikservo.guard import DrivenJoint
 from ikservo.ik import Result
 from ikservo.kinematics import Chain
 from ikservo.kinematics.arrays import Matrix, Vector, freeze_arrays
-from ikservo.model.model import near_distance
+from ikservo.model.arm_model import near_distance
 from ikservo.motion import ConcatenatedTrajectory, JointMove, KinematicLimits, Trajectory
 from ikservo.motion.sampled_trajectory import SampledTrajectory, sample_trajectory
 from ikservo.planning.motions import MotionValue

@@ -15,7 +15,7 @@ from ikservo.guard import CollisionChecker
 from ikservo.guard.sag import Sag
 from ikservo.kinematics.arrays import Vector
 from ikservo.kinematics.collision_body import CollisionBody
-from ikservo.model.model import Obstacle
+from ikservo.model.arm_model import Obstacle
 
 
 class Turn:

@@ -7,7 +7,7 @@ import pytest
 
 import ikservo
 from ikservo.errors import RefusedError
-from ikservo.model.model import KeepOutBox
+from ikservo.model.arm_model import KeepOutBox
 from tests.arm.simulated import line_of, servo_group
 
 # A post where the tool passes when the base is turned from 0.31 rad to the right.

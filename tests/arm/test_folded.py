@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from ikservo.errors import CollisionError
-from ikservo.planning import checked_planning, ways_around
+from ikservo.planning import preflight_planner, ways_around
 from ikservo.planning.motions import MovePose
 from tests.apps.teaching.test_contact_at_start import (
     distances_m,
@@ -61,7 +61,7 @@ def test_folded_arm_finds_path_or_error_names_touching_pair(monkeypatch, capsys,
                 with monkeypatch.context() as patient:
                     margins = ((0.01, LONG), (0.003, LONG), (0.0005, LONG))
                     patient.setattr(ways_around, "_MARGINS_M", margins)
-                    patient.setattr(checked_planning, "_EXITS", EXITS)
+                    patient.setattr(preflight_planner, "_EXITS", EXITS)
                     if refusal(arm, pose) is None:
                         found_later.append((seed, pose))
     log(capsys, f"{name}: {len(seeds)} postures, {touching} touch something, {refused} refused")

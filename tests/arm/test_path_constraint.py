@@ -12,10 +12,10 @@ from ikservo.errors import BadValueError, ConstraintError
 from ikservo.guard import KeepOutBox
 from ikservo.kernels import compiled, tool_limits
 from ikservo.model.tool import tool_frame
-from ikservo.planning.checked_planning import PlannedStart, PreflightPlanner
 from ikservo.planning.motions import MoveJoints, MoveLine, MoveTo, motion_fields, parse_motion
 from ikservo.planning.path_constraint import ConstrainedTool, PathConstraint
 from ikservo.planning.poses import PoseLibrary
+from ikservo.planning.preflight_planner import PlannedStart, PreflightPlanner
 from tests.arm.simulated import context_of, registers
 from tests.arm.test_ways_around import LEFT, RIGHT, left_of
 from tests.both_ways import needs_extension

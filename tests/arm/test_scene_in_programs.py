@@ -7,7 +7,7 @@ import pytest
 
 import ikservo
 from ikservo.errors import BadValueError, CollisionError, FileFormatError, UnknownNameError
-from ikservo.planning import checked_planning
+from ikservo.planning import preflight_planner
 from tests.arm.simulated import call_before, context_of, motion_runner, registers
 from tests.arm.test_ways_around import LEFT, RIGHT
 
@@ -150,7 +150,7 @@ def test_thing_added_while_planning_refuses_the_motion(monkeypatch, arm):
     def build():
         in_another_thread(lambda: arm.scene.add("box", "the wall", **WALL))
 
-    call_before(checked_planning, "plan_motion", monkeypatch, build)
+    call_before(preflight_planner, "plan_motion", monkeypatch, build)
     with pytest.raises(CollisionError, match="the wall"):
         arm.move_to(RIGHT, straight=True)
     assert registers(arm, "goal_position") == before

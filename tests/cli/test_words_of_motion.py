@@ -11,7 +11,7 @@ from ikservo.cli import main
 from ikservo.cli.commands.where import heat_colour, limit_colour, position_bar, watch_arm
 from ikservo.cli.entry_point import with_connection_options
 from ikservo.errors import UnreachableError, format_point
-from ikservo.model.model import HealthLimits
+from ikservo.model.arm_model import HealthLimits
 from servosim.clock import VirtualClock
 
 SIM = "--arm so101 --port sim:?pose=home"

@@ -12,9 +12,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from ikservo.ik.branch_tracking import Solver
 from ikservo.ik.prepare import TargetKind, pack_problem, pack_settings
 from ikservo.ik.problem import DEFAULT_RESTARTS, Options
-from ikservo.ik.solver import Solver
 from ikservo.kernels import compiled, search, single
 from ikservo.kernels.layout import (
     KIND,

@@ -23,7 +23,7 @@ from ikservo.control.stillness import StillnessDetector
 from ikservo.errors import CalibrationError
 from ikservo.kinematics import Chain
 from ikservo.kinematics.arrays import Vector, freeze_arrays
-from ikservo.model.model import Model
+from ikservo.model.arm_model import Model
 from ikservo.model.tool import view_axes
 
 WIDE_M, HIGH_M = 0.297, 0.210  # A4; its long edge is at the arm

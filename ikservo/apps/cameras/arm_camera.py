@@ -24,7 +24,7 @@ from ikservo.kinematics.arrays import Vector, finite_vector, freeze_arrays
 from ikservo.kinematics.rays import Ray
 from ikservo.kinematics.se3 import exp_so3, make_pose
 from ikservo.model import Model
-from ikservo.model.model import Obstacle
+from ikservo.model.arm_model import Obstacle
 from ikservo.planning.calibrated_arm import ZeroSource
 from ikservo.planning.context import ArmContext
 

@@ -49,7 +49,7 @@ from ikservo.clock import Clock
 from ikservo.errors import IkservoError, format_point
 from ikservo.kinematics.arrays import Vector
 from ikservo.model import Model
-from ikservo.model.model import HealthLimits, at_distance, limit_distance, near_limit
+from ikservo.model.arm_model import HealthLimits, at_distance, limit_distance, near_limit
 
 _MAX_STATUS_MESSAGES = 12
 

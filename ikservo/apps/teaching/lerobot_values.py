@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from ikservo.kinematics.arrays import Matrix, Vector
-from ikservo.model.model import Model
+from ikservo.model.arm_model import Model
 
 
 @dataclass(frozen=True, slots=True)

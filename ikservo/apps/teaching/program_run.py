@@ -12,9 +12,9 @@ from ikservo.apps.teaching.replaying import Replay, position_at_rest
 from ikservo.arm.arm_parts import ArmParts
 from ikservo.arm.run_by_kind import end_of_motion, run_motion, wait
 from ikservo.errors import BadValueError, IkservoError
-from ikservo.planning.checked_planning import PlannedStart, PreflightPlanner
 from ikservo.planning.motions import MotionValue, Wait
 from ikservo.planning.poses import PoseLibrary
+from ikservo.planning.preflight_planner import PlannedStart, PreflightPlanner
 from ikservo.planning.reports import (
     GraspResult,
     JointMoveResult,

@@ -23,7 +23,7 @@ from ikservo.hardware.port_names import serial_number_of
 from ikservo.hardware.register_batches import RegisterRef
 from ikservo.hardware.servo import ServoSpec
 from ikservo.model import Model, ModelServo
-from ikservo.model.model import HealthLimits
+from ikservo.model.arm_model import HealthLimits
 from ikservo.registers import Alarm, RegisterName, control_table_for_number
 
 _CALIBRATED_REGISTERS = {

@@ -37,7 +37,7 @@ from ikservo.clock import Clock, RealClock
 from ikservo.errors import IkservoError, InputError, format_point
 from ikservo.kinematics.arrays import Vector
 from ikservo.model import Model
-from ikservo.model.model import HealthLimits, limit_distance, near_limit
+from ikservo.model.arm_model import HealthLimits, limit_distance, near_limit
 from ikservo.planning.reports import describe_alarms
 
 Watch = Annotated[bool, typer.Option("--watch", help="Repeat until Ctrl-C, with joints as bars.")]

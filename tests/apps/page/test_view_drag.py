@@ -17,7 +17,7 @@ from ikservo.apps.page.picking.raycast import thing_shapes
 from ikservo.errors import InputError, UnknownNameError
 from ikservo.ik import METHODS, Posture, Target
 from ikservo.kinematics import distance_to_limits
-from ikservo.model.model import KeepOutBox
+from ikservo.model.arm_model import KeepOutBox
 from tests.apps.page.view_fixtures import (
     drag_of,
     looked_at,

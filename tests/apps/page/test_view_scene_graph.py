@@ -16,7 +16,7 @@ from ikservo.apps.page.messages import page_messages
 from ikservo.apps.page.panels.things_panel import thing_fields
 from ikservo.apps.page.picking.link_poses import link_poses
 from ikservo.model import load_model
-from ikservo.model.model import KeepOutBox
+from ikservo.model.arm_model import KeepOutBox
 from ikservo.model.urdf_types import Mesh
 from tests.apps.page.view_fixtures import graph_of, looked_at, model_of, stage
 from tests.apps.page.view_session import ViewSession

@@ -18,7 +18,7 @@ from ikservo.arm import JointState
 from ikservo.errors import format_point
 from ikservo.ik import ActiveLimit
 from ikservo.model import load_model
-from ikservo.model.model import HealthLimits
+from ikservo.model.arm_model import HealthLimits
 
 TIP = np.array([0.2, 0.0, 0.15])
 

@@ -24,9 +24,9 @@ from ikservo.errors import (
     UnreachableError,
 )
 from ikservo.kinematics.arrays import Vector
-from ikservo.planning.checked_planning import PlannedStart, PreflightPlanner
 from ikservo.planning.motion_plan import sample_states
 from ikservo.planning.motions import MoveJoints, MoveTo
+from ikservo.planning.preflight_planner import PlannedStart, PreflightPlanner
 
 _PERIOD_S = 0.04  # between plans during a drag, so that its picture can be drawn
 _POSTURES = 25  # number of postures along a path for drawing

@@ -41,8 +41,8 @@ from ikservo.clock import Clock
 from ikservo.errors import UnknownNameError
 from ikservo.ik import Target
 from ikservo.kinematics.arrays import Vector
+from ikservo.model.arm_model import Obstacle
 from ikservo.model.collision_model import capsules_of
-from ikservo.model.model import Obstacle
 
 _STEPS_HZ = 30.0
 _MAX_WARNINGS = 6

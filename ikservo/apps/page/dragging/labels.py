@@ -17,7 +17,7 @@ from ikservo.planning.reports import describe_alarms, describe_torque
 
 if TYPE_CHECKING:
     from ikservo.arm import JointState
-    from ikservo.model.model import HealthLimits
+    from ikservo.model.arm_model import HealthLimits
 
 STOP_TEXTS: dict[StopInput, str] = {
     "button": "Stopped from the page",

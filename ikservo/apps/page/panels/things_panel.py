@@ -24,7 +24,7 @@ from ikservo.kinematics.arrays import Vector
 from ikservo.kinematics.capsules import segment_distance
 from ikservo.kinematics.packed import ROUNDING
 from ikservo.kinematics.se3 import make_pose
-from ikservo.model.model import Obstacle
+from ikservo.model.arm_model import Obstacle
 from ikservo.model.scene_file import describe_thing, scene_text
 
 _DRAWN_M = 5.0  # larger things, such as half-spaces, are not drawn

@@ -10,7 +10,7 @@ from ikservo.apps.cameras.arm_camera import first_seen
 from ikservo.apps.cameras.camera_model import CameraModel
 from ikservo.apps.page.picking.projection import Camera, Viewport
 from ikservo.kinematics.arrays import Matrix, Vector
-from ikservo.model.model import Obstacle
+from ikservo.model.arm_model import Obstacle
 
 _AXES = np.array([1.0, -1.0, -1.0])  # in OpenCV, y is down and z ahead
 

@@ -14,7 +14,7 @@ import numpy as np
 
 from ikservo.kinematics.arrays import Matrix, Vector
 from ikservo.kinematics.capsules import Capsule
-from ikservo.model.model import Obstacle
+from ikservo.model.arm_model import Obstacle
 
 _PARALLEL = 1e-12
 _CORNERS = np.array(list(np.ndindex(2, 2, 2)))

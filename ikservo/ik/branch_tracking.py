@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ikservo.errors import BadValueError
-from ikservo.ik.arm_chain import ArmLike, chain_and_start
 from ikservo.ik.bounded import unpack_result
 from ikservo.ik.prepare import (
     HOMOGENEOUS_ROW,
@@ -24,7 +23,14 @@ from ikservo.ik.prepare import (
     pack_settings,
     target_kind,
 )
-from ikservo.ik.problem import Options, Tolerance, check_position, normalise
+from ikservo.ik.problem import (
+    ArmLike,
+    Options,
+    Tolerance,
+    chain_and_start,
+    check_position,
+    normalise,
+)
 from ikservo.ik.result import Result
 from ikservo.kernels.compiled import bind
 from ikservo.kernels.layout import (

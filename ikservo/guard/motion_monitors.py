@@ -11,7 +11,7 @@ import numpy as np
 from ikservo.errors import RefusedError, ServoAlarmError, ServoSilentError
 from ikservo.guard.driven_joint import DrivenJoint
 from ikservo.kinematics.arrays import Vector
-from ikservo.model.model import HealthLimits
+from ikservo.model.arm_model import HealthLimits
 from ikservo.registers import Alarm
 
 __all__ = [
