@@ -60,6 +60,12 @@ def pytest_configure_node(node):
     node.workerinput["all"] = node.config.option.all
 
 
+def pytest_terminal_summary(terminalreporter, config):
+    if config.option.record_slow_tests:
+        reports = [report for group in terminalreporter.stats.values() for report in group]
+        tiers.record_slow_tests(r for r in reports if isinstance(r, pytest.TestReport))
+
+
 def pytest_sessionstart():
     gc.disable()  # collection makes thousands of objects, and all of them stay
 

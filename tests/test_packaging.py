@@ -14,6 +14,8 @@ import pytest
 from ikservo.kernels.compiled import is_compiled
 from tests.oracle import ARMS
 
+pytestmark = pytest.mark.full  # the fixture takes long
+
 ROOT = Path(__file__).parents[1]
 
 
@@ -31,19 +33,16 @@ def wheel(tmp_path_factory):
     return zipfile.ZipFile(path)
 
 
-@pytest.mark.full
 def test_wheel_contains_every_arm(wheel):
     files = {f"ikservo/_configs/{arm}/{file}" for arm in ARMS for file in ("arm.toml", "arm.urdf")}
     assert files <= set(wheel.namelist())
 
 
-@pytest.mark.full
 def test_wheel_contains_udev_rule(wheel):
     rule = wheel.read("ikservo/_rules/60-ikservo.rules")
     assert rule == (ROOT / "tools" / "60-ikservo.rules").read_bytes()
 
 
-@pytest.mark.full
 def test_wheel_contains_page_of_panel(wheel):
     page = {
         f"ikservo/apps/page/static/{path.name}"
@@ -87,7 +86,6 @@ def metadata(wheel, file):
     return next(name for name in wheel.namelist() if name.endswith(f".dist-info/{file}"))
 
 
-@pytest.mark.full
 def test_unpacked_wheel_moves_arm(wheel, tmp_path):
     wheel.extractall(tmp_path)
     script = (
@@ -121,7 +119,6 @@ def test_wheel_without_compiler_is_pure_python(tmp_path):
     assert not [name for name in names if name.endswith((".so", ".pyd"))]
 
 
-@pytest.mark.full
 def test_forced_compilation_with_broken_compiler_fails_build(tmp_path):
     done = build_wheel(tmp_path, IKSERVO_COMPILED="1", CC="false")
     assert done.returncode != 0

@@ -51,3 +51,9 @@ def test_every_file_named_in_docs_exists(path):
     links = [name for name in re.findall(r"\]\(([^)#]+)\)", text) if "://" not in name]
     for name in [*names, *links]:
         assert (ROOT / name).exists(), name
+
+
+def test_every_listed_slow_test_exists():
+    for test in read("tests/slow_tests.txt").splitlines():
+        file, *_, name = test.split("::")
+        assert f"def {name}(" in read(file), test

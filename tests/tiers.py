@@ -1,12 +1,15 @@
 """Which tests run at every save (``make test``), and which before a commit (``make test-all``).
 
 At every save: the pure layers, servos and the bus, each command, arms in motion on one Feetech and
-one Dynamixel arm, and browser tests of the main screens (``smoke``). The others are marked
-``full``, by hand where one test takes long, and here where a whole folder does or the case is
-another arm. A path on the command line runs all of what it names.
+one Dynamixel arm, and what is marked ``smoke``: the main screens in a browser, and the files of
+tests about one motion. The others are ``full``: by a mark, and here where a whole folder takes
+long, where the case is another arm, and where the test is in ``slow_tests.txt``, which
+``pytest --all --record-slow-tests`` writes. A path on the command line runs all that it names.
 """
 
 import re
+from collections import Counter
+from pathlib import Path
 
 import pytest
 
@@ -18,10 +21,15 @@ OTHER_ARM = re.compile(
     r"(?<![a-z0-9])(open_manipulator_x|omx_[fl]|px1[05]0|rx150|rx200|wx200|wx250s|vx250|vx300s"
     r"|so100|planar2|planar3)(?![a-z0-9])"
 )
+SLOW_TESTS = Path(__file__).with_name("slow_tests.txt")
+SLOW_S = 0.45  # a test that takes longer with all its cases is slow: `make test` takes 4 minutes
 
 
 def add_option(parser):
     parser.addoption("--all", action="store_true", help="also what `make test` leaves out")
+    parser.addoption(
+        "--record-slow-tests", action="store_true", help=f"write {SLOW_TESTS.name} from this run"
+    )
 
 
 def choose_tier(config):
@@ -37,10 +45,29 @@ def leave_full_tests_out(config, items):
     for item in items:
         if _is_full(item):
             item.add_marker(pytest.mark.full)
+    if not config.option.record_slow_tests:
+        slow = set(SLOW_TESTS.read_text(encoding="utf-8").splitlines())
+        for item in items:
+            if _function_id(item.nodeid) in slow and not item.get_closest_marker("smoke"):
+                item.add_marker(pytest.mark.full)
     if not config.option.all:
         left_out = [item for item in items if item.get_closest_marker("full")]
         items[:] = [item for item in items if not item.get_closest_marker("full")]
         config.hook.pytest_deselected(items=left_out)
+
+
+def record_slow_tests(reports):
+    """Write the tests that take long and are not marked; a test counts with all its cases."""
+    durations_s = Counter()
+    for report in reports:
+        if not {"full", "smoke"} & report.keywords.keys():
+            durations_s[_function_id(report.nodeid)] += report.duration
+    slow = sorted(test for test, duration_s in durations_s.items() if duration_s > SLOW_S)
+    SLOW_TESTS.write_text("\n".join(slow) + "\n", encoding="utf-8")
+
+
+def _function_id(node_id):
+    return node_id.partition("[")[0]
 
 
 def _is_full(item):

@@ -15,6 +15,8 @@ from servosim.faults import Fault
 from tests.arm.audit import Auditor
 from tests.arm.simulated import clock_of, line_of, registers, servo_group, servo_id, transport_of
 
+pytestmark = pytest.mark.smoke
+
 
 @pytest.fixture
 def arm():

@@ -17,6 +17,8 @@ from tests.arm.random_faults import seeded
 from tests.arm.simulated import line_of, registers, servo_group, servo_id, true_joints, true_tip_m
 from tests.oracle import ARMS
 
+pytestmark = pytest.mark.smoke
+
 NEAR = (0.23, 0.02, 0.10)  # home: the first motion is slow
 
 
@@ -85,6 +87,7 @@ def test_slow_speed_takes_twice_as_long_as_fast(arm):
     assert slow > 2 * arm.plan_to((0.25, 0.05, 0.15), speed="fast").duration_s
 
 
+@pytest.mark.full
 def test_unreachable_point_moves_nothing_and_offers_nearest():
     with ikservo.open_arm("so101", port="sim:?pose=zero") as arm:  # stretched, as it will be there
         before = registers(arm, "goal_position")
@@ -181,6 +184,7 @@ FEW = ("so101", "open_manipulator_x", "wx250s")  # both families, a slide, shado
 ALL = [name if name in FEW else pytest.param(name, marks=pytest.mark.campaign) for name in ARMS]
 
 
+@pytest.mark.full
 @pytest.mark.sample(1)
 @pytest.mark.parametrize("name", ALL)
 def test_every_arm_reaches_its_home_zero_and_rest_pose(name):
@@ -190,6 +194,7 @@ def test_every_arm_reaches_its_home_zero_and_rest_pose(name):
             assert arm.move_joints(model.pose(pose), speed="fast").reached, pose
 
 
+@pytest.mark.full
 def test_relax_lowers_arm_to_rest_pose_before_torque_off(arm):
     arm.move_to(NEAR)
     report = arm.relax()

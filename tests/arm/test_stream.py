@@ -17,6 +17,8 @@ from tests.arm.audit import Auditor
 from tests.arm.line_tracing import FailingLine, LineTracer
 from tests.arm.simulated import clock_of, line_of, registers, servo_group
 
+pytestmark = pytest.mark.smoke
+
 CREEP_TICKS = 5  # of a joint at rest under its load
 ENOUGH = StopReason(StopKind.PROGRAM, "enough")
 

@@ -25,6 +25,8 @@ from ikservo.ros_messages.arm_messages import DESCRIPTION, JOINT_STATES, ArmMess
 from servosim.clock import VirtualClock
 from tests.oracle import tip_from_joints
 
+pytestmark = pytest.mark.full  # the fixture takes long
+
 ROLL = {"wrist_roll": 0.5}
 
 
@@ -58,7 +60,6 @@ def matrix(transform):
     return T
 
 
-@pytest.mark.full
 def test_mcap_joints_goals_poses_and_health_are_readable(recorded):
     path, state, samples = recorded
     found = messages(path)
@@ -196,7 +197,6 @@ def test_damaged_mcap_is_read_up_to_damage_with_warning(tmp_path):
     np.testing.assert_array_equal(read.joints, tape.joints[: len(read.times_s)])
 
 
-@pytest.mark.full
 def test_mcap_and_json_lines_recordings_replay_equally(tmp_path):
     tapes = {suffix: Tape(tmp_path / f"wave.{suffix}", 1.0) for suffix in ("mcap", "jsonl")}
     with ikservo.open_arm("so101", port="sim:?pose=home") as arm:

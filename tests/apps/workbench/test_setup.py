@@ -10,6 +10,8 @@ from ikservo.hardware.scan import scan_rate
 from tests.cli.fixtures_ports import change_bus, run_command
 from tests.oracle import CONFIGS
 
+pytestmark = pytest.mark.full  # the fixture takes long
+
 NEW = {"so101": (1, 0), "koch": (1, 1)}  # id and baud code with which a servo is delivered
 RETURN_DELAY = {"so101": "return_delay", "koch": "return_delay_time"}
 
@@ -98,7 +100,6 @@ def set_up():
     return done
 
 
-@pytest.mark.full
 @pytest.mark.sample(1)
 @pytest.mark.parametrize("arm", ["so101", "koch"])
 def test_setup_writes_arm_file_values_permanently(set_up, arm):
@@ -112,13 +113,11 @@ def test_setup_writes_arm_file_values_permanently(set_up, arm):
         assert servo.baud == baud
 
 
-@pytest.mark.full
 def test_setup_locks_memory_of_each_servo(set_up):
     operator, _ = set_up["so101"]
     assert [servo.memory.get("lock") for servo in operator.servos] == [1] * 6
 
 
-@pytest.mark.full
 def test_setup_prints_what_was_written(set_up):
     _, result = set_up["koch"]
     assert result.out.splitlines()[:3] == [
@@ -147,7 +146,6 @@ def test_setup_names_joint_and_asks_to_unplug(set_up):
     )
 
 
-@pytest.mark.full
 def test_servo_plugged_in_too_early_gets_its_own_id(run_cli, monkeypatch):
     operators, _ = with_operator(monkeypatch, "so101", clumsy=True)
     result = run_cli("setup so101 --port sim --yes")
@@ -155,7 +153,6 @@ def test_servo_plugged_in_too_early_gets_its_own_id(run_cli, monkeypatch):
     assert [servo.id for servo in operators[0].servos] == [1, 2, 3, 4, 5, 6]
 
 
-@pytest.mark.full
 def test_setup_refuses_whole_arm_and_writes_nothing(run_cli, monkeypatch):
     ports = change_bus(monkeypatch, lambda line: None)
     result = run_cli("setup so101 --port sim --yes --wait 5")
@@ -179,7 +176,6 @@ def all_but(number):
     return change
 
 
-@pytest.mark.full
 def test_setup_refuses_two_servos_with_same_id(run_cli, monkeypatch):
     def change(line):
         all_but(3)(line)
@@ -192,7 +188,6 @@ def test_setup_refuses_two_servos_with_same_id(run_cli, monkeypatch):
     assert "More than one servo answers: several servos at id 3" in result.err
 
 
-@pytest.mark.full
 def test_setup_writes_nothing_to_servo_that_is_already_right(run_cli, monkeypatch):
     ports = change_bus(monkeypatch, all_but(6))
     result = run_cli("setup so101 --port sim --start gripper --yes")
@@ -209,7 +204,6 @@ def test_setup_refuses_other_model(run_cli, monkeypatch):
     assert "shoulder_pan (id 1) must be a XL430-W250, but a XL330-M288 at id 3" in result.err
 
 
-@pytest.mark.full
 def test_setup_without_servo_ends_and_says_how_to_continue(run_cli, monkeypatch):
     change_bus(monkeypatch, all_but(99))
     result = run_cli("setup so101 --port sim --yes --start wrist_flex --wait 3")
@@ -218,7 +212,6 @@ def test_setup_without_servo_ends_and_says_how_to_continue(run_cli, monkeypatch)
     assert "Continue with: ikservo setup so101 --start wrist_flex" in result.err
 
 
-@pytest.mark.full
 def test_setup_without_terminal_names_yes_option(run_cli, monkeypatch):
     def change(line):
         all_but(6)(line)
@@ -263,7 +256,6 @@ def test_bad_setup_command_is_one_clear_error(run_cli, words, code, message):
     assert result.out == ""
 
 
-@pytest.mark.full
 def test_setup_stops_if_finished_servo_stays_plugged_in(run_cli, monkeypatch):
     change_bus(monkeypatch, all_but(5))
     result = run_cli("setup so101 --port sim --start wrist_roll --yes --wait 3")
@@ -289,7 +281,6 @@ def at_rate(code):
     return change
 
 
-@pytest.mark.full
 @pytest.mark.parametrize(
     "rate",
     [r if r == 115_200 else pytest.param(r, marks=pytest.mark.campaign) for r in STS_CODES],
@@ -327,7 +318,6 @@ def test_setup_names_servo_of_another_family(run_cli, monkeypatch, code, rate):
     assert f"must be a STS3215, but a XL330-M288 at id 3, {rate} baud is" in result.err
 
 
-@pytest.mark.full
 def test_setup_reports_unsteady_replies_of_servo(run_cli, monkeypatch):
     change_bus(monkeypatch, all_but(6))
     looks = itertools.count()
