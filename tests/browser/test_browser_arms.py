@@ -107,7 +107,6 @@ def test_arm_list_is_legible_named_and_in_tab_order(page, two):
     assert reached == expected
 
 
-@pytest.mark.smoke
 def test_space_key_stops_every_arm_and_list_names_its_fault(page, two):
     operator = Operator(page, two)
     operator.enable_live()

@@ -603,7 +603,6 @@ def test_drawing_item_has_a_known_kind_and_finite_pixels(canvas, name, view):
         assert all(np.isfinite(np.array(ring, dtype=float)).all() for ring in rings)
 
 
-@pytest.mark.smoke
 def test_canvas_draws_only_marks_in_3d_mode(canvas):
     marker = TargetMarker(TIP, TIP, reached=True)
     state = SceneState(looked_at("so101", "orbit"), stage("so101").home, marker=marker)

@@ -116,7 +116,6 @@ def test_reloaded_page_holds_the_arm_and_begins_slow_preview(live):
     assert not live.served.view.arm_thread.command.live
 
 
-@pytest.mark.smoke
 def test_second_page_watches_and_moves_nothing(live, visit):
     other = visit()
     assert other.status["controller"] == "other"
@@ -194,7 +193,6 @@ def test_page_key_is_never_sent_in_clear_text(browser, view):
     context.close()
 
 
-@pytest.mark.smoke
 def test_page_computes_the_same_hmac_as_the_server(operator):
     texts = ["", "abc", "ü" * 40, "x" * 200]
     script = "async (texts) => { const { hmac } = await import('/page/sha256.js');"

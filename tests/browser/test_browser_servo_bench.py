@@ -78,7 +78,6 @@ def bench(browser, request, tmp_path, monkeypatch):
         context.close()
 
 
-@pytest.mark.smoke
 def test_servo_page_reads_writes_refuses_and_marks_registers(bench):
     bench.choose()
     field = bench.page.locator(ROW.format("p_gain") + " input")

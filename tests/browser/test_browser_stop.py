@@ -116,7 +116,6 @@ def release(operator):
 
 
 @OWN
-@pytest.mark.smoke
 def test_escape_closes_help_and_does_not_stop_a_limp_arm(operator):
     release(operator)
     for opener, opened in (("#help-button", "#help"), ("#arms-toggle", "#arms")):
