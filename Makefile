@@ -34,7 +34,7 @@ check: $(VENV)/checked  ## what a commit must pass besides the tests
 	$(BIN)/python tools/style_figures.py --check
 
 test-interpreted: $(VENV)/tested  ## kernels and ways around run as Python, as without a C compiler
-	IKSERVO_COMPILED=0 $(BIN)/python -m pytest -n auto $(INTERPRETED)
+	IKSERVO_COMPILED=0 $(BIN)/python -m pytest -n auto --timeout 1800 $(INTERPRETED)
 
 test-oldest:  ## a part of the suite with every dependency at its lowest version; needs uv
 	tools/test_oldest.sh
