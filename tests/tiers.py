@@ -1,9 +1,9 @@
-"""Which tests run at every save (``make test``), and which before a commit (``make test-all``).
+"""Tests that run at every save (``make test``), and those before a commit (``make test-all``).
 
 At every save: the pure layers, servos and the bus, each command, arms in motion on one Feetech and
 one Dynamixel arm, and browser tests of the main screens (``smoke``). The others are marked
-``full``, by hand where one test takes long, and here where a whole folder does or the case is
-another arm. A path on the command line runs all of what it names.
+``full``: by hand if one test takes long, and here if a whole folder does or the case is another
+arm. A path on the command line runs everything that it names.
 """
 
 import re
@@ -25,7 +25,7 @@ def add_option(parser):
 
 
 def choose_tier(config):
-    """Run everything where paths are given; the workers of xdist are told."""
+    """Run everything if paths are given; tell the workers of xdist."""
     if hasattr(config, "workerinput"):
         config.option.all = config.workerinput["all"]
     else:

@@ -1,4 +1,4 @@
-"""Drawings on simulated arms: the commanded path, the lift, and what is out of reach."""
+"""Drawings on simulated arms: commanded path, lift, and strokes out of reach."""
 
 from itertools import pairwise
 

@@ -1,4 +1,4 @@
-"""A slide behind a crank, a rack or a gear is told in its own metres and radians."""
+"""Positions of a slide behind a crank, a rack or a gear are in metres and radians."""
 
 import math
 

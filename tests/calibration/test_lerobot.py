@@ -1,4 +1,4 @@
-"""LeRobot's calibrations are found where it keeps them, read with suspicion, and handed back."""
+"""LeRobot's calibrations are found, checked, read and exported."""
 
 import json
 import random

@@ -1,4 +1,4 @@
-"""``--prefer`` and ``--weight``: where the target leaves freedom, the person chooses (L10)."""
+"""``--prefer`` and ``--weight`` choose among the postures that a target allows (L10)."""
 
 import math
 

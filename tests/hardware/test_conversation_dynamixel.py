@@ -1,4 +1,4 @@
-"""Simulated Dynamixel arms and our driver talk; the simulated servos' memory is the witness."""
+"""Packets between simulated Dynamixel arms and our driver; the servos' memory is checked."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ IDS = range(1, 7)
 
 @pytest.fixture
 def arm(simulated):
-    """Give the bus of a simulated Koch arm, of two models, and the servos on it."""
+    """Return the bus of a simulated Koch arm, of two models, and the servos on it."""
     return simulated("koch")
 
 

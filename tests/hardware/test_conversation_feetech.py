@@ -1,4 +1,4 @@
-"""A simulated SO-101 and our driver talk; the simulated servos' own memory is the witness."""
+"""Packets between a simulated SO-101 and our driver; the servos' memory is checked."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ IDS = range(1, 7)
 
 @pytest.fixture
 def arm(simulated):
-    """Give the bus of a simulated SO-101 and the servos on it."""
+    """Return the bus of a simulated SO-101 and the servos on it."""
     return simulated("so101")
 
 

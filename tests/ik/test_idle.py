@@ -1,4 +1,4 @@
-"""Joints that do not move what is asked for stay where they were, whatever the method."""
+"""Joints that do not affect the target stay where they were, with every method."""
 
 import numpy as np
 import pytest
@@ -14,7 +14,7 @@ EVERY = ("auto", *METHODS)
 
 
 def middle_of(name):
-    """Return an arm, the link in the middle of it, and how many joints move that."""
+    """Return an arm, the link in the middle of it, and the number of joints that move it."""
     model = load_model(name)
     chain = model.chain
     joint = model.urdf.joints_to(chain.tip)

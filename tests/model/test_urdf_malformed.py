@@ -1,4 +1,4 @@
-"""Every way a URDF can be wrong is refused with its file, its line and what was expected."""
+"""Every error in a URDF is refused with its file, its line and the expected value."""
 
 # ruff: noqa: E501 - one case a line
 

@@ -1,4 +1,4 @@
-"""`ikservo camera check` and `ikservo look`: a camera that was moved is found, and refused."""
+"""`ikservo camera check` and `ikservo look` detect and refuse a camera that was moved."""
 
 import numpy as np
 import pytest
@@ -24,7 +24,7 @@ def camera(tmp_path, monkeypatch):
 
 @pytest.fixture
 def move_camera(monkeypatch):
-    """Return a function that moves the simulated camera by some metres."""
+    """Return a function that moves the simulated camera by a distance in metres."""
 
     def move(shift_m):
         place = SimulatedCamera.T_camera_board

@@ -46,7 +46,7 @@ MJCF = """<mujoco model="made">
 
 
 def load(path):
-    """Return the model of an MJCF with simple shapes, as it is written."""
+    """Return the model of an MJCF file with simple shapes."""
     steps = convert_shapes(read_mjcf(path))
     while True:
         try:

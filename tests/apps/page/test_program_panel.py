@@ -1,4 +1,4 @@
-"""The page's program in virtual time: captured, edited, kept, checked, played, stopped, resumed."""
+"""The page's program in virtual time: taught, edited, saved, checked, played, stopped, resumed."""
 
 import math
 

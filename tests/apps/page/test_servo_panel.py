@@ -1,4 +1,4 @@
-"""The servo panel in virtual time: a table read, registers written, refusals that stop nothing."""
+"""The servo panel in virtual time: tables read, registers written, refusals that stop nothing."""
 
 import pytest
 

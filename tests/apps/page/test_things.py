@@ -1,4 +1,4 @@
-"""The things around an arm on its page: added, changed, dragged, removed, saved."""
+"""Obstacles around an arm are added, changed, dragged, removed and saved on its page."""
 
 import itertools
 from dataclasses import replace
@@ -30,7 +30,7 @@ def session():
 
 
 def shown(session, client=None):
-    """Return the things that a client is sent, by name."""
+    """Return the things that are sent to a client, by name."""
     frame = session.latest_frames(client).get("things", {"things": []})
     return {each["name"]: each for each in frame["things"]}
 

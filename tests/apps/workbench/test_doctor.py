@@ -1,4 +1,4 @@
-"""``ikservo doctor``: each trouble has its line, and nothing is changed."""
+"""``ikservo doctor`` reports each problem in a line and changes nothing."""
 
 import re
 
@@ -25,7 +25,7 @@ WELL = """\
 
 @pytest.fixture(autouse=True)
 def few_reads(monkeypatch):
-    """The thousand reads are read once; the others want only their one line."""
+    """Let the thousand reads happen only once; the other tests need only their result."""
     monkeypatch.setattr("ikservo.apps.workbench.doctor.READS", 60)
 
 
