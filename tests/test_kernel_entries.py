@@ -10,7 +10,7 @@ import pytest
 
 from ikservo.guard import CollisionChecker, clear_space, way_search
 from ikservo.guard.sag import GravitySag, Weight
-from ikservo.ik import Solver, solver
+from ikservo.ik import Solver, branch_tracking
 from ikservo.ik.prepare import TargetKind
 from ikservo.kernels import capsule_distances as collision_kernel
 from ikservo.kernels import compiled, search, single, tool_limits
@@ -42,7 +42,7 @@ def solve_pose(monkeypatch):
         return lambda *others: getattr(single, name)(*arguments, *others)
 
     with monkeypatch.context() as patch:
-        patch.setattr(solver, "bind", bind)
+        patch.setattr(branch_tracking, "bind", bind)
         Solver(model.chain, "direction")(np.eye(4), model.chain_pose("home"))
 
 

@@ -363,7 +363,7 @@ class Scene:
         lock, check_idle = self._runner.lock, self._context.servos.torque.check_idle
         if not lock.acquire(timeout=wait_s):  # another thread moves it
             raise RefusedError(
-                f"{self._context.model.name} is moving, or is being read.",
+                f"{self._context.model.name} is moving or being read.",
                 "Wait until it is at rest, or stop it.",
             )
         try:

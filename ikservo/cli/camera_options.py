@@ -50,7 +50,7 @@ class CameraOptions:
         typer.Option(
             "--from-pictures",
             metavar="FOLDER",
-            help="Repeat the calibration of such a folder; needs no arm and no camera.",
+            help="Repeat a calibration from the pictures in such a folder, without arm and camera.",
         ),
     ] = None
     by_hand: Annotated[

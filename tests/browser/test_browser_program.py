@@ -133,7 +133,7 @@ def test_program_step_that_cannot_be_run_is_marked_with_reason(empty):
     page.click("#add-target")
     until(lambda: len(places(empty)) == 4)
     page.click("#program-check")
-    page.wait_for_selector("#program-state:has-text('Steps 2, 4 cannot be made')")
+    page.wait_for_selector("#program-state:has-text('Steps 2, 4 cannot be carried out')")
     reasons = page.locator("#program-steps li.bad .reason")
     assert ["the table" in text for text in reasons.all_inner_texts()] == [True, True]
     assert empty.served.goals() == before

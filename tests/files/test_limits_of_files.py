@@ -28,7 +28,7 @@ NESTED = LINE + "".join(
     f'<g id="a{i}">{f"""<use href="#a{i - 1}"/>""" * 10}</g>' for i in range(1, 9)
 )
 DRAWINGS = {
-    "nested uses": (f'{NESTED}<use href="#a8"/>', "elements, each as often as it is used"),
+    "nested uses": (f'{NESTED}<use href="#a8"/>', "elements, counted at each use"),
     "a circular use": (
         '<g id="a"><use href="#b"/></g><g id="b"><use href="#a"/></g>',
         "contains itself",
@@ -191,8 +191,8 @@ def doubled(depth):
 
 
 SCENES = {
-    "doubled thirty times": ((ONE, doubled(30), shown("n29")), "as often as it is used"),
-    "without a surface": (("", doubled(30), shown("n29")), "as often as it is used"),
+    "doubled thirty times": ((ONE, doubled(30), shown("n29")), "counted at each use"),
+    "without a surface": (("", doubled(30), shown("n29")), "counted at each use"),
     "in a circle": ((ONE, node("a", shown("b")) + node("b", shown("a")), shown("a")), "circle"),
     "in a long chain": (
         (ONE, node("n0") + "".join(node(f"n{i}", shown(f"n{i - 1}")) for i in range(1, 200)),
@@ -347,5 +347,5 @@ MULTIPLIED = {
 def test_excessive_mjcf_is_refused_before_it_is_compiled(name, tmp_path):
     pytest.importorskip("mujoco")
     (tmp_path / "arm.xml").write_text(f"<mujoco>{MULTIPLIED[name]}</mujoco>")
-    with pytest.raises(ikservo.IkservoError, match=r"is not for arms|has (width|nuser_geom)="):
+    with pytest.raises(ikservo.IkservoError, match=r"cannot be used|has (width|nuser_geom)="):
         read_mjcf(tmp_path / "arm.xml")

@@ -206,8 +206,8 @@ def _explain_contact(context: ArmContext, error: CollisionError, path: Matrix) -
         except CollisionError:
             continue
         error.command_hint = (
-            f"Switch torque off, lay the arm down by hand as at the {place} of the recording, and "
-            "replay it again: what the arm touches at the start, it may touch again."
+            f"Switch torque off, place the arm by hand as at the {place} of the recording, and "
+            "replay it again: its contacts at the start are then allowed."
         )
         break
 

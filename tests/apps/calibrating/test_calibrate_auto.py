@@ -119,7 +119,7 @@ def test_joints_measured_before_failure_are_kept_for_next_run(arm, narrow, run_c
     back_to_the_pose(arm)
     done = auto(run_cli, narrow)
     assert (done.code, "joint2: searching" in done.err) == (0, False), done.err
-    assert re.search(r"joint1: searching its end stop near .* \(joint 2 of 2\)", done.err)
+    assert re.search(r"joint1: searching for its end stop near .* \(joint 2 of 2\)", done.err)
     assert [joint.swept for joint in saved().joints] == ["by itself", "by itself"]
     low, high = saved().joint("joint2").recorded_range()
     assert 0.0 <= low - arm.stops["joint2"][0] <= math.radians(0.6)
@@ -288,7 +288,7 @@ def test_freely_turning_joints_are_not_searched(monkeypatch, run_cli):
     where = {joint.name: joint.position for joint in arm.world.joints}
     done = run_cli(f"calibrate planar2 --port {PORT} --pose rest --auto --yes")
     assert done.code == 0, done.err
-    assert "searching its end stop" not in done.err
+    assert "searching for its end stop" not in done.err
     assert "joint1: not searched: its range in the arm file, -150.0° to 150.0°" in done.err
     assert where.keys() == {"joint1", "joint2"}
 

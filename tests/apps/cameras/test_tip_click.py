@@ -89,7 +89,7 @@ def test_click_far_from_possible_tip_positions_is_refused(mistaken, opened, away
     u, v = tip_pixel(*mistaken)
     with pytest.raises(CalibrationError, match=text):
         click(opened, (u + away_px[0], v + away_px[1]))
-    with pytest.raises(BadValueError, match="one of the picture's 960 x 720"):
+    with pytest.raises(BadValueError, match="a pixel of the 960 x 720 picture"):
         click(opened, (u, 4000.0))
 
 
@@ -167,7 +167,7 @@ def test_disagreeing_click_is_named_and_does_not_count(mistaken):
     clicked(arm, camera)
     two = clicked(arm, camera, wrong_deg=4.0)
     assert (two.counts, two.are_apart) == ((True, True), True)
-    assert "differ by more than clicks err" in str(two)
+    assert "differ by more than their error" in str(two)
     assert two.error_deg > 1.0
     three = clicked(arm, camera)
     assert (three.counts, three.are_apart) == ((True, False, True), False)

@@ -161,7 +161,7 @@ def test_setup_refuses_whole_arm_and_writes_nothing(run_cli, monkeypatch):
     result = run_cli("setup so101 --port sim --yes --wait 5")
     assert result.code == 4
     assert "More than one servo answers: STS3215 at id 1, 1000000 baud; " in result.err
-    assert "brings 6 servos instead of one, for 5 s." in result.err
+    assert "has 6 servos instead of one for 5 s." in result.err
     assert [servo.memory.eeprom_writes for servo in ports[0].line.world.servos] == [
         servo.memory.eeprom_writes for servo in fresh_servos()
     ]
@@ -214,7 +214,7 @@ def test_setup_without_servo_ends_and_says_how_to_continue(run_cli, monkeypatch)
     change_bus(monkeypatch, all_but(99))
     result = run_cli("setup so101 --port sim --yes --start wrist_flex --wait 3")
     assert result.code == 4
-    assert "brings no servo within 3 s (all ids, " in result.err
+    assert "has no servo within 3 s (all ids, " in result.err
     assert "Continue with: ikservo setup so101 --start wrist_flex" in result.err
 
 
@@ -339,7 +339,7 @@ def test_setup_reports_unsteady_replies_of_servo(run_cli, monkeypatch):
     monkeypatch.setattr("ikservo.apps.workbench.provisioning.scan_rate", now_and_then)
     result = run_cli("setup so101 --port sim --start gripper --yes --wait 5")
     assert result.code == 4
-    assert "brings answers of STS3215 at id 6, 1000000 baud, but not steadily" in result.err
+    assert "has STS3215 at id 6, 1000000 baud, which did not answer reliably" in result.err
 
 
 def test_setup_says_that_it_searches_and_how_to_end_it(set_up):
