@@ -115,7 +115,7 @@ class GripperMotion:
         return at + min(max(self._goal - at, -most), most)
 
     def _update_blocking(self, at: float, goal: float) -> bool:
-        """Check whether the jaw stands although its goal is well ahead."""
+        """Check whether the jaw is still although its goal is well ahead."""
         ahead = (goal - at) * math.copysign(1.0, self._goal - at)
         if ahead <= _MIN_LAG_RAD * self._per_horn:
             self._blocking = self._blocking.restarted()

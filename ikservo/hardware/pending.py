@@ -77,7 +77,7 @@ class ByteRateCheck:
         self._on_time = self._on_time + 1 if count <= since_s / byte_s * _MARGIN_BYTES + 1 else 0
 
     def reset(self) -> None:
-        """Reset; called when bytes were discarded as stale and no reply came."""
+        """Start again, because bytes were discarded as stale and no reply came."""
         self._on_time = 0
 
 

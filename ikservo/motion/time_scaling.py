@@ -130,7 +130,7 @@ class _PathAccelerationBounds:
 
 
 def _min_ratio(limit: Vector, by: Vector) -> float:
-    """Compute the minimum of ``limit / by``; values that do not move limit nothing."""
+    """Compute the minimum of ``limit / by``, without values that do not move."""
     pairs = zip(limit.tolist(), by.tolist(), strict=True)  # few: NumPy would take longer
     return min((a / b for a, b in pairs if b > a / _UNBOUNDED), default=_UNBOUNDED)
 

@@ -120,7 +120,7 @@ def test_overheated_servo_reports_heat_alarm(arm):
     assert bus.sync_read(IDS, RegisterName.ALARMS, raw=True).alarms == {5: {Alarm.HEAT}}
 
 
-def test_silent_servo_costs_no_other_its_reply(arm):
+def test_silent_servo_does_not_affect_replies_of_others(arm):
     bus, servos = arm
     servos[3].write("baud_rate", 1)
     readings = bus.sync_read(IDS, RegisterName.PRESENT_POSITION, raw=True)

@@ -99,7 +99,7 @@ class TestHealthyLine:
             line.expect(sync_request([1, 2], 56, 2), reply(1, 0, 8), reply(2, 0, 8))
             feetech.sync_read([1, 2], RegisterName.PRESENT_POSITION)
 
-    def test_different_read_within_20_ms_is_one_byte_longer(self, feetech, line):
+    def test_other_read_within_20_ms_requests_one_more_byte(self, feetech, line):
         line.expect(request(1, 9, 2), reply(1, 0, 0)).expect(
             request(1, 10, 3), reply(1, 0, 255, 15)
         )

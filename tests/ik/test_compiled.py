@@ -317,7 +317,7 @@ def test_solver_accepts_any_array_layout_list_and_float32(change):
 
 @pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf, 1e300])
 @pytest.mark.parametrize("argument", ["problems", "starts"])
-def test_number_out_of_range_names_its_problem(argument, value):
+def test_solver_returns_index_of_problem_with_bad_number(argument, value):
     call = Search("so101", TargetKind.POSE, 1, 3)
     getattr(call, argument)[1, 2] = value
     assert search.solve_all(*call.arguments()) == 1

@@ -139,7 +139,7 @@ SLIPS = {
 
 
 @pytest.mark.parametrize(("old", "new", "where", "found", "expected"), SLIPS.values(), ids=SLIPS)
-def test_mistake_is_reported_with_its_line(
+def test_urdf_mistake_is_reported_with_its_line(
     urdf_path: Path, urdf_text: str, old: str, new: str, where: str, found: str, expected: str
 ) -> None:
     assert old in urdf_text

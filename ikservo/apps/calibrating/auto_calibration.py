@@ -238,7 +238,7 @@ def missing_stop_error(
 
 
 def unreached(subject: JointUnderCalibration, lower: float | str, upper: float | str) -> str:
-    """Describe a joint one or both of whose ends cannot be searched for.
+    """Describe a joint with one or two ends that cannot be searched for.
 
     Args:
         subject: The joint.

@@ -106,7 +106,7 @@ def announce_tour(run: IdentificationRun, options: MotionOptions) -> None:
 
 
 def record_tour(run: IdentificationRun) -> DriveRecording:
-    """Make the tour; a terminal shows which motion of how many it is, and the time left."""
+    """Run the tour; a terminal shows the number of the present motion, and the time left."""
     tour = run.excitation
     with progress_bar() as show:
 

@@ -196,7 +196,7 @@ def _load(
 
 
 def _explain_contact(context: ArmContext, error: CollisionError, path: Matrix) -> None:
-    """Say in a refusal whether the recorded path (k, n) may be replayed by an arm that lies.
+    """Say in a refusal whether an arm that rests on something may replay the path (k, n).
 
     What it touches there, it may touch again.
     """

@@ -122,7 +122,7 @@ def test_offset_makes_two_servos_of_joint_report_same_tick(lead_offset, apart):
 @pytest.mark.parametrize(
     ("off", "corrected"), [(0, False), (3, False), (-3, False), (4, True), (-4, True)]
 )
-def test_second_servo_keeps_offset_within_three_ticks(present, off, corrected):
+def test_shadow_offset_off_by_three_ticks_is_kept(present, off, corrected):
     found = build(swept(shadow=2048 - present - off), {2: {"homing_offset": present}})
     assert found.memory[2]["homing_offset"] == (present + off if corrected else present)
 

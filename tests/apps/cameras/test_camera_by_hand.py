@@ -203,7 +203,7 @@ def test_calibration_by_hand_refuses_arm_with_torque_on(monkeypatch):
         run_by_hand(monkeypatch, meanwhile=lambda opened: opened.enable())
 
 
-def test_calibration_by_hand_asks_and_needs_camera(monkeypatch, run_cli):
+def test_calibration_by_hand_needs_confirmation_and_camera(monkeypatch, run_cli):
     _, camera = hidden_arm(monkeypatch, "so101", 3)
     monkeypatch.setattr("ikservo.apps.cameras.camera_sources.LiveCamera", lambda _: camera)
     words = f"calibrate so101 --port {PORT} --by-hand"

@@ -47,7 +47,7 @@ class Graph:
         self._sent = 0
 
     def key(self, name, kind):
-        """Return a key expression by the SDK, with the hash by ros2-pyterfaces."""
+        """Return a key expression as the SDK builds it, with the hash by ros2-pyterfaces."""
         dds = ros2_to_dds_type(kind.get_type_name())
         return topic_keyexpr(0, name, dds, kind.hash_rihs01())
 
