@@ -29,7 +29,7 @@ CORE = App(
         ),
         "scene": Command(
             "",
-            "List the things of a scene file, and what of an arm touches them.",
+            "List the things of a scene file, and the poses that touch them.",
             "Without an arm",
         ),
         "scene show": Command(

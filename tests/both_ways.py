@@ -9,7 +9,7 @@ needs_extension = pytest.mark.skipif(not compiled.is_compiled(), reason="no C co
 
 
 def run_both_ways(monkeypatch, module, name):
-    """Put both in place of a kernel; return a list that grows by one with each call."""
+    """Replace a kernel by both versions; return a list that grows by one with each call."""
     machine_code, python, calls = getattr(module, name), compiled.uncompiled[name], []
 
     def both(*arguments):

@@ -97,7 +97,7 @@ def _isolate_user_files(tmp_path_factory):
 
 @pytest.fixture(scope="session")
 def own_address():
-    """An address of this machine that other machines could reach."""
+    """Return an address of this machine that other machines could reach."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sending:
         try:
             sending.connect(("192.0.2.1", 9))  # sends nothing
@@ -108,5 +108,5 @@ def own_address():
 
 @pytest.fixture(autouse=True)
 def _forget_stops():
-    """Let a stop that an earlier test has asked for not count: all tests are one program."""
+    """Forget stops that an earlier test requested: all tests are one program."""
     forget_marks()

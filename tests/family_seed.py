@@ -1,7 +1,7 @@
-"""Runs tests on one arm of the simulated family where they name none.
+"""Run tests on one arm of the simulated family if they name none.
 
-``FAMILY_SEED=301 python -m pytest -p tests.family_seed tests/arm/test_gripper.py``: play, friction,
-torque, masses and supply are those of that arm, not the nominal ones.
+``FAMILY_SEED=301 python -m pytest -p tests.family_seed tests/arm/test_gripper.py``: backlash,
+friction, torque, masses and supply are those of that arm, not the nominal ones.
 """
 
 import os

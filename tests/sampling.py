@@ -1,7 +1,7 @@
-"""Of the many cases of a test the suite runs a few, the campaign the others.
+"""The suite runs a few of the many cases of a test, the campaign the others.
 
 ``@pytest.mark.sample(3)`` above a parametrised test: three cases, drawn with the test's name as the
-seed. Other tests draw others, so that together they have every arm and every kind of case.
+seed. Other tests draw other cases, so that together they have every arm and every kind of case.
 """
 
 import random
@@ -11,7 +11,7 @@ import pytest
 
 
 def leave_others_to_campaign(items):
-    """Mark the cases that were not drawn; of a test that is asked for by its case, none."""
+    """Mark the cases that were not drawn; if a test is named on the command line, mark none."""
     tests = defaultdict(list)
     for item in items:
         if item.get_closest_marker("sample") and not item.get_closest_marker("campaign"):

@@ -21,7 +21,7 @@ RECEIPT = '[tool]\nrequirements = [{ name = "numpy" }, { name = "ikservo", extra
 
 
 class Installed(Distribution):
-    """A distribution that was installed from somewhere."""
+    """A distribution that was installed from a given source."""
 
     def __init__(self, origin):
         self.origin = origin
@@ -35,7 +35,7 @@ class Installed(Distribution):
 
 @pytest.fixture
 def installed(tmp_path, monkeypatch):
-    """Pretend that this copy was installed from somewhere, by a program that left a file."""
+    """Pretend that this copy was installed from a given source, by a program that left a file."""
 
     def install(origin, left="", text="", pip=True):
         monkeypatch.setattr("importlib.metadata.distribution", lambda _: Installed(origin))

@@ -1,4 +1,4 @@
-"""Whatever the compiled kernels are called with, they refuse it or return; nothing else is written.
+"""Compiled kernels refuse wrong arguments or return; they write nothing else.
 
 Under ``make sanitize`` every index is checked as well, and a wrong one ends the process.
 """
@@ -119,7 +119,7 @@ def copied(arguments):
 
 
 def arguments_of(monkeypatch, module, name, run):
-    """Return what a kernel is called with, before the call."""
+    """Return the arguments of a kernel's call."""
     kernel, calls = getattr(module, name), []
 
     def record(*arguments):
@@ -151,7 +151,7 @@ def of_another_shape(random, a):
 
 
 def in_another_way(random, a):
-    """Return the array with other strides, dimensions, type, or as something else."""
+    """Return the array with other strides, dimensions or type, or another object."""
     read_only = a.copy()
     read_only.flags.writeable = False
     ways = [
@@ -164,7 +164,7 @@ def in_another_way(random, a):
 
 
 def changed(random, arguments):
-    """Return other arguments: some changed, some missing, some too many."""
+    """Return changed arguments: some different, some missing, some too many."""
     given = copied(arguments)
     for i in set(random.integers(len(given), size=random.integers(1, 4)).tolist()):
         if isinstance(given[i], np.ndarray) and given[i].ndim:

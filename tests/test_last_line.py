@@ -1,4 +1,4 @@
-"""What a run of the suite says at its end."""
+"""The last line of a run of the suite."""
 
 import subprocess
 import sys

@@ -1,4 +1,4 @@
-"""What a person installs carries the arms and the simulator."""
+"""An installed package contains the arms and the simulator."""
 
 import hashlib
 import json

@@ -1,4 +1,4 @@
-"""What the files around the code name exists, and agrees with pyproject.toml."""
+"""Names in the files around the code exist and agree with pyproject.toml."""
 
 import re
 import tomllib

@@ -1,4 +1,4 @@
-"""Which cases of a test the suite runs, and which the campaign."""
+"""Cases of a test that the suite runs, and those of the campaign."""
 
 from types import SimpleNamespace
 
@@ -8,7 +8,7 @@ from tests.sampling import leave_others_to_campaign
 
 
 class Case:
-    """A collected case of a test, as far as markers go."""
+    """A collected case of a test, with its markers."""
 
     def __init__(self, test, *marks):
         self.parent, self.originalname = SimpleNamespace(nodeid="tests/test_it.py"), test

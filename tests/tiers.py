@@ -1,10 +1,10 @@
-"""Which tests run at every save (``make test``), and which before a commit (``make test-all``).
+"""Tests that run at every save (``make test``), and those before a commit (``make test-all``).
 
 At every save: the pure layers, servos and the bus, each command, arms in motion on one Feetech and
 one Dynamixel arm, and what is marked ``smoke``: the main screens in a browser, and the files of
 tests about one motion. The others are ``full``: by a mark, and here where a whole folder takes
-long, where the case is another arm, and where the test is in ``slow_tests.txt``, which
-``pytest --all --record-slow-tests`` writes. A path on the command line runs all that it names.
+long, the case is another arm, or the test is in ``slow_tests.txt``, which
+``pytest --all --record-slow-tests`` writes. A path on the command line runs everything it names.
 """
 
 import re
@@ -33,7 +33,7 @@ def add_option(parser):
 
 
 def choose_tier(config):
-    """Run everything where paths are given; the workers of xdist are told."""
+    """Run everything if paths are given; tell the workers of xdist."""
     if hasattr(config, "workerinput"):
         config.option.all = config.workerinput["all"]
     else:

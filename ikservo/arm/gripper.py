@@ -18,7 +18,7 @@ from ikservo.planning.motions import MoveGripper
 from ikservo.planning.reports import GraspResult, OnProgress
 
 _SPEED_FRACTION = 0.65  # of the speed class
-# A jaw is blocked if it has not moved for this time while its goal is ahead.
+# A jaw is blocked if it has moved by no more than this in this time while its goal is ahead.
 _AT_REST_S = 0.08
 _AT_REST_TICKS = 3.0
 # A jaw that is not blocked moves within this time if its goal is ahead and its force is on.
@@ -29,7 +29,7 @@ _MAX_LAG_RAD = 0.12  # at this lead the goal waits for a jaw that moves slowly f
 # A blocked jaw may slip by some ticks. Its goal must not start towards the end then, because it
 # could not come back before the joint counts as not following.
 _MOST_AHEAD_RAD = 0.15
-_ARRIVED_RAD = 0.05
+_ARRIVED_RAD = 0.05  # of the horn: a jaw this near its goal has reached it
 
 
 class GripperMotion:
@@ -115,7 +115,7 @@ class GripperMotion:
         return at + min(max(self._goal - at, -most), most)
 
     def _update_blocking(self, at: float, goal: float) -> bool:
-        """Check whether the jaw stands although its goal is well ahead."""
+        """Check whether the jaw is still although its goal is well ahead."""
         ahead = (goal - at) * math.copysign(1.0, self._goal - at)
         if ahead <= _MIN_LAG_RAD * self._per_horn:
             self._blocking = self._blocking.restarted()

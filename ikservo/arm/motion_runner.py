@@ -362,7 +362,7 @@ class MotionRunner:
         outside = f"{self._servos.names[int(turned_rad.argmax())]} is outside its limits"
         if turned_rad.max() > _MAX_RETURN_RAD:
             far = f"{outside} by {math.degrees(turned_rad.max()):.0f}° of its servo"
-            raise RefusedError(f"{far}; only 5° are moved back without a request.", _RETURN_HINT)
+            raise RefusedError(f"{far}; at most 5° are moved back without a request.", _RETURN_HINT)
         try:
             if turned_rad.max() > 0.0:
                 self._context.check_streamed_path(trajectory, "slow")

@@ -26,9 +26,10 @@ from ikservo.serving.control_client import (
     send_command,
 )
 
-_RELAX_TIMEOUT_S = 120.0
+_RELAX_TIMEOUT_S = 120.0  # to lower an arm and switch its torque off
 # A program reads all of its servos between opening a port and listening.
-_START_TIMEOUT_S, _RETRY_PERIOD_S = 3.0, 0.02
+_START_TIMEOUT_S = 3.0
+_RETRY_PERIOD_S = 0.02  # between two attempts meanwhile
 
 
 def stop_arm(model: Model, port: str | None, clock: Clock | None = None) -> StopResult:

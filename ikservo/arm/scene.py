@@ -116,7 +116,7 @@ class Scene:
             UnknownNameError: There is no such kind.
             BadValueError: The name is taken.
             FileFormatError: A value is missing, unknown or of another type; names the key.
-            RefusedError: The arm moves, and not by a plan.
+            RefusedError: The arm moves without a plan.
         """
         with self._changing_things():
             self._check_new(name)
@@ -133,7 +133,7 @@ class Scene:
             UnknownNameError: There is no such thing.
             BadValueError: Its new name is taken.
             FileFormatError: A value is unknown or of another type; names the key.
-            RefusedError: The arm moves, and not by a plan.
+            RefusedError: The arm moves without a plan.
         """
         other = self._find_arm(parse_name(_NAME, name))
         if other is not None:
@@ -164,8 +164,8 @@ class Scene:
         Raises:
             FileFormatError: It is malformed.
             BadValueError: A name is taken.
-            RefusedError: The arm moves, and not by a plan, or the file has another arm.
-                See ``add_arm``.
+            RefusedError: The arm moves without a plan, or the file has another arm; see
+                ``add_arm``.
         """
         added = {each.name: each for each in read_scene(path)}
         with self._changing_things():
@@ -269,7 +269,7 @@ class Scene:
 
         Raises:
             UnknownNameError: There is no such thing.
-            RefusedError: The arm moves, and not by a plan.
+            RefusedError: The arm moves without a plan.
         """
         other = self._find_arm(parse_name(_NAME, name))
         if other is not None:
@@ -363,7 +363,7 @@ class Scene:
         lock, check_idle = self._runner.lock, self._context.servos.torque.check_idle
         if not lock.acquire(timeout=wait_s):  # another thread moves it
             raise RefusedError(
-                f"{self._context.model.name} is moving, or is being read.",
+                f"{self._context.model.name} is moving or being read.",
                 "Wait until it is at rest, or stop it.",
             )
         try:

@@ -108,7 +108,7 @@ class ArmService:
     def stop(
         self, reason: StopReason, at_rest: StopReason | None = None, lease: str = ""
     ) -> StopResult:
-        """Stop the arm, whoever moves it, and return the state of each joint once it stands.
+        """Stop the arm, whoever moves it, and return the state of each joint once it rests.
 
         An operator's stop of its own motion returns at once, because the motion reports its end.
 

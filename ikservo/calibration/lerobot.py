@@ -82,7 +82,7 @@ def lost_in_lerobot(calibration: Calibration) -> Iterator[str]:
     yield "LeRobot takes the middle of each range for zero; these zeros are not in its file."
     for joint in calibration.joints:
         if joint.sign == -1:
-            yield f"{joint.name} counts against its joint; so will LeRobot's degrees."
+            yield f"{joint.name} counts against its joint, and so do LeRobot's degrees."
         if joint.swept == "not swept":
             yield f"{joint.name} was not swept; LeRobot gets a whole turn."
         if joint.extended and joint.swept != "not swept":

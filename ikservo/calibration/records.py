@@ -37,7 +37,7 @@ Tick = Annotated[int, Field(ge=-(2**20), le=2**20)]
 # Larger corrections mean another arm instead of tolerances.
 Move = Annotated[float, Field(ge=-50.0, le=50.0)]
 Rotation = Annotated[float, Field(ge=-20.0, le=20.0)]
-_MOVE, _ROTATION = "[x, y, z] in mm, none beyond 50", "[x, y, z] in degrees, none beyond 20"
+_MOVE, _ROTATION = "[x, y, z] in mm, each at most ±50", "[x, y, z] in degrees, each at most ±20"
 
 
 class CalibratedServo(StrictModel):
@@ -64,10 +64,10 @@ class CalibratedJoint(StrictModel):
     travel_ticks: tuple[Tick, Tick] = Field(
         strict=False, description="[lowest, highest] tick, as reported, turns included"
     )
-    lower_deg: float | None = Field(default=None, description="degrees, inside the swept end")
-    upper_deg: float | None = Field(default=None, description="degrees, inside the swept end")
-    lower_m: float | None = Field(default=None, description="metres, inside the swept end")
-    upper_m: float | None = Field(default=None, description="metres, inside the swept end")
+    lower_deg: float | None = Field(default=None, description="degrees, inside the swept range")
+    upper_deg: float | None = Field(default=None, description="degrees, inside the swept range")
+    lower_m: float | None = Field(default=None, description="metres, inside the swept range")
+    upper_m: float | None = Field(default=None, description="metres, inside the swept range")
     user_lower_deg: float | None = Field(default=None, description="degrees")
     user_upper_deg: float | None = Field(default=None, description="degrees")
     user_lower_m: float | None = Field(default=None, description="metres")
@@ -188,7 +188,7 @@ class Calibration(StrictModel):
     usb_serial_number: Text = Field(description="the adapter's serial number, or empty")
     family: Name = Field(description="feetech_sts, dynamixel_2 …")
     anchor_pose: Name = Field(description="a pose of the arm file")
-    margin_deg: float = Field(ge=0, lt=45, description="degrees inside each swept end")
+    margin_deg: float = Field(ge=0, lt=45, description="degrees from each swept end to the limit")
     joints: tuple[CalibratedJoint, ...] = Field(
         strict=False, min_length=1, description="tables [[joints]]"
     )

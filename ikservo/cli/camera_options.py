@@ -34,7 +34,7 @@ class CameraOptions:
     ] = None
     board: BoardOption = DEFAULT_BOARD
     pictures: Annotated[
-        int, typer.Option("--pictures", min=10, max=100, help="How many pictures to take.")
+        int, typer.Option("--pictures", min=10, max=100, help="Number of pictures.")
     ] = 30
     camera_name: CameraNameOption = ""
     save_pictures: Annotated[
@@ -50,7 +50,7 @@ class CameraOptions:
         typer.Option(
             "--from-pictures",
             metavar="FOLDER",
-            help="Repeat the calibration of such a folder; needs no arm and no camera.",
+            help="Repeat a calibration from the pictures in such a folder, without arm and camera.",
         ),
     ] = None
     by_hand: Annotated[

@@ -24,8 +24,8 @@ from ikservo.model import load_model
 from ikservo.model.scene_file import PlacedArm, with_scene_and_arms
 from ikservo.planning.motions import MotionValue
 
-# Time to wait for a second Ctrl-C: longer for a user than for a script.
-_KEY_TIMEOUT_S, _SIGNAL_TIMEOUT_S = 2.0, 1.0
+_KEY_TIMEOUT_S = 2.0  # to wait for a second Ctrl-C of a user
+_SIGNAL_TIMEOUT_S = 1.0  # to wait for a second signal of a script
 _SLOW_PLAN_S = 1.0  # after this time the user is told what takes long
 
 _REPEATABLE = (StopKind.CTRL_C, StopKind.TERMINATED)

@@ -26,7 +26,8 @@ from ikservo.motion import TrajectoryPoint
 
 # Weight of more than this multiple of the dry friction presses the gears, even though masses and
 # its share at the output are uncertain; twice that certainly does.
-_PRESSING, _TINY_NM = 3.0, 1e-6
+_PRESSING = 3.0
+_TINY_NM = 1e-6  # least dry friction, because weights are divided by it
 
 
 class FeedForward:

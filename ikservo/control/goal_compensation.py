@@ -14,32 +14,26 @@ from ikservo.guard import DrivenJoint
 from ikservo.kinematics.arrays import Matrix, Vector
 from ikservo.motion import TrajectoryPoint
 
-# The offset in force when a motion begins fades to the computed one in this time.
-_FADE_S = 0.2
-_TINY = 1e-9
+# docs/how-control-works.md says what each of these numbers trades.
+_FADE_S = 0.2  # the offset in force when a motion begins fades to the computed one in this time
+_TINY = 1e-9  # speeds below this, in rad/s or m/s, are rounding
 # A horn further off its reference when a motion begins has sagged or was lifted: friction then
 # presses it the other way.
 _SAG_RAD = 0.01
-# A late cycle counts as at most this long, so that goals do not jump after a stall.
-_MAX_STEP_S = 0.02
-# Friction reverses over some multiple of this distance at the horn (Dahl 1968), and in no less than
-# the second number of seconds, so that goals do not jump.
-_DIRECTION_RAD, _DIRECTION_S = 0.0005, 0.05
+_MAX_STEP_S = 0.02  # a late cycle counts as at most this long: goals must not jump after a stall
+_DIRECTION_RAD = 0.0005  # at the horn: friction reverses over a multiple of this (Dahl 1968)
+_DIRECTION_S = 0.05  # least time in which friction reverses, because goals must not jump
 # While the reference of a horn rests, errors up to so many ticks are ignored: stiction would make
-# the joint jump over its target repeatedly. The first number is the width of the transition.
-_AT_REST_RAD_S, _REST_TICKS = 0.003, 4.5
-# Largest change of goals by learned load, including friction, at the horn.
-_MAX_LOAD_OFFSET_RAD = 0.08
-# Step of the load for the slope of the feed-forward, at the horn, and limits of this slope: the
-# firmware's start-up force makes the feed-forward flat around zero.
-_LOAD_STEP_RAD, _SLOPE_RANGE = 0.001, (0.3, 3.0)
-# Time after which gains are adapted to the inertia of the posture.
-_INERTIA_PERIOD_S = 0.1
-# A joint that carries less than this multiple of its dry friction may rest anywhere in its
-# backlash; one that presses by more than this fraction of its friction has crossed it.
-_UNLOADED, _PUSHED = 1.0, 0.3
-# Time in which the speed of a motion seems to change when its time is slowed down.
-_RATE_FILTER_S = 0.03
+# the joint jump over its target repeatedly.
+_REST_TICKS = 4.5
+_AT_REST_RAD_S = 0.003  # at the horn: width of the transition to a reference that rests
+_MAX_LOAD_OFFSET_RAD = 0.08  # at the horn: largest change of goals by learned load and friction
+_LOAD_STEP_RAD = 0.001  # at the horn: step of the load for the slope of the feed-forward
+_SLOPE_RANGE = (0.3, 3.0)  # ratio: the firmware's start-up force makes the slope flat around zero
+_INERTIA_PERIOD_S = 0.1  # time after which gains follow the posture: the mass matrix costs time
+_UNLOADED = 1.0  # of the dry friction: a joint that carries less may rest anywhere in its backlash
+_PUSHED = 0.3  # of the dry friction: a joint that presses by more has crossed its backlash
+_RATE_FILTER_S = 0.03  # time in which the speed of a motion seems to change when it is slowed down
 
 
 class GoalCompensator:

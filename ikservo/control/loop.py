@@ -17,14 +17,13 @@ from ikservo.motion import Rate, Trajectory, TrajectoryPoint
 BRAKE_S = 0.25
 """Duration of braking from full speed to a stop, and of accelerating back to full speed [s]."""
 
-# Up to this gap a late cycle advances the motion by the elapsed time.
-_MAX_STEP_S = 0.02
-# A cycle later than this is late; this many more late cycles than good ones are too many.
-_LATE_S, _LATE_CYCLES = 0.025, 50
+_MAX_STEP_S = 0.02  # up to this gap a late cycle advances the motion by the elapsed time
+_LATE_S = 0.025  # delay of a cycle that counts as late
+_LATE_CYCLES = 50  # so many more late cycles than good ones are too many
 
 
-_CYCLE_TIMES_S = (0.002, 0.0025, 0.004, 0.005, 0.008, 0.01)
-_READINGS = 5
+_CYCLE_TIMES_S = (0.002, 0.0025, 0.004, 0.005, 0.008, 0.01)  # the shortest possible one is used
+_READINGS = 5  # to measure the time of the bus
 # The first direction of joints is determined over this time.
 _SOON_S = 0.1
 # The bus is busy for a quarter of each cycle; the rest is for computing and retries.

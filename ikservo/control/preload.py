@@ -6,14 +6,11 @@ import numpy as np
 
 from ikservo.kinematics.arrays import Vector
 
-# Extra lead beyond friction at the horn, and its rate: slow enough that, inside the backlash, the
-# link stays with the rotor when they meet.
-_LEAD_RAD, _LEAD_RAD_S = 0.002, 0.04
-# Friction reverses in this time, so that goals do not jump.
-_TURN_S = 0.05
-# A joint that has moved by a tick is pushed. The wait is never longer than this: 1° of backlash of
-# an STS3215 takes 0.3 s.
-_MOVED_TICKS, _MAX_S = 0.9, 0.2
+_LEAD_RAD = 0.002  # at the horn, beyond friction; with 0.003 the rotor throws the link 0.3° ahead
+_LEAD_RAD_S = 0.04  # its rate: inside the backlash the link stays with the rotor when they meet
+_TURN_S = 0.05  # time in which friction reverses, because goals must not jump
+_MOVED_TICKS = 0.9  # a joint that has moved by a tick is pushed
+_MAX_S = 0.2  # longest wait before any motion; 1° of backlash of an STS3215 takes 0.3 s
 
 
 class Preload:

@@ -358,12 +358,15 @@ class ServoGroup(StreamedServos):
         return {joint: nearest_goal(joint, tick, ranges[joint]) for joint, tick in ticks.items()}
 
 
-# An arm whose torque comes on while it falls swings. It is at rest when no joint moves by more
-# between two readings; the last number limits the wait.
-_POLL_PERIOD_S, _AT_REST_TICKS, _MAX_WAIT_S = 0.03, 2, 1.0
-# A limp arm is at rest when no joint moves by more than one tick between two readings. It falls if
-# a horn turns by more than the last number meanwhile.
-_SINK_POLL_PERIOD_S, _NOISE_TICKS, _FALLS_RAD = 0.05, 1, 0.01
+# An arm whose torque comes on while it falls swings. It is at rest when no joint moves between two
+# readings.
+_POLL_PERIOD_S = 0.03  # between two readings
+_AT_REST_TICKS = 2  # of motion between them are still rest
+_MAX_WAIT_S = 1.0  # limit of the wait for rest
+# A limp arm is at rest when no joint moves by more than noise between two readings.
+_SINK_POLL_PERIOD_S = 0.05  # between two readings
+_NOISE_TICKS = 1  # of a joint at rest
+_FALLS_RAD = 0.01  # a horn that turns by more between two readings falls
 
 
 def hold_ticks(

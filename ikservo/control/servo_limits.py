@@ -67,7 +67,8 @@ def read_torque_share(bus: ServoBus, servo_id: int) -> float:
 
 
 # Dynamixel's data sheets call an overload "persistent" without figures; these are the simulator's.
-_DYNAMIXEL_OUTPUT, _DYNAMIXEL_TIME_S = 0.9, 2.0
+_DYNAMIXEL_OUTPUT = 0.9  # fraction of the full output
+_DYNAMIXEL_TIME_S = 2.0  # time until the servo protects itself
 
 
 def read_overload_rule(bus: ServoBus, servo_id: int, gain_share: float) -> OverloadRule | None:

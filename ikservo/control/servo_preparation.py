@@ -9,8 +9,8 @@ from ikservo.control.health_polling import HealthPoller
 from ikservo.control.servo_limits import ServoRamLimits
 from ikservo.errors import HeldUpError
 
-# Longest time to arm the watchdogs, and how many times arming is repeated if it takes longer.
-_WATCHDOG_DELAY_S, _ATTEMPTS = 0.08, 10
+_WATCHDOG_DELAY_S = 0.08  # longest time to arm the watchdogs: the first of them trips after 0.1 s
+_ATTEMPTS = 10  # how many times arming is repeated if it takes longer
 
 
 def prepare_servos(

@@ -358,7 +358,7 @@ def handle_signals(stop_request: StopRequest, loop_running: Callable[[], bool]) 
 # load has pulled it below: a goal at its position would let it sink further at every stop.
 _POLL_PERIOD_S = 0.06
 _MOVED_TICKS = 2
-_ATTEMPTS = 3
+_ATTEMPTS = 3  # goals are read back and sent again, because a sync write has no reply
 
 
 @dataclass(frozen=True, slots=True)

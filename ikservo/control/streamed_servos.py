@@ -48,9 +48,8 @@ _REFERENCE_TOLERANCE_RAD = 0.01
 STALL_S = 0.1
 """Gap between two cycles [s] after which joints with lost replies are read again and the motion
 does not advance: it accelerates again from a stop."""
-# After more restarts than this a motion does not continue by itself.
-_MAX_RESTARTS = 10
-_KEPT_WARNINGS = 50
+_MAX_RESTARTS = 10  # after more restarts a motion does not continue by itself
+_KEPT_WARNINGS = 50  # the latest ones
 
 
 class StreamedServos:

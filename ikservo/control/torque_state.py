@@ -88,7 +88,7 @@ class TorqueStateMachine:
             )
 
     def enabling(self, *, was_on: bool) -> None:
-        """Torque is about to be switched on; until all servos have it, the state is unknown.
+        """Record that torque is about to come on; until all servos have it, the state is unknown.
 
         Args:
             was_on: Whether every servo had its torque on already.
@@ -97,12 +97,12 @@ class TorqueStateMachine:
         self._at_rest = TorqueState.UNKNOWN
 
     def enabled(self) -> None:
-        """Every servo has torque, with its goal at its position."""
+        """Record that every servo has torque, with its goal at its position."""
         due = self._first_motion_due
         self._at_rest = TorqueState.FIRST_MOTION if due else TorqueState.HOLDING
 
     def loop_started(self) -> None:
-        """A control loop starts to send goals.
+        """Record that a control loop starts to send goals.
 
         Raises:
             RefusedError: A loop runs already, or torque is not known to be on.
@@ -113,16 +113,16 @@ class TorqueStateMachine:
         self._loop_running = True
 
     def loop_ended(self) -> None:
-        """The control loop has sent its last goal, after success or a fault."""
+        """Record that the control loop has sent its last goal, after success or a fault."""
         self._loop_running = False
 
     def motion_completed(self) -> None:
-        """A motion has completed, after one or several control loops."""
+        """Record that a motion has completed, after one or several control loops."""
         if self._at_rest in (TorqueState.FIRST_MOTION, TorqueState.HOLDING):
             self._at_rest, self._first_motion_due = TorqueState.HOLDING, False
 
     def faulted(self) -> None:
-        """A motion has failed or was stopped; goals and torque are read before the next one.
+        """Record that a motion failed or was stopped; goals and torque are then read again.
 
         If torque was switched off in that motion it stays off, and a lowering continues to its end.
         """
@@ -130,27 +130,27 @@ class TorqueStateMachine:
             self._at_rest = TorqueState.UNKNOWN
 
     def invalidated(self) -> None:
-        """Torque must be enabled again before the next motion, which has other limits."""
+        """Require that torque is enabled again before the next motion, which has other limits."""
         self._at_rest = TorqueState.UNKNOWN
 
     def acknowledged(self) -> None:
-        """A stop was acknowledged; the arm may have been changed meanwhile."""
+        """Record that a stop was acknowledged; the arm may have been changed meanwhile."""
         self._at_rest = TorqueState.UNKNOWN
 
     def reconnected(self) -> None:
-        """The port was lost: the servos may have been without power."""
+        """Record that the port was lost: the servos may have been without power."""
         self._at_rest, self._first_motion_due = TorqueState.UNKNOWN, True
 
     def releasing(self) -> None:
-        """Torque is about to be switched off; a servo without a reply has an unknown state."""
+        """Record that torque is about to go off; a servo without a reply has an unknown state."""
         self._at_rest = TorqueState.UNKNOWN
 
     def released(self) -> None:
-        """Torque of every servo is off."""
+        """Record that torque of every servo is off."""
         self._at_rest, self._first_motion_due = TorqueState.OFF, True
 
     def lowering_started(self) -> None:
-        """An overheated arm is about to be lowered to its rest pose.
+        """Record that an overheated arm is about to be lowered to its rest pose.
 
         Raises:
             RefusedError: Torque is not known to be on.
@@ -160,6 +160,6 @@ class TorqueStateMachine:
         self._at_rest = TorqueState.LOWERING
 
     def lowering_ended(self) -> None:
-        """Lowering has ended: torque is off, or the arm could not be lowered."""
+        """Record that lowering has ended: torque is off, or the arm could not be lowered."""
         if self._at_rest is TorqueState.LOWERING:
             self._at_rest = TorqueState.UNKNOWN

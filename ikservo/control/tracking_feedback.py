@@ -10,33 +10,37 @@ from ikservo.kinematics.arrays import Vector
 
 # A servo is a spring to its goal, so proportional and derivative parts act like stiffness and
 # damping of the joint. Light joints are softened and heavy ones stiffened, so that each would swing
-# at the first number without damping [rad/s]; damping reduces its speed at the second number [1/s].
-# The ranges limit both parts [-, s] for joints of uncertain inertia. docs/decisions/0020 says why
-# this drives no swing in the backlash.
-_SWING_RAD_S, _BRAKING_PER_S = 18.0, 28.0
-_PROPORTIONAL_RANGE, _DERIVATIVE_RANGE_S = (-0.5, 0.5), (0.03, 0.12)
-# Factor on all of these for a joint whose gears are pressed by the weight of the links.
-_PRESSED_RAD_S, _PRESSED_PER_S, _PRESSED_PROPORTIONAL = 12.0, 12.0, 1.0
-# One tick in one cycle looks like a high speed; the derivative uses this filter time.
-_FILTER_S = 0.015
-# Limits at the horn of the sum of both parts and of its rate: swings need less, and goals must not
-# jump after lost replies or if a joint sagged before its motion began.
-_MAX_FAST_RAD, _MAX_FAST_RAD_S = 0.04, 1.0
-# After this time without a reply both fade.
-_STALE_S = 0.03
-# Integral action learns differences of masses, payload and servos from the model; it is slower than
-# any arm swings. Its limit is the sag of a joint at its torque limit, at the horn.
-_INTEGRAL_PER_S, _MAX_INTEGRAL_RAD = 3.0, 0.08
+# at the same rate without damping. docs/decisions/0020 says why this drives no swing in the
+# backlash, docs/how-control-works.md what each number trades. Angles are those of the horn.
+_SWING_RAD_S = 18.0  # rate at which a joint would swing without damping
+_BRAKING_PER_S = 28.0  # rate at which damping slows it down; with 45 an STS3215 swings by itself
+_PROPORTIONAL_RANGE = (-0.5, 0.5)  # rad per rad: limits for joints of uncertain inertia
+_DERIVATIVE_RANGE_S = (0.03, 0.12)  # limits for them, too; at 0.12 a tick is six ticks of the goal
+# These are added for a joint whose gears the weight of the links presses to one flank, because
+# heavy joints would lag without them.
+_PRESSED_RAD_S = 12.0  # added to the rate of the swing
+_PRESSED_PER_S = 12.0  # added to the rate of the damping
+_PRESSED_PROPORTIONAL = 1.0  # rad per rad: added to both limits of the proportional part
+_FILTER_S = 0.015  # of the derivative: one tick in one cycle looks like a high speed
+# Both parts together: swings need less, and goals must not jump after lost replies, or if a joint
+# sagged before its motion began.
+_MAX_FAST_RAD = 0.04  # largest size
+_MAX_FAST_RAD_S = 1.0  # largest rate
+_STALE_S = 0.03  # after this time without a reply both fade
+_INTEGRAL_PER_S = 3.0  # slower than any arm swings; learns masses, payload and servos
+_MAX_INTEGRAL_RAD = 0.08  # sag of a joint at its torque limit
 # Friction that differs from the model: wear, variation between servos, and friction behind the
-# backlash. Limits are at the horn.
-_FRICTION_PER_S, _FRICTION_RAD = 2.0, (-0.01, 0.03)
+# backlash.
+_FRICTION_PER_S = 2.0  # rate of learning; four times as fast takes loads for friction
+_FRICTION_RAD = (-0.01, 0.03)  # limits
 # Goals act some milliseconds after the measurement, so the derivative would drive a swing of more
-# than 8 Hz: an error that reverses by this much, at the horn, repeatedly within this time.
-_SWING_RAD, _SWING_S, _MIN_TURNS = 0.007, 0.06, 2
-# Each further reversal leaves this fraction of the fast feedback; it returns in this time.
-_SWING_SHARE, _RECOVERY_S = 0.5, 20.0
-# A late cycle counts as at most this long, so that goals do not jump after a stall.
-_MAX_STEP_S = 0.02
+# than 8 Hz: an error that reverses repeatedly.
+_SWING_RAD = 0.007  # an error that reverses by more than this
+_SWING_S = 0.06  # within this time of the reversal before: half a period of 8 Hz
+_MIN_TURNS = 2  # more reversals than this are a swing
+_SWING_SHARE = 0.5  # fraction of the fast feedback that each further reversal leaves
+_RECOVERY_S = 20.0  # time in which all of it returns
+_MAX_STEP_S = 0.02  # a late cycle counts as at most this long: goals must not jump after a stall
 
 
 class TrackingFeedback:

@@ -240,7 +240,7 @@ def _check_svg(path: Path, text: str) -> None:
     elements, numbers, inherited = _SvgCost(path, root).of(root)
     sheets = sum(len(each.text or "") for each in root.iter() if each.tag.endswith("style"))
     for count, most, what in (
-        (elements, _MAX_ELEMENTS, "elements, each as often as it is used"),
+        (elements, _MAX_ELEMENTS, "elements, counted at each use"),
         (numbers, _MAX_NUMBERS, "numbers and commands in its paths"),
         (sheets * elements, _MAX_CSS_CHARS, "characters of style sheets to apply"),
         (inherited * elements, _MAX_INHERITED, "attributes to hand down to its elements"),

@@ -22,15 +22,17 @@ from ikservo.model.arm_model import Obstacle
 if TYPE_CHECKING:
     from ikservo.guard.clear_space import ClearSpace, RigidBodies
 
-_TOUCH_M = 1e-9
+_TOUCH_M = 1e-9  # rounding of a distance of zero
 # Between two samples a distance may change unseen by this much; deeper contact is found.
 _MAX_UNCHECKED_M = 0.001
 # Searches check samples. Samples keep the distance increased by this fraction of its excess over a
 # length, so that the motions between them keep the distance, too.
-_FURTHER, _ABOVE_M = 0.2, 0.001
+_FURTHER = 0.2  # the fraction
+_ABOVE_M = 0.001  # the length
 # A contact at the start may get this much deeper on the path, as when an arm that touches the table
-# turns a joint. At the end it may not, because many short motions would add up.
-_DEEPER_M, _DEEPER_AT_END_M = 5e-4, 1e-6
+# turns a joint.
+_DEEPER_M = 5e-4
+_DEEPER_AT_END_M = 1e-6  # at the end it may not, because many short motions would add up
 
 
 class CollisionChecker:

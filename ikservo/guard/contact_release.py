@@ -7,8 +7,9 @@ import numpy as np
 from ikservo.guard.collision import CollisionChecker
 from ikservo.kinematics.arrays import Vector
 
-_STEP, _DIFFERENCE = 0.03, 1e-4  # per joint in an iteration and in a difference, rad or m
-_MAX_STEPS = 60
+_STEP = 0.03  # per joint in an iteration, rad or m
+_DIFFERENCE = 1e-4  # per joint for the derivatives of distances, rad or m
+_MAX_STEPS = 60  # iterations: a joint moves by at most 1.8 rad
 _NEAR_M = 0.06  # nearer pairs must not come into contact in the next step
 _LEAST_GAIN_M = 2e-5  # smaller gains per step do not free the arm
 # An arm is free at the first distance. The larger ones, if they can be reached, keep its next

@@ -175,7 +175,7 @@ class JointGate:
             )
 
     def check_hold_goal(self, tick: int) -> None:
-        """Check that a goal lets the joint stay: between the last goal and the measured joint.
+        """Check that a goal keeps the joint still: between the last goal and the measured joint.
 
         Raises:
             RefusedError: The goal would move the joint.

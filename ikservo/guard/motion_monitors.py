@@ -28,7 +28,7 @@ __all__ = [
 ]
 
 
-_MAX_CYCLES = 3
+_MAX_CYCLES = 3  # in so many cycles in a row a joint must be behind to count as blocked
 # A lagging joint slows its motion down before its error comes this close to the maximum lead.
 _ERROR_FRACTION = 0.9
 

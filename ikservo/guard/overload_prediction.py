@@ -29,19 +29,20 @@ class OverloadRule:
     full_a: float = 0.0
 
 
-# A horn that has turned by no more than this in this time is blocked (0.1 rad/s).
-_STILL_RAD, _STILL_S = 0.004, 0.04
-# A goal acts before its effect is measured, so output this close to the limit counts as overload;
-# it ends below the second fraction of the limit.
-_NEAR, _ENDED = 0.92, 0.88
+# A horn that has turned by no more than this is blocked (0.1 rad/s).
+_STILL_RAD = 0.004
+_STILL_S = 0.04  # time in which it has turned
+# A goal acts before its effect is measured, so output this close to the limit counts as overload.
+_NEAR = 0.92  # fraction of the limit at which overload begins
+_ENDED = 0.88  # fraction of the limit below which it ends
 # Output that has not exceeded the limit itself for this long stays below it, and trips no servo.
 _REACHED_S = 0.1
-# With this little time left a joint is relaxed, to this fraction of the limit.
-_RELAX_LEFT_S, _RELAXED_SHARE = 1.0, 0.6
-# A joint that its load barely keeps from starting is near its reference; it gets this time.
-_NEAR_REFERENCE_RAD, _STARTING_S = 0.045, 0.3
-# A reading of the load is valid for this long.
-_LOAD_AGE_S = 0.3
+_RELAX_LEFT_S = 1.0  # with so little time left a joint is relaxed
+_RELAXED_SHARE = 0.6  # fraction of the limit to which it is relaxed
+# A joint that its load barely keeps from starting is near its reference.
+_NEAR_REFERENCE_RAD = 0.045  # at the horn
+_STARTING_S = 0.3  # time that it gets
+_LOAD_AGE_S = 0.3  # for so long a reading of the load is valid
 
 
 @dataclass(slots=True)

@@ -23,9 +23,10 @@ from ikservo.kinematics.arrays import IntVector, Matrix, Vector
 from ikservo.kinematics.packed import WIDTH
 
 _NODES = 100000  # of a tree
-_STEP_M = 0.1
+_STEP_M = 0.1  # spacing of postures on an edge of a tree at first
 _FINEST_M = 0.002  # a shortcut that is free at this spacing is not refined further
-_CHUNK, _CHUNK_IN_PYTHON = 2000, 20  # postures between two checks for the end of the search
+_CHUNK = 2000  # postures between two checks for the end of the search
+_CHUNK_IN_PYTHON = 20  # the same without compiled kernels
 # After the first path others are searched, to find a shorter one.
 _MOST_WAYS = 8  # paths in all
 _SEARCHED_AGAIN = 1  # multiple of the postures for the first path
@@ -35,7 +36,7 @@ _SHORT_IN_TIME = 1.02  # the same for a search that may take its time
 _FOR_EVER = 10**15  # postures: only time ends the search
 _SHORTER = 0.75  # the next path must be shorter by this factor
 _ROOM = 200  # rows for the corners that shortcuts add
-_SAME = 1e-9
+_SAME = 1e-9  # rounding of a joint at its limit, rad or m
 
 
 class SearchedTool(Protocol):

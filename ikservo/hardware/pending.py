@@ -14,11 +14,10 @@ from dataclasses import dataclass
 
 from ikservo.hardware.packets import MemoryRange
 
-_AT_FIRST, _PER_EVENT, _MAX_SUSPICION = (
-    50,
-    300,
-    3000,
-)  # clean requests until the line is trusted
+# Clean requests until the line is trusted.
+_AT_FIRST = 50
+_PER_EVENT = 300  # added by each anomaly
+_MAX_SUSPICION = 3000  # at most
 
 _LEARNED_CHUNKS = 16  # replies that were not faster than the wire allows
 _MARGIN_BYTES = 1.03  # clocks of servos and adapters differ by this much at most
@@ -78,20 +77,18 @@ class ByteRateCheck:
         self._on_time = self._on_time + 1 if count <= since_s / byte_s * _MARGIN_BYTES + 1 else 0
 
     def reset(self) -> None:
-        """Reset; called when bytes were discarded as stale and no reply came."""
+        """Start again, because bytes were discarded as stale and no reply came."""
         self._on_time = 0
 
 
 MAX_REPLY_DELAY_S = 0.25
 """Longest delay after which a reply is still expected, seconds."""
 
-_DUPLICATE_WINDOW_S = (
-    0.020  # an adapter that delivers a reply twice does so within a few USB frames
-)
-_CLEAN_DUPLICATES, _SUSPECT_DUPLICATES = (
-    3,
-    6,
-)  # latest requests whose replies may come a second time
+# An adapter that delivers a reply twice does so within a few USB frames.
+_DUPLICATE_WINDOW_S = 0.020
+# Latest requests whose replies may come a second time.
+_CLEAN_DUPLICATES = 3  # on a healthy line
+_SUSPECT_DUPLICATES = 6  # on any other
 _MAX_WINDOW_BYTES = 64  # bytes beyond the requested ones
 
 _Ids = tuple[int, ...]

@@ -181,8 +181,8 @@ class Requester:
             servo: The servo.
             request: Description, for errors.
             exchange: Sends the request once and returns the reply.
-            repeat: It may be repeated if the reply is lost. If not, it is sent only when no older
-                reply can be mistaken for its own.
+            repeat: Whether it may be repeated after a lost reply. If not, it is sent only when no
+                older reply can be mistaken for its own.
             confirm: Checks a doubtful reply.
 
         Raises:

@@ -188,7 +188,7 @@ class Solver:
     def track(
         self, T_world_tool: ArrayLike, q0: ArrayLike, out: Vector | None = None
     ) -> tuple[Vector, bool]:
-        """Compute the joints that ``q0`` leads to on its own branch, and whether they reach.
+        """Compute the joints on the branch of ``q0``, and whether they reach the target.
 
         Args and errors are those of a call; if a limit blocks, ``result`` names it.
         """

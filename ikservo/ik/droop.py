@@ -16,8 +16,10 @@ from ikservo.ik.problem import Target
 from ikservo.kinematics import Chain
 from ikservo.kinematics.arrays import Matrix, Vector
 
-_SAME_M, _SAME_RAD = 1e-8, 1e-7
-_STEADY_M, _STEADY_RAD = 1e-4, 1e-3  # remaining errors that count as reached
+_SAME_M = 1e-8  # a sag that changes by less stays the same
+_SAME_RAD = 1e-7  # the same for its rotation
+_STEADY_M = 1e-4  # remaining error that counts as reached
+_STEADY_RAD = 1e-3  # the same for the rotation
 
 
 class Droop:

@@ -114,8 +114,10 @@ MAX_STEP_RAD = math.radians(2.0)
 
 # A step this small moves the tool by less than a nanometre.
 _STEP_END = 1e-9
-# An iteration that gains neither a thousandth nor a micrometre in this many steps has stalled.
-_MAX_STALLED_STEPS, _PROGRESS, _PROGRESS_M = 50, 0.999, 1e-6
+# An iteration that gains less in so many steps has stalled.
+_MAX_STALLED_STEPS = 50
+_PROGRESS = 0.999  # fraction of the error that must not remain
+_PROGRESS_M = 1e-6  # or decrease of the error
 # A step halved this many times is lost in the rounding of the error.
 _HALVINGS = 40
 

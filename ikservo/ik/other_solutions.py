@@ -23,20 +23,21 @@ from ikservo.kinematics import Chain
 from ikservo.kinematics.arrays import Matrix, Vector
 from ikservo.kinematics.conditioning import ordinary_postures
 
-# Singular values below this fraction of the largest are zero, in general and at a solution.
-_RANK, _SINGULAR = 1e-7, 1e-6
-# To test whether a solution has neighbours, the joints leave it by this much [rad] and are solved
-# again nearby; an isolated solution pulls them back.
-_OFFSET_RAD, _STEPS, _MIN_OFFSET_FRACTION = 0.02, 10, 0.5
+# Singular values below these fractions of the largest are zero.
+_RANK = 1e-7  # at any posture
+_SINGULAR = 1e-6  # at a solution
+# To test whether a solution has neighbours, the joints leave it and are solved again nearby; an
+# isolated solution pulls them back.
+_OFFSET_RAD = 0.02  # by this much they leave it, rad or m
+_STEPS = 10  # to solve them again
+_MIN_OFFSET_FRACTION = 0.5  # of the offset must remain at a neighbour
 _REVOLUTION_RAD = 2.0 * np.pi
-_SAME_RAD = 1e-4
+_SAME_RAD = 1e-4  # joints of one solution differ by less, rad or m
 
 # Distances from the start that differ by less [rad] are equal.
 _SAME_LENGTH_RAD = 1e-6
-# Offset of single joints for another search, and its maximum steps: a search that has not converged
-# by then rarely does.
-_START_OFFSET_RAD = 1.0
-_NEARBY_STEPS = 20
+_START_OFFSET_RAD = 1.0  # offset of single joints for another search
+_NEARBY_STEPS = 20  # of such a search: one that has not converged by then rarely does
 
 
 def solution_set(

@@ -105,11 +105,12 @@ def tip_positions(chain: Chain, q: Matrix) -> Matrix:
 Clear = Callable[[Matrix], NDArray[np.bool_]]
 """Takes joint vectors (n, dof); returns whether each is allowed (n,)."""
 
-_SLICE_CELL_M, _VOLUME_CELL_M = 0.005, 0.025
-_SAMPLES = 2**16
-# The start comes from a neighbouring cell; a few others get around limits. A volume has so many
-# cells on its border, each with several neighbours, that fewer suffice.
-_SLICE_RESTARTS, _VOLUME_RESTARTS = 8, 2
+_SLICE_CELL_M = 0.005  # size of a cell of a plane
+_VOLUME_CELL_M = 0.025  # size of a cell of the volume
+_SAMPLES = 2**16  # postures that find most of the cells
+# The start comes from a neighbouring cell; a few others get around limits.
+_SLICE_RESTARTS = 8
+_VOLUME_RESTARTS = 2  # a volume has so many cells on its border, each with several neighbours
 _NEIGHBOURS = np.array([[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]])
 
 

@@ -20,8 +20,10 @@ from ikservo.kinematics.dynamics import Dynamics
 _SIDE_NM = 0.05
 # Each step multiplies the error by compliance times stiffness of gravity, a tenth or less for most
 # arms. Half steps help arms for which it is more than one.
-_STEPS, _WHOLE_STEPS, _ENOUGH_RAD = 80, 8, 1e-9
-_DERIVATIVE_RAD = 1e-4
+_STEPS = 80  # at most
+_WHOLE_STEPS = 8  # further ones are half steps
+_ENOUGH_RAD = 1e-9  # a smaller change ends them
+_DERIVATIVE_RAD = 1e-4  # step for the stiffness of gravity
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -256,7 +256,7 @@ def ordinary_postures(dof: int) -> Matrix:
 
 
 def _count_freedoms(chain: Chain, frame: str | None, offset_m: ArrayLike | None) -> tuple[int, int]:
-    """Count the numbers of directions of the point, and of rotations of the link about it."""
+    """Count the directions in which the point can move, and the rotations of the link about it."""
     J = chain.jacobian(ordinary_postures(chain.dof), frame, offset_m)
     moves = _numerical_rank(_linear_singular_values(J))
     return moves, _numerical_rank(_angular_singular_values(J, moves))

@@ -11,8 +11,10 @@ from ikservo.kinematics.arrays import Matrix, Vector, freeze_arrays
 from ikservo.kinematics.packed import IS_CYLINDER, ROUNDING
 
 _LEVEL = 1e-3  # a ray this level has no reliable point on a level plane
-_PARALLEL_TO_PLANE, _PARALLEL = 1e-9, 1e-12
-_TOUCHES_M, _MOST_STEPS = 1e-7, 500
+_PARALLEL_TO_PLANE = 1e-9  # a ray with this slope meets no plane
+_PARALLEL = 1e-12  # least slope that is divided by
+_TOUCHES_M = 1e-7  # a ray this near to a shape has met it
+_MOST_STEPS = 500  # along a ray
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -11,11 +11,12 @@ from ikservo.errors import BadValueError, format_point
 from ikservo.kinematics import finite_vector
 from ikservo.kinematics.arrays import Vector
 
-_MIN_RADIUS_M, _SAME_POINT_M = 1e-4, 1e-4
+_MIN_RADIUS_M = 1e-4  # on a smaller circle the tip is on the axis
+_SAME_POINT_M = 1e-4  # nearer points are the same
 # Three points count as on one line if none is further off the others' line: half of a servo's tick
 # at 0.3 m, the uncertainty of the start.
 _MIN_HEIGHT_M = 2e-4
-_MAX_ANGLE_RAD = 20.0 * math.pi
+_MAX_ANGLE_RAD = 20.0 * math.pi  # ten turns
 
 
 class ArcPath:

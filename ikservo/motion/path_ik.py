@@ -12,14 +12,15 @@ from ikservo.motion.path import OrientationInterpolation, ToolPath
 
 # So small that the third difference of points every half millimetre is not just noise.
 _TIGHT = Tolerance(1e-7, 1e-6)
-_REACHED_M = 1e-6
-# A joint that moves this far per millimetre, or per radian of the tool, passes a singularity or
-# changes its branch.
-_MAX_RAD_PER_M, _MAX_STEP_RAD = 60.0, 6.0
+_REACHED_M = 1e-6  # largest error of a point on the line
+# A joint that moves further passes a singularity or changes its branch.
+_MAX_RAD_PER_M = 60.0  # 0.06 rad per millimetre of the line
+_MAX_STEP_RAD = 6.0  # rad per radian of the tool
 # Margin to the limits on a line, as a fraction of the joint's range, because the spline between the
 # solved points may overshoot slightly.
 _INSIDE = 5e-4
-_MAX_ITERATIONS, _SAME_PLANE_RAD = 8, 1e-10
+_MAX_ITERATIONS = 8  # to find a heading of the tool that agrees with the arm's plane
+_SAME_PLANE_RAD = 1e-10  # a smaller change of this plane ends them
 
 
 def track_path(

@@ -22,10 +22,10 @@ from ikservo.motion.trajectory import KinematicLimits, TrajectoryPoint
 # Fractions of the speed limit from bends and twists to try; the rest is left for acceleration along
 # the curve.
 _SPEED_FRACTIONS = (0.4, 0.6, 0.85)
-_ZONES = (1, 2, 5, 13, 34)
-_MIN_LENGTH = 1e-6
-_ROUNDING = 1e-6
-_UNBOUNDED = 1e6
+_ZONES = (1, 2, 5, 13, 34)  # numbers of equal zones to try, each with its own speed limit
+_MIN_LENGTH = 1e-6  # of a curve; a shorter one is a point
+_ROUNDING = 1e-6  # fraction by which limits are kept, in spite of rounding
+_UNBOUNDED = 1e6  # limit along a curve that hardly moves any joint
 
 
 @dataclass(frozen=True, slots=True)
@@ -130,7 +130,7 @@ class _PathAccelerationBounds:
 
 
 def _min_ratio(limit: Vector, by: Vector) -> float:
-    """Compute the minimum of ``limit / by``; values that do not move limit nothing."""
+    """Compute the minimum of ``limit / by``, without values that do not move."""
     pairs = zip(limit.tolist(), by.tolist(), strict=True)  # few: NumPy would take longer
     return min((a / b for a, b in pairs if b > a / _UNBOUNDED), default=_UNBOUNDED)
 

@@ -145,7 +145,7 @@ class MotionPlan:
         )
 
 
-_SAMPLES = 200
+_SAMPLES = 200  # evenly in time, to find the joints that determine the duration
 # A joint that uses this fraction of a limit at some instant determines the duration.
 _FULL = 0.98
 
@@ -214,10 +214,11 @@ def near_limits(
     return tuple(near for _, near in sorted(found, key=lambda each: each[0]))
 
 
-# Time at top speed that covers a difference from the start: a tick or two, which the guard passes
-# as one step; and the sag of a limp arm between planning and moving (an elbow of XL330 that falls
-# freely: 5.5°, or 0.22 s of its planned top speed).
-_STEP_S, _SAG_TOLERANCE_S = 0.005, 0.25
+# Times at top speed that cover a difference from the start.
+_STEP_S = 0.005  # a tick or two, which the guard passes as one step
+# The sag of a limp arm between planning and moving: an elbow of XL330 that falls freely sags by
+# 5.5°, or 0.22 s of its planned top speed.
+_SAG_TOLERANCE_S = 0.25
 
 
 def rebase_trajectory(

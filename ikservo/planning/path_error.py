@@ -14,9 +14,9 @@ from ikservo.planning.planner import Planner
 
 # Time between two samples of the commanded path: 0.06 mm of a circle of 5 cm at 0.25 m/s.
 _STEP_S = 0.01
-# The joints lag behind their goals by less than this; and a reading is older than its goal.
-_LAG_S, _LEAD_S = 1.0, 0.1
-_CHUNK = 2000
+_LAG_S = 1.0  # the joints lag behind their goals by less than this
+_LEAD_S = 0.1  # by less than this a reading is older than its goal
+_CHUNK = 2000  # points at a time, to bound memory
 
 
 @dataclass(frozen=True, slots=True)

@@ -70,8 +70,9 @@ _MAX_JOINT_STEP_RAD = 1000.0
 _LONGEST_S = 3600.0
 # Top speed of the tip on a line; safety standards call 0.25 m/s reduced speed.
 _TIP_M_S = {"slow": 0.1, "normal": 0.25, "fast": 0.5}
-# Number of random starts to solve a point, and the difference below which solutions are the same.
-_STARTS, _MISSES, _SAME_GOAL = 24, 4, 0.05
+_STARTS = 24  # random starts to solve a point
+_MISSES = 4  # after so many failures without a success the others are left out
+_SAME_GOAL = 0.05  # solutions that differ by less are the same, rad or m
 # Fraction of a blend at which a waypoint is passed; see ``BlendedPath``.
 _PASSED = 0.375
 
@@ -182,7 +183,9 @@ class Planner:
             UnknownNameError: No such speed.
         """
         if stance.posture is not None:
-            raise BadValueError("The stance on a line", "a posture", "a tool orientation, or none")
+            raise BadValueError(
+                "The stance on a line", "a posture", "a tool orientation or nothing"
+            )
         start = self._clip_to_limits(start)
         q = self._index.chain_joints(start)
         target = Target(path.at(path.length)[0])

@@ -59,8 +59,8 @@ from ikservo.planning.tool_orientation import KEEP_BEST_EFFORT
 _PRESSING_LAG_RAD = 0.05
 # If the whole path to the rest pose is not free, these fractions of it are tried.
 _PATH_FRACTIONS = (0.8, 0.6, 0.4, 0.2)
-# Number of starts for paths around things, and of postures tried to find them.
-_EXITS, _NEARBY = 3, 300
+_EXITS = 3  # starts for paths around things
+_NEARBY = 300  # postures tried to find these starts
 # These fractions of the line from the nearest point back to the tip are suggested.
 _STEPS_BACK = (0.0, 0.01, 0.02, 0.05, 0.1, 0.2, 0.4)
 

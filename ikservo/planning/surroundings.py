@@ -76,10 +76,10 @@ class AnotherArm(Protocol):
         ...
 
     def things(self, arm: object) -> Sequence[Obstacle]:
-        """Measure its links in the base frame of an arm, which takes turns with it.
+        """Measure the other arm's links in the base frame of an arm, which takes turns with it.
 
         Raises:
-            RefusedError: It moves, or its position cannot be measured.
+            RefusedError: The other arm moves, or its position cannot be measured.
         """
         ...
 

@@ -182,8 +182,8 @@ def check_orientation(stance: object, orientation: ArrayLike | None = None) -> T
 MAX_HEADING_ITERATIONS = 6
 """Number of updates of the tool's heading from the solution."""
 
-KEPT_ORIENTATION_TOLERANCE_RAD = 3e-4
-POSITION_TOLERANCE_M = 1e-5
+KEPT_ORIENTATION_TOLERANCE_RAD = 3e-4  # a smaller error, or change of the heading, is converged
+POSITION_TOLERANCE_M = 1e-5  # a larger error of the tip means that the point is out of reach
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -227,7 +227,8 @@ def _result_at(chain: Chain, target: Target, plain: Result, q: Vector) -> Result
 
 # Few restarts: most of these problems have no exact solution, and each restart fails.
 _RESTARTS = 20
-_NOWHERE_M, _UPRIGHT = 1e-6, 0.99
+_NOWHERE_M = 1e-6  # nearer to the base axis a direction has no heading
+_UPRIGHT = 0.99  # cosine: a first joint this close to vertical turns the heading
 _POSE_DOF = 6  # joints for any orientation at a point
 
 

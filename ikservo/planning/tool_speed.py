@@ -10,8 +10,9 @@ import numpy as np
 from ikservo.kinematics.arrays import Matrix
 from ikservo.motion import Trajectory
 
-# In a motion of minutes the step is longer, so that planning takes only seconds.
-_STEP_S, _MIN_SAMPLES, _MAX_SAMPLES = 0.005, 200, 20_000
+_STEP_S = 0.005  # between two samples; longer in a motion of minutes, which must be planned soon
+_MIN_SAMPLES = 200  # of any motion
+_MAX_SAMPLES = 20_000  # of any motion
 # Speeds that differ by less are equal, because even slight corners are passed slower.
 _SAME = 0.02
 _SHORT_OR_BENT = "acceleration and jerk of the joints, on a path so short or bent"

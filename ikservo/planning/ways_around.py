@@ -19,12 +19,12 @@ BLENDS_RAD = (0.3, 0.1, 0.03, 0.01, 0.003)
 MARGINS_M = (0.01, 0.003, 0.0003)
 """Distances that paths keep from everything, the largest first [m]."""
 
-# Number of postures to check for a distance before the next one is tried. It doubles in each
-# round; from the third round on, the largest distance is left out.
-_EFFORT, _WIDE_ROUNDS = 1000, 2
+_EFFORT = 1000  # postures to check for a distance before the next one; doubles in each round
+_WIDE_ROUNDS = 2  # from the round after these on, the largest distance is left out
 
-# Number of postures around a contact, largest offset of a joint, fraction of joints that move.
-_TRIED, _AROUND_RAD, _MOVING = 20000, 2.5, 0.6
+_TRIED = 20000  # postures around a contact
+_AROUND_RAD = 2.5  # largest offset of a joint in them, rad or m
+_MOVING = 0.6  # fraction of the joints that move
 
 
 def ways_around(

@@ -111,7 +111,7 @@ class ArmLease:
         """
         with self._lock:
             if self._closed:
-                raise RefusedError("The program that serves the arm ends.", "Nothing was sent.")
+                raise RefusedError("The program with the arm is ending.", "Nothing was sent.")
             if self._holder is not None and not take_over:
                 raise RefusedError(
                     f"{self._holder.operator} controls the arm.",

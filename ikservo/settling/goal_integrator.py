@@ -10,15 +10,14 @@ from ikservo.calibration import format_source
 from ikservo.guard import DrivenJoint
 from ikservo.settling.swings import SwingDamper
 
-# The goal moves by this fraction of the error per second, and not slower than the second number
-# [rad/s at the horn], because stiction must be overcome in reasonable time.
-_FRACTION_PER_S = 4.0
-_MIN_RAD_S = 16 * math.tau / 4096
+_FRACTION_PER_S = 4.0  # the goal moves by this fraction of the error per second
+_MIN_RAD_S = 16 * math.tau / 4096  # at the horn, not slower: stiction must be overcome soon
 # A servo may have less friction than known, by this fraction of both directions together.
 _FRICTION_MARGIN = 0.15
-# While the joint jumps its goal goes back by its speed times the first number, over the second
-# time, but not further than the third: otherwise a fast swing would make it leap.
-_BRAKE_S, _BRAKE_FILTER_S, _MAX_BRAKE_TICKS = 0.05, 0.02, 4.0
+# While the joint jumps its goal goes back: otherwise it would overshoot.
+_BRAKE_S = 0.05  # times the speed of the joint is how far the goal goes back
+_BRAKE_FILTER_S = 0.02  # filter of that speed
+_MAX_BRAKE_TICKS = 4.0  # the goal goes back no further, or a fast swing would make it leap
 # A joint that swung in its backlash is corrected again once it rests, slower each time [rad/s at
 # the horn], because it must not coast across its backlash.
 _SWUNG_RAD_S = (0.015, 0.01)

@@ -11,16 +11,23 @@ from ikservo.control.loop import ControlCycle
 from ikservo.control.turn_counter import TurnCounter
 from ikservo.guard import DrivenJoint
 
-# During motion a joint swings if its error reverses this often, each time by more than this at the
-# horn and within this time of the previous reversal.
-_MIN_MOTION_TURNS, _MOTION_SWING_RAD, _MOTION_TURN_S = 6, 0.012, 0.4
+# docs/how-control-works.md says what these numbers trade. During motion a joint swings if its error
+# reverses repeatedly.
+_MIN_MOTION_TURNS = 6  # reversals
+_MOTION_SWING_RAD = 0.012  # at the horn, size of each of them
+_MOTION_TURN_S = 0.4  # longest time since the reversal before
 
-# A joint that reverses this often, by more than noise explains, swings in its backlash. During
-# correction, reversals that stiction explains count by this fraction.
-_NOISE_TICKS, _MIN_TURNS, _STICTION_TICKS, _SHARE_OF_STICTION = 2, 2.0, 4, 0.34
-# The goal of a swinging joint moves along by this fraction, reached within this time, and by at
-# most the last number: docs/decisions/0020 says why such a soft servo comes to rest.
-_SHARE, _SOFTEN_S, _MAX_TICKS = 0.75, 0.1, 20.0
+# A joint that reverses this often, by more than noise explains, swings in its backlash.
+_MIN_TURNS = 2.0
+_NOISE_TICKS = 2
+# During correction, reversals that stiction explains count less.
+_STICTION_TICKS = 4  # largest of these reversals
+_SHARE_OF_STICTION = 0.34  # of a turn, for each
+# The goal of a swinging joint moves along with it; docs/decisions/0020 says why such a soft servo
+# comes to rest.
+_SHARE = 0.75  # fraction of the motion of the joint
+_SOFTEN_S = 0.1  # time in which this fraction is reached
+_MAX_TICKS = 20.0  # limit of the motion of the goal
 # A swinging joint stays for a while where it reverses, and its rotor takes as long to cross the
 # backlash after the goal has moved: it rests when neither has moved for this time.
 _AT_REST_S = 0.3

@@ -23,7 +23,7 @@ ROTATION_WEIGHT_M = 0.01
 _TICK_WEIGHT_M = 3e-5
 # This many combinations are evaluated in half a millisecond.
 _MAX_COMBINATIONS = 20_000
-_MAX_TICKS = 8
+_MAX_TICKS = 8  # largest change of a joint, in ticks
 # The tool's pose is computed exactly for this many combinations, the best by the Jacobian.
 _FINALISTS = 16
 
@@ -161,7 +161,7 @@ def _squared_norms(rows: Matrix) -> Vector:
     return np.sum(rows * rows, axis=1)
 
 
-_ITERATIONS = 4
+_ITERATIONS = 4  # of Newton's method
 # Near a singularity a step would be large and useless.
 _DAMPING_M = 0.01
 # A joint compensates for another by at most this: a tool that tilts further has another pose.
@@ -196,10 +196,10 @@ def compensate(chain: Chain, target_m: Vector, q: Vector, held: Collection[str])
     return found if after < 0.5 * before else None
 
 
-# A tool is at its target if each joint is within two ticks of it, including sensor noise, and the
-# tool is within twice the rms error that rounding to ticks hides. With one tick, a joint that
-# hardly moves the tool made other joints move, which were then a tick off their targets.
-_REACHED_TICKS, _REACHED_ERRORS = 2.2, 2.0
+# A tool is at its target if each joint and the tool are near it. With one tick, a joint that hardly
+# moves the tool made other joints move, which were then a tick off their targets.
+_REACHED_TICKS = 2.2  # distance of each joint: two ticks and sensor noise
+_REACHED_ERRORS = 2.0  # distance of the tool, as a multiple of the rms error of rounding to ticks
 
 
 class SettlingTarget:

@@ -116,7 +116,7 @@ class PtyBus:
         return time.monotonic() - self._start_s
 
     def process_events(self, also: Sequence[int] = ()) -> list[int]:
-        """Do what is due and wait for more; return those of ``also`` that can be read."""
+        """Process due events and wait for more; return those of ``also`` that can be read."""
         self._update_cable()
         due_s = self._next_due_s()
         ready = self._wait_for_events(due_s, also)

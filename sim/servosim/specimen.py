@@ -65,7 +65,7 @@ class Specimen:
                 raise SimulatorError(f"a mass is scaled by 0 to {MAX_SCALE:g}, not {scale:g}")
         if not 0.0 <= self.payload_kg <= MAX_PAYLOAD_KG:
             most = f"0 to {MAX_PAYLOAD_KG:g} kg"
-            raise SimulatorError(f"an arm holds {most}, not {self.payload_kg:g} kg")
+            raise SimulatorError(f"a payload is {most}, not {self.payload_kg:g} kg")
 
     @property
     def changes_masses(self) -> bool:

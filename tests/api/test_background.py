@@ -1,4 +1,4 @@
-"""A motion that runs while the program does something else: done, wait, cancel."""
+"""Motions with ``wait=False``: ``done``, ``wait`` and ``cancel``."""
 
 import asyncio
 import gc
@@ -24,7 +24,7 @@ def arm():
 
 
 class Gate:
-    """Holds a motion in one of its control cycles until it is let go on."""
+    """Holds a motion in one of its control cycles until the test opens the gate."""
 
     def __init__(self, at_s=0.3):
         self.reached, self._open, self._at_s = threading.Event(), threading.Event(), at_s
@@ -62,7 +62,7 @@ def open_once(gate, condition):
 
 
 def is_waited_for(motion):
-    """Return whether the main thread is in ``motion.wait``, and blocked there."""
+    """Return whether the main thread blocks in ``motion.wait``."""
     frame, codes = sys._current_frames()[threading.main_thread().ident], set()
     while frame is not None:
         codes.add(frame.f_code)
@@ -281,7 +281,7 @@ def test_motion_refuses_wait_from_its_own_callback(arm):
     ("number", "ends"), [(signal.SIGINT, KeyboardInterrupt), (signal.SIGTERM, SystemExit)]
 )
 def test_signal_during_wait_brakes_arm_and_ends_program(arm, caplog, number, ends, reached):
-    """The thread that it reaches is the one that waits, or another, which ends no wait."""
+    """The signal may reach the waiting thread or another one, which does not end the wait."""
     motion, gate = begun(arm, pan=1.6)
 
     def strike():

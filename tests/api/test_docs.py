@@ -1,4 +1,4 @@
-"""Every public method of an arm explains itself."""
+"""Every public method of an arm has a useful docstring."""
 
 import ikservo
 

@@ -1,4 +1,4 @@
-"""`Arm.execute` executes a plan of any kind, and its report is that of the kind."""
+"""`Arm.execute` executes a plan of any kind and returns the report of that kind."""
 
 import numpy as np
 import pytest

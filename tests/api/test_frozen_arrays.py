@@ -1,4 +1,4 @@
-"""What the library returns cannot be written to: arrays, and mappings of frozen values."""
+"""Returned arrays and mappings of frozen values cannot be written to."""
 
 from collections.abc import Mapping
 from dataclasses import fields, is_dataclass, replace

@@ -1,4 +1,4 @@
-"""Every public method refuses hostile values of every parameter as ikservo does, found by name."""
+"""Every public method refuses hostile values of every parameter with an error of ikservo."""
 
 import inspect
 import math
@@ -33,7 +33,7 @@ def public_methods(part):
 
 
 def hostile_calls(method):
-    """Yield arguments of a method, one of which is hostile, and all of which are."""
+    """Yield the arguments of calls: one argument hostile each time, then all of them."""
     parameters = inspect.signature(method).parameters.values()
     named = [
         each for each in parameters if each.kind not in (each.VAR_KEYWORD, each.VAR_POSITIONAL)

@@ -1,4 +1,4 @@
-"""Values of other types and numbers that overflow end in one error of ikservo, at every border."""
+"""Values of wrong types and numbers that overflow are refused with an error of ikservo."""
 
 import inspect
 import math

@@ -1,4 +1,4 @@
-"""Options of motions: an unknown one is a TypeError that names it, and nothing moves."""
+"""An unknown option of a motion raises a TypeError that names it, and nothing moves."""
 
 import dataclasses
 import inspect

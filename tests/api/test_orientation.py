@@ -1,4 +1,4 @@
-"""A whole orientation of the tool, where the arm has it; else an error that says what it lacks."""
+"""Orientations of the tool that an arm can reach, and the error for those that it cannot."""
 
 import numpy as np
 import pytest
@@ -23,7 +23,7 @@ def five():
 
 
 def turned_by(arm, plan, R):
-    """Return by how much the tool at a plan's goal is turned away from R, rad."""
+    """Return the angle between the tool at a plan's goal and R, rad."""
     reached = arm.chain.forward(plan.goal[: arm.chain.dof])[:3, :3]
     return float(np.linalg.norm(log_so3(R @ reached.T)))
 

@@ -1,4 +1,4 @@
-"""A program may name the arm and give plain numbers, and is told what it mistook."""
+"""Methods accept arm names and plain numbers, and errors name the wrong argument."""
 
 import math
 

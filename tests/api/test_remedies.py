@@ -1,4 +1,4 @@
-"""Errors name what a program can do; at the command line the same errors name commands."""
+"""Errors name methods in a program, and commands at the command line."""
 
 import ast
 import re
@@ -59,7 +59,7 @@ def test_terminal_hint_is_rewritten_for_page(at_a_terminal, on_a_page):
 
 
 def texts():
-    """Yield every text of the packages that a program calls, docstrings left out."""
+    """Yield every text of the packages that a program calls, without docstrings."""
     for path in sorted(SOURCES.rglob("*.py")):
         place = path.relative_to(SOURCES).as_posix()
         if COMMANDS_ONLY.match(place) or place == "remedies.py":

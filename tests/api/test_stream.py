@@ -1,4 +1,4 @@
-"""Setpoints that a program pushes at its own rate: through the guard, within the arm's limits."""
+"""Setpoints that a program streams at its own rate pass the guard and keep the arm's limits."""
 
 import itertools
 import math
@@ -268,7 +268,7 @@ def test_uncalibrated_arm_refuses_stream(arm, monkeypatch):
 
 
 class StandingClock:
-    """A clock that only the test lets pass."""
+    """A clock that only the test advances."""
 
     def __init__(self):
         self.at_s = 0.0

@@ -1,4 +1,4 @@
-"""What the API returns is arrays, mappings by joint name, and short to look at in a notebook."""
+"""The API returns arrays and mappings by joint name, with a short representation."""
 
 import csv
 import io

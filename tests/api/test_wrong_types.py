@@ -1,4 +1,4 @@
-"""What a program hands over by mistake is refused by name, before anything moves."""
+"""Arguments of a wrong type are refused by name before anything moves."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""Fixtures of the commands, for the tests of apps."""
+"""Fixtures for tests of the apps' commands."""
 
 from tests.cli.conftest import run_cli
 

@@ -1,4 +1,4 @@
-"""Apps and arms of other distributions, found by entry points; broken ones harm no command."""
+"""Apps and arms of other distributions, found by entry points; broken ones affect no command."""
 
 import os
 import re
@@ -58,7 +58,7 @@ def nod(arm, speed="normal"):
 
 @pytest.fixture
 def other(tmp_path):
-    """A folder on the path of a command, with the distribution of somebody else."""
+    """A folder on the path of a command, with another distribution in it."""
     package = tmp_path / "nod_app"
     package.mkdir()
     (package / "__init__.py").write_text(APP)

@@ -1,4 +1,4 @@
-"""Deleting the folder of an app deletes its commands, and harms nothing else of the core."""
+"""Deleting the folder of an app deletes its commands and affects nothing else in the core."""
 
 import os
 import shutil
@@ -31,7 +31,7 @@ print(is_compiled())
 
 @pytest.fixture(params=APPS)
 def without(request, tmp_path):
-    """A copy of the package without the folder of one app; the app's value."""
+    """Return a copy of the package without the folder of one app, and the app's value."""
     for source in ("ikservo", "configs", "sim"):
         ignored = shutil.ignore_patterns("__pycache__", "static")
         shutil.copytree(ROOT / source, tmp_path / source, ignore=ignored)

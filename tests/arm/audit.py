@@ -26,7 +26,7 @@ class Goal:
 
 @dataclass
 class TorqueOn:
-    """A limp servo's torque coming on: goal in force, position and speed, ticks and ticks/s."""
+    """Torque-on of a limp servo: goal in force, position and speed, ticks and ticks/s."""
 
     time_s: float
     servo_id: int
@@ -37,11 +37,11 @@ class TorqueOn:
 
 @dataclass
 class Auditor:
-    """Records what is written to the servos of an open arm, and finds faults in it.
+    """Records all writes to the servos of an open arm, and finds faults in them.
 
     Attributes:
-        punctual: Whether goals reach the servos as soon as the gate has passed them. Where a
-            program is paused before its write, two may come at once.
+        punctual: Whether goals reach the servos as soon as the gate has passed them. If a program
+            is paused before its write, two may come at once.
     """
 
     arm: object
@@ -60,7 +60,7 @@ class Auditor:
         self._goal_s, self._written = {}, {}
 
     def faults(self):
-        """Return what was wrong with the goals; empty if nothing."""
+        """Return the faults of the goals; empty if there are none."""
         wrong = [w for goal in self.goals for w in self._judge(goal)]
         if self.eeprom_writes() != self._eeprom_before:
             wrong.append("EEPROM was written")
@@ -70,7 +70,7 @@ class Auditor:
         return [goal for goal in self.goals if goal.time_s > time_s]
 
     def last_read_s(self, on):
-        """Return when the joint of a servo was measured for the goal with which torque came on.
+        """Return when the joint of a servo was measured for the goal at which torque came on.
 
         Readings write nothing: all are measured in one transaction before the first goal.
         """
@@ -89,7 +89,7 @@ class Auditor:
             return row.decode(data[start : start + row.size]) if inside else None
 
         def ignores_goals(servo):
-            """Return whether a tripped watchdog keeps the servo from taking goals."""
+            """Return whether a tripped watchdog prevents the servo from accepting goals."""
             return "bus_watchdog" in table and servo.memory.get("bus_watchdog") == -1
 
         def watch(address, data):
@@ -135,7 +135,7 @@ class Auditor:
 
 
 def _limits(name):
-    """Return each servo's range, top speed a second and lead at rest, ticks, from the files."""
+    """Return each servo's range, top speed per second and lead at rest, ticks, from the files."""
     arm, model = arm_file(name), pinocchio_model(name)
     ranges = {}
     for joint in arm["joints"]:

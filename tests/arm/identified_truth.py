@@ -1,4 +1,4 @@
-"""What a simulated arm really has, beside what was identified of it."""
+"""True parameters of a simulated arm, compared with the identified ones."""
 
 import numpy as np
 
@@ -10,9 +10,9 @@ SPEEDS_RAD_S = (0.1, 0.3, 0.8)
 
 
 def gravity_errors(arm, dynamics, found, scale, payload_kg, seed=0, postures=300):
-    """Return the rms error of each joint's gravity torque, as a share of the largest joint's rms.
+    """Return the rms error of each joint's gravity torque as a fraction of the largest joint's rms.
 
-    Joints whose own torque is below a hundredth of that are left out: NaN.
+    Joints with an rms below a hundredth of the largest one are left out: NaN.
     """
     chain = arm.model.chain
     lower, upper = np.maximum(chain.lower_rad, -np.pi), np.minimum(chain.upper_rad, np.pi)
@@ -25,10 +25,10 @@ def gravity_errors(arm, dynamics, found, scale, payload_kg, seed=0, postures=300
 
 
 def friction_error(arm, name, found, gravity_nm, square_per_nm):
-    """Return the rms error of what moving takes beside gravity, as a share of its rms.
+    """Return the relative rms error of the torque that motion needs beyond gravity.
 
-    Up and down at a few speeds, without load and under a load of either sign. The part that grows
-    with the square of the load is that of the tables.
+    It is computed for up and down motion at a few speeds, without load and with a load of either
+    sign. The part that grows with the square of the load is taken from the tables.
     """
     servos = line_of(arm).world.joint(name).servos
     cases = [
@@ -47,9 +47,9 @@ def stiffness_error(arm, name, found):
 
 
 def play_error(arm, name, found):
-    """Return by how much the play is off, in units of 0.3° or 30 %; 0 where it is not determined.
+    """Return the error of the backlash in units of 0.3° or 30 %; 0 if it is not determined.
 
-    Only servos that measure their current may leave it open.
+    Only servos that measure their current may leave it undetermined.
     """
     motor = line_of(arm).world.joint(name).servos[0].motor.parameters
     estimate = found.estimates.get(f"{name}.backlash_rad")
@@ -66,7 +66,7 @@ def _true_effort(servos, speed, gravity_nm, side):
 
 
 def _effort_of(motor, speed, gravity_nm, side):
-    """Solve the motor's own equations by repeated substitution."""
+    """Solve the motor's equations by repeated substitution."""
     slow = np.exp(-speed / motor.stribeck_rad_s)
     shaft = gravity_nm
     for _ in range(200):

@@ -1,4 +1,4 @@
-"""Pauses and failures between any two lines of the program that run while an arm moves.
+"""Pauses and failures before any line of the program that runs while an arm moves.
 
 No function is named: the lines are those that Python executes in the traced packages.
 """
@@ -14,15 +14,15 @@ LOOP_AND_PORT = (*LOOP, hardware)
 
 
 class LineTracer:
-    """While this is in force, the lines that are executed in some packages are counted.
+    """Counts the executed lines of some packages while it is active.
 
-    Counting begins with `begin`, so that what runs before the first control cycle is left out.
+    Counting begins with `begin`, so that code before the first control cycle is left out.
 
     Args:
-        packages: Their modules are traced.
+        packages: The packages whose modules are traced.
 
     Attributes:
-        hits: How often each (file, line number) was reached.
+        hits: Number of executions of each (file, line number).
     """
 
     def __init__(self, packages=LOOP):
@@ -31,16 +31,16 @@ class LineTracer:
         self.hits = Counter()
 
     def begin(self, *_):
-        """Count from here on; made to be the callback of each cycle, of which the first counts."""
+        """Start to count; this is the callback of each cycle, and only the first call counts."""
         if not self._is_counting:
             self._is_counting = True
             self.hits.clear()
 
     def before_line(self, place, count):
-        """Do something before a line is executed for the nth time; counts only here."""
+        """Act before a line is executed for the nth time; only count in this class."""
 
     def lines_of_a_cycle(self, min_hits=20):
-        """Return each (file, line) that is executed in most cycles, and how often, sorted."""
+        """Return each (file, line) that runs in most cycles, and its count, sorted."""
         return sorted((place, hits) for place, hits in self.hits.items() if hits > min_hits)
 
     def __enter__(self):
@@ -66,8 +66,8 @@ class FailingLine(LineTracer):
 
     Args:
         place: The (file, line number) that fails.
-        count: The nth time, from 1.
-        packages: Their modules are traced.
+        count: The number of the execution, from 1.
+        packages: The packages whose modules are traced.
     """
 
     def __init__(self, place, count, packages=LOOP):
@@ -81,17 +81,17 @@ class FailingLine(LineTracer):
 
 
 class PausedLines(LineTracer):
-    """Lets virtual time pass before some lines, as where a busy machine runs another program.
+    """Lets virtual time pass before some lines, like a busy machine that runs another program.
 
     Args:
         clock: The virtual clock of the simulated bus.
-        pause_s: Called with each (file, line number) and how often it was reached; returns how
-            long the program pauses before that line.
-        packages: Their modules are traced.
-        files: Only these of them are, where pauses come nowhere else.
+        pause_s: Called with each (file, line number) and its number of executions; returns the
+            pause before that line.
+        packages: The packages whose modules are traced.
+        files: If given, pauses happen only in these files.
 
     Attributes:
-        pauses: How often the program was paused.
+        pauses: Number of pauses.
     """
 
     def __init__(self, clock, pause_s, packages=LOOP_AND_PORT, files=None):

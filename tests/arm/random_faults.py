@@ -1,4 +1,4 @@
-"""Random motions with faults, and what must be true afterwards."""
+"""Random motions with faults, and conditions that must hold afterwards."""
 
 import random
 from dataclasses import dataclass
@@ -23,11 +23,11 @@ SPEEDS = ("slow", "normal", "fast")
 
 @dataclass
 class Outcome:
-    """How one motion ended.
+    """Outcome of one motion.
 
     Attributes:
         state: The name of the error, or "reached" or "short".
-        noticed_s: From the fault to the end of the motion.
+        noticed_s: Time from the fault to the end of the motion.
         cycles_after: Control cycles after the fault in which goals were still sent.
         wrong: Faults that the audit found.
     """
@@ -89,7 +89,7 @@ def move_with_fault(name, dice, fault=None, speed=None, hook=None):
 
 
 def _untrue(arm, report):
-    """Return where a report differs from the servos' registers."""
+    """Return the differences between a report and the servos' registers."""
     truth = true_joints(arm)
     return [
         f"{joint} is at {truth[joint]:.4f}, reported at {reported:.4f}"
@@ -99,7 +99,7 @@ def _untrue(arm, report):
 
 
 def _later(arm, auditor):
-    """Let a second pass; return what was still sent in it."""
+    """Wait one second; return the goals that were still sent in it."""
     clock = clock_of(arm)
     clock.sleep_until(clock.now_s() + 0.01)
     before = len(auditor.goals), len(auditor.torque)
@@ -142,6 +142,6 @@ def servo_ids(name):
 
 
 def servos_without_torque(arm, _auditor, _at_s):
-    """Return which servos have lost their torque."""
+    """Return the servos that have lost their torque."""
     torque = registers(arm, "torque_enable")
     return [f"servo {i} has lost its torque" for i, on in torque.items() if not on]

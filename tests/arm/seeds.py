@@ -1,4 +1,4 @@
-"""How often a promise is tried: a few seeds in the suite, many in a campaign, in parts."""
+"""Number of seeds per test: a few in the suite, many in a campaign, which has parts."""
 
 import os
 import sys
@@ -7,9 +7,9 @@ import pytest
 
 
 def part_of(many):
-    """Return the seeds of a campaign, or those of a part: IKSERVO_PART=2/4 is the second of four.
+    """Return the seeds of a campaign, or of a part: IKSERVO_PART=2/4 is the second of four.
 
-    Parts may run in parallel; a small one, 1/100, shows how long the whole will take.
+    Parts may run in parallel; a small one, 1/100, shows how long the whole campaign takes.
     """
     number, parts = (int(word) for word in os.environ.get("IKSERVO_PART", "1/1").split("/"))
     first, last = (-(-k * many // parts) for k in (number - 1, number))
@@ -17,7 +17,7 @@ def part_of(many):
 
 
 def few_or_many(few, many):
-    """Run a test over a few seeds, and over many of them in a campaign."""
+    """Run a test over a few seeds, or over many of them in a campaign."""
     return pytest.mark.parametrize("seeds", [pytest.param(range(few), id="few"), campaign(many)])
 
 
@@ -27,11 +27,11 @@ def campaign(many):
 
 
 def spread(seed):
-    """Return a number from 0 to 1; those of consecutive seeds are spread evenly."""
+    """Return a number from 0 to 1; the numbers of consecutive seeds are spread evenly."""
     return seed * 0.6180339887498949 % 1.0
 
 
 def log(capsys, text):
-    """Print a result past the capture of the output."""
+    """Print a result although the output is captured."""
     with capsys.disabled():
         sys.stdout.write(f"\n  {text}\n")

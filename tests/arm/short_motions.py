@@ -1,6 +1,6 @@
-"""Short motions: some tenths of a second of control cycles, without planning and settling.
+"""Short motions: tenths of a second of control cycles, without planning and settling.
 
-Every guard of a long motion acts in each cycle of these; ten thousand of them take minutes.
+Every check of a long motion acts in each cycle of these; ten thousand of them take minutes.
 """
 
 import ikservo
@@ -10,12 +10,12 @@ from tests.arm.simulated import motion_limits, servo_group
 
 
 def open_simulated(name, seed):
-    """Open a simulated arm with a random seed of its own."""
+    """Open a simulated arm with a random seed."""
     return ikservo.open_arm(name, port=f"sim:?pose=home&seed={seed}", collisions=False)
 
 
 def short_move(arm, dice, speed, max_rad=0.1):
-    """Return a trajectory from the present goals, each joint by `max_rad` inside its limits."""
+    """Return a trajectory that moves each joint by `max_rad` inside its limits."""
     servos = servo_group(arm)
     start = servos.goals()
     goal = start.copy()

@@ -1,6 +1,6 @@
-"""The simulated servos behind an open arm, read past every driver.
+"""The simulated servos behind an open arm, read without any driver.
 
-Only here do tests reach for the parts of an open arm: its port, its servos and its motion runner.
+Only this module accesses the parts of an open arm: its port, its servos and its motion runner.
 """
 
 from dataclasses import replace
@@ -25,23 +25,23 @@ def clock_of(arm):
 
 
 def context_of(arm):
-    """Return what the arm is made of: its servos, planner and collision checker."""
+    """Return the context of the arm: its servos, planner and collision checker."""
     return arm.context
 
 
 def without_zeros(arm):
-    """Return the arm as one that was never calibrated."""
+    """Return the arm as if it had never been calibrated."""
     arm._context = replace(arm._context, zeros=ZeroSource.UNKNOWN)
     return arm
 
 
 def motion_runner(arm):
-    """Return what runs the motions of the arm."""
+    """Return the motion runner of the arm."""
     return arm.runner
 
 
 def servo_group(arm):
-    """Return the servos of the arm as its control loop has them: goals, limits, torque state."""
+    """Return the servo group of the control loop: goals, limits, torque state."""
     return context_of(arm).servos
 
 
@@ -56,7 +56,7 @@ def motion_limits(arm, speed):
 
 
 def run_trajectory(arm, make_trajectory, on_cycle, speed):
-    """Run a trajectory as every motion of the arm runs, without planning and settling.
+    """Run a trajectory like every motion of the arm, without planning and settling.
 
     Args:
         arm: The arm.
@@ -68,12 +68,12 @@ def run_trajectory(arm, make_trajectory, on_cycle, speed):
 
 
 def registers(arm, register):
-    """Return one register of every servo by id, out of the simulated memories."""
+    """Return one register of every servo by id, from the simulated memories."""
     return {i: servo.read(register) for i, servo in line_of(arm).servos.items()}
 
 
 def true_tip_m(arm):
-    """Return the tip (3,) [m] that the servos' own position registers mean."""
+    """Return the tip (3,) [m] that the servos' position registers give."""
     return tip_from_ticks(arm.model.name, registers(arm, "present_position"))
 
 
@@ -86,7 +86,7 @@ def servo_id(name, joint):
 
 
 def call_before(owner, name, monkeypatch, action):
-    """Let an action happen once, just before a method is called."""
+    """Do an action once, just before a method is called."""
     original, done = getattr(owner, name), []
 
     def wrapped(*args, **kwargs):

@@ -14,7 +14,7 @@ def at(x, y, z):
 
 
 def held(name):
-    """Return an arm that holds its pose home, its first motion over; and its tip (3,) [m]."""
+    """Return an arm that holds its pose home after its first motion, and its tip (3,) [m]."""
     arm = ikservo.open_arm(name, port="sim:?pose=home")
     arm.pose("home")
     return arm, tip_of_reference(arm)

@@ -1,4 +1,4 @@
-"""Arrival under gravity and play, judged by the simulated joints' true positions."""
+"""Arrival under gravity and backlash, judged by the true positions of the joints."""
 
 import contextlib
 import math
@@ -30,14 +30,14 @@ NAMES = ("so101", "open_manipulator_x")
 
 
 def true_tip_m(arm):
-    """Return the tip (3,) [m] that the joints have, finer than any tick."""
+    """Return the tip (3,) [m] of the true joints, without the rounding of ticks."""
     return tip_from_joints(
         arm.model.name, {joint.name: joint.position for joint in line_of(arm).world.joints}
     )
 
 
 def plans(arm, count):
-    """Plan to points drawn from one seed, each from where the arm is by then."""
+    """Yield plans to seeded random points, each from the present position of the arm."""
     rng = np.random.default_rng(11)
     while count:
         q = rng.uniform(arm.chain.lower_rad, arm.chain.upper_rad)

@@ -1,4 +1,4 @@
-"""Play that the arm file tells of: such a joint comes to its place from one side."""
+"""A joint with backlash in its arm file approaches its goal from one side."""
 
 import re
 import shutil
@@ -16,7 +16,7 @@ PORT = "sim:?backlash_deg=0.5"
 
 @pytest.fixture
 def arm_file(tmp_path):
-    """Return the SO-101 with play known in the joint that no weight pulls to one side."""
+    """Return the SO-101's file with backlash in the joint that no weight loads."""
     folder = shutil.copytree(CONFIGS / "so101", tmp_path / "so101")
     text = (folder / "arm.toml").read_text()
     arm_text = re.sub(rf"(name *= \"{PAN}\")", r"\1\nbacklash_deg = 0.5", text, count=1)
@@ -26,7 +26,7 @@ def arm_file(tmp_path):
 
 
 def flanks(arm):
-    """Return on which flank of its play the joint rests at places that it comes to differently."""
+    """Return the flank of the backlash at which the joint rests, after different approaches."""
     found = []
     for speed in ("slow", "fast"):
         for start in (-0.3, 0.3):

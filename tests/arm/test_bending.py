@@ -1,4 +1,4 @@
-"""An arm whose calibration says how it gives way: it goes where its real, drooping tip is meant."""
+"""A calibrated arm with compliant links brings its true, sagging tip to the target."""
 
 import numpy as np
 import pytest
@@ -22,7 +22,7 @@ COMPLIANCE = {"shoulder_lift": 0.12, "elbow_flex": 0.08, "wrist_flex": 0.05}
 
 @pytest.fixture
 def own_arm(tmp_path, monkeypatch):
-    """Connect a calibrated arm that gives way."""
+    """Connect a calibrated arm with compliant links."""
     monkeypatch.setenv("IKSERVO_HOME", str(tmp_path / "home"))
     model = load_model("so101")
     same = dict.fromkeys((joint.name for joint in model.joints), 1.0)

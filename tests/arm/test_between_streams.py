@@ -1,4 +1,4 @@
-"""Stops and failures in the moments in which no goal is streamed."""
+"""Stops and failures at moments at which no goal is streamed."""
 
 import contextlib
 

@@ -1,5 +1,6 @@
-"""Moves, lines and follows at 60 Hz on a busy machine end well; ``tools/load_campaign.py`` is the
-long form, in real time on a pseudo-terminal.
+"""Moves, lines and following at 60 Hz on a busy machine succeed.
+
+``tools/load_campaign.py`` is the long form, in real time on a pseudo-terminal.
 """
 
 import numpy as np

@@ -1,4 +1,4 @@
-"""What may be said between ikservo's programs, and that nothing else is listened to."""
+"""Messages between ikservo's programs; everything else is ignored."""
 
 import json
 import random
@@ -74,7 +74,7 @@ def test_reply_without_schema_is_refused():
 
 
 def fuzzed(chance):
-    """Return a request with some bytes changed, cut, doubled or thrown in."""
+    """Return a request with some bytes changed, cut, doubled or inserted."""
     data = bytearray(
         encode_request(Request(chance.choice(list(ControlCommand)), chance.randbytes(4).hex()))
     )

@@ -1,4 +1,4 @@
-"""The owner of a bus listens to its user's other programs, and to nobody else."""
+"""The program with the port accepts commands from other programs of its user only."""
 
 import os
 import socket
@@ -36,7 +36,7 @@ def device(tmp_path, monkeypatch):
 
 
 class Owner:
-    """Answers with what it was asked, and remembers it."""
+    """Answers and records requests."""
 
     def __init__(self, device):
         self.asked = []
@@ -55,7 +55,7 @@ def owner(device, kind):
 
 
 def exchange(device, data):
-    """Say something of our own making to the owner; return what it says."""
+    """Send a handmade request to the owner; return its reply."""
     connection, _ = control_socket.connect(socket_path(device), 5.0)
     with connection:
         connection.sendall(data)

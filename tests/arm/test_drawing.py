@@ -1,4 +1,4 @@
-"""Drawings on simulated arms: the commanded path, the lift, and what is out of reach."""
+"""Drawings on simulated arms: commanded path, lift, and strokes out of reach."""
 
 from itertools import pairwise
 
@@ -76,7 +76,7 @@ def test_stroke_of_repeated_point_equals_single_point(arm):
 
 
 @pytest.mark.sample(1)
-def test_drawing_error_counts_repeated_points(arm):
+def test_drawing_error_names_point_with_repeats_counted(arm):
     far = CORNER + np.array([[0, 0, 0], [0, 0, 0], [0.01, 0, 0], [0.9, 0, 0]])
     with pytest.raises(UnreachableError, match="point 4 of stroke 1: "):
         arm.plan_drawing([far])

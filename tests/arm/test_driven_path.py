@@ -1,4 +1,4 @@
-"""The path that is checked for contact is the one that is driven, from where the arm is then."""
+"""The path that is checked for contact is the executed one, from the arm's position then."""
 
 from dataclasses import replace
 
@@ -26,7 +26,7 @@ def goals(arm):
 
 
 def turned(arm):
-    """Take the arm behind the post: up, round it and down again."""
+    """Move the arm behind the post: up, around it and down again."""
     home = {n: float(q) for n, q in arm.model.pose("home").items()}
     for joints in (
         {"shoulder_lift": home["shoulder_lift"] - 0.7},

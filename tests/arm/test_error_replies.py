@@ -1,4 +1,4 @@
-"""Errors of an arm in another process: the same text and attributes after their way as JSON."""
+"""Errors of an arm in another process keep their text and attributes in JSON."""
 
 import json
 

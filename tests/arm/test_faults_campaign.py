@@ -1,4 +1,4 @@
-"""The promises about faults, over many seeded motions; the suite runs a few of each."""
+"""The promises about faults, in many seeded motions; the suite runs a few of each."""
 
 import pytest
 

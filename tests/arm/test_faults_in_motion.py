@@ -1,4 +1,4 @@
-"""Things go wrong in the middle of a motion: the arm stops, says which joint, and stays stopped."""
+"""After a fault in mid-motion the arm stops, names the joint, and stays stopped."""
 
 import pytest
 
@@ -27,14 +27,14 @@ def arm():
 
 @pytest.fixture(params=["so101", "koch"])
 def either(request):
-    """An arm of each family."""
+    """Return an arm of each family."""
     with ikservo.open_arm(request.param, port="sim", collisions=False) as machine:
         machine.enable()
         yield machine
 
 
 def inject(arm, kind, after_s=0.4, **details):
-    """Let a fault happen so long after the motion has begun; return when that is."""
+    """Start a fault at a time of the motion; return that time."""
     line = line_of(arm)
     at_s = line.world.time_s + after_s
     line.faults.add(Fault(kind, at_s=at_s, **details))
@@ -42,7 +42,7 @@ def inject(arm, kind, after_s=0.4, **details):
 
 
 def swing(arm, way_rad=0.4):
-    """Move every joint of the arm a good way."""
+    """Move every joint of the arm far."""
     here = zip(
         servo_group(arm).driven_joints, servo_group(arm).measured_hold_positions(), strict=True
     )

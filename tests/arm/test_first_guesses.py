@@ -1,4 +1,4 @@
-"""The first guesses of somebody at a Python prompt work, or the error names the right form."""
+"""A user's first guesses in Python work, or the error names the right form."""
 
 import inspect
 import traceback

@@ -1,4 +1,4 @@
-"""The first line or arc of a limp arm follows its path, though torque lets the arm sag at first."""
+"""The first line or arc of a limp arm follows its path, although the arm sags at first."""
 
 import numpy as np
 import pytest
@@ -9,7 +9,7 @@ from tests.arm.simulated import clock_of, line_of
 
 
 def true_tip_m(arm):
-    """Return the tip (3,) by the joints of the simulated arm, which no sensor rounds."""
+    """Return the tip (3,) of the true joints, without sensor rounding."""
     chain, world = arm.model.chain, line_of(arm).world
     return chain.forward(np.array([world.joint(name).position for name in chain.names]))[:3, 3]
 

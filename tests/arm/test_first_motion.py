@@ -1,4 +1,4 @@
-"""The first motion of a limp arm, from its rest or met while it falls, and the way back down."""
+"""The first motion of a limp arm, from its rest pose or while it falls, and the way back."""
 
 import math
 from dataclasses import replace
@@ -35,7 +35,7 @@ def limp(arm):
 
 
 def narrowed(name, **ranges_deg):
-    """Return an arm whose person has set limits of their own."""
+    """Return an arm whose user has narrowed its limits."""
     model = ikservo.load_model(name)
     joints = [
         replace(joint, limits=Limits.of(joint.name, *np.radians(ranges_deg[joint.name]), "user"))

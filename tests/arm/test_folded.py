@@ -1,7 +1,7 @@
-"""From where a limp arm comes to rest there is a way, or a refusal that says what touches what.
+"""Where a limp arm comes to rest there is a free path, or a refusal that names the contact.
 
-An arm is dropped in a random posture and sinks, onto its table and into itself. What is refused is
-searched for again, for so long that nobody would wait for it.
+An arm is dropped in a random posture and sinks onto its table and into itself. If a motion is
+refused, a path is searched for again, for much longer than a user would wait.
 """
 
 import numpy as np
@@ -23,7 +23,7 @@ LONG, EXITS = 600_000, 8
 
 
 def fall(arm, seed):
-    """Let go of a limp arm in a random posture that touches nothing."""
+    """Drop a limp arm in a random posture that touches nothing."""
     lower, upper = arm.limits()
     postures = np.random.default_rng(1000 + seed).uniform(lower, upper, (500, len(lower)))
     joints = next(q for q in postures if distances_m(arm, q).min() > 0.0)
@@ -31,7 +31,7 @@ def fall(arm, seed):
 
 
 def refusal(arm, pose):
-    """Return why a pose is refused; None where there is a way, whose path is looked at."""
+    """Return why a pose is refused; None if there is a path, which is checked."""
     try:
         plan = arm.plan(MovePose(pose))
     except CollisionError as error:

@@ -1,4 +1,4 @@
-"""An arm follows a stream of wishes and stops when it falls silent; a jog lasts while it is fed."""
+"""An arm follows a stream of setpoints and stops when it ends; a jog lasts while it is fed."""
 
 import math
 import subprocess
@@ -154,7 +154,7 @@ def test_follow_skips_setpoint_refused_by_guard_with_reason(arm):
 
 
 def exact_tip_m(arm):
-    """Return the tip (3,) [m] that the joints have, finer than any tick."""
+    """Return the tip (3,) [m] of the true joints, without the rounding of ticks."""
     at = {joint.name: joint.position for joint in line_of(arm).world.joints}
     return tip_from_joints(arm.model.name, at)
 
@@ -404,7 +404,7 @@ def test_record_refuses_missing_duration_or_zero_period(arm, tmp_path, options):
 def fastest_deg_s(arm, motion):
     """Return the top speed of any servo's goal in a motion, over forty cycles.
 
-    At a slow speed they are 57 ticks; what compensates friction shifts goals by up to four.
+    At slow speed this is 57 ticks; friction compensation shifts goals by up to four.
     """
     auditor = Auditor(arm)
     motion()

@@ -1,4 +1,4 @@
-"""Each servo model has one register that limits its torque, as a share of its most."""
+"""Each servo model has one register that limits its torque, as a fraction of its maximum."""
 
 import pytest
 

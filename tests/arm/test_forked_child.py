@@ -1,4 +1,4 @@
-"""A fork of the process that opened an arm cannot use it: it is told so at once."""
+"""A fork of the process that opened an arm cannot use it and is told so at once."""
 
 import os
 import threading

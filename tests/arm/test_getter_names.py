@@ -1,4 +1,4 @@
-"""What is named like a value is one: reading it asks no servo and changes nothing."""
+"""Reading a property asks no servo and changes nothing."""
 
 import ast
 import re
@@ -19,7 +19,7 @@ QUANTITY = re.compile(r"\w*_(s|rad|m|c|v|ticks)$")
 
 
 def functions(folder):
-    """Return (name of file and function, its syntax tree) for all below a folder."""
+    """Return (name of file and function, syntax tree) of all functions below a folder."""
     for path in sorted((PACKAGE / folder).rglob("*.py")):
         for node in ast.walk(ast.parse(path.read_text())):
             if isinstance(node, ast.FunctionDef):
@@ -84,7 +84,7 @@ def test_properties_of_just_opened_arm_send_no_byte(arm, monkeypatch):
 
 
 def parts_of(whole):
-    """Return an object of ikservo and every one that it holds, at any depth."""
+    """Return an object of ikservo and every one that it contains, at any depth."""
     found, new = {}, [whole]
     while new:
         part = new.pop()

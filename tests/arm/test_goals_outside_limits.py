@@ -1,4 +1,4 @@
-"""No goal is further outside the limits than the joint itself was when it was given torque."""
+"""No goal is further outside the limits than the joint was when its torque came on."""
 
 from types import SimpleNamespace
 
@@ -16,7 +16,7 @@ ARMS = ["so101", "koch", "open_manipulator_x", "px100", "wx250s", "vx300s"]
 
 
 class GoalWitness:
-    """Collects the goals that each servo takes, by id."""
+    """Collects the goals that each servo accepts, by id."""
 
     def __init__(self, arm):
         self.goals = {}
@@ -28,7 +28,7 @@ class GoalWitness:
 
 
 def excess_ticks(arm, ticks):
-    """Return by joint how far ticks by servo id are outside its limits."""
+    """Return how far ticks, by servo id, are outside the limits, by joint."""
     found = {}
     for driven in servo_group(arm).driven_joints:
         low, high = driven.tick_range
@@ -38,7 +38,7 @@ def excess_ticks(arm, ticks):
 
 
 def fall_out_of_limits(arm, seed):
-    """Let the shoulder and the elbow of a limp arm be beyond a limit each, as its weight may."""
+    """Let the shoulder and the elbow of a limp arm be past a limit each, as by their weight."""
     random = np.random.default_rng(seed)
     lower, upper = arm.limits()
     for column in (1, 2):

@@ -1,4 +1,4 @@
-"""The gripper opens and closes, stops at what stands between its jaws, and holds it gently."""
+"""The gripper opens and closes, stops at an object between its jaws, and holds it gently."""
 
 import itertools
 import math
@@ -29,12 +29,12 @@ def jaws(arm):
 
 
 def open_jaws(arm):
-    """Open the jaws as by hand, before torque comes on: a first motion would be slow."""
+    """Open the jaws by hand before torque comes on, because a first motion is slow."""
     line_of(arm).world.place(jaws(arm).joint, jaws(arm).open)
 
 
 def put_between(arm, share):
-    """Put something stiff between the jaws: they meet it at that share of the way to open."""
+    """Put something stiff between the jaws, at the given fraction of their opening."""
     closed, opened = jaws(arm).closed, jaws(arm).open
     at = closed + share * (opened - closed)
     only = 1 if opened > closed else -1

@@ -1,4 +1,4 @@
-"""An arm that is too hot holds, can be brought down, and in the end goes down by itself."""
+"""An arm that is too hot holds, can be lowered, and finally lowers itself."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""With something between its jaws an arm is lowered, followed and steered as without."""
+"""With an object between its jaws an arm is lowered, followed and steered as without."""
 
 import pytest
 
@@ -9,7 +9,7 @@ from tests.arm.test_gripper import open_jaws, put_between
 
 @pytest.fixture(params=["so101", pytest.param("koch", marks=pytest.mark.campaign)])
 def holding(request):
-    """Return an arm whose jaws have closed on something, and its gripper's servo."""
+    """Return an arm whose jaws have closed on an object, and its gripper's servo."""
     with ikservo.open_arm(request.param, port="sim:?pose=home") as arm:
         gripper = servo_id(request.param, "gripper")
         open_jaws(arm)

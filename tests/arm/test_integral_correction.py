@@ -1,4 +1,4 @@
-"""A goal that creeps on until its joint has arrived: fed tick by tick, without any servo."""
+"""A goal is corrected until its joint has arrived; the joint is given tick by tick."""
 
 import itertools
 import math
@@ -22,7 +22,7 @@ def creep(goal=2000, wanted=2000, lower=-1.0, upper=1.0, stuck=(0.0, 0.0)):
 
 
 def feed(joint, ticks, start_s=0.0):
-    """Let the joint be seen at these ticks, a cycle apart; return its goals."""
+    """Feed measured ticks, one per cycle; return the goals."""
     goals = []
     for cycle, tick in enumerate(ticks):
         joint.update(tick, start_s + cycle * CYCLE_S, CYCLE_S)
@@ -153,7 +153,7 @@ def settle_with(tick_at):
     """Let a joint 2 ticks from its target settle; return the trajectory at its end.
 
     Args:
-        tick_at: Where the joint is at a time.
+        tick_at: Returns the tick of the joint at a time.
     """
     driven = creep().driven
     trajectory = SettlingTrajectory([driven], [2002], [2000], [KinematicLimits(2.0, 20.0, 200.0)])
@@ -196,7 +196,7 @@ def test_joint_sliding_over_its_target_has_not_settled():
 
 
 def swing(ticks):
-    """Return a joint that swings about 2004 by so many ticks at 5 Hz."""
+    """Return a joint that oscillates around 2004 by the given ticks at 5 Hz."""
 
     def tick_at(time_s):
         return round(2004.2 + 0.5 * (ticks % 2) + 0.5 * ticks * math.cos(10.0 * math.pi * time_s))
@@ -232,7 +232,7 @@ def test_joint_pausing_at_turning_points_is_not_at_rest():
 
 
 def swing_then_rest(joint, at, start_s):
-    """Let a joint swing about its goal, then rest; return the goals sent and what it is led by."""
+    """Let a joint oscillate around its goal, then rest; return the sent goals and the lead."""
     ticks = [swing(12)(cycle * CYCLE_S) for cycle in range(100)] + [at] * 80
     sent, goals = [], []
     for cycle, tick in enumerate(ticks):

@@ -1,4 +1,4 @@
-"""Jaws are looked at where they are: before they move, and on every way of the arm."""
+"""Collision checks include the jaws at their present opening, in every motion of the arm."""
 
 from dataclasses import replace
 
@@ -22,7 +22,7 @@ DEEP_M = -2.0  # a floor that no arm comes near
 
 
 def between(gripper, share):
-    """Return where the jaws are at a share of their way from closed to open."""
+    """Return the jaws' position at a fraction of their travel from closed to open."""
     return gripper.closed + share * (gripper.open - gripper.closed)
 
 
@@ -37,7 +37,7 @@ class Exact:
         self._mimics = {j.name: j.mimic for j in load_model(name).urdf.joints if j.mimic}
 
     def above_floor_m(self, joints):
-        """Return by link how far it is above a deep floor."""
+        """Return the height of each link above a deep floor, by link."""
         q = pinocchio.neutral(self._model)
         mirrored = {name: mimic.multiplier * joints[mimic.joint] + mimic.offset
                     for name, mimic in self._mimics.items() if mimic.joint in joints}  # fmt: skip

@@ -1,4 +1,4 @@
-"""A program that dies in mid-motion: how far the joints still go, in virtual time."""
+"""After a program dies in mid-motion: how far the joints still go, in virtual time."""
 
 import numpy as np
 import pytest
@@ -17,7 +17,7 @@ ARMS = ("so101", "koch", "wx250s", "vx300s", "open_manipulator_x", "omx_f", "px1
 
 
 class DeadError(BaseException):
-    """The program is gone."""
+    """Ends the program as if it were killed."""
 
 
 @pytest.mark.full
@@ -38,7 +38,7 @@ def test_joint_with_payload_travels_at_most_60_ticks(seeds, capsys):
 
 
 def furthest(names, seeds, payload, capsys):
-    """Return how far the furthest joint of each arm went in all of its trials, ticks."""
+    """Return the longest travel of any joint in all trials of each arm, ticks."""
     worst = dict.fromkeys(names, 0)
     for seed in seeds:
         name = names[seed % len(names)]
@@ -48,12 +48,12 @@ def furthest(names, seeds, payload, capsys):
 
 
 def travel(name, seed, payload):
-    """Return how far the furthest joint goes once nobody speaks any more, ticks.
+    """Return the longest travel of a joint after the program has died, ticks.
 
     Args:
         name: The arm.
-        seed: Of the arm's play, friction and masses, and of motion and time.
-        payload: How much it carries, as a share of the payload in its file.
+        seed: Seed of the arm's backlash, friction and masses, and of motion and time.
+        payload: Payload as a fraction of that in the arm's file.
     """
     dice, payload_g = seeded(seed), 1000.0 * payload * ikservo.load_model(name).payload_kg
     port = f"sim:?seed={seed}&payload_g={payload_g}"

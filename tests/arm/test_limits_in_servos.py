@@ -1,4 +1,4 @@
-"""The servos' own limits: written to RAM at the start, by speed class, and missed when they go."""
+"""Limits in the servos' RAM: written at the start, by speed class, and reported if lost."""
 
 import pytest
 

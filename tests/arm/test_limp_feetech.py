@@ -1,4 +1,4 @@
-"""Servos whose torque a goal switches on: an arm that is to be limp stays limp, whatever fails."""
+"""A limp arm stays limp despite any failure, although goals switch on these servos' torque."""
 
 import pytest
 

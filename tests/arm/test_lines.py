@@ -1,4 +1,4 @@
-"""A person asks for straight lines and way-points; the servos' registers say what came."""
+"""Straight lines and waypoints, judged by the servos' registers."""
 
 import math
 
@@ -18,13 +18,13 @@ def arm():
 
 @pytest.fixture
 def ready(arm):
-    """Return an arm whose first, slow motion is over."""
+    """Return an arm after its first, slow motion."""
     arm.move_joints({"wrist_roll": 0.05})
     return arm
 
 
 def tips_m(arm, plan):
-    """Carry a plan out and return where the servos' registers said the tip was (n, 3)."""
+    """Execute a plan; return the tip (n, 3) by the servos' registers."""
     tips = []
     arm.execute(plan, lambda _: tips.append(true_tip_m(arm)))
     return np.array(tips)

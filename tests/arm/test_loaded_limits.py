@@ -1,4 +1,4 @@
-"""Lines near a limit: the goal of a loaded joint leads it, and may not pass the limit."""
+"""Lines near a limit: the goal of a loaded joint leads it but must not pass the limit."""
 
 import numpy as np
 import pytest
@@ -29,13 +29,13 @@ def leaning(arm, elbow_from_limit):
 
 
 def lead_of_elbow(arm, q):
-    """Return by how much the goal of the resting elbow leads it at joints (dof,), rad."""
+    """Return the lead of the resting elbow's goal at joints (dof,), rad."""
     parameters = nominal_parameters(arm.model, arm.chain)
     return goal_leads(parameters, q[None], np.zeros((1, q.size)))[0, arm.chain.names.index("elbow")]
 
 
 def elbow_limit(arm, *q):
-    """Return the lower limit of the elbow along joints (dof,); None if as usual."""
+    """Return the lower limit of the elbow along joints (dof,); None if it is the usual one."""
     parameters = nominal_parameters(arm.model, arm.chain)
     chain = limits_under_load(arm.chain, parameters, np.array(q))
     return None if chain is None else chain.lower_rad[arm.chain.names.index("elbow")]
@@ -55,7 +55,7 @@ def test_line_takes_path_on_which_no_goal_passes_a_limit(wx250s):
 
 @pytest.fixture
 def px100():
-    """A planner, and a posture with the elbow near its limit whose tool is to keep its pitch."""
+    """Return a planner, and a posture near the elbow's limit whose tool must keep its pitch."""
     model = ikservo.load_model("px100")
     names = [joint.name for joint in model.joints]
     planner = Planner(model, model.chain, JointIndex.from_names(names, model.chain.names, None))

@@ -1,4 +1,4 @@
-"""The other joints make up for one that is held: pure, without any servo."""
+"""The other joints compensate for one that is held: pure functions, without servos."""
 
 import numpy as np
 

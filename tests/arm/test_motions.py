@@ -1,4 +1,4 @@
-"""Motions as values: checked when they are made, one form in JSON, planned and made."""
+"""Motions as values: checked on creation, one form in JSON, planned and executed."""
 
 import contextlib
 import json

@@ -1,4 +1,4 @@
-"""A person asks for a point; the simulated servos' own registers say where the tip ended up."""
+"""Moves to a point, judged by the simulated servos' own registers."""
 
 import math
 

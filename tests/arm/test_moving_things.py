@@ -1,4 +1,4 @@
-"""A thing that is moved into the path of a moving arm: it stops before it, or goes around it."""
+"""If an obstacle moves into the path, the arm stops before it or goes around it."""
 
 import numpy as np
 import pytest
@@ -16,16 +16,16 @@ CASES, CAMPAIGN_CASES = 5, 100
 
 
 def distances_m(arm, joints):
-    """Return how far the arm is from the box in postures (k, n), (k,)."""
+    """Return the distance of the arm from the box in postures (k, n), as (k,)."""
     context = context_of(arm)
     pairs = [thing == "the box" for _, thing in context.collision.pairs]
     return context.collision.distances(context.index.body_joints(joints))[:, pairs].min(axis=1)
 
 
 def blocking_centre(arm, random, path):
-    """Return where the box blocks a path (k, n), but neither of its ends, and when it may come.
+    """Return where the box blocks a path (k, n) but neither end, and when it may appear.
 
-    The box has a new size each time that it does not.
+    The box gets a new size each time that it does not.
     """
     while True:
         size_m = (*random.uniform(0.02, 0.05, 2), random.uniform(0.1, 0.24))
@@ -41,7 +41,7 @@ def blocking_centre(arm, random, path):
 
 
 def move_past_box(case, *, replan):
-    """Move an arm, and a box into its path on the way.
+    """Move an arm, and move a box into its path meanwhile.
 
     Returns:
         The smallest distance of the true joints from the box [m], the error that ended the motion,

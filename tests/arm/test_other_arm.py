@@ -1,4 +1,4 @@
-"""Two arms on one table: each keeps out of where the other one is, and one moves at a time."""
+"""Two arms on one table: each keeps clear of the other, and one moves at a time."""
 
 import math
 import shutil
@@ -24,7 +24,7 @@ LEFT, RIGHT, ASIDE = (0.2, 0.15, 0.12), (0.24, -0.12, 0.12), (0.0, 0.15, 0.15)
 
 @pytest.fixture
 def arms():
-    """so101 and, opposite, koch, whose gripper is on the straight way from LEFT to RIGHT."""
+    """Return so101 and, opposite, koch with its gripper on the straight path LEFT to RIGHT."""
     with (
         ikservo.open_arm("so101", port="sim:?pose=home") as arm,
         ikservo.open_arm("koch", port="sim:?pose=home") as other,
@@ -276,7 +276,7 @@ def test_add_arm_refuses_invalid_arms_places_and_names(arms):
 
 
 def near_goal(arm, others_links, random):
-    """Draw the posture of some that is nearest to the other arm, and yet 30 mm away."""
+    """Draw the posture nearest to the other arm among several, and yet 30 mm away."""
     lower, upper = arm.limits()
     goals = random.uniform(lower, upper, (30, len(lower)))
     away_m = np.array([distance_m(placed(arm, q, np.eye(4)), others_links) for q in goals])
@@ -288,7 +288,7 @@ def near_goal(arm, others_links, random):
 @few_or_many(1, 25)
 @pytest.mark.parametrize("names", [("so101", "koch"), ("open_manipulator_x", "so101")])
 def test_two_arms_in_turn_never_touch(capsys, names, seeds):
-    """Each goes to random postures in turn; true links are looked at in each cycle of both."""
+    """Each goes to random postures in turn; true links are compared in each cycle of both."""
     nearest_m, moved, refused = [], 0, 0
     for seed in seeds:
         random = np.random.default_rng(seed)

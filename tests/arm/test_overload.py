@@ -1,4 +1,4 @@
-"""An overload is warned of two seconds before a servo trips; a stream that presses is relaxed."""
+"""The overload warning comes two seconds before a servo trips; a pressing joint is relaxed."""
 
 import random
 
@@ -22,7 +22,7 @@ def is_overloaded(servo):
 
 
 class Pressing:
-    """A joint that something blocks while a stream asks it to go on."""
+    """A joint that is blocked while a stream asks it to go on."""
 
     def __init__(self, arm, joint, way_rad, relaxes):
         servos = servo_group(arm)
@@ -58,7 +58,7 @@ class Pressing:
 
 
 def pressing_of(seed):
-    """Return arm, joint and way of one pressing whose servo trips."""
+    """Return arm, joint and direction of a pressing motion whose servo trips."""
     draw = random.Random(seed)
     name = draw.choice(ARMS)
     with ikservo.open_arm(name, port="sim", collisions=False) as arm:
@@ -67,7 +67,7 @@ def pressing_of(seed):
 
 
 def press_until_trip(seed):
-    """Return how long before its trip a pressing was warned of; None where it does not trip."""
+    """Return the time between warning and trip; None if the servo does not trip."""
     name, joint, way_rad = pressing_of(seed)
     with ikservo.open_arm(name, port=f"sim:?seed={seed}", collisions=False) as arm:
         arm.pose("home")
@@ -88,7 +88,7 @@ def press_until_trip(seed):
 @pytest.mark.campaign
 @pytest.mark.timeout(0)
 def test_overload_warning_is_2_s_early_in_95_percent_of_trips(capsys):
-    """One of eight trips: 800 seeds are some 100 trips."""
+    """One of eight motions trips: 800 seeds give about 100 trips."""
     left_s = [warned for seed in part_of(800) if (warned := press_until_trip(seed)) is not None]
     early = sum(warned >= 2.0 for warned in left_s)
     assert left_s

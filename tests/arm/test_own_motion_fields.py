@@ -1,4 +1,4 @@
-"""Fields of the motions of an app: plain types and checks of their own."""
+"""Fields of an app's motions: plain types and checks of their own."""
 
 from dataclasses import dataclass
 

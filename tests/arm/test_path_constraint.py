@@ -1,4 +1,4 @@
-"""What the tool keeps to all the way: straight ways are checked for it, other ones are found."""
+"""Constraints of the tool along a path: straight paths are checked, others are searched."""
 
 import math
 import re
@@ -38,7 +38,7 @@ def poses_along(arm, plan):
 
 
 def tilts_deg(poses):
-    """Return how far that has tilted which pointed up in the gripper at the start."""
+    """Return the tilt of the axis that pointed up in the gripper at the start, degrees."""
     up = poses[:, :3, :3] @ poses[0, 2, :3]
     return np.degrees(np.arccos(np.clip(up[:, 2], -1.0, 1.0)))
 

@@ -1,4 +1,4 @@
-"""Path error: computed by hand, and judged at the simulated joints."""
+"""Path error, compared with a computation by hand and with the simulated joints."""
 
 import numpy as np
 import pytest

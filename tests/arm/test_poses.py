@@ -1,4 +1,4 @@
-"""Poses that a person teaches: kept for this arm, found by name, never at the cost of another."""
+"""Taught poses are stored for one arm, found by name, and never overwrite another."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""What a plan says about limits: which joints come near one, closest first."""
+"""A plan lists the joints that come near a limit, closest first."""
 
 import math
 

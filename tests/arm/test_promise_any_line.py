@@ -1,4 +1,4 @@
-"""P7: whichever line of the loop fails in mid-motion, the arm is told to hold in a few packets."""
+"""P7: if any line of the loop fails in mid-motion, the arm holds within a few packets."""
 
 import pytest
 
@@ -27,7 +27,7 @@ def test_failure_of_any_control_loop_line_makes_arm_hold(name, most, capsys):
 
 
 def loop_of(name):
-    """Return each line that a motion executes again and again, and how often."""
+    """Return each line that a motion executes repeatedly, and its count."""
     with open_simulated(name, 0) as arm:
         arm.enable()
         with LineTracer() as traced:

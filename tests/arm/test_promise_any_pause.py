@@ -1,4 +1,4 @@
-"""M3, M8: held up between any two lines of a control cycle, a motion goes on and ends well."""
+"""M3, M8: a motion that is paused before any line of a control cycle continues correctly."""
 
 import numpy as np
 import pytest
@@ -55,7 +55,7 @@ def test_random_pauses_of_busy_machine_end_no_motion(name, seeds, capsys):
 
 
 def cycle_of(name):
-    """Return each line that a motion executes again and again, and how often."""
+    """Return each line that a motion executes repeatedly, and its count."""
     with open_simulated(name, 0) as arm:
         arm.enable()
         with PausedLines(clock_of(arm), lambda *_: 0.0) as traced:
@@ -76,7 +76,7 @@ def move(arm, traced):
 
 
 def check(name, pause_s, where, files=None):
-    """Check that the motion ends at its goal and that no goal on the way was a wrong one."""
+    """Check that the motion ends at its goal and that no goal on the way was wrong."""
     with open_simulated(name, 0) as arm:
         arm.enable()
         auditor = Auditor(arm, punctual=False)

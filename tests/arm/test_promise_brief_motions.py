@@ -1,4 +1,4 @@
-"""M1 and B9 over hundreds of brief motions: with faults, and with losses."""
+"""M1 and B9 over hundreds of brief motions, with faults and with lost packets."""
 
 import pytest
 
@@ -27,7 +27,7 @@ def test_fault_in_brief_motion_keeps_goals_sound(seeds, capsys):
 
 
 def spoilt(name, seed, dice, fault):
-    """Return how a brief motion ended to which something happened, and what was wrong with it."""
+    """Return how a brief motion with a fault ended, and its faults."""
     with open_simulated(name, seed) as arm:
         arm.enable()
         auditor, line = Auditor(arm), line_of(arm)
@@ -67,10 +67,9 @@ def test_brief_motions_end_with_10_percent_instructions_lost(seeds, capsys):
 
 
 def last_goals_missing(arm, dice):
-    """Make a brief motion; return how many of the last goals sent each servo has not got.
+    """Make a brief motion; return how many of the last goals each servo has not received.
 
-    Each goal makes good all that were lost before it, so that only those at the very end are
-    missing, where no later one follows.
+    Each goal replaces all that were lost before it, so that only the very last can be missing.
     """
     servos, sent = servo_group(arm), []
     move = run_short_move(arm, dice, lambda cycle: sent.append(cycle.goals))
@@ -83,7 +82,7 @@ def last_goals_missing(arm, dice):
 
 
 def lost_at_the_end(latest_first, held):
-    """Return how many of the last goals [ticks] a servo that holds one of them has not got."""
+    """Return how many of the last goals [ticks] were lost, by the goal that a servo holds."""
     missing = latest_first.index(held)
     assert abs(latest_first[0] - held) <= END_STEP_TICKS * missing
     return missing

@@ -1,7 +1,7 @@
-"""What an arm carries around things does not touch them, nor does the arm, with all its weight.
+"""A carried object and the arm touch nothing on a path around obstacles, with full payload.
 
-The arm lifts what its arm file says, which no sensor tells it; a box is in its jaws, another one in
-its way. The true joints, and the box with them, are looked at in every control cycle.
+The arm lifts the payload of its arm file, which no sensor measures; a box is in its jaws, another
+one in its path. The true joints, and the box, are checked in every control cycle.
 """
 
 import numpy as np
@@ -27,7 +27,7 @@ def open_loaded(name, seed):
 
 
 def room_m(arm, joints):
-    """Return the least distance at joints (n,), braking at normal speed."""
+    """Return the smallest distance at joints (n,) while braking at normal speed, m."""
     context = context_of(arm)
     load = context.planner.dynamic_load_factor("normal")
     body = context.index.body_joints(joints)[None]
@@ -35,7 +35,7 @@ def room_m(arm, joints):
 
 
 def put_in_the_way(arm, start, random):
-    """Put a box between the arm's start and a goal (n,), which is returned; None for none."""
+    """Put a box between the arm's start and a goal (n,); return the goal, or None without a box."""
     lower, upper = arm.limits()
     for _ in range(60):
         goal = arm.joint_index.with_chain(
@@ -53,7 +53,7 @@ def put_in_the_way(arm, start, random):
 
 
 def carry(arm, random):
-    """Carry the box around another; return planned and true distances [m], (0,) where refused."""
+    """Carry the box around another; return planned and true distances [m], (0,) if refused."""
     start = servo_group(arm).reference()
     goal = put_in_the_way(arm, start, random)
     if goal is None:

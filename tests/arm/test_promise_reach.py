@@ -1,4 +1,4 @@
-"""M4: a target that cannot be had is answered by joints inside the limits, and is said to be so."""
+"""M4: a target out of reach is answered by joints inside the limits, and reported."""
 
 import numpy as np
 import pytest
@@ -24,7 +24,7 @@ def test_unreached_targets_are_flagged_in_10000_per_arm(name, seeds, capsys):
 
 
 def check_targets(name, seeds, capsys):
-    """Ask for targets, half of them drawn from all around; Pinocchio says where the answers are."""
+    """Solve targets, half of them random; Pinocchio computes where the answers are."""
     chain, count, missed = load_model(name).chain, 0, 0
     for seed in seeds:
         for target_m in targets(chain, np.random.default_rng(seed)):
@@ -41,7 +41,7 @@ def check_targets(name, seeds, capsys):
 
 
 def targets(chain, random):
-    """Return points (n, 3) [m]: of the arm's own postures, and of a box that it does not fill."""
+    """Return points (n, 3) [m]: of the arm's own postures, and of a box larger than its reach."""
     inside = random.uniform(chain.lower_rad, chain.upper_rad, (A_HUNDRED // 2, chain.dof))
     reached_m = chain.forward(inside)[:, :3, 3]
     most_m = np.abs(reached_m).max() * 1.3

@@ -1,4 +1,4 @@
-"""M2: whatever makes no sense is refused whole, and nobody on the wire hears of it."""
+"""M2: a meaningless request is refused completely, and no packet is sent."""
 
 import math
 
@@ -42,7 +42,7 @@ def arm():
 
 
 class Packets:
-    """Counts what the host says."""
+    """Counts the packets of the host."""
 
     def __init__(self, line):
         self.count = 0
@@ -69,13 +69,13 @@ def test_refused_python_command_sends_no_packet(arm, seeds, capsys):
 
 
 def joint(arm, dice):
-    """Ask for a sound position and, besides, for one that is none."""
+    """Request a valid position of one joint and an invalid one of another."""
     asked = {"wrist_roll": 0.1, dice.choice(arm.chain.names): dice.choice(NONSENSE)}
     return arm.move_joints(asked, speed=dice.choice(("slow", "normal")))
 
 
 def beyond(arm, dice):
-    """Ask for the first tick beyond a limit."""
+    """Request the first tick past a limit."""
     driven = dice.choice(servo_group(arm).driven_joints)
     end, outwards = dice.choice((0, 1)), dice.choice((1, 2, 50, 4096))
     tick = driven.position_range[end] + (2 * end - 1) * outwards * driven.joint_map.unit_per_tick
@@ -87,7 +87,7 @@ def stranger(arm, dice):
 
 
 def point(arm, dice):
-    """Ask for a point with a coordinate that is none, or with too few or too many."""
+    """Request a point with an invalid coordinate, or with too few or too many."""
     at = [0.2, 0.0, 0.2]
     at[dice.randrange(3)] = dice.choice(NONSENSE)
     move = dice.choice((arm.move_to, arm.move_line, lambda p: arm.move_through([(0.2, 0, 0.2), p])))
@@ -108,7 +108,7 @@ def skill(arm, dice):
 
 
 def tick(arm, dice):
-    """Send ticks to the gate, below all other checks."""
+    """Send ticks to the gate directly, without all other checks."""
     ticks = {"wrist_roll": 2048, dice.choice(arm.chain.names): dice.choice([*NONSENSE, 2048.0, -1])}
     return gate_of(arm).send(ticks)
 
@@ -139,7 +139,7 @@ def test_refused_shell_command_writes_to_no_servo(seeds, capsys, monkeypatch):
 
 
 class Written:
-    """Notes what is written to the servos of a line: goals and torque."""
+    """Records goals and torque that are written to the servos of a line."""
 
     def __init__(self, line):
         self.words = []
@@ -157,7 +157,7 @@ class Written:
 
 
 def typed(dice):
-    """Return a command that makes no sense, as somebody would type it."""
+    """Return a meaningless command as a user would type it."""
     word, name = dice.choice(WORDS), dice.choice(("shoulder_pan", "elbow_flex", "gripper"))
     words = dice.choice((
         f"move 0.2 {word} 0.2",

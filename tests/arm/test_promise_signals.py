@@ -1,4 +1,4 @@
-"""P2: whenever a signal comes, the arm stands within 0.3 s, and it holds however it was opened."""
+"""P2: the arm stops within 0.3 s of a signal and holds, however it was opened."""
 
 import signal
 
@@ -28,7 +28,7 @@ def test_arm_stands_within_300_ms_of_any_signal_and_holds(seeds, capsys):
 
 
 def struck_s(name, number, seed):
-    """Strike an arm in mid-motion; return how long it was told to go on."""
+    """Send a signal in mid-motion; return how long goals still moved."""
     dice = seeded(seed)
     way = dice.choice(("hold", "relax"))  # neither lets go of an arm that was stopped
     arm = ikservo.open_arm(name, f"sim:?pose=home&seed={seed}", on_exit=way, collisions=False)
@@ -55,7 +55,7 @@ class Strike:
             signal.raise_signal(self._number)
 
     def ended_s(self, auditor):
-        """Return how long after the signal goals still changed."""
+        """Return how long goals changed after the signal."""
         goal_times_s = [goal.time_s for goal in auditor.goals if goal.tick != goal.last]
         return max(0.0, max(goal_times_s, default=0.0) - self.struck_s)
 

@@ -1,4 +1,4 @@
-"""M3, M8: a program that is held up anywhere goes on from where its goals were, without a leap."""
+"""M3, M8: a stalled program continues from its last goals, without a jump."""
 
 import pytest
 
@@ -28,7 +28,7 @@ def test_program_stall_up_to_5_s_does_not_make_goals_leap(seeds, capsys):
 
 
 def stalled(name, seed):
-    """Move an arm a good way, held up at packets before or after they are sent."""
+    """Move an arm far while its program stalls before or after packets are sent."""
     dice = seeded(seed)
     with open_simulated(name, seed) as arm:
         arm.enable()
@@ -44,7 +44,7 @@ def stalled(name, seed):
 
 
 class Slow:
-    """Holds the program up for 0.05 to 5 s, now and then, at any of its packets."""
+    """Stalls the program for 0.05 to 5 s at some of its packets."""
 
     def __init__(self, arm, dice):
         self._write, self._clock, self._dice = transport_of(arm).write, clock_of(arm), dice

@@ -1,4 +1,4 @@
-"""Near the table the true body stays above it on every way that is accepted, sag included."""
+"""The true body stays above the table on every accepted path, sag included."""
 
 import numpy as np
 import pytest
@@ -12,7 +12,7 @@ DEEP_M = 0.001
 
 
 class Table:
-    """Watches how low the bodies of goals and of the true joints come."""
+    """Records the lowest height of the bodies at the goals and at the true joints."""
 
     def __init__(self, arm):
         space = context_of(arm).collision
@@ -31,7 +31,7 @@ class Table:
 
 
 def campaign(name, speed, count, seed, *, loaded=False):
-    """Return how low the true body came on each accepted way [m], and how many were refused."""
+    """Return the lowest height on each accepted path [m], and the number of refusals."""
     random, lowest_m, planned_m, refused = np.random.default_rng(seed), [], [], 0
     empty = "sim:?pose=home"
     with open_loaded(name, seed) if loaded else ikservo.open_arm(name, port=empty) as arm:

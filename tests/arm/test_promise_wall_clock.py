@@ -1,4 +1,4 @@
-"""M9: nothing that the wall clock does reaches a motion."""
+"""M9: changes of the wall clock do not affect a motion."""
 
 import ast
 import time
@@ -31,7 +31,7 @@ def test_product_code_times_nothing_by_the_wall_clock():
 
 
 def asks(path):
-    """Return whether a file asks what o'clock it is as a number of seconds."""
+    """Return whether a file reads the wall clock as a number of seconds."""
     return any(
         (isinstance(node, ast.ImportFrom) and node.module == "time" and _names_it(node.names))
         or (isinstance(node, ast.Attribute) and _is_it(node))
@@ -64,7 +64,7 @@ def test_motion_packets_do_not_depend_on_wall_clock_steps(seeds, capsys, monkeyp
 
 
 class Stepped:
-    """A wall clock that is set forward and back by up to a day whenever a test says so."""
+    """A wall clock that jumps forward and back by up to a day when a test says so."""
 
     def __init__(self, seed):
         self._dice, self._offset_s, self._real, self.steps = seeded(seed), 0.0, time.time, 0
@@ -79,7 +79,7 @@ class Stepped:
 
 
 def packets_of(name, seed, on_cycle=None):
-    """Return every packet of a motion, whoever sent it, with its time."""
+    """Return every packet of a motion, of host and servos, with its time."""
     packets = []
     with open_simulated(name, seed) as arm:
         arm.enable()

@@ -1,4 +1,4 @@
-"""An arm that lies folded rises to a pose where it stands free, and goes on from there."""
+"""A folded arm rises to a pose where it is free, and continues from there."""
 
 import math
 
@@ -14,9 +14,9 @@ TARGET_M = (0.25, 0.05, 0.15)
 
 @pytest.fixture
 def folded():
-    """An arm that has sunk into itself under its own weight: nothing carries it.
+    """Return an arm that has sunk onto itself under its own weight.
 
-    Its wrist is put there: friction of 0.21 N m holds the tool, that weighs less.
+    Its wrist is placed: friction of 0.21 N m holds the tool, which weighs less.
     """
     with ikservo.open_arm("so101", port="sim") as arm:
         world = line_of(arm).world

@@ -1,4 +1,4 @@
-"""Things come and go while a program runs; what the gripper holds is a part of the arm."""
+"""Obstacles come and go while a program runs; a held object is a part of the arm."""
 
 import threading
 
@@ -106,7 +106,7 @@ WALL = {"centre_m": (0.2, 0.0, 0.1), "size_m": (0.3, 0.02, 0.2)}
 
 
 def in_another_thread(action):
-    """Do something in a thread of its own, and wait for it."""
+    """Run a function in a thread of its own, and wait for it."""
     thread = threading.Thread(target=action)
     thread.start()
     thread.join()

@@ -1,4 +1,4 @@
-"""An arm of any servo model goes where it is told, also where its motors are not known."""
+"""An arm of any servo model reaches its target, even if its motors are unknown."""
 
 import shutil
 from pathlib import Path

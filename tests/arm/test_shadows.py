@@ -1,4 +1,4 @@
-"""Two servos on one joint: the second is watched as the first is."""
+"""Two servos on one joint: the second is monitored like the first."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""Signals in the middle of a motion: the arm is braked, holds, and the program is told."""
+"""A signal in mid-motion brakes the arm, which holds, and the program is told."""
 
 import signal
 
@@ -17,7 +17,7 @@ def arm():
 
 
 def strike(number, at_s=0.4):
-    """Return what sends this process a signal at a time of the motion, once."""
+    """Return a callback that sends this process a signal at a time of the motion, once."""
     struck = []
 
     def watch(progress):

@@ -1,4 +1,4 @@
-"""Streaming for long: memory and file descriptors stay as they are."""
+"""A long stream leaks neither memory nor file descriptors."""
 
 import gc
 import os
@@ -16,7 +16,7 @@ PAGE_BYTES = os.sysconf("SC_PAGE_SIZE") if hasattr(os, "sysconf") else 0
 
 
 class ToAndFro:
-    """A course that swings the first joint slowly, for ever."""
+    """A trajectory that swings the first joint slowly, forever."""
 
     duration_s = float("inf")
 
@@ -31,7 +31,7 @@ class ToAndFro:
 
 
 class CountedError(Exception):
-    """Enough cycles."""
+    """Ends a stream after enough cycles."""
 
 
 def resident_bytes():
@@ -73,7 +73,7 @@ def test_many_control_cycles_leak_no_memory_or_descriptors(name, capsys):
 
 
 def streamed(name, cycles, check):
-    """Swing an arm for so many cycles; ``check`` is called with the number of each."""
+    """Swing an arm for a number of cycles; ``check`` is called with the number of each."""
     count = iter(range(1, cycles + 1))
 
     def on_cycle(_):

@@ -1,4 +1,4 @@
-"""A program that is held up in mid-motion: where the joints are when it goes on."""
+"""Positions of the joints when a stalled program continues its motion."""
 
 import numpy as np
 import pytest
@@ -12,7 +12,7 @@ LEFT_RAD = 4.5 * np.pi / 2048  # near its end feedback leaves that, for settling
 
 
 def errors_rad(name, joint, stall_s):
-    """Return how far a joint is from its reference in each cycle after half of its motion."""
+    """Return the tracking error of a joint in each cycle of the second half of its motion."""
     with ikservo.open_arm(name, port="sim:?pose=home", collisions=False) as arm:
         arm.enable()
         servos, found, stalls = servo_group(arm), [], [stall_s]

@@ -1,4 +1,4 @@
-"""A stop ends every motion that was requested before it, whatever is acknowledged when."""
+"""A stop ends every motion that was requested before it, whenever it is acknowledged."""
 
 import threading
 

@@ -1,4 +1,4 @@
-"""A stop reaches every program that can move an arm, also one that is still starting."""
+"""A stop reaches every program that can move an arm, even one that is still starting."""
 
 import ast
 import subprocess
@@ -71,7 +71,7 @@ PLAIN_BUSES = {  # which never switch torque on
 
 
 def callers(names):
-    """Return the modules that call one of some functions by its name."""
+    """Return the modules that call one of the functions by its name."""
     return {
         str(path.relative_to(PACKAGE))
         for path in PACKAGE.rglob("*.py")

@@ -1,4 +1,4 @@
-"""Why an arm was stopped, as a value: programs look at its kind, users read its text."""
+"""The reason of a stop as a value: programs use its kind, users read its text."""
 
 import contextlib
 import signal
@@ -20,7 +20,7 @@ def arm():
 
 
 def at(seconds, do):
-    """Return what does something once, when a motion has gone on for so long."""
+    """Return a callback that acts once when a motion has run for the given time."""
     left = [do]
 
     def on_progress(progress):

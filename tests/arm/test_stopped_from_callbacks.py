@@ -1,4 +1,4 @@
-"""What a program says from the callback of a motion: stop, acknowledge, release, close, fail."""
+"""Calls from the callback of a motion: stop, acknowledge, relax, close, fail."""
 
 import threading
 
@@ -17,7 +17,7 @@ def arm(request):
 
 
 def once(act, after_s=0.4):
-    """Return a callback that does something once, in the middle of a motion."""
+    """Return a callback that acts once, in the middle of a motion."""
     done = []
 
     def check(progress):

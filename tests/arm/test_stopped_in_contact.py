@@ -1,4 +1,4 @@
-"""Many motions of an arm that touches something: the contact does not get deeper and deeper."""
+"""The contact of an arm does not get deeper over many motions."""
 
 import contextlib
 
@@ -37,7 +37,7 @@ def add_slab(arm, x, y, top_m):
 
 
 def depths_of(arm, postures):
-    """Return how deep the body is in what it touches in postures (k, n), m."""
+    """Return the depth of the body's contacts in postures (k, n), m."""
     context = context_of(arm)
     body = np.array([context.index.body_joints(joints) for joints in postures])
     return -context.collision.distances(body).min(axis=1)
@@ -52,7 +52,7 @@ def true_depth_mm(arm):
 
 
 def goal_by_way_of_deeper(arm, start, dice):
-    """Return joints near ``start`` that are as deep, the path to which is deeper; or ``start``."""
+    """Return joints near ``start`` at equal depth whose path goes deeper, or ``start``."""
     depth_m = depth_of(arm, start)
     steps = 1e-4 * np.eye(len(start))[: len(NEAR)]
     for _ in range(600):

@@ -1,4 +1,4 @@
-"""The stream of goals: steady, braked on demand, unhurried after a stall, stopped by failures."""
+"""The stream of goals: steady, braked on demand, slow after a stall, stopped by failures."""
 
 import time
 
@@ -32,7 +32,7 @@ def arm():
 
 @pytest.fixture(params=["so101", "koch"])
 def either(request):
-    """An arm of each family."""
+    """Return an arm of each family."""
     with ikservo.open_arm(request.param, port="sim", collisions=False) as machine:
         machine.enable()
         yield machine

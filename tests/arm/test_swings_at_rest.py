@@ -1,7 +1,7 @@
-"""Joints that swing in the play of their gears rest after a motion; in motion they are named.
+"""Joints that swing across their backlash come to rest after a motion, or are reported in it.
 
-The seeds at rest are those of arms whose pan, with a friction of 0.001 to 0.002 N m on its output,
-swung by 22 ticks after each of these motions.
+The seeds are those of arms whose pan, with a friction of 0.001 to 0.002 N m at its output, swung by
+22 ticks after each of these motions.
 """
 
 import numpy as np

@@ -1,4 +1,4 @@
-"""A point at the table is refused with a motion that is accepted."""
+"""The refusal of a point at the table names a motion that is accepted."""
 
 import math
 import re

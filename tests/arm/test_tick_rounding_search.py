@@ -1,4 +1,4 @@
-"""Whole ticks near a solution: never outside limits, never worse than rounding, always the same."""
+"""Whole ticks near a solution: inside limits, no worse than rounding, deterministic."""
 
 import math
 

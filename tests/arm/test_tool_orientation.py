@@ -1,4 +1,4 @@
-"""How the tool stands at a point: as asked, or as well as the arm can keep it."""
+"""Tool orientation at a point: as requested, or as close as the arm can keep it."""
 
 import math
 from functools import cache

@@ -1,4 +1,4 @@
-"""The torque state of an arm: one transition a reason, as a table and on simulated servos."""
+"""The torque state of an arm: one transition per reason, as a table and on simulated servos."""
 
 import pytest
 
@@ -20,7 +20,7 @@ UNKNOWN, OFF, FIRST_MOTION, HOLDING, MOVING, LOWERING = TorqueState
 
 
 def machine(*reasons):
-    """Return a machine after some transitions; ``limp`` and ``on`` are enabling from there."""
+    """Return a state machine after some transitions; ``limp`` and ``on`` follow from enabling."""
     torque = TorqueStateMachine()
     for reason in reasons:
         if reason in ("limp", "on"):

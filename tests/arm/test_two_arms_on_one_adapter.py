@@ -1,4 +1,4 @@
-"""Two arms whose servos are on one adapter, each opened by itself."""
+"""Two arms on one adapter, each opened separately."""
 
 import re
 import shutil

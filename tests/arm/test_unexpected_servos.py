@@ -1,4 +1,4 @@
-"""Opening an arm whose servos are set otherwise: it says what is there, and writes nothing."""
+"""Opening an arm with unexpected servos names the difference and writes nothing."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ KOCH = {**dict.fromkeys((1, 2), "XL430-W250"), **dict.fromkeys(range(3, 7), XL33
 
 @pytest.fixture
 def open_with_servos(monkeypatch):
-    """Return a function that connects servos, all at one rate, and opens an arm on them."""
+    """Return a function that connects servos, all at one baud rate, and opens an arm on them."""
 
     def attempt(arm, servos, baud=1_000_000):
         transport = make_transport(servos, baud)

@@ -1,4 +1,4 @@
-"""Nothing is loaded while goals are streamed: no cycle may wait for it."""
+"""No module is loaded while goals are streamed: no cycle may wait for it."""
 
 import subprocess
 import sys

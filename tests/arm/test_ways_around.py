@@ -1,4 +1,4 @@
-"""What is in the straight way is gone around, unless the motion is to be straight."""
+"""Motions go around an obstacle on the straight path, unless they must be straight."""
 
 import math
 import time

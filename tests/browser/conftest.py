@@ -1,4 +1,4 @@
-"""A real Chromium, the system's own; where it is missing and may be installed, it is."""
+"""Tests in Chromium: the system's own, or one that is installed for them."""
 
 import os
 import shutil
@@ -31,7 +31,7 @@ def found():
 
 
 def installed():
-    """Return why Chromium cannot be installed here; empty once it is."""
+    """Return why Chromium cannot be installed here; empty once it is installed."""
     if shutil.which("apt-get") is None or not hasattr(os, "geteuid") or os.geteuid() != 0:
         return "no Chromium here, and only root with apt-get could install it"
     for command in INSTALL:
@@ -43,7 +43,7 @@ def installed():
 def chromium_path(tmp_path_factory):
     """Return a program that starts Chromium with the rights of a user.
 
-    Started by root it raises the priority of what draws, and an arm in real time waits for it.
+    If root starts it, it raises the priority of its drawing process and delays an arm in real time.
     """
     reason = "" if found() else installed()
     if reason:
@@ -70,7 +70,7 @@ def browser(chromium_path):
 
 @pytest.fixture(scope="module")
 def webgl_browser(browser, chromium_path):
-    """A Chromium whose WebGL is drawn in software: slow, but the same picture everywhere."""
+    """Yield a Chromium whose WebGL is drawn in software: slow, but the same picture everywhere."""
     arguments = ["--no-sandbox", *SOFTWARE_WEBGL]
     webgl = browser.browser_type.launch(executable_path=chromium_path, args=arguments)
     yield webgl
@@ -85,9 +85,9 @@ def shared():
 
 @pytest.fixture
 def view(request):
-    """A view of a simulated arm in real time, with the arm at home.
+    """Yield a view of a simulated arm in real time, with the arm at home.
 
-    Most tests share one; who parametrizes it indirectly with options has one of its own.
+    Most tests share one; a test that parametrizes it indirectly with options gets its own.
     """
     if not hasattr(request, "param"):
         yield request.getfixturevalue("shared").brought_home()
@@ -115,5 +115,5 @@ def operator(visit):
 
 @pytest.fixture
 def live(operator):
-    """A person who has thrown Live, at the fast speed, with the arm at rest."""
+    """Return a user who has switched Live on, at the fast speed, with the arm at rest."""
     return operator.enable_live().until_still()

@@ -1,4 +1,4 @@
-"""An operator of the page, and the arm behind it as the simulated servos have it."""
+"""An operator of the page, and the simulated servos of the arm behind it."""
 
 import itertools
 import json
@@ -39,20 +39,20 @@ def attempts(pause, timeout_s=TIMEOUT_S):
 
 
 def with_long_timeout(page):
-    """Let Playwright's own waits on a page last as long as those here."""
+    """Give Playwright's own waits on a page the same time-out as those here."""
     page.set_default_timeout(1000 * TIMEOUT_S)
     return page
 
 
 class ServedView:
-    """A served view: its addresses, what ends its server when closed, and its simulated servos."""
+    """A served view: its addresses, the stack that ends its server, and its simulated servos."""
 
     def __init__(self, app, urls, server):
         self.app, self.urls, self.server = app, urls, server
 
     @property
     def view(self):
-        """Return the arm that a page shows at first: its thread and its controller."""
+        """Return the arm thread and the controller of the arm that a page shows first."""
         return self.app.arms.find("")
 
     @property
@@ -76,7 +76,7 @@ class ServedView:
         return true_joints(self.arm)
 
     def brought_home(self):
-        """Let go of what the last test left behind, and bring the arm to where it was at first."""
+        """Release what the last test left behind, and bring the arm to its first posture."""
         controller, arm_thread = self.view.controller, self.view.arm_thread
         until(lambda: not controller._clients)
         if arm_thread.snapshot.stop_notice:
@@ -103,7 +103,7 @@ class ServedView:
         return away_from_home_rad(self.arm) < AT_HOME_RAD
 
     def place_m(self, joint):
-        """Return where a joint's pivot is (3,), metres, by Pinocchio."""
+        """Return the position of a joint's pivot (3,), metres, by Pinocchio."""
         model = pinocchio_model(self.arm.model.name)
         q = pinocchio.neutral(model)
         for name, value in self.joints().items():
@@ -114,9 +114,9 @@ class ServedView:
 
 
 class HoldingView(ViewApp):
-    """A view of an arm that holds itself when it is opened, as one in use does.
+    """A view of an arm that holds when it is opened, like one in use.
 
-    Its simulator runs in real time: on a busy machine the limp arm falls before its torque is on.
+    Its simulator runs in real time: on a busy machine the limp arm would fall before torque is on.
     """
 
     def __init__(self, *args, calibrated=True, **options):
@@ -140,7 +140,7 @@ def away_from_home_rad(arm):
 def serve_view(
     arm="so101", port="sim:?pose=home", dead_man_s=5.0, *, scene=None, calibrated=True, **options
 ):
-    """Serve a view with a long dead man: a busy machine makes pages stutter."""
+    """Serve a view with a long dead-man time, because a busy machine delays pages."""
     model = load_model(arm) if scene is None else with_scene(load_model(arm), scene)
     places = [ArmAtPort(model, port)]
     view = HoldingView(places, dead_man_s=dead_man_s, calibrated=calibrated, **options)
@@ -182,9 +182,9 @@ class Operator:
         return self.until(over_page(words))
 
     def repeat(self, act, is_done):
-        """Act until it has its effect: a page that draws slowly refuses what comes too late.
+        """Act until the action has its effect: a page that draws slowly refuses late input.
 
-        The act must be one that may be done twice, such as typing a number.
+        The action must be repeatable, such as typing a number.
         """
         for _ in attempts(act, TIMEOUT_S):
             for _ in attempts(self.look_again, REPEAT_S):
@@ -193,7 +193,7 @@ class Operator:
         raise AssertionError(f"it never had its effect\n{self.status}")
 
     def type(self, selector, value, words):
-        """Type into a field until an expression as of `wait_for` is true."""
+        """Type into a field until an expression, as of `wait_for`, is true."""
 
         def enter():
             self.page.fill(selector, value)
@@ -203,12 +203,12 @@ class Operator:
         return self.repeat(enter, lambda: self.page.evaluate(over_page(words)))
 
     def until_drawn(self, frames=4):
-        """Wait for frames of which the last knows all that was done before: two are under way."""
+        """Wait for the frame that includes all earlier actions: two frames may be under way."""
         drawn = self.page.evaluate("window.ikservo.drawn")
         return self.until(f"window.ikservo.drawn >= {drawn + frames}")
 
     def wait_for_picture(self):
-        """Wait until what is drawn fits the drawing's size of now."""
+        """Wait until the picture has the present size of the drawing."""
         self.wait_for(
             "Math.abs(scene.camera.size[1] - document.getElementById('drawing').clientHeight) < 1"
         )
@@ -224,7 +224,7 @@ class Operator:
 
     @property
     def pixels_per_metre(self):
-        """Return the scale, by the bar that the page draws."""
+        """Return the scale of the picture, by the bar that the page draws."""
         bar, words = self.items("scale")
         number, unit = words["text"].split()
         length_m = float(number) * {"cm": 0.01, "mm": 0.001}[unit]
@@ -239,7 +239,7 @@ class Operator:
     # --- what the person does ---
 
     def start_calibration(self):
-        """Press Calibrate; a second time where the arm holds and is to go limp."""
+        """Press Calibrate; press it a second time if the arm holds and must go limp."""
         self.page.click("#calibrate")
         if "sure" in self.page.inner_text("#calibrate").lower():
             self.page.click("#calibrate")
@@ -277,7 +277,7 @@ class Operator:
         return self
 
     def until_still(self):
-        """Wait until the servos have come to rest, where the page sent them."""
+        """Wait until the servos have come to rest at the goal of the page."""
         still, last = 0, None
         for _ in attempts(self.look_again):
             now = (self.served.ticks(), self.served.goals())
@@ -287,7 +287,7 @@ class Operator:
         raise AssertionError("the arm does not come to rest")
 
     def until_near(self, place_m, wanted_m, near_mm):
-        """Wait until a place of the arm is where it should be, and stays there."""
+        """Wait until a point of the arm is at its expected position and stays there."""
         there = 0
         for _ in attempts(self.look_again):
             there = there + 1 if apart_mm(place_m(), wanted_m) < near_mm else 0
@@ -309,13 +309,13 @@ GO_HOME = [{"kind": "set_speed", "name": "fast"}, {"kind": "set_live", "on": Tru
 
 
 def over_page(words):
-    """Return an expression over `status`, `scene` and the drawn `items` as one of the page."""
+    """Convert an expression over `status`, `scene` and the drawn `items` to one of the page."""
     begin = "(() => { const { status, scene, items } = window.ikservo;"
     return f"{begin} return Boolean({words}); }})()"
 
 
 def until(true, what=lambda: ""):
-    """Wait until something is true; if it never is, tell what is instead."""
+    """Wait until a condition is true; on a time-out report the state instead."""
     for _ in attempts(lambda: threading.Event().wait(LOOK_MS / 1000)):
         if true():
             return

@@ -1,4 +1,4 @@
-"""In which order Tab goes through a part of the page, and in which it is read."""
+"""Tab order of a part of the page, compared with its reading order."""
 
 import itertools
 

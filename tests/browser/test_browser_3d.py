@@ -1,4 +1,4 @@
-"""The orbit view in 3D: the scene graph is where the arm is, and the picture shows it there."""
+"""The orbit view in 3D: the scene graph and its picture agree with the arm's position."""
 
 import io
 import itertools
@@ -26,7 +26,7 @@ NO_WEBGL = """() => {
 
 
 def orbiting(page, served):
-    """Return an operator who has chosen the orbit view, in 3D however slow it is."""
+    """Return an operator who has chosen the orbit view in 3D, even if it is slow."""
     operator = Operator(page, served, options="&draw=3d")
     operator.page.click("#views button[value=orbit]")
     operator.wait_for(DRAWN_IN_3D)
@@ -42,14 +42,14 @@ def page_in_3d(webgl_browser, shared):
 
 @pytest.fixture
 def onlooker(page_in_3d):
-    """A person before the arm in 3D, at the top of the page and without a goal."""
+    """Return a person before the arm in 3D, at the top of the page and without a goal."""
     page_in_3d.served.view.controller._interaction.reset()
     page_in_3d.page.evaluate("scrollTo(0, 0)")
     return page_in_3d.wait_for(f"{DRAWN_IN_3D} && !scene.goal")
 
 
 def camera_of(served):
-    """Return the camera with which the server picks for the only client."""
+    """Return the camera by which the server picks for the only client."""
     controller = served.view.controller
     (client,) = controller._clients.values()
     return controller._composer.camera(client)
@@ -62,7 +62,7 @@ def poses_of(served, joints):
 
 
 def misplaced(operator, tree, joints):
-    """Return the links that the page draws elsewhere than forward kinematics puts them."""
+    """Return the links whose drawn pose differs from forward kinematics."""
     expected = poses_of(operator.served, joints)
     drawn = operator.page.evaluate(f"{SCENE}.poses({SCENE}.{tree})")
     assert set(drawn) == set(expected)
@@ -150,9 +150,9 @@ MOVES = 100
 
 
 def press_until_received(onlooker, x, y):
-    """Press at a pixel until the server has heard it: it ignores what refers to an old picture.
+    """Press at a pixel until the server accepts it: it ignores presses on an old picture.
 
-    Where a frame takes a second, as software WebGL does on a busy machine, that is most of it.
+    On a busy machine, software WebGL takes a second per frame, so that most presses are too late.
     """
     drag = onlooker.served.view.controller._interaction._tool_drag
     for _ in range(10):
@@ -216,7 +216,7 @@ def test_slow_3d_frames_fall_back_to_canvas_until_3d_is_chosen(onlooker):
 def test_lost_webgl_context_falls_back_until_it_is_restored(onlooker):
     onlooker.page.evaluate("window.ikservo.rendering.renderer.forceContextLoss()")
     onlooker.wait_for("!scene.webgl && items.some((item) => item.style === 'measured')")
-    gave_up = "The graphics driver gave up, so the view is 2D."
+    gave_up = "The graphics driver has failed, so the view is 2D."
     assert onlooker.page.inner_text("#render-note") == gave_up
     onlooker.page.click("#render-3d")
     assert onlooker.page.inner_text("#render-note") == gave_up

@@ -1,4 +1,4 @@
-"""Preview carried out by one button, undo by keys, zoom, help, and a hundred poses in a list."""
+"""Preview executed by one button, undo by keys, zoom, help, and a hundred poses in a list."""
 
 import math
 
@@ -15,7 +15,7 @@ pytestmark = pytest.mark.browser
 
 @pytest.fixture(scope="module")
 def served(tmp_path_factory):
-    """A view of an arm with 97 taught poses, each turning the wrist by a degree more."""
+    """Yield a view of an arm with 97 taught poses, each turning the wrist by a degree more."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("IKSERVO_HOME", str(tmp_path_factory.mktemp("home")))
         with serve_view() as view:

@@ -1,4 +1,4 @@
-"""The picture of a calibrated camera is a view: a click in it is a target on the table."""
+"""A click in the picture of a calibrated camera is a target on the table."""
 
 import numpy as np
 import pytest
@@ -22,7 +22,7 @@ PORT = "sim:?pose=home"
 
 @pytest.fixture
 def film(tmp_path):
-    """Return a file with pictures that no arm was calibrated with."""
+    """Return a file with pictures of a camera that is not calibrated with any arm."""
     path = tmp_path / "film.avi"
     writer = cv2.VideoWriter(str(path), cv2.VideoWriter_fourcc(*"MJPG"), 10, (64, 48))
     writer.write(np.full((48, 64, 3), (255, 0, 0), np.uint8))

@@ -1,6 +1,6 @@
-"""The picture on the canvas, as the page computes it from the arm that it is sent once.
+"""The picture on the canvas, computed by the page from the arm that it received once.
 
-What is drawn is where the camera and forward kinematics put it, and means what the joints say.
+Drawn shapes agree with the camera, forward kinematics and the joints' positions.
 """
 
 import json
@@ -95,7 +95,7 @@ class Canvas:
         return self.evaluate(COMPOSE, graph.description, scene, [thing_fields(t) for t in things])
 
     def items(self, name="so101", view="side", **shown):
-        """Return all items of an arm at home, from back to front."""
+        """Return all items of an arm at home, back to front."""
         state = {"measured": stage(name).home, **shown}
         return painted(
             self.compose(graph_of(model_of(name)), SceneState(looked_at(name, view), **state))
@@ -103,7 +103,7 @@ class Canvas:
 
 
 def compose_in_turn(canvas, graph, state, *changes):
-    """Return the pictures of a scene and of the ones after it, which are sent as changes."""
+    """Return the pictures of a scene and of its successors, which are sent as changes."""
     first = scene_of(graph, state, seq=1)
     return canvas.evaluate(COMPOSE_ALL, graph.description, [first, *changes])
 
@@ -134,7 +134,7 @@ def of_link(items, style, link):
 
 
 def at_joints(**positions):
-    """Return the joints of home with some at other positions."""
+    """Return the joints of the pose home with some at other positions."""
     chain, q = model_of("so101").chain, stage("so101").home.copy()
     for name, position in positions.items():
         q[chain.names.index(name)] = position
@@ -232,7 +232,7 @@ AROUND = 1.2 * np.array([(0, 0), (1, 0), (-1, 0), (0, 1), (0, -1)])
 
 
 def inside(ring, px):
-    """Return whether a pixel is inside a ring, by the angle it winds round it."""
+    """Return whether a pixel is inside a ring, by the winding number of the ring."""
     arms = np.array(ring) - px
     turns = np.arctan2(arms[:, 1], arms[:, 0])
     return abs(np.sum(np.angle(np.exp(1j * np.diff(np.append(turns, turns[0])))))) > 1.0
@@ -268,7 +268,7 @@ def test_links_are_painted_from_back_to_front(canvas, view):
 
 
 def test_links_at_equal_depth_are_painted_in_order_of_names(canvas):
-    """In its own plane such an arm has these links at one depth, but for rounding."""
+    """In its own plane such an arm has these links at one depth, except for rounding."""
     graph, drawn = (
         graph_of(model_of("wx250s")),
         ["forearm", "lower_forearm", "shoulder", "upper_arm"],

@@ -1,4 +1,4 @@
-"""Every fault on every arm, width and colour scheme: told in both tabs, and nothing moves then."""
+"""Every fault on every arm, width and colour scheme: both tabs show it, and nothing moves."""
 
 import itertools
 import random
@@ -24,7 +24,7 @@ HIDE = """(hidden) => {
 
 
 class Pages:
-    """A page in control of an arm, a second one that looks on, and the arm's simulated line."""
+    """A page in control of an arm, a second one that watches, and the arm's simulated line."""
 
     def __init__(self, browser, served, arm, width, scheme):
         self.served, self.arm = served, arm
@@ -38,7 +38,7 @@ class Pages:
 
     @property
     def line(self):
-        """Return the line of now: an arm that was opened again has another one."""
+        """Return the present line: an arm that was opened again has another one."""
         return self.served.line
 
     def close(self):
@@ -46,7 +46,7 @@ class Pages:
             context.close()
 
     def under_way(self):
-        """Go live, and send a joint away from where it is; return once it moves."""
+        """Switch Live on, and send a joint away; return once it moves."""
         if not self.operator.status["live"]:
             self.operator.wait_for("status.mode === 'preview'")
             self.operator.enable_live()
@@ -64,7 +64,7 @@ class Pages:
         self.line.faults.add(Fault(kind, at_s=self.line.world.time_s, **fields))
 
     def expect_stop(self, *words):
-        """Expect that both tabs say it, Stop is in reach, and nothing moves until acknowledged."""
+        """Expect a stop in both tabs, Stop in reach, and no motion until it is acknowledged."""
         for tab in (self.operator, self.watcher):
             tab.wait_for("status.mode === 'stopped'")
             banner = tab.page.inner_text("#banner")
@@ -153,7 +153,7 @@ def hidden_page(pages):
 
 
 def other_tab(pages):
-    """The second tab cannot move the arm, and takes control by one button: the arm holds."""
+    """The second tab cannot move the arm until it takes control by a button; the arm holds."""
     pages.under_way()
     assert pages.watcher.page.is_disabled("#live")
     pages.watcher.page.click("#take")
@@ -177,7 +177,7 @@ FAULTS = (stop, refused_goal, limp_servo, silent_servo, reset, hidden_page, othe
 
 
 def cells():
-    """Return all cells with all faults, and a part with each value of each at least once."""
+    """Return all cells with all faults, and a part that has each value at least once."""
     rng = random.Random(SEED)
     widths, faults = rng.sample(WIDTHS, 4), rng.sample(FAULTS, len(FAULTS))
     for i, (arm, width) in enumerate(zip(ARMS, widths, strict=True)):

@@ -15,7 +15,7 @@ NAMES = re.findall(r'<figure class="interactive" data-figure="(\w+)"></figure>',
 
 @pytest.fixture(scope="module")
 def page(browser):
-    """The figures alone, in the order of the page."""
+    """Return a page with the figures alone, in the order of the document."""
     context = browser.new_context(viewport={"width": 700, "height": 900})
     page = with_long_timeout(context.new_page())
     page.route("http://docs.test/**", serve)
@@ -39,7 +39,7 @@ def figure(page, name):
 
 
 def drag_to(page, name, x, y):
-    """Drag to a place, as shares of the drawing from its lower left corner."""
+    """Drag to a place, given as fractions of the drawing from its lower left corner."""
     svg = figure(page, name).locator("svg")
     svg.scroll_into_view_if_needed()
     box = svg.bounding_box()

@@ -1,4 +1,4 @@
-"""What a person meets who has never seen the page: each control in sight when it is needed."""
+"""First use of the page: each control is visible when it is needed."""
 
 import math
 
@@ -58,7 +58,7 @@ def newcomer(browser, shared):
 
 @pytest.fixture(params=SCREENS)
 def screen(newcomer, request):
-    """A screen of the page, open; afterwards it is closed."""
+    """Open a screen of the page, and close it afterwards."""
     SCREENS[request.param](newcomer.page)
     yield request.param
     newcomer.page.evaluate(
@@ -68,7 +68,7 @@ def screen(newcomer, request):
 
 @pytest.fixture(scope="module")
 def on_a_phone(browser):
-    """A person with a phone before an arm that was never calibrated."""
+    """Return a user with a phone and an arm that was never calibrated."""
     with serve_view(calibrated=False) as view:
         context = browser.new_context(**PHONE)
         yield Operator(context.new_page(), view)

@@ -1,4 +1,4 @@
-"""Two arms on one page: one is guided by hand, the other follows; both and the lag are seen."""
+"""Two arms on one page: one is guided by hand, the other follows; the page shows the lag."""
 
 import pytest
 

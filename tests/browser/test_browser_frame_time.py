@@ -1,4 +1,4 @@
-"""The page measures how long its frames take, and draws less where that is too long."""
+"""The page measures its frame time, and draws less if that is too long."""
 
 import pytest
 

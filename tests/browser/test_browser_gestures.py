@@ -1,4 +1,4 @@
-"""From the screen to the servos: what a hand does on the page, and where that brings the arm."""
+"""Gestures on the page, judged by the resulting positions of the servos."""
 
 import numpy as np
 import pytest
@@ -14,7 +14,7 @@ ASIDE = np.array([60.0, -60.0])  # over nothing, within reach
 
 
 def aside(operator, move_px):
-    """Return where the tip would be (3,) after a move in the picture: the side view shows x, z."""
+    """Return the expected tip (3,) after a move in the picture: the side view shows x and z."""
     along = np.array([move_px[0], 0.0, -move_px[1]]) / operator.pixels_per_metre
     return operator.served.tip_m() + along
 

@@ -1,4 +1,4 @@
-"""Joints, tool, gripper and torque worked from the panel, judged by the servos' registers."""
+"""Joints, tool, gripper and torque operated from the panel, judged by the servos' registers."""
 
 import numpy as np
 import pytest

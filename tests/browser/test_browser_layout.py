@@ -1,4 +1,4 @@
-"""Where things stand on the page: what asks for attention covers nothing that is looked at."""
+"""Layout of the page: a notice covers nothing that the user looks at."""
 
 import itertools
 
@@ -21,7 +21,7 @@ def reader(browser, shared, request):
 
 
 def boxes(operator, *selectors):
-    """Return where elements are, in one step: a list may be drawn anew between two of them."""
+    """Return the boxes of elements in one step: a list may be redrawn between two of them."""
     box = "document.querySelector(each).getBoundingClientRect().toJSON()"
     return operator.page.evaluate(f"(selectors) => selectors.map((each) => {box})", selectors)
 

@@ -1,4 +1,4 @@
-"""The page itself: legible in both colours, worked without a mouse, on a desktop and on a phone."""
+"""The page is legible in both colour schemes and works without a mouse, on desktop and phone."""
 
 import pytest
 
@@ -63,7 +63,7 @@ BELOW = """() => [...document.querySelectorAll("button")]
 
 @pytest.fixture(scope="module")
 def reader(browser, shared):
-    """A person who reads one page all through this module."""
+    """Return a user who reads one page during all tests of this module."""
     context = browser.new_context(viewport={"width": 1280, "height": 800})
     yield Operator(context.new_page(), shared)
     context.close()

@@ -1,4 +1,4 @@
-"""The pictures of the panel in README and docs; `make pictures` draws them anew."""
+"""The pictures of the panel in README and docs; `make pictures` draws them again."""
 
 import io
 import os
@@ -15,7 +15,7 @@ pytestmark = [pytest.mark.browser, pytest.mark.campaign]
 
 @pytest.fixture
 def album(tmp_path):
-    """Where pictures go: docs/pictures when they are wanted, else nowhere that lasts."""
+    """Return the folder for pictures: docs/pictures if requested, else a temporary one."""
     folder = Path(os.environ.get("IKSERVO_PICTURES") or tmp_path)
     folder.mkdir(parents=True, exist_ok=True)
     return folder
@@ -59,7 +59,7 @@ POINTER = """() => {
 
 
 class Film:
-    """Screenshots of the page, each with the time for which it is shown."""
+    """Screenshots of the page, each with its display time."""
 
     def __init__(self, page, size=(880, 576)):
         self.page, self.size = page, size
@@ -71,7 +71,7 @@ class Film:
         self.shown_ms.append(shown_ms)
 
     def follow(self, operator, start, move, frames):
-        """Drag from a pixel along a bow, and show each step once the page has drawn it."""
+        """Drag from a pixel along an arc, and record each step once the page has drawn it."""
         self.page.mouse.move(*operator.over(start))
         self.page.mouse.down()
         for share in np.linspace(0.0, 1.0, frames):

@@ -1,4 +1,4 @@
-"""The path to a target in a browser: seen before it is taken, around what is in the way."""
+"""The path to a target in a browser: shown before execution, and around obstacles."""
 
 import math
 
@@ -43,7 +43,7 @@ def person(browser, served):
 
 
 def aim(operator):
-    """Type a target beyond the post, and wait until the path there may be carried out."""
+    """Type a target beyond the post, and wait until its path can be executed."""
     operator.page.get_by_label("shoulder_pan, degrees", exact=True).fill(f"{GOAL_DEG:g}")
     operator.page.keyboard.press("Enter")
     operator.wait_for("scene.path && scene.swept && status.path === scene.path.number")

@@ -1,4 +1,4 @@
-"""Plots: what the simulated servos did, also in the ten seconds before a stop."""
+"""Plots of the simulated servos, including the ten seconds before a stop."""
 
 import csv
 

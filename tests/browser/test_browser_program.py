@@ -22,7 +22,7 @@ def home(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def teacher(browser, home):
-    """A person with the panel open, all through this module."""
+    """Return a user with the panel open during all tests of this module."""
     with serve_view() as view:
         context = browser.new_context(viewport={"width": 1100, "height": 720})
         operator = Operator(context.new_page(), view)
@@ -33,7 +33,7 @@ def teacher(browser, home):
 
 @pytest.fixture
 def empty(teacher):
-    """The same person with a program without steps."""
+    """Return the same user with a program without steps."""
     teacher.page.click("#program-new")
     if teacher.page.inner_text("#program-new") != "New":
         teacher.page.click("#program-new")
@@ -45,7 +45,7 @@ def roll_deg(operator):
 
 
 def teach_roll(operator, degrees):
-    """Turn the target's wrist and add it as a step."""
+    """Turn the wrist of the target and add it as a step."""
     field = operator.page.locator("[data-joint=wrist_roll] input[type=text]")
     field.fill(str(degrees))
     field.press("Enter")
@@ -133,7 +133,7 @@ def test_program_step_that_cannot_be_run_is_marked_with_reason(empty):
     page.click("#add-target")
     until(lambda: len(places(empty)) == 4)
     page.click("#program-check")
-    page.wait_for_selector("#program-state:has-text('Steps 2, 4 cannot be made')")
+    page.wait_for_selector("#program-state:has-text('Steps 2, 4 cannot be carried out')")
     reasons = page.locator("#program-steps li.bad .reason")
     assert ["the table" in text for text in reasons.all_inner_texts()] == [True, True]
     assert empty.served.goals() == before

@@ -1,4 +1,4 @@
-"""Somebody who presses anything on the page of every arm: no goal leaves the limits."""
+"""Random input on the page of every arm: no goal leaves the limits."""
 
 import contextlib
 
@@ -24,7 +24,7 @@ LIVE = 0.3  # the share of deeds before which Live is wanted
 
 
 class RandomPerson:
-    """Drags, clicks, types, presses buttons and keys, as a seed says."""
+    """Drags, clicks, types, presses buttons and keys at random, by a seed."""
 
     def __init__(self, operator, seed):
         self.operator, self.page, self.rng = operator, operator.page, np.random.default_rng(seed)

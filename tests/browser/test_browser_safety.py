@@ -1,4 +1,4 @@
-"""A page that moves metal: what stops the arm, who may move it, and who may not."""
+"""Safety of the page: what stops the arm, and who may move it."""
 
 import hashlib
 import hmac
@@ -18,7 +18,7 @@ FAR = np.array([60.0, -100.0])  # over nothing, within reach
 
 
 def under_way(operator):
-    """Send the arm far at a moderate speed, and return once it moves."""
+    """Send the arm far at a moderate speed; return once it moves."""
     operator.page.click("#speeds button[value=normal]")
     operator.wait_for("status.speed === 'normal'")
     return operator.click(operator.tip_px() + FAR).until_moving()

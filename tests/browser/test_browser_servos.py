@@ -1,4 +1,4 @@
-"""The servo panel in a browser: read, filtered, changed, refused, as the servos have it."""
+"""The servo panel in a browser: registers read, filtered, changed and refused."""
 
 import pytest
 

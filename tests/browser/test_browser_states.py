@@ -1,4 +1,4 @@
-"""What the page says is what is so: refused goals, limp servos, supplies, Live that has ended."""
+"""The page shows the true state: refused goals, limp servos, supplies, ended Live."""
 
 import numpy as np
 import pytest
@@ -12,7 +12,7 @@ pytestmark = pytest.mark.browser
 
 
 def below_the_table(operator):
-    """Return a pixel 40 mm below the table, under the tip: the arm could bend to there."""
+    """Return a pixel 40 mm below the table, under the tip, which the arm could reach."""
     tip_m = operator.served.tip_m()
     return operator.tip_px() + np.array([0.0, (tip_m[2] + 0.04) * operator.pixels_per_metre])
 

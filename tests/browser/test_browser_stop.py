@@ -1,4 +1,4 @@
-"""Stop and what is old: in sight wherever the page is scrolled, true when the server is gone."""
+"""Stop is visible wherever the page is scrolled, and old data is marked if the server is gone."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""The things around the arm in a browser: added, typed, pulled, removed."""
+"""Obstacles around the arm in a browser: added, typed, dragged, removed."""
 
 import numpy as np
 import pytest
@@ -15,7 +15,7 @@ def scene_of(operator):
 
 
 def add(operator, kind, name):
-    """Add the only thing around the arm, which the tests of a module have in common."""
+    """Add the only obstacle around the arm, which the tests of this module share."""
     for left in scene_of(operator).names:
         scene_of(operator).remove(left)
     operator.page.click("#things-card summary")
@@ -24,7 +24,7 @@ def add(operator, kind, name):
 
 
 def pixel_of(operator, point_m):
-    """Return where a flat view draws a point (3,)."""
+    """Return the pixel of a point (3,) in a flat view."""
     camera = operator.page.evaluate("ikservo.scene.camera")
     T = np.reshape(camera["pose"], (4, 4))
     right, up, _ = T[:3, :3].T @ (point_m - T[:3, 3])

@@ -1,4 +1,4 @@
-"""The page beyond this machine: by TLS it is operated as on it."""
+"""Over TLS the page can be operated from another machine."""
 
 import pytest
 

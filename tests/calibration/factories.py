@@ -6,7 +6,7 @@ STEP = 60
 
 
 def make_swept_state(limp_arm, signs, margin_rad=0.02):
-    """Return a calibration state in its sweep, each joint swept by 720 ticks in both directions.
+    """Return a calibration state with each joint swept by 720 ticks in both directions.
 
     Args:
         limp_arm: The arm with torque off, in its pose home.

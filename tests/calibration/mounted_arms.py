@@ -85,9 +85,9 @@ def make_mounted_arm(name, seed, *, gravity=False, **how):
 
     Args:
         name: The arm.
-        seed: Of everything random.
+        seed: Seed of all random values.
         gravity: Whether the links have weight.
-        how: ``pose``; ``zero`` and ``sign`` instead of random ones, the sign of all or by joint;
+        how: ``pose``; ``zero`` and ``sign`` instead of random values, one sign for all or by joint;
             ``spoiled=False`` for servos with the registers of their arm file; ``specimen`` of
             servosim.
     """
@@ -130,7 +130,7 @@ def _servo(servo, sign, zero, chance, how):
 
 
 def _stop(simulated, joint, model, chance, how):
-    """Place the joint's end stops near the arm file's limits, outside the pose; return them."""
+    """Place the joint's end stops near the arm file's limits and outside the pose; return them."""
     unit = joint.joint_map.unit
     away = 0.002 if unit == "m" else math.radians(8.0)
     clearance = 0.001 if unit == "m" else STOP_CLEARANCE

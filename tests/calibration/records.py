@@ -26,7 +26,7 @@ def joint(name="elbow", servo_id=1, model="STS3215", holds=None, **changes):
 
 
 def calibration_of(*joints, geometry=None, written=WHEN):
-    """Return the calibration of an arm with such joints, of the first one's family."""
+    """Return the calibration of an arm with these joints, in the family of the first one."""
     family = FAMILIES.get(joints[0]["servo"]["model"], ("feetech_sts",))[0]
     return Calibration.model_validate_json(
         Calibration.model_construct(

@@ -1,4 +1,4 @@
-"""A calibration file is believed whole or not at all."""
+"""A calibration file is accepted completely or not at all."""
 
 import math
 import random
@@ -174,7 +174,7 @@ def test_sts_homing_offset_beyond_its_register_is_refused(path):
 
 
 def mutated(text, chance):
-    """Return a text with a few bytes changed, swapped, doubled, cut out or put in."""
+    """Return a text with a few bytes changed, swapped, doubled, removed or inserted."""
     data = bytearray(text.encode())
     for _ in range(chance.randint(1, 4)):
         at = chance.randrange(len(data))
@@ -196,7 +196,7 @@ def mutated(text, chance):
 
 
 def accepts(path, data):
-    """Return what a spoiled file is taken for, or None; anything but our own errors fails."""
+    """Return the parsed file, or None if it is refused; any error but ours fails the test."""
     path.write_bytes(data)
     try:
         return read_calibration(path)

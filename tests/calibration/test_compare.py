@@ -1,4 +1,4 @@
-"""A calibration file and the servos on the line, held against each other."""
+"""A calibration file is compared with the servos on the line."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""Values of a calibration file that exclude each other are told one by one."""
+"""Each contradiction between values of a calibration file is reported separately."""
 
 import pytest
 
@@ -7,7 +7,7 @@ from tests.calibration.records import FAMILIES, GEOMETRY, calibration_of, joint
 
 
 def issues_of(*joints, **more):
-    """Return what is said of a file of such joints, by place."""
+    """Return the issues of a file with these joints, by place."""
     calibration = calibration_of(*joints, **more)
     return {c.location: (c.found, c.expected) for c in inconsistencies(calibration)}
 

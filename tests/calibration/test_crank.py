@@ -1,4 +1,4 @@
-"""A slide behind a crank, a rack or a gear is told in its own metres and radians."""
+"""Positions of a slide behind a crank, a rack or a gear are in metres and radians."""
 
 import math
 
@@ -106,7 +106,7 @@ def test_clamped_slide_position_stays_at_passed_dead_centre(sign):
     assert joint_map.position_clamped(2148) == joint_map.position(2148)
 
 
-def test_cranked_slide_counts_in_steepest_steps_without_gear():
+def test_cranked_slide_tick_is_its_largest_step_without_gear():
     joint_map = JointMap.cranked("gripper", 5, 1, 2048.0, 4096, CRANK)
     horn_rad = math.tau / 4096
     assert joint_map.unit_per_tick == pytest.approx(CRANK.max_m_per_rad * horn_rad)

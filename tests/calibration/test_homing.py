@@ -1,4 +1,4 @@
-"""Where a servo's count is made to begin, tick for tick."""
+"""The start of a servo's count, tick for tick."""
 
 import pytest
 

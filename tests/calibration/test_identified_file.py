@@ -1,4 +1,4 @@
-"""The file of an identified arm is read as it was written, or refused with the place."""
+"""The file of an identified arm is read as written, or refused with the place of the error."""
 
 import math
 from datetime import UTC, datetime

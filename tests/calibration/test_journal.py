@@ -1,4 +1,4 @@
-"""What is being written into servos is on disk before, and believed whole or not at all."""
+"""The journal of registers to write is on disk first, and accepted completely or not at all."""
 
 import pytest
 from pydantic import ValidationError

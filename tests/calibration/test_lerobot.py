@@ -1,4 +1,4 @@
-"""LeRobot's calibrations are found where it keeps them, read with suspicion, and handed back."""
+"""LeRobot's calibrations are found, checked, read and exported."""
 
 import json
 import random
@@ -225,7 +225,7 @@ UNSWEPT = {"swept": "not swept", "lower_deg": None, "upper_deg": None}
     ("changes", "warning"),
     [
         ({}, []),
-        ({"sign": -1}, ["elbow counts against its joint; so will LeRobot's degrees."]),
+        ({"sign": -1}, ["elbow counts against its joint, and so do LeRobot's degrees."]),
         (UNSWEPT, ["elbow was not swept; LeRobot gets a whole turn."]),
         ({**UNSWEPT, "extended": True}, ["elbow was not swept; LeRobot gets a whole turn."]),
         (

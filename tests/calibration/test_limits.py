@@ -1,4 +1,4 @@
-"""A limit is a value that remembers who said so."""
+"""A limit is a value with its source."""
 
 import pytest
 

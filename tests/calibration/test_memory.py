@@ -1,4 +1,4 @@
-"""What a servo's memory should hold for a calibration, register by register."""
+"""The register values that a calibration requires in a servo."""
 
 import pytest
 

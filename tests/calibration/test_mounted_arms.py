@@ -1,4 +1,4 @@
-"""A scripted person calibrates arms that nobody has described; the simulated truth judges."""
+"""A scripted operator calibrates arms with unknown mounting; the simulated truth judges."""
 
 import math
 from datetime import UTC, datetime
@@ -29,7 +29,7 @@ def calibrated(arm):
 
 
 def judge(arm):
-    """Hold a calibration against the arm's truth: the first joint that is wrong fails."""
+    """Compare a calibration with the arm's truth; the first wrong joint fails the test."""
     joints = calibrated(arm)
     model = load_model(arm.name)
     for joint in model.joints:
@@ -39,7 +39,7 @@ def judge(arm):
 
 
 def check_limits(arm, joint, found):
-    """Each swept limit lies inside its true stop, and within half a degree of it."""
+    """Check that each swept limit is inside its true stop, and within half a degree of it."""
     low, high = arm.stops[joint.name]
     scale = joint.travel_per_turn / math.tau
     if found.swept == "not swept":
@@ -51,7 +51,7 @@ def check_limits(arm, joint, found):
 
 
 def check_registers(arm, joint, found):
-    """Offsets stay in range, and limits in the servos are those of the file, inside the truth."""
+    """Check that offsets are in range, and that the servos' limits are those of the file."""
     for servo in found.servos:
         for name, number in servo.holds.items():
             assert arm.register(servo.id, name) == number, f"{joint.name} {name}"
@@ -72,7 +72,7 @@ def check_registers(arm, joint, found):
 
 
 def place_all(arm, model, share):
-    """Place each joint at a share of what both its stops and its limits leave."""
+    """Place each joint at a fraction of the range inside both its stops and its limits."""
     for joint in model.joints:
         low = max(arm.stops[joint.name][0], joint.limits.lower.value)
         high = min(arm.stops[joint.name][1], joint.limits.upper.value)
@@ -80,7 +80,7 @@ def place_all(arm, model, share):
 
 
 def check_zeros_and_signs(arm, model):
-    """After a night without power, at three places, what is read is where each joint is."""
+    """After a power cycle, check at three places that each reading is the joint's true position."""
     arm.world.hands.clear()
     for share in (0.1, 0.5, 0.9):
         place_all(arm, model, share)

@@ -1,4 +1,4 @@
-"""What an interrupted calibration has measured is kept, and believed whole or not at all."""
+"""The results of an interrupted calibration are kept, and accepted completely or not at all."""
 
 import pytest
 from pydantic import ValidationError

@@ -1,4 +1,4 @@
-"""Two hundred names that would lead elsewhere: every file stays in the person's own folder."""
+"""Two hundred hostile names: every file stays in the user's own folder."""
 
 from itertools import product
 

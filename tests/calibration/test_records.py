@@ -1,4 +1,4 @@
-"""The bounds of every value of a calibration file: the last one in it, and the first outside."""
+"""The bounds of every value of a calibration file: the last valid one and the first invalid."""
 
 import json
 import math

@@ -1,4 +1,4 @@
-"""An interrupted writing into servos and file: how far it came, and what ends it."""
+"""An interrupted transaction on servos and file: its progress, and its recovery."""
 
 import pytest
 
@@ -24,7 +24,7 @@ OLD_TEXT, NEW_TEXT = "[old]\n", "[new]\n"
 
 
 class Interrupted:
-    """Servos, a calibration file, and the journal of a writing into both."""
+    """Servos, a calibration file, and the journal of a transaction on both."""
 
     def __init__(self, folder, name="planar2"):
         self.path, self.journal_path = folder / "arm.toml", folder / "journal.toml"

@@ -1,4 +1,4 @@
-"""Positions and sources of limits as a person reads them."""
+"""Positions and sources of limits in readable words."""
 
 import math
 

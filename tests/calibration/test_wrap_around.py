@@ -1,4 +1,4 @@
-"""The count of ticks begins again somewhere; nobody above may notice."""
+"""The count of ticks wraps around, and no caller notices it."""
 
 import numpy as np
 import pytest
@@ -25,7 +25,7 @@ travels = st.builds(
 
 
 def test_unwrap_is_right_for_every_position_offset_and_direction():
-    """Hazard M6, all of it: 4096 positions × offsets −2047..2047 step 13 × direction."""
+    """Hazard M6, exhaustive: 4096 positions × offsets −2047..2047 step 13 × direction."""
     bare = np.arange(TURN)
     cases = wrong = 0
     for offset in range(-2047, 2048, 13):

@@ -1,4 +1,4 @@
-"""Run a command in this process: exact stdout, stderr and exit code."""
+"""Run a command in this process; return its exact stdout, stderr and exit code."""
 
 import json
 from dataclasses import dataclass

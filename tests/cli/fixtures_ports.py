@@ -11,7 +11,7 @@ from tests.cli.conftest import CommandResult
 
 @dataclass
 class PortInfo:
-    """What pyserial reports of a port."""
+    """A serial port as pyserial describes it."""
 
     device: str
     vid: int | None = 0x1A86

@@ -1,4 +1,4 @@
-"""An arm that is plugged into another adapter keeps its calibration, if a person says so."""
+"""An arm on another adapter keeps its calibration if the user confirms it."""
 
 import pytest
 
@@ -17,7 +17,7 @@ def _home(tmp_path, monkeypatch):
 
 @pytest.fixture
 def arm(monkeypatch):
-    """Return an arm that was calibrated on an old adapter and hangs on a new one."""
+    """Return an arm that was calibrated on an old adapter and is now on a new one."""
     arm = connect_arm(monkeypatch, NAME, serial=NEW, spoiled=False)
     write_calibration(arm, serial="")
     calibration = read_calibration(calibration_path(NAME, ""))
@@ -82,7 +82,7 @@ def test_calibration_push_refuses_the_from_option(arm, run_cli):
 
 @pytest.fixture
 def recording(arm, run_cli, tmp_path):
-    """Return a recording of the arm, and its calibration, which is lost since."""
+    """Return a recording of the arm, and its calibration, which is then deleted."""
     assert run_cli(f"{WORDS} --yes").code == 0
     path, own = tmp_path / "wave.mcap", calibration_path(NAME, NEW)
     done = run_cli(f"record {path} --arm {NAME} --port {PORT} --duration 0.1")

@@ -1,4 +1,4 @@
-"""Where no terminal can answer, a real arm moves with --yes only; a simulated one needs none."""
+"""Without a terminal for questions, a real arm moves only with --yes; a simulated one always."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""``ikservo arc`` and ``--tool-speed``: what they print, and how they refuse."""
+"""``ikservo arc`` and ``--tool-speed``: output and refusals."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""Every command takes its arm by --arm and by its bare name."""
+"""Every command accepts its arm by --arm and by its bare name."""
 
 import pytest
 

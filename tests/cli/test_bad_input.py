@@ -1,4 +1,4 @@
-"""Whatever is wrong, there is one clear message, the right exit code, and nothing moves."""
+"""Wrong input gives one clear message and the right exit code, and nothing moves."""
 
 import json
 import math
@@ -87,7 +87,7 @@ def test_missing_port_suggests_the_simulator(run_cli, monkeypatch):
 
 @pytest.fixture
 def own_arm(tmp_path):
-    """Return a folder with a copy of an arm that a test may spoil."""
+    """Return a folder with a copy of an arm that a test may damage."""
     for name in ("arm.toml", "arm.urdf"):
         (tmp_path / name).write_text((CONFIGS / "so101" / name).read_text())
     return tmp_path

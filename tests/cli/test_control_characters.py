@@ -1,4 +1,4 @@
-"""Control characters of files and of the network are spelled out before a terminal sees them."""
+"""Control characters in files and network data are escaped before a terminal receives them."""
 
 import json
 import re
@@ -89,7 +89,7 @@ def test_exported_text_is_printable_on_a_terminal_only(monkeypatch, capsys, is_t
 
 
 def test_only_the_terminal_module_writes_to_the_terminal():
-    """Only the module of the terminal makes consoles of Rich and writes text as it is."""
+    """Only the terminal module creates Rich consoles and writes raw text."""
     written = re.compile(r"\bConsole\(|rich\.print|typer\.echo\((?!__version__)|sys\.stdout\.write")
     files = [f for f in PACKAGE.rglob("*.py") if written.search(f.read_text())]
     assert [f.relative_to(PACKAGE).as_posix() for f in files] == ["cli/terminal.py"]

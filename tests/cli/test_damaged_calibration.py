@@ -1,4 +1,4 @@
-"""A damaged calibration is found, and each command names the ways out of it."""
+"""A damaged calibration is detected, and each command names the possible remedies."""
 
 import pytest
 
@@ -18,7 +18,7 @@ def arm(monkeypatch, tmp_path):
 
 @pytest.fixture
 def path(arm):
-    """Return the damaged calibration of the arm; the one before is beside it."""
+    """Return the damaged calibration of the arm, with its predecessor beside it."""
     write_calibration(arm)
     path = calibration_path(NAME, SERIAL)
     save_calibration(read_calibration(path))

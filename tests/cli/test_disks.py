@@ -1,4 +1,4 @@
-"""On a disk that is full, read-only or gone each failure has a sentence, and old files stay."""
+"""On a full, read-only or missing disk each failure has a message, and old files stay."""
 
 import ast
 import dataclasses
@@ -87,7 +87,7 @@ BYTES = 4096
 
 
 def file_parameters():
-    """Yield command and name of each option and argument that is a path."""
+    """Yield the command and name of each option and argument that is a path."""
     for name, each in all_commands().items():
         place, _, function = each.module.partition(":")
         command = getattr(import_module(place), function or "command") if place else None
@@ -96,7 +96,7 @@ def file_parameters():
 
 
 def path_parameters(described):
-    """Yield the names of what a command, or a group of its options, has of type Path."""
+    """Yield the names of a command's parameters of type Path, groups of options included."""
     for parameter, kind in typing.get_type_hints(described).items():
         if dataclasses.is_dataclass(kind):
             yield from path_parameters(kind)
@@ -137,7 +137,7 @@ def _writes(call):
 
 
 def run_limited(words, limit, home):
-    """Run a command in a process whose files have a largest size, as on a full disk."""
+    """Run a command in a process with a limit of file size, as on a full disk."""
 
     def set_limit():
         signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
@@ -153,7 +153,7 @@ def run_limited(words, limit, home):
 
 @pytest.fixture
 def place(tmp_path):
-    """Return a folder with a file to replace of each kind."""
+    """Return a folder with an existing file of each kind."""
     folder = tmp_path / "place"
     (folder / "keys" / "authority").mkdir(parents=True)
     for name in ("old.jsonl", "old.mcap", "old.csv", "old.svg", "old.png", "old.html"):
@@ -182,7 +182,7 @@ def content(folder):
 
 
 def require_sentence(done, file, why, before, place):
-    """One sentence says which file failed; nothing else is there than before."""
+    """Check that one message names the failed file, and that no other file changed."""
     text = " ".join(done.err.split())
     assert done.code != 0
     assert text.count("cannot be written") == 1

@@ -1,4 +1,4 @@
-"""What every reporting command prints on a terminal of 80 columns."""
+"""The output of every reporting command on a terminal of 80 columns."""
 
 import io
 import re
@@ -41,7 +41,7 @@ class Terminal(io.StringIO):
 
 @pytest.fixture
 def shown(monkeypatch, tmp_path):
-    """Return what a person reads of a command, off a terminal or on one of so many columns."""
+    """Return the visible output of a command, without a terminal or on one of the given width."""
     monkeypatch.setenv("IKSERVO_HOME", str(tmp_path))
     monkeypatch.setattr("ikservo.apps.workbench.doctor.READS", 60)
     port = PortInfo("/dev/ttyACM0", serial_number="58FA083")
@@ -65,7 +65,7 @@ def too_long(text):
 
 
 def names(text):
-    """The words of a text without those that have numbers in them, which differ by run."""
+    """Return the words of a text without those with numbers, which differ between runs."""
     return {word for word in text.split() if not re.search(r"[\d●├┤─…]", word)}
 
 

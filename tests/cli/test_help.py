@@ -1,4 +1,4 @@
-"""The first screen: the commands, the exit codes, and nothing imported for it."""
+"""The first screen shows the commands and exit codes and imports nothing for it."""
 
 import subprocess
 import sys

@@ -1,4 +1,4 @@
-"""Every command that a message names exists, with every option that it is named with."""
+"""Every command and option that a message names exists."""
 
 import ast
 from functools import cache
@@ -15,7 +15,7 @@ SOURCES = Path(ikservo.__file__).parent
 
 
 def sentences():
-    """Every string of the program that is no docstring; what is filled in stands as ``x``."""
+    """Yield every string of the program except docstrings; inserted values become ``x``."""
     for path in sorted(SOURCES.rglob("*.py")):
         nodes = list(ast.walk(ast.parse(path.read_text("utf-8"))))
         inner = {id(part) for node in nodes if isinstance(node, ast.JoinedStr)
@@ -33,10 +33,10 @@ def sentences():
 
 @cache
 def mentions():
-    """Every command with its arguments that a message names, and in which file.
+    """Return every command with its arguments that a message names, and its file.
 
-    Found when it is asked for: to read all of the program takes seconds, which each process that
-    only gathers the tests would pay as well.
+    It is computed on demand: reading the whole program takes seconds, which each process that
+    only collects the tests would pay as well.
     """
     return sorted(
         {

@@ -1,4 +1,4 @@
-"""How a command ends that Ctrl-C stopped: by the signal, so that a shell's loop around it ends."""
+"""A command that Ctrl-C stopped ends by that signal, so that a shell's loop around it ends."""
 
 import shlex
 import shutil
@@ -17,7 +17,7 @@ WAITING = [sys.executable, "-c", "from ikservo.cli import console; console()", "
 
 
 def ended_after(monkeypatch, *errors):
-    """Return how a command ends that raises errors, each in the handling of the one before."""
+    """Return how a command ends that raises errors, each while the one before is handled."""
 
     def fail(_):
         before = None

@@ -1,4 +1,4 @@
-"""What the commands print with --json is what docs/json.md lists."""
+"""The output of commands with --json agrees with docs/json.md."""
 
 import ast
 import dataclasses
@@ -44,7 +44,7 @@ QUIET = [  # one command for each schema whose keys the sources put together whi
 
 
 def documented():
-    """Return the keys that are always there and those that may be, by schema."""
+    """Return the required and the optional keys, by schema."""
     table = (ROOT.parent / "docs" / "json.md").read_text().partition("Objects inside")[0]
     rows = [found for line in table.splitlines() if (found := ROW.match(line))]
     keys = {row["schema"]: KEY.findall(row["keys"]) for row in rows}
@@ -71,7 +71,7 @@ def printed():
 
 
 def field_keys(module, table):
-    """Return the keys of a table of fields: of a constant, a function or a variable."""
+    """Return the keys of a table of fields, given as a constant, a function or a variable."""
     for node in ast.walk(module):
         named = getattr(node, "name", "") or getattr(getattr(node, "target", None), "id", "")
         if named == table:

@@ -1,4 +1,4 @@
-"""``calibrate --auto`` killed as a process: what it left in servos is said, and undone."""
+"""``calibrate --auto`` killed as a process: the changed registers are reported and restored."""
 
 import contextlib
 import os
@@ -45,7 +45,7 @@ def read_in_time(bus, servo, register):
 
 
 def narrow_limits(arm, port):
-    """Write a limit to each servo that a search takes away."""
+    """Write a limit to each servo that a search removes."""
     with open_bus(load_model(arm), port) as bus:
         line = ServoLine(bus, "bench")
         for servo in bus.servos.values():
@@ -57,7 +57,7 @@ def narrow_limits(arm, port):
 
 
 def end_calibration(arm, port, log, moment, how):
-    """Start a calibration and end it by a signal at a moment; return its exit code."""
+    """Start a calibration and end it by a signal at a given moment; return its exit code."""
     for _ in range(TRIES):
         log.write_text("")
         with (

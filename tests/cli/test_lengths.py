@@ -1,4 +1,4 @@
-"""A length without a unit that could be millimetres is asked about at every option."""
+"""Every option asks about a length without a unit that could be in millimetres."""
 
 import pytest
 import typer

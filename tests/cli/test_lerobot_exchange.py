@@ -1,4 +1,4 @@
-"""``ikservo import lerobot`` and ``ikservo export lerobot``, there and back."""
+"""``ikservo import lerobot`` and ``ikservo export lerobot``, in both directions."""
 
 import json
 import math

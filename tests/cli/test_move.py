@@ -1,4 +1,4 @@
-"""``ikservo move`` and its kin on the simulated bus, word for word."""
+"""``ikservo move`` and related commands on the simulated bus, word for word."""
 
 import math
 import re

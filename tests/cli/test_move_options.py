@@ -1,4 +1,4 @@
-"""``ikservo move`` with lines, way-points and stances, and what it tells before it moves."""
+"""``ikservo move`` with lines, waypoints and orientations, and its output before the motion."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""Groups of options: a command takes a dataclass, its user sees the options one by one."""
+"""Groups of options: a command takes a dataclass, its user sees single options."""
 
 import inspect
 from dataclasses import dataclass
@@ -12,7 +12,7 @@ from ikservo.cli.option_groups import Without, with_options_of_groups
 
 @dataclass(frozen=True, kw_only=True)
 class Paint:
-    """How something is painted."""
+    """Options of a painting."""
 
     colour: Annotated[str, typer.Option("--colour", help="A colour.")] = "red"
     coats: Annotated[int, typer.Option("--coats", help="How many.")] = 1
@@ -20,7 +20,7 @@ class Paint:
 
 @dataclass(frozen=True, kw_only=True)
 class OilPaint(Paint):
-    """The same with another help."""
+    """The same options with another help text."""
 
     colour: Annotated[str, typer.Option("--colour", help="A colour of oil.")] = "blue"
 

@@ -1,4 +1,4 @@
-"""Two terminals and one arm: what one starts, the other sees, stops and releases."""
+"""Two terminals and one arm: one starts a motion; the other sees, stops and relaxes it."""
 
 import signal
 import subprocess
@@ -28,7 +28,7 @@ with ikservo.open_arm("so101", port=sys.argv[1], collisions=False) as arm:
 
 @contextmanager
 def swaying(port):
-    """Let another program move the arm for ever; it is under way by the time we go on."""
+    """Let another program move the arm forever; return once it moves."""
     process = subprocess.Popen(
         [sys.executable, "-c", SWAYING, port],
         stdout=subprocess.PIPE,

@@ -1,4 +1,4 @@
-"""Two processes, one pseudo-terminal: the whole chain, judged by the vendors' own SDKs."""
+"""Two processes and a pseudo-terminal: the whole chain, judged by the vendors' SDKs."""
 
 import os
 import signal
@@ -33,7 +33,7 @@ def served(arm):
 
 @pytest.fixture(scope="module")
 def port_of():
-    """Return a function that gives an arm's port: one simulator of each serves the whole file."""
+    """Return a function that gives an arm's port; the file shares one simulator per arm."""
     with ExitStack() as stack:
         ports = {}
 
@@ -46,7 +46,7 @@ def port_of():
 
 
 def run_until_settled(run_cli, words):
-    """Run a command, again where a busy computer stopped the arm: silence (4), late cycles (8)."""
+    """Run a command; repeat it if a busy computer stopped the arm: silence (4), late cycles (8)."""
     for _ in range(12):
         done = run_cli(words)
         if done.code not in (4, 8):
@@ -55,7 +55,7 @@ def run_until_settled(run_cli, words):
 
 
 def ticks_by_the_vendors_sdk(arm, port):
-    """Ask every servo for its position with a stock SDK, none of our code between."""
+    """Read every servo's position with a vendor's SDK and none of our code."""
     if arm_file(arm)["bus"]["family"] == "feetech_sts":
         handler, packets = scservo_sdk.PortHandler(port), scservo_sdk.PacketHandler(0)
         read = lambda i: packets.read2ByteTxRx(handler, i, 56)  # noqa: E731
@@ -75,7 +75,7 @@ def ticks_by_the_vendors_sdk(arm, port):
 
 
 def read_in_time(read, servo_id):
-    """Read again where a busy computer kept the simulator waiting for longer than the SDK waits."""
+    """Read again if a busy computer delayed the simulator for longer than the SDK waits."""
     for _ in range(12):
         tick, result, error = read(servo_id)
         if result not in (dynamixel_sdk.COMM_RX_TIMEOUT, scservo_sdk.COMM_RX_TIMEOUT):
@@ -148,7 +148,7 @@ def pan_of(run_cli, port):
 
 
 def _wait_until_it_moves(run_cli, port, process, start_rad):
-    """Wait until the process that has the port says that the joint is under way."""
+    """Wait until the process that has the port reports that the joint moves."""
     while process.poll() is None:
         seen = run_cli(f"where --arm so101 --port {port} --json")
         if seen.code == 0 and seen.json["joints"][0]["position_rad"] > start_rad + 0.05:

@@ -1,4 +1,4 @@
-"""``ikservo ports``: what is plugged in, what comes and goes, and which port is meant."""
+"""``ikservo ports``: connected adapters, changes, and the choice of a port."""
 
 import json
 

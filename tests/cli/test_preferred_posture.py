@@ -1,4 +1,4 @@
-"""``--prefer`` and ``--weight``: where the target leaves freedom, the person chooses (L10)."""
+"""``--prefer`` and ``--weight`` choose among the postures that a target allows (L10)."""
 
 import math
 
@@ -43,7 +43,7 @@ def test_pseudo_inverse_method_keeps_preferred_joint(run_cli):
     assert joints(result)["wrist_roll"] == pytest.approx(40.0, abs=0.1)
 
 
-def test_move_takes_the_preferred_joint(run_cli):
+def test_move_uses_preferred_joint_position(run_cli):
     result = run_cli(f"move {POINT} --port sim --yes --json --dry-run --prefer wrist_roll=40")
     assert result.json["q_rad"]["wrist_roll"] == pytest.approx(math.radians(40.0), abs=2e-3)
 

@@ -1,4 +1,4 @@
-"""A question is answered by what is typed after it, never by what was typed before."""
+"""Only text that is typed after a question answers it."""
 
 import os
 import re
@@ -17,7 +17,7 @@ pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="Windows has no 
 
 
 class Terminal:
-    """The keyboard of the terminal that is stdin; types the next text once a prompt is printed."""
+    """The keyboard of the terminal that is stdin; types the next text after each prompt."""
 
     def __init__(self, keyboard):
         self.keyboard, self.texts = keyboard, []

@@ -25,7 +25,7 @@ raise SystemExit(code)
 
 @pytest.fixture
 def device(tmp_path, monkeypatch):
-    """The port of an arm that another program, this one, has open."""
+    """Return the port of an arm that another program, this one, has open."""
     for name in ("IKSERVO_ARM", "IKSERVO_PORT", "IKSERVO_FLEET"):
         monkeypatch.delenv(name, raising=False)
     monkeypatch.setenv("IKSERVO_HOME", str(tmp_path))

@@ -1,4 +1,4 @@
-"""What README must show besides blocks that run (those: tests/docs)."""
+"""Facts of README besides the blocks that run (those: tests/docs)."""
 
 import re
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""``ikservo recover``: alarms go away by each family's own way, and nothing snaps afterwards."""
+"""``ikservo recover`` clears alarms in the way of each family, and no joint jumps afterwards."""
 
 import pytest
 
@@ -18,7 +18,7 @@ def overloaded(*numbers, torque=1):
 
 
 def overload(servo):
-    """Latch an overload as the firmware does: a Feetech limits, a Dynamixel lets go."""
+    """Latch an overload like the firmware: a Feetech limits torque, a Dynamixel switches it off."""
     if servo.table.by_name.get("hardware_error_status"):
         servo.inject_alarm(OVERLOAD)
         servo.memory.put("torque_enable", 0)

@@ -11,7 +11,7 @@ from ikservo.cli.results import Field, print_fields, print_records
 
 @dataclass(frozen=True)
 class Cup:
-    """What is measured."""
+    """A measurement."""
 
     size_m: float
     full: object

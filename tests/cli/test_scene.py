@@ -1,4 +1,4 @@
-"""``ikservo scene``: what is in a scene file, and which poses of an arm touch it."""
+"""``ikservo scene`` shows the obstacles of a scene file, and the poses that touch them."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""Every command that moves an arm takes the things around it with ``--scene``."""
+"""Every command that moves an arm accepts obstacles with ``--scene``."""
 
 import json
 import math
@@ -20,7 +20,7 @@ size_m = [0.2, 0.02, 0.3]
 
 @pytest.fixture
 def recorded(tmp_path):
-    """Return a recording of the pan's turn by 80 degrees from the pose home."""
+    """Return a recording in which the pan turns by 80 degrees from the pose home."""
     model = ikservo.load_model("so101")
     path = tmp_path / "turn.jsonl"
     with RecordingWriter(path, recording_header(model, 0.5)) as writer:

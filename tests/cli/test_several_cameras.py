@@ -1,4 +1,4 @@
-"""An arm before several cameras: each is stored and chosen by its name."""
+"""An arm with several cameras: each is stored and chosen by its name."""
 
 import pytest
 
@@ -22,7 +22,7 @@ ARM = "so101 --port sim:?pose=home"
 
 @pytest.fixture
 def arm(tmp_path, monkeypatch):
-    """An arm before two cameras, ``left`` 0.1 m beside the one without a name."""
+    """Return an arm with two cameras, ``left`` 0.1 m beside the one without a name."""
     monkeypatch.setenv("IKSERVO_HOME", str(tmp_path))
     monkeypatch.setattr(SimulatedCamera, "set_stage", lambda _: None)  # the board is enough
     with ikservo.open_arm("so101", "sim:?pose=home") as arm:

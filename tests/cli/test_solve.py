@@ -1,4 +1,4 @@
-"""``ikservo solve``: joints for a point, no hardware."""
+"""``ikservo solve``: joints for a point, without hardware."""
 
 import math
 

@@ -158,7 +158,7 @@ def test_solve_compare_omits_closed_form_if_arm_has_none(run_cli, skewed):
 
 @pytest.fixture
 def skewed(tmp_path):
-    """Return a .urdf whose axes are neither parallel nor meet, and of which one slides."""
+    """Return a .urdf with skew joint axes, one of them a slide."""
     text = '<robot name="skewed">' + "".join(f'<link name="{n}"/>' for n in ("a", "b", "c", "tip"))
     for kind, parent, child, axis in (
         ("revolute", "a", "b", "0 0 1"), ("prismatic", "b", "c", "1 1 0"),

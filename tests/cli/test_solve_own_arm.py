@@ -1,4 +1,4 @@
-"""``ikservo solve`` and ``workspace`` inside the limits of the arm that a person has."""
+"""``ikservo solve`` and ``workspace`` inside the calibrated limits of the user's arm."""
 
 from datetime import UTC, datetime, timedelta
 
@@ -19,7 +19,7 @@ def _home(tmp_path, monkeypatch):
 
 @pytest.fixture
 def file():
-    """Return where the calibration lies of a SO-101 swept by 63° to both sides of home."""
+    """Return the calibration file of an SO-101 swept by 63° to both sides of home."""
     arm = make_mounted_arm("so101", 4, spoiled=False)
     with arm.open_limp() as limp_arm:
         calibration = make_calibration(arm, limp_arm, WHEN)

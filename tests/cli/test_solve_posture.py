@@ -1,4 +1,4 @@
-"""What ``ikservo solve`` says besides the joints: other solutions, conditioning, torques."""
+"""``ikservo solve``: other solutions, conditioning and torques in its output."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""``ikservo stop`` in one process ends what another one moves, whichever command that is."""
+"""``ikservo stop`` in one process ends a motion in another, whichever command it is."""
 
 import os
 import subprocess

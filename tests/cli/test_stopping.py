@@ -1,4 +1,4 @@
-"""Ctrl-C in mid-motion: the arm holds; a second one lowers it to its rest pose and lets go."""
+"""Ctrl-C in mid-motion: the arm holds; a second one lowers it and switches torque off."""
 
 import contextlib
 import errno
@@ -33,7 +33,7 @@ def servos(monkeypatch):
 
 
 def press(monkeypatch, numbers):
-    """Send signals at successive moments of the first motion that a command watches."""
+    """Send signals at successive moments of the first motion that a command runs."""
     left = list(numbers)
 
     @contextlib.contextmanager
@@ -149,7 +149,7 @@ def test_second_signal_does_not_claim_to_have_lowered_stuck_arm():
 
 
 class PressedAgain(VirtualClock):
-    """A clock in whose time the user presses Ctrl-C once more."""
+    """A clock during whose wait the user presses Ctrl-C once more."""
 
     def __init__(self, at_s):
         super().__init__()
@@ -162,7 +162,7 @@ class PressedAgain(VirtualClock):
 
 
 def interrupt_a_motion(arm, clock):
-    """Press Ctrl-C in a motion of an arm whose second Ctrl-C is waited for by a clock."""
+    """Press Ctrl-C in a motion of an arm; a clock measures the wait for a second Ctrl-C."""
 
     def press_once(progress):
         if progress.elapsed_s > 0.3 and not arm.stop_requests:
@@ -182,7 +182,7 @@ def test_second_signal_counts_only_within_one_second(at_s, torque):
 
 
 class Unheard(VirtualClock):
-    """A clock that nobody may wait by."""
+    """A clock that must not be used."""
 
     def sleep_until(self, deadline_s):
         raise AssertionError("a second signal was waited for")

@@ -1,4 +1,4 @@
-"""Commands let BLAS use one thread, unless their user has set another number."""
+"""Commands limit BLAS to one thread, unless the user has set another number."""
 
 import os
 import subprocess
@@ -22,7 +22,7 @@ entry_point.console()
 
 
 def report_of_solve(**own):
-    """Return exit code, the numbers that BLAS reads, and how many threads the process has."""
+    """Return exit code, the thread counts that BLAS reads, and the number of threads."""
     environment = {k: v for k, v in os.environ.items() if not k.endswith("_NUM_THREADS")}
     done = subprocess.run(
         [sys.executable, "-c", CODE],

@@ -1,4 +1,4 @@
-"""``ikservo calibrate --touch`` on an arm whose zeros and links are a little wrong."""
+"""``ikservo calibrate --touch`` on an arm with slightly wrong zeros and links."""
 
 import math
 from contextlib import nullcontext
@@ -42,7 +42,7 @@ def arm(monkeypatch, truth):
 
 
 def guide(arm, truth, tmp_path, count=15):
-    """Guide the tip to points one after the other; return the file that says where they are."""
+    """Guide the tip to points one after another; return the file that says where they are."""
     lines, start_s = [], arm.world.time_s + 0.5
     for i in range(count):
         q = truth.posture()
@@ -60,7 +60,7 @@ def place(arm, truth, q):
 
 
 def tip_errors_m(arm, truth, count=20):
-    """Return how far the tip is from where the opened arm says it is, at unseen postures."""
+    """Return the distances between the true and the computed tip at unseen postures, m."""
     errors = []
     with arm.open_bus() as bus:
         bus.port.name = PORT

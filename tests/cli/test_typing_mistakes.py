@@ -1,4 +1,4 @@
-"""What a person mistypes: millimetres, decimal commas, points out of reach, a .urdf for an arm."""
+"""Typing mistakes: millimetres, decimal commas, points out of reach, a .urdf for an arm."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""Nobody but a person can see that two joints are exchanged; so they are shown each one."""
+"""Only a person can see that two joints are exchanged, so each joint is shown."""
 
 from itertools import combinations
 
@@ -34,7 +34,7 @@ def arm(monkeypatch):
 
 @pytest.fixture
 def watcher(monkeypatch):
-    """Return a function that lets somebody watch an arm and say truly which joint moved."""
+    """Return a function that lets a person watch an arm and report which joint moved."""
 
     def watch(arm):
         seen = {}
@@ -148,7 +148,7 @@ def test_wiggle_names_a_jammed_joint(arm, run_cli):
 
 
 def swapped(monkeypatch, pair):
-    """Mount an uncalibrated arm, two of whose servos have each other's ids."""
+    """Mount an uncalibrated arm with the ids of two servos exchanged."""
     arm = connect_arm(monkeypatch, "so101", zero=2048, sign=1, spoiled=False)
     memories = [arm.line.servos[i].memory for i in pair]
     for memory, new in zip(memories, reversed(pair), strict=True):

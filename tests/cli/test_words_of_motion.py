@@ -1,4 +1,4 @@
-"""The commands that move an arm besides `move`: what they print, and how they refuse."""
+"""Output and refusals of the commands besides `move` that move an arm."""
 
 import json
 import re

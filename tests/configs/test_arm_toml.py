@@ -27,7 +27,7 @@ def urdf(arm: str) -> ET.Element:
 
 
 def limits(arm: str) -> dict[str, tuple[float, float]]:
-    """Return lower and upper limit [rad or m] of every joint that a servo moves, in file order."""
+    """Return lower and upper limit [rad or m] of every joint with a servo, in file order."""
     return {
         joint.attrib["name"]: tuple(float(joint.find("limit").get(k)) for k in ("lower", "upper"))
         for joint in urdf(arm).iter("joint")
@@ -51,7 +51,7 @@ def ticks(servo: dict, position: float) -> int:
 
 
 def positions(arm: str, pose: str) -> dict[str, float]:
-    """Return a pose as joint = rad or m."""
+    """Return a pose as a mapping of joint to rad or m."""
     tables = read(arm)["poses"][pose]
     turned = {name: float(np.deg2rad(deg)) for name, deg in tables["deg"].items()}
     return turned | tables.get("m", {})

@@ -1,4 +1,4 @@
-"""The shipped URDFs load unchanged in Pinocchio and MuJoCo, and describe arms that can exist."""
+"""The shipped URDFs load unchanged in Pinocchio and MuJoCo, with plausible masses."""
 
 from __future__ import annotations
 

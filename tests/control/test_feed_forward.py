@@ -1,4 +1,4 @@
-"""Feed-forward: goals lead a reference by what the servos would lag it."""
+"""Feed-forward: goals lead a reference by the expected lag of the servos."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Goals of a motion: soft beginnings, feedback that is bounded, and limits."""
+"""Goals of a motion: smooth starts, bounded feedback, and limits."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Rotors that come to their flanks before a motion begins: whose, how far, for how long."""
+"""Preload: gears are pressed to one side before a motion: which, how far, how long."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def arm():
 
 
 def preload(compensator: GoalCompensator, start, ahead, measured_at=None, goals=None):
-    """Preload joints for so long as they need; return the goals of all cycles (k, n)."""
+    """Preload joints for as long as they need; return the goals of all cycles (k, n)."""
     compensator.begin(start, start if goals is None else goals, CYCLE_S)
     at_rest, sent = TrajectoryPoint.at_rest(start), [start if goals is None else goals]
     for cycle in range(100):

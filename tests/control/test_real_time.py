@@ -1,4 +1,4 @@
-"""A control loop in real time gets the priority that the system allows, and gives it back."""
+"""A real-time control loop gets the allowed priority and restores the old one."""
 
 import gc
 import os
@@ -25,7 +25,7 @@ def policy():
 
 @pytest.fixture
 def limit(monkeypatch):
-    """Return a function that sets the limit of real-time priorities, as an administrator does."""
+    """Return a function that sets the limit of real-time priorities, like an administrator."""
 
     def set_limit(soft):
         monkeypatch.setattr(resource, "getrlimit", lambda _: (soft, soft))
@@ -35,7 +35,7 @@ def limit(monkeypatch):
 
 @pytest.fixture
 def permitted():
-    """Skip where the system would refuse what the limit says, because it is ours alone."""
+    """Skip if the system would refuse the priority because the limit belongs to this process."""
     before = os.sched_getparam(0)
     try:
         os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(1))

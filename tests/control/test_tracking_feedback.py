@@ -1,4 +1,4 @@
-"""Feedback of tracking errors: proportional, braking, bounded, kept while goals are cut; swings."""
+"""Feedback of tracking errors: proportional, damped, bounded, kept while goals are cut."""
 
 import math
 from dataclasses import replace
@@ -30,7 +30,7 @@ def feedback():
 
 
 def fed(feedback, errors, *, left=0.0, replies=True, grow=True):
-    """Return integral and fast part together after each of these errors, one in each cycle."""
+    """Return the sum of integral and fast part after each of these errors, one per cycle."""
     offsets = []
     for error, fresh in zip(errors, np.broadcast_to(replies, len(errors)), strict=True):
         feedback.update(np.array([error]), left, CYCLE_S, fresh=fresh, grow=grow)
@@ -179,9 +179,9 @@ def test_feedback_of_unknown_inertia_only_brakes():
 
 
 def error_rad(motor, p_gain, feedback=None):
-    """Return the rms error of a joint that moves at a constant speed, and of its rest after that.
+    """Return the rms error of a joint at constant speed, and of its rest after that.
 
-    Goals lead by friction and damping, and by what feedback adds.
+    Goals lead by friction and damping, and by the feedback.
     """
     parameters, drive = motor.parameters, DriveCommand(True, kp=p_gain, tick_rad=TICK_RAD)
     full_nm = parameters.duty_torque_nm

@@ -1,4 +1,4 @@
-"""Turns of errors are counted while one follows the other in time."""
+"""Reversals of an error are counted only if they follow each other closely in time."""
 
 import math
 

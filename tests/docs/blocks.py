@@ -1,10 +1,10 @@
-"""The code blocks of README and docs: where they stand, their language, whether they can run.
+"""The code blocks of README and docs: place, language, and whether they can run.
 
-A fence says what it holds: ```` ```sh ````. What cannot run in a test says why::
+A fence names its language: ```` ```sh ````. A block that cannot run in a test says why::
 
     ```sh {data-no-run="needs an arm"}
 
-A command that is meant to fail says with which exit code: ``{data-exit="7"}``.
+A command that must fail gives its exit code: ``{data-exit="7"}``.
 """
 
 import re
@@ -24,15 +24,15 @@ _INFO = re.compile(
 
 @dataclass(frozen=True)
 class Block:
-    """One fenced block.
+    """A fenced block.
 
     Attributes:
         page: Its page, from the root of the repository.
-        line: Of its fence, counted from 1.
-        language: As the fence says.
+        line: Line of its fence, counted from 1.
+        language: The language that the fence names.
         reason: Why it cannot run; empty if it can.
-        exit_code: With which its commands end.
-        text: What it holds.
+        exit_code: Expected exit code of its commands.
+        text: Its content.
     """
 
     page: str
@@ -47,7 +47,7 @@ class Block:
 
     @property
     def commands(self):
-        """Each command with the lines that it prints, as far as they are shown."""
+        """Return each command with its printed lines, as far as they are shown."""
         if self.language == "console":
             for command in self.text.split("$ ")[1:]:
                 words, _, printed = command.partition("\n")

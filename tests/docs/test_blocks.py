@@ -22,7 +22,7 @@ COMMAND = re.compile(r"(?:\$ )?ikservo [a-z]+ ?")
 
 @pytest.fixture
 def folder(tmp_path, monkeypatch):
-    """A folder to work in, and no calibration, port or arm of a user."""
+    """Work in an empty folder without a calibration, port or arm of the user."""
     monkeypatch.setenv("IKSERVO_HOME", str(tmp_path / "home"))
     for name in ("IKSERVO_ARM", "IKSERVO_PORT"):
         monkeypatch.delenv(name, raising=False)
@@ -31,7 +31,7 @@ def folder(tmp_path, monkeypatch):
 
 
 def pattern(lines):
-    """What was shown as an expression: numbers may differ, `…` stands for anything."""
+    """Return a pattern for shown output: numbers may differ, `…` matches anything."""
     tokens = re.split(rf"({NUMBER}|…|\s+)", lines.strip())
     return "".join(map(_token_pattern, filter(None, tokens)))
 

@@ -1,4 +1,4 @@
-"""The pages written from the sources hold everything that the sources have."""
+"""The generated pages contain everything in their sources."""
 
 import re
 from pathlib import Path
@@ -23,7 +23,7 @@ def pages():
 
 
 def section(page, heading, level):
-    """Return what stands below a heading, up to the next one of its level or above."""
+    """Return the text below a heading, up to the next one of its level or above."""
     marks = "#" * level
     found = re.search(
         rf"^{marks} {re.escape(heading)}\n(.*?)(?=^#{{1,{level}}} |\Z)", page, re.S | re.M

@@ -1,4 +1,4 @@
-"""The arms of ``examples/arms``: bodies that can exist, and that go where they are told."""
+"""The arms of ``examples/arms`` have plausible bodies and reach their targets."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def file_of(name):
 
 @pytest.fixture
 def opened(request):
-    """Give an example arm in the simulator."""
+    """Open an example arm in the simulator."""
     with ikservo.open_arm(file_of(request.param), "sim") as arm:
         yield arm
 

@@ -1,4 +1,4 @@
-"""Every example runs as it stands, in this process, and prints what it promises."""
+"""Every example runs unchanged in this process, and prints the expected output."""
 
 import re
 import runpy
@@ -31,7 +31,7 @@ PRINTED = {  # the line that tells that it worked
 
 @pytest.fixture
 def run(tmp_path, monkeypatch, capsys):
-    """Return a function that runs an example in an empty folder and returns what it prints."""
+    """Return a function that runs an example in an empty folder and returns its output."""
     monkeypatch.setenv("IKSERVO_HOME", str(tmp_path / "home"))
     monkeypatch.chdir(tmp_path)
 

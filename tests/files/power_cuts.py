@@ -13,7 +13,7 @@ class PowerCut(BaseException):
 
 
 class PowerSupply:
-    """Counts the operations that need power and fails before the nth."""
+    """Counts the operations that need power and fails at the nth."""
 
     def __init__(self, lasts=None):
         self.lasts, self.spent = lasts, 0

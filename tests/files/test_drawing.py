@@ -1,4 +1,4 @@
-"""Drawings from CSV and SVG files: units, places, and what is refused with its line."""
+"""Drawings from CSV and SVG files: units, places, and refusals with their line."""
 
 import builtins
 import math

@@ -1,4 +1,4 @@
-"""Programs that save the same file at the same time, and are killed while they do."""
+"""Programs that save the same file at the same time and are killed meanwhile."""
 
 import os
 import random
@@ -50,10 +50,10 @@ def start_writer(path, who, what):
 
 
 def kill_writers(path, what, check):
-    """Kill one of some writers after another, and look at the file in between.
+    """Kill writers one after another, and check the file in between.
 
     Returns:
-        What each had printed.
+        The output of each writer.
     """
     dice, printed = random.Random(3), []
     writers = [start_writer(path, who, what) for who in range(WRITERS)]

@@ -1,4 +1,4 @@
-"""Of each kind of file too much is refused before it is parsed, inflated or multiplied."""
+"""Too large files of each kind are refused before they are parsed, inflated or multiplied."""
 
 import json
 import os
@@ -28,7 +28,7 @@ NESTED = LINE + "".join(
     f'<g id="a{i}">{f"""<use href="#a{i - 1}"/>""" * 10}</g>' for i in range(1, 9)
 )
 DRAWINGS = {
-    "nested uses": (f'{NESTED}<use href="#a8"/>', "elements, each as often as it is used"),
+    "nested uses": (f'{NESTED}<use href="#a8"/>', "elements, counted at each use"),
     "a circular use": (
         '<g id="a"><use href="#b"/></g><g id="b"><use href="#a"/></g>',
         "contains itself",
@@ -184,15 +184,15 @@ def shown(name):
 
 
 def doubled(depth):
-    """Return nodes of which each shows the one before twice."""
+    """Return nodes of which each refers to the one before twice."""
     return node("n0", LEAF) + "".join(
         node(f"n{i}", shown(f"n{i - 1}") * 2) for i in range(1, depth)
     )
 
 
 SCENES = {
-    "doubled thirty times": ((ONE, doubled(30), shown("n29")), "as often as it is used"),
-    "without a surface": (("", doubled(30), shown("n29")), "as often as it is used"),
+    "doubled thirty times": ((ONE, doubled(30), shown("n29")), "counted at each use"),
+    "without a surface": (("", doubled(30), shown("n29")), "counted at each use"),
     "in a circle": ((ONE, node("a", shown("b")) + node("b", shown("a")), shown("a")), "circle"),
     "in a long chain": (
         (ONE, node("n0") + "".join(node(f"n{i}", shown(f"n{i - 1}")) for i in range(1, 200)),
@@ -223,7 +223,7 @@ def test_collada_scene_with_few_instances_is_read(tmp_path, monkeypatch):
 
 
 def sphere(triangles):
-    """Return a closed ellipsoid of which every corner is on the hull: the worst case."""
+    """Return a closed ellipsoid with every corner on the hull: the worst case."""
     n = round((triangles / 2) ** 0.5)
     turn, fall = np.meshgrid(np.linspace(0, 2 * np.pi, n + 1), np.linspace(0, np.pi, n + 1))
     points = np.stack([np.cos(turn) * np.sin(fall), np.sin(turn) * np.sin(fall), np.cos(fall)], -1)
@@ -242,7 +242,7 @@ def test_capsules_contain_every_corner_of_a_large_mesh():
 
 
 def joint_states(path, messages):
-    """Write an MCAP file with messages of joint states: names, and positions."""
+    """Write an MCAP file with joint states: names and positions."""
     writing = pytest.importorskip("mcap.writer")
     from rosbags.typesys import Stores, get_typestore
 
@@ -347,5 +347,5 @@ MULTIPLIED = {
 def test_excessive_mjcf_is_refused_before_it_is_compiled(name, tmp_path):
     pytest.importorskip("mujoco")
     (tmp_path / "arm.xml").write_text(f"<mujoco>{MULTIPLIED[name]}</mujoco>")
-    with pytest.raises(ikservo.IkservoError, match=r"is not for arms|has (width|nuser_geom)="):
+    with pytest.raises(ikservo.IkservoError, match=r"cannot be used|has (width|nuser_geom)="):
         read_mjcf(tmp_path / "arm.xml")

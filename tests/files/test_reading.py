@@ -1,4 +1,4 @@
-"""A path that is no readable text file is refused with its reason."""
+"""A path that is not a readable text file is refused with the reason."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Tables and JSON: nothing unknown, no guessed types, no number that is none."""
+"""Tables and JSON: no unknown keys, no guessed types, no invalid numbers."""
 
 import pytest
 from pydantic import ValidationError

@@ -1,4 +1,4 @@
-"""A file is the old one or the new one, whatever happens while it is written."""
+"""A file has its old or its new content, whatever happens while it is written."""
 
 import errno
 import os
@@ -44,7 +44,7 @@ def test_atomic_write_leaves_no_other_file_in_the_folder(path):
 
 @pytest.mark.skipif(os.name != "posix", reason="modes of files")
 def test_atomic_write_keeps_usual_and_private_permissions(path):
-    """A new one those of the user's umask; a replaced one its own; a key is its owner's only."""
+    """A new file gets the user's umask, a replaced one keeps its mode, a key is private."""
     by_hand = path.with_name("by_hand")
     by_hand.touch()
     assert path.stat().st_mode == by_hand.stat().st_mode
@@ -58,7 +58,7 @@ def test_atomic_write_keeps_usual_and_private_permissions(path):
 
 @pytest.mark.skipif(os.name != "posix", reason="modes of files")
 def test_atomic_write_works_on_disk_without_permissions(path, monkeypatch):
-    """FAT and network disks refuse them; what is private is nowhere readable for a while."""
+    """FAT and network disks refuse permissions; private content is never readable meanwhile."""
     path.chmod(0o600)
     seen, write = [], os.write
 

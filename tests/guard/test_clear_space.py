@@ -1,4 +1,4 @@
-"""Motions that are called free keep their distance everywhere, however thin a thing is."""
+"""Free motions keep their clearance everywhere, however thin an obstacle is."""
 
 from dataclasses import replace
 
@@ -15,7 +15,7 @@ from tests.guard.test_collision_kernel import BOXES, every_kind_of_joint
 
 
 class Turned:
-    """A box, or a cylinder, turned by chance."""
+    """A box or a cylinder with a random orientation."""
 
     def __init__(self, random, name, size_m=0.04):
         R, half = rotation_rpy(*random.uniform(-3.0, 3.0, 3)), random.uniform(0.2, 1.0, 3) * size_m
@@ -68,7 +68,7 @@ def test_motion_found_free_keeps_distance_between_samples(name):
 
 
 def droop(q):
-    """Turn the second and the third joint by what their torque could be."""
+    """Turn the second and the third joint by their possible sag."""
     bent = q.copy()
     bent[:, 1] += 0.1 * np.sin(q[:, 1] + q[:, 2])
     bent[:, 2] -= 0.08 * np.cos(q[:, 2])

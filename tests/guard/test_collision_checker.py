@@ -98,7 +98,7 @@ def test_keep_out_box_without_volume_is_refused(low, high):
 
 
 def ball_on_a_rail(radius_m=0.1, postures=()):
-    """A ball that slides up and down above its base, with another ball on an arm aside."""
+    """Return a ball that slides vertically above its base, with another ball on an arm."""
     axis = np.array([0.0, 0.0, 1.0])
     side = np.array([1.0, 0.0, 0.0])
     joints = [
@@ -117,7 +117,7 @@ def space_of_balls(**kwargs):
 
 
 def deepest_contact(space, *q):
-    """Return the pair that touches deepest in a posture, with its depth; empty in a free one."""
+    """Return the deepest contact in a posture, with its depth; empty in a free one."""
     if space.collision_free(np.array([q]))[0]:
         return ""
     (gap_m,) = space.distances(np.array([q]))
@@ -205,7 +205,7 @@ def test_arm_on_floor_may_stay_or_rise_but_not_sink(heights_m, refused):
 
 
 def sink_by_checks(height_m, checks, **kwargs):
-    """Return how high a ball is after checks of paths, each followed to where it is deepest."""
+    """Return the height of a ball after checked paths, each followed to its deepest point."""
     space = space_of_balls()
     for _ in range(checks):
         lower_m = height_m - 0.0004
@@ -319,7 +319,7 @@ def test_overlap_in_known_free_posture_is_allowed_plus_4_mm():
 
 
 def plate(at_m, thick_m=0.002):
-    """A plate across the way of the ball that reaches out, above its rail."""
+    """Return a plate across the path of the ball, above its rail."""
     low = np.array([at_m - thick_m / 2, -0.2, 0.4])
     return KeepOutBox("the plate", low, low + np.array([thick_m, 0.4, 0.4]))
 

@@ -1,4 +1,4 @@
-"""The compiled distances are those of the plain body, for turns, slides, followers and points."""
+"""The compiled distances equal those of the plain body for all joint types and points."""
 
 import math
 
@@ -28,7 +28,7 @@ def joint(name, kind, parent, axis, xyz=(0.0, 0.0, 0.1), rpy=(0.0, 0.0, 0.0), mi
 
 
 def every_kind_of_joint():
-    """An arm of links named after the joints that carry them, one joint of every kind."""
+    """Return an arm with one joint of every kind; its links are named after their joints."""
     joints = [
         joint("column", TURN, "base", (0.0, 0.0, 1.0)),
         joint("rail", SLIDE, "column", (1.0, 2.0, -0.5), (0.05, 0.02, 0.1), (0.1, 0.2, -0.3)),
@@ -51,7 +51,7 @@ def every_kind_of_joint():
 
 
 def plain_gaps(body, q):
-    """The same numbers from numpy's arrays, by pair."""
+    """Return the gaps computed with numpy's arrays, by pair."""
     checks = [body.link_distances(q), body.floor_distances(q, 0.02)]
     checks += [body.box_distances(q, box.low_m, box.high_m, box.name) for box in BOXES]
     return {pair: gaps.gap_m[:, i] for gaps in checks for i, pair in enumerate(gaps.pairs)}

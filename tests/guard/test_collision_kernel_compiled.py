@@ -1,4 +1,4 @@
-"""Compiled distances and torques are those of the Python code, bit for bit."""
+"""Compiled distances and torques equal those of the Python code, bit for bit."""
 
 import numpy as np
 import pytest

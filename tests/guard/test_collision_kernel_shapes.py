@@ -1,4 +1,4 @@
-"""Which arrays the kernels take, to the last index; and gravity, computed by the same code."""
+"""Array shapes that the kernels accept, to the last index, and gravity by the same code."""
 
 import math
 
@@ -20,7 +20,7 @@ ROWS, DOF = len(BODY.pack().names), BODY.chain.dof
 
 @pytest.fixture
 def arrays(monkeypatch):
-    """Return what ``min_distances`` is called with, by name."""
+    """Return the arguments of ``min_distances``, by name."""
     given = []
     with monkeypatch.context() as patch:
         patch.setattr(collision_kernel, "min_distances", lambda *arguments: given.extend(arguments))
@@ -41,7 +41,7 @@ def arrays(monkeypatch):
 
 @pytest.fixture
 def weights():
-    """Return what ``gravity_torques_kernel`` is called with, by name."""
+    """Return the arguments of ``gravity_torques_kernel``, by name."""
     return {
         "links": BODY.pack().links,
         "masses": np.zeros((ROWS, 4)),

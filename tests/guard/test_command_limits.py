@@ -1,4 +1,4 @@
-"""What one servo may be told, in its own ticks."""
+"""Goals that one servo accepts, in its own ticks."""
 
 import math
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""Commands that stop coming are a stop, 0.3 s after the last."""
+"""If commands end, the arm stops 0.3 s after the last."""
 
 import math
 

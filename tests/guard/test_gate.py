@@ -1,4 +1,4 @@
-"""Boundary-dense: the last value that passes and the first that does not, for every rule."""
+"""For every rule: the last value that passes and the first that does not."""
 
 import math
 

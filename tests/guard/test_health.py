@@ -1,4 +1,4 @@
-"""Servos are warned about, held, or let go; what tells no numbers is held."""
+"""Servos are warned about, held or relaxed; a servo without numbers is held."""
 
 import math
 from dataclasses import replace

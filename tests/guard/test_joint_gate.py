@@ -1,4 +1,4 @@
-"""Goals keep near the joints as they were last seen, and the motion waits for those that lag."""
+"""Goals stay near the last measured joints, and the motion waits for joints that lag."""
 
 import math
 

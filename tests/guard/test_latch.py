@@ -1,4 +1,4 @@
-"""A stop stays until somebody acknowledges it, and remembers its cause."""
+"""A stop lasts until it is acknowledged, and remembers its cause."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""One lost answer is bridged, the third in a row stops the arm."""
+"""One lost reply is tolerated; the third in a row stops the arm."""
 
 import pytest
 

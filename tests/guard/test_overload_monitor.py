@@ -1,4 +1,4 @@
-"""Which goals of a joint that presses are drawn back: none is pushed on."""
+"""Goals of a pressing joint are drawn back, and never advanced."""
 
 import pytest
 
@@ -9,7 +9,7 @@ AT = 2000
 
 
 def pressed_by_a_load(goal, seconds):
-    """Return a monitor of a joint that stands at 2000 while a load of 85 % is read, and news."""
+    """Return a monitor of a joint at tick 2000 under a load of 85 %, and its telemetry."""
     monitor = OverloadMonitor([make_limits()])
     monitor.rules["elbow"] = OverloadRule(0.8, 2.0, output_per_rad=4.0)
     news = []

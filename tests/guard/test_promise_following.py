@@ -21,7 +21,7 @@ LATEST_S = 0.9  # when there is still way enough to be noticed on
 
 
 def jam(name, joint, after_s, port="sim"):
-    """Return how many last cycles a jammed joint was too far behind in, and the refusal."""
+    """Return the number of last cycles with a jammed joint too far behind, and the refusal."""
     with ikservo.open_arm(name, port=port, collisions=False) as arm:
         arm.enable()
         servos, auditor = servo_group(arm), Auditor(arm)

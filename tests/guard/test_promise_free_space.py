@@ -1,4 +1,4 @@
-"""M5: what really touches is refused, against an independent library's exact shapes."""
+"""M5: true contact is refused, compared with an independent library's exact shapes."""
 
 import itertools
 
@@ -61,7 +61,7 @@ def _collide(one, at_one, other, at_other):
 
 
 def campaign(name, count, seed):
-    """Return postures that touch, that were wrongly let pass or wrongly refused, and are free."""
+    """Return postures that touch, that were wrongly accepted or refused, and that are free."""
     chain, space, exact = (
         model_of(name).chain,
         CollisionChecker(body(name), 0.0, [BOX]),

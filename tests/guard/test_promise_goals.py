@@ -1,4 +1,4 @@
-"""M1, M2: whatever a program asks for, no goal outside limits reaches the line."""
+"""M1, M2: whatever a program requests, no goal outside limits reaches the line."""
 
 import math
 
@@ -25,7 +25,7 @@ numbers = st.floats(-4.0, 4.0)
 
 
 class Wire:
-    """Counts what the host says, and keeps every goal that a servo was told."""
+    """Counts the packets of the host, and keeps every goal of a servo."""
 
     def __init__(self, line):
         self.packets, self.goals = 0, {}
@@ -70,7 +70,7 @@ def inside(arm, goals):
 
 
 def sent_goals(ask):
-    """Return whether an entry refused with one of our errors."""
+    """Return whether an entry point refused the request with one of our errors."""
     try:
         ask()
     except IkservoError:
@@ -100,7 +100,7 @@ def test_refused_point_sends_no_packet(arm, wire, point):
 @settings(max_examples=40, **WIDE)
 @given(st.dictionaries(st.sampled_from(NAMES), st.one_of(odd, numbers), max_size=6))
 def test_gate_sends_goals_of_any_program_whole_or_not_at_all(arm, wire, asked):
-    """Ticks of any kind for any joints, sent to the gate itself."""
+    """Ticks of any kind for any joints are sent to the gate itself."""
     gate, before = gate_of(arm), wire.packets
     ticks = {n: v if not isinstance(v, float) else round(v, 3) for n, v in asked.items()}
     refused = sent_goals(lambda: gate.send(ticks))
@@ -123,10 +123,10 @@ def test_goal_one_tick_beyond_limit_sends_no_packet(arm, wire, name, side):
 
 
 def storm(count, seed):
-    """Send random goals from a random program to a joint that lags and is pushed about.
+    """Send random goals from a random program to a joint that lags and is pushed.
 
     Returns:
-        How many passed, and of these how many broke a law, counted by arithmetic of this test.
+        The number of accepted goals, and of those that broke a rule, by arithmetic of this test.
     """
     random = np.random.default_rng(seed)
     gate, bus, clock = make_gate_at(2048)

@@ -1,4 +1,4 @@
-"""M6: a joint's calibrated range never contains the place where its servo's count begins again."""
+"""M6: a joint's calibrated range never contains the tick at which its servo's count wraps."""
 
 import numpy as np
 import pytest
@@ -13,14 +13,14 @@ TURN, MAGNET = 4096, Encoder(4096, 4096.0)
 
 
 def reported(family, bare, homing):
-    """Return what a servo says at bare ticks counted on, as its sheet has it."""
+    """Return the reading of a servo at unwrapped ticks, as its data sheet describes."""
     if family is Family.FEETECH_STS:
         return (bare - homing.offset) % TURN
     return bare % TURN + homing.offset
 
 
 def seams_inside(lows, widths, offsets):
-    """Return how many travels were tried, and in how many a servo's count would jump."""
+    """Return the number of ranges, and of those in which a servo's count would jump."""
     cases = jumps = 0
     for width in widths:
         for low in lows:

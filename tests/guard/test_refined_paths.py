@@ -1,4 +1,4 @@
-"""Between two samples of a path more are taken where a collision is possible."""
+"""A path is sampled more finely between two samples if a collision is possible there."""
 
 import numpy as np
 import pytest
@@ -121,7 +121,7 @@ def test_path_far_from_obstacles_is_not_refined():
 
 @pytest.mark.parametrize("seed", range(6))
 def test_path_of_two_samples_finds_plate_of_1_mm(seed):
-    """A plate anywhere in the sweep of the gripper, the path given by its two ends alone."""
+    """A plate anywhere in the sweep of the gripper; the path has only its two ends."""
     chain, random = model_of("so101").chain, np.random.default_rng(seed)
     start, goal = np.zeros(chain.dof), np.zeros(chain.dof)
     start[0], goal[0] = -1.2, 1.2

@@ -1,4 +1,4 @@
-"""Paths are sampled closely enough for collision checks, both ends included."""
+"""Paths are sampled densely enough for collision checks, both ends included."""
 
 import numpy as np
 from hypothesis import given, settings

@@ -1,4 +1,4 @@
-"""Steps of goals go by the clock: a slow one saves nothing up, a quick one is paid for."""
+"""The allowed step of a goal depends on time: slow goals save nothing, fast ones are limited."""
 
 import pytest
 from hypothesis import given

@@ -1,4 +1,4 @@
-"""The search for ways: a ball on two slides, behind a wall that has a gap."""
+"""The path search: a ball on two slides, behind a wall with a gap."""
 
 import numpy as np
 import pytest
@@ -18,7 +18,7 @@ RADIUS_M = 0.02
 
 
 def maze(gap=0.9, half_m=0.15, margin_m=0.01):
-    """Return the free space of a ball that a wall at x = 0.5 with a gap leaves."""
+    """Return the free space of a ball beside a wall at x = 0.5 with a gap."""
     joints = [
         joint("x", JointType.PRISMATIC, "base", "cart", (0, 0, 0), (1, 0, 0), lower=0.0, upper=1.0),
         joint("y", JointType.PRISMATIC, "cart", "tip", (0, 0, 0), (0, 1, 0), lower=0.0, upper=1.0),

@@ -1,4 +1,4 @@
-"""A tick is a whole number, and nothing that merely looks like one."""
+"""A tick must be a whole number; values that only look like one are refused."""
 
 import numpy as np
 import pytest

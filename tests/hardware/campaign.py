@@ -59,7 +59,7 @@ def known_registers(bus):
 
 
 def ours(models, reads, seed, faults=EVERYTHING):
-    """Read with `ServoBus`, half of one servo and half of groups."""
+    """Read with `ServoBus`: half of the reads from one servo, half from groups."""
     bus = make_bus(models, seed=seed)
     known, chance, outcome = known_registers(bus), random.Random(seed), Outcome()
     add_faults(bus, *faults)
@@ -75,7 +75,7 @@ def ours(models, reads, seed, faults=EVERYTHING):
 
 
 def ours_moving(models, reads, seed, faults=EVERYTHING_SOON):
-    """Read positions that change at each request, half of one servo and half of groups."""
+    """Read positions that change at each request: half from one servo, half from groups."""
     bus = make_bus(models, seed=seed)
     requests, chance, outcome = _move_at_each_request(bus), random.Random(seed), Outcome()
     add_faults(bus, *faults)
@@ -91,7 +91,7 @@ def ours_moving(models, reads, seed, faults=EVERYTHING_SOON):
 
 
 def _move_at_each_request(bus):
-    """Yield the number of the next request; every position is another from then on."""
+    """Yield the number of the next request; every position changes with it."""
     number = 0
     for servo_id, servo in simulated_servos(bus).items():
         servo.live["present_position"] = lambda servo_id=servo_id: _tick(servo_id, number)

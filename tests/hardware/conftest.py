@@ -118,7 +118,7 @@ class ScriptedLine:
 
 @pytest.fixture
 def line():
-    """Yield a scripted port; the whole script must have been used in the end."""
+    """Yield a scripted port; the whole script must have been used at the end."""
     line = ScriptedLine()
     yield line
     assert not line.script, f"never sent: {[sent.hex(' ') for sent, _ in line.script]}"
@@ -200,7 +200,7 @@ def simulated():
 
 
 def read_servo_specs(path):
-    """Yield the spec of every servo in an arm file, shadows included."""
+    """Yield the specification of every servo in an arm file, shadows included."""
     for joint in tomllib.loads(path.read_text())["joints"]:
         for servo in [joint["servo"], *joint.get("shadows", [])]:
             name = joint["name"] if servo is joint["servo"] else f"{joint['name']} shadow"

@@ -1,4 +1,4 @@
-"""Protocol 1 packets in hex, where the literal bytes do not matter."""
+"""Protocol 1 packets in hex, for tests in which the exact bytes do not matter."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A servo's EEPROM as it was when it was first met."""
+"""Backups of a servo's EEPROM from before the first write."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Many servos, several families, two lines and two threads: the fewest packets that will do."""
+"""Many servos, several families, two lines and two threads: as few packets as possible."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ MIXED = {1: "STS3215", 2: X, 3: "AX-12A", 4: "SCS0009", 5: "MX-28", 6: "XM430-W3
 
 @pytest.fixture
 def written(monkeypatch):
-    """Give what a bus sends, packet by packet."""
+    """Return a function that records what a bus sends, packet by packet."""
 
     def listen(bus):
         sent, write = [], bus.port.transport.write
@@ -34,7 +34,7 @@ APART = {1: [XL430W250.present_temperature], 2: [XL430W250.present_position]}
 
 
 class TestBulk:
-    """Each servo its own registers, in one packet where the family has one for it."""
+    """Different registers of several servos in one packet, if the family has a packet for it."""
 
     def test_bulk_read_of_protocol_2_sends_one_packet(self, written):
         bus = make_bus({1: X, 2: X})
@@ -110,7 +110,7 @@ class TestBulk:
 
 
 class TestMixedFamilies:
-    """Six models of four dialects on one line."""
+    """Six models with four protocols on one line."""
 
     @pytest.fixture
     def bus(self):
@@ -135,7 +135,7 @@ class TestMixedFamilies:
 
 
 class TestShadows:
-    """A shadow obeys what is written to its leader, without answering, and reads at its own id."""
+    """A shadow servo obeys its leader's writes without a reply, and is read at its own id."""
 
     @pytest.fixture
     def bus(self):
@@ -189,7 +189,7 @@ def test_two_threads_on_one_bus_take_turns():
 
 
 class TestRollCall:
-    """A broadcast ping that is over as soon as nobody can answer any more."""
+    """A broadcast ping that ends as soon as no servo can answer any more."""
 
     def test_broadcast_ping_finds_all_protocol_2_servos(self):
         bus = make_bus(dict.fromkeys((1, 5, 9), X))

@@ -1,4 +1,4 @@
-"""Several registers in one answer."""
+"""Several registers in one reply."""
 
 from __future__ import annotations
 

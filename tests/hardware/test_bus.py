@@ -1,4 +1,4 @@
-"""The bus: what it refuses to send, how often it asks, what it says when nobody answers."""
+"""The bus: refused requests, retries, and errors if a servo does not answer."""
 
 from __future__ import annotations
 
@@ -26,12 +26,12 @@ TAKEN = "FF FF 01 02 00 FC"
 
 @pytest.fixture
 def patient(port):
-    """Give a bus that asks twice more."""
+    """Return a bus with two retries."""
     return ServoBus(port, [ServoSpec(1, STS3215, "elbow_flex")], retries=2)
 
 
 class TestRefusedBeforeAByteIsSent:
-    """The scripted line fails a test at the first byte that it does not expect."""
+    """A refused request sends nothing: the scripted line fails a test at an unexpected byte."""
 
     def test_write_to_read_only_register_is_refused(self, feetech):
         with pytest.raises(
@@ -91,7 +91,7 @@ THIRD_1 = request(1, 54, 4)
 
 
 class TestRepeats:
-    """Questions that may be repeated are, only so often, and each time in another shape."""
+    """Repeatable requests are retried, a limited number of times, each in another form."""
 
     def test_lost_reply_is_retried(self, patient, line):
         line.expect(READ_1).expect(AGAIN_1).expect(THIRD_1, reply(1, 0, 0, 0, 8))
@@ -133,7 +133,7 @@ class TestRepeats:
 
 
 class TestUnresponsiveServos:
-    """A servo that has been silent for three questions is asked only every quarter of a second."""
+    """A servo that did not answer three requests is asked only every quarter of a second."""
 
     @pytest.fixture
     def unresponsive_bus(self, patient, line):
@@ -166,7 +166,7 @@ class TestUnresponsiveServos:
 
 
 class TestStatistics:
-    """Every question is counted."""
+    """Every request is counted."""
 
     def test_statistics_count_losses_and_retries(self, patient, line):
         line.expect(READ_1).expect(AGAIN_1, "00").expect(THIRD_1, reply(1, 0, 0, 0, 8))
@@ -184,7 +184,7 @@ class TestStatistics:
 
 
 class TestErrors:
-    """A person reads which joint, which id, which port, what was asked and what now."""
+    """Errors name the joint, the id, the port, the request and a remedy."""
 
     def test_silence_error_names_servo_register_and_sent_bytes(self, feetech, line):
         line.expect(READ_1)
@@ -258,7 +258,7 @@ def test_closing_bus_closes_port(feetech, line):
 
 
 class TestReturnDelays:
-    """How long servos dawdle is asked once, so that a silent one costs no more than it must."""
+    """Return delays are read once, so that a silent servo costs no more time than necessary."""
 
     ASKED = "FF FF FE 06 82 07 01 01 02 6E"
 

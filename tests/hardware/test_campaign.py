@@ -1,4 +1,4 @@
-"""Nothing wrong is ever returned as good, and everything lost is reported, however bad the line."""
+"""No wrong reply is returned as good, and every loss is reported, however bad the line."""
 
 from __future__ import annotations
 

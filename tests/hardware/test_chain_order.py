@@ -1,4 +1,4 @@
-"""Where to look, from who answers along the cable and who does not."""
+"""Advice on where to look, from which servos along the cable answer."""
 
 from __future__ import annotations
 

@@ -40,7 +40,7 @@ PLACES = [
 
 @pytest.fixture(scope="module", params=PLACES)
 def bus(request):
-    """Give a bus with the arm's servos and one that is not there."""
+    """Return a bus with the arm's servos and one that is absent."""
     place, arm = request.param
     if place == "real":
         arm = request.config.getoption("--real-arm")
@@ -57,7 +57,7 @@ def bus(request):
 
 
 class _Place:
-    """The name of a port to the arm, and the server behind it where there is one."""
+    """The name of a port to the arm, and the server behind it if there is one."""
 
     def __init__(self, request, place, path):
         self.request, self.place, self.path, self.server = request, place, path, None

@@ -1,4 +1,4 @@
-"""Simulated Dynamixel arms and our driver talk; the simulated servos' memory is the witness."""
+"""Packets between simulated Dynamixel arms and our driver; the servos' memory is checked."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ IDS = range(1, 7)
 
 @pytest.fixture
 def arm(simulated):
-    """Give the bus of a simulated Koch arm, of two models, and the servos on it."""
+    """Return the bus of a simulated Koch arm, of two models, and the servos on it."""
     return simulated("koch")
 
 
@@ -120,7 +120,7 @@ def test_overheated_servo_reports_heat_alarm(arm):
     assert bus.sync_read(IDS, RegisterName.ALARMS, raw=True).alarms == {5: {Alarm.HEAT}}
 
 
-def test_silent_servo_costs_no_other_its_reply(arm):
+def test_silent_servo_does_not_affect_replies_of_others(arm):
     bus, servos = arm
     servos[3].write("baud_rate", 1)
     readings = bus.sync_read(IDS, RegisterName.PRESENT_POSITION, raw=True)

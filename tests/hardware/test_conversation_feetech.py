@@ -1,4 +1,4 @@
-"""A simulated SO-101 and our driver talk; the simulated servos' own memory is the witness."""
+"""Packets between a simulated SO-101 and our driver; the servos' memory is checked."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ IDS = range(1, 7)
 
 @pytest.fixture
 def arm(simulated):
-    """Give the bus of a simulated SO-101 and the servos on it."""
+    """Return the bus of a simulated SO-101 and the servos on it."""
     return simulated("so101")
 
 
@@ -74,7 +74,7 @@ def test_torque_off_reaches_others_though_one_is_silent(arm):
     assert [servo.read("torque_enable") for servo in servos.values()] == [0, 0, 1, 0, 0, 0]
 
 
-def test_silent_servo_costs_no_other_its_reply(arm):
+def test_silent_servo_does_not_affect_replies_of_others(arm):
     bus, servos = arm
     servos[3].write("lock", 0)
     servos[3].write("baud_rate", 4)

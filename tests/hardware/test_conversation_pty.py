@@ -1,4 +1,4 @@
-"""The same conversations through a pseudo-terminal that another process serves, in real time."""
+"""The same packets through a pseudo-terminal that another process serves, in real time."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ SERVE = "import sys, servosim; sys.exit(servosim.serve(sys.argv[1:]))"
 
 @pytest.fixture
 def served():
-    """Serve simulated arms by name and give the ports."""
+    """Serve simulated arms by name; yield the ports."""
     servers = []
 
     def serve(arm):

@@ -1,4 +1,4 @@
-"""Two servos with one id: found out before anything else, and never seen where there are none."""
+"""Two servos with one id are detected before anything else, without false alarms."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ both = pytest.mark.parametrize("models", [FEETECH, DYNAMIXEL], ids=["Feetech", "
 
 
 def crowded_bus(seed):
-    """Return a bus of chance on which one id is two servos' own, and that id."""
+    """Return a random bus on which two servos share an id, and that id."""
     chance = random.Random(seed)
     family = FAMILIES[seed % len(FAMILIES)]
     models = {i: chance.choice(family) for i in range(1, chance.randrange(2, 7))}

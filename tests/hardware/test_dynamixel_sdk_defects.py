@@ -1,7 +1,8 @@
-"""Each defect of dynamixel_sdk that can hit an arm: the SDK alone shows it, ours does not.
+"""Each defect of dynamixel_sdk that can affect an arm: the SDK has it, our driver does not.
 
-D6 is in releases up to 4.0.4 only, so that nothing may be installed to show it; that ours discards
-stale input is shown. D11 is shown by this file, which passes with 3.7.31, 3.8.4 and 4.1.0.
+D6 is in releases up to 4.0.4 only, so that an installed SDK may not show it; the test shows that
+our driver discards stale input. D11 is shown by this file, which passes with 3.7.31, 3.8.4 and
+4.1.0.
 """
 
 from __future__ import annotations
@@ -29,7 +30,7 @@ DENIED = "FF FF FD 00 01 04 00 55 07 B0 8C"
 
 @pytest.fixture
 def stock(stock_port):
-    """Give the SDK's own handler and port."""
+    """Return the SDK's own handler and port."""
     return dynamixel_sdk.PacketHandler(2.0), stock_port(dynamixel_sdk.PortHandler)
 
 
@@ -42,7 +43,7 @@ def status(*inside: int) -> str:
 
 
 class TestD1StuffingForgotten:
-    """A parameter that looks like a header goes out unstuffed."""
+    """A parameter that looks like a header is sent without stuffing."""
 
     HEADER_LIKE = (0xFF, 0xFF, 0xFD, 0x00)
 
@@ -57,7 +58,7 @@ class TestD1StuffingForgotten:
 
 
 class TestD2UnstuffingLosesAByte:
-    """Of some stuffed answers the SDK takes away one byte too many."""
+    """The SDK removes one byte too many from some stuffed replies."""
 
     DATA = bytes.fromhex("FF FF FD FF FD FD")
 
@@ -123,7 +124,7 @@ def test_driver_discards_stale_input(dynamixel, line):
 
 
 class TestD7Timeout:
-    """Wall clock, busy wait, 34 ms."""
+    """The SDK measures its time-out with the wall clock, waits busily and takes 34 ms."""
 
     def test_sdk_polls_silent_servo_for_34_ms(self, stock, line):
         handler, port = stock
@@ -170,7 +171,7 @@ class TestD9BusyFlag:
 
 
 class TestD10Action:
-    """An action to one servo is answered, and the answer stays in the input."""
+    """An action to one servo is answered, and the reply stays in the input."""
 
     def test_sdk_leaves_action_reply_in_buffer(self, stock, line):
         handler, port = stock
@@ -185,7 +186,7 @@ class TestD10Action:
 
 
 class TestD14Echo:
-    """The question itself comes back on some adapters."""
+    """Some adapters return the request itself."""
 
     def test_echo_before_reply_is_skipped(self, dynamixel, line):
         line.expect(READ_POSITION, READ_POSITION, AT_166)
@@ -241,7 +242,7 @@ ASK_BOTH_FAST = "FF FF FD 00 FE 09 00 8A 84 00 04 00 01 02 4D 72"
     not hasattr(dynamixel_sdk.GroupSyncRead, "fastSyncRead"), reason="this release has no fast read"
 )
 class TestD5FastSyncRead:
-    """One missing servo takes the answers of all with it, and each servo's error is dropped."""
+    """One missing servo costs the replies of all, and each servo's error is dropped."""
 
     # What servo 1 says; servo 2, whose turn is next, is silent.
     ONLY_FIRST = "FF FF FD 00 FE 11 00 55 00 01 A6 00 00 00"
@@ -262,7 +263,7 @@ class TestD5FastSyncRead:
 
 
 class TestD8BaudRates:
-    """Rates that the servos have and the SDK's list has not."""
+    """The SDK's list lacks rates that the servos have."""
 
     @pytest.mark.parametrize("rate", [250_000, 4_500_000])
     def test_sdk_refuses_baud_rate_and_keeps_old_one(self, stock, rate):
@@ -276,7 +277,7 @@ class TestD8BaudRates:
 
 
 class TestD12LongPackets:
-    """A packet of more than 1024 bytes cannot be sent; before it can say so, the SDK falls over."""
+    """A packet of more than 1024 bytes cannot be sent; the SDK crashes before it can say so."""
 
     def test_sdk_crashes_on_sync_write_that_is_too_long(self, stock):
         handler, port = stock
@@ -290,7 +291,7 @@ class TestD12LongPackets:
 
 
 class TestD13BroadcastPing:
-    """The window of 253 servos is waited out, busily, though two are there."""
+    """The SDK waits busily for the replies of 253 servos, although there are two."""
 
     ASKED = "FF FF FD 00 FE 03 00 01 31 42"
     SAID = "FF FF FD 00 01 07 00 55 00 06 04 26 65 5D"

@@ -1,4 +1,4 @@
-"""One packet, one literal byte string: what Dynamixels are sent and what they say."""
+"""Packets to and from Dynamixels, each as one literal byte string."""
 
 from __future__ import annotations
 

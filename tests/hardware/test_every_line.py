@@ -1,4 +1,4 @@
-"""B13: the tests of this folder on other lines: an echo, single bytes, rubbish before answers."""
+"""B13: the tests of this folder on faulty lines: echo, single bytes, noise before replies."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Every model that the simulator knows, and every kind of adapter: the same conversation."""
+"""Every simulated model with every kind of adapter exchanges the same packets."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ ONE_OF_EACH_FAMILY = ("STS3215", "SCS0009", "XL430-W250", "AX-12A")
 
 
 def pairs():
-    """Yield every model with every adapter; adapters know bytes, so one of each family will do."""
+    """Yield every adapter with one model of each family, and every model with one adapter."""
     for model, adapter in itertools.product(MODELS, ADAPTERS):
         few = adapter == "plain" or model in ONE_OF_EACH_FAMILY
         marks = () if few else pytest.mark.campaign
@@ -47,7 +47,7 @@ def model(pair):
 
 @pytest.fixture
 def bus(pair):
-    """Give a bus with two servos of a model behind an adapter."""
+    """Return a bus with two servos of a model behind an adapter."""
     model, adapter = pair
     bus = make_bus({1: model, 7: model}, adapter=ADAPTERS[adapter])
     bus.port.reply_timeout.min_s = bus.port.reply_timeout.max_s = 0.005  # USB takes its time

@@ -1,4 +1,4 @@
-"""Laws of the ear: whatever is on the line, a value is right or is not reported."""
+"""On any line, a value is right or it is not reported."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Fast sync read: all servos in one packet, and what happens where that fails."""
+"""Fast sync read: all servos in one packet, and the fallback if that fails."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ TICKS = {3: 166, 7: 2079, 4: 1023}
 
 @pytest.fixture
 def bus(port):
-    """Give a bus that tries the fast way first."""
+    """Return a bus that tries fast sync read first."""
     return ServoBus(port, [ServoSpec(i, XL430W250) for i in (3, 7, 4)], retries=0)
 
 
@@ -112,7 +112,7 @@ def test_fast_sync_is_tried_again_after_200_sync_reads(bus, line):
 
 
 def waited_s(return_delay_s):
-    """Return how long two absent servos are waited for, fast and then one by one."""
+    """Return the wait for two absent servos, fast and then one by one."""
     port = Port(make_transport({1: "XL430-W250"}), "bench", 1_000_000)
     driver = DynamixelDriver(port)
     driver.set_return_delay(return_delay_s)

@@ -1,6 +1,6 @@
-"""Each defect of scservo_sdk that can hit an arm: the SDK alone shows it, ours does not.
+"""Each defect of scservo_sdk that can affect an arm: the SDK has it, our driver does not.
 
-Not here: F15 (recovery and offset calibration are instructions nobody here sends).
+Not here: F15 (no code here sends the instructions for recovery and offset calibration).
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ PING = "FF FF 01 02 01 FB"
 
 @pytest.fixture
 def stock(stock_port):
-    """Give the SDK's own handler and port."""
+    """Return the SDK's own handler and port."""
     return scservo_sdk.PacketHandler(0), stock_port(scservo_sdk.PortHandler)
 
 
@@ -53,7 +53,7 @@ class TestF1StaleInput:
 
 
 class TestF2Timeout:
-    """34 ms are waited for an answer that takes 0.2."""
+    """The SDK waits 34 ms for a reply that takes 0.2 ms."""
 
     def test_sdk_waits_34_ms_for_silent_servo(self, stock, line):
         handler, port = stock
@@ -101,7 +101,7 @@ class TestF4BusyWait:
 
 
 class TestF5TwoPrograms:
-    """A port that is open already is opened again."""
+    """The SDK opens a port that is already open."""
 
     def test_sdk_opens_same_port_twice(self, pty_name):
         ports = [scservo_sdk.PortHandler(pty_name) for _ in range(2)]
@@ -118,7 +118,7 @@ class TestF5TwoPrograms:
 
 
 class TestF6BaudRates:
-    """Rates that servos have are not on the SDK's list."""
+    """The SDK's list lacks rates that the servos have."""
 
     def test_sdk_keeps_old_baud_rate_silently(self, stock):
         _, port = stock
@@ -178,7 +178,7 @@ class TestF8BusyFlag:
 
 
 class TestF9ByteOrder:
-    """The byte order is a global of the SDK's module: the handler made last wins."""
+    """The byte order is a global of the SDK's module: the last handler determines it."""
 
     @pytest.fixture(autouse=True)
     def _big_endian_neighbour(self):
@@ -197,7 +197,7 @@ class TestF9ByteOrder:
 
 
 class TestF10SilentServoInSyncRead:
-    """One silent servo costs the answers of all behind it."""
+    """One silent servo costs the replies of all behind it."""
 
     ASKED = "FF FF FE 06 82 38 02 01 02 3C"
     SECOND = "FF FF 02 04 00 FF 07 F3"
@@ -240,7 +240,7 @@ class TestF11FalseHeader:
 
 
 class TestF12Echo:
-    """On an adapter that hears itself, the question is taken for its answer."""
+    """On an adapter with echo, the request is mistaken for its reply."""
 
     def test_sdk_takes_echo_for_reply(self, stock, line):
         handler, port = stock
@@ -270,7 +270,7 @@ class TestF12Echo:
 
 
 class TestF13ForeignLength:
-    """An answer of the right servo to another question is accepted."""
+    """A reply of the right servo to another request is accepted."""
 
     ONE_BYTE = "FF FF 01 03 00 20 DB"
 
@@ -285,7 +285,7 @@ class TestF13ForeignLength:
 
 
 class TestF14Ping:
-    """A ping is two questions, and fails when only the first is answered."""
+    """A ping is two requests, and fails if only the first is answered."""
 
     def test_sdk_ping_times_out_though_servo_answered(self, stock, line):
         handler, port = stock
@@ -317,7 +317,7 @@ class TestF16NoSyncRead:
 
 
 class TestF17Threads:
-    """Two threads on one port get in each other's way."""
+    """Two threads on one port disturb each other."""
 
     def test_sdk_refuses_second_thread_as_busy(self, stock, line):
         handler, port = stock
@@ -336,7 +336,7 @@ class TestF17Threads:
 
 
 class TestF18HighErrorBits:
-    """An answer whose error byte has bit 7 set is dropped."""
+    """A reply with bit 7 set in its error byte is dropped."""
 
     ODD = "FF FF 01 04 80 00 08 72"
 

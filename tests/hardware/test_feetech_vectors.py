@@ -1,4 +1,4 @@
-"""One packet, one literal byte string: what Feetech servos are sent and what they say."""
+"""Packets to and from Feetech servos, each as one literal byte string."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Ports and their locks belong to one process: children neither hold them nor can use them."""
+"""Ports and their locks belong to one process: forked children cannot hold or use them."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ def short_folder(monkeypatch):
 
 
 def in_fork(do):
-    """Do something in a forked child; return what it gave, in words."""
+    """Run a function in a forked child; return its result as text."""
     reading, writing = os.pipe()
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", DeprecationWarning)  # from 3.12 on: there are threads
@@ -65,7 +65,7 @@ def in_fork(do):
 
 
 def descriptors():
-    """Return what this process has open."""
+    """Return the open file descriptors of this process."""
     files = Path("/proc/self/fd").iterdir()
     return {str(file.readlink()) for file in files if file.is_symlink()}
 

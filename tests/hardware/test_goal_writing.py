@@ -1,4 +1,4 @@
-"""Every goal passes one check before its bytes."""
+"""Every goal is checked once before its bytes are sent."""
 
 import ast
 from pathlib import Path

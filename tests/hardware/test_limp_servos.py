@@ -1,4 +1,4 @@
-"""A goal can switch torque on: it reaches no limp servo, but one that is being switched on."""
+"""No goal reaches a limp servo, whose torque it would switch on, unless that is intended."""
 
 from __future__ import annotations
 

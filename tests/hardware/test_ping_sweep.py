@@ -1,4 +1,4 @@
-"""Asking 253 ids without waiting: late answers count, doubled ones and damaged ones tell."""
+"""A sweep pings 253 ids without waiting for each; late, doubled and damaged replies count."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""The port: its names, its refusals, its time."""
+"""The port: its names, refusals and time-outs."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from ikservo.hardware import Port, open_port, serial_ports, transport
 
 
 class TestOpening:
-    """What a person reads when a port cannot be opened."""
+    """Messages if a port cannot be opened."""
 
     def test_missing_device_error_lists_existing_ports(self, monkeypatch):
         monkeypatch.setattr(serial_ports, "list_devices", lambda: ["/dev/ttyACM7"])
@@ -151,7 +151,7 @@ class TestOpening:
 
 
 class TestLosing:
-    """What is raised once the adapter is gone."""
+    """Errors after the adapter is gone."""
 
     @pytest.fixture
     def orphan(self):
@@ -181,7 +181,7 @@ class TestLosing:
 
 
 class TestTime:
-    """Waits are as long as the question needs, on the port's own clock."""
+    """Waits are as long as the request needs, on the port's own clock."""
 
     def test_real_port_has_real_clock(self, pty_name):
         with open_port(pty_name, 1_000_000) as port:
@@ -232,7 +232,7 @@ class TestTime:
 
 
 class TestTimeout:
-    """The wait shrinks to a multiple of the slowest answer of late."""
+    """The time-out shrinks to a multiple of the slowest recent reply."""
 
     def test_reply_time_out_starts_at_40_ms(self, pty_name):
         with open_port(pty_name, 1_000_000) as port:

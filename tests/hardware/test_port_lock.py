@@ -1,4 +1,4 @@
-"""One process to a port, by whatever name it is called; the second is told who has it."""
+"""One process per port, whatever the name; a second one is told who has it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Ports at the other end of a network: the same conversation through a server in this process."""
+"""Ports over a network: the same packets through a server in this process."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ pytestmark = pytest.mark.usefixtures("plain_line")  # the server reads for itsel
 
 
 class SerialSide:
-    """What an RFC 2217 server sets: the rate is real, the rest is only remembered."""
+    """The settings of an RFC 2217 server: the baud rate is real, the others are only stored."""
 
     def __init__(self, transport):
         self.transport = transport
@@ -41,7 +41,7 @@ class SerialSide:
 
 
 class Server:
-    """Simulated servos behind a TCP port, raw or as RFC 2217 says."""
+    """Simulated servos behind a TCP port, raw or by RFC 2217."""
 
     def __init__(self, *, telnet):
         self.transport = make_transport({1: "STS3215", 2: "STS3215"})
@@ -62,7 +62,7 @@ class Server:
                 self.pass_on(b"".join(manager.filter(data)) if manager else data, manager)
 
     def pass_on(self, data, manager):
-        """Let the servos hear whole packets: a network may cut and join them as it likes."""
+        """Pass whole packets to the servos: a network may split and join them."""
         self.pending += data
         while len(self.pending) > 3 and len(self.pending) >= self.pending[3] + 4:
             size = self.pending[3] + 4
@@ -85,7 +85,7 @@ class Server:
 
 @pytest.fixture(params=["socket", "rfc2217"])
 def served(request):
-    """Give the URL of a server and the server itself."""
+    """Return the URL of a server and the server itself."""
     server = Server(telnet=request.param == "rfc2217")
     yield f"{request.param}://{server.address}", server
     server.close()
@@ -93,7 +93,7 @@ def served(request):
 
 @pytest.fixture
 def bus(served):
-    """Give a bus on it."""
+    """Return a bus on the server."""
     url, _ = served
     with ServoBus(open_port(url, 1_000_000), [ServoSpec(i, STS3215) for i in (1, 2)]) as bus:
         yield bus

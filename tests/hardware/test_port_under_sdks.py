@@ -1,4 +1,4 @@
-"""Our port in the place of the vendors' port handlers: everything they call is there."""
+"""Our port in place of the vendors' port handlers provides everything that they call."""
 
 from __future__ import annotations
 

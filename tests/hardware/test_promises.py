@@ -1,4 +1,4 @@
-"""Promises about the bus that can be kept on this storey, each with its number."""
+"""Promises about the bus that can be tested at this level, each with its number."""
 
 from __future__ import annotations
 
@@ -207,7 +207,7 @@ def test_eeprom_update_repairs_run_that_died_at_any_packet(packet):
 
 
 def die_at(bus, packet):
-    """Let the process end when it wants to send this packet, and everything after it."""
+    """End the process when it is about to send this packet."""
     count, write = iter(range(10_000)), bus.port.transport.write
 
     def deadly(data):
@@ -274,7 +274,7 @@ def test_cycle_of_six_servos_uses_85_percent_of_wire_time(models):
 
 
 def wire_s(bus):
-    """Return what the packets of a cycle take at least, by the fastest instructions there are."""
+    """Return the shortest wire time of a cycle's packets, with the fastest instructions."""
     if bus.servos[1].table is STS3215:
         return bus.port.wire_s((8 + 6 * 3) + (8 + 6) + 6 * 8)
     return bus.port.wire_s((14 + 6 * 5) + (14 + 6) + (8 + 6 * 8))

@@ -1,4 +1,4 @@
-"""A pseudo-terminal is told from everything else that can stand behind a port's name."""
+"""A pseudo-terminal is distinguished from all other kinds of ports."""
 
 import os
 import sys

@@ -1,4 +1,4 @@
-"""A pulled cable: a named error at once, and the same adapter again under another name."""
+"""A pulled cable raises a named error at once; the adapter is found under another name."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ pty = pytest.importorskip("pty", reason="pseudo-terminals are a Unix thing")
 
 @dataclass
 class Comport:
-    """What pyserial tells of a port."""
+    """A port as pyserial describes it."""
 
     device: str
     serial_number: str | None = "58FA083"
@@ -31,7 +31,7 @@ class Comport:
 
 @pytest.fixture
 def set_adapters(monkeypatch):
-    """Give a function that says which adapters are plugged in."""
+    """Return a function that sets the adapters that are plugged in."""
 
     def plug_in(*comports):
         monkeypatch.setattr("serial.tools.list_ports.comports", lambda: list(comports))
@@ -41,7 +41,7 @@ def set_adapters(monkeypatch):
 
 @pytest.fixture
 def new_pty():
-    """Make pseudo-terminals that are closed in the end."""
+    """Create pseudo-terminals, and close them at the end."""
     ends = []
 
     def make():

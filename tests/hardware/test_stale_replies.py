@@ -1,4 +1,4 @@
-"""Late and doubled answers: the protocols do not number them, so questions are put apart."""
+"""Late and doubled replies: protocols do not number them, so requests are spaced in time."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ both = pytest.mark.parametrize("model", LIMITS)
 
 @pytest.fixture
 def bus(model):
-    """Give a bus that never repeats, whose line it has come to believe and to know as quick."""
+    """Return a bus without retries on a line that it knows as clean and fast."""
     bus = make_bus({1: model}, retries=0)
     bus.port.health, bus.port.reply_timeout = (
         LineHealth(clean_requests=0),
@@ -38,7 +38,7 @@ def bus(model):
 
 
 def value_or_loss(bus, register):
-    """Return what is read; an old answer may meet the new one on the wire, and both be lost."""
+    """Return the value, or "lost": an old reply may collide with the new one on the wire."""
     try:
         return bus.read(1, register, raw=True)
     except BusError:
@@ -92,14 +92,14 @@ def test_unrepeatable_write_waits_until_no_reply_is_owed(feetech, line):
 
 
 class TestHealthyLine:
-    """What the precautions cost where nothing is wrong: next to nothing."""
+    """The precautions cost next to nothing on a healthy line."""
 
     def test_same_sync_read_is_sent_in_same_shape(self, feetech, line):
         for _ in range(20):
             line.expect(sync_request([1, 2], 56, 2), reply(1, 0, 8), reply(2, 0, 8))
             feetech.sync_read([1, 2], RegisterName.PRESENT_POSITION)
 
-    def test_different_read_within_20_ms_is_one_byte_longer(self, feetech, line):
+    def test_other_read_within_20_ms_requests_one_more_byte(self, feetech, line):
         line.expect(request(1, 9, 2), reply(1, 0, 0)).expect(
             request(1, 10, 3), reply(1, 0, 255, 15)
         )
@@ -119,7 +119,7 @@ class TestHealthyLine:
 
 
 class TestNewOrOddLine:
-    """Until a line has been clean for a while, what cannot change is read twice."""
+    """Until a line has been clean for a while, constant values are read twice."""
 
     @pytest.fixture
     def suspecting_bus(self, feetech, port):
@@ -155,7 +155,7 @@ class TestNewOrOddLine:
 
 
 class TestPace:
-    """More bytes than the wire can have carried are older than the question."""
+    """More bytes than the wire could have carried are older than the request."""
 
     def test_byte_rate_check_without_history_reports_no_excess(self):
         assert ByteRateCheck().excess_bytes(8, 0.0, 1e-5) == 0

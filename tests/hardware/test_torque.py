@@ -24,13 +24,13 @@ ON, OFF, TAKEN = "FF FF 01 04 03 28 01 CE", "FF FF 01 04 03 28 00 CF", "FF FF 01
 
 @pytest.fixture
 def fed(line):
-    """Answer the three questions about supply voltage."""
+    """Answer the three requests for the supply voltage."""
     return line.expect(VOLTAGE, VOLTAGE_12).expect(LOWEST, LOWEST_4).expect(HIGHEST, HIGHEST_14)
 
 
 @pytest.fixture
 def ranged(fed):
-    """Answer, too, the questions about the goals that are accepted, and about torque."""
+    """Answer the requests for the accepted goals and for torque as well."""
     return fed.expect(LIMITS, LIMITS_4095).expect(MODE, MODE_0).expect(TORQUE, IS_OFF)
 
 

@@ -1,7 +1,7 @@
-"""The vendors' modules as any of the packages on PyPI that bring them leaves them behind.
+"""The vendors' modules as installed by any of the packages on PyPI that contain them.
 
-pip overwrites the files of a package that has the same module, and when one of two is uninstalled
-it takes the files of both along.
+pip overwrites the files of a package with the same module, and uninstalling one of two removes the
+files of both.
 """
 
 import os

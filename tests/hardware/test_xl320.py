@@ -1,4 +1,4 @@
-"""The XL-320: protocol 2.0 with another memory than every X servo."""
+"""The XL-320: protocol 2.0 with another control table than every X servo."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from .factories import PortMode, make_bus, simulated_servos
 
 @pytest.fixture
 def bus():
-    """Give a bus with an XL-320 beside an XL430."""
+    """Return a bus with an XL-320 beside an XL430."""
     return make_bus({1: "XL-320", 2: "XL430-W250", 3: "XL-320"})
 
 

@@ -1,4 +1,4 @@
-"""Random IK problems in numbers: narrowed limits, reachable targets, dense searches to compare."""
+"""Random IK problems: narrowed limits, reachable targets, dense searches to compare."""
 
 import numpy as np
 
@@ -16,7 +16,7 @@ def tool_axis(name):
 
 
 def narrowed(chain, random):
-    """Return the chain inside random limits, no range narrower than a calibration would leave."""
+    """Return the chain inside random limits, each range as wide as a calibration would leave."""
     a, b = random.uniform(chain.lower_rad, chain.upper_rad, (2, chain.dof))
     low, high = np.minimum(a, b), np.maximum(a, b)
     min_range = np.minimum(MIN_RANGE_RAD, chain.upper_rad - chain.lower_rad)
@@ -25,7 +25,7 @@ def narrowed(chain, random):
 
 
 def missed_within_narrowed_limits(name, kind, limits, targets, seed=0):
-    """Return how many of limits * targets reachable targets were not reached; check the limits."""
+    """Return the number of missed targets among limits * targets reachable ones; check limits."""
     model, random, missed = load_model(name), np.random.default_rng(seed), 0
     home = model.chain_pose("home")
     for _ in range(limits):
@@ -39,7 +39,7 @@ def missed_within_narrowed_limits(name, kind, limits, targets, seed=0):
 
 
 def out_of_reach(name, random, *, narrow):
-    """Return an arm, within random limits if narrow, and a point (3,) [m] that it cannot reach."""
+    """Return an arm, optionally with random limits, and a point (3,) [m] that it cannot reach."""
     chain = load_model(name).chain
     if narrow:
         chain = narrowed(chain, random)
@@ -51,7 +51,7 @@ def out_of_reach(name, random, *, narrow):
 
 
 def points_out_of_reach(chain, count, random):
-    """Return points (count, 3) [m] that an arm cannot reach, though nearly."""
+    """Return points (count, 3) [m] slightly out of an arm's reach."""
     points_m = np.zeros((0, 3))
     while len(points_m) < count:
         inside = random.uniform(chain.lower_rad, chain.upper_rad, (count, chain.dof))
@@ -61,7 +61,7 @@ def points_out_of_reach(chain, count, random):
 
 
 def closest_of_many(chain, target_m, samples=20_000, iterations=6, seed=0):
-    """Return the minimum distance to a point by sampling joints ever more densely, no gradients."""
+    """Return the minimum distance to a point by dense sampling of joints, without gradients."""
     random = np.random.default_rng(seed)
     q = random.uniform(chain.lower_rad, chain.upper_rad, (samples, chain.dof))
     width = chain.upper_rad - chain.lower_rad

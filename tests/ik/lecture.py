@@ -1,4 +1,4 @@
-"""What the tests of the lecture's solvers share: the three methods, arms, and what is left."""
+"""Shared code for tests of the lecture's solvers: three methods, arms, and errors."""
 
 from functools import cache
 
@@ -31,7 +31,7 @@ def arm(name):
 
 
 def pantograph():
-    """Return an arm whose second joint turns back what the first turns: the tip makes no circle."""
+    """Return an arm whose second joint undoes the turn of the first: its tip makes no circle."""
     return Chain.from_joints(
         [
             joint("lift", JointType.REVOLUTE, "base", "a", (0, 0, 0), (0, 0, 1),
@@ -56,7 +56,7 @@ def joints(draw, chain):
 
 @st.composite
 def questions(draw, names=ARMS):
-    """Draw an arm, a target somewhere in or out of reach, and a start."""
+    """Draw an arm, a target in or out of reach, and a start."""
     chain = arm(draw(st.sampled_from(names)))
     T = chain.forward(draw(joints(chain)))
     away = np.array(draw(st.tuples(*[st.sampled_from((0.0, 0.0, 0.05, -0.3))] * 3)))
@@ -83,5 +83,5 @@ def costs(chain, target, trace):
 
 
 def near(chain, q, by):
-    """Return joints a little off q, each by its own share, inside the limits."""
+    """Return joints close to q, each by its own amount, inside the limits."""
     return chain.clip(q + by * np.cos(np.arange(chain.dof) * 2.0 + 1.0))

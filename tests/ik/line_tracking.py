@@ -13,7 +13,7 @@ def largest_step_on_lines(name, kind, lines, seed):
     """Return the largest joint step between neighbouring points 1 mm apart.
 
     Lines end where they leave the workspace or pass a posture that is singular without the joints
-    at a limit, in which no small step would do.
+    at a limit, at which no small step would do.
     """
     chain, random, largest = load_model(name).chain, np.random.default_rng(seed), 0.0
     solver, followed = Solver(chain, kind), 0
@@ -42,7 +42,7 @@ def track_line(solver, chain, q, step_m):
 
 
 def min_lever(solver, chain, q, after):
-    """Return the tool's smallest motion for a radian [m], without joints at their limits."""
+    """Return the tool's smallest motion per radian [m], without joints at their limits."""
     margin = np.minimum(distance_to_limits(chain, q), distance_to_limits(chain, after))
     rows = 6 if solver.kind == "pose" else 3 if chain.dof > 3 else 2
     J = chain.jacobian(q)[:rows, margin > NEAR_LIMIT_RAD]

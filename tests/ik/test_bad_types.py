@@ -1,4 +1,4 @@
-"""Whatever a program hands to the solvers by mistake, one error says what was expected."""
+"""Wrong arguments of the solvers raise one error that names the expected type."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""The production solver on the shipped arms: seeded, short; the long versions are campaigns."""
+"""The production solver on the shipped arms: seeded and short; long versions are campaigns."""
 
 import math
 
@@ -52,10 +52,10 @@ def test_bounded_matches_dense_search_out_of_reach():
 
 
 def gaps_to_dense_search_m(chain, count, random, starts=40):
-    """Return how much further off than a dense search nearest points are (count,).
+    """Return how much farther off than those of a dense search the nearest points are (count,).
 
     The dense search takes the best of five times as many starting points as the solver, and of
-    walks from as many joints drawn at random for each point.
+    walks from as many random joints for each point.
     """
     targets_m = points_out_of_reach(chain, count, random)
     many = Options(restarts=5 * Options().restarts)
@@ -87,7 +87,7 @@ def test_bounded_misses_closer_point_in_0_2_percent_at_most(name):
 
 
 def turned_poses(chain, count, random):
-    """Return poses (count, 4, 4) in reach whose orientation, drawn at random, cannot be had."""
+    """Return poses (count, 4, 4) in reach with random orientations that are out of reach."""
     T = chain.forward(random.uniform(chain.lower_rad, chain.upper_rad, (count, chain.dof)))
     for pose in T:
         turned, _ = np.linalg.qr(random.normal(size=(3, 3)))
@@ -96,10 +96,10 @@ def turned_poses(chain, count, random):
 
 
 def worse_than_dense_search_deg(name, kind, T, starts, random):
-    """Return by how much wanted rotations of T (n, 4, 4) are missed more than need be (n,).
+    """Return the excess errors of rotations of T (n, 4, 4) over a dense search (n,).
 
-    The dense search slides to the best turn from many joints drawn at random, and from nowhere
-    that the solver would look first.
+    The dense search slides to the best turn from many random joints, and from none of the starting
+    points that the solver would use first.
     """
     model, count = load_model(name), len(T)
     chain, axis = model.chain, tool_axis(name)

@@ -1,4 +1,4 @@
-"""Closed forms of real arms: recognised from their axes, every solution a solution (L4, L5)."""
+"""Closed forms of real arms are recognised from their axes; every solution is valid (L4, L5)."""
 
 import math
 from functools import cache
@@ -301,7 +301,7 @@ def test_closed_form_refuses_nan_start_and_unknown_frame():
 
 
 def agrees(name, kind, q, q0):
-    """Return whether closed form, sampled joints and bounded tell the same of one target."""
+    """Return whether closed form, sampled joints and bounded solver agree on one target."""
     arm = chain(name)
     target = target_of(arm, q, kind)
     found = solutions(arm, target, q0)

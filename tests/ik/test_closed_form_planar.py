@@ -1,4 +1,4 @@
-"""Two and three links in a plane, as the lecture draws them (L3, L4)."""
+"""Two and three links in a plane, as in the lecture (L3, L4)."""
 
 import cmath
 import math

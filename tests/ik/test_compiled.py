@@ -1,4 +1,4 @@
-"""The compiled kernels do what the Python code does, bit for bit, and refuse what cannot fit."""
+"""The compiled kernels equal the Python code bit for bit, and refuse wrong arguments."""
 
 import json
 import math
@@ -36,7 +36,7 @@ PYPY = shutil.which("pypy3")
 
 
 class Search:
-    """The arguments of ``solve_all`` for one arm, kind and some targets, out of reach or not."""
+    """The arguments of ``solve_all`` for one arm, kind and targets in or out of reach."""
 
     def __init__(
         self, name, kind, seed, count, *,
@@ -70,7 +70,7 @@ def with_numpy(*arguments):
 
 
 def without_numpy(*arguments, folder=ROOT):
-    """Run the kernel of a folder as Python in another process, where numbers are Python's own."""
+    """Run the kernel of a folder as Python in another process, with Python's own numbers."""
     shapes = json.dumps([each.shape for each in arguments]).encode()
     command = [
         PYPY or sys.executable,
@@ -90,7 +90,7 @@ def without_numpy(*arguments, folder=ROOT):
 
 
 def same_both_ways(name, kind, seed, count, *, uncompiled=with_numpy, **options):
-    """Return the share of targets that were reached; compiled and uncompiled must agree."""
+    """Return the fraction of targets that were reached; compiled and uncompiled must agree."""
     one, other = (Search(name, kind, seed, count, **options) for _ in range(2))
     assert search.solve_all(*one.arguments()) == -1
     assert uncompiled(*other.arguments()) == -1
@@ -317,7 +317,7 @@ def test_solver_accepts_any_array_layout_list_and_float32(change):
 
 @pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf, 1e300])
 @pytest.mark.parametrize("argument", ["problems", "starts"])
-def test_number_out_of_range_names_its_problem(argument, value):
+def test_solver_returns_index_of_problem_with_bad_number(argument, value):
     call = Search("so101", TargetKind.POSE, 1, 3)
     getattr(call, argument)[1, 2] = value
     assert search.solve_all(*call.arguments()) == 1

@@ -1,4 +1,4 @@
-"""Targets of arms that give way: the drooping tip is on them, and no joint leaves its limits."""
+"""Targets of compliant arms: the sagging tip reaches them, and no joint leaves its limits."""
 
 import numpy as np
 import pytest

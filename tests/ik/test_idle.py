@@ -1,4 +1,4 @@
-"""Joints that do not move what is asked for stay where they were, whatever the method."""
+"""Joints that do not affect the target stay where they were, with every method."""
 
 import numpy as np
 import pytest
@@ -14,7 +14,7 @@ EVERY = ("auto", *METHODS)
 
 
 def middle_of(name):
-    """Return an arm, the link in the middle of it, and how many joints move that."""
+    """Return an arm, the link in the middle of it, and the number of joints that move it."""
     model = load_model(name)
     chain = model.chain
     joint = model.urdf.joints_to(chain.tip)
@@ -40,7 +40,7 @@ def test_joints_behind_target_frame_stay_with_every_method(name, method):
 
 
 @pytest.mark.parametrize("method", EVERY)
-def test_pull_along_own_axis_turns_no_outer_joint(method):
+def test_pull_along_link_axis_turns_no_joint_beyond_link(method):
     model = load_model("so101")
     chain, frame, q0 = model.chain, middle_of("so101")[1], model.chain_pose("home")
     T = chain.forward(q0, frame)

@@ -1,4 +1,4 @@
-"""The kernels' arithmetic against the chain's and against finite differences."""
+"""The kernels' arithmetic, compared with the chain's and with finite differences."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Cyclic coordinate descent: each joint's best, exactly, and no joint that spins (L12)."""
+"""Cyclic coordinate descent: each joint's exact optimum, and no joint that spins (L12)."""
 
 import math
 

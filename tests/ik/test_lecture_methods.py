@@ -1,4 +1,4 @@
-"""What each of the lecture's methods keeps to: small steps, limits, honesty (L5, L7, L9)."""
+"""Properties of all methods of the lecture: small steps, limits, true reports (L5, L7, L9)."""
 
 import math
 

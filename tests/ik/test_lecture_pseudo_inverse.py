@@ -29,7 +29,7 @@ EXACT = 1e-9
 
 
 def is_clear(J):
-    """Return whether every singular value is either zero or well above what is cut off."""
+    """Return whether every singular value is either zero or well above the threshold."""
     s = np.linalg.svd(J, compute_uv=False)
     return not ((s > 1e-12) & (s <= 2 * EPSILON * s.max(initial=0.0))).any()
 

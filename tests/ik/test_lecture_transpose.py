@@ -1,4 +1,4 @@
-"""The Jacobian transpose: virtual work, the best step length, downhill all the way (L11)."""
+"""The Jacobian transpose: virtual work, best step length, monotonic descent (L11)."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Among several solutions the nearest to the start is the answer, unless speed alone counts."""
+"""Among several solutions the nearest to the start is returned, unless speed alone matters."""
 
 import numpy as np
 import pytest
@@ -11,7 +11,7 @@ from ikservo.model import load_model
 
 
 def questions(name, kind, count, seed=1):
-    """Yield an arm, targets that it reaches and the start, its home."""
+    """Yield an arm, reachable targets and the start, its home."""
     model = load_model(name)
     chain, rng = model.chain, np.random.default_rng(seed)
     for q in rng.uniform(chain.lower_rad, chain.upper_rad, (count, chain.dof)):
@@ -64,14 +64,14 @@ def test_nearest_search_without_closed_form_shortens_path():
 
 
 def around(chain, target, q0, found):
-    """Return what walks from around the start find, as if there were no closed form."""
+    """Return the solutions of walks from around the start, as without a closed form."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("ikservo.ik.other_solutions.recognise_structure", lambda *_: None)
         return nearest_solution(chain, target, q0, Options(), found)
 
 
 def _bent(chain):
-    """Return the arm with a wrist whose axes meet nowhere."""
+    """Return the arm with wrist axes that do not intersect."""
     step = next(step for step in chain.joints_to() if step.joint.name == chain.names[4])
     origin = step.joint.origin.copy()
     origin[:3, 3] += (0.0, 0.02, 0.01)

@@ -1,4 +1,4 @@
-"""Pulled straight beyond its reach and let go, an arm comes back on the side it went out by."""
+"""An arm pulled straight beyond its reach and released comes back on the same side."""
 
 import numpy as np
 import pytest

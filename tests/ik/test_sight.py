@@ -1,4 +1,4 @@
-"""Pointing an axis of the tip at points, and the tip itself anywhere."""
+"""Pointing an axis of the tip at points, with the tip itself anywhere."""
 
 from __future__ import annotations
 

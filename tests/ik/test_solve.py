@@ -1,4 +1,4 @@
-"""The bounded solver: inside the limits always, and honest about what it reached."""
+"""The bounded solver: always inside the limits, with a true report of its error."""
 
 import gc
 import math

@@ -1,4 +1,4 @@
-"""A target that makes no sense is refused before any iteration."""
+"""An invalid target is refused before any iteration."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""The translator refuses, with file and line, what C would do otherwise than Python."""
+"""The translator refuses, with file and line, code that C would execute differently."""
 
 import importlib.util
 import sys

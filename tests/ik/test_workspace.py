@@ -1,4 +1,4 @@
-"""What the tip can reach: against geometry, against forward kinematics, against the solver."""
+"""The reach of the tip: compared with geometry, forward kinematics and the solver."""
 
 import math
 
@@ -21,7 +21,7 @@ def two_links(lower=(-2.618, -2.618), upper=(2.618, 2.618)):
 
 
 def gaps_by_hand(points_m, lower, upper):
-    """Return how far points (n, 2) are from the nearest arc that the second joint leaves open."""
+    """Return the distances of points (n, 2) from the nearest arc of the open second joint."""
     bend = np.linspace(lower[1], upper[1], 2000)
     radius_m, swing = 0.3 * np.cos(bend / 2), bend / 2
     gaps_m = []

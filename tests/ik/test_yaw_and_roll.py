@@ -1,4 +1,4 @@
-"""Yaw and roll that put a point and a direction across the arm's plane."""
+"""Yaw and roll that bring a point and a direction into the arm's plane."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""The plug-in for LeRobot on a description of LeRobot's classes: no torch is needed."""
+"""The plug-in for LeRobot with stub classes of LeRobot: torch is not needed."""
 
 import sys
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Robot and teleoperators of the plug-in are what LeRobot's commands call."""
+"""Robot and teleoperators of the plug-in have the interface that LeRobot's commands use."""
 
 import inspect
 import tomllib

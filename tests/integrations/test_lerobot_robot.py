@@ -1,4 +1,4 @@
-"""An arm as LeRobot drives it: judged by the simulated joints."""
+"""An arm driven by LeRobot, judged by the simulated joints."""
 
 import logging
 import math
@@ -22,7 +22,7 @@ PLAY_M = 3e-3
 
 @pytest.fixture
 def connected(monkeypatch):
-    """Return a function that connects a robot on a simulated arm, whose time passes as it sends."""
+    """Return a function that connects a robot on a simulated arm; time passes as it sends."""
     from lerobot_robot_ikservo import IkservoRobot, IkservoRobotConfig
 
     monkeypatch.setattr(
@@ -264,7 +264,7 @@ def test_second_connect_is_refused(connected):
 
 
 class Camera:
-    """A camera of LeRobot, as far as a robot uses one."""
+    """The part of a LeRobot camera that a robot uses."""
 
     height, width = 4, 6
 

@@ -1,4 +1,4 @@
-"""Leader arm and page as teleoperators, and the calibration of all."""
+"""Leader arm and page as teleoperators, and the calibration of both."""
 
 import json
 import math
@@ -114,7 +114,7 @@ def test_calibration_is_written_to_lerobot_folder(plugin, monkeypatch, folders):
 
 
 def calibrate_in_process(mounted, folder):
-    """Import LeRobot's file of the arm as the command does, by a scripted operator."""
+    """Import LeRobot's file of the arm like the command, by a scripted operator."""
     from ikservo.cli.entry_point import main
     from tests.calibration.scripted_operator import schedule_operator
 

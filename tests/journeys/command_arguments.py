@@ -87,7 +87,7 @@ _WHOLE = {  # arguments that depend on each other: their names and the command l
 
 @cache
 def commands():
-    """Return the name of every command but those that have tests of their own."""
+    """Return the names of all commands except those with tests of their own."""
     return tuple(
         name
         for name, each in app.all_commands().items()
@@ -100,7 +100,7 @@ def lines_of(command):
     """Return the argument lines that are typed after a command, with places for the arm.
 
     Raises:
-        LookupError: A parameter that nobody has said a value for.
+        LookupError: No value is known for a parameter.
     """
     parameters = _loaded(command).params
     names = tuple(p.name for p in parameters if p.param_type_name == "argument")
@@ -114,7 +114,7 @@ def lines_of(command):
 
 
 def filled(line, arm, port, folder):
-    """Return the words of a line for one arm, as the shell hands them over."""
+    """Return the words of a line for one arm, as the shell passes them."""
     model = load_model(arm)
     x, y, z = usual_target_m(arm)
     joint = model.chain.names[-1]
@@ -128,7 +128,7 @@ def filled(line, arm, port, folder):
 
 @cache
 def usual_target_m(arm):
-    """Return a point (3,) [m] that is well inside the reach, beside where the pose home is."""
+    """Return a point (3,) [m] well inside the reach, beside the tip in the pose home."""
     chain, home = load_model(arm).chain, load_model(arm).chain_pose("home")
     return tuple(chain.forward(0.7 * home + 0.05)[:3, 3].tolist())
 

@@ -1,10 +1,11 @@
-"""Which cases of the whole matrices there are."""
+"""Cases of the complete test matrices."""
 
 
 def pytest_generate_tests(metafunc):
-    """Give a campaign over a whole matrix its cases, or one where ``-m`` leaves campaigns out.
+    """Give a campaign its complete matrix, or one case if ``-m`` leaves campaigns out.
 
-    To make thousands and then to deselect them takes each process that gathers the suite seconds.
+    Creating thousands of cases and deselecting them costs each process that collects the suite
+    seconds.
     """
     names, cases, ids = getattr(metafunc.function, "matrix", (None, None, None))
     if names is None:

@@ -30,7 +30,7 @@ BLOCKED = re.compile(r"collision|would collide|would touch|does not follow", re.
 
 
 def parameter_names(what):
-    """Return the names of the parameters of a case: ``what`` is what is tried."""
+    """Return the names of the parameters of a case: ``what`` is the command or method."""
     return ("arm", what, "posture", "kind")
 
 
@@ -105,7 +105,7 @@ def allowed_blocked_codes(posture, *, one_joint):
 
 
 def find_faults(command, bench, model, result, allowed, posture):
-    """Return what was wrong with the output and the end state; empty if nothing.
+    """Return the faults of the output and the end state; empty if there are none.
 
     Args:
         command: The command, or the one that does the same as a method.
@@ -113,7 +113,7 @@ def find_faults(command, bench, model, result, allowed, posture):
         model: The arm.
         result: The output and the exit code.
         allowed: The allowed exit codes.
-        posture: Where the arm was, limp.
+        posture: The posture of the limp arm at the start.
     """
     wrong = list(find_text_faults(result))
     if result.code not in allowed:
@@ -128,7 +128,7 @@ def find_faults(command, bench, model, result, allowed, posture):
 
 
 def find_torque_faults(command, bench, posture):
-    """Yield where torque came on that nobody announced, or with a goal where the joint is not."""
+    """Yield where torque came on unannounced, or with a goal away from the joint."""
     if bench.watch.enablings and command not in ENABLING:
         yield f"switched torque on: {bench.watch.enablings}"
     if posture in STABLE:  # elsewhere it falls
@@ -138,7 +138,7 @@ def find_torque_faults(command, bench, posture):
 
 
 def find_text_faults(result):
-    """Yield what was wrong with both output streams."""
+    """Yield the faults of both output streams."""
     text = result.out + result.err
     if INTERNALS.search(text):
         yield f"internals in the output: {INTERNALS.search(text).group()}"
@@ -147,7 +147,7 @@ def find_text_faults(result):
 
 
 def find_state_faults(command, bench, model):
-    """Yield what was wrong with the simulated joints and their torque."""
+    """Yield the faults of the simulated joints and their torque."""
     joints = bench.joints()
     if bench.kind == "real, uncalibrated":
         return

@@ -40,8 +40,8 @@ class Bench:
         arm: Its name.
         kind: One of ``LINES``.
         port: The value for ``--port``.
-        world: The simulated arm; of ``sim`` the one that was opened last, None before.
-        watch: When torque came on.
+        world: The simulated arm; for ``sim`` the one that was opened last, None before.
+        watch: Records when torque came on.
     """
 
     arm: str
@@ -59,7 +59,7 @@ class Bench:
         return {joint.name: joint.position for joint in self.world.joints}
 
     def torque(self):
-        """Return which joints hold."""
+        """Return the joints with torque on."""
         return {j.name: any(s.drive.torque_on for s in j.servos) for j in self.world.joints}
 
 
@@ -108,7 +108,7 @@ def _place(world, arm, posture):
 def _built(name, *, mounted, weightless=False):
     """Return an arm in its pose home; the zeros of a mounted one are unknown.
 
-    A weightless one keeps the pose, as if every joint were held by hand.
+    A weightless arm keeps the pose, as if every joint were held by hand.
     """
     entries = read_arm_file(load_model(name).path)
     if mounted and any(joint.zero_from == "nominal" for joint in load_model(name).joints):
@@ -149,7 +149,7 @@ def _calibrated(arm):
 
 
 def _calibrate(mounted_arm):
-    """Save a calibration of every joint's whole range, as if moved to each end stop by hand."""
+    """Save a calibration of every joint's whole range, as if swept by hand to each end stop."""
     with mounted_arm.open_limp() as limp_arm:
         limp_arm.serial_number = SERIAL
         state = _swept(

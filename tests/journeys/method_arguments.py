@@ -28,7 +28,7 @@ def methods():
 
 
 def parameters(name):
-    """Return the parameters of a method but self and its options, which all have defaults."""
+    """Return the parameters of a method except self and its options, which have defaults."""
     found = list(inspect.signature(getattr(Arm, name)).parameters.values())[1:]
     return [each for each in found if each.kind is not inspect.Parameter.VAR_KEYWORD]
 
@@ -37,7 +37,7 @@ def arguments(name, arm, folder):
     """Return the required arguments of a method, for this arm.
 
     Raises:
-        LookupError: A parameter without a value here.
+        LookupError: A parameter has no value here.
     """
     values = {}
     for parameter in parameters(name):
@@ -62,7 +62,7 @@ def _points(arm, _):
 
 
 def _beside(arm, _=None):
-    """Return a point 2 cm beside the target, at its height: planar arms reach no other."""
+    """Return a point 2 cm beside the target at its height, because planar arms reach no other."""
     return _target(arm) + np.array([-0.02, 0.015, 0.0])
 
 

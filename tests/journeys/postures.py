@@ -61,11 +61,10 @@ def _random_free_joints(model, chance):
 
 
 def _at_a_limit(model, beyond):
-    """Return a posture with the second joint at its upper limit, or beyond it.
+    """Return a posture with the second joint at its upper limit, or past it.
 
-    The other joints are in the pose home, or random where that collides.
-    Where none of these postures is free the joint is at its lower limit, and where that collides
-    too, the next joint is.
+    The other joints are in the pose home, or random if that collides. If none of these postures is
+    free, the joint is at its lower limit, and if that collides too, the next joint is used.
     """
     chance, past = random.Random(model.name), OUTSIDE if beyond else 0.0
     for limited in model.joints[1:]:

@@ -1,4 +1,4 @@
-"""A 3D-printed arm: its links are a millimetre off, and not measured."""
+"""A 3D-printed arm whose links are off by an unmeasured millimetre."""
 
 import math
 import shutil
@@ -15,11 +15,11 @@ SHOWN_DEG, STOP_DEG = 25.0, 2.0  # STOP_DEG: from the limits to the simulator's 
 
 
 class PrintedArm:
-    """The true geometry of an arm that is nearly a so101.
+    """The true geometry of an arm that is nearly an so101.
 
     Attributes:
         path: Its arm file, for `ikservo sim`.
-        truth: Its geometry, as Pinocchio has it.
+        truth: Its true geometry in Pinocchio.
         held_deg: The rest pose as set by eye, two degrees off, by name.
     """
 
@@ -57,7 +57,7 @@ class PrintedArm:
         return lower_deg, {name: high + STOP_DEG for name, (_, high) in limits_deg.items()}
 
     def tip_m(self, joints_deg):
-        """Return the true tip (3,) [m] at the true joints by name."""
+        """Return the true tip (3,) [m] at the true joints, by name."""
         return self.truth.tip(self._rad(joints_deg))
 
     def believed_tip_m(self, joints_deg):

@@ -1,4 +1,4 @@
-"""A short recording around the pose home, as `ikservo record` writes it."""
+"""A short recording around the pose home, as written by `ikservo record`."""
 
 import shutil
 import tempfile

@@ -1,4 +1,4 @@
-"""The simulator as a process: arms behind pseudo-terminals, moved through its control socket."""
+"""The simulator as a process: arms on pseudo-terminals, moved through its control socket."""
 
 import contextlib
 import json
@@ -50,7 +50,7 @@ class SimulatorProcess:
             time.sleep(0.05)
 
     def move_joints(self, joints_deg, force=20.0, speed=3.0):
-        """Move joints by hand, all at once, and wait until they are there."""
+        """Move several joints by hand at once and wait until they are there."""
         for joint, deg in joints_deg.items():
             self.send_command("hand", joint=joint, deg=deg, force=force, speed=speed)
         self._wait(lambda: all(abs(self.joints_deg()[j] - d) < 1.0 for j, d in joints_deg.items()))

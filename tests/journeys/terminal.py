@@ -1,4 +1,4 @@
-"""A terminal with a person in front of it: types, reads the screen, waits for words."""
+"""A terminal with a person in front of it, who types, reads the screen and waits for words."""
 
 import contextlib
 import fcntl
@@ -24,13 +24,13 @@ SOON_S = 40.0  # for a machine with other work
 
 @dataclass
 class Ended:
-    """What a command left on the screen.
+    """The output of a command that has ended.
 
     Attributes:
         code: Its exit code; minus the signal that ended it.
         text: All that it printed, without colours and control sequences.
         screen: The lines that are on the screen now.
-        long: The printed lines that are longer than the screen is wide.
+        long: The printed lines that are longer than the width of the screen.
     """
 
     code: int
@@ -41,14 +41,14 @@ class Ended:
 
 @dataclass
 class Terminal:
-    """A screen of so many columns, and the environment of the shell in it."""
+    """A screen of the given width, and the environment of the shell in it."""
 
     columns: int = 80
     env: dict = field(default_factory=dict)
 
     @contextlib.contextmanager
     def running(self, *words):
-        """Run ``ikservo`` with these words; yield the program, which is killed in the end."""
+        """Run ``ikservo`` with these words; yield the program, which is killed at the end."""
         program = Program(self, [*IKSERVO, *map(str, words)])
         try:
             yield program
@@ -56,7 +56,7 @@ class Terminal:
             program.kill()
 
     def run(self, *words, typed=()):
-        """Run a command to its end and return what it left; ``typed`` is (words, answer) pairs."""
+        """Run a command to its end and return its output; ``typed`` is (words, answer) pairs."""
         with self.running(*words) as program:
             for question, answer in typed:
                 program.wait_for(question)
@@ -65,9 +65,9 @@ class Terminal:
 
 
 class Program:
-    """A command that runs in a terminal, which takes what is printed at once, as terminals do.
+    """A command that runs in a terminal, which reads its output at once, as terminals do.
 
-    A program whose words nobody takes would have to wait, and could read no servos meanwhile.
+    A program whose output is not read would have to wait, and could not read servos meanwhile.
     """
 
     def __init__(self, terminal, argv):
@@ -87,7 +87,7 @@ class Program:
         self._reader.start()
 
     def _take_all(self):
-        """Take what is printed until nobody can print any more."""
+        """Read the output until the program closes it."""
         while self._open:
             ready, _, _ = select.select([self._fd], [], [], 0.1)
             data = self._taken() if ready else b""
@@ -103,13 +103,13 @@ class Program:
             return b""
 
     def resize(self, columns):
-        """Let the person draw the window to another width."""
+        """Resize the terminal to another width."""
         fcntl.ioctl(self._fd, termios.TIOCSWINSZ, struct.pack("HHHH", ROWS, columns, 0, 0))
         self._screen.resize(ROWS, columns)
 
     @property
     def text(self):
-        """Return all that was printed, without colours and control sequences."""
+        """Return all output, without colours and control sequences."""
         return CONTROLS.sub("", self.raw.decode(errors="replace")).replace("\r\n", "\n")
 
     def type(self, text):
@@ -117,11 +117,11 @@ class Program:
         os.write(self._fd, text.encode())
 
     def wait_for(self, words, within_s=SOON_S):
-        """Wait until words were printed that have not been waited for, however they are wrapped."""
+        """Wait for words in new output, whatever their line breaks."""
         return self.wait_for_any(words, within_s=within_s)
 
     def wait_for_any(self, *choices, within_s=SOON_S):
-        """Wait likewise for the first of some words; return those that were printed, unwrapped."""
+        """Wait for the first of several words in new output; return them without line breaks."""
         pattern = re.compile("|".join(map(_loosely, choices)), re.IGNORECASE)
         until_s = time.monotonic() + within_s
         while True:
@@ -143,7 +143,7 @@ class Program:
             assert time.monotonic() < until_s, "the screen stays:\n" + "\n".join(self.lines())
 
     def lines(self):
-        """Return the lines on the screen, without what is empty at its end."""
+        """Return the lines on the screen, without empty ones at its end."""
         lines = [line.rstrip() for line in self._screen.display]
         while lines and not lines[-1]:
             lines.pop()
@@ -153,7 +153,7 @@ class Program:
         os.kill(self._pid, number)
 
     def ended(self, within_s=SOON_S):
-        """Wait for the end and return what is left."""
+        """Wait for the end and return the output."""
         until_s = time.monotonic() + within_s
         while self.pump(0.1):
             assert time.monotonic() < until_s, "it does not end; the screen:\n" + self.text[-3000:]
@@ -172,14 +172,14 @@ class Program:
         os.close(self._fd)
 
     def _printed(self):
-        """Yield lines as printed; of one that was drawn anew, the last; a path may be long."""
+        """Yield printed lines; of a redrawn line, the last version; a path may be long."""
         for line in self.text.split("\n"):
             last = line.rstrip("\r").rpartition("\r")[2].rstrip()
             if not any(len(word) > self._columns // 2 for word in last.split()):
                 yield last
 
     def pump(self, wait_s=0.1):
-        """Look at what was printed, or wait for it; return whether the program still runs."""
+        """Read new output, or wait for it; return whether the program still runs."""
         with self._news:
             if self._open and not self._unread:
                 self._news.wait(wait_s)

@@ -1,7 +1,7 @@
-"""A bad day, in a terminal: each fault ends in one clear error, and the next command works.
+"""Faults in a terminal: each ends in one clear error, and the next command works.
 
-Checked by exit codes, simulated joints and output; in real time, behind a pseudo-terminal. The
-suite has a port that is none; the campaign has all faults, at both widths.
+Checked by exit codes, simulated joints and output; in real time, on a pseudo-terminal. The suite
+has a port that does not exist; the campaign has all faults, at both widths.
 """
 
 import contextlib
@@ -45,7 +45,7 @@ def words(simulator, *command):
 def under_way(terminal, simulator):
     """Yield a program once it has moved the pan joint by 10 degrees.
 
-    It is restarted where a busy computer stopped it before: silence (4), late cycles (8).
+    It is restarted if a busy computer stopped it before: silence (4), late cycles (8).
     """
     for _ in range(MAX_TRIES):
         with terminal.running(*words(simulator, *FAR)) as program:

@@ -41,7 +41,7 @@ def cases(arm):
 
 
 def some(arm):
-    """Return each command line on every eighth arm, and the first commands on each."""
+    """Return each command line on every eighth arm, and the first commands on each arm."""
     chance, by_line = random.Random(f"journeys {arm}"), {}
     for case in cases(arm):
         if not case[0].startswith(LONG):

@@ -1,7 +1,7 @@
 """A limp arm stays limp: every command and every method on an arm of Feetech STS servos.
 
-A goal switches the torque of such a servo on, so that each of these is a chance to let an arm jump.
-The suite tries some of them, the campaign the others.
+A goal switches the torque of such a servo on, so that each of these could make an arm jump. The
+suite tries some of them, the campaign the others.
 """
 
 import pytest

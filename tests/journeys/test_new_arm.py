@@ -1,4 +1,4 @@
-"""Somebody has a description and a box of servos: makes the arm, calibrates it, moves it."""
+"""A user with a description and a box of servos makes the arm, calibrates it and moves it."""
 
 import json
 import re

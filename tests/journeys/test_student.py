@@ -1,4 +1,4 @@
-"""A student's afternoon, in a terminal: planar arms, methods compared, pictures, wrong input."""
+"""A student's session in a terminal: planar arms, methods, pictures, wrong input."""
 
 import sys
 

@@ -41,7 +41,7 @@ def test_follower_arm_takes_joints_of_leader(terminal, tmp_path):
 
 
 def differences_deg(leader, follower):
-    """Return the joints that are more than 3 degrees from each other, and by how much."""
+    """Return the joints that differ by more than 3 degrees, and their differences."""
     led, followed = leader.joints_deg(), follower.joints_deg()
     found = {joint: followed[joint] - led[joint] for joint in JOINTS}
     return [(joint, by) for joint, by in found.items() if abs(by) > 3.0]
@@ -55,6 +55,6 @@ def until(condition, within_s=60.0):
 
 
 def hold_all(simulator):
-    """Hold every joint by hand where it is."""
+    """Hold every joint by hand at its position."""
     for joint, deg in simulator.joints_deg().items():
         simulator.send_command("hand", joint=joint, deg=deg, force=20)

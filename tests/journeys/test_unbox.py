@@ -93,7 +93,7 @@ def assert_good(ended):
 
 
 def calibrate(terminal, arm, printed):
-    """Follow the screen by hand: pose, directions, sweep, review, save."""
+    """Follow the instructions on the screen: pose, directions, sweep, review, save."""
     arm.move_joints(printed.held_deg)
     with terminal.running("calibrate", "so101", "--port", arm.port) as program:
         program.wait_for("It is still: continue.")
@@ -191,7 +191,7 @@ def touch(program):
 
 
 def tip_errors_m(terminal, arm, printed, postures_deg):
-    """Return the distances (n,) of the true tip from the one of `where`, postures held by hand."""
+    """Return the distances (n,) of the true tip from that of `where`, postures held by hand."""
     errors_m = []
     for posture_deg in postures_deg:
         arm.move_joints(posture_deg)

@@ -1,4 +1,4 @@
-"""Watches from outside when torque of simulated servos comes on, and how far their goals are."""
+"""Records when torque of simulated servos comes on, and how far their goals are."""
 
 import itertools
 from dataclasses import dataclass
@@ -14,9 +14,9 @@ class Enabling:
 
     Attributes:
         servo_id: Its id.
-        goal_ticks: How far the goal that it is driven to is from where it is, counts of its sensor.
-        outside_ticks: How far it is outside its own limits: a limp arm may rest there, and no servo
-            takes such a goal.
+        goal_ticks: Distance between the goal in force and the position, counts of its sensor.
+        outside_ticks: Distance of the position outside its own limits: a limp arm may rest there,
+            and no servo accepts such a goal.
     """
 
     servo_id: int
@@ -25,7 +25,7 @@ class Enabling:
 
     @property
     def jumps(self):
-        """Whether the joint would be driven further than to the nearest place that is allowed."""
+        """Return whether the joint would move further than to the nearest allowed position."""
         return self.goal_ticks > self.outside_ticks + FEW_TICKS
 
 

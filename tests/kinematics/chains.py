@@ -1,4 +1,4 @@
-"""Small chains that tests write out by hand."""
+"""Small chains that tests define by hand."""
 
 import math
 

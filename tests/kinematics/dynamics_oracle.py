@@ -120,7 +120,7 @@ def arm_oracle(name):
 
 
 def made_oracle(joints, base, tip, moving, held=(), masses=None):
-    """Return a chain of joints that is written out by hand, branch after branch as Pinocchio wants.
+    """Return a chain of hand-written joints, branch after branch as Pinocchio requires.
 
     ``held`` are the values of joints that q does not move.
     """
@@ -210,7 +210,7 @@ NAMES = [*ARMS, *MADE]
 
 @cache
 def oracle_of(name):
-    """Return the oracle of an arm of the catalogue or of a chain that is made here."""
+    """Return the oracle of an arm of the catalogue or of a chain defined here."""
     return MADE[name]() if name in MADE else arm_oracle(name)
 
 

@@ -1,4 +1,4 @@
-"""Arms that give way behind their sensors: the same in ikservo and, written apart, in servosim."""
+"""Compliant arms bend equally in ikservo and in the separately written servosim."""
 
 from dataclasses import replace
 

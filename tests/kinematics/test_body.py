@@ -1,4 +1,4 @@
-"""The body of an arm: what comes near what, and how near, as a person adds it up."""
+"""The body of an arm: distances between its parts, compared with sums by hand."""
 
 import numpy as np
 import pytest
@@ -14,7 +14,7 @@ def ball(link, radius_m, at_m=(0.0, 0.0, 0.0)):
 
 
 def rail(*more, postures=()):
-    """Two slides, one on the other, along x: balls of 10 cm and 20 cm, and one of 1 cm more."""
+    """Return two slides along x, one on the other: balls of 10 cm and 20 cm, one 1 cm larger."""
     joints = [
         joint("one", JointType.PRISMATIC, "base", "cart", (0, 0, 1.0), (1, 0, 0)),
         joint("weld", JointType.FIXED, "cart", "plate", (0, 0, 0)),

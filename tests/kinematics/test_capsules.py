@@ -1,4 +1,4 @@
-"""Distances between capsules and boxes against a dense search and an independent library."""
+"""Distances between capsules and boxes, compared with dense search and another library."""
 
 import math
 

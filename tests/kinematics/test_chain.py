@@ -1,4 +1,4 @@
-"""Forward kinematics and Jacobians against what a person computes by hand, and as laws."""
+"""Forward kinematics and Jacobians, compared with results by hand and with laws."""
 
 import math
 

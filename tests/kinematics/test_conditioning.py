@@ -1,4 +1,4 @@
-"""How freely a posture moves, and how far the next singular one is."""
+"""How well a posture can move, and the distance to the next singular one."""
 
 import math
 

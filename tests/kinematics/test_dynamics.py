@@ -1,4 +1,4 @@
-"""Gravity, inverse dynamics, inertia and regressor are Pinocchio's; the regressor's rank too."""
+"""Gravity, inverse dynamics, inertia and regressor equal Pinocchio's, and so does its rank."""
 
 import math
 
@@ -36,7 +36,7 @@ def name(request):
 
 @pytest.fixture(params=["bare", "payload", "wall"])
 def pair(request, name):
-    """Return the dynamics of an arm, and Pinocchio's: bare, with a payload, and on a wall too."""
+    """Return the dynamics of an arm, and Pinocchio's: bare, with a payload, and on a wall."""
     ours, oracle = dynamics_of(name), oracle_of(name)
     if request.param != "bare":
         ours, oracle = ours.with_payload(*PAYLOAD), oracle.with_payload(*PAYLOAD)

@@ -1,4 +1,4 @@
-"""A chain whose links differ from its description, against finite differences and by hand."""
+"""Geometric errors of links, compared with finite differences and with results by hand."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Torques of gravity agree with Pinocchio's, and sag with the simulated servos' stiffness."""
+"""Gravity torques agree with Pinocchio's, and sag with the simulated servos' stiffness."""
 
 from dataclasses import replace
 
@@ -20,7 +20,7 @@ from tests.oracle import ARMS, CONFIGS
 
 
 def torques(shape, masses, q):
-    """Return the torques of gravity (n, dof): the sag of joints that yield 1 rad for each N m."""
+    """Return the torques of gravity (n, dof), as the sag of joints that yield 1 rad per N m."""
     free = np.full(shape.chain.dof, np.inf)
     return GravitySag(shape, Weight(masses, np.ones(shape.chain.dof), -free, free))(np.array(q))
 

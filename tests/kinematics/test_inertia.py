@@ -1,4 +1,4 @@
-"""Masses of links: what is accepted, how it is kept, and that nobody can change it."""
+"""Masses of links: accepted values, their storage, and protection against changes."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Columns of vectors of all joints: the chain's, the collision body's, and those beside."""
+"""Columns of vectors of all joints: the chain's, the collision body's, and the others."""
 
 import numpy as np
 import pytest

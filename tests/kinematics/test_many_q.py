@@ -1,4 +1,4 @@
-"""Chains of every kind of joint, asked for one q and for many."""
+"""Chains with every kind of joint, evaluated for one q and for many."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""Only finite numbers of the right shape are taken for numbers."""
+"""Only finite numbers of the right shape are accepted."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""An arm as numbers for compiled code says what the chain says."""
+"""An arm as numbers for compiled code equals the chain."""
 
 import math
 
@@ -94,7 +94,7 @@ def test_packed_tool_z_axis_is_tool_axis(axis):
 
 
 def one_joint(mimic=False, **more):
-    """A joint, and where asked for another that follows it, before a tip."""
+    """Return a joint, and optionally another one that follows it, before a tip."""
     joints = [joint("a", more.pop("kind", JointType.REVOLUTE), "base", "l1", **more)]
     if mimic:
         joints.append(joint("b", JointType.REVOLUTE, "l1", "l2", mimic=Mimic("a")))

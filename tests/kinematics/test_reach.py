@@ -1,4 +1,4 @@
-"""How far a joint can move what it carries: bounds that a person can add up."""
+"""The reach of a joint's motion: bounds that can be added up by hand."""
 
 import math
 
@@ -36,7 +36,7 @@ def test_relative_bound_counts_only_joints_between_links():
 
 
 def rail(multiplier=-0.5, shift=0.1, **limits):
-    """A turning post, a slide on it and a second slide that follows the first."""
+    """Return a turning post, a slide on it and a second slide that follows the first."""
     joints = [
         joint("turn", JointType.REVOLUTE, "base", "post"),
         joint("slide", JointType.PRISMATIC, "post", "cart", (0, 0, 0.5), (1, 0, 0), **limits),

@@ -1,4 +1,4 @@
-"""Laws of SO(3), also next to zero and next to a half turn."""
+"""Laws of SO(3), also near zero and near a half turn."""
 
 import math
 

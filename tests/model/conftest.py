@@ -1,4 +1,4 @@
-"""A small arm with everything in it: three joints that turn, a gripper that slides."""
+"""A small arm with all features: three turning joints, and a gripper that slides."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""An arm.toml is read as it is written."""
+"""An arm.toml is read as written."""
 
 from __future__ import annotations
 

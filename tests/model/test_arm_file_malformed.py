@@ -1,4 +1,4 @@
-"""Every way an arm.toml can be wrong is refused with the line or the path of the key."""
+"""Every error in an arm.toml is refused with its line or the path of the key."""
 
 # ruff: noqa: E501 - one case a line
 

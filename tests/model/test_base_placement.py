@@ -1,4 +1,4 @@
-"""``base`` in an arm file: the arm stands so for the model and for the simulator."""
+"""``base`` in an arm file places the arm in the model and in the simulator."""
 
 import shutil
 

@@ -1,4 +1,4 @@
-"""An arm's name leads to its file, and to nothing else on the disk."""
+"""An arm's name leads to its file, and to no other file on the disk."""
 
 from __future__ import annotations
 
@@ -125,7 +125,7 @@ PATHS = [
 
 
 def refused(trick: str) -> None:
-    """Look for an arm of that name, and find none."""
+    """Look for an arm of that name, and expect none."""
     try:
         found = find_arm(trick)
     except UnknownNameError:

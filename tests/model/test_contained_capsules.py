@@ -1,4 +1,4 @@
-"""Capsules that another one of their link contains are left out; no others are."""
+"""Capsules inside another one of the same link are left out; no others are."""
 
 import numpy as np
 from hypothesis import given

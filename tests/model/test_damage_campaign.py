@@ -1,4 +1,4 @@
-"""A hundred thousand damaged files of the shipped arms: each is read or refused, at once."""
+"""A hundred thousand damaged files of the shipped arms are each read or refused quickly."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def damaged(data: bytes, chance: random.Random) -> bytes:
 
 
 def read(path: Path, reader: Callable[[Path], object]) -> object | None:
-    """Return what a file is taken for; anything but an error of ours, or a long wait, fails."""
+    """Return the parsed file; any error but ours, or a long wait, fails the test."""
     start_s = time.perf_counter()
     try:
         return reader(path)

@@ -1,4 +1,4 @@
-"""However a file is damaged, reading it succeeds or fails with an error of ours."""
+"""Reading a damaged file succeeds or fails with one of our errors."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What ``[gripper]`` of an arm file may say, and what is made of it."""
+"""Valid values of ``[gripper]`` in an arm file, and their meaning."""
 
 import shutil
 

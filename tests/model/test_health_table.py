@@ -1,4 +1,4 @@
-"""What an arm file may say about its servos' health, and what it is where it says nothing."""
+"""Health limits in an arm file, and their defaults."""
 
 import math
 

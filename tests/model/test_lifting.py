@@ -1,4 +1,4 @@
-"""The lag at which servos lift their arm, against the simulated motors' friction."""
+"""The lag at which servos lift their arm, compared with the simulated motors' friction."""
 
 import math
 from dataclasses import replace

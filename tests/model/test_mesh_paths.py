@@ -1,4 +1,4 @@
-"""A mesh is only ever taken from the URDF's own folder."""
+"""Meshes are read only from the URDF's own folder."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Limits of the arm file take the place of the URDF's, in the model and in the simulator."""
+"""Limits of the arm file replace the URDF's, in the model and in the simulator."""
 
 import math
 

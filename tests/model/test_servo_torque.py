@@ -1,4 +1,4 @@
-"""The figures of the motors that plans are made with are those of the simulated motors."""
+"""Motor parameters used for plans equal those of the simulated motors."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The capsules cover the shapes, and what touches is found: against Pinocchio's exact shapes."""
+"""The capsules cover the shapes, and contacts are found, compared with Pinocchio's shapes."""
 
 import itertools
 

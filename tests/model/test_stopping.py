@@ -1,4 +1,4 @@
-"""How long a joint goes on after its last goal, against its equation of motion step by step."""
+"""The travel of a joint after its last goal, compared with its integrated equation of motion."""
 
 import pytest
 
@@ -9,7 +9,7 @@ from ikservo.model.stopping_times import stopping_times_s
 
 
 def furthest(inertia, damping, stiffness):
-    """Return how far past its last goal a joint at 1 rad/s comes at most, and its lag there."""
+    """Return the longest travel past its last goal of a joint at 1 rad/s, and its lag there."""
     at, speed, step_s, most = -damping / stiffness, 1.0, 1e-5, 0.0
     for _ in range(60_000):
         speed -= step_s * (damping * speed + stiffness * at) / inertia

@@ -1,4 +1,4 @@
-"""Which way a tool points, how steep and how rolled it stands, in one language for all arms."""
+"""Direction, pitch and roll of a tool, with one convention for all arms."""
 
 import itertools
 import math

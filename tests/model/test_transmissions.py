@@ -1,4 +1,4 @@
-"""Between a horn and its joint there may be a gear, a rack or a crank."""
+"""A gear, a rack or a crank between a horn and its joint."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A URDF is read as the specification means it."""
+"""A URDF is read according to its specification."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Every way a URDF can be wrong is refused with its file, its line and what was expected."""
+"""Every error in a URDF is refused with its file, its line and the expected value."""
 
 # ruff: noqa: E501 - one case a line
 
@@ -139,7 +139,7 @@ SLIPS = {
 
 
 @pytest.mark.parametrize(("old", "new", "where", "found", "expected"), SLIPS.values(), ids=SLIPS)
-def test_mistake_is_reported_with_its_line(
+def test_urdf_mistake_is_reported_with_its_line(
     urdf_path: Path, urdf_text: str, old: str, new: str, where: str, found: str, expected: str
 ) -> None:
     assert old in urdf_text

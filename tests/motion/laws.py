@@ -1,4 +1,4 @@
-"""What every motion owes its joints: the laws that its tests share."""
+"""Laws that every motion must keep, shared by its tests."""
 
 import numpy as np
 
@@ -13,7 +13,7 @@ def sampled(course, count=400, until_s=None):
 
 
 def assert_keeps_paces(course, paces, count=400, until_s=None):
-    """Speed and acceleration at every instant, jerk between any two of them."""
+    """Check speed and acceleration at every instant, and jerk between any two instants."""
     times_s, _, velocity, acceleration = sampled(course, count, until_s)
     jerk = np.diff(acceleration, axis=0) / max(times_s[1] - times_s[0], 1e-9)
     for found, name in (
@@ -27,14 +27,14 @@ def assert_keeps_paces(course, paces, count=400, until_s=None):
 
 
 def assert_inside(course, lower, upper, count=400, until_s=None):
-    """Positions inside limits at every instant."""
+    """Check that positions are inside limits at every instant."""
     _, position, _, _ = sampled(course, count, until_s)
     assert (position >= np.asarray(lower) - 1e-6).all()
     assert (position <= np.asarray(upper) + 1e-6).all()
 
 
 def assert_smooth(course, count=400, until_s=None):
-    """Position and velocity are the integrals of velocity and acceleration: nothing jumps."""
+    """Check that position and velocity are the integrals of velocity and acceleration."""
     times_s, position, velocity, acceleration = sampled(course, count, until_s)
     step_s = times_s[1] - times_s[0]
     for value, slope in ((position, velocity), (velocity, acceleration)):

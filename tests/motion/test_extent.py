@@ -1,4 +1,4 @@
-"""How far a motion goes is known exactly, also where a joint turns round between its knots."""
+"""The extent of a motion is exact, even if a joint reverses between its knots."""
 
 import numpy as np
 import pytest
@@ -9,7 +9,7 @@ SEEDS = range(12)
 
 
 def motions(seed):
-    """Return motions from states within and beyond the paces: to a goal, and to a stop."""
+    """Return motions from states within and beyond the limits: to a goal, and to a stop."""
     rng = np.random.default_rng(seed)
     paces = [KinematicLimits(*(10 ** rng.uniform(-0.5, 0.5, 3) * [1, 5, 50])) for _ in range(3)]
     start = TrajectoryPoint(rng.uniform(-1, 1, 3), rng.uniform(-2, 2, 3), rng.uniform(-10, 10, 3))

@@ -1,4 +1,4 @@
-"""A motion keeps its pace at every instant and all joints arrive together."""
+"""A motion keeps its speed limits at every instant, and all joints arrive together."""
 
 import math
 
@@ -170,7 +170,7 @@ def test_ruckig_error_result_is_refused(monkeypatch):
 
 
 class Failing:
-    """Answers as ruckig does where it has no answer."""
+    """A solver that fails like ruckig."""
 
     def __init__(self, result):
         self.result = result

@@ -1,4 +1,4 @@
-"""Through way-points without a stop: inside every pace, near every point, all joints together."""
+"""Motions through waypoints without a stop: inside speed limits, near every point."""
 
 import math
 from itertools import pairwise

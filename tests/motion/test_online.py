@@ -18,7 +18,7 @@ SEEDS = range(6)
 
 
 def chased(seed, aims=10, ended=True):
-    """Return a pursuit of goals at random instants, mostly at or past its limits, and these."""
+    """Return a pursuit of goals at random instants, mostly at or past its limits, and the goals."""
     rng = np.random.default_rng(seed)
     lower, upper = -rng.uniform(0.02, 1.0, 3), rng.uniform(0.02, 1.0, 3)
     course, time_s = Recorded(np.zeros(3), PACES, lower=lower, upper=upper), 0.0
@@ -31,7 +31,7 @@ def chased(seed, aims=10, ended=True):
 
 
 class Recorded(OnlineTrajectory):
-    """Remembers the whole of its past, so that a test can sample it as one motion."""
+    """Records its whole past, so that a test can sample it as one motion."""
 
     def __init__(self, *args, **kwargs):
         super().__init__(*args, **kwargs)

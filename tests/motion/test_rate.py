@@ -1,4 +1,4 @@
-"""The cycle keeps its instants, whatever happens between them."""
+"""Control cycles keep their period, whatever happens between them."""
 
 import itertools
 
@@ -8,7 +8,7 @@ from ikservo.motion import Rate
 
 
 class HandClock:
-    """A clock that a test turns by hand; waiting takes no time."""
+    """A clock that a test sets; waiting takes no time."""
 
     def __init__(self):
         self.time_s = 100.0

@@ -1,4 +1,4 @@
-"""Straight lines with rounded corners: smooth, near every corner, inside the box of the points."""
+"""Straight lines with rounded corners: smooth, near every corner, inside the points' box."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""The tool goes straight, the joints keep their pace, and what cannot be done is said before."""
+"""Straight motion of the tool within joint limits; impossible lines are refused beforehand."""
 
 import math
 from functools import cache
@@ -34,7 +34,7 @@ def line(dx=0.0, dy=0.1, dz=0.05, **kwargs):
 
 @cache
 def seeded(name, seed):
-    """Return an arm's chain and some line of its tool that can be followed."""
+    """Return an arm's chain and a random line that its tool can follow."""
     model, rng = load_model(name), np.random.default_rng(seed)
     chain = model.chain
     while True:
@@ -48,7 +48,7 @@ def seeded(name, seed):
 
 
 def strays_m(chain, motion):
-    """Return how far the tip is from the straight line between its ends, sampled densely."""
+    """Return the distances of the tip from the straight line between its ends."""
     _, joints, _, _ = sampled(motion, 1000)
     tips = chain.forward(joints)[:, :3, 3]
     along = (tips[-1] - tips[0]) / np.linalg.norm(tips[-1] - tips[0])

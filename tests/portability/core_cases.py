@@ -1,4 +1,4 @@
-"""What must work on every system: each case ends with a line that says so."""
+"""Cases that must work on every system; each ends with a line that says so."""
 
 import json
 import sys

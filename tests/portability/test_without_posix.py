@@ -1,4 +1,4 @@
-"""The core works without what there is on POSIX systems only; Windows has none of it."""
+"""The core works without the parts of Python that only POSIX systems have."""
 
 import os
 import subprocess
@@ -15,7 +15,7 @@ ROOT = HERE.parents[1]
 
 @pytest.fixture(scope="module")
 def output(tmp_path_factory):
-    """Return what the cases print in a Python without POSIX."""
+    """Return the output of the cases in a Python without POSIX."""
     home = str(tmp_path_factory.mktemp("home"))
     command = ["-m", "tests.portability.without_posix", str(HERE / "core_cases.py")]
     done = subprocess.run(

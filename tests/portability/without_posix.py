@@ -1,7 +1,7 @@
 """Run code in a Python without what Windows lacks: modules, sockets, signals, functions of ``os``.
 
 ``python -m tests.portability.without_posix SCRIPT`` runs a script that way. Paths keep their
-slashes and processes their forks inside the standard library: only what a program can name is gone.
+slashes, and the standard library may still fork: only names that a program can use are removed.
 """
 
 import importlib
@@ -35,7 +35,7 @@ OTHERS = (
 
 
 def remove_posix():
-    """Take away what Windows lacks, from here on."""
+    """Remove everything that Windows lacks, from here on."""
     socket.socketpair = partial(socket.socketpair, socket.AF_UNIX)  # Windows has one of its own
     sys.modules.update(dict.fromkeys(MODULES))  # None: there is no such module
     for module, names in ((socket, ("AF_UNIX",)), (signal, (*SIGNALS, *SIGNAL_CALLS))):

@@ -1,4 +1,4 @@
-"""How signed numbers stand in words."""
+"""Encoding of signed numbers in words."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ ALL = [Unsigned(), TwosComplement(), SignMagnitude(10), SignMagnitude(11), SignM
     ],
 )
 class TestBytes:
-    """The datasheets' own examples, in both directions."""
+    """Examples of the data sheets, in both directions."""
 
     def test_register_encodes_value_to_bytes(self, register, raw, data):
         assert register.encode(raw) == bytes.fromhex(data)

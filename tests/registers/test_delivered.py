@@ -1,4 +1,4 @@
-"""Registers as delivered, beside the copy of the sheets that the simulator has."""
+"""Registers as delivered, compared with the simulator's copy of the data sheets."""
 
 import pytest
 

@@ -1,7 +1,7 @@
-"""The control tables beside those that others have published: names, addresses and sizes.
+"""The control tables, compared with other published ones: names, addresses and sizes.
 
-``published_tables.toml`` has two sources or more for each family. Where they disagree with the
-maker's present sheet, which the tables follow, is listed here, and nothing else may differ.
+``published_tables.toml`` has two sources or more for each family. Differences from the maker's
+present data sheet, which the tables follow, are listed here; there must be no others.
 """
 
 import re

@@ -1,4 +1,4 @@
-"""The control tables as tables: no overlaps, every role filled, facts of the sheets."""
+"""The control tables: no overlaps, every role filled, facts of the data sheets."""
 
 from __future__ import annotations
 
@@ -175,7 +175,7 @@ def test_register_missing_in_model_is_refused_by_name():
     ],
 )
 class TestUnits:
-    """One count is worth what the sheet says, both ways."""
+    """One count equals the value in the data sheet, in both directions."""
 
     def test_register_converts_raw_to_value(self, register, raw, value):
         assert register.to_value(raw) == pytest.approx(value)

@@ -1,4 +1,4 @@
-"""Two people copied the same sheets without looking at each other's copy: they must agree."""
+"""Control tables of ikservo and of the simulator, copied independently, agree."""
 
 from __future__ import annotations
 

@@ -13,7 +13,7 @@ CONFIGS = Path(__file__).parents[2] / "configs"
 
 @pytest.fixture
 def make_port():
-    """Loose servos behind a port, all at 1 Mbit/s: make_port("XL430-W250", "XL330-M288")."""
+    """Return loose servos on a port at 1 Mbit/s: make_port("XL430-W250", "XL330-M288")."""
 
     def lay_out(*models: str, ids: tuple[int, ...] = (), **options: object) -> SimulatedPort:
         ids = ids or tuple(range(1, len(models) + 1))
@@ -28,5 +28,5 @@ def make_port():
 
 @pytest.fixture
 def configs() -> Path:
-    """The folder of the arms."""
+    """Return the folder of the arms."""
     return CONFIGS

@@ -1,4 +1,4 @@
-"""Gravity, masses and velocity forces of an arm, against MuJoCo and against pencil and paper."""
+"""Gravity, masses and velocity forces of an arm, compared with MuJoCo and with hand results."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ def write(folder: Path, text: str) -> Path:
 
 
 def mujoco_model(path: Path) -> mujoco.MjModel:
-    """The same file in MuJoCo, geometry dropped: only masses and joints are compared."""
+    """Return the same file in MuJoCo without geometry: only masses and joints are compared."""
     spec = mujoco.MjSpec.from_file(str(path))
     spec.compiler.discardvisual = 1
     spec.compiler.balanceinertia = 1
@@ -91,7 +91,7 @@ def mujoco_state(model: mujoco.MjModel, names: tuple[str, ...], q: list[float]) 
 
 
 def mass_matrix(model: mujoco.MjModel, data: mujoco.MjData, names: Sequence[str]) -> Array:
-    """The mass matrix of these joints, in this order."""
+    """Return the mass matrix of these joints, in this order."""
     columns = [int(model.joint(name).dofadr[0]) for name in names]
     M = np.zeros((model.nv, model.nv))
     for unit, row in zip(np.eye(model.nv), M, strict=True):

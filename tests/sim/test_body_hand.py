@@ -1,4 +1,4 @@
-"""Motors on joints that gravity pulls at and hands hold; the supply that feeds them."""
+"""Motors on joints under gravity and hands, and the supply of the motors."""
 
 from __future__ import annotations
 

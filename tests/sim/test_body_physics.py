@@ -1,4 +1,4 @@
-"""The arm in MuJoCo: carried motors, gravity, contact with the floor."""
+"""The arm in MuJoCo: moving motor masses, gravity, contact with the floor."""
 
 from __future__ import annotations
 

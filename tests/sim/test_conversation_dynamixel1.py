@@ -1,4 +1,4 @@
-"""Whole conversations in protocol 1.0: AX-12A, MX-28, and an X-series servo that was told to."""
+"""Packets in protocol 1.0: AX-12A, MX-28, and an X-series servo in that protocol."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from servosim.port import SimulatedPort
 
 
 def ask(port, id_, instruction, params=b""):
-    """Send one frame, return all status packets that come as (id, error, data)."""
+    """Send one frame; return all status packets as (id, error, data)."""
     port.write(encode1(id_, instruction, bytes(params)))
     answers = Dynamixel1Reader().feed(port.read(4096))
     return [(frame.id, frame.instruction, frame.params) for frame in answers]

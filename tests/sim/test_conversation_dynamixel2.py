@@ -1,4 +1,4 @@
-"""Whole conversations in protocol 2.0, byte for byte, with loose servos."""
+"""Packets in protocol 2.0, byte for byte, with loose servos."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ STATUS = 0x55
 
 
 def ask(port, id_, instruction, params=b""):
-    """Send one frame, return all status packets that come as (id, error, data)."""
+    """Send one frame; return all status packets as (id, error, data)."""
     port.write(encode2(id_, instruction, bytes(params)))
     answers = Dynamixel2Reader().feed(port.read(4096))
     return [(frame.id, frame.params[0], frame.params[1:]) for frame in answers]

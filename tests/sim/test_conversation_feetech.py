@@ -1,4 +1,4 @@
-"""Whole conversations with Feetech STS servos."""
+"""Packets to and from Feetech STS servos."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from servosim.frames import Dynamixel1Reader, encode1
 
 
 def ask(port, id_, instruction, params=b""):
-    """Send one frame, return all status packets that come as (id, error, data)."""
+    """Send one frame; return all status packets as (id, error, data)."""
     port.write(encode1(id_, instruction, bytes(params)))
     answers = Dynamixel1Reader().feed(port.read(4096))
     return [(frame.id, frame.instruction, frame.params) for frame in answers]

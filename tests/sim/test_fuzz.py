@@ -14,7 +14,7 @@ INSTRUCTIONS = (1, 2, 3, 4, 5, 6, 8, 0x0A, 0x0B, 0x10, 0x20, 0x82, 0x83, 0x8A, 0
 
 
 class Client:
-    """Throws frames at one servo and asks now and then whether it is still there."""
+    """Sends frames to one servo and checks now and then whether it still answers."""
 
     def __init__(self, port, seed):
         self.port, self.chance = port, random.Random(seed)
@@ -61,7 +61,7 @@ class Client:
         return self.servo.protocol is BusProtocol.DYNAMIXEL_2
 
     def is_answered(self):
-        """Ping the servo as it is now, after half a frame has timed out and a boot has ended."""
+        """Ping the servo after half a frame has timed out and a boot has ended."""
         self.port.flush()
         self.port.baudrate = self.servo.baud
         self.port.clock.sleep_until(self.port.clock.now_s() + 1.0)

@@ -1,4 +1,4 @@
-"""What the firmware reads of a register by its name are the bytes in the memory."""
+"""Registers that the firmware reads by name agree with the bytes in memory."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Commanded motions of each family against the closed form of their profile."""
+"""Commanded motions of each family, compared with the closed form of their profile."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ PROFILES = {
 
 
 def trapezoid(time_s, travel, speed, acceleration):
-    """Position on a trapezoid (or triangle) that starts and ends at rest."""
+    """Return the position on a trapezoid (or triangle) that starts and ends at rest."""
     ramp_s = min(speed / acceleration, math.sqrt(travel / acceleration))
     speed = acceleration * ramp_s
     cruise_s = travel / speed - ramp_s

@@ -1,4 +1,4 @@
-"""What binds a motor: duty, current, voltage, friction, stops, play."""
+"""Limits of a motor: duty, current, voltage, friction, stops, backlash."""
 
 from __future__ import annotations
 
@@ -231,7 +231,7 @@ def test_steady_temperature_is_thermal_resistance_times_power() -> None:
 
 
 def test_holding_half_rated_load_settles_at_40_to_60_celsius() -> None:
-    """SO-ARM100 issue 134: 15 kg cm held for ten minutes, 48 °C and no further."""
+    """SO-ARM100 issue 134: 15 kg cm held for ten minutes, 48 °C and no more."""
     motor = Motor(PARAMETERS["STS3215-C018"])
     for _ in range(60000):
         motor.step(0.002, 0.0, DriveCommand(), 12.0)

@@ -17,7 +17,7 @@ slopes = st.floats(0.1, 50.0)
 
 
 def travel(pieces: list, velocity: float) -> tuple[float, float]:
-    """Distance and final velocity; fails where the velocity jumps."""
+    """Return distance and final velocity; fail if the velocity jumps."""
     distance = 0.0
     for piece in pieces:
         if piece.duration_s > 0.0:
@@ -109,7 +109,7 @@ def test_profile_generator_without_slope_moves_at_speed_limit() -> None:
 
 
 def closed_form(distance: float, limit: float, slope: float, time_s: float) -> float:
-    """Textbook trapezoid from rest to rest."""
+    """Return the textbook trapezoid from rest to rest."""
     top = min(limit, math.sqrt(distance * slope))
     ramp_s = top / slope
     total_s = distance / top + ramp_s if top else 0.0

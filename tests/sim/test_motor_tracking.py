@@ -1,4 +1,4 @@
-"""A motor follows what its firmware draws."""
+"""A motor follows the profile of its firmware."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def run(
 
 
 def duty_at(motor: MotorParameters, velocity_rad_s: float) -> float:
-    """Duty that an unloaded motor needs at a velocity, from its equations."""
+    """Return the duty that an unloaded motor needs at a velocity, from its equations."""
     friction_nm = motor.friction_nm + motor.viscous_nm_s * velocity_rad_s
     slow = math.exp(-velocity_rad_s / motor.stribeck_rad_s)
     driven_nm = (friction_nm + slow * motor.stribeck_nm) / (
@@ -206,13 +206,13 @@ def test_dry_friction_changes_sag_by_no_more_than_itself(model: str) -> None:
 
 
 def bound_nm(motor: MotorParameters, gear_nm: float) -> float:
-    """Greatest dry friction at rest under a load of the gears."""
+    """Return the greatest dry friction at rest under a load of the gears."""
     load = motor.load_friction + motor.load_stribeck + motor.load_square_per_nm * abs(gear_nm)
     return motor.friction_nm + motor.stribeck_nm + load * abs(gear_nm)
 
 
 def test_held_load_has_hysteresis_of_dry_friction() -> None:
-    """Hysteresis of the dry friction, which grows with the load (K-Scale's pendulum logs).
+    """The friction of a held load has hysteresis, because it grows with the load (K-Scale's logs).
 
     The load moves with the shaft as on the bench: it carries the shaft on before it sticks.
     """

@@ -1,4 +1,4 @@
-"""What operating modes, offsets and torque do to positions and goals."""
+"""Effects of operating modes, offsets and torque on positions and goals."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Virtual time at a person's pace, against a machine clock that a test turns."""
+"""Virtual time at real speed, compared with a machine clock that a test sets."""
 
 import pytest
 

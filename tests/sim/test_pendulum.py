@@ -1,4 +1,4 @@
-"""A lone joint whose load swings."""
+"""A single joint with an oscillating load."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ FRICTION = (
 
 @dataclass(frozen=True)
 class Pendulum:
-    """1 kg at 0.1 m; at zero it hangs."""
+    """A pendulum of 1 kg at 0.1 m; at zero it hangs."""
 
     names: tuple[str, ...] = ("swing",)
     limits: tuple[tuple[float, float], ...] = ((-math.inf, math.inf),)

@@ -1,4 +1,4 @@
-"""Rotor and output are two bodies, which meet at the flanks of the play."""
+"""Rotor and output are two bodies, which meet at the flanks of the backlash."""
 
 from __future__ import annotations
 
@@ -117,7 +117,7 @@ def test_output_friction_is_part_of_total_friction() -> None:
 
 
 def swing_rad(output_nm: float, play_rad: float = 2.0 * HALF_RAD) -> float:
-    """Return how far an output swings from peak to peak, a second after a motion to where it hangs.
+    """Return the peak-to-peak swing of an output, a second after a motion to its hanging position.
 
     Gains of an STS with P = 32, a pendulum of 0.7 kg at 0.1 m.
     """

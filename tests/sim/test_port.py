@@ -1,4 +1,4 @@
-"""The in-process port: the shape of pyserial's Serial, in virtual time."""
+"""The in-process port has the interface of pyserial's Serial, in virtual time."""
 
 from __future__ import annotations
 

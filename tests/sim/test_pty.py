@@ -1,4 +1,4 @@
-"""The line behind a pseudo-terminal, when its server is late."""
+"""The line on a pseudo-terminal, if its server is late."""
 
 import os
 import sys
@@ -20,7 +20,7 @@ ANSWER_1, ANSWER_2 = bytes.fromhex("FFFF010200FC"), bytes.fromhex("FFFF020200FB"
 
 @pytest.fixture
 def bus():
-    """Return two servos behind a pseudo-terminal that is served only when the test says so."""
+    """Return two servos on a pseudo-terminal that is served only when the test says so."""
     from servosim.pty import PtyBus  # its modules are not there on Windows
 
     world = make_bench_world([BenchServo(1, "STS3215"), BenchServo(2, "STS3215")], baud=BAUD)
@@ -40,14 +40,14 @@ def client(bus):
 
 @pytest.fixture
 def hold_up(monkeypatch):
-    """Return a function that lets the machine's time pass while the server is not scheduled."""
+    """Return a function that lets the machine's time pass while the server does not run."""
     missed_s, now_s = [], time.monotonic
     monkeypatch.setattr(time, "monotonic", lambda: now_s() + sum(missed_s))
     return missed_s.append
 
 
 def received(bus, client, size):
-    """Serve until so many bytes have come back, at most 2 s; return all that came."""
+    """Serve until the given number of bytes has come back, at most 2 s; return them."""
     data, end_s = b"", time.monotonic() + 2.0
     while len(data) < size and time.monotonic() < end_s:
         bus.process_events()

@@ -1,4 +1,4 @@
-"""Arms under gravity with all joints coupled, against Pinocchio and conservation of energy."""
+"""Arms under gravity with all joints coupled, compared with Pinocchio and energy conservation."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ TWO_SERVOS = ("shoulder", "elbow")  # of wx250s and vx300s
 
 @dataclass
 class Oracle:
-    """An arm in Pinocchio: joints that no servo moves are fixed, followers are of their own."""
+    """An arm in Pinocchio: joints without a servo are fixed, followers are separate joints."""
 
     names: tuple[str, ...]
     model: pinocchio.Model
@@ -65,7 +65,7 @@ def _rest(model: pinocchio.Model) -> Array:
 
 
 class LimpArm:
-    """An arm whose motors have neither friction nor play nor stops, torque off."""
+    """An arm with torque off whose motors have no friction, backlash or stops."""
 
     def __init__(self, arm: str, start: Sequence[float]) -> None:
         self.oracle = Oracle.of(arm)

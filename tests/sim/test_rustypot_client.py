@@ -1,4 +1,4 @@
-"""rustypot, a driver in Rust, talks to the servos through the pseudo-terminal."""
+"""rustypot, a driver in Rust, exchanges packets with the servos over the pseudo-terminal."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ TIMEOUT_S = 0.2  # of each answer: the machine of a test may be busy
 
 @pytest.fixture
 def server():
-    """Start servers; each gives the path of its port."""
+    """Start servers; each returns the path of its port."""
     running = []
 
     def start(*argv):
@@ -35,7 +35,7 @@ def server():
 
 
 def wait_until_at(read, goal_rad):
-    """Wait until it stays there: a step without a profile swings over."""
+    """Wait until it stays there: a step without a profile overshoots."""
     start_s = away_s = time.monotonic()
     while time.monotonic() < min(away_s + 0.2, start_s + 5.0):
         if abs(read() - goal_rad) > 0.01:

@@ -244,7 +244,7 @@ class TestRemote:
 
 @pytest.fixture
 def server(tmp_path):
-    """Start servers; each gives (process, path of its port)."""
+    """Start servers; each returns (process, path of its port)."""
     running = []
 
     def start(*argv):
@@ -261,7 +261,7 @@ def server(tmp_path):
 
 
 def first_reply(ask, *request):
-    """Ask until the answer comes: the machine of a test may be busy."""
+    """Repeat a request until the answer comes: the machine may be busy."""
     answers = (ask(*request) for _ in range(5))
     return next((answer for answer in answers if answer[-2] == 0), "no answer")
 

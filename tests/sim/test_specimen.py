@@ -43,7 +43,7 @@ def test_jaw_has_mass_scale_of_its_body():
 
 
 def test_payload_load_equals_virtual_work_at_tip():
-    """By the principle of virtual work: m g times how far the tip sinks with the joint."""
+    """By the principle of virtual work: m g times the distance that the tip sinks."""
     world, step = make_arm_world(ARM), 1e-5
     added = loads(Specimen(payload_kg=0.2), Q) - loads(None, Q)
     for k in range(5):

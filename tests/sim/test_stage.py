@@ -31,14 +31,14 @@ def open_camera(port):
 
 
 def seen_at(picture, channel):
-    """The middle of what has this colour (0 blue, 1 green, 2 red)."""
+    """Return the centre of the pixels of a colour (0 blue, 1 green, 2 red)."""
     others = np.delete(picture, channel, axis=2).max(axis=2).astype(int)
     v, u = np.nonzero(picture[..., channel] > 2 * others + 30)
     return np.array([u.mean(), v.mean()])
 
 
 def outline(camera, T):
-    """The middle of a cube's outline, as the camera's lens has it."""
+    """Return the centre of a cube's outline, through the camera's lens."""
     half = 0.0175 * np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
     corners = np.array([camera.pixel(T[:3, :3] @ each + T[:3, 3]) for each in half])
     hull = cv2.convexHull(corners.astype(np.float32))

@@ -1,4 +1,4 @@
-"""The tip of a simulated arm: where it is, and hands that lead it to a point."""
+"""The tip of a simulated arm: its position, and hands that lead it to a point."""
 
 import json
 from dataclasses import replace

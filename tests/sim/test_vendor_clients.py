@@ -1,4 +1,4 @@
-"""Software that nobody here wrote talks to the servos through the pseudo-terminal."""
+"""Third-party software exchanges packets with the servos over the pseudo-terminal."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ SERVE = "import sys, servosim; sys.exit(servosim.serve(sys.argv[1:]))"
 
 @pytest.fixture(scope="module")
 def server(tmp_path_factory):
-    """Start servers of arms; each gives (process, link to its port)."""
+    """Start servers of arms; each returns (process, link to its port)."""
     configs = Path(__file__).parents[2] / "configs"
     running = []
 
@@ -59,7 +59,7 @@ TIMEOUT_S = 10.0  # the SDKs give up after 34 ms and less; a busy machine is awa
 
 
 def first_reply(ask, *request):
-    """Ask until the answer comes: the machine of a test may be busy."""
+    """Repeat a request until the answer comes: the machine may be busy."""
     end_s, tries = time.monotonic() + TIMEOUT_S, 0
     while tries < 5 or time.monotonic() < end_s:
         answer = ask(*request)
@@ -72,12 +72,12 @@ def first_reply(ask, *request):
 
 
 def succeeded(answer):
-    """Return whether an SDK's answer tells success: (..., result, error), or a result alone."""
+    """Return whether an SDK's answer means success: (..., result, error), or a result alone."""
     return (answer[-2] if isinstance(answer, tuple) else answer) == 0
 
 
 def settle(read, goal, within, timeout_s=5.0):
-    """Read until the position is at the goal; return every position on the way."""
+    """Read until the position is at the goal; return every position on the path."""
     way, end_s = [read()], time.monotonic() + timeout_s
     while abs(way[-1] - goal) > within and time.monotonic() < end_s:
         way.append(read())
@@ -154,7 +154,7 @@ class TestFeetechSdk:
 
 
 def everybody(found, result):
-    """Return ids and result of a broadcast ping, which ends with those who were quick enough."""
+    """Return ids and result of a broadcast ping, which ends with the servos that answer in time."""
     return sorted(found), result if len(found) == 6 else -1, 0
 
 

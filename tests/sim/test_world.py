@@ -1,4 +1,4 @@
-"""The world between the servos: time, hands, rest, power."""
+"""The world of the servos: time, hands, rest, power."""
 
 from __future__ import annotations
 
@@ -123,7 +123,7 @@ def test_unknown_hand_option_is_refused(configs):
 
 
 def moved_by_hands(configs, joint, *spans_s):
-    """Return the lowest and highest position of a joint in each span of time, one after another."""
+    """Return the lowest and highest position of a joint in each of several time spans."""
     port = servosim.open_port(f"sim:{configs}/so101/arm.toml?pose=home&hand=calibrate")
     ranges = []
     for span_s in spans_s:

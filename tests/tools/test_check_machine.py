@@ -1,4 +1,4 @@
-"""What an installation lacks is said before it begins."""
+"""Missing requirements of an installation are reported before it begins."""
 
 import pytest
 

@@ -221,7 +221,8 @@ def early_contact_error(
         f"{end.joint} hit something at {text(found.position)}; its end stop is expected at "
         f"{text(end.expected)}.",
         "Nothing was saved; torque stays on. Remove the obstacle. If that is its end stop, "
-        f"calibrate by hand: ikservo calibrate. Or leave it to the arm file: --skip {end.joint}",
+        "calibrate by hand: ikservo calibrate. Or use its range in the arm file: "
+        f"--skip {end.joint}",
     )
 
 
@@ -237,7 +238,7 @@ def missing_stop_error(
 
 
 def unreached(subject: JointUnderCalibration, lower: float | str, upper: float | str) -> str:
-    """Describe a joint one or both of whose ends cannot be searched for.
+    """Describe a joint with one or two ends that cannot be searched for.
 
     Args:
         subject: The joint.
@@ -401,7 +402,7 @@ class AutoCalibration:
         for posture in path:
             self._move_to_posture(posture)
         near = subject.joint_map.format(end.expected)
-        yield Notice(f"{end.joint}: searching its end stop near {near} ({self._place}).")
+        yield Notice(f"{end.joint}: searching for its end stop near {near} ({self._place}).")
         found = self._press_against(end, subject, _TORQUE_FRACTIONS[0])
         for fraction in _TORQUE_FRACTIONS[1:]:
             if is_end_stop(found, end, subject):

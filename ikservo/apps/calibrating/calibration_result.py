@@ -101,7 +101,7 @@ def _travel_around(subject: JointUnderCalibration, known: TickRange, anchor: flo
     if not known.low + shift - 1 <= anchor <= known.high + shift + 1:
         raise CalibrationError(
             f"{subject.name}: the anchor pose is outside the range that was recorded before.",
-            "Is the arm in that pose, and the file this arm's? Otherwise: ikservo calibrate",
+            "Check that the arm is in that pose and the file is its own. Or: ikservo calibrate",
         )
     return TickRange(known.low + shift, known.high + shift)
 

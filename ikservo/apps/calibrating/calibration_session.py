@@ -329,7 +329,7 @@ def _shift_joint(joint: CalibratedJoint, facts: Mapping[int, ServoConfig]) -> Ca
     lead = facts[joint.servo.id]
     if not all(same_direction(facts[servo.id], servo.holds) for servo in joint.servos):
         raise CalibrationError(
-            f"{joint.name} has another count direction than when calibrated; "
+            f"{joint.name} counts in another direction than when it was calibrated; "
             "its sign and zero are invalid.",
             "Write the file's values into the servos instead: ikservo calibration push. "
             "Or measure again: ikservo calibrate",

@@ -201,7 +201,7 @@ def _describe(result: CameraResult) -> Iterator[str]:
             yield f"{parameter.name}: {said}"
     if result.carried is not None:
         yield (
-            "By the bending of its links that was calibrated before, the arm carried about "
+            "Judged by the calibrated bending of its links, the arm carried about "
             f"{result.carried:.0%} of its weight in the pictures, and the hand the rest."
         )
     if result.sag_m is not None:

@@ -19,9 +19,12 @@ from ikservo.kinematics.rays import Ray
 
 _WIDEST = 3.0  # tangent of the largest angle to the axis for which a lens is trusted
 _NEAR_FOLD = 0.95  # fraction of the radius at which the lens polynomial turns back
-_MIN_DEPTH_M = 1e-3
-_HALVINGS, _STEPS, _ENOUGH, _SMALL = 30, 20, 1e-12, 1e-6
-_PARALLEL = 1e-12
+_MIN_DEPTH_M = 1e-3  # points nearer to the camera, or behind it, are projected from here
+_HALVINGS = 30  # of the interval that contains the radius before distortion
+_STEPS = 20  # of Newton's method at most
+_ENOUGH = 1e-12  # remaining error of a direction, as a tangent
+_SMALL = 1e-6  # step for the derivatives of a direction, and least square of a radius
+_PARALLEL = 1e-12  # least radius that is divided by
 _MAX_OFF_PX = 0.1  # allowed error of a direction that was found, projected back
 
 
@@ -61,12 +64,12 @@ class CameraModel:
         width, height = self.lens.size
         if not (-0.5 <= u <= width - 0.5 and -0.5 <= v <= height - 0.5):  # also rejects NaN
             raise BadValueError(
-                "The pixel", f"{u:g}, {v:g}", f"one of the picture's {width} x {height}"
+                "The pixel", f"{u:g}, {v:g}", f"a pixel of the {width} x {height} picture"
             )
         flat = self.flat(np.array([u, v]))
         off_px = float(np.abs(self.pixels(flat) - (u, v)).max())
         if not off_px < _MAX_OFF_PX:
-            raise BadValueError("The pixel", f"{u:g}, {v:g}", "one nearer to the picture's centre")
+            raise BadValueError("The pixel", f"{u:g}, {v:g}", "a pixel nearer to the centre")
         ahead = np.append(flat, 1.0)
         direction = self.T_base_camera[:3, :3] @ ahead
         return Ray(self.T_base_camera[:3, 3], direction / np.linalg.norm(direction))

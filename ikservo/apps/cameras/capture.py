@@ -41,11 +41,11 @@ class Capture(Protocol):
         ...
 
     def read(self) -> tuple[bool, NDArray[np.uint8] | None]:
-        """Check whether there is a next picture, and the picture (h, w, 3)."""
+        """Return whether there is a next picture, and that picture (h, w, 3)."""
         ...
 
     def grab(self) -> bool:
-        """Throw the next picture away; check whether there was one."""
+        """Discard the next picture; return whether there was one."""
         ...
 
     def release(self) -> None:
@@ -98,11 +98,11 @@ class AddressCapture:
         return self._is_opened
 
     def read(self) -> tuple[bool, NDArray[np.uint8] | None]:
-        """Check whether there is a next picture, and the picture (h, w, 3)."""
+        """Return whether there is a next picture, and that picture (h, w, 3)."""
         return self._ask(_READ)
 
     def grab(self) -> bool:
-        """Throw the next picture away; check whether there was one."""
+        """Discard the next picture; return whether there was one."""
         return self._ask(_GRAB)[0]
 
     def release(self) -> None:

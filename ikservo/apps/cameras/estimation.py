@@ -86,7 +86,7 @@ class Extent(Enum):
     ZEROS = "camera and zeros"
     BENDING = "camera and bending"
     ARM = "camera, zeros and bending"
-    EVERYTHING = "camera, zeros, bending and play"
+    EVERYTHING = "camera, zeros, bending and backlash"
 
     @property
     def zeros(self) -> bool:
@@ -123,10 +123,14 @@ class FittedParameter:
         return self.deviation < _DETERMINED * self.prior
 
 
-# Prior standard deviations: a zero set by eye, printed links and the backlash of gears.
-_ZERO_RAD, _ZERO_M = math.radians(3.0), 0.002
-_COMPLIANCE, _HALF_PLAY_RAD, _HALF_PLAY_M = 0.1, math.radians(0.25), 0.0003
-_POSE, _SCALE = 100.0, 0.005  # camera and board may be anywhere; prints are checked with a ruler
+# Prior standard deviations.
+_ZERO_RAD = math.radians(3.0)  # a zero set by eye
+_ZERO_M = 0.002  # the same for a slide
+_COMPLIANCE = 0.1  # rad per N m: printed links
+_HALF_PLAY_RAD = math.radians(0.25)  # half the backlash of gears
+_HALF_PLAY_M = 0.0003  # the same for a slide
+_POSE = 100.0  # m or rad: camera and board may be anywhere
+_SCALE = 0.005  # ratio: prints are checked with a ruler
 _LENS = (1.0, 0.003, 0.05, 0.05, 0.2, 0.2)  # of the six numbers of LensTerms
 _POSES = 12 + 1 + 6  # parameters before the arm's: two poses, the scale and the lens
 
@@ -146,8 +150,12 @@ _OUTLIER = 12.0
 _EXPECTED = 3.0
 _MAX_OUTLIER_FRACTION = 1.0 / 3.0
 _IMPLAUSIBLE = 250.0  # median of the squared deviations; this means centimetres
-_ROUNDS, _STEPS, _ENOUGH, _MAX_DAMPING = 4, 30, 1e-7, 1e6
-_STARTS, _START_SAMPLES = 40, 5
+_ROUNDS = 4  # of choosing outliers or deviations
+_STEPS = 30  # of the minimisation at most
+_ENOUGH = 1e-7  # relative decrease of the cost that ends it
+_MAX_DAMPING = 1e6  # larger damping ends the minimisation
+_STARTS = 40  # random subsets of the samples to start from
+_START_SAMPLES = 5  # in each of them
 
 
 @dataclass(frozen=True, slots=True, eq=False)

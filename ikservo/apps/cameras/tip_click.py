@@ -83,12 +83,12 @@ class TipZero:
             f" mm at the tip. The corrected tip is {1000.0 * self.off_m:.1f} mm from the click."
         ]
         said += [
-            f"Click {i} differs by {by:+.1f}°, more than clicks err, so it does not count."
+            f"Click {i} differs by {by:+.1f}°, more than its error, so it does not count."
             for i, (by, does) in enumerate(zip(self.others_deg, self.counts, strict=True), start=1)
             if not does
         ]
         if self.are_apart:
-            said.append("The two clicks that count differ by more than clicks err: click again.")
+            said.append("The two clicks that count differ by more than their error: click again.")
         elif 2 * count <= clicks:
             said.append(
                 "Half of the clicks or more do not count, and may be the right ones: click again."

@@ -32,7 +32,7 @@ Joint = Annotated[
         "--joint",
         metavar="NAME=AXIS:METRES",
         help="Without --from: a joint, base to tip; its axis (z, y, x) while the arm stands "
-        "upright, and the length behind it. Repeatable.",
+        "upright, and the length to the next one. Repeatable.",
     ),
 ]
 Tip = Annotated[
@@ -48,7 +48,7 @@ BaseFrame = Annotated[
 ]
 GripperJoint = Annotated[
     str | None,
-    typer.Option("--gripper", metavar="JOINT", help="Joint of the jaws; none if there are none."),
+    typer.Option("--gripper", metavar="JOINT", help="Joint of the jaws; none: no jaws."),
 ]
 ServoOf = Annotated[
     list[str] | None,

@@ -97,7 +97,7 @@ def build_drafts(
     decisions += [f"Joint {old} is called {new}." for old, new in renamed.items()]
     if options.base_frame:
         urdf = turn_base(urdf, parse_frame(options.base_frame))
-        decisions.append(f"The base of the description is placed so: {options.base_frame}.")
+        decisions.append(f"Placement of the base of the description: {options.base_frame}.")
     decisions += [f"Package {each} is {folder}."
                   for each, folder in description.packages.used.items()]  # fmt: skip
     structures = find_structures(urdf, options.tips, options.gripper)
@@ -232,7 +232,7 @@ def _limited(joint: UrdfJoint, options: ImportOptions, say: Callable[[str], None
             f"way (--limits {joint.name}=LOW:HIGH).")  # fmt: skip
     elif not slides and joint.upper - joint.lower > math.tau + 1e-3:
         low, high = max(joint.lower, -math.pi), min(joint.upper, math.pi)
-        say(f"{joint.name} could make more than a turn ({format_range(joint)}): ±180°.")
+        say(f"{joint.name} could make more than a turn ({format_range(joint)}): limited to ±180°.")
     elif slides and joint.upper - joint.lower > _MAX_SLIDE_M:
         low = min(max(joint.lower, 0.0), joint.upper - _MAX_SLIDE_M)
         high, bounded = low + _MAX_SLIDE_M, math.isfinite(joint.upper - joint.lower)

@@ -191,7 +191,7 @@ def _repair_joint(joint: XmlElement) -> Iterator[str]:
     limit = next(iter(joint.child_elements("limit")), None)
     if kind in ("floating", "planar"):
         joint.attributes = {**joint.attributes, "type": "fixed"}
-        yield f"joint {name} is {kind}: it is fixed where it is."
+        yield f"joint {name} is {kind}: it is fixed in place."
     elif kind == "revolute" and limit is None:
         joint.attributes = {**joint.attributes, "type": "continuous"}
         yield f"joint {name} is revolute without <limit>: it is taken as continuous."
@@ -223,7 +223,7 @@ def _repair_mimics(joints: Sequence[XmlElement]) -> Iterator[str]:
             leader = by_name.get(next_mimic.attributes.get("joint", ""))
         if leader is None or leader.attributes.get("type") not in _MOVABLE:
             joint.children.remove(mimic)
-            yield f"joint {quote(name)} follows no joint that moves: it moves by itself."
+            yield f"joint {quote(name)} follows no joint that moves: it moves independently."
         elif len(seen) > 1:
             mimic.attributes = {
                 "joint": leader.attributes["name"],

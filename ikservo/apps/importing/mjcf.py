@@ -138,7 +138,7 @@ def _check_element(element: XmlElement) -> None:
     """Refuse elements that expand a few bytes or name another model, and reversed ranges."""
     attributes = element.attributes
     if element.tag in _MULTIPLIES or (element.tag == "mesh" and "builtin" in attributes):
-        raise element.error(f"<{element.tag}> is not for arms", "bodies one by one")
+        raise element.error(f"<{element.tag}> cannot be used", "each body written out")
     for key in ("range", "actuatorfrcrange") if element.tag == "joint" else ():
         if key in attributes and attributes.get(_SWITCHES[key]) != "false":
             lower, upper = element.pair(key, most=math.inf)

@@ -160,7 +160,7 @@ def _choose_tips(description: Description, options: ImportOptions) -> EntryDialo
     except InputError as error:
         if "arms, with the tips" not in error.command_message:
             raise
-        asked = f"{error.command_message} Which, with blanks between? Each becomes one arm."
+        asked = f"{error.command_message} Which ones, separated by blanks? Each becomes one arm."
         answer = yield Entry(asked, error.command_hint.partition(": ")[2])
         return replace(options, tips=tuple((answer or "").split()))
     only = structures[0]
@@ -178,12 +178,12 @@ def _propose_home(draft: ArmDraft) -> EntryDialogue[None]:
         for joint in draft.joints
     }
     draft.poses = {"rest": start, "home": start}
-    yield Progress(f"searching a pose of {draft.name} to start from")
+    yield Progress(f"searching for a start pose of {draft.name}")
     table_m = table_height_m(load_draft(draft))
     if table_m < draft.floor_m:
         draft.decisions.append(
-            f"The table is {1000 * (draft.floor_m - table_m):.0f} mm lower than it is: shapes that "
-            "turn just above it are thicker than their parts."
+            f"The table was set {1000 * (draft.floor_m - table_m):.0f} mm lower, because shapes "
+            "that turn just above it are thicker than the parts."
         )
         draft.floor_m = table_m
     home = {**start, **propose_home(load_draft(draft))}
@@ -217,7 +217,7 @@ def _find_rest(draft: ArmDraft) -> EntryDialogue[None]:
         "in home. A real arm must stay there when it is limp: check it."
     )
     if not place.still:
-        draft.decisions.append("It still moved then: put the arm there and look.")
+        draft.decisions.append("It was still moving then: put the real arm there and check.")
     if math.isfinite(place.gap_m) and place.gap_m < _FREE_M:
         draft.decisions.append(
             f"In rest {' and '.join(place.pair)} overlap by {-1000 * place.gap_m:.0f} mm, because "

@@ -76,7 +76,7 @@ def assign_servos(
 def _scan(line: Port, rates: Sequence[int]) -> EntryDialogue[list[FoundServo]]:
     """Search the bus at each rate until servos reply."""
     for rate in rates:
-        yield Progress(f"searching servos at {rate} baud")
+        yield Progress(f"searching for servos at {rate} baud")
         found = scan_rate(line, rate)
         if found:
             line.setBaudRate(rate)

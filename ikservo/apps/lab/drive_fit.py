@@ -368,7 +368,7 @@ def _swings(recording: DriveRecording, joint: int) -> list[NDArray[np.intp]]:
 def _lost_motions(
     recording: DriveRecording, joint: int, swings: Sequence[NDArray[np.intp]], motor: Winding
 ) -> Cube:
-    """Compute differences (k, places, 3) of volts, amperes (integrated) and joint between ways.
+    """Compute differences (k, places, 3) of volts, integrated amperes and joint between swings.
 
     Each swing is compared with the swings before and after, so that steady drift cancels. A motor
     whose speed cannot be told from rest counts as stuck, because steps of its sensors would add up.

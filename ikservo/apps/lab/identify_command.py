@@ -106,7 +106,7 @@ def announce_tour(run: IdentificationRun, options: MotionOptions) -> None:
 
 
 def record_tour(run: IdentificationRun) -> DriveRecording:
-    """Make the tour; a terminal shows which motion of how many it is, and the time left."""
+    """Run the tour; a terminal shows the number of the present motion, and the time left."""
     tour = run.excitation
     with progress_bar() as show:
 
@@ -188,12 +188,12 @@ def _payload_lines(found: Identification) -> Iterator[str]:
 def _validation_lines(found: Identification) -> Iterator[str]:
     tables = [name for name, own in found.validation.items() if not own.is_better]
     if tables:
-        yield f"The tables predict {', '.join(tables)} as well as the motion: their values stay."
+        yield f"Servo tables predict {', '.join(tables)} equally well, so they keep their values."
     worst = max(found.validation, key=lambda name: found.validation[name].identified, default=None)
     if worst is not None:
         own = found.validation[worst]
         yield (
-            f"On motions kept aside each joint's lag behind its goal is predicted to "
+            f"On motions not used for it, each joint's lag behind its goal is predicted to "
             f"{math.degrees(own.identified):.2f}° rms or better ({worst}; "
             f"{math.degrees(own.nominal):.2f}° before)."
         )

@@ -109,11 +109,11 @@ def _unknown_play(model: Model, latest: Iterable[JointHealth]) -> Iterator[str]:
     rows = [joint for joint in model.joints if joint.role == "arm" and joint.name not in known]
     blind = [one.name for one in rows if not one.servo.measures_current]
     if blind:
-        yield f"Play of {', '.join(blind)}: unknown, their servos measure no current"
+        yield f"Backlash of {', '.join(blind)}: unknown, their servos measure no current"
     others = [one.name for one in rows if one.name not in blind]
     if others:
         yield (
-            f"Play of {', '.join(others)}: unknown until ikservo identify finds it, without "
+            f"Backlash of {', '.join(others)}: unknown until ikservo identify finds it, without "
             "--quick and with room for the arm to stand upright"
         )
 

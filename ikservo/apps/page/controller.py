@@ -336,7 +336,9 @@ class SessionController:
         """Change the things around the arm."""
         self._require_ready()
         if self._arm_thread.command.live:
-            raise BadMessageError("Things stay while the arm follows.", "Switch Live off first.")
+            raise BadMessageError(
+                "Things are fixed while the arm follows.", "Switch Live off first."
+            )
         self._things.handle(message, self._arm_thread.snapshot.measured)
         self._interaction.set_things(self._arm.scene.things)
 
@@ -348,7 +350,9 @@ class SessionController:
             return
         if self._arm_thread.command.live:
             self._interaction.reset()
-            raise BadMessageError("Things stay while the arm follows.", "Switch Live off first.")
+            raise BadMessageError(
+                "Things are fixed while the arm follows.", "Switch Live off first."
+            )
         self._things.show_moved(moved)
         if moved.is_dropped:
             try:
@@ -360,7 +364,7 @@ class SessionController:
         """Switch a servo's torque, and drop the goal, which started from the old position."""
         self._require_ready()
         if self._arm_thread.command.live:
-            raise BadMessageError("Torque is on while the arm follows.", "Switch Live off first.")
+            raise BadMessageError("Torque stays on in Live.", "Switch Live off first.")
         self._arm.joint_index.column(message.joint)
         self._interaction.reset()
         self._arm_thread.request_torque(message.joint, on=message.on)
@@ -405,7 +409,9 @@ class SessionController:
         self._require_ready()
         picture, camera = self._composer.camera_view(client), self._composer.camera(client)
         if picture is None or not isinstance(camera, LensCamera):
-            raise BadMessageError("The tip is clicked in a camera's picture.", "Choose its view.")
+            raise BadMessageError(
+                "The tip can be clicked only in a camera's picture.", "Choose its view."
+            )
         px, snapshot = np.array([message.x, message.y]), self._arm_thread.snapshot
         found = picture.find_tip_zero(camera, px, snapshot)
         self._arm_thread.request_job(SetTipZero(found))
@@ -593,4 +599,4 @@ class SessionController:
 
 def _check_may_control(client: Client) -> None:
     if client.permission is not Permission.CONTROL:
-        raise BadMessageError("This page can only watch.", "Open the address to control the arm.")
+        raise BadMessageError("This page can only watch.", "Open the controlling address.")

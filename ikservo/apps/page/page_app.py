@@ -225,8 +225,8 @@ _TLS_TEXT = (
     "continue only if the fingerprint that it shows is the one above."
 )
 _INSECURE_TEXT = (
-    "The network can reach this page by plain HTTP: whoever is in between can read what is said "
-    "and alter it, the page and what moves the arm included. Leave --insecure out for TLS, or use "
+    "The network can reach this page by plain HTTP: anybody on it can read and alter "
+    "the page and the commands that move the arm. Leave --insecure out for TLS, or use "
     "from afar: ssh -L 8420:localhost:8420 HOST"
 )
 

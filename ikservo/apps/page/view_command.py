@@ -209,7 +209,7 @@ def _among_things(places: list[ArmAtPort], scene: Path) -> list[ArmAtPort]:
     if len(around) != 1:
         named = " that it does not name" if arms else ""
         raise InputError(
-            f"--scene {scene} is around one arm{named}; there are {len(around)}.",
+            f"--scene {scene} belongs to one arm{named}, not to {len(around)}.",
             "The file is in its base frame: open one arm with it, and the others on the page, or "
             "write into the file where they stand, as [[arm]].",
         )

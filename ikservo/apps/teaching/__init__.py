@@ -55,7 +55,7 @@ APP = App(
         ),
         "program run": Command(
             "ikservo.apps.teaching.program_command:run",
-            "Check each step, then make them.",
+            "Check all steps, then carry them out.",
             "Teach and replay",
         ),
         "follow": Command(

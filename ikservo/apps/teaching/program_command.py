@@ -131,7 +131,7 @@ def _check(
         checks.append(each)
         if each.error is not None and each.number not in failed:
             failed[each.number] = each.error
-            _print_step(each.number, program, f"{each.step.description}: cannot be made")
+            _print_step(each.number, program, f"{each.step.description}: cannot be carried out")
             for line in (each.error.message, each.error.hint.partition("Try: ")[0].strip()):
                 if line:
                     print_status(f"         {line}")
@@ -141,7 +141,7 @@ def _check(
         listed = ", ".join(map(str, failed))
         of = f"Step {listed}" if len(failed) == 1 else f"Steps {listed}"
         error = IkservoError(
-            f"{of} of {len(program.steps)} cannot be made; nothing moved.",
+            f"{of} of {len(program.steps)} cannot be carried out; nothing moved.",
             f"Correct the file, then: ikservo program check {file}",
         )
         error.exit_code = next(iter(failed.values())).exit_code

@@ -401,7 +401,7 @@ def _are_all_text(items: Sequence[object]) -> bool:
 
 
 def _finite_number(value: object) -> float | None:
-    """Compute a finite number, or None for anything else."""
+    """Return a value as a float if it is a finite number, otherwise None."""
     if isinstance(value, bool) or not isinstance(value, (int, float)):
         return None
     try:

@@ -37,7 +37,7 @@ _FIELDS: Fields[ReplayResult] = (
     Field(
         "error_rad",
         "error",
-        lambda report: f"{math.degrees(report.error_rad):.2f}° of the last sample at most",
+        lambda report: f"{math.degrees(report.error_rad):.2f}° at most from the last sample",
     ),
     Field("measured_rad"),
     Field("measured_tip_m", "tip", lambda report: format_point(report.measured_tip_m)),

@@ -196,7 +196,7 @@ def _load(
 
 
 def _explain_contact(context: ArmContext, error: CollisionError, path: Matrix) -> None:
-    """Say in a refusal whether the recorded path (k, n) may be replayed by an arm that lies.
+    """Say in a refusal whether an arm that rests on something may replay the path (k, n).
 
     What it touches there, it may touch again.
     """
@@ -206,8 +206,8 @@ def _explain_contact(context: ArmContext, error: CollisionError, path: Matrix) -
         except CollisionError:
             continue
         error.command_hint = (
-            f"Switch torque off, lay the arm down by hand as at the {place} of the recording, and "
-            "replay it again: what the arm touches at the start, it may touch again."
+            f"Switch torque off, place the arm by hand as at the {place} of the recording, and "
+            "replay it again: its contacts at the start are then allowed."
         )
         break
 

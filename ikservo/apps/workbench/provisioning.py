@@ -325,16 +325,14 @@ def _timeout_error(port: Port, last: Sequence[FoundServo], wait_s: float) -> Ser
     """Return the error that names the servos that replied last, if any."""
     if not last:
         rates = len(candidate_baud_rates())
-        found = f"brings no servo within {wait_s:.0f} s (all ids, {rates} baud rates)"
+        found = f"has no servo within {wait_s:.0f} s (all ids, {rates} baud rates)"
         return ServoSilentError(found, "Check its plug and its power supply.", port=port.name)
     if len(last) == 1 and not last[0].shares_id:
-        found = f"brings answers of {last[0]}, but not steadily, for {wait_s:.0f} s"
+        found = f"has {last[0]}, which did not answer reliably for {wait_s:.0f} s"
         return ServoSilentError(found, "Check its plug and its power supply.", port=port.name)
     what = "several servos at one id" if len(last) == 1 else f"{len(last)} servos"
     hint = "Leave only one plugged in: the others would be changed with it."
-    return ServoSilentError(
-        f"brings {what} instead of one, for {wait_s:.0f} s", hint, port=port.name
-    )
+    return ServoSilentError(f"has {what} instead of one for {wait_s:.0f} s", hint, port=port.name)
 
 
 def _pause_scan(port: Port) -> None:

@@ -203,7 +203,7 @@ def _check_supply(bus: ServoBus, wrong: set[int]) -> Iterator[Finding]:
             "supply",
             f"{_format_servos(bus, volts_by_id)} {'has' if len(volts_by_id) == 1 else 'have'} a "
             f"supply of {_format_range(volts_by_id.values(), '.1f')} V; "
-            f"allowed are {lower:.1f} to {upper:.1f} V",
+            f"{lower:.1f} to {upper:.1f} V are allowed",
             "Check that the power supply is the right one; torque cannot be switched on.",
         )
     if not outside:

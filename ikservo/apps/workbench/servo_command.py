@@ -113,13 +113,13 @@ Period = Annotated[
 ]
 Step = Annotated[
     float | None,
-    typer.Option("--step", parser=parse_angle_rad, help="How far; default: 10deg, a sine 2deg."),
+    typer.Option("--step", parser=parse_angle_rad, help="Amplitude; default: 10deg, sine 2deg."),
 ]
 Sine = Annotated[
     str | None,
-    typer.Option("--sine", metavar="HZ[,HZ]", help="A sine, between two frequencies a chirp."),
+    typer.Option("--sine", metavar="HZ[,HZ]", help="A sine; with two frequencies: a chirp."),
 ]
-Suggest = Annotated[bool, typer.Option("--suggest", help="Try gains, some ten.")]
+Suggest = Annotated[bool, typer.Option("--suggest", help="Try about ten gains; suggest the best.")]
 DryRun = Annotated[bool, typer.Option("--dry-run", help="Print what would be written.")]
 To = Annotated[
     Path | None,

@@ -86,7 +86,7 @@ def command(
     within = path.within()
     if straight and (line or via or tool_speed is not None):
         raise BadValueError(
-            "--straight", "given for a path through points", "no --straight: the path is never left"
+            "--straight", "given for a path through points", "no --straight: that path is fixed"
         )
     if look_at:
         others = {"--line": line, "--via": via, "--tool-speed": tool_speed}

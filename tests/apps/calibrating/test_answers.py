@@ -1,4 +1,4 @@
-"""When an answer's moment has come, to the tick of the clock."""
+"""The script answers at the right moment, to the tick of the clock."""
 
 import pytest
 
@@ -9,7 +9,7 @@ from tests.apps.calibrating.test_sweep import Hand, subject
 
 
 def swept(up=1000, down=2000):
-    """Return a hand that has swept one joint of 3 rad, 1956 ticks, over so many ticks."""
+    """Return a hand that has swept one joint by 3 rad, 1956 ticks, over the given ticks."""
     return Hand(subject()).rest().accept().move(up).move(-down)
 
 

@@ -1,4 +1,4 @@
-"""What is said of joints whose end stops cannot be looked for."""
+"""Messages about joints whose end stops cannot be searched for."""
 
 import math
 

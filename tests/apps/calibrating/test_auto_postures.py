@@ -1,4 +1,4 @@
-"""Before a joint is driven to its stop the others stand so that nothing is in the way."""
+"""Before a joint is driven to its stop, the other joints move out of its path."""
 
 import numpy as np
 import pytest

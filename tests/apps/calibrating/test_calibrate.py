@@ -1,4 +1,4 @@
-"""``ikservo calibrate`` and what follows from it, on an arm that nobody has described."""
+"""``ikservo calibrate`` on an arm without a description, and the motions after it."""
 
 import json
 import math
@@ -95,7 +95,7 @@ def test_calibration_off_terminal_prints_one_line_per_step(mount_arm, run_cli):
 
 
 def shown_before_saving(done):
-    """Return the lines of what would be saved, and of what differs from the file before."""
+    """Return the printed lines of what would be saved and how it differs from the old file."""
     lines = done.err.splitlines()
     review = lines[lines.index("Step 5 of 5: Review and save.") + 1 :]
     joints = [line for line in review if ": zero at tick" in line]
@@ -307,7 +307,7 @@ def test_changed_servo_offset_is_refused_with_both_values(mount_arm, run_cli, ho
 
 
 def changed(arm, run_cli):
-    """Calibrate, then let another program move a servo's offset a little."""
+    """Calibrate, then let another program change a servo's offset a little."""
     calibrated(arm, run_cli)
     servo = arm.line.servos[1]
     servo.write("lock", 0)
@@ -362,7 +362,8 @@ def test_calibration_pull_refuses_other_count_direction(
         servo.write("lock", 0)
     servo.write(register, servo.read(register) ^ flips)
     done = run_cli(f"calibration pull {name} --port {PORT} --yes")
-    assert (done.code, "has another count direction than when calibrated" in done.err) == (6, True)
+    is_reported = "counts in another direction than when it was calibrated" in done.err
+    assert (done.code, is_reported) == (6, True)
     assert run_cli(f"calibration diff {name} --port {PORT}").code == 6
 
 

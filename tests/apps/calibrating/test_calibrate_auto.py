@@ -1,4 +1,4 @@
-"""``ikservo calibrate --auto``: the arm finds its stops itself, gently, and says what it met."""
+"""``ikservo calibrate --auto``: the arm finds its stops gently and reports contacts."""
 
 import contextlib
 import math
@@ -28,7 +28,7 @@ def _home(tmp_path, monkeypatch):
 
 @pytest.fixture(scope="module")
 def narrow(tmp_path_factory):
-    """Return an arm file of a planar arm whose joints go 25° to both sides."""
+    """Return an arm file of a planar arm whose joints turn 25° to both sides."""
     folder = tmp_path_factory.mktemp("narrow")
     text = (CONFIGS / "planar2" / "arm.toml").read_text()
     text = re.sub(r"joint([12]) = -?[\d.]+", r"joint\1 = 5.0", text)
@@ -55,7 +55,7 @@ def saved():
 
 
 def watch(arm):
-    """Note how far goals go and how hard servos may press, fifty times a second."""
+    """Record the range of the goals and the torque limits of the servos, fifty times a second."""
     seen = {"goals": [], "limits": []}
 
     def look():
@@ -119,7 +119,7 @@ def test_joints_measured_before_failure_are_kept_for_next_run(arm, narrow, run_c
     back_to_the_pose(arm)
     done = auto(run_cli, narrow)
     assert (done.code, "joint2: searching" in done.err) == (0, False), done.err
-    assert re.search(r"joint1: searching its end stop near .* \(joint 2 of 2\)", done.err)
+    assert re.search(r"joint1: searching for its end stop near .* \(joint 2 of 2\)", done.err)
     assert [joint.swept for joint in saved().joints] == ["by itself", "by itself"]
     low, high = saved().joint("joint2").recorded_range()
     assert 0.0 <= low - arm.stops["joint2"][0] <= math.radians(0.6)
@@ -128,7 +128,7 @@ def test_joints_measured_before_failure_are_kept_for_next_run(arm, narrow, run_c
 
 
 def back_to_the_pose(arm):
-    """Let go of the arm and lead it back to where the run before began."""
+    """Switch torque off and lead the arm back to the pose before the run."""
     for joint in arm.world.joints:
         joint.servos[0].write("torque_enable", 0)
         arm.world.grasp(joint.name, Hand(glide(joint.position, math.radians(5.0), 0.5), limit=60.0))
@@ -198,7 +198,7 @@ def eeproms(arm):
 
 @pytest.fixture
 def killed(arm, narrow, run_cli, monkeypatch):
-    """Return the registers from before a search that ended without another word."""
+    """Return the registers before a search that ended without a message."""
     for servo in arm.line.servos.values():
         servo.memory.put("max_position_limit", 4000)  # which the search takes away
     before = eeproms(arm)
@@ -288,7 +288,7 @@ def test_freely_turning_joints_are_not_searched(monkeypatch, run_cli):
     where = {joint.name: joint.position for joint in arm.world.joints}
     done = run_cli(f"calibrate planar2 --port {PORT} --pose rest --auto --yes")
     assert done.code == 0, done.err
-    assert "searching its end stop" not in done.err
+    assert "searching for its end stop" not in done.err
     assert "joint1: not searched: its range in the arm file, -150.0° to 150.0°" in done.err
     assert where.keys() == {"joint1", "joint2"}
 
@@ -311,7 +311,7 @@ def test_calibrate_takes_only_one_method_at_a_time(run_cli, pair):
 
 
 def letting_go_when_it_holds(arm):
-    """Hold every joint by hand until its torque comes on."""
+    """Hold every joint by hand until its torque is on."""
     Operator(arm).hold_all()
 
     def look():
@@ -328,14 +328,14 @@ ARMS = ["so101", "so100", "koch", "omx_f", "open_manipulator_x", "px100", "wx250
 
 
 def limp(run_cli, name, *more):
-    """Let a simulated arm find its ends by itself that nobody held before its torque came on."""
+    """Search the end stops of a simulated arm that nobody held before its torque came on."""
     return run_cli(
         " ".join(["calibrate", name, "--port", "sim", "--auto", "--yes", "--json", *more])
     )
 
 
 def lifts(done):
-    """Return which joints moved so that another has room, and which."""
+    """Return the joints that moved to make room for another one, and that other joint."""
     return re.findall(r"(\w+) moves .*, and stays there: it is in the way of (\w+)", done.err)
 
 
@@ -356,7 +356,7 @@ def test_folded_limp_arm_first_makes_room_for_its_joints(run_cli, name):
 
 @pytest.mark.campaign
 def test_direction_check_avoids_joint_resting_on_its_stop(monkeypatch, run_cli):
-    """The limp omx_f lies against the lower stops of its joint2, past the arm file's limit."""
+    """The limp omx_f rests on the lower stop of joint2, past the limit in the arm file."""
     monkeypatch.setattr(
         "ikservo.apps.calibrating.auto_calibration.AutoCalibration.sweep", lambda _: iter(())
     )

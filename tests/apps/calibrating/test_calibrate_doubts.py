@@ -1,4 +1,4 @@
-"""What a calibration by hand found and the arm file contradicts is doubted, not saved silently."""
+"""Results that contradict the arm file are questioned, not saved silently."""
 
 import math
 from contextlib import nullcontext
@@ -52,7 +52,7 @@ def saved():
 
 
 def answering(monkeypatch, **answers):
-    """Let a person answer questions by their first word; return the questions."""
+    """Answer each question by its first word; return the list of questions."""
     asked = []
 
     def read_answer(prompt):
@@ -87,7 +87,7 @@ def test_opposite_sign_is_measured_twice_then_left_unconfirmed(mount_arm, run_cl
 
 
 def check_with_answers(monkeypatch, **answers):
-    """Calibrate an arm with opposite signs; return what asks for the test motion."""
+    """Calibrate an arm with opposite signs; return the questions about the test motion."""
     arm = connect_arm(monkeypatch, NAME, spoiled=False, sign=-1)
     write_calibration(arm)
     monkeypatch.setattr("sys.stdin.isatty", lambda: True)
@@ -161,7 +161,7 @@ def test_implausible_zero_is_asked_about_on_terminal(monkeypatch, capsys, answer
 
 @pytest.fixture
 def calibrated(mount_arm, monkeypatch):
-    """Return a calibrated arm whose first joint the hands hold in the pose, then show and sweep."""
+    """Calibrate an arm by hand, with the first joint held in the pose; return the arm."""
     arm = mount_arm(moved=["joint1"], sign=1)
     write_calibration(arm)
     return arm

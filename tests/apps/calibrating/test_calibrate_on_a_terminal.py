@@ -1,4 +1,4 @@
-"""On a terminal the calibration draws meters and listens to single keys."""
+"""On a terminal, the calibration draws meters and accepts single keys."""
 
 import io
 import math
@@ -27,7 +27,7 @@ pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="Windows has no 
 
 @pytest.fixture
 def terminal(monkeypatch):
-    """Yield what types on the terminal that is stdin."""
+    """Yield a writer for the terminal that is stdin."""
     master, slave = os.openpty()
     stdin = os.fdopen(slave, "r")
     monkeypatch.setattr(sys, "stdin", stdin)
@@ -38,7 +38,7 @@ def terminal(monkeypatch):
 
 @pytest.fixture
 def picture(monkeypatch):
-    """Draw into memory, and return what was drawn last."""
+    """Draw into memory; return the last drawing."""
     monkeypatch.setenv("TERM", "xterm")  # rich takes a dumb terminal for 80 columns wide
     console = Console(file=io.StringIO(), force_terminal=True, width=110, color_system=None)
     drawn = []
@@ -65,7 +65,7 @@ def test_key_reader_returns_at_once_with_or_without_key(terminal):
 
 
 def conversation(arm, terminal, typed):
-    """Hold a conversation; ``typed`` is asked at each request for what the person types."""
+    """Run a conversation; ``typed`` returns the typed text for each request."""
     with arm.open_limp() as limp_arm:
         limp_arm.disable_torque()
         schedule_operator(arm, limp_arm.make_subjects("home"))

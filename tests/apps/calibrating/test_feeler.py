@@ -1,4 +1,4 @@
-"""A stop is where a joint stands, behind its goal, pressing: none of the three alone."""
+"""A stop is found only if a joint is still, behind its goal, and pressing."""
 
 import math
 
@@ -11,7 +11,7 @@ FAR = 0.12  # rad from which a servo presses as hard as it may
 
 
 def after(samples, most_percent=30.0):
-    """Return what a feeler says after looks (s, rad, goal, percent)."""
+    """Return the feeler's state after samples (s, rad, goal, percent)."""
     feeler = EndStopDetector(most_percent, FAR)
     for sample in samples:
         feeler = feeler.update_with_load(*sample)
@@ -65,7 +65,7 @@ def test_joint_trembling_by_one_tick_is_standing():
 
 
 def samples(*rows, most_percent=64.0):
-    """Return a feeler after looks (s, rad) at a joint that presses with half of what it may."""
+    """Return a feeler after samples (s, rad) of a joint that presses with half its torque limit."""
     feeler = EndStopDetector(most_percent, FAR)
     for at_s, at_rad in rows:
         feeler = feeler.update_with_load(at_s, at_rad, at_rad + AHEAD, 32.0)

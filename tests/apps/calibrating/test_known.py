@@ -1,4 +1,4 @@
-"""An arm as its files know it, without its servos: the same ranges and links as an opened one."""
+"""A calibrated model without its servos has the same ranges and links as the opened arm."""
 
 import math
 from datetime import UTC, datetime, timedelta

@@ -1,4 +1,4 @@
-"""What a conversation found out of one joint, in ticks and in rad."""
+"""Measurements of one joint from a calibration, in ticks and in rad."""
 
 import math
 from dataclasses import replace
@@ -52,7 +52,7 @@ def test_narrowest_of_sweep_arm_file_and_user_limit_binds():
 
 
 def known(low, high, anchor):
-    """Measure a joint with a travel known before, held in its pose at a tick."""
+    """Measure a joint with a known travel that is held in its pose at a tick."""
     hand = Hand(subject(known=TickRange(low, high)), start=anchor).rest().accept()
     return measure_joint(hand.state, hand.state.subjects[0])
 

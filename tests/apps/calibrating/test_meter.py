@@ -1,4 +1,4 @@
-"""What is shown of each joint while it is moved."""
+"""The meter of each joint while it is moved."""
 
 import math
 
@@ -11,7 +11,7 @@ from tests.apps.calibrating.test_sweep import TURN, Hand, subject
 
 
 def shown(hand):
-    """Return the one meter of a hand's one joint."""
+    """Return the meter of a hand with one joint."""
     (meter,) = joint_readouts(hand.state)
     return meter
 

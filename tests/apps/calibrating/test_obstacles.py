@@ -1,4 +1,4 @@
-"""What keeps a sweep from ending, and what is told of it, at the bounds."""
+"""Reasons that keep a sweep from ending, and their messages, at the bounds."""
 
 import math
 from dataclasses import replace
@@ -15,7 +15,7 @@ from tests.apps.calibrating.test_sweep import TURN, Hand, subject
 
 
 def swept(one, up, down=0, **more):
-    """Return a state whose one joint was moved by so many ticks, tick for tick."""
+    """Return a state whose only joint was moved by the given ticks, one tick at a time."""
     hand = Hand(one, **more).rest().accept().move(up, step=1)
     return (hand.move(-down, step=1) if down else hand).state
 
@@ -80,7 +80,7 @@ def test_partial_sweep_is_reported_with_its_percentage():
 
 
 def swept_deg(lower_deg, upper_deg, low_deg, high_deg):
-    """Return a state whose one joint has this range in its arm file and was swept over that."""
+    """Return a state whose only joint has this range in its arm file and was swept over it."""
     one = subject(lower=math.radians(lower_deg), upper=math.radians(upper_deg))
     state = Hand(one, start=0).rest().accept().state
     low, high = (round(end_deg / 360 * TURN) for end_deg in (low_deg, high_deg))

@@ -1,4 +1,4 @@
-"""Opening an arm: its own zeros and ranges hold, and whatever contradicts them is refused."""
+"""An opened arm uses its own zeros and ranges, and refuses whatever contradicts them."""
 
 import math
 from datetime import UTC, datetime
@@ -91,7 +91,7 @@ def test_limits_name_sweep_or_arm_file_not_servo_register(mount_arm):
 
 
 def swap(arm, one, other):
-    """Exchange the ids of two servos: each joint is now turned by the other's number."""
+    """Exchange the ids of two servos, so that each turns the other's joint."""
     memories = [arm.line.servos[i].memory for i in (one, other)]
     for memory, new in zip(memories, (other, one), strict=True):
         memory.put("id", new)

@@ -1,4 +1,4 @@
-"""A zero that is shifted shows in ends beyond the arm file's, for turns and slides."""
+"""A shifted zero is detected by ends beyond those of the arm file, in rad and m."""
 
 import math
 from dataclasses import replace
@@ -20,7 +20,7 @@ SLIDE = replace(
 
 
 def shifts_of(one, *ticks):
-    """Return the shifts [rad or m] that are told after a joint was swept to these ticks."""
+    """Return the reported shifts [rad or m] after a joint was swept to these ticks."""
     hand = Hand(one, start=0).rest().accept()
     tracks = {1: replace(hand.state.tracks[1], low=min(ticks), high=max(ticks))}
     state = replace(hand.state, tracks=tracks)
@@ -85,7 +85,7 @@ def test_small_zero_shift_is_notice_by_hand_question_if_driven():
 
 
 def check_zeros_answers(state):
-    """Yield what is told and asked after a drive to the ends, up to the first question."""
+    """Yield the messages and questions after a drive to the ends, up to the first question."""
     for item in check_zeros(state, "rest", "so101", may_have_sagged=True):
         yield item
         if isinstance(item, Question):

@@ -1,4 +1,4 @@
-"""What is saved of a calibration, and what each servo is to hold: modes, offsets, limits, units."""
+"""The saved calibration and the registers to write: modes, offsets, limits, units."""
 
 import math
 from dataclasses import replace
@@ -20,7 +20,7 @@ LIMITS = {"min_position_limit": 500, "max_position_limit": 3500}
 
 
 def swept(one=None, start=2048, shadow=None, down=1000, up=1000):
-    """Sweep one joint from its start tick, whose second servo begins at the tick ``shadow``."""
+    """Sweep one joint from its start tick; its second servo starts at the tick ``shadow``."""
     hand = Hand(one or subject(shadow_ids=() if shadow is None else (2,)), start=start)
     if shadow is not None:
         hand.ticks[2] = shadow
@@ -28,7 +28,7 @@ def swept(one=None, start=2048, shadow=None, down=1000, up=1000):
 
 
 def build(hand, held=None, **more):
-    """Build the calibration of Dynamixel servos that hold these registers besides, by id."""
+    """Build the calibration of Dynamixel servos with these registers, by id."""
     configs = {
         i: ServoConfig(i, MODELS["XM430-W350"], "", X | LIMITS | (held or {}).get(i, {}))
         for i in hand.ticks
@@ -122,7 +122,7 @@ def test_offset_makes_two_servos_of_joint_report_same_tick(lead_offset, apart):
 @pytest.mark.parametrize(
     ("off", "corrected"), [(0, False), (3, False), (-3, False), (4, True), (-4, True)]
 )
-def test_second_servo_keeps_offset_within_three_ticks(present, off, corrected):
+def test_shadow_offset_off_by_three_ticks_is_kept(present, off, corrected):
     found = build(swept(shadow=2048 - present - off), {2: {"homing_offset": present}})
     assert found.memory[2]["homing_offset"] == (present + off if corrected else present)
 

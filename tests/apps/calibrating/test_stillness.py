@@ -1,4 +1,4 @@
-"""An arm is still where nothing has moved for half a second, and no sooner."""
+"""An arm counts as still after half a second without motion, and no sooner."""
 
 import pytest
 
@@ -6,7 +6,7 @@ from ikservo.control.stillness import StillnessDetector
 
 
 def after(readings):
-    """Return what is known after readings (s, ticks of servo 1, ticks of servo 2)."""
+    """Return the detector after readings (s, ticks of servo 1, ticks of servo 2)."""
     stillness = StillnessDetector()
     for at_s, one, other in readings:
         stillness = stillness.add_reading(at_s, {1: one, 2: other})

@@ -1,4 +1,4 @@
-"""What an arm file alone says about a joint that is to be calibrated."""
+"""Facts about a joint that the calibration takes from the arm file alone."""
 
 import math
 

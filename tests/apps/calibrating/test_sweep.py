@@ -33,7 +33,7 @@ def subject(name="elbow", servo_id=1, pose=0.0, lower=-1.5, upper=1.5, **more):
 
 
 class Hand:
-    """Moves joints through a calibration and keeps its own count of time."""
+    """Moves joints through a calibration and keeps its own clock."""
 
     def __init__(self, *subjects, start=100, margin_rad=0.0):
         self.state = CalibrationState.begin(subjects, margin_rad)
@@ -337,7 +337,7 @@ def test_an_answer_about_an_unknown_joint_names_the_known_ones():
 
 
 def scripted(hand, script, moves):
-    """Let a script answer while a hand makes its moves; return what it said."""
+    """Let a script answer while a hand moves the joints; return its answers."""
     messages = []
     moves = iter(moves)
     for _ in range(5000):

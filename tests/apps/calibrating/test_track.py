@@ -1,4 +1,4 @@
-"""A servo is followed while a hand moves it, and lost where its turns cannot be counted."""
+"""A servo is tracked while a hand moves it, and lost if its turns cannot be counted."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""Power is cut before every single write; the next start finds the old arm or the new one."""
+"""After a power cut before any write, the next start finds the old or the new calibration."""
 
 import os
 import random
@@ -37,7 +37,7 @@ def _home(tmp_path, monkeypatch):
 
 
 def arm_and_outcome(name):
-    """Return an arm as delivered and a calibration that changes every servo of it."""
+    """Return an arm as delivered and a calibration that changes each of its servos."""
     arm = make_mounted_arm(name, 3, spoiled=False)
     with arm.open_limp() as limp_arm:
         calibration = make_calibration(arm, limp_arm, WHEN)
@@ -46,7 +46,7 @@ def arm_and_outcome(name):
 
 
 def as_delivered(arm, calibration):
-    """Return a calibration that rests on what the servos hold now."""
+    """Return a calibration that is based on the present registers of the servos."""
     joints = []
     with arm.open_bus() as bus:
         for joint in calibration.joints:
@@ -58,7 +58,7 @@ def as_delivered(arm, calibration):
 
 
 def state_of(arm):
-    """Return what every servo would still hold after losing its power, and the file's text."""
+    """Return the registers of every servo after a loss of power, and the text of the file."""
     arm.power_cycle()
     with arm.open_bus() as bus:
         bus.clock.sleep_until(bus.clock.now_s() + 0.5)
@@ -68,7 +68,7 @@ def state_of(arm):
 
 
 def cut_after(arm, outcome, lasts, monkeypatch):
-    """Save with power for so many writes; return whether it was cut."""
+    """Save with power for the given number of writes; return whether it was cut."""
     power = PowerSupply(lasts).limit_files(monkeypatch)
     try:
         with arm.open_bus() as bus:
@@ -83,7 +83,7 @@ def cut_after(arm, outcome, lasts, monkeypatch):
 
 
 def start_again(arm, finish):
-    """Start anew as a person would: open, and where that is refused do what the error says."""
+    """Restart as a user would: open the arm, and follow the hint of an error."""
     with arm.open_bus() as bus:
         bus.clock.sleep_until(bus.clock.now_s() + 0.5)
         try:

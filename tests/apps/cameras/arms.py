@@ -1,4 +1,4 @@
-"""An arm with zeros, compliance and play that nobody knows, before a camera somewhere."""
+"""Arms with unknown zeros, compliance and backlash before a camera."""
 
 import math
 from dataclasses import dataclass, replace
@@ -26,7 +26,7 @@ class SimulatedArm:
 
     @property
     def known(self):
-        """The arm as it is described: rigid."""
+        """Return the arm as it is described, which is rigid."""
         nothing = np.zeros(self.bending.dynamics.chain.dof)
         return replace(self.bending, compliance=nothing, half_play=nothing)
 
@@ -51,6 +51,6 @@ class SimulatedArm:
         return BoardSample(np.round(q / TICK_RAD) * TICK_RAD, seen, f"picture {number + 1}")
 
     def tip_errors_m(self, fit, q):
-        """How far the tip is, in the camera, from where the fit says."""
+        """Return the distance between the true and the fitted tip in the camera frame, m."""
         truth = (self.T_camera_base @ self.tips(q))[:, :3, 3]
         return np.linalg.norm((fit.T_camera_base @ fit.tip_poses(q))[:, :3, 3] - truth, axis=1)

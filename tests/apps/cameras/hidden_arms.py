@@ -1,4 +1,4 @@
-"""Simulated arms with wrong zeros, bending links and play, before a simulated camera."""
+"""Simulated arms with wrong zeros, bending links and backlash before a simulated camera."""
 
 import re
 
@@ -20,7 +20,7 @@ BOARD = Board.named(DEFAULT_BOARD)
 
 
 def drawn_view(chance):
-    """Return a camera somewhere before an arm, above the tip, with a lens of its own."""
+    """Return a camera near an arm, above the tip, with random lens parameters."""
     away_m, aside = chance.uniform(0.3, 0.55), np.radians(chance.uniform(-50.0, 50.0))
     above = np.radians(chance.uniform(10.0, 60.0))
     ahead = np.array([np.cos(aside), np.sin(aside)]) * np.cos(above)
@@ -58,11 +58,11 @@ def hidden_arm(monkeypatch, name, seed, zeros_deg=3.0, compliance=0.15, view=Non
 
 
 def tip_errors_m(arm, camera, chain, zeros, T_camera_base, count=200):
-    """How far the tip is in the camera from where the arm says, over its workspace.
+    """Return the distances between the true and the computed tip, in the camera frame, m.
 
     Args:
-        chain: The arm as it is known.
-        zeros: What its joints measure more than they are (dof,), rad.
+        chain: The chain of the calibrated arm.
+        zeros: The errors of its measured joints (dof,), rad.
     """
     low, high = np.maximum(chain.lower_rad, -2.0), np.minimum(chain.upper_rad, 2.0)
     positions, errors = [joint.position for joint in arm.world.joints], []
@@ -77,7 +77,7 @@ def tip_errors_m(arm, camera, chain, zeros, T_camera_base, count=200):
 
 
 def click_on_tip(arm, camera, opened, chance, noise_px=1.5):
-    """Click on the tip as a person does, in another posture where that is asked for."""
+    """Click on the tip as a user does, after a move to another posture if that is asked for."""
     for _ in range(3):
         positions = [joint.position for joint in arm.world.joints]
         at = camera.pixel(arm.world.tip.position_m(positions)) + chance.normal(0.0, noise_px, 2)
@@ -98,7 +98,7 @@ def follow_advice(opened, text):
 
 
 def save_clicks(arm, camera, chance, count=3):
-    """Click on the tip, each time in the posture that is proposed then, and save what that says."""
+    """Click on the tip in each proposed posture and save the result."""
     for _ in range(count):
         with open_own_arm(load_model(arm.name), PORT) as opened:
             opened.enable()
@@ -109,10 +109,10 @@ def save_clicks(arm, camera, chance, count=3):
 
 
 def click_errors_m(arm, camera, opened, count, seed=0):
-    """How far the tip ends from points of the table that were clicked in the picture.
+    """Return the distances between the tip and clicked points of the table, m.
 
-    The points are drawn where the camera sees them and the arm can reach a finger's width above
-    them; it drives there by what its calibration says of the camera.
+    The camera sees the points, and the arm can reach a finger's width above them. The arm goes
+    there by the calibration of its camera.
     """
     chance, errors = np.random.default_rng(seed), []
     while len(errors) < count:

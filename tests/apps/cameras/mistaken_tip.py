@@ -1,4 +1,4 @@
-"""An arm before a camera, all of it known but the zero of its last joint."""
+"""An arm before a camera with only one error: the zero of its last joint."""
 
 import numpy as np
 
@@ -14,9 +14,9 @@ ARM, JOINT, OFF_DEG = "open_manipulator_x", "joint4", 2.5
 
 
 def mistaken_tip(monkeypatch, off_deg=OFF_DEG):
-    """Return the arm, whose last joint measures so much too little, and its camera.
+    """Return the arm, whose last joint measures too little by the given angle, and its camera.
 
-    What a calibration says of the board fits that: by the board, nothing is wrong.
+    The calibration of the board agrees with that error: the board alone does not reveal it.
     """
     arm, camera = hidden_arm(monkeypatch, ARM, 5, zeros_deg=0.0, compliance=0.0)
     model, known = load_model(ARM), load_calibration(ARM, SERIAL)

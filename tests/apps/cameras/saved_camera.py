@@ -1,4 +1,4 @@
-"""A simulated arm's camera, saved as a calibration without any error would."""
+"""The camera of a simulated arm, saved as if calibrated without any error."""
 
 from datetime import UTC, datetime
 
@@ -18,7 +18,7 @@ SEEN = datetime(2026, 11, 2, 14, 3, 22, tzinfo=UTC)
 
 
 def save_simulated_camera(arm, source="sim"):
-    """Save the camera before a simulated arm as it is; return the camera."""
+    """Save the camera of a simulated arm without errors; return it."""
     camera = SimulatedCamera(line_of(arm).world, BOARD.opencv())
     known = CameraFile(calibrated=SEEN, camera=calibrated_camera(camera, source))
     save_camera(arm.model.name, SIMULATED, known)
@@ -26,7 +26,7 @@ def save_simulated_camera(arm, source="sim"):
 
 
 def calibrated_camera(camera, source, tip_shows=None):
-    """Return what a calibration without any error says of a camera as it is simulated by itself."""
+    """Return the calibration of the simulator's own camera, without any error."""
     view, T = SimulatedView(), camera.T_base_camera
     width, height = view.size
     return CalibratedCamera(

@@ -1,4 +1,4 @@
-"""Cameras at addresses: a hostile one costs bounded time and memory."""
+"""A hostile camera at an address costs bounded time and memory."""
 
 import json
 import socket
@@ -76,7 +76,7 @@ print(json.dumps([outcome, own, reader, time.monotonic() - start_s]))
 
 @contextmanager
 def serving(blocks):
-    """Serve what ``blocks()`` yields to everybody; the address."""
+    """Serve what ``blocks()`` yields to every client; return the address."""
 
     def answer(connection):
         with suppress(OSError), connection:

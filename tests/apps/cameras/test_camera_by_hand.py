@@ -1,4 +1,4 @@
-"""Somebody moves a limp arm before a camera: pictures are used while it is still."""
+"""A hand moves a limp arm before a camera: pictures are used while the arm is still."""
 
 import numpy as np
 import pytest
@@ -41,7 +41,7 @@ def wander(start, postures):
 
 
 class Person:
-    """Holds the arm, moves it on from posture to posture, and looks at what the camera sees."""
+    """Holds the arm, moves it from posture to posture, and looks at the camera's pictures."""
 
     def __init__(self, arm, camera, seed=0, spoil=None):
         self._camera, self._spoil, self._taken = camera, spoil, 0
@@ -75,7 +75,7 @@ def run_by_hand(monkeypatch, spoil=None, count=12, meanwhile=None):
 
 
 def errors_over_workspace_m(arm, camera, name="so101"):
-    """How far the tip is from where the arm says by its saved calibration."""
+    """Return the distances between the true tip and that of the saved calibration, m."""
     with open_own_arm(load_model(name), PORT) as opened:
         here, names = opened.where(), opened.chain.names
         off = np.array([here[name].position_rad - arm.true_position(name) for name in names])
@@ -105,7 +105,7 @@ def test_hand_moved_arm_calibration_is_saved_and_undone(monkeypatch, run_cli):
 
 
 def carry(arm, monkeypatch, share):
-    """Let the hand carry a share of the arm's weight: so much less does it bend its links."""
+    """Let the hand carry a fraction of the arm's weight, so that its links bend less."""
     bend = arm.world.tip.link_positions
 
     def bend_less(positions):
@@ -115,7 +115,7 @@ def carry(arm, monkeypatch, share):
 
 
 def save_compliances(name, seed, wrong=0.0):
-    """Save how the links of a hidden arm give way, by up to a share wrong; return the joints."""
+    """Save the compliances of a hidden arm with relative errors; return its joints."""
     chance, model = np.random.default_rng(seed), load_model(name)
     known = load_calibration(name, SERIAL)
     compliance = chance.uniform(0.0, 0.15, model.chain.dof)  # as ``hidden_arm`` draws them
@@ -203,7 +203,7 @@ def test_calibration_by_hand_refuses_arm_with_torque_on(monkeypatch):
         run_by_hand(monkeypatch, meanwhile=lambda opened: opened.enable())
 
 
-def test_calibration_by_hand_asks_and_needs_camera(monkeypatch, run_cli):
+def test_calibration_by_hand_needs_confirmation_and_camera(monkeypatch, run_cli):
     _, camera = hidden_arm(monkeypatch, "so101", 3)
     monkeypatch.setattr("ikservo.apps.cameras.camera_sources.LiveCamera", lambda _: camera)
     words = f"calibrate so101 --port {PORT} --by-hand"

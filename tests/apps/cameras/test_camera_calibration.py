@@ -1,4 +1,4 @@
-"""An arm before a camera that fails: it moves no further."""
+"""An arm stops moving if the camera of its calibration fails."""
 
 import itertools
 
@@ -34,7 +34,7 @@ class SpoiledCamera:
 
 
 def hunt():
-    """Return what brightens and darkens pictures by turns."""
+    """Return a function that brightens and darkens pictures in turn."""
     gains = itertools.cycle([0.7, 1.0])
     return lambda picture: (picture * next(gains)).astype(np.uint8)
 

@@ -1,4 +1,4 @@
-"""A calibrated camera's model: OpenCV projects the same, and rays go back through their points."""
+"""The camera model projects as OpenCV does, and rays pass through their points."""
 
 import math
 

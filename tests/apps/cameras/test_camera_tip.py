@@ -1,4 +1,4 @@
-"""``ikservo camera tip``: the zero that a click on the tip shows is saved, used and undone."""
+"""``ikservo camera tip``: the zero from a click on the tip is saved, used and undone."""
 
 import numpy as np
 import pytest

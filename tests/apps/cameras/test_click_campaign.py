@@ -1,4 +1,4 @@
-"""Arms that calibrated themselves go where the picture is clicked: docs/how-to/camera.md."""
+"""Arms with their own camera calibration go to clicked points: docs/how-to/camera.md."""
 
 from datetime import UTC, datetime
 
@@ -31,7 +31,7 @@ from tests.apps.cameras.hidden_arms import (
 
 
 def arm_before_a_camera(monkeypatch, name, seed):
-    """Return a hidden arm, and a camera somewhere that sees its board."""
+    """Return a hidden arm, and a camera that sees its board."""
     chance = np.random.default_rng(1000 + seed)
     while True:
         arm, camera = hidden_arm(monkeypatch, name, seed, view=drawn_view(chance))
@@ -43,7 +43,7 @@ def arm_before_a_camera(monkeypatch, name, seed):
 
 
 def calibrate(name, camera, pictures):
-    """Let an arm calibrate itself before a camera, and save and return what that says."""
+    """Let an arm calibrate itself before a camera; save and return the result."""
     with open_own_arm(load_model(name), PORT) as opened:
         result = CameraCalibration(opened, camera, BOARD, pictures).run()
         save_camera_result(
@@ -53,11 +53,11 @@ def calibrate(name, camera, pictures):
 
 
 def errors_of_an_arm(monkeypatch, name, seed, pictures, points):
-    """Let an arm calibrate itself, and click on its tip three times where that is asked for.
+    """Let an arm calibrate itself, and click on its tip three times if asked to.
 
     Returns:
-        How far the tip is from points that are clicked, and from where the arm says that it is in
-        the camera, over its workspace, m; and the camera.
+        The distances between the tip and clicked points, and between the true and the computed tip
+        in the camera frame over its workspace, m; and the camera.
     """
     arm, camera = arm_before_a_camera(monkeypatch, name, seed)
     model, result = load_model(name), calibrate(name, camera, pictures)

@@ -1,4 +1,4 @@
-"""The name of a source of pictures, and what may not be in it."""
+"""Allowed and forbidden names of picture sources."""
 
 import numpy as np
 import pytest

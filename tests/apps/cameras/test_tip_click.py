@@ -1,4 +1,4 @@
-"""A click on the tip shows the zero of a last joint that no board shows, or is refused."""
+"""A click on the tip gives the zero of a last joint that the board does not show."""
 
 from datetime import timedelta
 
@@ -45,7 +45,7 @@ def click(opened, pixel):
 
 
 def blind_posture(arm, camera, opened):
-    """Return joints (dof,) with which the last one swings the tip along the line of sight."""
+    """Return joints (dof,) at which the last one swings the tip along the line of sight."""
     chain, chance = opened.chain, np.random.default_rng(0)
     tried = chance.uniform(chain.lower_rad, chain.upper_rad, (3000, chain.dof))
     gripper = arm.true_position("gripper")
@@ -89,7 +89,7 @@ def test_click_far_from_possible_tip_positions_is_refused(mistaken, opened, away
     u, v = tip_pixel(*mistaken)
     with pytest.raises(CalibrationError, match=text):
         click(opened, (u + away_px[0], v + away_px[1]))
-    with pytest.raises(BadValueError, match="one of the picture's 960 x 720"):
+    with pytest.raises(BadValueError, match="a pixel of the 960 x 720 picture"):
         click(opened, (u, 4000.0))
 
 
@@ -115,7 +115,7 @@ def test_click_in_blind_posture_is_refused_with_better_posture(mistaken, opened)
 
 
 def clicked(arm, camera, wrong_deg=0.0):
-    """Click where the tip would be with its joint further; save it, and go where that says."""
+    """Click where the tip would be with its joint further; save that, and go there."""
     with open_own_arm(load_model(ARM), PORT) as opened:
         opened.enable()
         positions = {joint.name: joint.position for joint in arm.world.joints}
@@ -128,7 +128,7 @@ def clicked(arm, camera, wrong_deg=0.0):
 
 
 def zero_error_deg(arm):
-    """How far the last joint is from where it measures: less than a tick if all is right."""
+    """Return the error of the last joint's measured angle: less than a tick if all is right."""
     with open_own_arm(load_model(ARM), PORT) as opened:
         measured = opened.where()[JOINT].position_rad
         return np.degrees(arm.true_position(JOINT) - measured)
@@ -167,7 +167,7 @@ def test_disagreeing_click_is_named_and_does_not_count(mistaken):
     clicked(arm, camera)
     two = clicked(arm, camera, wrong_deg=4.0)
     assert (two.counts, two.are_apart) == ((True, True), True)
-    assert "differ by more than clicks err" in str(two)
+    assert "differ by more than their error" in str(two)
     assert two.error_deg > 1.0
     three = clicked(arm, camera)
     assert (three.counts, three.are_apart) == ((True, False, True), False)

@@ -1,4 +1,4 @@
-"""An arm on a simulated bus whose ids, signs and zeros only this file knows."""
+"""An arm on a simulated bus whose ids, signs and zeros are unknown to the program."""
 
 from tests.oracle import CONFIGS
 

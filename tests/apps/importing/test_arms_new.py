@@ -36,7 +36,7 @@ def both(mesh=BAR):
 
 
 def published():
-    """Return a base with wheels and an arm of four joints, a continuous one and jaws among them."""
+    """Return a base with wheels and an arm of four joints, one of them continuous, and jaws."""
     parts = [LINK.format(name=name, shapes=both()) for name in ("turret", "upper arm", "forearm")]
     return "\n".join([
         '<robot name="desk_arm"><link name="world"/>',

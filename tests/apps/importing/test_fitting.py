@@ -1,4 +1,4 @@
-"""Capsules contain their mesh, and their surface is near it; judged by trimesh."""
+"""Capsules contain their mesh and fit it closely; judged by trimesh."""
 
 import tracemalloc
 
@@ -36,7 +36,7 @@ MESHES = {
 
 
 def union_points(capsules):
-    """Return points on the surface of all capsules that no other one contains."""
+    """Return the points on the capsules' surfaces that no other capsule contains."""
     found = []
     for i, capsule in enumerate(capsules):
         length_m = float(np.linalg.norm(capsule.end_m - capsule.start_m))
@@ -117,7 +117,7 @@ def test_mesh_inside_other_capsules_needs_no_capsule():
 
 
 def hostile_triangles(name):
-    """Return triangles that a limit of their number alone does not bound."""
+    """Return few triangles that would still take unbounded time to fit."""
     rng = np.random.default_rng(4)
     if name == "large triangles":
         return rng.uniform(0.0, 0.3, (20_000, 3, 3))

@@ -1,4 +1,4 @@
-"""Descriptions that were made to do harm are refused, bounded, or read as what they are."""
+"""Hostile descriptions are refused, bounded, or read for what they are."""
 
 import cProfile
 import os

@@ -1,4 +1,4 @@
-"""Mesh files of every format are read with bounds; what cannot be used is named."""
+"""Mesh files of every format are read with bounds; unusable ones are named."""
 
 import json
 import struct
@@ -17,7 +17,7 @@ from ikservo.model.urdf_types import Mesh
 
 
 def link_like(kind):
-    """Return a closed mesh such as links of arms have [m]."""
+    """Return a closed mesh like those of arms' links [m]."""
     if kind == "bar":
         return trimesh.creation.box((0.12, 0.03, 0.02))
     return trimesh.creation.icosphere(subdivisions=3, radius=0.03)

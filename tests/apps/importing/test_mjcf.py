@@ -46,7 +46,7 @@ MJCF = """<mujoco model="made">
 
 
 def load(path):
-    """Return the model of an MJCF with simple shapes, as it is written."""
+    """Return the model of an MJCF file with simple shapes."""
     steps = convert_shapes(read_mjcf(path))
     while True:
         try:
@@ -143,7 +143,7 @@ def test_mjcf_file_outside_folder_is_refused_before_mujoco(path, old, new, monke
     [
         ('<compiler strippath="true"/><asset><mesh name="bar" file="deep/link.stl"/>', "link.stl"),
         ('<asset><mesh name="bar" file="li\nnk.stl"/>', "line break"),
-        ('<asset><model name="other" file="other.xml"/>', "<model> is not for arms"),
+        ('<asset><model name="other" file="other.xml"/>', "<model> cannot be used"),
     ],
 )
 def test_mjcf_mesh_tricks_do_not_reach_outside_folder(path, new, found, tmp_path):

@@ -1,4 +1,4 @@
-"""Packages are found as the user says or by looking upwards; nothing outside them is used."""
+"""Packages are found where the user says or in parent folders; nothing else is used."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""Servos of a bus are given to joints by what the user saw move, and by nothing else."""
+"""Servos of a bus are assigned to the joints that the user saw move."""
 
 import copy
 import re
@@ -26,7 +26,7 @@ ARM = CONFIGS / "so101"
 
 @pytest.fixture
 def port(tmp_path, monkeypatch):
-    """Return a simulated bus of an arm whose ids, signs and zeros nobody knows."""
+    """Return a simulated bus of an arm with unknown ids, signs and zeros."""
     hide_arm(tmp_path)
     monkeypatch.setenv("IKSERVO_HOME", str(tmp_path / "home"))
     return f"sim:{tmp_path}/arm.toml?pose=home"
@@ -58,7 +58,7 @@ def run(dialogue, answer):
 
 
 class Onlooker:
-    """Answers as somebody does who watches the arm; ``asked`` are the servos that moved."""
+    """Answers as a person who watches the arm; ``asked`` are the servos that moved."""
 
     def __init__(self):
         self.asked, self.joint = [], ""

@@ -1,4 +1,4 @@
-"""Macros are expanded by `ikservo arms new` alone, by xacro in an isolated Python."""
+"""Only `ikservo arms new` expands macros: by xacro in an isolated Python."""
 
 import importlib.util
 from pathlib import Path

@@ -1,1 +1,1 @@
-"""Tests of maintenance."""
+"""Tests of the lab app."""

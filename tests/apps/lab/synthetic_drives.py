@@ -1,4 +1,4 @@
-"""Recordings of slow motion computed from the equations of the motors, without a simulator."""
+"""Recordings of slow motion, computed from the motors' equations without a simulator."""
 
 from dataclasses import dataclass
 from itertools import pairwise
@@ -14,7 +14,7 @@ DT_S, LEG_S, SUPPLY_V = 0.01, 2.0, 12.0
 
 @dataclass(frozen=True)
 class Drive:
-    """The truth of one joint's servo."""
+    """True parameters of one joint's servo."""
 
     kt: float = 2.3
     ohm: float = 6.5
@@ -48,16 +48,16 @@ def prior_of(drive=None):
 
 
 def record(dynamics, drives, seed=0, legs=16, dead=(), d_gain_s=0.0):
-    """Return the recording of an arm on straight ways between random postures.
+    """Return the recording of an arm on straight paths between random postures.
 
     Args:
-        dynamics: With the true masses.
-        drives: Of each joint.
-        seed: Of the postures.
-        legs: How many ways.
+        dynamics: Dynamics with the true masses.
+        drives: The drive of each joint.
+        seed: Seed of the postures.
+        legs: Number of paths.
         dead: Joints that do not move.
-        d_gain_s: With goals in steps: between two the D gain takes its duty for each rad/s, and
-            the error falls.
+        d_gain_s: D gain for goals that come in steps: between two goals the D gain takes its duty
+            for each rad/s, and the error falls.
     """
     random, chain = np.random.default_rng(seed), dynamics.chain
     lower, upper = np.maximum(chain.lower_rad, -1.2), np.minimum(chain.upper_rad, 1.2)
@@ -88,10 +88,10 @@ def record(dynamics, drives, seed=0, legs=16, dead=(), d_gain_s=0.0):
 
 
 def swing(drive, backlash_rad, joints=2, swings=8, half_rad=0.07, rad_s=0.3, crossing_s=0.1):
-    """Return the recording of the first of some joints, which swings to both sides of zero.
+    """Return the recording of one joint that swings to both sides of zero.
 
-    Its motor crosses the backlash after each reversal while the joint stands still: it speeds up
-    and brakes again, against its inertia.
+    After each reversal its motor crosses the backlash while the joint is still: it speeds up and
+    brakes again, against its inertia.
     """
     rest, way = np.zeros(round(crossing_s / DT_S)), np.full(round(2 * half_rad / rad_s / DT_S), 1.0)
     way[[0, 1, 2, -3, -2, -1]] = 0.25, 0.5, 0.75, 0.75, 0.5, 0.25  # no rotor jumps to a speed

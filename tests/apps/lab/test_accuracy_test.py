@@ -1,4 +1,4 @@
-"""``ikservo test``: what it measures, says and saves, and how it is stopped."""
+"""``ikservo test``: its measurements, output and files, and its stop."""
 
 import json
 import re
@@ -51,7 +51,7 @@ def judge_poses(answer):
 
 
 def judge_markup(answer):
-    """Judge that neither a note nor the name of a pose can put markup into the page."""
+    """Check that neither a note nor a pose name can put markup into the page."""
     poses = [{**pose, "name": "<b>x</b>"} for pose in answer["poses"]]  # names are from a file
     page = accuracy_page({**answer, "poses": poses, "note": "</script><b>x</b>"})
     assert "<b>x</b>" not in page.partition('id="data"')[0]

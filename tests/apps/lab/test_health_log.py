@@ -1,4 +1,4 @@
-"""Wear of servos: told apart from noise, from damaged files, from other changes."""
+"""Wear of servos is told apart from noise, damaged files and other changes."""
 
 import json
 from concurrent.futures import ThreadPoolExecutor
@@ -39,7 +39,7 @@ def record(day, plays_deg, frictions=None, error_deg=0.08):
 
 
 def history(random, true_deg, days, wear_deg=None, noise_deg=0.08):
-    """Return the records of an arm whose last measurement comes after some wear."""
+    """Return the records of an arm whose last measurement was taken after some wear."""
     for day in days:
         worn = wear_deg if day == days[-1] and wear_deg else {}
         plays = {n: true_deg[n] + worn.get(n, 0.0) + random.normal(0, noise_deg) for n in JOINTS}
@@ -94,7 +94,7 @@ def test_health_records_round_trip_and_damaged_file_is_kept(tmp_path, monkeypatc
 
 
 def test_concurrent_appends_lose_no_health_record(tmp_path):
-    """Threads stand for programs: the lock excludes whoever has opened its file by itself."""
+    """Threads act as programs: the lock excludes everyone who opens the file separately."""
     path = tmp_path / "health" / "arm.jsonl"
     records = [record(day, {"pan": 0.5}) for day in range(75)]
     with ThreadPoolExecutor(3) as programs:

@@ -192,7 +192,7 @@ def test_first_body_mass_is_the_most_uncertain(found):
 
 @pytest.mark.full
 def test_standard_errors_cover_true_payload():
-    """Of eight recordings with other postures, two errors hold the payload of seven."""
+    """In seven of eight recordings the true payload is within two standard errors."""
     inside = 0
     for seed in range(8):
         one = identify(DYNAMICS, PRIORS, recorded(seed=seed, legs=10)).estimates["payload_kg"]

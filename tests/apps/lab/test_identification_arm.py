@@ -105,7 +105,7 @@ def test_identification_improves_paths_of_twenty_arms(capsys):
 
 
 def identify_member(name, port):
-    """Identify an arm of the family; return its file and what is outside the bounds."""
+    """Identify an arm of the family; return its file and the values outside the bounds."""
     with ikservo.open_arm(name, port=port) as arm:
         run = IdentificationRun.plan(arm)
         run.go_to_start()
@@ -123,7 +123,7 @@ def identify_member(name, port):
 
 
 def path_error_m(name, port, lines=20):
-    """Return the rms distance of the true tip from the same random lines, in the median."""
+    """Return the median of the true tip's rms distance from the same random lines, m."""
     dice, errors = np.random.default_rng(1), list[float]()
     with ikservo.open_arm(name, port=port) as arm:
         arm.pose("home")

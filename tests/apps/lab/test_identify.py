@@ -37,7 +37,7 @@ MODEL = load_model(ARM)
 
 @pytest.fixture(scope="module")
 def identified(tmp_path_factory):
-    """Return what the command printed for an arm with hidden masses, and its user folder."""
+    """Return the output of the command for an arm with hidden masses, and its user folder."""
     home = tmp_path_factory.mktemp("home")
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("IKSERVO_HOME", str(home))

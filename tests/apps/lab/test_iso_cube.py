@@ -1,4 +1,4 @@
-"""The cube of the accuracy test: its points, and that the arms can go all over it."""
+"""The cube of the accuracy test: its points, and whether the arms reach all of it."""
 
 import numpy as np
 import pytest

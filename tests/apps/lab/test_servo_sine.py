@@ -1,4 +1,4 @@
-"""A servo on a sine: phase lag and amplitude of known systems, limits, gains that come back."""
+"""Sine response of a servo: phase lag and amplitude of known systems, limits, restored gains."""
 
 import numpy as np
 import pytest
@@ -18,7 +18,7 @@ def sine(from_hz, to_hz):
 
 
 def response_of(motion, follow):
-    """Return the response of a joint that follows the goals by a function of goals and step."""
+    """Return the response of a joint that follows goals by a function of goals and step."""
     time_s = np.arange(0.0, motion.duration_s, 0.002)
     goal = np.array([motion.state(t).position[1] for t in time_s])
     return SineResponse(time_s, goal, follow(goal, 0.002), motion)

@@ -1,4 +1,4 @@
-"""Tuning a servo: figures of a response, gains that come back, suggestions that do not swing."""
+"""Servo tuning: figures of a response, restored gains, suggestions that do not oscillate."""
 
 from types import SimpleNamespace
 
@@ -23,7 +23,7 @@ STEP_RAD = np.radians(10)
 
 
 def second_order(damping, natural_rad_s=30.0, lag_s=0.0, swing_rad=0.0, short_rad=0.0):
-    """Return the response of an oscillator to a quick ramp there and back, of known figures."""
+    """Return the response of an oscillator with known figures to a quick ramp there and back."""
     time_s = np.arange(0.0, 2.4, 0.002)
     goal = np.interp(time_s, (0.0, 0.2, 1.2, 1.4), (0.0, STEP_RAD, STEP_RAD, 0.0))
     position, speed, rows = 0.0, 0.0, []

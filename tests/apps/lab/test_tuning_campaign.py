@@ -1,4 +1,4 @@
-"""Suggested gains beside a search of the whole grid, on 20 joints of the simulated family."""
+"""Suggested gains compared with a search of the whole grid, on 20 simulated joints."""
 
 from itertools import product
 

@@ -1,7 +1,7 @@
-"""Wear of simulated arms, identified twice: found, and told apart from mass, supply and heat.
+"""Wear of simulated arms, found by two identifications, apart from mass, supply and heat.
 
-The second time the arm carries something, its links are a little heavier or lighter than in its
-file, its supply is weaker and its servos are hot. In one joint the gears have more play.
+At the second identification the arm carries a payload, its links are a little heavier or lighter
+than in its file, its supply is weaker and its servos are hot. One joint has more backlash.
 """
 
 import math
@@ -61,16 +61,16 @@ def test_wear_is_found_in_95_of_100_arms_with_few_false_alarms(capsys, monkeypat
 
 
 def play_errors_deg(rows, true_rad):
-    """Return how far what was found is from the gears' true play, of all joints that show it."""
+    """Return the errors of the identified backlash of each joint that shows it, degrees."""
     known = [row for row in rows if row.backlash_rad is not None]
     return [math.degrees(row.backlash_rad - true_rad[row.name]) for row in known]
 
 
 def identified(name, seed, monkeypatch, worn=""):
-    """Identify an arm of the family by a tour; with a worn joint all else differs, too.
+    """Identify an arm of the family by a tour; everything else changes with a worn joint, too.
 
     Returns:
-        What was found of each joint, and the true play of its gears, rad.
+        The identified values of each joint, and the true backlash, rad.
     """
     true_rad = {}
     own, drawn = FamilyMember.motor_parameters, FamilyMember.drawn

@@ -13,7 +13,7 @@ def planar_model(lengths_m, limit_rad=math.pi):
 
     Args:
         lengths_m: The links, base to tip, metres.
-        limit_rad: How far each joint turns to either side.
+        limit_rad: Limit of each joint to either side.
     """
     names = ["base", *(f"link{i + 1}" for i in range(len(lengths_m))), "tool"]
     before = [0.0, *lengths_m]
@@ -49,7 +49,7 @@ def _make_planar_joint(name, parent, child, x_m, limit_rad):
 
 
 def _make_bar_link(name, length_m, radius_m):
-    """Return a link that is a bar along x; one without a length has no body."""
+    """Return a link that is a bar along x; a link without length has no body."""
     body = () if length_m is None else (
         Cylinder(radius_m, length_m, (0.5 * length_m, 0.0, 0.0), (0.0, math.pi / 2, 0.0)),
     )  # fmt: skip

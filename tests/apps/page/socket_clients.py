@@ -1,4 +1,4 @@
-"""Websocket clients of the server that send exactly what a test wants."""
+"""Websocket clients that send exactly the bytes a test gives."""
 
 import json
 from contextlib import ExitStack
@@ -78,7 +78,7 @@ class SocketClient:
                 return message
 
     def closing_code(self):
-        """Return the code with which the server ends it."""
+        """Return the code with which the server closes the connection."""
         try:
             while True:
                 self.receive_message()

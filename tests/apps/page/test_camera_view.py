@@ -39,7 +39,7 @@ def camera(arm):
 
 
 def look(view, clock, measured):
-    """Let a view look at its picture once, and judge it."""
+    """Let a view take and judge one picture."""
     for _ in range(2):
         clock.time_s += 2.0
         view.watch(measured)

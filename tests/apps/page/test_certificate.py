@@ -1,4 +1,4 @@
-"""Beyond this machine the page is served by TLS, with a certificate that is made once and kept."""
+"""For other machines the page is served over TLS, with a certificate that is made once."""
 
 import hashlib
 import os

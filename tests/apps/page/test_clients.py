@@ -1,4 +1,4 @@
-"""Keys, hosts and origins: who comes in, decided without a network."""
+"""Keys, hosts and origins: who is admitted, decided without a network."""
 
 import pytest
 

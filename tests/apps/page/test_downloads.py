@@ -1,4 +1,4 @@
-"""Files that a page asked for: fetched once, by who was told the address, and in time."""
+"""Files that a page requested can be fetched once, in time, and by the right client."""
 
 import csv
 

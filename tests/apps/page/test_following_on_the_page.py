@@ -1,4 +1,4 @@
-"""One arm of the page follows another that is guided by hand; whatever fails ends it."""
+"""One arm of the page follows another that is guided by hand; every failure ends that."""
 
 import math
 
@@ -39,7 +39,7 @@ class Pair:
         return self
 
     def reported(self):
-        """Return what the page is told of the following, at each call with a heartbeat."""
+        """Return the state of following that the page shows, at each call with a heartbeat."""
         self.say(Heartbeat, "heartbeat", visible=True)
         for frame in self.follower.frames(self.page):
             if frame["kind"] == "following":

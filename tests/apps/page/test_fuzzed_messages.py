@@ -1,4 +1,4 @@
-"""A million messages that are nearly right: each is refused, or does what it says and no more."""
+"""Each of a million nearly valid messages is refused, or does what it says and no more."""
 
 import gc
 import json
@@ -51,7 +51,7 @@ VALUES = [None, True, -1, 0, 1e308, -1e308, 2**63, "", "x" * 70, "../rest", [], 
 
 
 def with_another_value(rng, words):
-    """Return a message in which a value, or the name of one, is another."""
+    """Return a message with one changed value or key."""
     words = dict(words)
     name = rng.choice(list(words))
     value = words.pop(name) if rng.random() < 0.2 else rng.choice(VALUES)
@@ -60,7 +60,7 @@ def with_another_value(rng, words):
 
 
 def with_other_letters(rng, words):
-    """Return a message with a few characters changed, taken out or doubled."""
+    """Return a message with a few characters changed, removed or doubled."""
     letters = list(json.dumps(words))
     for _ in range(rng.randint(1, 4)):
         at = rng.randrange(len(letters))
@@ -75,7 +75,7 @@ def spliced(rng, words):
 
 
 def fuzz(count, seed, receive):
-    """Let ``hear`` have those of many messages that come in; return how many did."""
+    """Let ``hear`` receive many messages; return how many were accepted."""
     rng, received = random.Random(seed), 0
     for number in range(count):
         words = {**rng.choice(WORDS), "seq": number % 1000 + 1, "seen": 0}

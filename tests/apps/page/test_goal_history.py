@@ -1,4 +1,4 @@
-"""Targets undone and made again, carried out by one button; the arm lowered and released."""
+"""Targets are undone, redone and carried out by one button; the arm is lowered and relaxed."""
 
 import math
 
@@ -25,7 +25,7 @@ def roll(session):
 
 
 def pause(session):
-    """Let enough time pass that what follows is a gesture of its own."""
+    """Let enough time pass that the next action is a separate gesture."""
     session.clock.sleep_until(session.clock.now_s() + 1.0)
 
 

@@ -1,4 +1,4 @@
-"""The path to a target of the page: planned in the background, shown, then carried out as it is."""
+"""The path to a target is planned in the background, shown, then executed unchanged."""
 
 import math
 import time
@@ -56,7 +56,7 @@ def run_job(session):
 
 @contextmanager
 def slow_search(monkeypatch):
-    """Yield events: a search has begun, it may find a path; it is withdrawn at any time."""
+    """Yield events: a search has begun, it may find a path; it can be cancelled at any time."""
     begun, may_end, search = Event(), Event(), WaySearch.find
 
     def find(self, most, is_over):
@@ -82,7 +82,7 @@ def until_begun(session, begun):
 
 
 def until_idle(session):
-    """Wait until the thread that plans has nothing to do."""
+    """Wait until the planning thread is idle."""
     planner = session.controller._planner
     for _ in range(LOOKS):
         if planner._busy is None or planner._busy[2].done():
@@ -237,7 +237,7 @@ def test_outdated_path_is_planned_again_instead_of_executed(session, change, rea
 
 
 def test_path_shown_after_stop_is_executed_at_once(session):
-    """It is planned slow: whether torque is still on is not known before the arm goes."""
+    """It is planned at slow speed, because torque may be off before the arm moves."""
     session.arm.move_joints({"wrist_roll": 0.1})
     session.send_message(page_messages.SetSpeed, name="fast")
     session.send_message(page_messages.Stop)

@@ -1,4 +1,4 @@
-"""The last ten minutes: bounded, whole, in the units that are shown."""
+"""The history of ten minutes: bounded, complete, in the units of the page."""
 
 import csv
 import math

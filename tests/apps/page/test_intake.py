@@ -1,4 +1,4 @@
-"""What a connection lets in: every bound of every message, order, age and rate."""
+"""Messages of a connection: bounds of every field, order, age and rate."""
 
 import json
 import math
@@ -109,7 +109,7 @@ def test_message_about_scene_never_sent_is_refused(intake):
 
 
 def taken(intake, words):
-    """Return how many of the messages come in before the connection is to be closed."""
+    """Return how many of the messages are accepted before the connection must be closed."""
     for count, message in enumerate(words):
         try:
             intake.accept(message, 0.0)

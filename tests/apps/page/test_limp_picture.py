@@ -1,4 +1,4 @@
-"""The limp arm in the drawing while it is calibrated, judged by the simulated joints."""
+"""The drawing of the limp arm during calibration, judged by the simulated joints."""
 
 import math
 
@@ -26,7 +26,7 @@ def own_folder(tmp_path, monkeypatch):
 
 @pytest.fixture
 def calibrated(monkeypatch):
-    """Yield pairs of what is drawn and where the simulated joints are, through a calibration."""
+    """Yield pairs of drawn and true joints during a calibration."""
     arm, model = make_mounted_arm("planar2", 7, pose="home"), load_model("planar2")
     monkeypatch.setattr("ikservo.hardware.port.open_transport", lambda port, rate: arm.port)
     with arm.open_bus() as bus:

@@ -1,4 +1,4 @@
-"""A fault while the arm follows the page: told by its cause, with a remedy that fits it."""
+"""A fault in Live is reported with its cause and a matching remedy."""
 
 import pytest
 
@@ -13,7 +13,7 @@ UNDER_WAY = 24  # cycles
 
 
 def reported_of(arm, kind, **fields):
-    """Return the notice of a page whose arm has a fault on its way."""
+    """Return the notice of a page whose arm has a fault in motion."""
     return snapshot_after(arm, kind, **fields).stop_notice
 
 

@@ -1,4 +1,4 @@
-"""The arm settles on a target that stands still in Live, as at the end of a motion."""
+"""In Live the arm settles on a target that stays put, as at the end of a motion."""
 
 import math
 
@@ -36,7 +36,7 @@ class LiveArm(ViewSession):
         return self.settling > self.settled
 
     def run_until(self, ended, cycles=4000):
-        """Run Live until a condition holds, or for so many cycles."""
+        """Run Live until a condition holds, or for the given number of cycles."""
         live_off = page_messages.SetLive
         self.run(cycles, lambda _: ended() and self.send_message(live_off, on=False))
 

@@ -1,4 +1,4 @@
-"""The dialogue of a new arm on the page: the questions of the command, and nothing without them."""
+"""The page's dialogue for a new arm asks the questions of the command, and requires answers."""
 
 import time
 

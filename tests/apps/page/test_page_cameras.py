@@ -1,4 +1,4 @@
-"""Each arm of a page shows its own camera: by its name, by its source, or a simulated one."""
+"""Each arm of a page shows its own camera, found by name, by source, or simulated."""
 
 from contextlib import ExitStack
 

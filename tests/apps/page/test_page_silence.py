@@ -1,4 +1,4 @@
-"""A page that falls silent: what was planned survives a hiccup, what follows the page does not."""
+"""When a page falls silent, a planned motion survives a short gap; following the page ends."""
 
 from itertools import pairwise
 
@@ -22,7 +22,7 @@ def session():
 
 
 def go_there(session, silent_s, on_cycle=lambda _: None):
-    """Let the arm go to the preview while the page is silent for a time; return that of each goal.
+    """Let the arm go to the preview during a silence of the page; return the time of each goal.
 
     Heartbeats end ``FAR_S`` after the first control cycle and come again after the silence.
     """

@@ -1,4 +1,4 @@
-"""How soon the arm is where a pointer says, in virtual time: a steeper jerk, the same speeds."""
+"""Lag of the arm behind the pointer, in virtual time: steeper jerk, same speeds."""
 
 import math
 import statistics
@@ -16,7 +16,7 @@ STEEP = arm_thread_module.JERK_FACTOR
 
 
 def followed(monkeypatch, jerk_factor):
-    """Return how long small moves of a pointer take [ms], and the references by time."""
+    """Return the durations of small pointer moves [ms], and the references by time."""
     monkeypatch.setattr(arm_thread_module, "JERK_FACTOR", jerk_factor)
     took_ms, seen, moved_s = [], [], None
     with ViewSession() as session:
@@ -47,7 +47,7 @@ def followed(monkeypatch, jerk_factor):
 
 
 def largest_acceleration_deg_s2(seen):
-    """Return the largest change of speed between neighbouring references, of any joint."""
+    """Return the largest acceleration of any joint between neighbouring references, deg/s²."""
     speeds = [((t0 + t1) / 2, (q1 - q0) / (t1 - t0)) for (t0, q0), (t1, q1) in pairwise(seen)]
     neighbours = [(one, two) for one, two in pairwise(speeds) if two[0] - one[0] < 0.03]
     return max(np.degrees(np.abs(v1 - v0).max() / (t1 - t0)) for (t0, v0), (t1, v1) in neighbours)

@@ -1,4 +1,4 @@
-"""A program of twenty steps, a fault in its middle: stopped, held, acknowledged, resumed."""
+"""A fault in the middle of a program of twenty steps: stopped, held, acknowledged, resumed."""
 
 from dataclasses import replace
 
@@ -47,7 +47,7 @@ def teach_twenty(session):
 
 
 def in_the_middle(session, number, happen):
-    """Return what lets something happen once, while the step turns the wrist."""
+    """Return a callback that acts once while the step turns the wrist."""
     happened = []
 
     def on_cycle(_count):
@@ -60,7 +60,7 @@ def in_the_middle(session, number, happen):
 
 
 def try_everything(session):
-    """Ask for each kind of motion; all are refused while the arm is stopped."""
+    """Request each kind of motion; all are refused while the arm is stopped."""
     for kind, fields in [
         (msg.RunProgram, {"action": "play"}),
         (msg.RunProgram, {"action": "step"}),

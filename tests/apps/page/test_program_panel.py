@@ -1,4 +1,4 @@
-"""The page's program in virtual time: captured, edited, kept, checked, played, stopped, resumed."""
+"""The page's program in virtual time: taught, edited, saved, checked, played, stopped, resumed."""
 
 import math
 
@@ -276,10 +276,10 @@ def test_bad_program_files_and_steps_are_refused(session, own_folder):
         (msg.ProgramFile, {"action": "save", "name": "other"}, "There is a program other"),
         (msg.AddStep, {"what": "target"}, "No target is shown"),
         (msg.AddStep, {"what": "pose", "pose": "hoem"}, "home"),
-        (msg.AddStep, {"what": "wait", "after": 99}, "That step is gone"),
-        (msg.DeleteStep, {"step": 99}, "That step is gone"),
-        (msg.ChangeStep, {"step": 99}, "That step is gone"),
-        (msg.RunProgram, {"action": "play", "step": 99}, "That step is gone"),
+        (msg.AddStep, {"what": "wait", "after": 99}, "That step no longer exists"),
+        (msg.DeleteStep, {"step": 99}, "That step no longer exists"),
+        (msg.ChangeStep, {"step": 99}, "That step no longer exists"),
+        (msg.RunProgram, {"action": "play", "step": 99}, "That step no longer exists"),
         (msg.RunProgram, {"action": "pause"}, "No program is being played"),
     ]:
         with pytest.raises(BadMessageError, match=words):

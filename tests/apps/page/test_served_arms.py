@@ -1,4 +1,4 @@
-"""Several arms of one page: opened, stopped and closed one by one, each failing alone."""
+"""Several arms of one page are opened, stopped and closed separately, and fail alone."""
 
 import json
 from contextlib import contextmanager
@@ -47,7 +47,7 @@ def two_arms():
 
 
 def said(listed, client):
-    """Return the arms as the list tells them now, by name."""
+    """Return the arms in the present list, by name."""
     listed._sent.clear()
     (frame,) = listed.frames(client)
     return {row["name"]: row for row in frame["arms"]}
@@ -59,7 +59,7 @@ def tell(listed, client, kind, **fields):
 
 
 def live(arm):
-    """Let a page switch an arm to Live."""
+    """Switch an arm to Live from a page."""
     page = arm.connect(Permission.CONTROL)
     arm.receive(page, SetSpeed(kind="set_speed", seq=1, seen=0, name="fast"))
     arm.receive(page, SetLive(kind="set_live", seq=2, seen=0, on=True))

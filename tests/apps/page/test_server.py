@@ -1,4 +1,4 @@
-"""The page's server over real sockets: who gets in, what is refused, who is dropped."""
+"""The page's server over real sockets: admission, refusals, dropped clients."""
 
 import json
 import socket
@@ -277,7 +277,7 @@ def test_unfinished_http_request_is_dropped(url):
 
 
 def idle_sockets(stack, url, count):
-    """Open sockets that say nothing, or not enough."""
+    """Open sockets that send nothing, or too little."""
     host, port = url.removeprefix("http://").split(":")
     waiting = []
     for i in range(count):

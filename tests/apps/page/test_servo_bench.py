@@ -1,4 +1,4 @@
-"""The servos' page without a browser: searches, watchers, damage, a port that is lost."""
+"""The page of servos without a browser: searches, watchers, damage, a lost port."""
 
 import itertools
 import json
@@ -37,7 +37,7 @@ class Session:
         self.send("work_on_servo", action=action, **fields)
 
     def until(self, kind, true):
-        """Wait for a frame; what comes meanwhile is kept."""
+        """Wait for a frame and keep the frames that come before it."""
         for _ in range(int(WAIT_S / 0.01)):
             for frame in self.bench.frames(self.page):
                 self.frames[frame["kind"]] = frame

@@ -1,4 +1,4 @@
-"""What a view asks of the interpreter, and gives back."""
+"""A view changes settings of the interpreter and restores them."""
 
 import gc
 import sys

@@ -1,4 +1,4 @@
-"""The things around an arm on its page: added, changed, dragged, removed, saved."""
+"""Obstacles around an arm are added, changed, dragged, removed and saved on its page."""
 
 import itertools
 from dataclasses import replace
@@ -30,7 +30,7 @@ def session():
 
 
 def shown(session, client=None):
-    """Return the things that a client is sent, by name."""
+    """Return the things that are sent to a client, by name."""
     frame = session.latest_frames(client).get("things", {"things": []})
     return {each["name"]: each for each in frame["things"]}
 
@@ -122,7 +122,7 @@ def test_things_cannot_change_in_live_or_by_watcher(session):
     with pytest.raises(BadMessageError, match="can only watch"):
         session.send_message(things.AddThing, watcher, shape="box")
     session.enable_live()
-    with pytest.raises(BadMessageError, match="Things stay while the arm follows"):
+    with pytest.raises(BadMessageError, match="Things are fixed while the arm follows"):
         session.send_message(things.AddThing, shape="box")
     assert session.arm.scene.names == ()
 

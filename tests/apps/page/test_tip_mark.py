@@ -1,4 +1,4 @@
-"""A click on the tip in a camera's picture sets the zero that no board shows; or is refused."""
+"""A click on the tip in the picture sets the zero that the board cannot show, or is refused."""
 
 from types import SimpleNamespace
 
@@ -23,7 +23,7 @@ from tests.apps.page.view_session import ViewSession
 
 
 class TipSession(ViewSession):
-    """The page of an arm before its calibrated camera, in the view Camera."""
+    """The page of an arm with a calibrated camera, in the view Camera."""
 
     def __init__(self, arm, camera):
         self.mounted, self.camera_before = arm, camera

@@ -1,4 +1,4 @@
-"""Handles of the tool in 3D: what an arm can do, and drags judged by the simulated joints."""
+"""Handles of the tool in 3D: axes that an arm can turn about, and drags in true joints."""
 
 import math
 
@@ -28,7 +28,7 @@ def drag(session, phase, shift=(0.0, 0.0, 0.0), turn=(0.0, 0.0, 0.0)):
 
 
 def drag_by(session, shift=(0.0, 0.0, 0.0), turn=(0.0, 0.0, 0.0), count=20):
-    """Drag the handles in steps, as a page sends them, and let go."""
+    """Drag the handles in steps, as a page sends them, and release them."""
     drag(session, "down")
     for i in range(1, count + 1):
         part = i / count

@@ -1,4 +1,4 @@
-"""What the page says of torque is what the servos say, in motion, at a stop and limp."""
+"""The page shows the servos' true torque state in motion, at a stop and when limp."""
 
 import pytest
 
@@ -25,12 +25,12 @@ def limp(session):
 
 
 def torque(session):
-    """Return what the page says of each servo's torque."""
+    """Return the torque state of each servo that the page shows."""
     return [row["torque"] for row in session.latest_frames()["status"]["health"]["joints"]]
 
 
 def go_there(session, on_progress):
-    """Let the arm go to the preview; a function is called in each control cycle of that."""
+    """Let the arm go to the preview; call a function in each control cycle of the motion."""
     session.send_message(page_messages.SetJoint, joint="wrist_roll", value=40.0)
     session.go_there()
     original = session.arm_thread.on_progress

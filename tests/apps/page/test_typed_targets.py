@@ -1,4 +1,4 @@
-"""Typed and stepped targets in virtual time: they move what they name, or nothing at all."""
+"""Typed and stepped targets in virtual time move only what they name."""
 
 import math
 

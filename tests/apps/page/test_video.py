@@ -1,4 +1,4 @@
-"""The camera's picture: behind the page's keys, read while somebody looks, told when unplugged."""
+"""The camera's picture needs the page's key, is read only while watched, and reports faults."""
 
 import asyncio
 import json
@@ -23,7 +23,7 @@ cv2 = pytest.importorskip("cv2")
 
 
 class SteppedClock(RealClock):
-    """The real time, moved on by a test."""
+    """A real-time clock that a test advances."""
 
     ahead_s = 0.0
 
@@ -33,7 +33,7 @@ class SteppedClock(RealClock):
 
 @pytest.fixture
 def film(tmp_path):
-    """A file of two blue pictures."""
+    """Return a file with two blue pictures."""
     path = tmp_path / "film.avi"
     writer = cv2.VideoWriter(str(path), cv2.VideoWriter_fourcc(*"MJPG"), 10, (64, 48))
     for _ in range(2):

@@ -1,4 +1,4 @@
-"""A calibration answered from the page, on hands that sweep a simulated arm in virtual time."""
+"""A calibration answered from the page; hands sweep the simulated arm in virtual time."""
 
 import math
 from pathlib import Path
@@ -27,7 +27,7 @@ def calibration():
 
 @pytest.fixture
 def hidden(tmp_path, monkeypatch, request):
-    """An arm whose hands sweep it, behind a port of its own, with a patient person before it."""
+    """Return an arm on a port of its own that scripted hands sweep."""
     monkeypatch.setenv("IKSERVO_HOME", str(tmp_path))
     arm, model = make_mounted_arm("planar2", 7, pose="home", sign=1), load_model("planar2")
     for name, position in model.pose("home").items():
@@ -41,7 +41,7 @@ def hidden(tmp_path, monkeypatch, request):
 
 @pytest.fixture
 def screens(hidden, request):
-    """The screens that were new, one after the other."""
+    """Return the different screens in order."""
     return screens_of(hidden, getattr(request, "param", "accept"))
 
 
@@ -50,7 +50,7 @@ def screens_of(arm, *last):
 
 
 def held(calibration, *last):
-    """Answer a calibration, at its review with the given words; return its screens by stage."""
+    """Answer a calibration with the given words at its review; return its screens by stage."""
     script, seen, reviewed = ScriptedAnswers(), {}, iter(last)
     calibration.request_start()
     for count, talk in enumerate(calibration.run()):

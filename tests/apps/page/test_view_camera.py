@@ -1,4 +1,4 @@
-"""Pixels and points: projecting and going back are exact inverses, for every camera."""
+"""Projection to pixels and back is exact for every camera."""
 
 import numpy as np
 import pytest

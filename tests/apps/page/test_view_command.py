@@ -1,4 +1,4 @@
-"""The command that serves the page: what it prints, what it refuses, how it ends."""
+"""The command that serves the page: its output, refusals and end."""
 
 import hashlib
 import os
@@ -17,7 +17,7 @@ from ikservo.remedies import install_command
 
 
 def started(*options):
-    """Return the view's process with its output still to be read."""
+    """Return the process of the view, with its output unread."""
     words = [sys.executable, "-c", "from ikservo.cli import console; console()", "view",
              "--no-open", "--http-port", "0", *options]  # fmt: skip
     return subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)

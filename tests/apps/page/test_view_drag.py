@@ -1,4 +1,4 @@
-"""Pointer, wheel and keys become wishes, and wishes become goals that never leave the limits."""
+"""Pointer, wheel and keys become drag commands, and their goals never leave the limits."""
 
 import math
 from dataclasses import replace
@@ -35,7 +35,7 @@ pixels = st.tuples(st.floats(0, 800), st.floats(0, 600)).map(np.array)
 
 
 def play(name, drag, view_state, moves, q):
-    """Let a pointer that has been pressed move; return the goals, each frame one answer."""
+    """Move a pressed pointer; return the goals, one per frame."""
     solver, goals = DragSolver(model_of(name).chain), [q]
     for px in moves:
         goals.append(solver.solve_command(drag.move(px), goals[-1]).q)
@@ -244,7 +244,7 @@ ARMS = ["so101", "koch", "open_manipulator_x", "px100", "wx250s", "planar2", "pl
 
 
 def path_outside(name, turns=1.0, frames=400):
-    """Return the drag, and pixels of a path that goes round outside the reach and back in."""
+    """Return the drag, and pixels of a path that leaves the reach and returns."""
     view = "plane" if name.startswith("planar") else "side"
     view_state, drag = sight(name, view), drag_of(name)
     tip_px = view_state.camera.project(model_of(name).chain.forward(view_state.arms[0])[:3, 3])[0]
@@ -267,7 +267,7 @@ def test_pointer_out_of_reach_is_followed_without_jump(name):
 
 @pytest.mark.parametrize("name", ARMS)
 def test_pointer_out_of_reach_is_followed_without_chatter(name):
-    """A joint turns back where a limit takes over, and not again and again."""
+    """A joint reverses where it meets a limit, and not repeatedly."""
     view_state, drag, path = path_outside(name)
     goals = play(name, drag, view_state, path, view_state.arms[0])
     steps = np.diff(goals[20:], axis=0)
@@ -340,7 +340,7 @@ def test_shift_drag_turns_only_joint_of_link(view):
 @pytest.mark.parametrize("link", ["upper_arm", "forearm"])
 @pytest.mark.parametrize("angle_rad", [-0.3, 0.2])
 def test_a_shift_drag_turns_the_link_to_the_pointer(view, link, angle_rad):
-    """Where the pointer goes is where the grabbed point gets, as far as a circle allows."""
+    """The grabbed point follows the pointer as far as its circle allows."""
     chain, view_state, drag = model_of("so101").chain, sight("so101", view), drag_of("so101")
     q = view_state.arms[0]
     offset = {"upper_arm": (-0.08, 0.0, 0.0), "forearm": (-0.08, 0.0, 0.0)}[link]
@@ -481,7 +481,7 @@ def test_hovering_names_the_link_that_a_press_would_grab():
 
 
 def answers_of(solver, command, q, count=400):
-    """Answer one wish until it is settled, as picture after picture does."""
+    """Answer one drag command until it settles, one answer per frame."""
     answers = []
     while len(answers) < count and not (answers and answers[-1].settled):
         answers.append(solver.solve_command(command, q))
@@ -516,7 +516,7 @@ def test_every_method_keeps_joints_beyond_grabbed_link(method):
 
 
 def leaning(name, method="auto", weights=None):
-    """Return a drag solver that leans towards a posture, and the posture."""
+    """Return a drag solver with a preferred posture, and that posture."""
     chain = model_of(name).chain
     solver, wanted = DragSolver(chain), chain.clip(stage(name).home + 0.3)
     solver.method = method
@@ -548,7 +548,7 @@ def clicked(solver, q):
 
 
 def test_click_reaches_nearest_posture_to_preferred_one():
-    """No posture nearby that the tip's place leaves is nearer to the preferred one, by weight."""
+    """No nearby posture with the same tip position is nearer to the preferred one, by weight."""
     weights, chain = np.array([1.0, 1.0, 0.5, 1.0, 1.0]), model_of("so101").chain
     solver, wanted = leaning("so101", weights=weights)
     answer = clicked(solver, stage("so101").home)
@@ -577,7 +577,7 @@ def test_preferred_posture_keeps_joints_beyond_grabbed_link():
 
 
 def behind_each_other():
-    """Return a pixel at which two links of the arm at home lie behind each other, and the look."""
+    """Return a pixel at which two links of the arm at home overlap, and the view."""
     view_state, drag = sight("so101", "front"), drag_of("so101")
     for link in ("wrist", "forearm", "upper_arm", "shoulder"):
         px = pixel_of("so101", "front", view_state.arms[0], link)
@@ -685,7 +685,7 @@ CUP = KeepOutBox("the cup", (0.15, 0.12, 0.0), (0.25, 0.2, 0.1))
 
 
 def with_a_cup(view):
-    """Return the drag and the look of an arm beside a cup, and the pixel of the cup's middle."""
+    """Return the drag and the view of an arm beside a cup, and the pixel of the cup's centre."""
     model = replace(model_of("so101"), keep_out=(CUP,))
     view_state = sight("so101", view)
     drag = Drag(model.chain, picker("so101"), Picker(thing_shapes(model.keep_out)))

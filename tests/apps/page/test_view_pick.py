@@ -1,4 +1,4 @@
-"""Picking: the nearest link under a pixel, against points all along the rays."""
+"""Picking finds the nearest link under a pixel, compared with points along the rays."""
 
 import time
 
@@ -149,7 +149,7 @@ def test_ray_that_starts_in_a_box_meets_its_wall():
 @pytest.mark.parametrize("view", VIEWS)
 @pytest.mark.parametrize("name", ["so101", "wx250s", "open_manipulator_x"])
 def test_middle_of_visible_capsule_picks_its_link(name, view):
-    """What hides it, where anything does, is nearer: never something behind."""
+    """If another link hides it, that one is nearer; never one behind it."""
     home = stage(name).home
     poses, camera = link_poses(model_of(name).chain, home, {}), looked_at(name, view)
     seen = 0
@@ -191,7 +191,7 @@ def test_pick_hits_are_sorted_nearest_first(camera, seed):
 
 
 def ball_beside_the_pointer(away_px, behind=()):
-    """Return what is picked at the middle when a ball of 10 px begins so far to the right."""
+    """Return the item picked at the centre when a ball of 10 px begins that far to the right."""
     camera = looked_at("so101", "top")
     middle = VIEWPORT.centre_px
     centre = camera.unproject(middle + np.array([away_px + 10.0, 0.0]), 9.0)
@@ -255,7 +255,7 @@ def test_pick_hit_projects_to_pixel_where_it_was_found(kind, camera, seed):
 @laws
 @given(cameras, st.integers(0, 2**32 - 1))
 def test_pick_hit_is_the_pixel_of_link_nearest_to_pointer(kind, camera, seed):
-    """No ray of a coarser grid all over the square meets the link nearer to the pointer."""
+    """No ray of a coarser grid over the square meets the link nearer to the pointer."""
     random, half_px = np.random.default_rng(seed), 20.0
     shapes = {link: random_shape(random, 12, kind) for link in "abcdef"}
     poses, px = places(random, shapes), camera.viewport.centre_px + 30.0

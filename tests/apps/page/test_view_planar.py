@@ -1,4 +1,4 @@
-"""The lecture's arm: any number of links, any method, every iteration to be seen."""
+"""The planar arm of the lecture: any number of links, any method, all iterations visible."""
 
 import math
 

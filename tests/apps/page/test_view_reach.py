@@ -1,4 +1,4 @@
-"""The region that the tip can reach in the plane a person looks at."""
+"""The region that the tip can reach in the plane of the view."""
 
 import math
 from functools import cache
@@ -24,7 +24,7 @@ def plane_of(name, view, q=None):
 
 
 def wound(rings, at):
-    """Return how often rings wind round a point: 1 inside, 0 outside and in holes."""
+    """Return the winding number of rings around a point: 1 inside, 0 outside and in holes."""
     arms = [ring - at for ring in rings]
     turns = [
         np.angle(np.exp(1j * np.diff(np.arctan2(*np.vstack([a, a[:1]]).T[::-1])))) for a in arms
@@ -78,7 +78,7 @@ def test_orbit_view_shows_no_reachable_region():
 
 @pytest.mark.parametrize("view", ["side", "top"])
 def test_region_border_is_within_reach_of_shoulder(view):
-    """Every border point of it is within the longest stretch of the arm from its shoulder."""
+    """Every border point is within the longest stretch of the arm from its shoulder."""
     chain, T = model_of("so101").chain, reach_of(view).T_world_plane
     border = np.vstack([np.array(ring) for ring in reach_of(view).rings]) @ T[:3, :2].T + T[:3, 3]
     shoulder = chain.forward(stage("so101").home, "upper_arm")[:3, 3]

@@ -1,4 +1,4 @@
-"""What a page is sent: the arm once, then positions of joints, and little of it."""
+"""A page receives the arm once, then only the positions of joints."""
 
 import base64
 import json
@@ -37,7 +37,7 @@ def with_visual(model, link, shape, collisions=None):
 
 
 def placed(graph, positions):
-    """Return T_world_link of every link as the page finds them, by name."""
+    """Return T_world_link of every link as the page computes it, by name."""
     poses, left = {}, iter(positions)
     for link in graph.description["links"]:
         T = np.array(link["origin"]).reshape(4, 4)
@@ -128,13 +128,13 @@ def test_a_damaged_mesh_is_drawn_as_the_collision_shapes(tmp_path, content):
 
 
 class Wire:
-    """Counts what the frames of a session take on the wire, where only changes travel."""
+    """Counts the bytes of a session's frames on the wire, where only changes are sent."""
 
     def __init__(self, session):
         self.session, self.known, self.bytes, self.kinds = session, {}, 0, []
 
     def run(self, seconds, on_frame=lambda _: None):
-        """Run frames in virtual time; return how many bytes they take each second."""
+        """Run frames in virtual time; return the bytes per second."""
         self.bytes = 0
         for count in range(round(seconds / FRAME_S)):
             self.session.clock.sleep_until(self.session.clock.now_s() + FRAME_S)

@@ -1,4 +1,4 @@
-"""The controller and its arm thread in virtual time: who moves the arm, and what holds it."""
+"""The controller and its arm thread in virtual time: who moves the arm, what stops it."""
 
 import math
 import threading
@@ -169,13 +169,13 @@ def test_connection_cut_during_drag_makes_arm_hold(session, cuts, way, notice_s)
 
 
 def longest_brake_s(arm):
-    """Return what it takes at most to come to rest: speed that still grows ends growing first."""
+    """Return the longest braking time: a speed that still grows must first stop growing."""
     pace = arm.model.speed("fast")
     return pace.rad_s / pace.rad_s2 + 2.0 * pace.rad_s2 / pace.rad_s3
 
 
 def held_s(session, cut_s, way):
-    """Drag until the line is cut; return when the servos were last sent a new goal."""
+    """Drag until the connection is cut; return the time of the last new goal."""
     heartbeats_s = []
 
     def drag(_):
@@ -416,7 +416,7 @@ def posture_rows(sent_goals):
 
 
 def later(session, name):
-    """Return words about the posture that take a while to be found out."""
+    """Return a line about the posture that takes a while to compute."""
     for _ in range(500):
         sent_goals = session.latest_frames()
         if "status" in sent_goals and name in posture_rows(sent_goals):
@@ -440,7 +440,7 @@ def test_singularity_and_hidden_links_are_reported_at_rest(session):
 
 
 def refused_request(session, client, asking, why):
-    """Say that nothing of all that is done, and for which reason."""
+    """Send a request that is refused with a reason and has no effect."""
     drag_command = session.arm_thread.command
     for kind, fields in asking:
         with pytest.raises(BadMessageError, match=why):

@@ -1,4 +1,4 @@
-"""What the page says beside the picture: numbers with units, in the words of the command line."""
+"""Texts of the page beside the picture: numbers with units, in the words of the commands."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""What is visible from a point: hidden links, and by what they are hidden (lecture L18)."""
+"""Links that are visible or hidden from a point, and the links that hide them (lecture L18)."""
 
 from dataclasses import replace
 
@@ -27,7 +27,7 @@ def seen(eye_m, model=None, joints=HOME):
 @pytest.mark.parametrize("view", ["side", "top", "front", "orbit"])
 @pytest.mark.parametrize("name", ["so101", "wx250s"])
 def test_visible_fraction_matches_rays_through_all_pixels(name, view):
-    """Counted over the picture: of the pixels that show a link alone, those that show it here."""
+    """The fraction of a link's pixels at which it is still visible among the others."""
     model, home = model_of(name), stage(name).home
     poses, camera = link_poses(model.chain, home, {}), looked_at(name, view)
     grid = np.stack(np.meshgrid(np.arange(0, 800, 2.5), np.arange(0, 600, 2.5)), -1).reshape(-1, 2)

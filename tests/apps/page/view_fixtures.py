@@ -1,4 +1,4 @@
-"""Arms and cameras that the view's tests look at and through."""
+"""Arms and cameras for the tests of the view."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ def stage(name):
 
 
 def graph_of(model, chain=None):
-    """Return what the page is sent of an arm, inside a chain's limits if it is given."""
+    """Return the scene graph of an arm, inside a chain's limits if one is given."""
     return SceneGraph(model, model.chain if chain is None else chain, arm_extent(model))
 
 
@@ -70,7 +70,7 @@ def selected(hits):
 
 
 def looked_at(name, view, q=None, viewport=VIEWPORT):
-    """Return the camera of a view of an arm at joints q, those of home if None."""
+    """Return the camera of a view of an arm at joints q; at home if None."""
     the_stage = stage(name)
     yaw_rad = the_stage.yaw_rad(the_stage.home if q is None else q)
     return make_camera(the_stage, Viewpoint(view), viewport, yaw_rad)
@@ -86,7 +86,7 @@ def drag_of(name):
 
 
 def pixel_of(name, view, q, link, offset_m=(0.0, 0.0, 0.0)):
-    """Return where a point of a link is on the screen."""
+    """Return the pixel of a point of a link."""
     T = model_of(name).chain.forward(q, link, offset_m)
     return looked_at(name, view, q).project(T[:3, 3])[0]
 

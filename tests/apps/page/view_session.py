@@ -60,11 +60,11 @@ class ViewSession:
 
     @property
     def interaction(self):
-        """Return the controller's gestures and goal: the one place that reaches into it."""
+        """Return the controller's gestures and goal; only this function accesses them."""
         return self.controller._interaction
 
     def planned(self):
-        """Wait until the path to the goal is planned, or refused; return the frames that say so."""
+        """Wait until the path to the goal is planned or refused; return the frames that say so."""
         for _ in range(LOOKS):
             self.arm_thread.step()
             frames, path = self.latest_frames(), self.interaction.path
@@ -74,18 +74,18 @@ class ViewSession:
         raise AssertionError("the path is never planned")
 
     def go_there(self):
-        """Let the arm carry out the path that is shown, once one is."""
+        """Let the arm execute the shown path once there is one."""
         self.planned()
         number = self.interaction.path.number
         self.send_message(page_messages.ArmAction, action="execute", path=number)
 
     def camera(self, client=None):
-        """Return the camera of a client, by which it is picked."""
+        """Return the picking camera of a client."""
         controller = self.controller
         return controller._composer.camera(controller._clients[client or self.client])
 
     def chain_joints(self):
-        """Return where the joints of the chain are measured (dof,)."""
+        """Return the measured joints of the chain (dof,)."""
         return self.arm.joint_index.chain_joints(self.arm_thread.snapshot.measured)
 
     def ticks(self):

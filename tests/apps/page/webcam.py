@@ -1,4 +1,4 @@
-"""A camera whose cable a test pulls."""
+"""A camera whose cable a test can pull."""
 
 import threading
 
@@ -6,7 +6,7 @@ import numpy as np
 
 
 class Webcam:
-    """A camera of one colour whose cable a test pulls."""
+    """A camera with pictures of one colour whose cable a test can pull."""
 
     def __init__(self):
         self.plugged, self.opened, self.released = True, 0, 0

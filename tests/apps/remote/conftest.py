@@ -74,7 +74,7 @@ def serve(port, arm="so101", name="desk", pose="home"):
 
 @pytest.fixture(scope="module")
 def served_once(_own_folder):
-    """A served arm that has moved once: the first motion of an arm is slow."""
+    """A served arm after its first motion, which is always slow."""
     with serve(find_free_port()) as it:
         it.server.lease.timeout_s = TIMEOUT_S
         it.arm.pose("home")
@@ -83,7 +83,7 @@ def served_once(_own_folder):
 
 @pytest.fixture
 def served(served_once, monkeypatch):
-    """A served arm that holds, that nobody controls, and that is not stopped."""
+    """A served arm that holds, without an operator or a stop."""
     monkeypatch.setattr("ikservo.apps.remote.connection._MAX_ROUND_TRIP_S", TIMEOUT_S)
     served_once.arm.acknowledge()
     served_once.server.lease.timeout_s = TIMEOUT_S
@@ -103,7 +103,7 @@ def graph_once(_own_folder):
 
 @pytest.fixture
 def graph(graph_once):
-    """The same, at rest and not stopped."""
+    """The graph, with the arm at rest and not stopped."""
     graph_once.warnings.clear()
     yield graph_once
     graph_once.bridge._driver.put(None)

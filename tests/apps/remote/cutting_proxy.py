@@ -1,4 +1,4 @@
-"""A TCP proxy between two Zenoh sessions that fails as it is told.
+"""A TCP proxy between two Zenoh sessions that fails on request.
 
 Zenoh writes messages to TCP in frames: two bytes of length, little endian, then the content.
 """
@@ -34,17 +34,17 @@ class CuttingProxy:
         self._accepting.start()
 
     def cut(self, how):
-        """Fail on every connection, in one of ``CUTS`` or ``FRAME_FAULTS``."""
+        """Fail on every connection in one of the ways in ``CUTS`` or ``FRAME_FAULTS``."""
         self._how = how
         if how == "hang up":
             self._hang_up()
 
     def restore(self):
-        """Forward again; what was delayed arrives, what fell silent goes on."""
+        """Forward again: delayed messages arrive, silent connections continue."""
         self._how = "forward"
 
     def close(self):
-        """Stop listening, and hang up what was accepted until then."""
+        """Stop listening, and close all accepted connections."""
         with contextlib.suppress(OSError):
             self._listening.shutdown(socket.SHUT_RDWR)  # wakes the thread that accepts
         self._listening.close()
@@ -60,7 +60,7 @@ class CuttingProxy:
             self._sockets = []
 
     def _accept(self):
-        """Forward one connection after another until the proxy is closed."""
+        """Accept and forward connections until the proxy is closed."""
         while True:
             try:
                 near, _ = self._listening.accept()
@@ -72,7 +72,7 @@ class CuttingProxy:
                 self._forward(near)
 
     def _forward(self, near):
-        """Start to forward a connection; one that is hung up meanwhile ends its threads."""
+        """Start to forward a connection; if it is closed meanwhile, its threads end."""
         far = socket.create_connection(("127.0.0.1", self._target))
         with self._lock:
             self._sockets.append(far)
@@ -98,7 +98,7 @@ class CuttingProxy:
         frames.put((0.0, b""))
 
     def _passed_on(self, frame, held, from_client):
-        """Return what becomes of a frame: none, one or several, with those held back before."""
+        """Return the frames to pass on: none, one or several, with those held back before."""
         match self._how:
             case "drop":
                 return [frame] if self._dice.random() < 0.5 else []

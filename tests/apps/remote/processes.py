@@ -1,4 +1,4 @@
-"""Processes of a campaign: the one beside the arm, and operators that can be killed."""
+"""Processes of a campaign: the server beside the arm, and operators that can be killed."""
 
 import json
 import multiprocessing
@@ -43,7 +43,7 @@ def process(function, *arguments):
 
 
 def serve(port, tcp_port, pipe, *, start=True):
-    """Serve an arm, at the start of the motion; answer questions until the pipe is closed."""
+    """Serve an arm at the start of the motion; answer questions until the pipe is closed."""
     endpoint = Endpoint("tcp", "127.0.0.1", tcp_port)
     with (
         open_server(endpoint, None, None) as session,
@@ -73,7 +73,7 @@ def answer(pipe, server, arm, log, stops):
 
 
 def requested_stops(arm):
-    """Return a list that gets the time of every stop."""
+    """Return a list that receives the time of every requested stop."""
     times, request = [], arm.request_stop
 
     def note(reason):
@@ -85,7 +85,7 @@ def requested_stops(arm):
 
 
 def written_goals(arm):
-    """Return a list that gets the time and the goal register of one servo at every packet."""
+    """Return a list that receives the time and one servo's goal register at every packet."""
     log, servo, transport = [], line_of(arm).servos[servo_id("so101", JOINT)], transport_of(arm)
     write = transport.write
 
@@ -99,7 +99,7 @@ def written_goals(arm):
 
 
 def operators(pipe):
-    """Run each requested function of this module in a forked process; answer with its number."""
+    """Run each requested function of this module in a forked process; answer with its id."""
     signal.signal(signal.SIGCHLD, signal.SIG_IGN)
     connection._MAX_ROUND_TRIP_S = 60.0  # of a busy machine
     with suppress(EOFError):
@@ -118,7 +118,7 @@ def operators(pipe):
 
 
 def stream_upwards(address):
-    """Stream ever larger goals; at SIGUSR1 fall silent, then send every old one again."""
+    """Stream growing goals; after SIGUSR1 fall silent, then send every old goal again."""
     with ikservo.open_arm("so101", port=address) as arm, arm.stream(speed="fast") as stream:
         old, sending, asked = keep_messages(arm), arm._connection, []
         signal.signal(signal.SIGUSR1, lambda *_: asked.append(True))
@@ -134,13 +134,13 @@ def stream_upwards(address):
 
 
 def move_upwards(address):
-    """Move far, by one request; only signs of life follow it."""
+    """Move far by one request, followed only by heartbeats."""
     with ikservo.open_arm("so101", port=address) as arm:
         arm.move_joints({JOINT: -LOW_RAD}, speed="slow")
 
 
 def keep_messages(arm):
-    """Return a list that gets every message that the operator's program publishes."""
+    """Return a list that receives every message that the operator's program publishes."""
     old, publisher = [], arm._connection._setpoints
 
     class Kept:
@@ -153,7 +153,7 @@ def keep_messages(arm):
 
 
 def try_to_move(address, path):
-    """Write down how many motions were refused."""
+    """Record how many motions were refused."""
     refused = 0
     with ikservo.open_arm("so101", port=address) as arm:
         for move in (lambda: arm.move_joints({JOINT: 0.5}), arm.enable, lambda: arm.pose("home")):
@@ -165,7 +165,7 @@ def try_to_move(address, path):
 
 
 def acknowledge_and_return(address, path):
-    """Acknowledge, move to the start, and write down whether the arm is there."""
+    """Acknowledge, move to the start, and record whether the arm is there."""
     with ikservo.open_arm("so101", port=address) as arm:
         while True:
             with suppress(IkservoError):  # a busy machine was not heard: once more
@@ -190,7 +190,7 @@ def simulated_servos(folder):
 
 
 def read_goal(control):
-    """Return the goal register of the joint's servo, past every driver."""
+    """Return the goal register of the joint's servo, without a driver."""
     with socket.socket(socket.AF_UNIX) as line:
         line.connect(str(control))
         line.sendall(b'{"do": "state"}\n')

@@ -1,4 +1,4 @@
-"""A bridged arm in a graph of ROS 2, and a node of another implementation beside it."""
+"""A bridged arm in a ROS 2 graph, and a node of another implementation."""
 
 import contextlib
 import json
@@ -23,7 +23,7 @@ HOST = "127.0.0.1"
 
 @contextlib.contextmanager
 def router(port):
-    """What rmw_zenohd is: a Zenoh router."""
+    """A Zenoh router, as rmw_zenohd is."""
     config = zenoh.Config()
     for key, value in {
         "mode": "router", "listen/endpoints": [f"tcp/{HOST}:{port}"],
@@ -47,7 +47,7 @@ class Graph:
         self._sent = 0
 
     def key(self, name, kind):
-        """Return a key expression by the SDK, with the hash by ros2-pyterfaces."""
+        """Return a key expression as the SDK builds it, with the hash by ros2-pyterfaces."""
         dds = ros2_to_dds_type(kind.get_type_name())
         return topic_keyexpr(0, name, dds, kind.hash_rihs01())
 
@@ -69,7 +69,7 @@ class Graph:
         return Trigger.Response.deserialize(reply.ok.payload.to_bytes()), sequence
 
     def next(self, name, kind, accept=lambda message: True, within_s=60.0):
-        """Return the next message of a topic that is accepted."""
+        """Return the next accepted message of a topic."""
         found = []
 
         def take(sample):

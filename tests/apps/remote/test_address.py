@@ -1,4 +1,4 @@
-"""Addresses of arms on other machines, and where they may be served."""
+"""Addresses of arms on other machines, and addresses at which they may be served."""
 
 import pytest
 

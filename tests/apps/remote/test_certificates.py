@@ -1,4 +1,4 @@
-"""Who has which certificate may do what; the others send nothing to the servos."""
+"""Certificates decide who may do what; refused clients send nothing to the servos."""
 
 import datetime
 import socket
@@ -38,7 +38,7 @@ def certificate(folder, role, authority=None):
 
 @pytest.fixture(scope="module")
 def certificates(tmp_path_factory):
-    """Certificates by what is right or wrong with them."""
+    """Certificates by what is valid or wrong about them."""
     folder = tmp_path_factory.mktemp("keys")
     own, foreign = making._make_authority(), making._make_authority()
     for name, authority, role, lifetime in (
@@ -57,15 +57,15 @@ def certificates(tmp_path_factory):
 
 @pytest.fixture
 def impatient(monkeypatch):
-    """A client that gives up sooner, for connections that are refused."""
+    """A client with a short time-out, for connections that are refused."""
     monkeypatch.setattr("ikservo.apps.remote.zenoh_session._CONNECT_TIMEOUT_S", 0.7)
 
 
 class Counted:
-    """An arm served with TLS, and how many packets its servos were sent.
+    """An arm served with TLS, and the number of packets that its servos received.
 
     Attributes:
-        packets: Since it was opened.
+        packets: Number of packets since it was opened.
     """
 
     def __init__(self, arm, endpoint):

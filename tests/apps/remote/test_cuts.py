@@ -1,4 +1,4 @@
-"""A network that fails in mid-motion: the arm holds, and old goals are never executed."""
+"""If the network fails in mid-motion, the arm holds, and old goals are never executed."""
 
 import contextlib
 import itertools
@@ -24,7 +24,7 @@ def proxy(served):
 
 
 def stream_until_cut(served, proxy, how, dice):
-    """Stream goals through the proxy, cut it at a random one, go on until the arm is stopped."""
+    """Stream goals through the proxy, cut it at a random one, continue until the arm stops."""
     arm = ikservo.open_arm("so101", port=f"zenoh:desk@127.0.0.1:{proxy.port}")
     start = arm.where()["wrist_roll"].position_rad
     left = dice.randrange(15, 60)

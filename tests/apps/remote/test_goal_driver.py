@@ -1,4 +1,4 @@
-"""The end of a goal is reported once the arm is at rest, and only then."""
+"""The end of a goal is reported only when the arm is at rest."""
 
 import contextlib
 import threading
@@ -16,7 +16,7 @@ WITHIN_S = 60.0
 
 
 class BrakingArm:
-    """Brakes until it may rest."""
+    """An arm that brakes until it may rest."""
 
     def __init__(self):
         self.background = SimpleNamespace(
@@ -35,7 +35,7 @@ class BrakingArm:
 
 
 class Goal:
-    """Never ends by itself; waits at its first setpoint where it is told to."""
+    """A goal that never ends by itself; it waits at its first setpoint if told to."""
 
     arrives = True
 
@@ -55,7 +55,7 @@ class Goal:
 
 
 class Watch:
-    """Notes the end of its goal, and whether the driver still moved the arm then."""
+    """Records the end of its goal, and whether the driver still moved the arm then."""
 
     def __init__(self, is_moving):
         self.ends, self.has_ended, self._is_moving = [], threading.Event(), is_moving
@@ -149,13 +149,13 @@ def test_new_goal_needs_its_own_rest_before_arrival(arm, driver, monkeypatch):
     arm.may_rest.set()
 
     class There(Goal):
-        """Leads to where the arm is."""
+        """A goal at the present position of the arm."""
 
         def has_ended(self, now_s):
             return True
 
     class Replaced(There):
-        """Is replaced shortly before an arm that has not moved counts as arrived."""
+        """A goal that is replaced shortly before its unmoved arm counts as arrived."""
 
         def setpoint(self, at_s, tip_m):
             if at_s >= 1.95 and not began_s:

@@ -1,4 +1,4 @@
-"""The commands for arms on other machines, and the usual commands with an address for a port."""
+"""The commands for arms on other machines, and other commands with an address as the port."""
 
 import json
 import signal
@@ -147,7 +147,7 @@ def test_stop_all_also_stops_arm_of_ikservo_port(served, run, monkeypatch):
 
 @pytest.fixture
 def silent_port():
-    """A port of this machine that accepts connections and answers nothing."""
+    """A port of this machine that accepts connections and never answers."""
     with socket.create_server(("127.0.0.1", 0)) as listening:
         yield listening.getsockname()[1]
 

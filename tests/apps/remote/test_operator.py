@@ -1,4 +1,4 @@
-"""Who controls a served arm: streams, the loss of the operator, malformed and old messages."""
+"""Control of a served arm: streams, loss of the operator, malformed and old messages."""
 
 import json
 
@@ -36,7 +36,7 @@ def joint_of(served, name):
 
 
 def again(served, follow, is_done=None):
-    """Follow again where a busy machine has delayed a target for longer than it counts."""
+    """Follow again after a busy machine has delayed a target for longer than it is valid."""
     while True:
         try:
             result = follow()
@@ -226,7 +226,7 @@ def test_a_second_operator_is_refused_until_the_first_is_gone(served):
 
 
 def lose(served, how):
-    """Stream from a client that is then lost; return it once the server has noticed."""
+    """Stream from a client that is then lost; return once the server has noticed."""
     arm = served.open()
     stream = arm.stream(speed="fast")
     stream.__enter__()

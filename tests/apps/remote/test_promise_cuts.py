@@ -1,7 +1,7 @@
-"""Operator, network or server lost in the middle of a motion, in processes of their own.
+"""Loss of operator, network or server in mid-motion, in separate processes.
 
-Judged at the goal registers of the simulated servos. Times are of the machine: they are printed by
-the campaign and not asserted.
+Judged by the goal registers of the simulated servos. Real times are printed by the campaign and
+not asserted.
 """
 
 import json
@@ -50,12 +50,12 @@ class Lab:
         self._address, self._answer = address_of(port), folder / "answer"
 
     def run(self, name, *arguments):
-        """Start an operator; return its process number."""
+        """Start an operator; return its process id."""
         self._requests.send((name, arguments))
         return self._requests.recv()
 
     def begin(self, motion):
-        """Return an operator that moves the arm through the proxy, once it moves."""
+        """Return an operator once it moves the arm through the proxy."""
         pid = self.run(motion, address_of(self.proxy.port))
         until(lambda: self.ask("state")[0])
         return pid
@@ -65,7 +65,7 @@ class Lab:
         return self.server.recv()
 
     def reported(self, name):
-        """Return the answer of an operator without the proxy."""
+        """Return the answer of an operator that does not use the proxy."""
         self._answer.unlink(missing_ok=True)
         self.run(name, self._address, str(self._answer))
         until(self._answer.exists)
@@ -75,7 +75,7 @@ class Lab:
 
 @contextmanager
 def laboratory(folder, arm_port):
-    """Serve an arm in a process of its own, and start one that makes operators."""
+    """Serve an arm in a separate process, and start another that creates operators."""
     port = find_free_port()
     with process(operators) as (_, requests), process(serve, arm_port, port) as (child, server):
         server.send("state")
@@ -88,14 +88,14 @@ def laboratory(folder, arm_port):
 
 
 class Figures:
-    """What was measured at the servos.
+    """Measurements at the servos.
 
     Attributes:
-        stops_s: From each cut until the control loop was told to brake.
-        stands_s: Until the goals did not change any more. A motion goes on for as long as its
-            operator may be silent; a stream ends sooner, where its last goal is.
-        cuts: How many.
-        faults: What was not as promised.
+        stops_s: Times from each cut until the control loop was told to brake.
+        stands_s: Times until the goals no longer changed. A motion continues for as long as its
+            operator may be silent; a stream ends sooner, at its last goal.
+        cuts: Number of cuts.
+        faults: Broken promises.
     """
 
     def __init__(self):
@@ -116,7 +116,7 @@ def figures_of(values_s):
 
 
 def measure(lab, kind, dice, figures, *, streams):
-    """Cut once in motion and judge what the servos were sent."""
+    """Cut once in motion and judge the goals that the servos received."""
     lab.ask("log")
     streams = streams or kind == "old goals again"
     pid = lab.begin("stream_upwards" if streams else "move_upwards")
@@ -147,7 +147,7 @@ def kill_quietly(pid):
 
 
 def judge(kind, cut_s, stop_s, goals, figures):
-    """Note when the goals changed for the last time, and whether old ones were obeyed."""
+    """Record the time of the last change of the goals, and whether old ones were obeyed."""
     times, ticks = [at_s for at_s, _ in goals], [tick for _, tick in goals]
     sign = 1 if max(ticks) - ticks[0] > ticks[0] - min(ticks) else -1
     ticks = [sign * tick for tick in ticks]
@@ -169,7 +169,7 @@ def judge(kind, cut_s, stop_s, goals, figures):
 
 
 def check_return(lab, kind, held, figures):
-    """Nothing moves without an acknowledgement, and with one everything does."""
+    """Check that everything moves after an acknowledgement, and nothing before."""
     moving, stopped_for, _ = lab.ask("state")
     if moving or not stopped_for:
         figures.faults.append(f"{kind}: not latched: {stopped_for!r}")
@@ -182,7 +182,7 @@ def check_return(lab, kind, held, figures):
 
 
 def kill_server(folder, dice, figures):
-    """Kill the process beside the arm in motion; its servos are in a process of their own."""
+    """Kill the server during a motion; its servos are in a separate process."""
     with (
         simulated_servos(folder) as (port, control),
         laboratory(folder, port) as (lab, child),
@@ -207,7 +207,7 @@ def kill_server(folder, dice, figures):
 
 
 def serve_again(port, tcp_port, pipe):
-    """Serve the arm where it stands."""
+    """Serve the arm again at its present position."""
     serve(port, tcp_port, pipe, start=False)
 
 

@@ -182,7 +182,7 @@ def test_stop_ends_queued_motions_even_if_acknowledged(served):
 
 @pytest.fixture
 def stopped_elsewhere(served):
-    """Another program that stops the arm; the stop is acknowledged at once."""
+    """Stop the arm from another program and acknowledge the stop at once."""
     other = served.connect()
 
     def stop_and_acknowledge():
@@ -426,7 +426,7 @@ def test_invalid_setpoint_is_same_error_on_remote_arm(served, setpoint):
 
 @pytest.fixture
 def described(served, monkeypatch):
-    """Return a function that lets the served arm describe itself with some changes."""
+    """Return a function that changes the served arm's description of itself."""
     right, watch = encode_fields(served.server.service.describe()), Connection.watch
 
     def describe(change):

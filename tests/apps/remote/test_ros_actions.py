@@ -150,7 +150,7 @@ class Client:
     """A client of the action.
 
     Attributes:
-        feedback: What came of it.
+        feedback: The received feedback.
         states: The latest status of each goal, by its id.
     """
 

@@ -1,4 +1,4 @@
-"""The arm in a graph of ROS 2: other implementations see it, read it and move its servos."""
+"""Other ROS 2 implementations see the arm in the graph, read it and move its servos."""
 
 import contextlib
 import json
@@ -44,7 +44,7 @@ DEFINITIONS = {  # which the SDK would fetch from GitHub
 
 @pytest.fixture
 def sdk(graph):
-    """A session of ROBOTIS's SDK, with the messages that it is to read."""
+    """A session of ROBOTIS's SDK, with the messages that it can read."""
     session = ZenohSession.get_instance(HOST, graph.port)
     for name, text in DEFINITIONS.items():
         session.store.register(get_types_from_msg(text, name))

@@ -1,4 +1,4 @@
-"""What ROS 2 asks for, as setpoints; what cannot be used is refused with its reason."""
+"""Requests of ROS 2 as setpoints; unusable ones are refused with a reason."""
 
 import math
 from types import SimpleNamespace

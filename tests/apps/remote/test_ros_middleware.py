@@ -1,4 +1,4 @@
-"""Messages of a real ROS 2 (rclpy with Fast DDS from PyPI, in a Python 3.12), both directions."""
+"""Messages to and from a real ROS 2 (rclpy with Fast DDS from PyPI, in Python 3.12)."""
 
 import json
 import shutil
@@ -48,7 +48,7 @@ def python_3_12():
 
 @pytest.fixture(scope="module")
 def ros(request):
-    """Return the Python of an environment with ROS 2, made once and kept."""
+    """Return the Python of an environment with ROS 2, created once and kept."""
     fcntl = pytest.importorskip("fcntl")
     folder = Path(request.config.cache.mkdir("ros_jazzy"))
     python = folder / "bin" / "python"
@@ -71,7 +71,7 @@ def ros(request):
 
 @pytest.fixture(scope="module")
 def exchanged(ros):
-    """What rclpy has made, and what it returned of each of our messages."""
+    """Return the messages of rclpy, and its copies of each of our messages."""
     sent = [(kind, encode(kind, message).hex()) for kind, message in OURS]
     run = subprocess.run([ros, "-c", PEER], input=json.dumps(sent), check=False, timeout=100,
                          capture_output=True, text=True)  # fmt: skip

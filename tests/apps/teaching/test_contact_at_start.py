@@ -1,4 +1,4 @@
-"""An arm that lies on something may leave it, and is never led deeper into it."""
+"""An arm that rests on something may leave it, and is never moved deeper into it."""
 
 import math
 from dataclasses import replace
@@ -28,7 +28,7 @@ def open_limp(name, **kwargs):
 
 
 def set_down(arm, degrees):
-    """Place joints of a limp arm as a person would, and let go."""
+    """Place joints of a limp arm by hand, and release them."""
     for joint, angle in degrees.items():
         line_of(arm).world.place(joint, math.radians(angle))
     clock_of(arm).sleep_until(clock_of(arm).now_s() + 15.0)
@@ -90,9 +90,9 @@ def test_arm_set_down_on_table_is_not_moved_deeper(name, degrees):
 
 
 def refusal_of_home(name, seed):
-    """Send an arm that was dropped in a random posture to its home pose; return why not, or None.
+    """Send an arm dropped in a random posture to its pose home; return the refusal, or None.
 
-    A refused one is put where the hint says, by hand, and goes home from there.
+    A refused arm is moved by hand to where the hint says, and goes home from there.
     """
     with open_limp(name) as arm:
         lower, upper = arm.limits()
@@ -202,7 +202,7 @@ def test_recording_that_reenters_box_is_refused(name, tmp_path):
 def recording_of_falling_arm(tmp_path):
     """Record an arm that was just opened and falls onto its table; return a function of its name.
 
-    It returns the file, and the joints (n,) in which the arm lay at the end.
+    The function returns the file, and the joints (n,) in which the arm lay at the end.
     """
 
     def record(name):

@@ -1,4 +1,4 @@
-"""``ikservo export dataset`` and ``ikservo import dataset``: LeRobot's episodes, there and back."""
+"""``ikservo export dataset`` and ``ikservo import dataset``: LeRobot's episodes, both ways."""
 
 import importlib.util
 import json

@@ -1,4 +1,4 @@
-"""``ikservo draw``: files, places, previews and refusals."""
+"""``ikservo draw``: files, placement, previews and refusals."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""``ikservo export csv``: a recording for a spreadsheet, a notebook, a plot."""
+"""``ikservo export csv``: a recording as a table."""
 
 import csv
 import io

@@ -1,4 +1,4 @@
-"""Recordings as MCAP: other programs read them, they survive a kill, and they are replayed."""
+"""MCAP recordings are readable by other programs, survive a kill, and are replayed."""
 
 import json
 import struct
@@ -32,7 +32,7 @@ ROLL = {"wrist_roll": 0.5}
 
 @pytest.fixture(scope="module")
 def recorded(tmp_path_factory):
-    """A recording of an arm that holds, its state behind, and the number of samples."""
+    """Return the recording of an arm that holds, its state behind, and the number of samples."""
     path = tmp_path_factory.mktemp("recorded") / "wave.mcap"
     with ikservo.open_arm("so101", port="sim:?pose=home") as arm:
         arm.move_joints(ROLL)
@@ -51,7 +51,7 @@ def messages(path):
 
 
 def matrix(transform):
-    """Return (4, 4) of a geometry_msgs/Transform, by the matrix of a quaternion's product."""
+    """Return the matrix (4, 4) of a geometry_msgs/Transform, by the quaternion product."""
     x, y, z, w = (getattr(transform.rotation, name) for name in "xyzw")
     left = np.array([[w, -z, y, x], [z, w, -x, y], [-y, x, w, z], [-x, -y, -z, w]])
     right = np.array([[w, -z, y, -x], [z, w, -x, -y], [-y, x, w, -z], [x, y, z, w]])
@@ -133,7 +133,7 @@ def test_mcap_attaches_description_arm_file_and_version(recorded):
 
 
 class Tape:
-    """Records invented samples of an arm, and looks at the file meanwhile."""
+    """Records synthetic samples of an arm and inspects the file meanwhile."""
 
     def __init__(self, path, duration_s, look=lambda elapsed_s: None):
         self.clock, self.times_s = VirtualClock(), []
@@ -211,7 +211,7 @@ def test_mcap_and_json_lines_recordings_replay_equally(tmp_path):
 
 
 def write_bag(folder, rows):
-    """Write joint states as ROS 2 does; rows of a time [s], names and positions."""
+    """Write joint states as ROS 2 does, from rows of time [s], names and positions."""
     store = get_typestore(Stores.ROS2_JAZZY)
     kind, types = "sensor_msgs/msg/JointState", store.types
     with Writer(folder, version=9, storage_plugin=StoragePlugin.MCAP) as writer:

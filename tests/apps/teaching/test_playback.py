@@ -1,4 +1,4 @@
-"""A recorded motion as a course: inside its paces and limits, true to what was recorded."""
+"""A recorded motion as a trajectory: within its limits, and close to the recording."""
 
 import numpy as np
 import pytest
@@ -13,7 +13,7 @@ TIMES_S = np.arange(0.0, 6.0, 0.02)
 
 
 def wave(speed=1.0):
-    """A motion of two joints in whole ticks, as servos report it."""
+    """Return a motion of two joints in whole ticks, as servos report it."""
     phase = speed * TIMES_S
     joints = np.column_stack([0.4 * np.sin(phase), 0.3 * np.cos(1.5 * phase)])
     return np.round(joints / TICK) * TICK

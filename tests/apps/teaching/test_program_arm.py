@@ -1,4 +1,4 @@
-"""Programs of steps: read, checked from step to step, made, stopped and resumed."""
+"""Programs of steps are read, checked step by step, run, stopped and resumed."""
 
 import math
 
@@ -248,7 +248,7 @@ def test_fault_in_program_of_20_steps_needs_acknowledgement(arm, tmp_path, monke
 
 
 def reconnect(arm, monkeypatch):
-    """Plug the cable of the same simulated servos in again."""
+    """Reconnect the same simulated servos."""
     transport = transport_of(arm)
     again = "ikservo.hardware.port_names.open_transport"
     monkeypatch.setattr(again, lambda *_: setattr(transport, "is_open", True) or transport)
@@ -256,13 +256,13 @@ def reconnect(arm, monkeypatch):
 
 
 def collect(made, steps):
-    """Append each step as soon as it is made."""
+    """Append each completed step to a list."""
     for step in steps:
         made.append(step)  # what was made before an error counts
 
 
 def cause(arm, fault):
-    """Stop the arm, or let a fault begin now: a kind and its details."""
+    """Stop the arm, or start a fault of the given kind with its details."""
     if fault is None:
         arm.stop("Stopped by another terminal.")
         return

@@ -54,10 +54,10 @@ def test_program_check_names_impossible_steps_and_exits_with_7(run_cli, file):
         result = run_cli(f"program {action} {file} {SIM}")
         assert result.code == 7
         for place in ("3/4", "4/4"):
-            text = f"{place}  far: joints to (0.900, 0.000, 0.100) m: cannot be made"
+            text = f"{place}  far: joints to (0.900, 0.000, 0.100) m: cannot be carried out"
             assert text in result.err
-        assert "Steps 3, 4 of 4 cannot be made; nothing moved." in result.err
-        assert "1/4  " not in result.err.split("cannot be made")[1]
+        assert "Steps 3, 4 of 4 cannot be carried out; nothing moved." in result.err
+        assert "1/4  " not in result.err.split("cannot be carried out")[1]
 
 
 @pytest.mark.parametrize(
@@ -110,6 +110,6 @@ def test_program_check_names_all_impossible_steps_at_once(run_cli, tmp_path):
     steps = ("tip_m = [2.0, 0.0, 0.1]", 'pose = "nowhere"', 'recording = "none.jsonl"')
     path = write_steps(tmp_path / "a.toml", *steps, 'pose = "home"')
     result = run_cli(f"program check {path} --port sim")
-    assert result.err.count("cannot be made") == 4
-    assert "Steps 2, 3, 4 of 5 cannot be made" in result.err
+    assert result.err.count("cannot be carried out") == 4
+    assert "Steps 2, 3, 4 of 5 cannot be carried out" in result.err
     assert "ikservo move" not in result.err

@@ -1,4 +1,4 @@
-"""A recording is read whole, or the first line that is not what it should be is named."""
+"""A recording is read completely, or its first wrong line is named."""
 
 import json
 import re
@@ -18,7 +18,7 @@ HEADER = {"schema": "ikservo/recording/1", "arm": "so101", "joints": ["a", "b"],
 
 @pytest.fixture
 def tape(tmp_path):
-    """Write lines as they are; objects as JSON. Returns the file."""
+    """Write lines, objects as JSON; return the file."""
 
     def write(*lines):
         path = tmp_path / "wave.jsonl"

@@ -1,4 +1,4 @@
-"""Another terminal stops an arm, asks where it is and relaxes it, whoever owns its port."""
+"""Another terminal stops, locates and relaxes an arm, whichever program has its port."""
 
 import math
 import threading
@@ -39,7 +39,7 @@ def device(tmp_path, monkeypatch):
 
 @pytest.fixture
 def arm(device):
-    """An arm whose own program listens; the simulated bus itself could be asked by nobody."""
+    """Return an arm whose own program listens: the simulated bus cannot be asked directly."""
     with ikservo.open_arm("so101", port="sim:?pose=home") as machine:
         server = serve(device, command_handler(ArmService(machine)))
         motion_runner(machine).caches_states = True
@@ -54,7 +54,7 @@ def other_thread():
 
 
 def at(seconds, do):
-    """Return what does something once, when a motion has gone on for so long."""
+    """Return a callback that acts once when a motion has run for the given time."""
     left = [do]
 
     def on_progress(progress):

@@ -1,4 +1,4 @@
-"""What happens before a jog, a gripper motion or hand guiding if a joint is past a limit."""
+"""A joint past a limit returns before a jog, a gripper motion or hand guiding."""
 
 import math
 from dataclasses import replace
@@ -15,7 +15,7 @@ LIMIT_RAD = math.radians(10.0)
 
 
 def open_past_limit(name, degrees):
-    """Open a limp arm whose first joint is ``degrees`` past a limit of 10° that its owner chose."""
+    """Open a limp arm whose first joint is ``degrees`` past its limit of 10°."""
     model = ikservo.load_model(name)
     lower, upper = model.chain.lower_rad.copy(), model.chain.upper_rad.copy()
     lower[0], upper[0] = -LIMIT_RAD, LIMIT_RAD
@@ -37,7 +37,7 @@ def open_past_limit(name, degrees):
 
 
 def add_box_in_the_way_back(arm):
-    """Add a box that the gripper touches on its way back, and not where it is."""
+    """Add a box that the gripper touches on its way back, but not at its present position."""
     start, tip_m = np.array(list(arm.where().positions.values())), arm.where().tip_m
     goal = np.clip(start, *arm.limits())
     for y_m in np.arange(-0.1, 0.0, 0.001):

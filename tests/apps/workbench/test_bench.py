@@ -1,4 +1,4 @@
-"""``ikservo bench bus``: how fast the line is, beside what the wire allows; nothing moves."""
+"""``ikservo bench bus``: the speed of the bus beside the wire's limit; nothing moves."""
 
 import pytest
 

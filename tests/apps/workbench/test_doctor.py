@@ -1,4 +1,4 @@
-"""``ikservo doctor``: each trouble has its line, and nothing is changed."""
+"""``ikservo doctor`` reports each problem in a line and changes nothing."""
 
 import re
 
@@ -25,7 +25,7 @@ WELL = """\
 
 @pytest.fixture(autouse=True)
 def few_reads(monkeypatch):
-    """The thousand reads are read once; the others want only their one line."""
+    """Let the thousand reads happen only once; the other tests need only their result."""
     monkeypatch.setattr("ikservo.apps.workbench.doctor.READS", 60)
 
 
@@ -54,7 +54,7 @@ def lines_of(result, topic):
         (lambda s: s[3].memory.put("model_number", 9), "models",
          "✗ models    elbow_flex (id 3) is a servo of unknown model 9, not a STS3215"),
         (lambda s: s[3].memory.put("max_voltage_limit", 60), "supply",
-         "✗ supply    elbow_flex (id 3) has a supply of 7.4 V; allowed are 4.0 to 6.0 V"),
+         "✗ supply    elbow_flex (id 3) has a supply of 7.4 V; 4.0 to 6.0 V are allowed"),
         (lambda s: setattr(s[3].motor.heat, "temperature_c", 64.0), "heat",
          "! heat      elbow_flex (id 3) is at 63 °C"),
         (lambda s: setattr(s[3].motor.heat, "temperature_c", 68.0), "heat",
@@ -290,4 +290,4 @@ def test_doctor_reports_wrong_supply_of_all_servos_once(run_cli, tmp_path):
     faults.write_text('[[fault]]\nkind = "voltage"\nvolts = 12.0\nfor_s = 1000.0\n')
     done = run_cli(f"doctor --arm so101 --port sim:?faults={faults}")
     bad = [line for line in done.out.splitlines() if line.startswith("✗")]
-    assert bad == ["✗ supply    all 6 servos have a supply of 12.0 V; allowed are 4.0 to 8.0 V"]
+    assert bad == ["✗ supply    all 6 servos have a supply of 12.0 V; 4.0 to 8.0 V are allowed"]

@@ -1,4 +1,4 @@
-"""Hand guiding: a simulated hand moves an arm that carries its weight; judged at its joints."""
+"""Hand guiding: a hand moves an arm that carries its own weight; judged at its joints."""
 
 import contextlib
 
@@ -48,7 +48,7 @@ class Guided:
         return np.array(self.joints)[(times >= start_s) & (times <= end_s)]
 
     def drift_deg(self):
-        """Return by how much each joint moved from when the hand had left it."""
+        """Return the drift of each joint after the hand released it, degrees."""
         left = self.between(AWAY_S + self.moved_s, np.inf)
         return np.degrees(np.abs(left - left[0]).max(axis=0))
 

@@ -1,4 +1,4 @@
-"""A program that is killed while it tries gains: what it left is found, named and undone."""
+"""If a program is killed while it tries gains, they are found, reported and restored."""
 
 import os
 import signal
@@ -39,7 +39,7 @@ with keeping_gains(bus, servo) as present:
 
 @pytest.fixture
 def left(tmp_path, monkeypatch):
-    """A bus whose servo has the gain of a program that was killed."""
+    """A bus with a servo that has the gain of a killed program."""
     monkeypatch.setenv("IKSERVO_HOME", str(tmp_path / "home"))
     with run_simulator(
         tmp_path / "line", "--servo", "3:sts3215", "--servo", "4:sts3215"

@@ -1,4 +1,4 @@
-"""Programs killed between the unlocking and the locking of an EEPROM, as processes on a line."""
+"""Programs are killed between the unlocking and the locking of an EEPROM."""
 
 import os
 import random
@@ -68,7 +68,7 @@ def test_eeprom_lock_left_open_by_kill_is_found_and_closed(tmp_path, monkeypatch
 
 
 def kill_a_writer(port, after_s):
-    """Start a program that writes EEPROM without end, and kill it some time after it began."""
+    """Start a program that writes EEPROM forever, and kill it after the given time."""
     environment = {**os.environ, "IKSERVO_PORT": ""}
     writer = subprocess.Popen([sys.executable, "-c", WRITER, port], env=environment,
                               stdout=subprocess.PIPE)  # fmt: skip

@@ -1,4 +1,4 @@
-"""What is said while capsules are fitted to the meshes of a new arm."""
+"""Progress messages while capsules are fitted to the meshes of a new arm."""
 
 from ikservo.apps.importing.new_arm import _mesh_progress
 from ikservo.apps.importing.shapes import MeshStep

@@ -1,4 +1,4 @@
-"""Recorded packets: every byte of a line, decoded in words; damaged files; full disks."""
+"""Recorded packets: every byte is decoded in words; damaged files and full disks."""
 
 import contextlib
 import errno

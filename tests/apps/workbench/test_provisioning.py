@@ -1,4 +1,4 @@
-"""One servo becomes what it shall be, or says why not; its memory is locked in any case."""
+"""Setup configures one servo or reports why it cannot, and locks its memory in any case."""
 
 from pathlib import Path
 
@@ -16,7 +16,7 @@ TABLES = {"so101": STS3215, "koch": XL330M288}
 
 @pytest.fixture(params=["so101", "koch"])
 def alone(request):
-    """Give a port with only servo 3 plugged in, the servo, and its table."""
+    """Return a port with only servo 3 plugged in, the servo, and its table."""
     port = open_port(f"sim:{CONFIGS / request.param / 'arm.toml'}", 1_000_000)
     line = port.transport.line
     for servo in line.world.servos:

@@ -1,4 +1,4 @@
-"""An arm that was released lies somewhere; it can be moved there, too."""
+"""The posture in which a relaxed arm rests is one to which it can move."""
 
 import re
 import shutil

@@ -1,4 +1,4 @@
-"""``ikservo scan``: whoever is on the line is found, and two on one id are told apart from one."""
+"""``ikservo scan`` finds every servo on the bus, and detects two servos with one id."""
 
 import pytest
 

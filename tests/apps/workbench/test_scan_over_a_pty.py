@@ -1,4 +1,4 @@
-"""The search in real time, over a pseudo-terminal as over a serial port."""
+"""A scan in real time over a pseudo-terminal, as over a serial port."""
 
 import sys
 import time

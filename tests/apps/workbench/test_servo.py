@@ -1,4 +1,4 @@
-"""``ikservo servo``: registers of an arm's servos, and of servos of no arm, on the command line."""
+"""``ikservo servo``: registers of servos with and without an arm, on the command line."""
 
 import json
 import math

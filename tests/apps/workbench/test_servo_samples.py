@@ -1,4 +1,4 @@
-"""Samples of servos: every model has what a plot shows, and samples are evenly spaced."""
+"""Samples of servos: every model has the plotted values, and samples are evenly spaced."""
 
 from itertools import islice
 

@@ -1,4 +1,4 @@
-"""Registers of every model: read, written, restored; killed writes; ids and factory settings."""
+"""Registers of every model: read, written, restored; killed writes, ids, factory settings."""
 
 import pytest
 
@@ -132,7 +132,7 @@ KILLED_AT = 100
 
 @pytest.mark.parametrize("model", ["STS3215", "SCS0009"])
 def test_killed_write_is_finished_by_next_write(model):
-    """The line falls silent for this program after each of its packets in turn, as by SIGKILL."""
+    """Every packet after a given one is lost for this program, as after SIGKILL."""
     table = control_table(model)
     values = {"p_gain": 20, "d_gain": 10, "max_temperature_limit": 60}
     left_unlocked = 0
@@ -184,7 +184,7 @@ def test_restore_after_killed_restore_gives_same_backup(model, tmp_path):
 
 
 class _DyingTransport:
-    """Loses every packet after the first so many, as the line of a killed program."""
+    """Loses every packet after the first few, like the line of a killed program."""
 
     def __init__(self, transport, packets):
         object.__setattr__(self, "_transport", transport)

@@ -1,4 +1,4 @@
-"""``ikservo setup``: a person plugs in servo after servo, and each becomes what it shall be."""
+"""``ikservo setup``: a person plugs in one servo after another, and each is configured."""
 
 import itertools
 import json
@@ -17,12 +17,12 @@ RETURN_DELAY = {"so101": "return_delay", "koch": "return_delay_time"}
 
 
 class Operator:
-    """Plugs in one new servo after the other, and pulls each out when it has become its own.
+    """Plugs in one new servo after another, and unplugs each when it is configured.
 
     Args:
         line: The simulated line; nothing is plugged in at first.
-        arm: Whose servos they are.
-        clumsy: Plugs in the third five seconds before the second is pulled.
+        arm: The arm of the servos.
+        clumsy: Whether the third servo is plugged in five seconds before the second is unplugged.
     """
 
     def __init__(self, line, arm, clumsy=False):
@@ -42,7 +42,7 @@ class Operator:
             servo.memory.persist_value(name)
 
     def act(self, now_s):
-        """Do the next thing a second after the last one is done."""
+        """Do the next action one second after the last one."""
         if now_s < self.next_s or self.at >= len(self.servos):
             return
         servo = self.servos[self.at]
@@ -55,7 +55,7 @@ class Operator:
             self.pull(servo, now_s)
 
     def is_ready(self, servo):
-        """The delay is written last, and the lock behind it; then the person may pull."""
+        """Return whether the servo may be unplugged: its delay is written and it is locked."""
         has_lock = "lock" in servo.table.by_name
         locked = not has_lock or servo.memory.get("lock") == 1
         return locked and servo.memory.get(RETURN_DELAY[self.arm]) == 0
@@ -71,7 +71,7 @@ class Operator:
 
 
 def with_operator(monkeypatch, arm, **habits):
-    """Let a person sit at the simulated line; return them once it is opened."""
+    """Put a person at the simulated line; return the operators once it is opened."""
     operators = []
 
     def sit_down(line):
@@ -90,7 +90,7 @@ def with_operator(monkeypatch, arm, **habits):
 
 @pytest.fixture(scope="module")
 def set_up():
-    """Set up both arms once: the person, and what was said."""
+    """Set up both arms once; return the person and the output."""
     done = {}
     for arm, options in (("so101", "--json"), ("koch", "")):
         with pytest.MonkeyPatch.context() as monkeypatch:
@@ -158,7 +158,7 @@ def test_setup_refuses_whole_arm_and_writes_nothing(run_cli, monkeypatch):
     result = run_cli("setup so101 --port sim --yes --wait 5")
     assert result.code == 4
     assert "More than one servo answers: STS3215 at id 1, 1000000 baud; " in result.err
-    assert "brings 6 servos instead of one, for 5 s." in result.err
+    assert "has 6 servos instead of one for 5 s." in result.err
     assert [servo.memory.eeprom_writes for servo in ports[0].line.world.servos] == [
         servo.memory.eeprom_writes for servo in fresh_servos()
     ]
@@ -208,7 +208,7 @@ def test_setup_without_servo_ends_and_says_how_to_continue(run_cli, monkeypatch)
     change_bus(monkeypatch, all_but(99))
     result = run_cli("setup so101 --port sim --yes --start wrist_flex --wait 3")
     assert result.code == 4
-    assert "brings no servo within 3 s (all ids, " in result.err
+    assert "has no servo within 3 s (all ids, " in result.err
     assert "Continue with: ikservo setup so101 --start wrist_flex" in result.err
 
 
@@ -295,7 +295,7 @@ def test_setup_finds_servo_at_any_baud_rate(run_cli, monkeypatch, rate):
 
 
 def other_arm(monkeypatch, name, change):
-    """Put the servos of one arm on the line of whichever is asked for."""
+    """Put the servos of one arm on the line of any requested arm."""
     opened = servosim.open_port
 
     def open_port(url):
@@ -329,7 +329,7 @@ def test_setup_reports_unsteady_replies_of_servo(run_cli, monkeypatch):
     monkeypatch.setattr("ikservo.apps.workbench.provisioning.scan_rate", now_and_then)
     result = run_cli("setup so101 --port sim --start gripper --yes --wait 5")
     assert result.code == 4
-    assert "brings answers of STS3215 at id 6, 1000000 baud, but not steadily" in result.err
+    assert "has STS3215 at id 6, 1000000 baud, which did not answer reliably" in result.err
 
 
 def test_setup_says_that_it_searches_and_how_to_end_it(set_up):

@@ -1,4 +1,4 @@
-"""``ikservo setup --restore``: a servo's EEPROM is what it was when its backup was made."""
+"""``ikservo setup --restore``: a servo's EEPROM is restored from its backup."""
 
 import json
 
@@ -26,7 +26,7 @@ def home(tmp_path, monkeypatch):
 
 
 def backup_of(arm, servo_id=ID):
-    """Return the backup of a servo as delivered, and what it holds."""
+    """Return the backup of a servo as delivered, and its registers."""
     with open_bus(load_model(arm), "sim") as bus:
         (path,) = back_up_once(bus, arm, [servo_id])
     return path
@@ -62,7 +62,7 @@ class ChangedServoLine:
         return self._ports[-1].line.servos[self.servo_id]
 
     def held(self):
-        """Return what the servo still holds after it has lost its power."""
+        """Return the servo's registers after a loss of power."""
         self.servo.power_down()
         self.servo.power_up()
         return {name: self.servo.read(name) for name in self.numbers}

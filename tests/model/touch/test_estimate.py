@@ -1,4 +1,4 @@
-"""Fifteen touches make an arm whose zeros and links are wrong good to a millimetre."""
+"""Fifteen touches make an arm with wrong zeros and links accurate to a millimetre."""
 
 import math
 
@@ -22,7 +22,7 @@ def hidden(name, seed):
 
 
 def touches_of(arm, count=15, offs=()):
-    """Return touches of known points; those of ``offs`` are some centimetres off."""
+    """Return touches of known points; those in ``offs`` are some centimetres off."""
     touches = []
     for i in range(count):
         q = arm.posture()
@@ -32,7 +32,7 @@ def touches_of(arm, count=15, offs=()):
 
 
 def rms_m(arm, tips_of, count=40):
-    """Return the error on postures that no touch has seen."""
+    """Return the error at postures that no touch has used."""
     true = [arm.posture() for _ in range(count)]
     tips = tips_of(np.array([arm.reported(q) for q in true]))
     errors = np.linalg.norm(tips - [arm.tip(q) for q in true], axis=1)
@@ -107,7 +107,7 @@ def test_predicted_error_is_within_factor_two_of_true_one():
 
 
 def same_point(arm, count):
-    """Return touches of one point that nobody has measured, in different postures."""
+    """Return touches of one unknown point, in different postures."""
     point, touches = arm.tip(arm.posture()), []
     while len(touches) < count:
         answer = least_squares(lambda q: arm.tip(q) - point, arm.posture(),

@@ -1,4 +1,4 @@
-"""The printed sheet and what the program believes of it are the same sheet."""
+"""The printed sheet and the program's model of it agree."""
 
 import re
 import runpy

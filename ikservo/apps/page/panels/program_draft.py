@@ -148,7 +148,7 @@ class ProgramDraft:
         for place, each in enumerate(self.steps):
             if each.number == number:
                 return place
-        raise InputError("That step is gone.", "Nothing was changed.")
+        raise InputError("That step no longer exists.", "Nothing was changed.")
 
     def program(self) -> Program:
         """Return the draft as a program.

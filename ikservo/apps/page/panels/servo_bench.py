@@ -192,7 +192,7 @@ class ServoBench:
             self._stop_trial()
             return
         if self._pages[client_id].permission is not Permission.CONTROL:
-            raise BadMessageError("This page can only watch.", "Open the other address.")
+            raise BadMessageError("This page can only watch.", "Open the controlling address.")
         try:
             self._commands.put_nowait((client_id, message))
         except queue.Full:
@@ -324,7 +324,7 @@ class ServoBench:
             return False
         if self._model is None:
             raise InputError(
-                "Gains are tried on a joint of an arm.",
+                "Gains can only be tried on a joint of an arm.",
                 "Name it in a terminal: ikservo view --servos --arm",
             )
         self._trial = command

@@ -162,7 +162,7 @@ def write_limp(line: ServoLine, servo: ServoSpec, values: Mapping[Register, int]
     """
     if holds_torque(line, servo):
         raise InputError(
-            f"{servo} holds: with other numbers it could fall.",
+            f"{servo} holds: with other values it could fall.",
             "Support it, and switch its torque off first.",
         )
     return write_values(line, servo, values)

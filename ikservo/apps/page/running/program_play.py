@@ -117,7 +117,7 @@ class ProgramPlay:
 
     def _refuse(self, problems: Mapping[int, str], observer: JobObserver) -> None:
         for index, reason in problems.items():
-            observer.log_message(f"Step {index + 1} of the program cannot be made: {reason}")
+            observer.log_message(f"Step {index + 1} of the program is impossible: {reason}")
         by_number = {self._numbers[index]: reason for index, reason in problems.items()}
         self.state = PlayState("bad", next(iter(by_number)), problems=by_number)
 

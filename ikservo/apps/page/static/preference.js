@@ -30,7 +30,7 @@ export class Preference {
       row.joint = joint;
       setText(row.name, joint);
       setText(row.value, weight.toFixed(1));
-      setAttribute(row.slider, "aria-label", `How strongly ${joint} leans towards the posture`);
+      setAttribute(row.slider, "aria-label", `How strongly ${joint} prefers the posture`);
       row.slider.disabled = !inControl;
       if (document.activeElement !== row.slider) row.slider.value = weight;
     });

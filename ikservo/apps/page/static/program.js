@@ -242,11 +242,11 @@ export class Program {
     const round = this.program.repeat > 1 ? `, time ${repetition} of ${this.program.repeat}` : "";
     switch (phase) {
       case "checking": return `Checks step ${at} of ${this.steps.length}`;
-      case "ok": return "Checked: every step can be made";
+      case "ok": return "Checked: every step is possible";
       case "playing": return `Step ${at} of ${this.steps.length}${round}`;
       case "paused": return `Paused before step ${at}${round}`;
       case "stopped": return `Stopped in step ${at}`;
-      case "bad": return `${this.describeProblems()} cannot be made; nothing has moved`;
+      case "bad": return `${this.describeProblems()} cannot be carried out; nothing has moved`;
       case "done": return "Done";
       default: return this.steps.length ? "" : "No steps yet. Bring the arm or its target to a place, then add it.";
     }

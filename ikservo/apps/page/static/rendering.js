@@ -6,7 +6,7 @@ import { isSame } from "./picture.js";
 
 const WARM_UP_FRAMES = 2; // shaders are compiled in these frames
 const TIMED_FRAMES = 5;
-const CONTEXT_LOST = "The graphics driver gave up";
+const CONTEXT_LOST = "The graphics driver has failed";
 const NO_WEBGL = "This browser has no 3D graphics";
 const NO_CARD = "No graphics card draws WebGL here";
 const SOFTWARE = /swiftshader|llvmpipe|softpipe|software|basic render/i; // names of software renderers

@@ -18,6 +18,7 @@ from ikservo.kinematics.se3 import exp_so3, quaternion_to_matrix
 _MAX_POINTS = 10_000
 _MAX_DURATION_S = 3600.0
 _MAX_AHEAD_S = 1.0
+_CLOCKS = "Synchronise the clocks of both machines."
 _MAX_M_S, _MAX_RAD_S = 0.5, math.pi
 _LEAD_M = 0.03  # lead of the target of a twist, besides its travel in the dead time
 
@@ -55,9 +56,9 @@ def check_age(stamp: Any, now_s: float) -> None:  # noqa: ANN401  # builtin_inte
         return
     age_s = now_s - sent_s
     if age_s > DEAD_MAN_TIMEOUT_S:
-        raise RefusedError(f"It is {age_s:.1f} s old and was dropped.", "Are the clocks equal?")
+        raise RefusedError(f"It is {age_s:.1f} s old and was dropped.", _CLOCKS)
     if age_s < -_MAX_AHEAD_S:
-        raise RefusedError(f"It is dated {-age_s:.1f} s ahead.", "Are the clocks equal?")
+        raise RefusedError(f"It is dated {-age_s:.1f} s ahead.", _CLOCKS)
 
 
 class TrajectoryGoal:

@@ -200,7 +200,7 @@ class _Senders:
         """
         with self._lock:
             if attachment.sequence <= self._last.get(attachment.gid, -1):
-                raise RefusedError("A message was repeated on its way.", "It was dropped.")
+                raise RefusedError("A message arrived twice.", "It was dropped.")
             self._last[attachment.gid] = attachment.sequence
             self._last.move_to_end(attachment.gid)
             if len(self._last) > _MAX_SENDERS:

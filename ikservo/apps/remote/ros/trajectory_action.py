@@ -95,7 +95,7 @@ class TrajectoryAction:
 
     def empty_result(self) -> Any:  # noqa: ANN401
         """Return the result of an unknown goal."""
-        return _result(ErrorCode.INVALID_GOAL, "There is no such goal (any more).")
+        return _result(ErrorCode.INVALID_GOAL, "There is no such goal, or no longer.")
 
     def finish(self, goal: ActionGoal, status: GoalStatus, code: ErrorCode, text: str) -> None:
         """End a goal."""

@@ -1,1 +1,1 @@
-"""What ikservo's plug-in uses of LeRobot, described by us; ``make lerobot`` compares it."""
+"""The part of LeRobot that ikservo's plug-in uses, as stubs; ``make lerobot`` compares it."""

@@ -1,4 +1,4 @@
-"""What robots and teleoperators have in common."""
+"""The common base of robots and teleoperators."""
 
 import json
 import os

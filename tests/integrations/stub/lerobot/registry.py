@@ -1,8 +1,8 @@
-"""A registry of configurations by name, as draccus has it."""
+"""A registry of configurations by name, like draccus."""
 
 
 class ChoiceRegistry:
-    """Its subclasses are chosen by ``type``."""
+    """A class whose subclasses are chosen by ``type``."""
 
     @classmethod
     def register_subclass(cls, name):
