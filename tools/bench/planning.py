@@ -45,12 +45,12 @@ from ikservo.kinematics.se3 import exp_so3
 from ikservo.model import load_model
 from ikservo.model.collision_model import capsules_of
 from ikservo.planning import ways_around
-from ikservo.planning.preflight_planner import PreflightPlanner
 from ikservo.planning.context import ArmContext
 from ikservo.planning.motion_plan import MotionPlan
 from ikservo.planning.motions import MoveJoints
 from ikservo.planning.path_constraint import ConstrainedTool, PathConstraint
 from ikservo.planning.poses import PoseLibrary
+from ikservo.planning.preflight_planner import PreflightPlanner
 
 Array = NDArray[np.float64]
 
