@@ -193,7 +193,7 @@ def _propose_home(draft: ArmDraft) -> EntryDialogue[None]:
         retracted = {name: draft.joint(name).lower for name in slides}
         draft.poses["retracted"] = {**home, **retracted}
         draft.decisions.append("In the pose retracted all slides are at their lower limits; parts "
-                               "of a telescope may be in each other as deep as there.")  # fmt: skip
+                               "of a telescope may overlap as deeply as there.")  # fmt: skip
     draft.decisions.append("The pose home is free, with the tool in front: change it as you like.")
 
 
@@ -221,5 +221,5 @@ def _find_rest(draft: ArmDraft) -> EntryDialogue[None]:
     if math.isfinite(place.gap_m) and place.gap_m < _FREE_M:
         draft.decisions.append(
             f"In rest {' and '.join(place.pair)} overlap by {-1000 * place.gap_m:.0f} mm, because "
-            "capsules are thicker than the parts, or because the limp arm cannot lie otherwise."
+            "capsules are thicker than the parts, or because the limp arm cannot rest otherwise."
         )

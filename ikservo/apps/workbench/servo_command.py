@@ -81,7 +81,7 @@ Plotted = Annotated[
     typer.Argument(
         metavar="[REGISTER...|JOINT...]",
         autocompletion=_complete_registers,
-        help="Registers; of a joint its angle in degrees.",
+        help="Registers; for a joint, its angle in degrees.",
     ),
 ]
 Gains = Annotated[
