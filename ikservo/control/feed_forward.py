@@ -18,9 +18,11 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ikservo.kinematics.arrays import Vector
 from ikservo.model.joint_drive import ArmParameters, JointDrive
+from ikservo.model.load_lag import lifting_torque_nm
 from ikservo.model.servo_torque import GearFriction
 from ikservo.motion import TrajectoryPoint
 
@@ -93,6 +95,20 @@ class FeedForward:
         """
         weight = np.abs(self.parameters.dynamics.gravity_torques(positions[self._columns]))
         return weight / self._dry_friction
+
+    def overweight(self, positions: Vector) -> NDArray[np.bool_]:
+        """Compute which joints (n,) their servos cannot lift for long from a posture (n,).
+
+        Args:
+            positions: The positions of all joints (n,), rad or m.
+        """
+        loads_nm = np.abs(self.parameters.dynamics.gravity_torques(positions[self._columns]))
+        weak = np.zeros(len(positions), dtype=bool)
+        weak[self._columns] = self._known & [
+            lifting_torque_nm(drive.friction, load_nm) > drive.sustained_nm
+            for drive, load_nm in zip(self._drives, loads_nm.tolist(), strict=True)
+        ]
+        return weak
 
     def offsets(
         self,

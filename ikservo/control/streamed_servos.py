@@ -32,7 +32,9 @@ from ikservo.guard import (
     OverloadMonitor,
     StopReason,
     TrackingMonitor,
+    overweight_error,
     power_lost_error,
+    say_what_fell,
     torque_lost_error,
 )
 from ikservo.hardware.bus import ServoBus
@@ -144,14 +146,32 @@ class StreamedServos:
 
         Raises:
             BusError: A servo does not answer.
+            ServoAlarmError: A joint has fallen, because its servo has lost its torque.
         """
         measured, goals = self.measure_positions(), self.goals()
         low, high = self.compensator.stuck_offsets(self._reference)
         sagged = np.clip(measured, goals - high, goals - low)
         expected = np.where(self._reference == goals, sagged, self._reference)
         moved = np.abs(measured - expected) > _REFERENCE_TOLERANCE_RAD * self._per_horn_rad
+        if moved.any():
+            try:
+                self._check_torque()
+            except ServoAlarmError as error:
+                self.torque.faulted()  # switched on again where it is, before the next motion
+                raise self._find_power_loss(error) or error from None
         self._reference = np.where(moved, measured, self._reference)
         return self.reference()
+
+    def _check_torque(self) -> None:
+        """Read the torque of all servos.
+
+        Raises:
+            ServoAlarmError: A servo has lost its torque.
+        """
+        self._bus.sync_read(self._ids, RegisterName.TORQUE_ENABLE, raw=True)
+        limp = self._limp_joints()
+        if limp:
+            raise torque_lost_error(limp)
 
     def begin_compensation(self, cycle_time_s: float) -> None:
         """Begin a motion at the reference with the present goals.
@@ -160,8 +180,21 @@ class StreamedServos:
             cycle_time_s: The time between two goals.
         """
         reference, goals = self.reference(), self.goals()
-        self.compensator.begin(reference, goals, cycle_time_s, self._measured)
+        profile = self.profile_speeds(self._horn_rad_s)
+        self.compensator.begin(reference, goals, cycle_time_s, self._measured, profile)
         self._reference_s, self._uncut = self.clock.now_s(), True
+
+    def profile_speeds(self, horn_rad_s: float) -> Vector:
+        """Return the speeds at which the joints (n,) move to each goal, rad/s or m/s.
+
+        Args:
+            horn_rad_s: Top speed of the motion, or of the requested profile, at the horns.
+        """
+        return np.array([
+            driven.joint_map.unit_per_horn_rad
+            * self._limits.profile_speed_rad_s(driven.servo_id, horn_rad_s)
+            for driven in self.driven_joints
+        ])  # fmt: skip
 
     def send_reference(self, point: TrajectoryPoint, advance_s: float, now_s: float) -> bool:
         """Send the goals that bring the joints to a reference; see ``send_goals``.
@@ -323,17 +356,21 @@ class StreamedServos:
 
         Raises:
             ServoAlarmError: Servos have lost their torque, or a servo reports a fault.
-            RefusedError: A joint does not follow its goal.
+            RefusedError: A joint does not follow its goal; the error says if it is too heavy.
         """
         try:
             self._following.update(self._undrawn_goals(), measured)
         except RefusedError as error:
-            self._bus.sync_read(self._ids, RegisterName.TORQUE_ENABLE, raw=True)
-            limp = self._limp_joints()
-            if limp:
-                raise torque_lost_error(limp) from error
+            self._check_torque()
             if self._health_poller:
                 self._health_poller.poll_round()
+            feed_forward = self.compensator.feed_forward
+            if feed_forward is not None:
+                heavy = self._following.lagging & feed_forward.overweight(measured)
+                if heavy.any():
+                    raise overweight_error(
+                        [self.names[i] for i in np.flatnonzero(heavy)]
+                    ) from error
             raise
 
     def check_health(self) -> None:
@@ -427,7 +464,7 @@ class StreamedServos:
         return torque_lost_error(limp) if limp else error
 
     def _find_power_loss(self, error: BaseException) -> IkservoError | None:
-        """Return the error to raise if every answering servo was reset; otherwise None."""
+        """Return the error of joints that servos no longer hold, or None if that is unknown."""
         if not isinstance(error, (ServoSilentError, ServoAlarmError)):
             return None
         with contextlib.suppress(Exception):
@@ -440,10 +477,14 @@ class StreamedServos:
             return None
         holds = {i for i, row in read.items() if row[on[i]]}
         telling = [i for i in read if markers[i] or i in holds]  # limp without markers: unknown
-        if any(read[i].items() >= markers[i].items() for i in telling):
-            return None
+        reset = {i for i in telling if not read[i].items() >= markers[i].items()}
         silent = [d.joint for d in self.driven_joints if d.servo_id not in read]
-        return power_lost_error(self.names, silent, holds=bool(holds))
+        if len(reset) == len(telling):
+            return power_lost_error(self.names, silent, holds=bool(holds))
+        joints = {d.servo_id: d.joint for d in self.driven_joints if d.servo_id in read}
+        limp = [joint for i, joint in joints.items() if i not in holds]
+        caught = [joint for i, joint in joints.items() if i in reset & holds]
+        return say_what_fell(error, limp, caught, silent) if holds else None
 
     def _limp_joints(self) -> list[str]:
         return [

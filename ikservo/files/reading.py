@@ -160,10 +160,8 @@ def _check_dot_count(path: Path, text: str) -> None:
     # tomllib's time and memory grow with the square of the dots in a key: 128 KiB take gigabytes.
     for number, line in enumerate(text.split("\n"), start=1):
         if line.count(".") > MAX_DOTS and not line.lstrip().startswith("#"):
-            found = f"has {line.count('.')} dots, including those of numbers"
-            expected = (
-                f"at most {MAX_DOTS} in a line; write a long table or list over several lines"
-            )
+            found = f"has {line.count('.')} decimal fractions or names with dots"
+            expected = f"at most {MAX_DOTS} in a line; give a pose a line per joint: deg.NAME = 1.5"
             raise FileFormatError(path, f"line {number}", found, expected)
 
 

@@ -11,7 +11,9 @@ from ikservo.guard.motion_monitors import (
     ServoTelemetry,
     TrackingMonitor,
     alarm_hint,
+    overweight_error,
     power_lost_error,
+    say_what_fell,
     torque_lost_error,
 )
 from ikservo.guard.overload_prediction import OverloadMonitor, OverloadRule
@@ -44,10 +46,12 @@ __all__ = [
     "StopReason",
     "TrackingMonitor",
     "alarm_hint",
+    "overweight_error",
     "power_lost_error",
     "refine_path",
     "sample_line",
     "sample_path",
+    "say_what_fell",
     "thin_path",
     "torque_lost_error",
 ]

@@ -7,6 +7,7 @@ from collections.abc import Container, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ikservo.errors import RefusedError, ServoAlarmError, ServoSilentError
 from ikservo.guard.driven_joint import DrivenJoint
@@ -23,7 +24,9 @@ __all__ = [
     "ServoTelemetry",
     "TrackingMonitor",
     "alarm_hint",
+    "overweight_error",
     "power_lost_error",
+    "say_what_fell",
     "torque_lost_error",
 ]
 
@@ -64,6 +67,11 @@ class TrackingMonitor:
         ]
         return cls([limit.joint for limit in limits], np.array(max_error))
 
+    @property
+    def lagging(self) -> NDArray[np.bool_]:
+        """Mask of the joints (n,) that have been too far behind for three cycles."""
+        return self._behind >= _MAX_CYCLES
+
     def update(self, goals: Vector, measured: Vector) -> None:
         """Compare goals and measured joints (n,), rad or m, once per cycle.
 
@@ -76,8 +84,8 @@ class TrackingMonitor:
             self._behind.fill(0)
             return
         self._behind = np.where(behind, self._behind + 1, 0)
-        if (self._behind >= _MAX_CYCLES).any():
-            names = [self._names[i] for i in np.flatnonzero(self._behind >= _MAX_CYCLES)]
+        if self.lagging.any():
+            names = [self._names[i] for i in np.flatnonzero(self.lagging)]
             raise RefusedError(
                 f"{', '.join(names)} does not follow its setpoint; motion stopped.",
                 "Check for obstacles, its cable, and its alarms: ikservo where",
@@ -354,6 +362,38 @@ def power_lost_error(
         found = f"{found}; {', '.join(silent)} {verb} not answer"
         return ServoSilentError(found, _RESET_HINT, servo="The arm")
     return ServoAlarmError(f"The arm {found}: every servo was reset.", _RESET_HINT)
+
+
+def overweight_error(joints: Sequence[str]) -> RefusedError:
+    """Return the error of joints that do not follow because the arm is too heavy for them."""
+    text = f"{', '.join(joints)} does not follow its setpoint; motion stopped: the servo is too "
+    hint = "Fold the limp arm by hand so that it reaches out less, then move again: ikservo relax"
+    return RefusedError(f"{text}weak to lift the arm from this posture.", hint)
+
+
+def say_what_fell(
+    error: ServoAlarmError | ServoSilentError,
+    limp: Sequence[str],
+    caught: Sequence[str],
+    silent: Sequence[str],
+) -> ServoAlarmError | ServoSilentError:
+    """Return an error that ended a motion, which now says what has fallen and what holds.
+
+    Args:
+        error: The error.
+        limp: Joints whose servos answer without torque.
+        caught: Joints whose servos were reset and have torque again.
+        silent: Joints whose servos do not answer.
+    """
+    states = {
+        "has fallen and is limp": () if "limp" in error.command_message else limp,
+        "has fallen and holds where it is now": caught,
+        "has fallen and is limp if it has no power": silent,
+    }
+    fell = [f"{', '.join(joints)} {state}" for state, joints in states.items() if joints]
+    if limp or fell:
+        error.command_message += f" {'; '.join([*fell, 'the other joints hold'])}."
+    return error
 
 
 def torque_lost_error(joints: Sequence[str]) -> ServoAlarmError:

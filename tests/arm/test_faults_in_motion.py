@@ -288,3 +288,38 @@ def test_power_cut_in_motion_is_named(either, for_s, silent):
     if silent:
         assert joint_of(either, 4) in caught.value.message
     assert "lost its power" in either.stopped_for
+
+
+def cut_power_of_one(arm, servo_id, after_s, for_s):
+    """Let one servo lose its power so long after now, for a time."""
+    world, servo = line_of(arm).world, line_of(arm).servos[servo_id]
+    world.schedule(world.time_s + after_s, servo.power_down)
+    world.schedule(world.time_s + after_s + for_s, servo.power_up)
+
+
+@pytest.mark.sample(1)
+@pytest.mark.parametrize(("for_s", "fallen"), [(1e3, "if it has no power"), (0.0, "")])
+def test_power_loss_of_one_servo_says_what_fell_and_holds(either, for_s, fallen):
+    cut_power_of_one(either, 3, 0.5, for_s)
+    with pytest.raises((ServoSilentError, ServoAlarmError)) as caught:
+        swing(either)
+    joint, message = joint_of(either, 3), caught.value.message
+    assert f"{joint} has fallen and " in message
+    assert message.endswith(f"{fallen}; the other joints hold.")
+    if not for_s:
+        limp = not registers(either, "torque_enable")[3]
+        assert ("is limp" if limp else "holds where it is now") in message
+    assert "the other joints hold" in either.stopped_for
+
+
+def test_joint_that_fell_at_rest_is_named_and_moves_again(either):
+    either.pose("home")
+    cut_power_of_one(either, 3, 0.0, 0.05)
+    wait(either, 1.0)
+    fallen = line_of(either).world.joint(joint_of(either, 3)).position
+    with pytest.raises(ServoAlarmError, match=r"is limp and has fallen.*other joints hold"):
+        either.move_joints({"shoulder_pan": 0.3})
+    assert line_of(either).world.joint(joint_of(either, 3)).position == pytest.approx(
+        fallen, abs=0.05
+    )
+    assert either.move_joints({"shoulder_pan": 0.3}).reached

@@ -9,7 +9,14 @@ import pytest
 import ikservo
 from ikservo.calibration import Limits
 from ikservo.errors import RefusedError
-from tests.arm.simulated import clock_of, line_of, registers, true_joints, true_tip_m
+from tests.arm.simulated import (
+    clock_of,
+    line_of,
+    registers,
+    servo_id,
+    true_joints,
+    true_tip_m,
+)
 from tests.oracle import ARMS, arm_file
 
 # Its end stops are 2° behind its limits; a forearm that falls on the table shakes the wrist, whose
@@ -102,6 +109,33 @@ def test_a_joint_on_its_end_stop_is_led_back_inside_its_limits(name, joint):
     with ikservo.open_arm(name, port="sim", collisions=False) as arm:
         line_of(arm).world.place(joint, -3.0)  # further than it goes
         assert arm.pose("home").reached
+
+
+def lay_down(arm, **degrees):
+    """Lay a limp arm down, as a hand would, and let it come to rest."""
+    for joint, angle in degrees.items():
+        line_of(arm).world.place(joint, math.radians(angle))
+    pass_time(arm, 5.0)
+
+
+@pytest.mark.full
+def test_first_motion_waits_until_weak_servo_lifts_arm():
+    with ikservo.open_arm("omx_l", port="sim") as arm:
+        lay_down(arm, joint1=110.0, joint2=39.0, joint3=20.0, joint4=102.0, joint5=91.0)
+        assert arm.pose("home").reached
+        home = arm.model.pose("home")
+        found = {joint: true_joints(arm)[joint] for joint in home}
+        assert found == pytest.approx(dict(home), abs=math.radians(1.0))
+
+
+@pytest.mark.full
+def test_refusal_says_that_servo_is_too_weak_for_posture():
+    with ikservo.open_arm("omx_l", port="sim") as arm:
+        lay_down(arm, joint2=96.0, joint3=-80.0, joint4=-18.0)
+        with pytest.raises(RefusedError, match=r"joint2 does not follow.*too weak to lift"):
+            arm.pose("home")
+        pressing = line_of(arm).servos[servo_id("omx_l", "joint2")].read("present_pwm")
+        assert abs(pressing) > 0.9 * 885
 
 
 LIFTED = {"shoulder_lift": (-95.0, 95.0), "elbow_flex": (-90.0, 90.0)}

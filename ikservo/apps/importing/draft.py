@@ -13,6 +13,7 @@ from ikservo.model.urdf_types import Urdf, UrdfJoint, UrdfJointType
 from ikservo.registers import MODELS
 
 _EDGE = 0.001  # distance of poses from the limits, as a fraction of the range
+_JOINTS_IN_LINE = 32  # of a pose; a longer table has a line for each
 _USED_TURN = 0.8  # of a servo's turn: the whole range of a slide with unknown gear
 _BAUD = {"feetech_sts": 1_000_000, "feetech_scs": 1_000_000, "dynamixel_2": 1_000_000,
          "dynamixel_1": 1_000_000}  # fmt: skip
@@ -176,6 +177,8 @@ class ArmDraft:
             else:
                 sliding.append(f"{joint.name} = {round(inside, 5)}")
         tables = (("deg", turning), ("m", sliding))
+        if len(self.joints) > _JOINTS_IN_LINE:
+            return [f"{unit}.{value}" for unit, values in tables for value in values]
         return [f"{unit} = {{ {', '.join(values)} }}" for unit, values in tables if values]
 
     def report(self) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import difflib
 import math
 import sys
 from collections import deque
@@ -16,6 +17,7 @@ from ikservo.apps.workbench.servo_samples import Sample, live_registers, sample_
 from ikservo.apps.workbench.servo_workbench import ServoLine, find_register, shown_unit
 from ikservo.calibration.joint_map import JointMap
 from ikservo.cli.terminal import open_console, print_json, print_lines, print_status
+from ikservo.errors import UnknownNameError
 from ikservo.hardware.register_batches import Register
 from ikservo.hardware.servo import ServoSpec
 from ikservo.model import Model
@@ -102,7 +104,7 @@ def show_plot(
     registers = [name for name in names if name not in named]
     curves: list[_Curve] = []
     for servo in servos:
-        watched_too = [find_register(servo.table, name) for name in registers]
+        watched_too = [_find_register(servo, name, servos) for name in registers]
         if servo.id in joints:
             present = servo.table.find(RegisterName.PRESENT_POSITION)
             curves.append(_Curve(servo, present, joints[servo.id]))
@@ -130,6 +132,19 @@ def show_plot(
             _draw(samples, curves, period_s)
         else:
             _print_csv(samples, curves)
+
+
+def _find_register(servo: ServoSpec, name: str, servos: Sequence[ServoSpec]) -> Register:
+    """Find a register of a servo by name; the error suggests a joint with a similar name."""
+    try:
+        return find_register(servo.table, name)
+    except UnknownNameError as error:
+        joints = [each.name for each in servos]
+        meant = [joint for joint in joints if name.lower() in joint.lower()]
+        meant = meant or difflib.get_close_matches(name.lower(), joints, n=1)
+        if meant:
+            error.command_hint = f"Did you mean the joint {meant[0]}? {error.command_hint}"
+        raise
 
 
 def _print_csv(samples: Iterator[Sample], curves: Sequence[_Curve]) -> None:

@@ -1,6 +1,7 @@
 """Hostile descriptions are refused, bounded, or read for what they are."""
 
 import cProfile
+import itertools
 import os
 from pathlib import Path
 
@@ -90,6 +91,13 @@ def test_hostile_link_names_survive_in_written_files(read, name):
                        if '"' not in name else CHAIN.replace('"d"', f"'{quoted}'")))  # fmt: skip
     model = load_with_zero(draft)
     assert model.chain.tip == name.replace("&lt;", "<")
+
+
+def test_description_of_100_joints_gives_a_loadable_arm(read):
+    names = [f"n{i}" for i in range(101)]
+    links = "".join(f"<link name='{name}'/>" for name in names)
+    chain = "".join(joint(f"k{b}", a, b) for a, b in itertools.pairwise(names))
+    assert load_with_zero(read(robot(links, chain))).chain.dof == 100
 
 
 @pytest.mark.parametrize(

@@ -222,6 +222,13 @@ def test_plot_of_joint_names_the_unit_in_json(run_cli, name, key):
     assert list(servo["values"]) == [key]
 
 
+@pytest.mark.parametrize("word", ["elbow", "elbow_felx"])
+def test_plot_of_unknown_name_suggests_the_joint(run_cli, word):
+    result = run_cli(f"servo plot {word} --arm so101 {FAST} --duration 50ms")
+    assert result.code == ExitCode.USAGE
+    assert "Did you mean the joint elbow_flex?" in result.err
+
+
 def test_a_servo_that_is_named_twice_is_plotted_once(run_cli):
     result = run_cli(
         f"servo plot present_position {FAST} --arm so101 --id 3,elbow_flex --duration 1"
