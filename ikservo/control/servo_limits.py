@@ -281,6 +281,8 @@ class ServoRamLimits:
     def _limit_speed(self, servo_id: int, speed_rad_s: float) -> None:
         table = self._servo_spec(servo_id).table
         speed = table.find(RegisterName.PROFILE_VELOCITY)
+        if servo_id not in self._time_based:  # another joint alone was prepared
+            self._time_based[servo_id] = self._read_time_based(servo_id)
         if self._time_based[servo_id]:  # the register is a duration; 0 disables the profile
             self._write_limit(servo_id, speed, 0)
             return

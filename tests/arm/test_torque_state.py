@@ -14,7 +14,7 @@ from ikservo.errors import (
 )
 from ikservo.motion import JointMove, KinematicLimits
 from servosim.faults import Fault
-from tests.arm.simulated import line_of, motion_runner, servo_group
+from tests.arm.simulated import line_of, motion_runner, registers, servo_group
 
 UNKNOWN, OFF, FIRST_MOTION, HOLDING, MOVING, LOWERING = TorqueState
 
@@ -235,3 +235,11 @@ def test_overheated_arm_failing_while_lowered_is_lowered_once(arm, monkeypatch):
     assert started == [LOWERING]
     assert state(arm) is UNKNOWN
     assert "too hot" in arm.stopped_for
+
+
+@pytest.mark.parametrize("name", ["so101", "wx250s"])
+def test_torque_of_single_joints_comes_on_in_arm_never_enabled(name):
+    with ikservo.open_arm(name, "sim") as arm:
+        for joint in servo_group(arm).names:
+            motion_runner(arm).set_joint_torque(joint, on=True)
+        assert set(registers(arm, "torque_enable").values()) == {1}

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import tomli_w
 
+from tests.arm.simulated import registers
 from tests.browser.page_operator import Operator, serve_view, until
 from tests.browser.tab_order import expect_read_in_order
 from tests.browser.test_browser_page import CONTRAST
@@ -126,4 +127,15 @@ def test_relax_button_asks_before_arm_goes_limp(person):
     assert page.inner_text("#release") == "It falls: sure?"
     page.click("#release")
     person.until("document.getElementById('mode').textContent === 'Preview – the arm is limp'")
+    assert page.is_hidden("#relax")
+    assert person.errors == []
+
+
+def test_hold_button_switches_torque_of_all_servos_on(person):
+    arm = person.served.arm
+    arm.disable_torque()
+    person.page.click("#hold")
+    until(lambda: all(registers(arm, "torque_enable").values()))
+    person.page.wait_for_selector("#relax")
+    assert person.page.is_hidden("#hold")
     assert person.errors == []

@@ -114,6 +114,7 @@ def test_space_key_stops_every_arm_and_list_names_its_fault(page, two):
     page.click("#arms-toggle")
     page.click("[aria-label='Stop koch']")
     row(page, "koch").filter(has_text="Stopped from the list of arms").wait_for()
+    assert "stopped – " not in row(page, "koch").inner_text()
     assert operator.status["mode"] == "live"
     koch.acknowledge()
     row(page, "koch").filter(has_text="preview").wait_for()
@@ -144,7 +145,7 @@ def test_camera_picture_is_placed_and_says_when_unplugged(page, monkeypatch):
     with opened_panel(("planar2", "sim"), cameras=["0"]) as served:
         operator = Operator(page, served)
         operator.until("document.getElementById('camera-picture').naturalWidth === 32")
-        page.wait_for_selector("#camera-note:text-is('camera 0')")
+        page.wait_for_selector("#camera-note:text-is('camera 0 – not calibrated')")
         assert page.evaluate(CONTRAST) == []
         page.click("#camera-places [value=large]")
         stage, picture = (page.locator(each).bounding_box() for each in ("#drawing", "#camera"))

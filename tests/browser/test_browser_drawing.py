@@ -355,6 +355,16 @@ def test_joint_arc_is_amber_near_its_limit_and_red_beyond_it(canvas, side, room_
     assert arc(canvas.items(measured=q), "elbow_flex")["style"] == style
 
 
+def test_joint_arc_of_limp_joint_beyond_its_limit_is_amber(canvas):
+    state = SceneState(looked_at("so101", "side"), at_joints(elbow_flex=2.0))
+    graph = graph_of(model_of("so101"))
+    styles = [
+        arc(canvas.compose(graph, state, limp=limp)["items"], "elbow_flex")["style"]
+        for limp in ([], ["wrist_flex"], ["elbow_flex"])
+    ]
+    assert styles == ["red", "red", "amber"]
+
+
 def test_joint_arc_is_amber_once_its_goal_is_at_the_limit(canvas):
     goal = at_joints(elbow_flex=float(model_of("so101").chain.upper_rad[2]))
     assert arc(canvas.items(goal=goal), "elbow_flex")["style"] == "amber"

@@ -123,6 +123,7 @@ def test_mode_tools_and_readout_do_not_overlap(visit, width, height):
     page = operator.page
     page.set_viewport_size({"width": width, "height": height})
     operator.wait_for_picture()
+    operator.click((180.0, 260.0)).wait_for("status.tip.some(([name]) => name === 'target')")
     long_text = "Preview – limp: shoulder_pan, shoulder_lift, elbow_flex, wrist_flex, wrist_roll"
     page.evaluate(
         "(text) => { Object.defineProperty(document.getElementById('mode'), 'textContent',"
@@ -132,7 +133,9 @@ def test_mode_tools_and_readout_do_not_overlap(visit, width, height):
         long_text,
     )
     page.evaluate("() => new Promise((done) => requestAnimationFrame(() => setTimeout(done, 50)))")
-    found = boxes(operator, ".mode", ".stage-tools", ".view-tools", ".readout")
+    found = boxes(
+        operator, ".mode", ".stage-tools", ".view-tools", ".readout", "#gripper", "#poses"
+    )
     assert not any(overlap(*pair) for pair in itertools.combinations(found, 2))
     page.click("#help-button")
     page.click("#arms-toggle")

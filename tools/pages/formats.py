@@ -86,7 +86,7 @@ No polygons travel: the page computes the drawing (`view/page/picture.js` in 2D,
 - `path` to the goal, null without one: its `number`, `joints` (positions at even times along it);
   `swept`: those of them at which the whole arm is drawn, null while the goal is dragged.
 - `marker` of the target: `target`, `nearest`, `reached`; `refused_pair`: what would touch, null if
-  nothing is refused; `refusal`: why.
+  nothing is refused; `refusal`: why. `limp`: the joints without torque.
 - `hover`, `grabbed`, `picked`, `behind`: what is under the pointer, and how it is marked.
 - `region` (rings) that the tip can reach, and its `region_pose`.
 - `trace` of a solver method (`lines`, `target`, `reached`), and `trace_step`, the shown iteration.

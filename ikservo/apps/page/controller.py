@@ -534,8 +534,14 @@ class SessionController:
         try:
             return CameraView(self._arm, cameras.video, self._clock, cameras.name)
         except IkservoError as error:
-            self._interaction.log(f"Clicks in the picture are not targets: {error.message}")
+            text = f"Clicks in the picture are not targets: {error.message} {error.command_hint}"
+            self._interaction.log(text.rstrip())
             return None
+
+    @property
+    def is_camera_calibrated(self) -> bool:
+        """Whether the shown camera was calibrated to the arm."""
+        return self._camera_view is not None
 
     def _forget_targets(self) -> None:
         """Drop the goal and earlier goals; the arm holds."""

@@ -108,7 +108,8 @@ def _joint_meter_fields(model: Model, state: JointState, at: float, to: float) -
     unit = model.joint(state.name).joint_map.unit
     low, high = state.lower_rad, state.upper_rad
     is_beyond = limit_distance(at, low, high) < -at_distance(low, high, unit)
-    nearness = "beyond" if is_beyond else "near" if near_limit(at, low, high, unit) else ""
+    is_wrong = is_beyond and state.torque  # a limp joint may sag past its limit
+    nearness = "beyond" if is_wrong else "near" if near_limit(at, low, high, unit) else ""
     if not math.isfinite(high - low):
         low, high = at - math.pi, at + math.pi
 
@@ -367,8 +368,10 @@ class FrameComposer:
             self.camera(client),
         )
         region = self._reachable_region(client)
+        limp = [joint.name for joint in snapshot.states if not joint.torque]
         fingerprint = (
             snapshot.measured.tobytes(),
+            tuple(limp),
             interaction.revision,
             interaction.trace_step(self._clock.now_s()),
             client.view,
@@ -410,6 +413,7 @@ class FrameComposer:
             "tip_shows": None if picture is None else picture.tip_shows,
             "tip_clicks": 0 if picture is None else picture.tip_clicks,
             "refusal": self._refusal_text(),
+            "limp": limp,
             **self._trace_fields(),
             **self._graph.fields(state, handles=self._has_handles(client)),
         }

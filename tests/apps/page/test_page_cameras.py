@@ -122,6 +122,7 @@ def test_unknown_camera_of_one_arm_is_shown_as_trouble(
     assert fields["so101"] == {
         "name": "camera 2",
         "trouble": "",
+        "calibrated": True,
         "choices": ["camera 1", "left"],
         "chosen": "left",
     }
@@ -143,3 +144,12 @@ def test_camera_with_password_is_known_by_its_public_name(arm, stored):
         pytest.raises(CalibrationError, match=r"calibrated with camera rtsp://…@cam/1, not this"),
     ):
         CameraView(arm, cameras.open_before(arm, exits), RealClock())
+
+
+def test_page_says_how_an_uncalibrated_camera_is_calibrated():
+    app = ViewApp([ArmAtPort(load_model("koch"), "sim")], cameras=["sim"])
+    with app:
+        koch = app.arms.find("")
+        assert koch.fields()["camera"]["calibrated"] is False
+        said = [entry.message for entry in koch.controller._interaction.messages]
+    assert any("ikservo calibrate koch --camera 0" in each for each in said)

@@ -71,14 +71,15 @@ def test_health_values_are_shown_with_units():
     assert (row["temperature"], row["voltage"], row["load"]) == ("31 °C", "12.1 V", "4 %")
 
 
-def test_joint_at_limit_is_near_and_joint_past_it_is_beyond():
+@pytest.mark.parametrize(("torque", "past"), [(True, "beyond"), (False, "near")])
+def test_joint_past_its_limit_is_beyond_unless_it_is_limp(torque, past):
     model = load_model("so101")
 
     def nearness(at):
-        state = JointState("elbow_flex", at, -1.0, 1.0, "arm file", 25.0, 7.4, None, torque=True)
+        state = JointState("elbow_flex", at, -1.0, 1.0, "arm file", 25.0, 7.4, None, torque=torque)
         return _joint_meter_fields(model, state, at, at)["state"]
 
-    assert [nearness(at) for at in (0.0, -1.0, 1.0, -1.2)] == ["", "near", "near", "beyond"]
+    assert [nearness(at) for at in (0.0, -1.0, 1.0, -1.2)] == ["", "near", "near", past]
 
 
 def test_one_cause_of_alarms_is_one_row():

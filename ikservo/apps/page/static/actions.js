@@ -1,4 +1,4 @@
-// Actions on the target and the whole arm: go there, undo, redo, relax, release; fit the view; help.
+// Actions on the target and the whole arm: go there, undo, redo, relax, hold, release; fit the view; help.
 
 import { ask } from "./confirm.js";
 import { $, place } from "./elements.js";
@@ -10,10 +10,12 @@ export class Actions {
     this.send = send;
     this.status = this.at = null;
     this.path = null; // the number of the drawn path
+    this.limp = []; // the joints without torque
     $("execute").onclick = () => send("arm_action", { action: "execute", path: this.path.number });
     $("undo").onclick = () => send("undo", { redo: false });
     $("redo").onclick = () => send("undo", { redo: true });
     $("relax").onclick = () => send("arm_action", { action: "relax" });
+    $("hold").onclick = () => this.limp.forEach((joint) => send("set_torque", { joint, on: true }));
     // An unsupported arm falls, so this takes a second press.
     $("release").onclick = () => ask($("release"), "It falls: sure?", () => this.send("arm_action", { action: "release" }));
     $("fit").onclick = () => send("fit_view");
@@ -78,7 +80,9 @@ export class Actions {
     this.status = status;
     $("undo").disabled = !free || !status.undo;
     $("redo").disabled = !free || !status.redo;
-    for (const id of ["relax", "release"]) $(id).disabled = !isIdle(status);
+    this.limp = status.health.joints.filter(({ torque }) => torque !== "on").map(({ name }) => name);
+    $("relax").hidden = !($("hold").hidden = !this.limp.length);
+    for (const id of ["relax", "hold", "release"]) $(id).disabled = !isIdle(status);
     this.follow(this.path, this.at);
   }
 }

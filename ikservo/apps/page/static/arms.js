@@ -111,7 +111,8 @@ export class Arms {
     element.dataset.state = state;
     element.dataset.arm = name;
     setText(title, `${name} · ${words} on ${port || "its port"}`);
-    setText(text, [STATES[state], what, hint].filter(Boolean).join(" – "));
+    const known = what.toLowerCase().startsWith(STATES[state]) ? "" : STATES[state];
+    setText(text, [known, [what, hint].filter(Boolean).join(" ")].filter(Boolean).join(" – "));
     show.hidden = !open || name === this.shown;
     stop.hidden = !open || state === "stopped";
     setText(close, open ? "Close" : "Remove");

@@ -33,7 +33,7 @@ export class CameraPicture {
     document.body.dataset.camera = place;
     $("camera-picture").alt = `Picture of ${camera.name}`;
     const trouble = camera.trouble || this.pictureTrouble;
-    setText($("camera-note"), trouble || camera.name);
+    setText($("camera-note"), trouble || (camera.calibrated ? camera.name : `${camera.name} – not calibrated`));
     $("camera").toggleAttribute("data-trouble", Boolean(trouble));
     if (place !== "off" && !this.asked) this.ask();
   }

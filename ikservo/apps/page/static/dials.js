@@ -17,10 +17,11 @@ export class Dials {
   }
 
   // Returns arc, needle and hub of each joint, of the arm and, if there is a goal, with its nearness to the limits.
-  items(placed, placedGoal, projection) {
+  items(placed, placedGoal, projection, limp = []) {
     return this.dials.flatMap((dial) => {
       const { mount, pose, position } = placed.get(dial.link);
-      const style = proximity(dial, [position, placedGoal?.get(dial.link).position ?? position]);
+      const positions = [position, placedGoal?.get(dial.link).position ?? position];
+      const style = proximity(dial, positions, limp.includes(dial.joint));
       const [pivot, axis] = [origin(mount), rotate(mount, dial.axis)];
       return dial.slides ? trackItems(dial, style, pivot, axis, position, projection)
         : arcItems(dial, style, pivot, axis, pose, position, projection);
@@ -36,10 +37,11 @@ function markRange({ range, slides }) {
   return Array.from({ length: steps + 1 }, (_, i) => low + ((high - low) * i) / steps);
 }
 
-function proximity({ range, at, near }, positions) {
+// Neither a joint at its limit nor a limp one that sagged past it is a fault.
+function proximity({ range, at, near }, positions, isLimp) {
   if (!range) return "limit";
   const room = Math.min(...positions.flatMap((position) => [position - range[0], range[1] - position]));
-  return room < -at ? "red" : room <= near ? "amber" : "limit"; // being at its limit is not a fault
+  return room < -at && !isLimp ? "red" : room <= near ? "amber" : "limit";
 }
 
 function trackItems({ joint, marks }, style, pivot, axis, position, projection) {

@@ -71,7 +71,7 @@ export class Picture {
       ...ghost.map(({ link, rings }) => ({ kind: "polygon", style: goalStyle(link, scene), rings, link })),
       ...links.map(({ link, rings }) => ({ kind: "polygon", style: armStyle(link, scene, projection), rings, link })),
       ...behind.map(({ rings }) => ({ kind: "polygon", style: "behind", rings })),
-      ...this.dials.items(arm, goal, projection),
+      ...this.dials.items(arm, goal, projection, scene.limp),
     ];
   }
 }

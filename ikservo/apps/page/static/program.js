@@ -97,7 +97,7 @@ export class Program {
     updateChoices($("program-speed"), SPEEDS, program.speed, (speed) => this.sendOptions({ speed }), formatTitle);
     $("program-repeat").value = program.repeat;
     $("program-files").replaceChildren(...program.names.map((name) => createElement("option", { value: name, selected: name === program.name }, name)));
-    setText($("program-folder"), `Kept in ${program.folder}; also made by: ikservo program run FILE`);
+    setText($("program-folder"), `Kept in ${program.folder}; to run one in a terminal: ikservo program run FILE`);
     $("add-recording").replaceChildren(createElement("option", { value: "" }, "+ Recording …"), ...program.recordings.map((name) => createElement("option", { value: name }, name)));
     this.renderSteps();
     this.update();
