@@ -10,7 +10,7 @@ from typing import Literal, TypeVar, cast
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ikservo.errors import BadValueError, UnknownNameError
+from ikservo.errors import CONTROL, BadValueError, UnknownNameError, shown
 from ikservo.files.reading import parse_path
 from ikservo.kinematics import finite_vector
 from ikservo.kinematics.arrays import LARGEST
@@ -20,6 +20,7 @@ __all__ = [
     "check_callable",
     "check_choice",
     "check_exit",
+    "check_flag",
     "check_iterable",
     "parse_all_positions",
     "parse_joint_positions",
@@ -58,7 +59,7 @@ def check_callable(what: str, value: object) -> None:
         BadValueError: It is not callable.
     """
     if value is not None and not callable(value):
-        raise BadValueError(what, repr(value), "a function, or None")
+        raise BadValueError(what, shown(value), "a function, or None")
 
 
 def check_choice(what: str, value: T, choices: Sequence[T]) -> T:
@@ -89,7 +90,7 @@ def check_iterable(what: str, value: object, expected: str) -> None:
         BadValueError: It is not iterable.
     """
     if not isinstance(value, Iterable):
-        raise BadValueError(what, repr(value), expected)
+        raise BadValueError(what, shown(value), expected)
 
 
 def parse_points(values: object) -> list[ArrayLike]:
@@ -103,7 +104,7 @@ def parse_points(values: object) -> list[ArrayLike]:
             return list(cast("Iterable[ArrayLike]", values))
     except TypeError:  # a single value, also as an array
         pass
-    raise BadValueError("The list of points", repr(cast("object", values)), "points (k, 3)")
+    raise BadValueError("The list of points", shown(cast("object", values)), "points (k, 3)")
 
 
 def parse_joint_positions(positions: object) -> dict[str, float]:
@@ -113,7 +114,7 @@ def parse_joint_positions(positions: object) -> dict[str, float]:
         BadValueError: They are not a mapping of names to numbers.
     """
     if not isinstance(positions, Mapping):
-        raise BadValueError("The goal", repr(positions), 'positions by joint: {"elbow": 0.5}')
+        raise BadValueError("The goal", shown(positions), 'positions by joint: {"elbow": 0.5}')
     given = cast("Mapping[object, object]", positions)
     return {
         parse_name("The name of a joint", name): parse_number(f"The goal of {name}", value)
@@ -132,7 +133,7 @@ def parse_number(what: str, value: object) -> float:
             raise TypeError
         number = float(value)  # pyright: ignore[reportArgumentType]
     except (TypeError, ValueError, OverflowError):
-        raise BadValueError(what, repr(cast("object", value)), "a number") from None
+        raise BadValueError(what, shown(cast("object", value)), "a number") from None
     if math.isfinite(number) and abs(number) > LARGEST:
         raise BadValueError(what, number, f"a number between ±{LARGEST:g}")
     return number
@@ -153,6 +154,17 @@ def parse_period_s(rate_hz: object) -> float | None:
     return 1.0 / value_hz
 
 
+def check_flag(what: str, value: object) -> bool:
+    """Check that a value is True or False, and return it.
+
+    Raises:
+        BadValueError: It is neither; other values are not taken for one of them.
+    """
+    if not isinstance(value, bool | np.bool_):
+        raise BadValueError(what, shown(value), "True or False")
+    return bool(cast("object", value))
+
+
 def parse_port(port: object) -> str | None:
     """Parse the name of a port, or None if none is given.
 
@@ -161,9 +173,9 @@ def parse_port(port: object) -> str | None:
     """
     if isinstance(port, os.PathLike):
         port = str(cast("os.PathLike[str]", port))
-    if port is None or (isinstance(port, str) and "\0" not in port):
+    if port is None or (isinstance(port, str) and not CONTROL.search(port)):
         return port
-    raise BadValueError("The port", repr(port), "a name such as /dev/ttyACM0 or COM3, or sim")
+    raise BadValueError("The port", shown(port), "a name such as /dev/ttyACM0 or COM3, or sim")
 
 
 def parse_name(what: str, name: object) -> str:
@@ -173,5 +185,5 @@ def parse_name(what: str, name: object) -> str:
         BadValueError: It is not text.
     """
     if not isinstance(name, str):
-        raise BadValueError(what, repr(name), "text")
+        raise BadValueError(what, shown(name), "text")
     return name

@@ -38,6 +38,7 @@ from __future__ import annotations
 
 import difflib
 import math
+import re
 from collections.abc import Iterable, Sequence
 from enum import IntEnum
 from pathlib import Path
@@ -114,8 +115,38 @@ _MEANINGS = {
 }
 
 
+# Control characters except tab and new line, characters that reverse the text direction, and
+# halves of surrogate pairs, which cannot be encoded.
+CONTROL = re.compile(
+    "[\x00-\x08\x0b-\x1f\x7f-\x9f\u061c\u200e\u200f\u202a-\u202e\u2066-\u2069\ud800-\udfff]"
+)
+_MAX_MESSAGE_CHARS = 8000  # the longest useful message lists the mistakes of a long file
+_MAX_SHOWN_CHARS = 200
+
+
+def printable(text: str) -> str:
+    """Spell out control characters, which could come from a file or the network.
+
+    On a terminal they could move the cursor, hide what was printed, or type an answer.
+    """
+    return CONTROL.sub(lambda found: ascii(found[0])[1:-1], text)
+
+
+def shown(value: object) -> str:
+    """Return any value as a program would write it, cut short; never raises."""
+    try:
+        text = repr(value)
+    except Exception:  # nested too deeply, too many digits, or an error in a class of the user
+        return f"a value of type {type(value).__name__}"
+    return _cut(text, _MAX_SHOWN_CHARS)
+
+
+def _cut(text: str, most: int) -> str:
+    return text if len(text) <= most else f"{text[:most]}…"
+
+
 class IkservoError(Exception):
-    """Base of all errors of ikservo.
+    """Base of all errors of ikservo. Their texts are printable and bounded, whatever they quote.
 
     Attributes:
         command_message: The event, in terms of the command line, one line.
@@ -127,6 +158,7 @@ class IkservoError(Exception):
     exit_code: ExitCode = ExitCode.FAILED
 
     def __init__(self, message: str, hint: str = "") -> None:
+        message, hint = (_cut(printable(each), _MAX_MESSAGE_CHARS) for each in (message, hint))
         super().__init__(in_python(message))
         self.command_message = message
         self.command_hint = hint
@@ -157,11 +189,11 @@ class UnknownNameError(InputError, LookupError):
 
     def __init__(self, kind: str, name: object, known: Iterable[str]) -> None:
         self.kind, self.name, self.known = kind, name, sorted(known)
-        close = difflib.get_close_matches(str(name).lower(), self.known, n=1)
+        close = difflib.get_close_matches(shown(name).strip("'").lower(), self.known, n=1)
         self.closest = close[0] if close else None
         listing = ", ".join(self.known) or "none"
         hint = f"Did you mean {self.closest}? " if self.closest else ""
-        super().__init__(f"There is no {kind} named {name!r}.", f"{hint}Known: {listing}.")
+        super().__init__(f"There is no {kind} named {shown(name)}.", f"{hint}Known: {listing}.")
 
 
 class BadValueError(InputError):

@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, Self, TypeVar
 
-from ikservo.arguments import OnExit, check_exit
+from ikservo.arguments import OnExit, check_exit, check_flag
 from ikservo.arm.arm_parts import ImportedMethod
 from ikservo.arm.background_motion import Background
 from ikservo.arm.motion_methods import MotionMethods, Positions
@@ -325,6 +325,8 @@ class Arm(MotionMethods):
             BadValueError: The name cannot be used; nothing has moved.
             FileWriteError: The pose cannot be saved.
         """
+        check_flag("hold", hold)
+        check_flag("hold", hold)
         positions = teach(self._context, self.poses, name, until, self.relax)
         if hold:
             self.enable()

@@ -9,11 +9,11 @@ from typing import Protocol, cast
 
 import numpy as np
 
-from ikservo.arguments import parse_number
+from ikservo.arguments import parse_name, parse_number
 from ikservo.arm.arm_parts import ArmParts
 from ikservo.arm.target_tracking import TargetTracker
 from ikservo.control.loop import ControlCycle
-from ikservo.errors import BadValueError, CollisionError, RefusedError, UnknownNameError
+from ikservo.errors import BadValueError, CollisionError, RefusedError, UnknownNameError, shown
 from ikservo.guard import DeadManSwitch
 from ikservo.kinematics.arrays import Vector
 from ikservo.motion import KinematicLimits, OnlineTrajectory
@@ -155,7 +155,7 @@ def jog(arm: ArmParts, what: str, speed: float | None = None, *, wanted: KeepGoi
         BadValueError: The speed is zero, not finite or too high.
     """
     if not callable(wanted):
-        raise BadValueError("The argument wanted", repr(wanted), "a function")
+        raise BadValueError("The argument wanted", shown(wanted), "a function")
     context, runner = arm.context, arm.runner
     with runner.requested():
         speed_class = runner.allowed_speed("normal")
@@ -186,6 +186,7 @@ def _make_jog_target(
     context: ArmContext, what: str, speed: float | None, speed_class: str
 ) -> tuple[_JogTarget, list[KinematicLimits]]:
     limits, names = context.planner.motion_limits(speed_class), context.index.names
+    parse_name("The joint or direction", what)
     if what in names:
         column = context.index.column(what)
         slow = context.planner.motion_limits("slow")[column].speed_rad_s

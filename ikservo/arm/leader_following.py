@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator, Sequence
 from ikservo.arguments import check_callable
 from ikservo.arm.arm_protocol import OpenArm
 from ikservo.clock import Rate, RealClock
-from ikservo.errors import BadValueError, BusError, InputError
+from ikservo.errors import BadValueError, BusError, InputError, shown
 from ikservo.model import Model
 from ikservo.planning.context import ArmContext
 from ikservo.planning.reports import FollowResult, OnProgress
@@ -37,7 +37,7 @@ def follow_arm(
     check_callable("on_progress", on_progress)
     check_callable("until", until)
     if leader is arm or not hasattr(leader, "leader_positions"):
-        raise BadValueError("The leader", repr(leader), "another open arm")
+        raise BadValueError("The leader", shown(leader), "another open arm")
     leader.zeros.require_known(leader.model.name)
     shared = shared_joints(leader.model, arm.model)
     with leader.leader_positions(shared, arm.target_period_s(), until) as positions:

@@ -10,12 +10,12 @@ import difflib
 from abc import abstractmethod
 from collections.abc import Iterable, Mapping
 from dataclasses import fields
-from typing import Any, Literal, Protocol, TypedDict, TypeVar, Unpack, cast, overload
+from typing import Any, Literal, Protocol, TypedDict, TypeVar, Unpack, overload
 
 from numpy.typing import ArrayLike
 
 from ikservo.app_discovery import member_names, member_of_arms
-from ikservo.arguments import OnExit, check_callable, parse_all_positions
+from ikservo.arguments import OnExit, check_callable, check_flag, parse_all_positions
 from ikservo.arm.background_motion import Background, RunningMotion
 from ikservo.arm.method_options import with_options
 from ikservo.control.stop_requests import STOPPED_BY_PROGRAM
@@ -621,9 +621,8 @@ class MotionMethods(Protocol):
         Raises:
             BadValueError: ``wait`` is not a boolean.
         """
-        if not isinstance(cast("object", wait), bool):
-            raise BadValueError("wait", repr(wait), "True or False")
-        return self.execute(motion, on_progress) if wait else self.start(motion, on_progress)
+        is_awaited = check_flag("wait", wait)
+        return self.execute(motion, on_progress) if is_awaited else self.start(motion, on_progress)
 
 
 def _fields(kind: type[MotionValue[Any]], options: Mapping[str, Any]) -> dict[str, Any]:

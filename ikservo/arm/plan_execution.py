@@ -22,6 +22,7 @@ from ikservo.errors import (
     PortError,
     RefusedError,
     StoppedError,
+    shown,
 )
 from ikservo.guard import StopKind, StopReason
 from ikservo.kinematics.arrays import Vector
@@ -390,5 +391,5 @@ def check_plan(plan: object) -> None:
     """
     if not isinstance(plan, MotionPlan):
         raise BadValueError(
-            "The plan", repr(plan), "a plan, such as arm.plan_to((0.25, 0.0, 0.15))"
+            "The plan", shown(plan), "a plan, such as arm.plan_to((0.25, 0.0, 0.15))"
         )

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 from ikservo.arguments import parse_name
 from ikservo.arm.motion_runner import MotionRunner
 from ikservo.arm.other_arm import OtherArm
-from ikservo.errors import BadValueError, RefusedError, UnknownNameError
+from ikservo.errors import BadValueError, RefusedError, UnknownNameError, shown
 from ikservo.guard.sag import Sag, arm_sag
 from ikservo.kinematics.arrays import Matrix, bounded_vector, finite_vector
 from ikservo.kinematics.collision_body import CollisionBody
@@ -352,7 +352,7 @@ class Scene:
     def _check_new(self, name: str) -> None:
         taken = {*self.names, *self._held, "the table", *self._context.chain.frames}
         if parse_name(_NAME, name) in taken:
-            raise BadValueError(_NAME, repr(name), "an unused name")
+            raise BadValueError(_NAME, shown(name), "an unused name")
 
     def _tip_pose(self) -> Matrix:
         return self._context.planner.tip_pose(self._context.servos.measure_positions())

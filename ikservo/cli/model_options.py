@@ -14,7 +14,7 @@ from ikservo.calibration import format_position, format_source
 from ikservo.calibration.paths import calibrations_of
 from ikservo.cli.quantities import parse_angle_rad, parse_length_m
 from ikservo.cli.terminal import print_status
-from ikservo.errors import BadValueError, InputError, UnknownNameError
+from ikservo.errors import BadValueError, InputError, UnknownNameError, shown
 from ikservo.ik import ActiveLimit, Posture
 from ikservo.kinematics import Chain, JointType
 from ikservo.kinematics.arrays import Vector
@@ -182,5 +182,5 @@ def _parse_weight(name: str, text: str) -> float:
     except ValueError:
         weight = math.nan
     if not 0.0 <= weight < math.inf:
-        raise BadValueError(f"The weight of {name}", repr(text), "a number of at least 0")
+        raise BadValueError(f"The weight of {name}", shown(text), "a number of at least 0")
     return weight

@@ -18,6 +18,8 @@ from contextlib import contextmanager
 from dataclasses import asdict, is_dataclass
 from typing import TYPE_CHECKING, Any, TextIO
 
+from ikservo.errors import CONTROL, printable
+
 if TYPE_CHECKING:
     from rich.console import Console, ConsoleOptions, RenderableType
     from rich.segment import Segment
@@ -47,22 +49,10 @@ def terminal_width(stream: TextIO) -> int | None:
         return shutil.get_terminal_size().columns
 
 
-# Control characters except tab and new line, and characters that reverse the text direction.
-_CONTROL = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u061c\u200e\u200f\u202a-\u202e\u2066-\u2069]")
-
-
-def printable(text: str) -> str:
-    """Spell out control characters, which could come from a file or the network.
-
-    On a terminal they could move the cursor, hide what was printed, or type an answer.
-    """
-    return _CONTROL.sub(lambda found: ascii(found[0])[1:-1], text)
-
-
 def _printable_json(value: object) -> str:
     """Encode a value as JSON that is safe on a terminal and readable."""
     text = json.dumps(value, default=_to_json_value, ensure_ascii=False)
-    return _CONTROL.sub(lambda found: f"\\u{ord(found[0]):04x}", text)
+    return CONTROL.sub(lambda found: f"\\u{ord(found[0]):04x}", text)
 
 
 def fold_for_stream(text: str, stream: TextIO = sys.stderr, indent: int = 0) -> str:

@@ -23,11 +23,10 @@ from ikservo.cli.terminal import (
     confirm,
     open_console,
     print_status,
-    printable,
     read_answer,
     read_keys,
 )
-from ikservo.errors import IkservoError, InputError
+from ikservo.errors import IkservoError, InputError, printable
 from ikservo.maintenance.dialogue import (
     ACCEPT,
     Entry,

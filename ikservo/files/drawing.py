@@ -9,12 +9,12 @@ import xml.etree.ElementTree as ET
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ikservo.errors import BadValueError, FileFormatError, InputError
+from ikservo.errors import BadValueError, FileFormatError, InputError, shown
 from ikservo.files.reading import parse_path, quote, read_text
 from ikservo.remedies import install_command
 
@@ -114,8 +114,8 @@ def read_drawing(path: Path | str, unit: str | None = None) -> Drawing:
         BadValueError: The unit is neither, or contradicts the file.
     """
     file = parse_path(path)
-    if unit is not None and unit not in _UNITS_M:
-        raise BadValueError("The unit", quote(str(unit)), "m or mm")
+    if unit is not None and (not isinstance(cast("object", unit), str) or unit not in _UNITS_M):
+        raise BadValueError("The unit", shown(unit), "m or mm")
     text = read_text(file, _MAX_BYTES)
     if file.suffix.lower() == ".svg":
         if unit is not None:

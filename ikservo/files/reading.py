@@ -12,7 +12,7 @@ from collections.abc import Callable
 from pathlib import Path, PurePosixPath
 from typing import Any, NoReturn, cast
 
-from ikservo.errors import BadValueError, FileFormatError
+from ikservo.errors import BadValueError, FileFormatError, shown
 
 _OUTWARD = ("\\", ":", "\0")  # other separators, drives and schemes such as package:// or http://
 _MAX_NAME_CHARS = 1024
@@ -25,7 +25,7 @@ def parse_path(value: object) -> Path:
         BadValueError: It is neither text nor a path.
     """
     if not isinstance(value, str | os.PathLike):
-        raise BadValueError("The file", repr(value), "a path")
+        raise BadValueError("The file", shown(value), "a path")
     return Path(cast("str", value))
 
 

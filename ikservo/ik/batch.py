@@ -21,7 +21,14 @@ from ikservo.ik.prepare import (
     pack_settings,
     target_kind,
 )
-from ikservo.ik.problem import ArmLike, Options, chain_and_start, check_position, normalise
+from ikservo.ik.problem import (
+    ArmLike,
+    Options,
+    chain_and_start,
+    check_count,
+    check_position,
+    normalise,
+)
 from ikservo.kernels.layout import (
     ITERATIONS,
     MAX_ANGLE_RAD,
@@ -94,7 +101,7 @@ def solve_batch(
     """
     chain, q0s = chain_and_start(chain, q0s)
     _check_workers(workers)
-    options = options or Options()
+    options = Options() if options is None else options
     check_options(options)
     questions, kind_code = _problem_rows(targets, kind, normalise(tool_axis, "tool_axis"))
     starts = _start_rows(chain, q0s, len(questions))
@@ -160,8 +167,8 @@ def _check_positions(points_m: Matrix) -> Matrix:
 
 
 def _check_workers(workers: int | None) -> None:
-    if workers is not None and not (np.asarray(workers).dtype.kind in "iu" and workers >= 1):
-        raise BadValueError("workers", repr(workers), "a whole number, at least 1, or None")
+    if workers is not None:
+        check_count("workers", workers)
 
 
 def _start_rows(chain: Chain, q0s: ArrayLike | None, count: int) -> Matrix:

@@ -130,7 +130,8 @@ class Solver:
         options: Options | None = None,
     ) -> None:
         chain, _ = chain_and_start(chain)
-        options = options or Options(tolerance or Tolerance())
+        if options is None:
+            options = Options(Tolerance() if tolerance is None else tolerance)
         check_options(options)
         self.chain, self.kind = chain, kind
         self._kind = target_kind(kind)

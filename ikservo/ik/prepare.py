@@ -18,7 +18,8 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from numpy.typing import NDArray
 
-from ikservo.errors import BadValueError, UnknownNameError
+from ikservo.arguments import check_choice, parse_name
+from ikservo.errors import BadValueError, shown
 from ikservo.ik.problem import Options
 from ikservo.kernels.layout import (
     PROBLEM_SIZE,
@@ -146,7 +147,7 @@ class TargetKind(IntEnum):
 def check_options(options: object) -> None:
     """Raise BadValueError if these are not options."""
     if not isinstance(options, Options):
-        raise BadValueError("The options", repr(options), "Options, as in Options(restarts=20)")
+        raise BadValueError("The options", shown(options), "Options, as in Options(restarts=20)")
 
 
 def check_homogeneous_row(poses: Matrix, what: str) -> None:
@@ -161,9 +162,10 @@ def target_kind(name: str) -> TargetKind:
     Raises:
         UnknownNameError: There is no such kind.
     """
-    if str(name).upper() not in TargetKind.__members__:
-        raise UnknownNameError("kind of target", name, [kind.name.lower() for kind in TargetKind])
-    return TargetKind[name.upper()]
+    kinds = [kind.name.lower() for kind in TargetKind]
+    return TargetKind[
+        check_choice("kind of target", parse_name("The kind", name).lower(), kinds).upper()
+    ]
 
 
 @cache

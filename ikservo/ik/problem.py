@@ -7,11 +7,13 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
+from typing import cast
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ikservo.errors import BadValueError
+from ikservo.arguments import parse_number
+from ikservo.errors import BadValueError, shown
 from ikservo.kernels.layout import MAX_POSITION_M
 from ikservo.kinematics import Chain, finite_array, finite_vector
 from ikservo.kinematics.arrays import (
@@ -48,7 +50,7 @@ def chain_and_start(arm: ArmLike, q0: ArrayLike | None = None) -> tuple[Chain, A
         model = load_model(arm)
     if not isinstance(model, Model):
         expected = 'a Chain, a Model, or the name or file of an arm, as in "so101"'
-        raise BadValueError("The arm", repr(arm), expected)
+        raise BadValueError("The arm", shown(arm), expected)
     return model.chain, model.initial_joints() if q0 is None else q0
 
 
@@ -158,7 +160,7 @@ def _perpendicular_vector(a: Vector) -> Vector:
 
 def _check_frame(frame: object) -> None:
     if frame is not None and not isinstance(frame, str):
-        raise BadValueError("The frame", repr(frame), "the name of a link, or None for the tip")
+        raise BadValueError("The frame", shown(frame), "the name of a link, or None for the tip")
 
 
 def check_position(v: ArrayLike, what: str) -> Vector:
@@ -270,9 +272,9 @@ class Options:
     nearest: bool = True
 
     def __post_init__(self) -> None:
-        _check_count("restarts", self.restarts)
+        check_count("restarts", self.restarts)
         if self.max_iterations is not None:
-            _check_count("max_iterations", self.max_iterations)
+            check_count("max_iterations", self.max_iterations)
         _check_above_0("turn_weight_m_rad", self.turn_weight_m_rad)
         if math.isinf(self.turn_weight_m_rad):
             raise BadValueError("turn_weight_m_rad", self.turn_weight_m_rad, "a finite number")
@@ -294,17 +296,17 @@ class Options:
 
 
 def _check_above_0(what: str, value: float) -> None:
-    array = np.asarray(value)
-    if array.shape or array.dtype.kind not in "iuf" or not value > 0.0:
-        raise BadValueError(what, repr(value), "a number above 0")
+    if not parse_number(what, value) > 0.0:
+        raise BadValueError(what, shown(value), "a number above 0")
 
 
-def _check_count(what: str, value: int) -> None:
-    array = np.asarray(value)
-    if array.shape or array.dtype.kind not in "iu" or not 1 <= value <= _MAX_COUNT:
-        raise BadValueError(what, repr(value), f"a whole number, at least 1, at most {_MAX_COUNT}")
+def check_count(what: str, value: int) -> None:
+    """Raise BadValueError if a value is not a whole number from 1 to ``_MAX_COUNT``."""
+    is_whole = isinstance(cast("object", value), int | np.integer) and value is not True
+    if not is_whole or not 1 <= value <= _MAX_COUNT:
+        raise BadValueError(what, shown(value), f"a whole number, at least 1, at most {_MAX_COUNT}")
 
 
 def _check_kind(what: str, value: object, kind: type) -> None:
     if not isinstance(value, kind):
-        raise BadValueError(what, repr(value), f"a {kind.__name__}")
+        raise BadValueError(what, shown(value), f"a {kind.__name__}")

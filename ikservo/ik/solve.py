@@ -11,7 +11,7 @@ from typing import cast
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ikservo.errors import UnknownNameError
+from ikservo.arguments import check_choice
 from ikservo.ik.bounded import bounded
 from ikservo.ik.problem import (
     DEFAULT_RESTARTS,
@@ -73,12 +73,10 @@ def get_method(name: str) -> Method:
     Raises:
         UnknownNameError: There is no such method; the existing ones are listed.
     """
-    if name == "auto":
+    if check_choice("method", name, ("auto", *METHODS)) == "auto":
         return auto
     if name == "bounded":
         return bounded
-    if str(name) not in METHODS:
-        raise UnknownNameError("method", name, ("auto", *METHODS))
     return _import_method(name)
 
 
@@ -197,7 +195,7 @@ _TOLERANCE = Tolerance()
 
 def _make_options(tolerance: Tolerance | None, *others: object) -> Options:
     make = cast("Callable[..., Options]", Options)  # checks each of them
-    return make(tolerance or _TOLERANCE, *others)
+    return make(_TOLERANCE if tolerance is None else tolerance, *others)
 
 
 # Options that were checked in an earlier call; typed, because 1 is not True.

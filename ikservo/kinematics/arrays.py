@@ -10,7 +10,7 @@ from typing import cast
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ikservo.errors import BadValueError
+from ikservo.errors import BadValueError, shown
 
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
@@ -87,7 +87,7 @@ def as_floats(values: ArrayLike, what: str, expected: str) -> Vector:
             raise TypeError
         return np.asarray(array, dtype=np.float64)
     except (TypeError, ValueError, OverflowError):
-        raise BadValueError(what, repr(values), expected) from None
+        raise BadValueError(what, shown(values), expected) from None
 
 
 def read_only(values: ArrayLike) -> Vector:

@@ -10,7 +10,7 @@ from typing import cast
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ikservo.errors import BadValueError, InputError, UnknownNameError
+from ikservo.errors import BadValueError, InputError, UnknownNameError, shown
 from ikservo.kinematics.arrays import (
     Matrix,
     Vector,
@@ -176,7 +176,7 @@ class Chain:
             BadValueError: An origin is not an array (4, 4) of finite numbers.
         """
         if not isinstance(cast("object", origins), Mapping):
-            raise BadValueError("The origins", repr(origins), "poses (4, 4) by joint")
+            raise BadValueError("The origins", shown(origins), "poses (4, 4) by joint")
         known = {step.joint.name for path in self._paths.values() for step in path}
         for name, T in origins.items():
             if name not in known:

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
+from ikservo.arguments import parse_name
 from ikservo.calibration import Crank, JointMap, Limits, format_position
 from ikservo.errors import FileFormatError, InputError
 from ikservo.kinematics import Chain, Joint, JointType, Mimic
@@ -131,6 +132,8 @@ def load_model(arm: str | Path, tip: str | None = None) -> Model:
         UnknownNameError: No arm of that name; the closest one is suggested.
         FileFormatError: A file cannot be used; the place and the expected value are named.
     """
+    if tip is not None:
+        parse_name("The tip", tip)
     path = find_arm(arm)
     return _load_arm_model(path, tip) if path.suffix == ".toml" else _load_urdf_model(path, tip)
 

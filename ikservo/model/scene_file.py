@@ -13,7 +13,8 @@ from typing import Annotated, Any
 import numpy as np
 from pydantic import Field, ValidationError, model_validator
 
-from ikservo.errors import BadValueError, FileFormatError, RefusedError, UnknownNameError
+from ikservo.arguments import check_choice
+from ikservo.errors import BadValueError, FileFormatError, RefusedError
 from ikservo.files.reading import parse_path, read_toml
 from ikservo.files.validation import StrictModel, first_issue, validation_issues
 from ikservo.kinematics.arrays import Matrix, Vector
@@ -251,8 +252,7 @@ def make_shape(kind: str, name: str, sizes: dict[str, Any]) -> KeepOutShape:
         FileFormatError: A value is missing, unknown or of another type; the key is named.
         BadValueError: A direction has no length.
     """
-    if kind not in KINDS:
-        raise UnknownNameError("kind of thing", kind, KINDS)
+    check_choice("kind of thing", kind, KINDS)
     values = {
         key: getattr(value, "tolist", lambda value=value: value)() for key, value in sizes.items()
     }

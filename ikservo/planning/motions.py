@@ -26,11 +26,12 @@ from numpy.typing import ArrayLike
 from ikservo.app_discovery import all_apps, load_place
 from ikservo.arguments import (
     check_choice,
+    check_flag,
     parse_joint_positions,
     parse_number,
     parse_points,
 )
-from ikservo.errors import BadValueError, InputError, UnknownNameError, format_point
+from ikservo.errors import BadValueError, InputError, UnknownNameError, format_point, shown
 from ikservo.ik import Posture
 from ikservo.ik.problem import check_position
 from ikservo.kinematics.arrays import Vector, finite_vector, finite_vectors
@@ -66,17 +67,12 @@ def _number(what: str) -> Callable[[object], float]:
 
 
 def _flag(what: str) -> Callable[[object], bool]:
-    def parse(value: object) -> bool:
-        if not isinstance(value, bool | np.bool_):
-            raise BadValueError(what, repr(value), "True or False")
-        return bool(cast("object", value))
-
-    return parse
+    return lambda value: check_flag(what, value)
 
 
 def _choice(what: str, choices: Sequence[str]) -> Callable[[object], str]:
     return lambda value: check_choice(
-        what, value if isinstance(value, str) else repr(value), choices
+        what, value if isinstance(value, str) else shown(value), choices
     )
 
 
@@ -106,14 +102,14 @@ def _parse_strokes(values: object) -> tuple[tuple[Point, ...], ...]:
 def _parse_constraint(value: object) -> PathConstraint:
     if not isinstance(value, PathConstraint):
         raise BadValueError(
-            "within", repr(value), "a PathConstraint, such as PathConstraint(upright_rad=0.2)"
+            "within", shown(value), "a PathConstraint, such as PathConstraint(upright_rad=0.2)"
         )
     return value
 
 
 def _parse_name(value: object) -> str:
     if not isinstance(value, str):
-        raise BadValueError("The name of the pose", repr(value), "text")
+        raise BadValueError("The name of the pose", shown(value), "text")
     return value
 
 
@@ -194,7 +190,7 @@ def _parser_of(place: str, name: str, hint: Any) -> Callable[[object], object]: 
     def parse(value: object) -> object:
         accepted = (int, float) if hint is float else hint
         if not isinstance(value, accepted) or (isinstance(value, bool) and hint is not bool):
-            raise BadValueError(name, repr(value), f"a value of type {hint.__name__}")
+            raise BadValueError(name, shown(value), f"a value of type {hint.__name__}")
         return value
 
     return parse
@@ -572,7 +568,7 @@ def check_motion(motion: MotionValue[R]) -> MotionValue[R]:
         BadValueError: It is not a motion.
     """
     if not isinstance(cast("object", motion), MotionValue):
-        raise BadValueError("The motion", repr(motion), "such as MoveTo((0.25, 0.0, 0.15))")
+        raise BadValueError("The motion", shown(motion), "such as MoveTo((0.25, 0.0, 0.15))")
     return motion
 
 

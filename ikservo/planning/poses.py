@@ -23,7 +23,7 @@ from pydantic import Field, ValidationError
 
 from ikservo.arguments import check_callable
 from ikservo.calibration.paths import calibration_path
-from ikservo.errors import BadValueError, FileFormatError, UnknownNameError
+from ikservo.errors import BadValueError, FileFormatError, UnknownNameError, shown
 from ikservo.files.reading import config_dir, read_toml
 from ikservo.files.validation import StrictModel, first_issue, validation_issues
 from ikservo.files.writing import write_atomic
@@ -108,7 +108,7 @@ class PoseLibrary:
             BadValueError: The name is malformed, or that of a pose of the arm file.
         """
         if not isinstance(cast("object", name), str) or not _NAME.fullmatch(name):
-            raise BadValueError("The name of the pose", repr(name), _EXPECTED_NAME)
+            raise BadValueError("The name of the pose", shown(name), _EXPECTED_NAME)
         if name in self._model.poses:
             raise BadValueError(
                 "The name of the pose", f"{name}, a pose of the arm file", "another name"

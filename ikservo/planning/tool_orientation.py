@@ -5,13 +5,12 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from typing import cast
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ikservo.arguments import parse_number
-from ikservo.errors import BadValueError, OrientationError
+from ikservo.arguments import check_flag, parse_number
+from ikservo.errors import BadValueError, OrientationError, shown
 from ikservo.ik import Options, Posture, Result, Solver, Target, solve
 from ikservo.kinematics import Chain
 from ikservo.kinematics.arrays import Matrix, Vector
@@ -90,8 +89,7 @@ class ToolOrientation:
                     f"{math.degrees(angle):g}°",
                     f"at most ±{math.degrees(most):.0f}°",
                 )
-        if not isinstance(cast("object", self.keep), bool | np.bool_):
-            raise BadValueError("keep", repr(self.keep), "True or False")
+        check_flag("keep", self.keep)
         Target((0.0, 0.0, 0.0), direction=self.direction)
         Target((0.0, 0.0, 0.0), orientation=self.orientation)
         if self.direction is not None:  # tuples can be compared
@@ -174,7 +172,7 @@ def check_orientation(stance: object, orientation: ArrayLike | None = None) -> T
     """
     if not isinstance(stance, ToolOrientation):
         raise BadValueError(
-            "The stance", repr(stance), "a ToolOrientation, such as ToolOrientation(pitch_rad=0.0)"
+            "The stance", shown(stance), "a ToolOrientation, such as ToolOrientation(pitch_rad=0.0)"
         )
     return stance if orientation is None else replace(stance, orientation=orientation)
 

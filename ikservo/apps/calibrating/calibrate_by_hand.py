@@ -27,7 +27,7 @@ from ikservo.cli.direction_prompt import check_new_signs
 from ikservo.cli.quantities import parse_angle_rad, parse_length_m
 from ikservo.cli.terminal import print_json, print_lines, print_status
 from ikservo.cli.terminal_dialogue import Operator
-from ikservo.errors import BadValueError, StoppedError
+from ikservo.errors import BadValueError, StoppedError, shown
 from ikservo.hardware.port_names import is_simulated, with_simulator_option
 from ikservo.maintenance.dialogue import ScriptedAnswers
 from ikservo.maintenance.direction_check import confirm_directions, directions_confirmed
@@ -119,12 +119,12 @@ def parse_limits(model: Model, texts: Sequence[str]) -> Mapping[str, Limits]:
         name, _, ends = text.partition("=")
         low, colon, high = ends.partition(":")
         if not colon:
-            raise BadValueError("The limit", repr(text), "JOINT=LOW:HIGH, as in elbow_flex=-80:80")
+            raise BadValueError("The limit", shown(text), "JOINT=LOW:HIGH, as in elbow_flex=-80:80")
         unit = model.joint(name).joint_map.unit
         parse = parse_length_m if unit == "m" else parse_angle_rad
         lower, upper = parse(low), parse(high)
         if not lower < upper:
-            raise BadValueError(f"The limit of {name}", repr(ends), "the lower end first")
+            raise BadValueError(f"The limit of {name}", shown(ends), "the lower end first")
         limits[name] = Limits.of(name, lower, upper, "user", unit)
     return limits
 

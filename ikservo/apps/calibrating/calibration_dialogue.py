@@ -40,6 +40,7 @@ from ikservo.errors import (
     FileFormatError,
     IkservoError,
     InputError,
+    shown,
 )
 from ikservo.files.writing import check_writable
 from ikservo.maintenance.dialogue import (
@@ -216,7 +217,7 @@ def apply_answer(state: CalibrationState, text: str) -> CalibrationState:
         return state.accept()
     if text.strip() == "undo":
         return state.undo()
-    raise BadValueError("The answer", repr(text), f"one of: {', '.join(ANSWERS)}")
+    raise BadValueError("The answer", shown(text), f"one of: {', '.join(ANSWERS)}")
 
 
 def read_script(path: Path) -> list[str]:

@@ -18,6 +18,7 @@ from ikservo.errors import (
     IkservoError,
     InputError,
     format_point,
+    shown,
 )
 from ikservo.maintenance.dialogue import (
     ACCEPT,
@@ -81,7 +82,7 @@ def _apply_answer(state: TouchOffState, answer: str) -> TouchOffState:
         "touch": state.record_touch, "skip": state.skip, "undo": state.undo, ACCEPT: state.accept,
     }  # fmt: skip
     if answer not in steps:
-        raise BadValueError("The answer", repr(answer), f"one of: {', '.join(TOUCH_ANSWERS)}")
+        raise BadValueError("The answer", shown(answer), f"one of: {', '.join(TOUCH_ANSWERS)}")
     return steps[answer]()
 
 

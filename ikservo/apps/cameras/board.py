@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ikservo.errors import BadValueError, InputError
+from ikservo.errors import BadValueError, InputError, shown
 from ikservo.kinematics.arrays import Matrix
 from ikservo.remedies import install_command
 
@@ -65,9 +65,9 @@ class Board:
         columns, rows = (int(match[1]), int(match[2])) if match else (0, 0)
         bits = match[4].split("x") if match else ["", "-"]
         if not (match and min(columns, rows) >= 3 and bits[0] == bits[1] and float(match[3])):
-            raise BadValueError("The board", repr(name), _EXPECTED)
+            raise BadValueError("The board", shown(name), _EXPECTED)
         if columns * rows > 2 * _FAMILY_SIZE:
-            raise BadValueError("The board", repr(name), f"at most {2 * _FAMILY_SIZE} squares")
+            raise BadValueError("The board", shown(name), f"at most {2 * _FAMILY_SIZE} squares")
         return cls(columns, rows, float(match[3]) / 1000.0, match[4])
 
     @property

@@ -16,7 +16,7 @@ from ikservo.cli.completion import complete_from
 from ikservo.cli.options import JsonOption, OverwriteOption, ServoPortOption
 from ikservo.cli.quantities import parse_length_m, parse_pixels
 from ikservo.cli.terminal import print_json, print_lines, print_status
-from ikservo.errors import BadValueError, ExitCode, InputError, UnknownNameError
+from ikservo.errors import BadValueError, ExitCode, InputError, UnknownNameError, shown
 from ikservo.files.writing import write_atomic
 
 if TYPE_CHECKING:
@@ -198,7 +198,7 @@ def check_camera_name(name: str) -> str:
         BadValueError: It is not a valid name.
     """
     if not re.fullmatch(r"[A-Za-z0-9_-]{0,64}", name):
-        raise BadValueError("--camera-name", repr(name), "letters, digits, - and _; at most 64")
+        raise BadValueError("--camera-name", shown(name), "letters, digits, - and _; at most 64")
     return name
 
 
@@ -246,7 +246,7 @@ def _parse_pixel(text: str) -> tuple[float, float]:
     try:
         u, v = map(parse_pixels, text.split(","))
     except (ValueError, typer.BadParameter):
-        raise BadValueError("--at", repr(text), "two numbers, such as 512,300") from None
+        raise BadValueError("--at", shown(text), "two numbers, such as 512,300") from None
     return u, v
 
 

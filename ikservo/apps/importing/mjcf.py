@@ -142,7 +142,7 @@ def _check_element(element: XmlElement) -> None:
     for key in ("range", "actuatorfrcrange") if element.tag == "joint" else ():
         if key in attributes and attributes.get(_SWITCHES[key]) != "false":
             lower, upper = element.pair(key, most=math.inf)
-            if lower > upper:  # MuJoCo would ignore the limit
+            if lower > upper or lower == upper != 0.0:  # MuJoCo would ignore the limit
                 found = f"joint {quote(attributes.get('name', ''))} has {key} {lower:g} {upper:g}"
                 raise element.error(found, "the lower number first")
 

@@ -33,7 +33,7 @@ from ikservo.apps.page.server.server import (
 from ikservo.arm import DEAD_MAN_TIMEOUT_S, Arm
 from ikservo.arm.opening import open_own_arm
 from ikservo.clock import RealClock
-from ikservo.errors import BadValueError
+from ikservo.errors import BadValueError, shown
 from ikservo.hardware.transport import refuse_other_machines
 from ikservo.model import Model
 
@@ -238,4 +238,4 @@ def _check_address(listen: str) -> str:
         if not address.is_unspecified:
             return str(address)
     expected = "one IP address of this machine, such as 127.0.0.1"
-    raise BadValueError("--listen", repr(listen), expected)
+    raise BadValueError("--listen", shown(listen), expected)

@@ -8,7 +8,7 @@ import socket
 from dataclasses import dataclass
 from typing import Literal
 
-from ikservo.errors import BadValueError, InputError
+from ikservo.errors import BadValueError, InputError, shown
 
 SCHEME = "zenoh"
 DEFAULT_PORT = 7448
@@ -87,7 +87,7 @@ def check_arm_name(name: str) -> str:
         BadValueError: It has other characters, or is empty.
     """
     if not _NAME.fullmatch(name):
-        raise BadValueError("The name of the served arm", repr(name), _EXPECTED_NAME)
+        raise BadValueError("The name of the served arm", shown(name), _EXPECTED_NAME)
     return name
 
 
@@ -98,7 +98,7 @@ def check_host(host: str) -> str:
         BadValueError: It is not valid.
     """
     if not (_is_ip(host) or _HOST.fullmatch(host)):
-        raise BadValueError("The host", repr(host), "a name or an address, as in lab-pi")
+        raise BadValueError("The host", shown(host), "a name or an address, as in lab-pi")
     return host
 
 
@@ -114,7 +114,7 @@ def parse_address(text: str) -> ArmAddress:
     scheme, colon, rest = text.partition(":")
     name, at, place = rest.rpartition("@")
     if scheme != SCHEME or not colon or not at:
-        raise BadValueError("The address of the arm", repr(text), _EXPECTED)
+        raise BadValueError("The address of the arm", shown(text), _EXPECTED)
     return ArmAddress(check_arm_name(name), parse_host(place))
 
 
@@ -140,7 +140,7 @@ def parse_listen(text: str) -> Endpoint:
     """
     protocol, slash, place = text.rpartition("/")
     if not slash:
-        raise BadValueError("The endpoint", repr(text), _EXPECTED_ENDPOINT)
+        raise BadValueError("The endpoint", shown(text), _EXPECTED_ENDPOINT)
     host, port = _split_place(place, text, _EXPECTED_ENDPOINT)
     endpoint = Endpoint(_check_protocol(protocol, text), host, port)
     if endpoint.protocol == "tcp" and not endpoint.is_loopback:
@@ -153,7 +153,7 @@ def parse_listen(text: str) -> Endpoint:
 
 def _check_protocol(protocol: str, text: str) -> Protocol:
     if protocol not in ("tcp", "tls"):
-        raise BadValueError("The endpoint", repr(text), _EXPECTED_ENDPOINT)
+        raise BadValueError("The endpoint", shown(text), _EXPECTED_ENDPOINT)
     return protocol
 
 
@@ -161,10 +161,10 @@ def _split_place(place: str, text: str, expected: str) -> tuple[str, int]:
     """Split off host and port of ``HOST``, ``HOST:PORT`` or ``[IPv6]:PORT``."""
     found = re.fullmatch(r"(?:\[([0-9a-fA-F:.]+)\]|([^:\[\]]+))(?::(\d{1,5}))?", place)
     if found is None:
-        raise BadValueError("The address", repr(text), expected)
+        raise BadValueError("The address", shown(text), expected)
     host, port = found[1] or found[2], int(found[3] or DEFAULT_PORT)
     if not 0 < port <= 65535 or not (_is_ip(host) or _HOST.fullmatch(host)):
-        raise BadValueError("The address", repr(text), expected)
+        raise BadValueError("The address", shown(text), expected)
     return host, port
 
 

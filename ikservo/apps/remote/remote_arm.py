@@ -36,7 +36,7 @@ from ikservo.arm.motion_methods import MotionMethods
 from ikservo.arm.target_tracking import CartesianOrJointTarget, parse_target
 from ikservo.clock import Clock, RealClock
 from ikservo.control.stop_requests import REQUEST_HINT, STOPPED_AFTER_REQUEST
-from ikservo.errors import BadValueError, IkservoError, PortError, RefusedError, StoppedError
+from ikservo.errors import BadValueError, IkservoError, PortError, RefusedError, StoppedError, shown
 from ikservo.kinematics import JointIndex
 from ikservo.kinematics.arrays import Vector
 from ikservo.model import Model
@@ -213,7 +213,7 @@ class RemoteArm(MotionMethods):
         """
         path = getattr(plan, "trajectory", None)
         if not isinstance(path, RemoteTrajectory):
-            raise BadValueError("The plan", repr(plan), "a plan of this arm")
+            raise BadValueError("The plan", shown(plan), "a plan of this arm")
         done = self._calls.run("execute", on_progress, plan=path.plan)
         return cast("MoveResult | JointMoveResult", done)
 
@@ -229,7 +229,7 @@ class RemoteArm(MotionMethods):
     def jog(self, what: str, speed: float | None = None, *, wanted: KeepGoing) -> JogResult:
         """Move a joint or the tip for as long as ``wanted`` returns True; see ``Arm.jog``."""
         if not callable(wanted):
-            raise BadValueError("The argument wanted", repr(wanted), "a function")
+            raise BadValueError("The argument wanted", shown(wanted), "a function")
         pending = self._calls.start("jog", what=what, speed=speed)
 
         def go_on() -> None:

@@ -20,7 +20,7 @@ from ikservo.cli.option_groups import Without
 from ikservo.cli.options import MotionOptions, NamedArmConnection, SpeedOption
 from ikservo.cli.session import open_from_options
 from ikservo.cli.terminal import format_port, print_json, print_status
-from ikservo.errors import BadValueError
+from ikservo.errors import BadValueError, shown
 
 _ROUTER_PORT = 7447
 _DOMAIN_VARIABLE = "ROS_DOMAIN_ID"
@@ -88,7 +88,7 @@ def _domain(given: int | None) -> int:
         return given
     text = os.environ.get(_DOMAIN_VARIABLE, "").strip() or "0"
     if not text.isdecimal() or int(text) > MAX_DOMAIN:
-        raise BadValueError(_DOMAIN_VARIABLE, repr(text), f"0 to {MAX_DOMAIN}")
+        raise BadValueError(_DOMAIN_VARIABLE, shown(text), f"0 to {MAX_DOMAIN}")
     return int(text)
 
 

@@ -25,6 +25,7 @@ from typing import IO, Any, cast
 
 import numpy as np
 
+from ikservo.arguments import check_flag
 from ikservo.control.feedback import JointState
 from ikservo.errors import FileFormatError, InputError
 from ikservo.files.reading import parse_json, require_file
@@ -217,9 +218,9 @@ class RecordingFile:
 
     def __init__(self, path: Path, *, overwrite: bool) -> None:
         self._path, self._has_failed = path, False
-        self._replaces = overwrite and path.is_file()
-        self._written = path.with_name(f"{path.name}.part") if self._replaces else path
         try:
+            self._replaces = check_flag("overwrite", overwrite) and path.is_file()
+            self._written = path.with_name(f"{path.name}.part") if self._replaces else path
             self.file: IO[Any] = self._written.open("wb" if overwrite else "xb", buffering=0)
         except FileExistsError:
             raise InputError(f"File {path} exists; use --overwrite.") from None

@@ -7,19 +7,19 @@ from collections.abc import Sequence
 from dataclasses import KW_ONLY, dataclass, replace
 from os import fspath
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, cast
+from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 
 from ikservo.apps.teaching.recorder import read_recording, recording_header
 from ikservo.apps.teaching.recording import Recording
-from ikservo.arguments import parse_path
+from ikservo.arguments import check_flag, parse_path
 from ikservo.arm.arm_parts import ArmParts
 from ikservo.arm.arm_protocol import OpenArm
 from ikservo.arm.background_motion import RunningMotion
 from ikservo.arm.opening import require_own_port
 from ikservo.arm.own_motion import OwnMotion
-from ikservo.errors import BadValueError, CollisionError, FileFormatError, RefusedError
+from ikservo.errors import CollisionError, FileFormatError, RefusedError
 from ikservo.guard import thin_path
 from ikservo.kinematics.arrays import Matrix, Vector
 from ikservo.motion import JointMove, KinematicLimits, TrajectoryPoint
@@ -282,9 +282,11 @@ def replay(
         RefusedError: It leaves this arm's limits, or something is in the way; nothing moved.
     """
     motion = Replay(path, speed=speed)
-    if not isinstance(cast("object", wait), bool):
-        raise BadValueError("wait", repr(wait), "True or False")
-    return arm.execute(motion, on_progress) if wait else arm.start(motion, on_progress)
+    return (
+        arm.execute(motion, on_progress)
+        if check_flag("wait", wait)
+        else arm.start(motion, on_progress)
+    )
 
 
 def load_replay(

@@ -14,6 +14,7 @@ from ikservo.errors import (
     InputError,
     ServoRejectedError,
     ServoSilentError,
+    shown,
 )
 from ikservo.hardware.bus import ServoBus
 from ikservo.hardware.eeprom import update_eeprom
@@ -148,7 +149,7 @@ def _expected_registers(settings: ServoSettings) -> dict[RegisterRef, int]:
     missing = [name for name in settings.eeprom if name not in table.registers]
     if missing:
         known = ", ".join(table.registers)
-        raise BadValueError(f"A register of {settings.servo}", repr(missing[0]), f"one of {known}")
+        raise BadValueError(f"A register of {settings.servo}", shown(missing[0]), f"one of {known}")
     delay: dict[RegisterRef, int] = (
         {} if RegisterName.RETURN_DELAY in table.missing else {table.return_delay: 0}
     )

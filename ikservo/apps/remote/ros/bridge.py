@@ -23,7 +23,7 @@ from ikservo.apps.remote.ros.node import RosNode
 from ikservo.apps.remote.ros.trajectory_action import TrajectoryAction
 from ikservo.apps.remote.ros.wire import NodeName
 from ikservo.arm import ArmState, JointState, OpenArm, StopKind, StopReason
-from ikservo.errors import BadValueError, IkservoError, RefusedError
+from ikservo.errors import BadValueError, IkservoError, RefusedError, shown
 from ikservo.kinematics.arrays import Matrix
 from ikservo.model.model_loading import description_text
 from ikservo.planning.reports import describe_torque
@@ -176,7 +176,7 @@ class RosBridge:
         """
         chain = self._arm.chain
         if frame not in ("", chain.base, chain.tip):
-            raise BadValueError("The frame", repr(frame), f"{chain.base} or {chain.tip}")
+            raise BadValueError("The frame", shown(frame), f"{chain.base} or {chain.tip}")
         return frame == chain.tip
 
     def _tip_pose(self) -> Matrix:

@@ -10,7 +10,7 @@ import struct
 from dataclasses import dataclass
 from enum import Enum
 
-from ikservo.errors import BadValueError, InputError
+from ikservo.errors import BadValueError, InputError, shown
 from ikservo.ros_messages.message_types import type_hash
 
 MAX_DOMAIN = 232
@@ -94,7 +94,7 @@ def check_namespace(namespace: str) -> str:
     if slashed == "/":
         return ""
     if not _NAMESPACE.fullmatch(slashed):
-        raise BadValueError("The namespace", repr(namespace), "letters, digits and _, as in left")
+        raise BadValueError("The namespace", shown(namespace), "letters, digits and _, as in left")
     return slashed
 
 
