@@ -39,7 +39,7 @@ from __future__ import annotations
 import difflib
 import math
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from enum import IntEnum
 from pathlib import Path
 
@@ -132,10 +132,10 @@ def printable(text: str) -> str:
     return CONTROL.sub(lambda found: ascii(found[0])[1:-1], text)
 
 
-def shown(value: object) -> str:
+def shown(value: object, write: Callable[[object], str] = repr) -> str:
     """Return any value as a program would write it, cut short; never raises."""
     try:
-        text = repr(value)
+        text = write(value)
     except Exception:  # nested too deeply, too many digits, or an error in a class of the user
         return f"a value of type {type(value).__name__}"
     return _cut(text, _MAX_SHOWN_CHARS)
@@ -201,7 +201,8 @@ class BadValueError(InputError):
 
     def __init__(self, what: str, found: object, expected: str) -> None:
         self.what, self.found, self.expected = what, found, expected
-        super().__init__(f"{what} is {found}.", f"Expected {expected}.")
+        text = found if isinstance(found, str) else shown(found, str)
+        super().__init__(f"{what} is {text}.", f"Expected {expected}.")
 
 
 class FileFormatError(InputError):

@@ -9,6 +9,7 @@ import contextlib
 import socket
 import threading
 import time
+from collections import deque
 from collections.abc import Callable, Mapping
 
 from ikservo.arm.result_json import encode_value
@@ -62,6 +63,7 @@ class ControlServer:
     def __init__(self, listening: ListeningSocket, handler: RequestHandler) -> None:
         self._listening, self._handler = listening, handler
         self._free = threading.BoundedSemaphore(_MAX_CLIENTS)
+        self._silent: deque[socket.socket] = deque()  # clients without a request, oldest first
         self._closing = False
         self._thread = threading.Thread(
             target=self._accept_clients, name="ikservo-owner", daemon=True
@@ -95,15 +97,31 @@ class ControlServer:
                 connection, _ = self._listening.socket.accept()
             except OSError:
                 return
-            if self._closing or not self._free.acquire(blocking=False):
+            if self._closing or not self._make_room():
                 connection.close()
                 continue
+            self._silent.append(connection)
             threading.Thread(target=self._serve_client, args=(connection,), daemon=True).start()
+
+    def _make_room(self) -> bool:
+        """Take a place for a client, that of the oldest silent one if all are taken.
+
+        Clients that stall must not keep a stop out, which sends its line at once.
+        """
+        if self._free.acquire(blocking=False):
+            return True
+        with contextlib.suppress(IndexError, OSError):
+            self._silent.popleft().shutdown(socket.SHUT_RDWR)
+        return self._free.acquire(timeout=_REQUEST_TIMEOUT_S)
 
     def _serve_client(self, connection: socket.socket) -> None:
         try:
             with connection, contextlib.suppress(OSError):  # a client that is too slow, or gone
-                line = _receive_line(connection)
+                try:
+                    line = _receive_line(connection)
+                finally:
+                    with contextlib.suppress(ValueError):  # its place was taken
+                        self._silent.remove(connection)
                 fields = self._make_reply(connection, line)
                 connection.settimeout(_REQUEST_TIMEOUT_S)
                 connection.sendall(encode_reply(fields))

@@ -300,7 +300,8 @@ def pack_problem(
     restarts: int,
 ) -> PackedProblem:
     """Pack the arm for a number of starting points; the most recent ones are cached."""
-    key = (None if frame is None else str(frame), _array_bytes(offset_m), _array_bytes(tool_axis))
+    frame = None if frame is None else parse_name("The frame", frame)
+    key = (frame, _array_bytes(offset_m), _array_bytes(tool_axis))
     kept = _prepared.setdefault(chain, {})
     ready = kept.get(key)
     if ready is None:

@@ -7,9 +7,10 @@ from contextlib import suppress
 from functools import cache
 from importlib.util import find_spec
 from pathlib import Path
+from typing import cast
 
 from ikservo.app_discovery import other_packages_have
-from ikservo.errors import UnknownNameError
+from ikservo.errors import UnknownNameError, shown
 
 ARM_FILE = "arm.toml"
 
@@ -36,7 +37,8 @@ def find_arm(name_or_path: str | Path) -> Path:
     Raises:
         UnknownNameError: There is no such arm; the closest name is suggested.
     """
-    text = str(name_or_path)
+    is_text = isinstance(cast("object", name_or_path), str | Path)
+    text = str(name_or_path) if is_text else shown(name_or_path, str)
     if isinstance(name_or_path, Path) or ("/" in text or "\\" in text or text.endswith(_SUFFIXES)):
         return _find_at_path(text)
     for shelf in _arm_folders():

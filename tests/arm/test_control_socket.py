@@ -226,6 +226,13 @@ def test_silent_callers_do_not_delay_other_callers(device, owner):
         connection.close()
 
 
+def test_stop_gets_through_more_silent_callers_than_are_served(device, owner):
+    silent = [control_socket.connect(socket_path(device), 5.0)[0] for _ in range(40)]
+    assert send_command(device, ControlCommand.STOP) == {"done": "stop"}
+    for connection in silent:
+        connection.close()
+
+
 def test_excess_caller_is_refused_with_reason(device, kind):
     entered, leave = threading.Semaphore(0), threading.Event()
 

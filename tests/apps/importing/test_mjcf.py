@@ -281,6 +281,7 @@ def test_mjcf_that_includes_a_file_twice_is_refused(path):
         ('range="-90 90"', 'range="90 -90"'),
         ('range="-90 90"', 'range="90 -90" limited="true"'),
         ('range="-90 90"', 'range="nan 90"'),
+        ('range="-90 90"', 'range="45 45"'),
         ('range="-90 90"', 'range="-90 90" actuatorfrcrange="5 -5"'),
         ("<worldbody>", '<default><joint range="1 -1"/></default><worldbody>'),
     ],
