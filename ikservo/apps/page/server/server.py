@@ -421,7 +421,7 @@ def serve_in_thread(app: Starlette, address: BoundAddress) -> Generator[str]:
         thread.join()
 
 
-class _Server(uvicorn.Server):
+class _PromptServer(uvicorn.Server):
     """Server that drops a client which does not finish its TLS handshake soon.
 
     The client counts as a connection only after that, and asyncio alone waits for a minute.
@@ -454,4 +454,4 @@ def _make_server(app: Starlette, address: BoundAddress) -> uvicorn.Server:
         proxy_headers=False,
         ssl_certfile=path,
     )
-    return _Server(config)
+    return _PromptServer(config)
