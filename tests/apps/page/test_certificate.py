@@ -2,7 +2,9 @@
 
 import hashlib
 import os
+import socket
 import ssl
+from contextlib import suppress
 from datetime import UTC, datetime
 
 import httpx
@@ -120,6 +122,16 @@ def test_page_and_socket_are_served_by_tls(house):
     client = SocketClient(url, ssl=trust)
     assert client.prove(keys.control).receive_kind("scene")
     client.close()
+
+
+@pytest.mark.full
+@pytest.mark.parametrize("said", [b"", b"\x16\x03\x01\x02\x00\x01"])
+def test_unfinished_tls_handshake_is_dropped(house, said):
+    host, port = house[0].removeprefix("https://").split(":")
+    with socket.create_connection((host, int(port)), timeout=10) as waiting:
+        waiting.sendall(said)
+        with suppress(ConnectionError):
+            assert waiting.recv(1) == b""
 
 
 def test_page_from_plain_http_gets_no_socket_over_tls(house):

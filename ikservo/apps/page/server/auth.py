@@ -183,7 +183,8 @@ async def _send_forbidden(send: Send) -> None:
 MAX_PENDING_CONNECTIONS = 24
 """Limit of pending connections; a page needs six for its files. The oldest is dropped."""
 
-_REQUEST_TIMEOUT_S = 3.0
+REQUEST_TIMEOUT_S = 3.0
+"""Longest time [s] for a TLS handshake, and from there to the end of the first request."""
 
 
 class ConnectionLimiter(H11Protocol):
@@ -203,7 +204,7 @@ class ConnectionLimiter(H11Protocol):
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
         """Register a connection; drop the oldest if there are too many."""
         super().connection_made(transport)
-        self._idle_timer = self.loop.call_later(_REQUEST_TIMEOUT_S, self._drop_idle_connection)
+        self._idle_timer = self.loop.call_later(REQUEST_TIMEOUT_S, self._drop_idle_connection)
         waiting = [other for other in self.connections if _is_pending(other)]
         if len(waiting) > MAX_PENDING_CONNECTIONS:
             min(waiting, key=_connected_since_s).transport.abort()

@@ -13,6 +13,7 @@ from collections import deque
 from collections.abc import Callable, Generator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from functools import partial
 from importlib.resources import files
 from typing import TYPE_CHECKING, Any, Generic, Protocol, TypeVar
 
@@ -28,6 +29,7 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 from ikservo.apps.page.messages.message_fields import PageMessage
 from ikservo.apps.page.messages.page_messages import MAX_MESSAGE_BYTES, BadMessageError, read_hello
 from ikservo.apps.page.server.auth import (
+    REQUEST_TIMEOUT_S,
     AccessTokens,
     ConnectionLimiter,
     OriginCheckMiddleware,
@@ -419,6 +421,22 @@ def serve_in_thread(app: Starlette, address: BoundAddress) -> Generator[str]:
         thread.join()
 
 
+class _PromptServer(uvicorn.Server):
+    """Server that drops a client which does not finish its TLS handshake soon.
+
+    The client counts as a connection only after that, and asyncio alone waits for a minute.
+    """
+
+    async def startup(self, sockets: list[socket.socket] | None = None) -> None:
+        """Begin to serve."""
+        if self.config.ssl is not None:
+            loop: Any = asyncio.get_running_loop()
+            loop.create_server = partial(
+                loop.create_server, ssl_handshake_timeout=REQUEST_TIMEOUT_S
+            )
+        await super().startup(sockets)
+
+
 def _make_server(app: Starlette, address: BoundAddress) -> uvicorn.Server:
     path = None if address.certificate is None else address.certificate.path
     config = uvicorn.Config(
@@ -436,4 +454,4 @@ def _make_server(app: Starlette, address: BoundAddress) -> uvicorn.Server:
         proxy_headers=False,
         ssl_certfile=path,
     )
-    return uvicorn.Server(config)
+    return _PromptServer(config)
