@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Generator, Mapping, Sequence
+from collections.abc import Generator, Iterable, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
@@ -27,6 +27,7 @@ from ikservo.control.servo_limits import (
     read_overload_rule,
     read_torque_share,
 )
+from ikservo.control.stillness import StillnessDetector, read_until_at_rest
 from ikservo.control.stop_requests import StopOutcome, hold_servos
 from ikservo.control.streamed_servos import StreamedServos
 from ikservo.guard import (
@@ -358,12 +359,13 @@ class ServoGroup(StreamedServos):
         return {joint: nearest_goal(joint, tick, ranges[joint]) for joint, tick in ticks.items()}
 
 
-# An arm whose torque comes on while it falls swings. It is at rest when no joint moves by more
-# between two readings; the last number limits the wait.
-_POLL_PERIOD_S, _AT_REST_TICKS, _MAX_WAIT_S = 0.03, 2, 1.0
-# A limp arm is at rest when no joint moves by more than one tick between two readings. It falls if
-# a horn turns by more than the last number meanwhile.
-_SINK_POLL_PERIOD_S, _NOISE_TICKS, _FALLS_RAD = 0.05, 1, 0.01
+# An arm whose torque comes on while it falls swings faster than two ticks in 30 ms.
+_HELD = StillnessDetector(window_s=0.03, tolerance=2, least_readings=2)
+_MAX_WAIT_S = 1.0
+# A limp arm sinks more slowly: at rest, only noise moves a joint. It falls if a horn turns by more
+# than the second number between two readings.
+_LIMP = StillnessDetector(window_s=0.05, tolerance=1, least_readings=2)
+_FALLS_RAD = 0.01
 
 
 def hold_ticks(
@@ -397,21 +399,17 @@ def wait_until_settled(
     Returns:
         Whether they are at rest; False if one second was not enough.
     """
-    present = feedback.measure_ticks()
-    for _ in range(int(_MAX_WAIT_S / _POLL_PERIOD_S)):
-        clock.sleep_until(clock.now_s() + _POLL_PERIOD_S)
-        before, present = present, feedback.measure_ticks()
-        still = all(
-            abs(present[driven.joint] - before[driven.joint]) <= _AT_REST_TICKS
-            for driven in driven_joints
+
+    def read_ticks() -> Iterable[float]:
+        return feedback.measure_ticks().values()
+
+    def has_settled(still: StillnessDetector) -> bool:
+        return still.is_at_rest() and all(
+            abs(goals[driven.joint] - tick) <= driven.max_lead_ticks(0.0)
+            for driven, tick in zip(driven_joints, still.joints, strict=True)
         )
-        near = all(
-            abs(goals[driven.joint] - present[driven.joint]) <= driven.max_lead_ticks(0.0)
-            for driven in driven_joints
-        )
-        if still and near:
-            return True
-    return False
+
+    return has_settled(read_until_at_rest(_HELD, read_ticks, clock, _MAX_WAIT_S, has_settled))
 
 
 def wait_until_still(
@@ -430,20 +428,17 @@ def wait_until_still(
     Raises:
         BusError: A servo does not answer.
     """
-    end_s = clock.now_s() + timeout_s
-    before = feedback.measure_ticks()
-    while clock.now_s() < end_s:
-        clock.sleep_until(clock.now_s() + _SINK_POLL_PERIOD_S)
-        present = feedback.measure_ticks()
-        moved = {
-            driven: abs(present[driven.joint] - before[driven.joint]) for driven in driven_joints
-        }
-        falls = any(
-            by * driven.joint_map.horn_rad_per_tick > _FALLS_RAD for driven, by in moved.items()
+
+    def read_ticks() -> Iterable[float]:
+        return feedback.measure_ticks().values()
+
+    def rests_or_falls(still: StillnessDetector) -> bool:
+        return still.is_at_rest() or any(
+            ticks * driven.joint_map.horn_rad_per_tick > _FALLS_RAD
+            for driven, ticks in zip(driven_joints, still.variations(), strict=True)
         )
-        if falls or all(by <= _NOISE_TICKS for by in moved.values()):
-            return
-        before = present
+
+    read_until_at_rest(_LIMP, read_ticks, clock, timeout_s, rests_or_falls)
 
 
 def _held_tick(driven: DrivenJoint, torque: bool, present: int, goal: int) -> int:
