@@ -106,8 +106,10 @@ class HandCalibration:
             return False
         clock.sleep_until(clock.now_s() + _HELD.window_s)
         picture, second = self._look()
+        if second is None:
+            return False
         held = held.add_joints(clock.now_s(), self._limp_joints().tolist())
-        if second is None or not held.is_at_rest() or not _is_still(first, second):
+        if not held.is_at_rest() or not _is_still(first, second):
             return False
         self._pictures.add(picture, second, q)
         self._last_error = ""

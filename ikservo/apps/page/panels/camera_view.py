@@ -31,7 +31,8 @@ from ikservo.kinematics.arrays import Matrix, Vector
 
 _CHECK_PERIOD_S = 1.0  # period of checks while a page shows the picture
 # Longer than the delay of a picture; noise of a resting encoder moves it two ticks.
-_REST_S, _AT_REST_RAD = 0.5, 3.5e-3
+_REST_S = 0.5
+_STANDS = StillnessDetector(_REST_S, tolerance=3.5e-3, least_readings=2)
 
 
 class CameraView:
@@ -69,7 +70,7 @@ class CameraView:
         if camera.board is not None or self._known.board is not None:
             self._place = BoardPlace(camera, self._known)
         self._made: LensCamera | None = None
-        self._stillness = StillnessDetector(_REST_S, _AT_REST_RAD)
+        self._stillness = _STANDS
         self._doubts, self._checked_s = 0, clock.now_s()
         self._worker = ThreadPoolExecutor(1, thread_name_prefix="ikservo camera check")
         self._checking: Future[CameraCheck | str | None] | None = None
