@@ -50,8 +50,7 @@ from ikservo.planning.motions import (
     TipMotion,
 )
 from ikservo.planning.path_constraint import UNCONSTRAINED, PathConstraint
-from ikservo.planning.plan_by_kind import plan_motion
-from ikservo.planning.planner import PointGoal
+from ikservo.planning.planner import Planner, PointGoal
 from ikservo.planning.poses import PoseLibrary
 from ikservo.planning.tool_orientation import KEEP_BEST_EFFORT
 
@@ -108,7 +107,7 @@ class PlannedStart:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Request:
+class _MotionRequest:
     """One motion to plan.
 
     Attributes:
@@ -198,16 +197,18 @@ class PreflightPlanner:
                 expected = "a motion of the tip or of joints, such as MoveTo((0.25, 0.0, 0.15))"
                 raise BadValueError("The motion to plan", str(motion), expected)
 
-    def _make_request(self, motion: TipMotion | MoveJoints | LookAt, arm: ArmContext) -> _Request:
+    def _make_request(
+        self, motion: TipMotion | MoveJoints | LookAt, arm: ArmContext
+    ) -> _MotionRequest:
         if not isinstance(motion, MoveJoints):
             arm.require_zeros()
         start = self._runner.start_position()
-        return _Request(motion, start, self._runner.allowed_speed(motion.speed), arm)
+        return _MotionRequest(motion, start, self._runner.allowed_speed(motion.speed), arm)
 
-    def _plan_directly(self, request: _Request) -> MotionPlan:
+    def _plan_directly(self, request: _MotionRequest) -> MotionPlan:
         return plan_motion(self._planner, request.motion, request.start, request.allowed)
 
-    def _plan_tip(self, request: _Request) -> MotionPlan:
+    def _plan_tip(self, request: _MotionRequest) -> MotionPlan:
         if not request.motion.starts_at_tip:
             return self._plan_clear(request)
         plan = self._plan_directly(request)
@@ -217,7 +218,7 @@ class PreflightPlanner:
             next(self._plans_around(request, plan.goal, error), None)  # says it
             raise
 
-    def _plan_to_point(self, request: _Request, motion: MoveTo) -> MotionPlan:
+    def _plan_to_point(self, request: _MotionRequest, motion: MoveTo) -> MotionPlan:
         """Plan a motion to a point; if that is impossible, name a point that is accepted."""
         try:
             return self._plan_tip(request)
@@ -235,7 +236,9 @@ class PreflightPlanner:
             better.command_hint = f"Did you mean millimetres? Try: ikservo move {meant}"
         raise better
 
-    def _describe_table(self, request: _Request, motion: MoveTo, error: CollisionError) -> None:
+    def _describe_table(
+        self, request: _MotionRequest, motion: MoveTo, error: CollisionError
+    ) -> None:
         """Add to an error that the point is below the table, and which motion is accepted."""
         x, y, z = finite_vector(motion.position_m, 3, "The target").tolist()
         table_m = self._model.floor_m or 0.0
@@ -256,7 +259,7 @@ class PreflightPlanner:
                 return
 
     def _find_accepted_point(
-        self, request: _Request, motion: MoveTo, nearest_m: Vector
+        self, request: _MotionRequest, motion: MoveTo, nearest_m: Vector
     ) -> list[float] | None:
         """Find a point (3,) in whole millimetres, from the edge of the workspace to the tip."""
         tip_m = self._planner.tip(request.start)
@@ -394,7 +397,7 @@ class PreflightPlanner:
             for joint in joints
         }
 
-    def _plan_clear(self, request: _Request, direct: MotionPlan | None = None) -> MotionPlan:
+    def _plan_clear(self, request: _MotionRequest, direct: MotionPlan | None = None) -> MotionPlan:
         """Make a plan whose path is free: the direct one, or the first free alternative.
 
         Args:
@@ -418,7 +421,9 @@ class PreflightPlanner:
                 raise
             return found
 
-    def _tries(self, request: _Request, goal: Vector, error: RefusedError) -> Iterator[MotionPlan]:
+    def _tries(
+        self, request: _MotionRequest, goal: Vector, error: RefusedError
+    ) -> Iterator[MotionPlan]:
         """Yield free plans instead of a direct one: around obstacles, or out of a contact.
 
         An arm that touches something leaves it first. The error says what else can be done.
@@ -433,7 +438,7 @@ class PreflightPlanner:
             yield from self._plans_around(request, goal, blocked)
             blocked.command_hint += " Or first move the arm by hand until it is free."
 
-    def _plans_via_pose(self, request: _Request) -> Iterator[MotionPlan]:
+    def _plans_via_pose(self, request: _MotionRequest) -> Iterator[MotionPlan]:
         """Yield free plans that leave a contact first."""
         for pose, first in self._ways_out(request):
             with suppress(RefusedError):
@@ -441,7 +446,7 @@ class PreflightPlanner:
                 yield self._check_clear(request, self._join(first, then, pose))
 
     def _plans_around(
-        self, request: _Request, goal: Vector, blocked: BlockedError
+        self, request: _MotionRequest, goal: Vector, blocked: BlockedError
     ) -> Iterator[MotionPlan]:
         """Yield free plans of the joints around the obstacle on the straight path.
 
@@ -482,7 +487,7 @@ class PreflightPlanner:
             blocked.command_hint += f" No path around it was found in {think_s:g} s; {longer}"
 
     def _ways_around(
-        self, request: _Request, goals: Matrix, is_over: Callable[[], bool]
+        self, request: _MotionRequest, goals: Matrix, is_over: Callable[[], bool]
     ) -> Iterator[MotionPlan]:
         """Yield plans around things to one of the goals (m, n), the best first, until time is up.
 
@@ -506,7 +511,7 @@ class PreflightPlanner:
                     plan = self._planner.plan_along(begin, list(way[1:]), allowed, blend)
                     yield plan if first is None else self._join(first, plan, "")
 
-    def _exits(self, request: _Request, load_factor: float) -> Iterator[MotionPlan]:
+    def _exits(self, request: _MotionRequest, load_factor: float) -> Iterator[MotionPlan]:
         """Yield short motions with free paths from a contact to postures where nothing touches."""
         arm, start, allowed = request.arm, request.start, request.allowed
         if not arm.is_in_contact(start, load_factor, 0.0):
@@ -521,7 +526,7 @@ class PreflightPlanner:
             with suppress(RefusedError):
                 yield self._check_clear(leaving, self._plan_directly(leaving))
 
-    def _ways_out(self, request: _Request) -> Iterator[tuple[str, MotionPlan]]:
+    def _ways_out(self, request: _MotionRequest) -> Iterator[tuple[str, MotionPlan]]:
         """Yield motions out of a contact, and the retract poses where they end ("" for none).
 
         The first one moves just as far as needed to touch nothing.
@@ -549,7 +554,7 @@ class PreflightPlanner:
         change_rad = self._planner.rotation_between(first.start, then.goal)
         return via_pose_plan(first, then, pose, change_rad)
 
-    def _check_clear(self, request: _Request, plan: MotionPlan) -> MotionPlan:
+    def _check_clear(self, request: _MotionRequest, plan: MotionPlan) -> MotionPlan:
         """Return a plan of the requested motion, completed, if its path is free.
 
         Raises:
@@ -561,3 +566,39 @@ class PreflightPlanner:
         clearance_m = request.arm.check_streamed_path(plan.trajectory, plan.speed)
         reduced = plan.speed != request.motion.speed
         return replace(plan, kept=kept, clearance_m=clearance_m, speed_reduced=reduced)
+
+
+def plan_motion(
+    planner: Planner, motion: TipMotion | MoveJoints | LookAt, start: Vector, speed: str
+) -> MotionPlan:
+    """Plan a motion from the joints ``start`` (n,) [rad or m]; collisions are not checked.
+
+    Args:
+        planner: The planner of the arm.
+        motion: The motion.
+        start: All joints.
+        speed: The speed class, which may be slower than the motion's own.
+
+    Raises:
+        UnreachableError: A point is out of reach.
+        OrientationError: The tool cannot have the requested orientation there.
+        AimError: The tip cannot point at the point.
+        BadValueError: Its path cannot be made from this start.
+    """
+    match motion:
+        case MoveTo():
+            return planner.plan_to_point(start, motion.position_m, speed, motion.stance)
+        case MoveThrough(line=False):
+            points_m, blend_m = list(motion.points_m), motion.blend_m
+            return planner.plan_waypoints(start, points_m, speed, blend_m, motion.stance)
+        case Draw():
+            from ikservo.planning.strokes import plan_drawing  # noqa: PLC0415  # of few programs
+
+            return plan_drawing(planner, motion, start, speed)
+        case LookAt():
+            return planner.plan_to_look(start, motion.point_m, speed)
+        case MoveJoints():
+            return planner.plan_to_joints(start, motion.positions, speed)
+        case _:
+            path = motion.path_from(planner.path_start(start))
+            return planner.plan_path(start, path, speed, motion.stance, motion.tool_speed_m_s)
