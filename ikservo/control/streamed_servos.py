@@ -398,7 +398,10 @@ class StreamedServos:
         try:
             self._send(self._gate.pass_goals(goals, now_s))
         except RegisterAccessError as error:  # a limp servo takes no goal
-            raise self._torque_error(error) from error
+            limp = self._limp_joints()
+            if limp:
+                raise torque_lost_error(limp) from error
+            raise
         references = self._to_ticks(self.reference() if reference is None else reference)
         for warning in self.overload.update(goals, self._feedback.latest, now_s, references):
             self.log_warning(warning)
@@ -425,10 +428,6 @@ class StreamedServos:
             goals = self.overload.relaxed_goals(self._gate.goals, self._feedback.latest)
             if any(goal is not None for goal in goals):
                 self._send(self._gate.pass_hold(goals))
-
-    def _torque_error(self, error: RegisterAccessError) -> IkservoError:
-        limp = self._limp_joints()
-        return torque_lost_error(limp) if limp else error
 
     def _find_power_loss(self, error: BaseException) -> IkservoError | None:
         """Return the error to raise if every answering servo was reset; otherwise None."""

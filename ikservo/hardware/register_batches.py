@@ -138,7 +138,11 @@ class ReplyLayout:
         self.state_registers = {k: r for k, r in self.registers.items() if tracks_state(servo, r)}
         self._places = [(key, run.index(register)) for key, register in self.registers.items()]
         self._unpack = Struct(_struct_format(run)).unpack
-        self._coded = [(at, register) for at, register in enumerate(run) if _needs_codec(register)]
+        self._coded = [  # those that ``struct`` does not support
+            (at, register)
+            for at, register in enumerate(run)
+            if not isinstance(register.codec, Unsigned | TwosComplement)
+        ]
 
     def decode_raw(self, block: bytes) -> dict[Any, int]:
         """Decode the raw number of each key in a reply."""
@@ -170,11 +174,6 @@ def _struct_format(run: Sequence[Register]) -> str:
         letters += f"{register.address - at}x{letter.lower() if signed else letter}"
         at = register.end
     return letters
-
-
-def _needs_codec(register: Register) -> bool:
-    """Check whether ``struct`` does not support the register's encoding."""
-    return not isinstance(register.codec, Unsigned | TwosComplement)
 
 
 @dataclass(frozen=True, slots=True)
