@@ -18,7 +18,7 @@ from ikservo.control.streamed_servos import STALL_S
 from ikservo.errors import RefusedError
 from ikservo.guard import DEAD_MAN_TIMEOUT_S, DeadManSwitch
 from ikservo.kinematics.arrays import Vector
-from ikservo.motion import KinematicLimits, OnlineTrajectory, RuckigMotion
+from ikservo.motion import KinematicLimits, OnlineTrajectory
 from ikservo.planning.context import ArmContext
 from ikservo.planning.reports import FollowResult, OnProgress
 from ikservo.settling.settling import settle_at
@@ -175,14 +175,13 @@ class _OnlineController:
     def _retarget(self, trajectory: OnlineTrajectory, goal: Vector, cycle: ControlCycle) -> None:
         self._requested = goal
         try:
-            trajectory.retarget(goal, cycle.time_s, self._check)
+            trajectory.retarget(
+                goal, cycle.time_s, lambda move: self._context.check_trajectory(move, self._rest)
+            )
         except RefusedError as error:
             self._source.on_rejected(error, trajectory.goal)
         else:
             self._accepted = goal
-
-    def _check(self, move: RuckigMotion) -> None:
-        self._context.check_trajectory(move, self._rest)
 
     def _stop_trajectory(self, trajectory: OnlineTrajectory, time_s: float) -> None:
         goal = trajectory.goal

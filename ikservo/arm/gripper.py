@@ -75,7 +75,8 @@ class GripperMotion:
             self.blocked = False  # the jaw moved on, or the object yielded
             self._blocking = self._blocking.restarted()
         if not self.blocked:
-            self._update_contact(at, goal)
+            self.blocked, self._blocked_at = self._update_blocking(at, goal), at
+            self._pressing = self._pressing.restarted()
             next_goal = self._with_position(cycle.goals, self._choose_goal(at, goal))
             trajectory.retarget(next_goal, cycle.time_s)
         if cycle.time_s >= trajectory.settles_at_s and self._update_rest(at):
@@ -84,10 +85,6 @@ class GripperMotion:
     def has_arrived(self, at: float) -> bool:
         """Check whether the joint is at its goal."""
         return abs(at - self._goal) <= _ARRIVED_RAD * self._per_horn
-
-    def _update_contact(self, at: float, goal: float) -> None:
-        self.blocked, self._blocked_at = self._update_blocking(at, goal), at
-        self._pressing = self._pressing.restarted()
 
     def _update_rest(self, at: float) -> bool:
         """Check whether the joint rests, and has pressed for long enough if it presses."""

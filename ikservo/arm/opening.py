@@ -39,7 +39,7 @@ from ikservo.hardware.servo import ServoSpec
 from ikservo.hardware.torque import torque_off
 from ikservo.kinematics import Chain
 from ikservo.kinematics.arrays import Matrix
-from ikservo.model import Model, ModelJoint, ModelServo, load_model
+from ikservo.model import Model, ModelJoint, load_model
 from ikservo.model.collision_model import collision_body, collision_body_with_gripper
 from ikservo.model.joint_drive import ArmParameters, nominal_parameters
 from ikservo.model.link_masses import stall_error
@@ -114,14 +114,10 @@ def servo_specs(model: Model) -> list[ServoSpec]:
             "To move an arm, describe its servos in an arm.toml and give that to --arm.",
         )
     return [
-        _make_spec(servo, joint.name)
+        ServoSpec(servo.id, control_table(servo.model), joint.name)
         for joint in model.joints
         for servo in (joint.servo, *joint.shadows)
     ]
-
-
-def _make_spec(servo: ModelServo, joint: str) -> ServoSpec:
-    return ServoSpec(servo.id, control_table(servo.model), joint)
 
 
 # After a cycle that a busy machine delays, the next step is longer.

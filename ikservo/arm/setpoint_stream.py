@@ -54,7 +54,9 @@ class SetpointMailbox:
             self.put_count += 1
             self._changed.notify_all()
             if self._period_s is not None:
-                self._await_taken(self.put_count)
+                count = self.put_count
+                while self._taken_count < count and not self._ended():
+                    self._changed.wait(_POLL_PERIOD_S)
         if self._period_s is not None:
             self._await_due(self._period_s)
 
@@ -106,10 +108,6 @@ class SetpointMailbox:
 
     def _has_update(self) -> bool:
         return self._closed or self._setpoint is not None
-
-    def _await_taken(self, count: int) -> None:
-        while self._taken_count < count and not self._ended():
-            self._changed.wait(_POLL_PERIOD_S)
 
     def _await_due(self, period_s: float) -> None:
         if self._real:

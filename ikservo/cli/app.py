@@ -120,14 +120,10 @@ def load_command(name: str, found: Command) -> Any:  # noqa: ANN401
     return loaded
 
 
-def _exit_codes() -> str:
-    return "Exit codes: " + " · ".join(f"{code.value} {code.meaning}" for code in ExitCode)
-
-
 app = typer.Typer(
     cls=LazyCommandGroup,
     no_args_is_help=True,
-    epilog=_exit_codes(),
+    epilog="Exit codes: " + " · ".join(f"{code.value} {code.meaning}" for code in ExitCode),
     context_settings={"help_option_names": ["-h", "--help"]},  # for the commands as well
 )
 

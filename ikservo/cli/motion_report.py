@@ -64,7 +64,12 @@ def _plan_fields(goal: Mapping[str, float], change_rad: float) -> Fields[MotionP
         Field("speed", "speed"),
         Field("around", "around", lambda plan: [plan.around] if plan.around else []),
         Field("kept", "kept", lambda plan: list(plan.kept), lambda plan: list(plan.kept)),
-        Field("clearance_m", "nearest", _describe_clearance, _finite_clearance_m),
+        Field(
+            "clearance_m",
+            "nearest",
+            _describe_clearance,
+            lambda plan: plan.clearance_m if math.isfinite(plan.clearance_m) else None,
+        ),
         Field("binding", "limit", _limiting_lines, _limiting_lines),
         Field(
             "near_limits",
@@ -91,10 +96,6 @@ def _describe_clearance(plan: MotionPlan) -> str | list[str]:
     if not math.isfinite(plan.clearance_m):
         return []
     return f"{plan.clearance_m * 1000:.0f} mm to the arm itself, the table or a box"
-
-
-def _finite_clearance_m(plan: MotionPlan) -> float | None:
-    return plan.clearance_m if math.isfinite(plan.clearance_m) else None
 
 
 def make_tip_motion(

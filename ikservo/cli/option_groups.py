@@ -29,7 +29,8 @@ def with_options_of_groups(command: Callable[..., None]) -> Callable[..., None]:
     groups: dict[str, tuple[type, list[str]]] = {}
     parameters: list[inspect.Parameter] = []
     for parameter in inspect.signature(command, eval_str=True).parameters.values():
-        group = _base_type(parameter.annotation)
+        marked = get_origin(parameter.annotation) is Annotated
+        group = get_args(parameter.annotation)[0] if marked else parameter.annotation
         if isinstance(group, type) and is_dataclass(group):
             options = list(_options(group, parameter.annotation))
             groups[parameter.name] = (group, [option.name for option in options])
@@ -48,10 +49,6 @@ def with_options_of_groups(command: Callable[..., None]) -> Callable[..., None]:
     run.__annotations__ = {each.name: each.annotation for each in parameters}
     run.__signature__ = inspect.Signature(parameters)  # pyright: ignore[reportFunctionMemberAccess]
     return run
-
-
-def _base_type(annotation: Any) -> Any:  # noqa: ANN401
-    return get_args(annotation)[0] if get_origin(annotation) is Annotated else annotation
 
 
 def _options(group: Any, annotation: Any) -> Iterator[inspect.Parameter]:  # noqa: ANN401

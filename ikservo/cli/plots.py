@@ -376,11 +376,8 @@ def _draw_reach(axes: Axes, region: Workspace, normal: int) -> None:
     from matplotlib.patches import PathPatch  # noqa: PLC0415
     from matplotlib.path import Path as Shape  # noqa: PLC0415
 
-    loops = [Shape(loop, closed=False) for loop in map(_close_loop, region.outline(normal))]
-    if loops:
-        outline = Shape.make_compound_path(*loops)
+    loops = [np.vstack([loop, loop[:1]]) for loop in region.outline(normal)]
+    shapes = [Shape(loop, closed=False) for loop in loops]
+    if shapes:
+        outline = Shape.make_compound_path(*shapes)
         axes.add_patch(PathPatch(outline, facecolor=_FILL, edgecolor=_EDGE, linewidth=1.0))
-
-
-def _close_loop(loop: Matrix) -> Matrix:
-    return np.vstack([loop, loop[:1]])

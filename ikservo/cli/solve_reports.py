@@ -97,9 +97,10 @@ def all_solutions(model: Model, target: Target, start: Vector) -> AnalyticSoluti
         )
     found = solutions(chain, target, start)
     free = direction_intervals(chain, target, start) if target.only_position else ()
-    return AnalyticSolutions(
-        str(arm), tuple(_evaluate_solution(chain, target, q) for q in found), free
+    results = (
+        evaluate(chain, target, q, Tolerance(), method="closed_form", iterations=0) for q in found
     )
+    return AnalyticSolutions(str(arm), tuple(results), free)
 
 
 def print_solutions(model: Model, found: AnalyticSolutions, *, json: bool) -> None:
@@ -128,10 +129,6 @@ def joint_units(chain: Chain) -> list[JointUnit]:
     return ["m" if kind is JointType.PRISMATIC else "rad" for kind in chain.kinds]
 
 
-def _evaluate_solution(chain: Chain, target: Target, q: Vector) -> Result:
-    return evaluate(chain, target, q, Tolerance(), method="closed_form", iterations=0)
-
-
 def _solution_fields(found: AnalyticSolutions) -> dict[str, object]:
     return {
         "reached": any(result.reached for result in found.results),
@@ -150,15 +147,11 @@ def _solution_fields(found: AnalyticSolutions) -> dict[str, object]:
 
 def _format_freedom(free: DirectionInterval) -> str:
     low, high = math.degrees(free.lower_rad), math.degrees(free.upper_rad)
+    elbow = "elbow-up" if free.elbow else "elbow-down"  # down bends counterclockwise after it
     return (
-        f"one-parameter family, {_elbow_name(free.elbow)}: last link {low:z.1f}° to {high:z.1f}° "
+        f"one-parameter family, {elbow}: last link {low:z.1f}° to {high:z.1f}° "
         f"(yaw {math.degrees(free.yaw_rad):z.1f}°)"
     )
-
-
-def _elbow_name(number: int) -> str:
-    """Return the elbow configuration; 0 bends counterclockwise after it."""
-    return "elbow-up" if number else "elbow-down"
 
 
 # Methods that iterate from one start and may miss a target that others reach.

@@ -11,7 +11,7 @@ import numpy as np
 
 from ikservo.clock import Clock
 from ikservo.errors import BusError, ServoSilentError
-from ikservo.guard import CommunicationMonitor, DrivenJoint
+from ikservo.guard import CommunicationMonitor, DrivenJoint, TickRow
 from ikservo.hardware.bus import ServoBus
 from ikservo.hardware.servo import Readings, ServoSpec
 from ikservo.kinematics.arrays import Vector
@@ -80,14 +80,14 @@ class Feedback:
         driven_joints: One for each joint.
 
     Attributes:
-        latest: The ticks of the last cycle, of the joints that replied.
+        latest: The ticks of the last cycle; None for a joint that did not reply.
     """
 
     def __init__(self, bus: ServoBus, driven_joints: Sequence[DrivenJoint]) -> None:
         self._bus, self._driven_joints = bus, tuple(driven_joints)
         self._ids = [driven.servo_id for driven in driven_joints]
         self._last: dict[int, int] = {}
-        self.latest: dict[str, int] = {}
+        self.latest: TickRow = [None] * len(self._ids)
         self.reset_losses()
 
     def reset_losses(self) -> None:
@@ -101,13 +101,16 @@ class Feedback:
         """The joints whose last reply is missing."""
         return self._losses.lost_joints
 
-    def measure_ticks(self) -> dict[str, int]:
-        """Read every joint's tick.
+    def measure_ticks(self) -> list[int]:
+        """Read every joint's tick (n,).
 
         Raises:
             BusError: A servo does not reply in any attempt.
         """
-        return self._ticks_by_joint(self._read_all())
+        ticks = read_register(self._bus, self._ids, RegisterName.PRESENT_POSITION)
+        self._last |= ticks
+        self.latest = measured = [ticks[servo_id] for servo_id in self._ids]
+        return measured
 
     def measure_positions(self) -> Vector:
         """Read the positions of the joints (n,), rad or m.
@@ -115,7 +118,7 @@ class Feedback:
         Raises:
             BusError: A servo does not reply in any attempt.
         """
-        self._read_all()
+        self.measure_ticks()
         return self._latest_positions()
 
     def read(self) -> Vector:
@@ -154,21 +157,8 @@ class Feedback:
 
     def _store_ticks(self, ticks: Mapping[int, int]) -> None:
         self._last |= ticks
-        self.latest = {
-            driven.joint: ticks[driven.servo_id]
-            for driven in self._driven_joints
-            if driven.servo_id in ticks
-        }
-        self._losses.update(self.latest)
-
-    def _read_all(self) -> Mapping[int, int]:
-        ticks = read_register(self._bus, self._ids, RegisterName.PRESENT_POSITION)
-        self._last |= ticks
-        self.latest = self._ticks_by_joint(ticks)
-        return ticks
-
-    def _ticks_by_joint(self, by_id: Mapping[int, int]) -> dict[str, int]:
-        return {driven.joint: by_id[driven.servo_id] for driven in self._driven_joints}
+        self.latest = [ticks.get(servo_id) for servo_id in self._ids]
+        self._losses.update({d.joint for d in self._driven_joints if d.servo_id in ticks})
 
     def _latest_positions(self) -> Vector:
         return np.array(
@@ -220,14 +210,14 @@ _STATE_REGISTERS = (
 
 
 def read_joint_states(
-    bus: ServoBus, driven_joints: Sequence[DrivenJoint], ticks: Mapping[str, int]
+    bus: ServoBus, driven_joints: Sequence[DrivenJoint], ticks: Sequence[int]
 ) -> tuple[JointState, ...]:
     """Read every joint's limits, temperature, voltage, load and torque.
 
     Args:
         bus: The servos' bus.
         driven_joints: One for each joint.
-        ticks: The positions just measured.
+        ticks: The positions (n,) just measured.
 
     Raises:
         BusError: A servo does not answer.
@@ -237,7 +227,7 @@ def read_joint_states(
     return tuple(
         JointState(
             name=driven.joint,
-            position_rad=driven.joint_map.position(ticks[driven.joint]),
+            position_rad=driven.joint_map.position(tick),
             lower_rad=driven.limits.lower.value,
             upper_rad=driven.limits.upper.value,
             limit_from=driven.limits.source,
@@ -251,7 +241,7 @@ def read_joint_states(
             alarms=read_alarm_names(bus, driven.servo_id),
             current_a=_current_a(bus.servos[driven.servo_id], rows[driven.servo_id]),
         )
-        for driven in driven_joints
+        for driven, tick in zip(driven_joints, ticks, strict=True)
     )
 
 

@@ -200,7 +200,9 @@ class GoalCompensator:
         begun = (self._faded_s > 0.0) | (np.abs(self._last.velocity) > _TINY)
         self._faded_s = np.minimum(self._faded_s + begun * ease * elapsed_s, _FADE_S)
         rows = self._feed_forwards(self._last, self._direction)
-        self._keep_slope(rows)
+        nominal, loaded, more = rows
+        self._slope = np.clip((more - loaded) / self._load_step, *_SLOPE_RANGE)
+        self._is_load_bounded = np.abs(loaded - nominal) >= self._max_load_offset
         lead = 0.0 if self._preload is None else self._preload.lead
         offset = (
             self._offset(rows, self._direction)
@@ -275,12 +277,6 @@ class GoalCompensator:
         nominal, loaded, _ = rows
         load = np.clip(loaded - nominal, -self._max_load_offset, self._max_load_offset)
         return nominal + load + direction * self._feedback.friction
-
-    def _keep_slope(self, rows: Matrix) -> None:
-        """Store how goals depend on the load, and the load beyond which they no longer change."""
-        nominal, loaded, more = rows
-        self._slope = np.clip((more - loaded) / self._load_step, *_SLOPE_RANGE)
-        self._is_load_bounded = np.abs(loaded - nominal) >= self._max_load_offset
 
     def _feed_forwards(self, point: TrajectoryPoint, direction: Vector | float) -> Matrix:
         """Compute the feed-forward (3, n) without load, with load, and with slightly more load."""

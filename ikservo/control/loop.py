@@ -92,7 +92,8 @@ class TimeScaler:
         Returns:
             The time by which the motion may advance, seconds.
         """
-        self._count_late_cycles(elapsed_s)
+        is_late = elapsed_s - self._cycle_time_s > _LATE_S
+        self._late_count = max(0, self._late_count + (1 if is_late else -1))
         gap_s = min(elapsed_s, max(_MAX_STEP_S, 2.0 * self._cycle_time_s))
         if elapsed_s > STALL_S:
             self.rate = 0.0
@@ -115,10 +116,6 @@ class TimeScaler:
                 "the arm was slowed down and stopped.",
                 "Reduce the computer's load, then move again.",
             )
-
-    def _count_late_cycles(self, elapsed_s: float) -> None:
-        late = elapsed_s - self._cycle_time_s > _LATE_S
-        self._late_count = max(0, self._late_count + (1 if late else -1))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Generator, Mapping, Sequence
+from collections.abc import Collection, Generator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
@@ -27,6 +27,7 @@ from ikservo.control.servo_limits import (
     read_overload_rule,
     read_torque_share,
 )
+from ikservo.control.stillness import StillnessDetector, read_until_at_rest
 from ikservo.control.stop_requests import StopOutcome, hold_servos
 from ikservo.control.streamed_servos import StreamedServos
 from ikservo.guard import (
@@ -105,7 +106,7 @@ class ServoGroup(StreamedServos):
             with_retries(self.clock, partial(self._prepare_servo, driven, gripping=gripping))
         self._limits.invalidate()
         self._limits.set_speed(speed_rad_s)
-        start = self._switch_on(self.driven_joints)
+        start = self._switch_on(self.names)
         if not all(torque.values()):
             self._catch_falling_joints(start)
         names = dict(zip(self._ids, self.names, strict=True)) | self._shadows
@@ -131,7 +132,7 @@ class ServoGroup(StreamedServos):
         with_retries(self.clock, partial(self._prepare_servo, driven, gripping=False))
         self._limits.invalidate()
         self._limits.set_speed(speed_rad_s)
-        self._switch_on((driven,))
+        self._switch_on((joint,))
 
     def disable_joint(self, joint: str) -> None:
         """Switch one joint's torque off; its load falls.
@@ -256,7 +257,8 @@ class ServoGroup(StreamedServos):
         ticks, now_s = self._feedback.measure_ticks(), self.clock.now_s()
         states = read_joint_states(self._bus, self.driven_joints, ticks)
         if not self.torque.is_moving:
-            held = {state.name: ticks[state.name] for state in states if state.torque}
+            rows = zip(states, ticks, strict=True)
+            held = [tick if state.torque else None for state, tick in rows]
             for warning in self.overload.update(self._gate.goals, held, now_s):
                 self.log_warning(warning)
         return states
@@ -297,28 +299,27 @@ class ServoGroup(StreamedServos):
         }
         self.overload.rules = {name: rule for name, rule in rules.items() if rule is not None}
 
-    def _catch_falling_joints(self, start: dict[str, int]) -> None:
+    def _catch_falling_joints(self, start: Sequence[int]) -> None:
         """Wait until all joints are near their goals; a joint that fell past holds there."""
         for _ in range(_MAX_CATCHES):
             if wait_until_settled(self.driven_joints, start, self._feedback, self.clock):
                 return
             start = self._clamp_goals(*self._measure_hold_ticks())
-            self._gate.reset_goals(start)
+            self._send(self._gate.pass_reset(start))
 
-    def _switch_on(self, driven_joints: Sequence[DrivenJoint]) -> dict[str, int]:
-        """Switch torque on where the joints are; return the goals."""
+    def _switch_on(self, joints: Collection[str]) -> list[int]:
+        """Switch torque on where the joints are; return the goals of all joints."""
         ticks, ranges = self._measure_hold_ticks()
-        held = self._clamp_goals(ticks, ranges)
-        start = {driven.joint: held[driven.joint] for driven in driven_joints}
+        start = self._clamp_goals(ticks, ranges)
+        chosen = [i for i, name in enumerate(self.names) if name in joints]
         self._gate.check_stop()
-        with self._bus.enabling({driven.servo_id: ticks[driven.joint] for driven in driven_joints}):
-            self._gate.reset_goals(start)
-            verify_goals(
-                self._bus, {driven.servo_id: start[driven.joint] for driven in driven_joints}
-            )
-            for driven in driven_joints:
+        with self._bus.enabling({self._ids[i]: ticks[i] for i in chosen}):
+            row = [tick if i in chosen else None for i, tick in enumerate(start)]
+            self._send(self._gate.pass_reset(row))
+            verify_goals(self._bus, {self._ids[i]: start[i] for i in chosen})
+            for i in chosen:
                 switch_on = partial(
-                    self._bus.write, driven.servo_id, RegisterName.TORQUE_ENABLE, 1, raw=True
+                    self._bus.write, self._ids[i], RegisterName.TORQUE_ENABLE, 1, raw=True
                 )
                 with_retries(self.clock, switch_on)
         return start
@@ -329,37 +330,32 @@ class ServoGroup(StreamedServos):
         self._limits.prepare(driven.servo_id, keep_torque=gripping)
         raise_gains(self._bus, driven.servo_id, gripper=driven.joint == self._gripper)
 
-    def _measure_hold_ticks(self) -> tuple[dict[str, int], dict[str, tuple[int, int]]]:
+    def _measure_hold_ticks(self) -> tuple[list[int], list[tuple[int, int]]]:
         """Read the goals that each servo accepts, then its hold position.
 
         Positions are measured last, because limp joints fall.
         """
-        servos = {driven.joint: self._bus.servos[driven.servo_id] for driven in self.driven_joints}
-        keys = {servo.id: goal_range_registers(servo.table) for servo in servos.values()}
-        held = read_registers(self._bus, keys)
-        ranges = {name: accepted_goal_range(s, held[s.id]) for name, s in servos.items()}
+        servos = [self._bus.servos[servo_id] for servo_id in self._ids]
+        held = read_registers(self._bus, {s.id: goal_range_registers(s.table) for s in servos})
+        ranges = [accepted_goal_range(servo, held[servo.id]) for servo in servos]
         return hold_ticks(self._bus, self.driven_joints, self._feedback), ranges
 
-    def _clamp_goals(
-        self, ticks: Mapping[str, int], ranges: Mapping[str, tuple[int, int]]
-    ) -> dict[str, int]:
-        return {joint: nearest_goal(joint, tick, ranges[joint]) for joint, tick in ticks.items()}
+    def _clamp_goals(self, ticks: Sequence[int], ranges: Sequence[tuple[int, int]]) -> list[int]:
+        rows = zip(self.names, ticks, ranges, strict=True)
+        return [nearest_goal(joint, tick, accepted) for joint, tick, accepted in rows]
 
 
-# An arm whose torque comes on while it falls swings. It is at rest when no joint moves between two
-# readings.
-_POLL_PERIOD_S = 0.03  # between two readings
-_AT_REST_TICKS = 2  # of motion between them are still rest
+# An arm whose torque comes on while it falls swings faster than two ticks in 30 ms.
+_HELD = StillnessDetector(window_s=0.03, tolerance=2, least_readings=2)
 _MAX_WAIT_S = 1.0  # limit of the wait for rest
-# A limp arm is at rest when no joint moves by more than noise between two readings.
-_SINK_POLL_PERIOD_S = 0.05  # between two readings
-_NOISE_TICKS = 1  # of a joint at rest
+# A limp arm sinks more slowly: at rest, only noise moves a joint.
+_LIMP = StillnessDetector(window_s=0.05, tolerance=1, least_readings=2)
 _FALLS_RAD = 0.01  # a horn that turns by more between two readings falls
 
 
 def hold_ticks(
     bus: ServoBus, driven_joints: Sequence[DrivenJoint], feedback: Feedback
-) -> dict[str, int]:
+) -> list[int]:
     """Read the tick at which each joint holds, or would hold when its torque comes on.
 
     A servo that already holds keeps its goal, because its load has pulled it slightly below; unless
@@ -372,37 +368,29 @@ def hold_ticks(
     torque = read_register(bus, ids, RegisterName.TORQUE_ENABLE)
     goals = read_register(bus, ids, RegisterName.GOAL_POSITION)
     present = feedback.measure_ticks()  # last, because limp joints fall
-    return {
-        driven.joint: _held_tick(
-            driven, torque[driven.servo_id] != 0, present[driven.joint], goals[driven.servo_id]
-        )
-        for driven in driven_joints
-    }
+    return [
+        _held_tick(driven, torque[driven.servo_id] != 0, tick, goals[driven.servo_id])
+        for driven, tick in zip(driven_joints, present, strict=True)
+    ]
 
 
 def wait_until_settled(
-    driven_joints: Sequence[DrivenJoint], goals: Mapping[str, int], feedback: Feedback, clock: Clock
+    driven_joints: Sequence[DrivenJoint], goals: Sequence[int], feedback: Feedback, clock: Clock
 ) -> bool:
     """Wait until the joints are at rest near their goals after torque came on.
 
     Returns:
         Whether they are at rest; False if one second was not enough.
     """
-    present = feedback.measure_ticks()
-    for _ in range(int(_MAX_WAIT_S / _POLL_PERIOD_S)):
-        clock.sleep_until(clock.now_s() + _POLL_PERIOD_S)
-        before, present = present, feedback.measure_ticks()
-        still = all(
-            abs(present[driven.joint] - before[driven.joint]) <= _AT_REST_TICKS
-            for driven in driven_joints
+
+    def has_settled(still: StillnessDetector) -> bool:
+        return still.is_at_rest() and all(
+            abs(goal - tick) <= driven.max_lead_ticks(0.0)
+            for driven, goal, tick in zip(driven_joints, goals, still.joints, strict=True)
         )
-        near = all(
-            abs(goals[driven.joint] - present[driven.joint]) <= driven.max_lead_ticks(0.0)
-            for driven in driven_joints
-        )
-        if still and near:
-            return True
-    return False
+
+    read = feedback.measure_ticks
+    return has_settled(read_until_at_rest(_HELD, read, clock, _MAX_WAIT_S, has_settled))
 
 
 def wait_until_still(
@@ -421,20 +409,14 @@ def wait_until_still(
     Raises:
         BusError: A servo does not answer.
     """
-    end_s = clock.now_s() + timeout_s
-    before = feedback.measure_ticks()
-    while clock.now_s() < end_s:
-        clock.sleep_until(clock.now_s() + _SINK_POLL_PERIOD_S)
-        present = feedback.measure_ticks()
-        moved = {
-            driven: abs(present[driven.joint] - before[driven.joint]) for driven in driven_joints
-        }
-        falls = any(
-            by * driven.joint_map.horn_rad_per_tick > _FALLS_RAD for driven, by in moved.items()
+
+    def rests_or_falls(still: StillnessDetector) -> bool:
+        return still.is_at_rest() or any(
+            ticks * driven.joint_map.horn_rad_per_tick > _FALLS_RAD
+            for driven, ticks in zip(driven_joints, still.variations(), strict=True)
         )
-        if falls or all(by <= _NOISE_TICKS for by in moved.values()):
-            return
-        before = present
+
+    read_until_at_rest(_LIMP, feedback.measure_ticks, clock, timeout_s, rests_or_falls)
 
 
 def _held_tick(driven: DrivenJoint, torque: bool, present: int, goal: int) -> int:

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
+
+from ikservo.clock import Clock
 
 _WINDOW_S = 0.5  # a hand that pauses for a shorter time has not let go
 _NOISE_TICKS = 4  # noise of the encoders at rest
+_READINGS = 3  # two readings of a hand that moves may agree by chance
 
 
 @dataclass(frozen=True, slots=True)
@@ -16,11 +19,13 @@ class StillnessDetector:
     Attributes:
         window_s: Time in which nothing may move.
         tolerance: The variation of positions that counts as rest.
+        least_readings: Number of readings without which nothing counts as at rest.
         readings: Times and positions within the window, and the last ones before it.
     """
 
     window_s: float = _WINDOW_S
     tolerance: float = _NOISE_TICKS
+    least_readings: int = _READINGS
     readings: tuple[tuple[float, Mapping[int, float]], ...] = ()
 
     def add_reading(self, at_s: float, positions: Mapping[int, float]) -> StillnessDetector:
@@ -30,15 +35,32 @@ class StillnessDetector:
         before = [row for row in self.readings if row[0] <= start_s][-1:]
         return replace(self, readings=(*before, *recent, (at_s, positions)))
 
+    def add_joints(self, at_s: float, joints: Iterable[float]) -> StillnessDetector:
+        """Add a reading of all joints (n,)."""
+        return self.add_reading(at_s, dict(enumerate(joints)))
+
+    @property
+    def joints(self) -> list[float]:
+        """The last positions (n,)."""
+        return list(self.readings[-1][1].values())
+
     def restarted(self) -> StillnessDetector:
         """Return a detector without readings."""
         return replace(self, readings=())
 
     def is_at_rest(self) -> bool:
         """Check whether nothing has moved within the window."""
-        if len(self.readings) < 3 or self.readings[-1][0] - self.readings[0][0] < self.window_s:
+        if len(self.readings) < self.least_readings:
             return False
-        return all(max(column) - min(column) <= self.tolerance for column in self._columns())
+        return self.readings[-1][0] - self.readings[0][0] >= self.window_s and not self.has_moved()
+
+    def has_moved(self) -> bool:
+        """Check whether something has moved since the first reading of the window."""
+        return max(self.variations(), default=0.0) > self.tolerance
+
+    def variations(self) -> list[float]:
+        """Compute how much each position varies over the window."""
+        return [max(column) - min(column) for column in self._columns()]
 
     def mean_ticks(self) -> dict[int, float]:
         """Compute the mean position of each servo over the window."""
@@ -47,3 +69,27 @@ class StillnessDetector:
 
     def _columns(self) -> list[list[float]]:
         return [[positions[i] for _, positions in self.readings] for i in self.readings[-1][1]]
+
+
+def read_until_at_rest(
+    detector: StillnessDetector,
+    read: Callable[[], Iterable[float]],
+    clock: Clock,
+    timeout_s: float,
+    ends: Callable[[StillnessDetector], bool] = StillnessDetector.is_at_rest,
+) -> StillnessDetector:
+    """Read joints (n,) until nothing has moved within the detector's window, or time is up.
+
+    Args:
+        detector: The window, which is divided evenly by the readings that it needs.
+        read: Measures the joints.
+        clock: The clock.
+        timeout_s: The longest time.
+        ends: Returns whether to stop reading.
+    """
+    end_s = clock.now_s() + timeout_s
+    while True:
+        detector = detector.add_joints(clock.now_s(), read())
+        if ends(detector) or clock.now_s() >= end_s:
+            return detector
+        clock.sleep_until(clock.now_s() + detector.window_s / (detector.least_readings - 1))

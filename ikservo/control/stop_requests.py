@@ -386,7 +386,7 @@ def hold_servos(bus: ServoBus, driven_joints: Sequence[DrivenJoint], clock: Cloc
     present = bus.sync_read(on, RegisterName.PRESENT_POSITION, raw=True).values
     goals = bus.sync_read(on, RegisterName.GOAL_POSITION, raw=True).values
     moving = {
-        ids[i].joint: tick
+        i: tick
         for i, tick in present.items()
         if _is_approaching(ids[i], before.get(i), tick, goals.get(i))
     }
@@ -408,20 +408,14 @@ def _is_approaching(driven: DrivenJoint, before: int | None, tick: int, goal: in
 
 
 def _send_goals(
-    bus: ServoBus, driven_joints: Sequence[DrivenJoint], clock: Clock, ticks: Mapping[str, int]
+    bus: ServoBus, driven_joints: Sequence[DrivenJoint], clock: Clock, ticks: Mapping[int, int]
 ) -> None:
-    ids = {driven.joint: driven.servo_id for driven in driven_joints}
+    """Let servos hold their measured ticks, given by id."""
     ranges = {driven.servo_id: driven.tick_range for driven in driven_joints}
-    measured = {ids[name]: tick for name, tick in ticks.items()}
-
-    def send(goals: Mapping[int, int]) -> None:
-        write_goals(bus, goals, ranges, reached=lambda servo_id: (measured[servo_id],))
-
     pending = dict(ticks)
     for _ in range(_ATTEMPTS):  # a sync write has no reply, so goals are read back
         if pending:
-            Gate(driven_joints, send, clock).reset_goals(pending)
-            goals = bus.sync_read(
-                [ids[name] for name in pending], RegisterName.GOAL_POSITION, raw=True
-            ).values
-            pending = {name: tick for name, tick in pending.items() if goals.get(ids[name]) != tick}
+            Gate(driven_joints, clock).pass_reset([pending.get(i) for i in ranges])
+            write_goals(bus, pending, ranges, reached=lambda servo_id: (ticks[servo_id],))
+            goals = bus.sync_read(pending, RegisterName.GOAL_POSITION, raw=True).values
+            pending = {i: tick for i, tick in pending.items() if goals.get(i) != tick}

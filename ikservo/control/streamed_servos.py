@@ -30,6 +30,7 @@ from ikservo.guard import (
     DrivenJoint,
     Gate,
     OverloadMonitor,
+    PassedGoals,
     StopReason,
     TrackingMonitor,
     overweight_error,
@@ -81,7 +82,7 @@ class StreamedServos:
         self.names = tuple(driven.joint for driven in driven_joints)
         self._ids = [driven.servo_id for driven in driven_joints]
         self._tick_ranges = {driven.servo_id: driven.tick_range for driven in driven_joints}
-        self._gate = Gate(driven_joints, self._write_goals, clock)
+        self._gate = Gate(driven_joints, clock)
         self.overload = OverloadMonitor(driven_joints)
         self._feedback = Feedback(bus, driven_joints)
         self.compensator = GoalCompensator(driven_joints)
@@ -117,7 +118,7 @@ class StreamedServos:
             StoppedError: A stop was acknowledged since this thread's motion was requested.
             RefusedError: No goals were sent since torque was off.
         """
-        known = self._gate.goals
+        known = [goal for goal in self._gate.goals if goal is not None]
         if len(known) < len(self.driven_joints):  # another thread acknowledged a stop in between
             self.stop_request.check_request()
             raise RefusedError("The servos have no goals.", "Nothing was sent. Request it again.")
@@ -396,7 +397,7 @@ class StreamedServos:
         self._limits.set_speed(self._horn_rad_s)
         now_s = self.clock.now_s()
         ticks = self._feedback.measure_ticks()
-        self._gate.reset_goals(ticks)
+        self._send(self._gate.pass_reset(ticks))
         self._gate.update_measured(ticks, now_s)
         self._feedback.reset_losses()
         self._cycle_at_s = prepare_servos(
@@ -431,9 +432,12 @@ class StreamedServos:
         requested = self.overload.draw_back(self._undrawn, self._feedback.latest)
         goals = self._gate.shorten_goals(requested, now_s)
         try:
-            self._gate.send(goals, now_s)
+            self._send(self._gate.pass_goals(goals, now_s))
         except RegisterAccessError as error:  # a limp servo takes no goal
-            raise self._torque_error(error) from error
+            limp = self._limp_joints()
+            if limp:
+                raise torque_lost_error(limp) from error
+            raise
         references = self._to_ticks(self.reference() if reference is None else reference)
         for warning in self.overload.update(goals, self._feedback.latest, now_s, references):
             self.log_warning(warning)
@@ -449,19 +453,17 @@ class StreamedServos:
 
         A joint that presses further and further must end the motion although it is relaxed.
         """
-        relaxed = {name: self._undrawn[name] for name in self.overload.relaxed_joints}
-        return self._to_positions({**self._gate.goals, **relaxed}) if relaxed else self.goals()
+        if not self.overload.relaxed_joints:
+            return self.goals()
+        relaxed = np.isin(self.names, self.overload.relaxed_joints)
+        return np.where(relaxed, self._to_positions(self._undrawn), self.goals())
 
     def _relax_pressing(self) -> None:
         """Draw back the goals of joints that press too hard; nothing is read while they hold."""
         if self.overload.relaxes:
             goals = self.overload.relaxed_goals(self._gate.goals, self._feedback.latest)
-            if goals:
-                self._gate.hold(goals)
-
-    def _torque_error(self, error: RegisterAccessError) -> IkservoError:
-        limp = self._limp_joints()
-        return torque_lost_error(limp) if limp else error
+            if any(goal is not None for goal in goals):
+                self._send(self._gate.pass_hold(goals))
 
     def _find_power_loss(self, error: BaseException) -> IkservoError | None:
         """Return the error of joints that servos no longer hold, or None if that is unknown."""
@@ -507,14 +509,14 @@ class StreamedServos:
                 step()
 
     def _prepare_streaming(self, speed_rad_s: float | None, profile_rad_s: float | None) -> None:
-        horns = {driven.joint: driven.joint_map.unit_per_horn_rad for driven in self.driven_joints}
-        speeds = {driven.joint: driven.speed for driven in self.driven_joints}
+        horns = self._per_horn_rad.tolist()
+        speeds = [driven.speed for driven in self.driven_joints]
         if speed_rad_s is not None:
-            speeds = {name: min(speed_rad_s * horns[name], speeds[name]) for name in speeds}
+            speeds = [min(speed_rad_s * h, speed) for h, speed in zip(horns, speeds, strict=True)]
         self._gate.set_speeds(speeds)
         self._following = TrackingMonitor.for_limits(self.driven_joints, speeds)
         self._feedback.reset_losses()
-        fastest_rad_s = max(speeds[name] / horns[name] for name in speeds)
+        fastest_rad_s = max(speed / horn for horn, speed in zip(horns, speeds, strict=True))
         self._horn_rad_s, self.restarts = profile_rad_s or fastest_rad_s, 0
         self._cycle_at_s = prepare_servos(
             self._limits, self._health_poller, self.clock, self._horn_rad_s
@@ -533,14 +535,13 @@ class StreamedServos:
 
     def _hold_goals(self) -> None:
         """Send hold goals to the servos with torque; the others stay limp."""
-        on = {
-            driven.joint for driven in self.driven_joints if self._bus.is_torque_on(driven.servo_id)
-        }
-        self._gate.hold({name: self._hold_tick(name) for name in self._gate.goals if name in on})
+        rows = zip(self.driven_joints, self._gate.goals, self._gate.measured_ticks, strict=True)
+        self._send(self._gate.pass_hold([self._hold_tick(*row) for row in rows]))
 
-    def _hold_tick(self, joint: str) -> int:
-        driven, goal = self.driven_joints[self.names.index(joint)], self._gate.goals[joint]
-        measured = self._gate.measured_ticks.get(joint, goal)
+    def _hold_tick(self, driven: DrivenJoint, goal: int | None, measured: int | None) -> int | None:
+        if goal is None or not self._bus.is_torque_on(driven.servo_id):
+            return None
+        measured = goal if measured is None else measured
         explained_rad = max(driven.at_rest_lead_rad, _PRESSING_LAG_RAD)
         presses = abs(goal - measured) * driven.joint_map.horn_rad_per_tick > explained_rad
         return measured if presses or self._bus.alarms.get(driven.servo_id) else goal
@@ -550,6 +551,16 @@ class StreamedServos:
         interrupted = isinstance(error, (StoppedError, KeyboardInterrupt))
         requested = self.stop_request.reason
         return requested if interrupted and requested is not None else fault_reason(error)
+
+    def _send(self, passed: PassedGoals) -> None:
+        """Write goals that passed the gate, and commit them.
+
+        Raises:
+            RefusedError: See ``_write_goals``; nothing was sent.
+        """
+        rows = zip(self._ids, passed.ticks, strict=True)
+        self._write_goals({servo_id: tick for servo_id, tick in rows if tick is not None})
+        self._gate.commit(passed)
 
     def _write_goals(self, goals: Mapping[int, int]) -> None:
         """Write goals, each within its limits or where its joint was measured or sent before.
@@ -562,24 +573,20 @@ class StreamedServos:
             goals,
             self._tick_ranges,
             reached=self._reached,
-            describe=lambda servo_id, tick: self._limits_of(servo_id).describe_violation(tick),
+            describe=lambda servo_id, tick: self.driven_joints[
+                self._ids.index(servo_id)
+            ].describe_violation(tick),
         )
 
     def _reached(self, servo_id: int) -> list[int]:
-        joint = self._limits_of(servo_id).joint
-        known = (self._feedback.latest.get(joint), self._gate.goals.get(joint))
+        column = self._ids.index(servo_id)
+        known = (self._feedback.latest[column], self._gate.goals[column])
         return [tick for tick in known if tick is not None]
 
-    def _limits_of(self, servo_id: int) -> DrivenJoint:
-        return self.driven_joints[self._ids.index(servo_id)]
+    def _to_ticks(self, positions: Vector) -> list[int]:
+        rows = zip(self.driven_joints, positions.tolist(), strict=True)
+        return [driven.tick(position) for driven, position in rows]
 
-    def _to_ticks(self, positions: Vector) -> dict[str, int]:
-        return {
-            driven.joint: driven.tick(float(position))
-            for driven, position in zip(self.driven_joints, positions, strict=True)
-        }
-
-    def _to_positions(self, ticks: Mapping[str, int]) -> Vector:
-        return np.array(
-            [driven.joint_map.position(ticks[driven.joint]) for driven in self.driven_joints]
-        )
+    def _to_positions(self, ticks: Sequence[int]) -> Vector:
+        rows = zip(self.driven_joints, ticks, strict=True)
+        return np.array([driven.joint_map.position(tick) for driven, tick in rows])

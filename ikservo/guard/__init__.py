@@ -1,8 +1,8 @@
 """Safety checks of every goal: limits, collisions, steps, and monitors of a running motion."""
 
 from ikservo.guard.collision import CollisionChecker
-from ikservo.guard.driven_joint import MAX_TRAVEL_RAD, DrivenJoint
-from ikservo.guard.gate import Gate, StopKind, StopLatch, StopReason
+from ikservo.guard.driven_joint import MAX_TRAVEL_RAD, DrivenJoint, TickRow
+from ikservo.guard.gate import Gate, PassedGoals, StopKind, StopLatch, StopReason
 from ikservo.guard.motion_monitors import (
     DEAD_MAN_TIMEOUT_S,
     CommunicationMonitor,
@@ -40,10 +40,12 @@ __all__ = [
     "KeepOutBox",
     "OverloadMonitor",
     "OverloadRule",
+    "PassedGoals",
     "ServoTelemetry",
     "StopKind",
     "StopLatch",
     "StopReason",
+    "TickRow",
     "TrackingMonitor",
     "alarm_hint",
     "overweight_error",

@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
 from ikservo.calibration import JointMap, JointUnit, Limits, format_position, format_source
 from ikservo.errors import RefusedError
+
+TickRow = Sequence[int | None]
+"""A tick of each joint, in the order of an arm's joints; None leaves a joint out."""
 
 MAX_TRAVEL_RAD = 60 * math.tau / 4096
 """Allowed travel of a horn after its program has died [rad]: 60 ticks of 4096."""

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import Enum, auto
-from types import MappingProxyType
 
 from ikservo.clock import Clock
 from ikservo.errors import LatchedStopError, RefusedError
-from ikservo.guard.driven_joint import DrivenJoint, require_int_tick
+from ikservo.guard.driven_joint import DrivenJoint, TickRow, require_int_tick
 from ikservo.guard.joint_gate import MAX_ELAPSED_S, JointGate
 
 
@@ -92,84 +91,88 @@ class StopLatch:
             raise LatchedStopError(self._reason.headline)
 
 
-class Gate:
-    """Sends commands to the servos that pass all checks, or refuses them as a whole.
+@dataclass(frozen=True, slots=True)
+class PassedGoals:
+    """Goals that passed the gate; they are written, and then committed.
 
-    A command is a goal tick for each of some joints. It passes if every joint is known, every goal
-    is inside the joint's limits, none moves faster than its limit, and none leads the measured
-    joint by more than its maximum lead. A joint outside its limits may be moved back,
-    never further out. After `latch_stop` only `hold` passes, until `acknowledge` and
-    `reset_goals` are called.
+    Attributes:
+        ticks: The goals.
+        time_s: The time for which they passed.
+    """
+
+    ticks: TickRow
+    time_s: float
+
+
+class Gate:
+    """Lets commands to the servos pass that pass all checks, or refuses them as a whole.
+
+    A command is a goal tick for each of some joints. It passes if every goal is inside the joint's
+    limits, none moves faster than its limit, and none leads the measured joint by more than its
+    maximum lead. A joint outside its limits may be moved back, never further out. After
+    `latch_stop` only `pass_hold` passes, until `acknowledge` and `pass_reset` are called.
+
+    The gate writes nothing: the caller writes what passed, and then commits it. Goals that were
+    not committed do not count as sent.
 
     Args:
-        limits: One per joint.
-        write_goals: Writes goal ticks by servo id, as ``StreamedServos`` does through
-            ``hardware/goal_writing.py``; called only with goals that passed.
+        limits: One per joint; commands have one tick per joint in this order.
         clock: Measures the time since the last command.
     """
 
-    def __init__(
-        self,
-        limits: Sequence[DrivenJoint],
-        write_goals: Callable[[Mapping[int, int]], None],
-        clock: Clock,
-    ) -> None:
-        self._joints = {driven.joint: JointGate(driven) for driven in limits}
-        self._write_goals, self._clock = write_goals, clock
+    def __init__(self, limits: Sequence[DrivenJoint], clock: Clock) -> None:
+        self._joints, self._clock = [JointGate(driven) for driven in limits], clock
         self._latch = StopLatch()
         self._passed_s = clock.now_s()
 
-    def reset_goals(self, ticks: Mapping[str, int]) -> None:
-        """Send the measured ticks of the joints as goals, from which later goals start.
+    def pass_reset(self, ticks: TickRow) -> PassedGoals:
+        """Pass the measured ticks of the joints as goals, from which later goals start.
 
         Afterwards torque can be enabled safely: the servos' goals are their positions.
 
         Raises:
-            RefusedError: A joint is unknown, a tick is not an integer, or the arm was stopped.
+            RefusedError: A tick is not an integer, or the arm was stopped.
         """
         self._latch.raise_if_stopped()
-        self._require_known(ticks)
-        for name, tick in ticks.items():
-            require_int_tick(name, tick)
-        self._commit_goals(ticks, self._clock.now_s())
+        for joint, tick in self._commanded(ticks):
+            require_int_tick(joint.driven.joint, tick)
+        return PassedGoals(ticks, self._clock.now_s())
 
-    def update_measured(self, ticks: Mapping[str, int], time_s: float) -> None:
+    def update_measured(self, ticks: TickRow, time_s: float) -> None:
         """Update the measured positions; joints without a reply are left out.
 
         Goals must stay within the maximum lead of recent measurements.
 
         Args:
-            ticks: Measured tick by joint.
+            ticks: The measured ticks.
             time_s: Time of the measurement, by the gate's clock.
 
         Raises:
-            RefusedError: A joint is unknown, a tick not an integer, or the time not finite.
+            RefusedError: A tick is not an integer, or the time not finite.
         """
         if not math.isfinite(time_s):
             raise RefusedError(f"The time of a measurement is {time_s} s.", "It was ignored.")
-        self._require_known(ticks)
-        for name, tick in ticks.items():
-            require_int_tick(name, tick)
-        for name, tick in ticks.items():
-            self._joints[name].update_measured(tick, time_s)
+        measured = self._commanded(ticks)
+        for joint, tick in measured:
+            require_int_tick(joint.driven.joint, tick)
+        for joint, tick in measured:
+            joint.update_measured(tick, time_s)
 
-    def set_speeds(self, speeds: Mapping[str, float]) -> None:
-        """Set the maximum speeds of the next motion, rad/s or m/s; slower joints get less lead.
-
-        A joint that is left out has the speed of its limits.
+    def set_speeds(self, speeds: Sequence[float]) -> None:
+        """Set the joints' maximum speeds in the next motion, rad/s or m/s; a slow one leads less.
 
         Raises:
-            RefusedError: A joint is unknown, or a speed not above zero.
+            RefusedError: A speed is not above zero.
         """
-        self._require_known(speeds)
-        for name, speed in speeds.items():
+        self._require_row(speeds)
+        for joint, speed in zip(self._joints, speeds, strict=True):
             if not speed > 0.0:
                 raise RefusedError(
-                    f"The speed of {name} must be above zero, not {speed} rad/s.",
+                    f"The speed of {joint.driven.joint} must be above zero, not {speed} rad/s.",
                     "Nothing was sent.",
                 )
-        for name, joint in self._joints.items():
-            joint.set_speed(speeds.get(name, joint.driven.speed))
+        for joint, speed in zip(self._joints, speeds, strict=True):
+            joint.set_speed(speed)
 
     def allowed_advance_s(self, elapsed_s: float) -> float:
         """Return how far a motion may advance in a time; less if a joint lags behind.
@@ -178,80 +181,92 @@ class Gate:
         maximum lead: it waits for the joints.
         """
         elapsed_s = min(elapsed_s, MAX_ELAPSED_S)
-        driven = [joint for joint in self._joints.values() if joint.goal is not None]
+        driven = [joint for joint in self._joints if joint.goal is not None]
         return min([joint.allowed_advance_s(elapsed_s) for joint in driven], default=elapsed_s)
 
     def eases(self) -> list[float]:
         """Return the rate at which the goals of each joint may advance, 0 to 1; less if it lags."""
-        return [joint.ease() for joint in self._joints.values()]
+        return [joint.ease() for joint in self._joints]
 
     def stale_joints(self, now_s: float) -> tuple[str, ...]:
         """Return the joints whose last position reading is too old for a goal to pass."""
-        return tuple([name for name, joint in self._joints.items() if joint.is_stale(now_s)])
+        return tuple([each.driven.joint for each in self._joints if each.is_stale(now_s)])
 
-    def shorten_goals(self, goals: Mapping[str, int], now_s: float) -> dict[str, int]:
+    def shorten_goals(self, goals: TickRow, now_s: float) -> list[int | None]:
         """Return the allowed goals nearest to the given ones, on the straight path to them.
 
         Steps that are too long for the time since the last command, or for the maximum lead, are
         reduced, all joints by the same fraction. A goal that the joint could not reach within 50 ms
-        at full speed is not a late step but a jump: it is returned unchanged; `send` refuses it.
+        at full speed is not a late step but a jump: it is returned unchanged; `pass_goals` refuses
+        it.
 
         Args:
-            goals: Desired tick by joint.
-            now_s: The time that is then passed to `send`.
+            goals: The desired ticks.
+            now_s: The time that is then passed to `pass_goals`.
 
         Raises:
-            RefusedError: A joint is unknown or would leave its limits, a tick is not an integer,
-                or the joint was not measured recently.
+            RefusedError: A joint would leave its limits or was not measured recently, or a tick is
+                not an integer.
         """
-        self._require_known(goals)
-        fraction, shortened, elapsed_s = 1.0, dict[str, int](), now_s - self._passed_s
-        for name, tick in goals.items():
-            fraction = min(fraction, self._joints[name].step_fraction(tick, elapsed_s, now_s))
-        for name, tick in goals.items():
-            last = self._joints[name].last_goal()
-            shortened[name] = last + int(fraction * (tick - last))
-        return shortened
+        elapsed_s, commanded = now_s - self._passed_s, self._commanded(goals)
+        fractions = [joint.step_fraction(tick, elapsed_s, now_s) for joint, tick in commanded]
+        fraction = min(fractions, default=1.0)
+        if fraction == 1.0:
+            return list(goals)
+        lasts = [joint.goal for joint in self._joints]
+        return [
+            None if tick is None or last is None else last + int(fraction * (tick - last))
+            for tick, last in zip(goals, lasts, strict=True)
+        ]
 
-    def send(self, goals: Mapping[str, int], now_s: float | None = None) -> None:
-        """Send goal ticks by joint to the servos.
+    def pass_goals(self, goals: TickRow, now_s: float | None = None) -> PassedGoals:
+        """Pass goals of a motion.
 
         Args:
-            goals: Goal tick by joint.
+            goals: The goal ticks.
             now_s: The time by the gate's clock for which the goals were computed, so that the
                 steps are checked for the same time; None reads the clock.
 
         Raises:
             RefusedError: One of the goals is not allowed, or the time is not between the last
-                command and now; nothing was sent for any joint.
+                command and now; nothing may be sent for any joint.
         """
         self._latch.raise_if_stopped()
         now_s = self._command_time_s(now_s)
-        elapsed_s = now_s - self._passed_s
-        self._require_known(goals)
-        for name, tick in goals.items():
-            self._joints[name].check_goal(tick, elapsed_s, now_s)
-        for name, tick in goals.items():
-            self._joints[name].consume_step(tick, elapsed_s)
-        self._commit_goals(goals, now_s)
+        elapsed_s, commanded = now_s - self._passed_s, self._commanded(goals)
+        for joint, tick in commanded:
+            joint.check_goal(tick, elapsed_s, now_s)
+        for joint, tick in commanded:
+            joint.consume_step(tick, elapsed_s)
+        return PassedGoals(goals, now_s)
 
-    def hold(self, ticks: Mapping[str, int]) -> None:
-        """Let joints hold their positions, also while the arm is stopped.
+    def pass_hold(self, ticks: TickRow) -> PassedGoals:
+        """Pass goals at which joints hold their positions, also while the arm is stopped.
 
         Args:
-            ticks: A goal by joint: the present goal, the measured position, or a tick between. A
-                tick outside the limits is clamped to them.
+            ticks: The present goals, the measured positions, or ticks between. A tick outside the
+                limits is clamped to them.
 
         Raises:
-            RefusedError: A goal would move a joint; nothing was sent for any.
+            RefusedError: A goal would move a joint; nothing may be sent for any.
         """
-        inside = {name: self.clamp(name, tick) for name, tick in ticks.items()}
-        for name, tick in inside.items():
-            self._joints[name].check_hold_goal(tick)
-        self._commit_goals(inside, self._clock.now_s())
+        self._require_row(ticks)
+        inside = [
+            None if tick is None else joint.clamp(tick)
+            for joint, tick in zip(self._joints, ticks, strict=True)
+        ]
+        for joint, tick in self._commanded(inside):
+            joint.check_hold_goal(tick)
+        return PassedGoals(inside, self._clock.now_s())
+
+    def commit(self, passed: PassedGoals) -> None:
+        """Take goals that passed as sent: later goals start there."""
+        for joint, tick in self._commanded(passed.ticks):
+            joint.goal = tick
+        self._passed_s = passed.time_s
 
     def latch_stop(self, reason: StopReason) -> None:
-        """Stop for a reason: from now on only `hold` passes. Safe from any thread."""
+        """Stop for a reason: from now on only `pass_hold` passes. Safe from any thread."""
         self._latch.latch_stop(reason)
 
     def check_stop(self) -> None:
@@ -265,10 +280,10 @@ class Gate:
     def acknowledge(self) -> StopReason | None:
         """Clear a stop and return its reason.
 
-        The goals are cleared: `reset_goals` is required before the next goal.
+        The goals are cleared: `pass_reset` is required before the next goal.
         """
         if self._latch.reason is not None:
-            for joint in self._joints.values():
+            for joint in self._joints:
                 joint.goal = None
         return self._latch.acknowledge()
 
@@ -278,18 +293,16 @@ class Gate:
         return self._latch.reason
 
     @property
-    def goals(self) -> Mapping[str, int]:
-        """The goal tick of each joint that was last sent."""
-        goals = [(name, joint.goal) for name, joint in self._joints.items()]
-        return MappingProxyType({name: goal for name, goal in goals if goal is not None})
+    def goals(self) -> TickRow:
+        """The goal tick of each joint that was last sent; None if no goal is in force."""
+        return tuple([joint.goal for joint in self._joints])
 
     @property
-    def measured_ticks(self) -> Mapping[str, int]:
-        """The last measured tick of each joint."""
-        measured = [(name, joint.measured) for name, joint in self._joints.items()]
-        return MappingProxyType({name: tick for name, tick in measured if tick is not None})
+    def measured_ticks(self) -> TickRow:
+        """The last measured tick of each joint; None before the first measurement."""
+        return tuple([joint.measured for joint in self._joints])
 
-    def check_range(self, goals: Mapping[str, int], start: Mapping[str, int]) -> None:
+    def check_range(self, goals: TickRow, start: Sequence[int]) -> None:
         """Check distant goals before a motion to them; sends nothing.
 
         Args:
@@ -297,25 +310,25 @@ class Gate:
             start: The present ticks; a joint outside its limits may stay, but not move further out.
 
         Raises:
-            RefusedError: A joint is unknown or would leave its limits.
+            RefusedError: A joint would leave its limits.
         """
-        self._require_known(goals)
-        for name, tick in goals.items():
-            self._joints[name].check_range(tick, start[name])
+        self._require_row(goals)
+        for joint, tick, at in zip(self._joints, goals, start, strict=True):
+            if tick is not None:
+                joint.check_range(tick, at)
 
-    def clamp(self, name: str, tick: int) -> int:
-        """Return the tick nearest to ``tick`` inside the joint's allowed range.
+    def _require_row(self, row: Sequence[float | None]) -> None:
+        if len(row) != len(self._joints):
+            raise RefusedError(
+                f"{len(row)} values do not fit the {len(self._joints)} joints of this arm.",
+                "Nothing was sent.",
+            )
 
-        Raises:
-            RefusedError: The joint is unknown or was never enabled, or the tick is not an integer.
-        """
-        self._require_known([name])
-        return self._joints[name].clamp(tick)
-
-    def _require_known(self, names: Iterable[str]) -> None:
-        for name in names:
-            if name not in self._joints:
-                raise RefusedError(f"There is no joint {name!r} on this arm.", "Nothing was sent.")
+    def _commanded(self, ticks: TickRow) -> list[tuple[JointGate, int]]:
+        """Return the joints that a command does not leave out, each with its tick."""
+        self._require_row(ticks)
+        rows = zip(self._joints, ticks, strict=True)
+        return [(joint, tick) for joint, tick in rows if tick is not None]
 
     def _command_time_s(self, given_s: float | None) -> float:
         """Compute the time for which a command is checked."""
@@ -330,11 +343,3 @@ class Gate:
                 "Nothing was sent.",
             )
         return given_s
-
-    def _commit_goals(self, goals: Mapping[str, int], now_s: float) -> None:
-        self._write_goals(
-            {self._joints[name].driven.servo_id: tick for name, tick in goals.items()}
-        )
-        for name, tick in goals.items():
-            self._joints[name].goal = tick
-        self._passed_s = now_s

@@ -50,20 +50,17 @@ class TrackingMonitor:
 
     @classmethod
     def for_limits(
-        cls, limits: Sequence[DrivenJoint], speeds: Mapping[str, float] | None = None
+        cls, limits: Sequence[DrivenJoint], speeds: Sequence[float] | None = None
     ) -> TrackingMonitor:
         """Return a monitor of joints whose goals keep the gate's maximum lead.
 
         Args:
             limits: The limits of the joints, in the order of the vectors (n,).
-            speeds: Maximum speeds of the motion by joint, rad/s or m/s, as for `Gate.set_speeds`.
+            speeds: Maximum speeds of the joints in the motion, rad/s or m/s; None: their own.
         """
-        speeds = speeds or {}
         max_error = [
-            _ERROR_FRACTION
-            * driven.max_lead_ticks(speeds.get(driven.joint, driven.speed))
-            * driven.joint_map.unit_per_tick
-            for driven in limits
+            _ERROR_FRACTION * driven.max_lead_ticks(speed) * driven.joint_map.unit_per_tick
+            for driven, speed in zip(limits, speeds or [each.speed for each in limits], strict=True)
         ]
         return cls([limit.joint for limit in limits], np.array(max_error))
 

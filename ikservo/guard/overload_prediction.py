@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
-from ikservo.guard.driven_joint import DrivenJoint
+from ikservo.guard.driven_joint import DrivenJoint, TickRow
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,6 +89,7 @@ class OverloadMonitor:
     def __init__(self, driven_joints: Sequence[DrivenJoint]) -> None:
         self.rules: dict[str, OverloadRule] = {}
         self.relaxes = True
+        self._columns = {driven.joint: column for column, driven in enumerate(driven_joints)}
         self._horn_rad = {d.joint: d.joint_map.horn_rad_per_tick for d in driven_joints}
         self._joints = {d.joint: _Pressing() for d in driven_joints}
         self._time_s = 0.0
@@ -97,7 +98,7 @@ class OverloadMonitor:
     @property
     def relaxed_joints(self) -> tuple[str, ...]:
         """The joints whose goals are drawn back."""
-        return tuple(name for name, joint in self._joints.items() if joint.bound is not None)
+        return tuple([name for name, joint in self._joints.items() if joint.bound is not None])
 
     def seconds_left(self, joint: str) -> float | None:
         """Compute how long a joint may continue to press; None if it does not press too hard."""
@@ -120,42 +121,45 @@ class OverloadMonitor:
 
     def update(
         self,
-        goals: Mapping[str, int],
-        ticks: Mapping[str, int],
+        goals: TickRow,
+        ticks: TickRow,
         time_s: float,
-        references: Mapping[str, int] | None = None,
+        references: Sequence[int] | None = None,
     ) -> tuple[str, ...]:
         """Take the present goals and the measured ticks; return new warnings.
 
         Args:
-            goals: The goals by joint; joints without a goal are left out.
+            goals: The goals.
             ticks: The ticks of the joints that replied.
             time_s: The time of the goals.
             references: The reference of the joints; None: the goals.
         """
-        references = references or goals
         self._time_s = time_s
         warnings, self._news = self._news, []
         for name, rule in self.rules.items():
-            if name in goals and name in ticks:
-                self._update_joint(name, rule, goals[name], ticks[name])
-                warnings += self._new_warning(name, rule, references[name] - ticks[name])
+            column = self._columns[name]
+            goal, tick = goals[column], ticks[column]
+            if goal is not None and tick is not None:
+                self._update_joint(name, rule, goal, tick)
+                reference = goal if references is None else references[column]
+                warnings += self._new_warning(name, rule, reference - tick)
         return tuple(warnings)
 
-    def draw_back(self, goals: Mapping[str, int], ticks: Mapping[str, int]) -> dict[str, int]:
+    def draw_back(self, goals: Sequence[int], ticks: TickRow) -> list[int]:
         """Draw back the goals of joints that press too long.
 
         Such a joint continues to press with 60 % of what its servo can bear, until its goal comes
         back or the obstacle gives way. It does not follow a load that pushes it back.
         """
-        drawn = dict(goals)
+        drawn = list(goals)
         for name in self.rules:
-            joint = self._joints[name]
+            joint, column = self._joints[name], self._columns[name]
+            goal, tick = goals[column], ticks[column]
             presses = joint.warned or joint.bound is not None
-            if not presses or name not in goals or name not in ticks or not self.relaxes:
+            if not presses or tick is None or not self.relaxes:
                 continue
-            near, left_s = self._relaxed_goal(name, ticks[name]), self.seconds_left(name)
-            is_short = joint.side * (goals[name] - near) > 0
+            near, left_s = self._relaxed_goal(name, tick), self.seconds_left(name)
+            is_short = joint.side * (goal - near) > 0
             if joint.bound is not None:
                 joint.bound = joint.side * max(joint.side * joint.bound, joint.side * near)
             elif joint.warned and left_s is not None and left_s <= _RELAX_LEFT_S and is_short:
@@ -166,29 +170,31 @@ class OverloadMonitor:
                 )
             if joint.bound is None:
                 continue
-            if joint.side * (goals[name] - joint.bound) <= 0:
+            if joint.side * (goal - joint.bound) <= 0:
                 joint.bound = None
             else:
-                drawn[name] = joint.bound
+                drawn[column] = joint.bound
         return drawn
 
-    def relaxed_goals(self, goals: Mapping[str, int], ticks: Mapping[str, int]) -> dict[str, int]:
+    def relaxed_goals(self, goals: TickRow, ticks: TickRow) -> list[int | None]:
         """Return the goals, drawn back, of all joints that press too hard at the end of a motion.
 
         A goal that is already that close is left out: the measured load may come from more than the
         lag, as with an I gain, and no goal is pushed further.
 
         Args:
-            goals: Present goals by joint.
+            goals: The present goals.
             ticks: The measured ticks.
         """
-        drawn: dict[str, int] = {}
+        drawn: list[int | None] = [None] * len(goals)
         for name in self.rules:
-            joint = self._joints[name]
-            if name in goals and name in ticks and joint.warned and self._is_beyond(joint):
-                near = self._relaxed_goal(name, ticks[name])
-                if joint.side * (goals[name] - near) > 0:
-                    drawn[name] = near
+            joint, column = self._joints[name], self._columns[name]
+            goal, tick = goals[column], ticks[column]
+            if goal is None or tick is None or not joint.warned or not self._is_beyond(joint):
+                continue
+            near = self._relaxed_goal(name, tick)
+            if joint.side * (goal - near) > 0:
+                drawn[column] = near
         return drawn
 
     def _is_beyond(self, joint: _Pressing) -> bool:

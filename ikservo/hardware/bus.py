@@ -19,7 +19,6 @@ from ikservo.hardware.register_batches import (
     WriteTarget,
     batch_write,
     batches,
-    join_bytes,
     plan_reads,
     plan_writes,
     resolve_register,
@@ -160,23 +159,16 @@ class ServoBus(RegisterAccess):
             RegisterAccessError: A register forbids its value; nothing was sent to any servo.
         """
         cells = self._write_targets(tuple(values), ref)
-        rows = {
-            cell.servo.id: self._encode_cell(cell, value, raw=raw)
-            for cell, value in zip(cells, values.values(), strict=True)
-        }
+        batch: dict[tuple[Family, int, int], dict[int, bytes]] = defaultdict(dict)
+        for cell, value in zip(cells, values.values(), strict=True):
+            batch[cell.place][cell.servo.id] = self._encode_cell(cell, value, raw=raw)
         for cell in cells:
-            self._check_goal(cell.servo, cell.register, rows[cell.servo.id])
-        packets: dict[Family, dict[int, tuple[int, bytes]]] = defaultdict(dict)
-        for cell in cells:
-            own = packets[cell.servo.table.family]
-            own[cell.servo.id] = (cell.register.address, rows[cell.servo.id])
-        for family, packet in packets.items():
-            batch_write(self._requester.drivers[family], packet)
+            self._check_goal(cell.servo, cell.register, batch[cell.place][cell.servo.id])
+        batch_write(self._requester.drivers, batch)
         for cell in cells:
             if cell.tracks_state:
-                self._track_state(
-                    cell.servo, cell.register, cell.register.decode(rows[cell.servo.id])
-                )
+                data = batch[cell.place][cell.servo.id]
+                self._track_state(cell.servo, cell.register, cell.register.decode(data))
 
     def _encode_cell(self, cell: WriteTarget, value: float, *, raw: bool) -> bytes:
         """Encode the bytes of a value; the short branch is for the goals of every cycle."""
@@ -212,12 +204,12 @@ class ServoBus(RegisterAccess):
             for register, data in row.items():
                 self._check_goal(self.servos[servo_id], register, data)
         for runs in batches(own):
-            packets: dict[Family, dict[int, tuple[int, bytes]]] = defaultdict(dict)
+            batch: dict[tuple[Family, int, int], dict[int, bytes]] = defaultdict(dict)
             for servo_id, run in runs.items():
-                family = self.servos[servo_id].table.family
-                packets[family][servo_id] = (run[0].address, join_bytes(own[servo_id], run))
-            for family, rows in packets.items():
-                batch_write(self._requester.drivers[family], rows)
+                data = b"".join(own[servo_id][register] for register in run)
+                place = self.servos[servo_id].table.family, run[0].address, len(data)
+                batch[place][servo_id] = data
+            batch_write(self._requester.drivers, batch)
         for servo_id, row in own.items():
             for register, data in row.items():
                 self._track_state(self.servos[servo_id], register, register.decode(data))

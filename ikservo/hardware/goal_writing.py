@@ -9,16 +9,12 @@ from ikservo.hardware.bus import ServoBus
 from ikservo.registers import RegisterName
 
 
-def _nowhere(_: int) -> Iterable[int]:
-    return ()
-
-
 def write_goals(
     bus: ServoBus,
     goals: Mapping[int, int],
     ranges: Mapping[int, tuple[int, int]],
     *,
-    reached: Callable[[int], Iterable[int]] = _nowhere,
+    reached: Callable[[int], Iterable[int]] = lambda _: (),
     describe: Callable[[int, int], str] | None = None,
     confirmed: bool = False,
 ) -> None:

@@ -136,11 +136,7 @@ def _block(kind: int, body: bytes) -> bytes:
 
 
 def _option(code: int, value: bytes) -> bytes:
-    return struct.pack("<HH", code, len(value)) + _padded(value)
-
-
-def _padded(data: bytes) -> bytes:
-    return data + bytes(-len(data) % 4)
+    return struct.pack("<HH", code, len(value)) + value + bytes(-len(value) % 4)
 
 
 def read_packet_log(path: Path) -> Iterator[LoggedBytes]:

@@ -242,12 +242,10 @@ def _possible_duplicates(
         if suspect
         else (_DUPLICATE_WINDOW_S, _CLEAN_DUPLICATES)
     )
-    latest = sorted(past, key=_request_time_s, reverse=True)[:count] if len(past) > 1 else past
+    latest = (
+        sorted(past, key=lambda reply: reply.at_s, reverse=True)[:count] if len(past) > 1 else past
+    )
     return (reply for reply in latest if now_s - reply.at_s < recent_s)
-
-
-def _request_time_s(reply: _ReceivedReply) -> float:
-    return reply.at_s
 
 
 _LEARNED_REPLIES = 16  # replies before their times are used

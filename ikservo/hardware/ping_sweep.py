@@ -232,8 +232,5 @@ class _ScanReceiver:
             self._results.frames[servo_id].remove(echo)
 
     def _echo_frames(self, servo_id: int) -> list[StatusPacket]:
-        return [f for f in self._results.frames.get(servo_id, ()) if _is_ping_frame(f)]
-
-
-def _is_ping_frame(frame: StatusPacket) -> bool:
-    return frame.error == _ECHO_ERROR and not frame.data
+        frames = self._results.frames.get(servo_id, ())
+        return [frame for frame in frames if frame.error == _ECHO_ERROR and not frame.data]

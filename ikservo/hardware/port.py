@@ -406,7 +406,9 @@ def open_port(name: str, baud_rate: int, arm: str = "", servo_ids: Collection[in
     own = _Opening(os.path.realpath(name), arm, frozenset(servo_ids))
     with _opening:
         others = {
-            port: other for port, other in _openings.items() if _is_same_line(port, other, own)
+            port: other
+            for port, other in _openings.items()
+            if port.is_open and other.device == own.device
         }
         if others and all(other.servo_ids.isdisjoint(servo_ids) for other in others.values()):
             shared = next(iter(others))
@@ -430,11 +432,6 @@ def _open_line(name: str, baud_rate: int) -> Transport:
     except BaseException:
         transport.close()
         raise
-
-
-def _is_same_line(port: Port, other: _Opening, own: _Opening) -> bool:
-    """Check whether a port is open and uses the same device."""
-    return port.is_open and other.device == own.device
 
 
 def _check_sharing(port: Port, baud_rate: int, own: _Opening, others: Iterable[_Opening]) -> None:

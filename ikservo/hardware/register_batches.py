@@ -60,11 +60,6 @@ def batches(
         yield {servo_id: r[k] for servo_id, r in runs.items() if k < len(r)}
 
 
-def join_bytes(data: Mapping[Register, bytes], run: Sequence[Register]) -> bytes:
-    """Join the bytes of one write to a run of registers."""
-    return b"".join(data[register] for register in run)
-
-
 RegisterRef = Register | RegisterName
 """A register of any table, or a name that every table has."""
 
@@ -143,7 +138,11 @@ class ReplyLayout:
         self.state_registers = {k: r for k, r in self.registers.items() if tracks_state(servo, r)}
         self._places = [(key, run.index(register)) for key, register in self.registers.items()]
         self._unpack = Struct(_struct_format(run)).unpack
-        self._coded = [(at, register) for at, register in enumerate(run) if _needs_codec(register)]
+        self._coded = [  # those that ``struct`` does not support
+            (at, register)
+            for at, register in enumerate(run)
+            if not isinstance(register.codec, Unsigned | TwosComplement)
+        ]
 
     def decode_raw(self, block: bytes) -> dict[Any, int]:
         """Decode the raw number of each key in a reply."""
@@ -175,11 +174,6 @@ def _struct_format(run: Sequence[Register]) -> str:
         letters += f"{register.address - at}x{letter.lower() if signed else letter}"
         at = register.end
     return letters
-
-
-def _needs_codec(register: Register) -> bool:
-    """Check whether ``struct`` does not support the register's encoding."""
-    return not isinstance(register.codec, Unsigned | TwosComplement)
 
 
 @dataclass(frozen=True, slots=True)
@@ -221,12 +215,14 @@ class WriteTarget:
     """One servo's own register of a group write.
 
     Attributes:
+        place: Its family, the address and the size of the register.
         tracks_state: See ``tracks_state``.
         plain: Whether any integer in its range may be written at any time; False for goals.
     """
 
     servo: ServoSpec
     register: Register
+    place: tuple[Family, int, int]
     tracks_state: bool
     plain: bool
 
@@ -239,7 +235,13 @@ def plan_writes(servos: Iterable[ServoSpec], ref: RegisterRef) -> list[WriteTarg
     """
     own = [(servo, resolve_register(servo, ref)) for servo in servos]
     return [
-        WriteTarget(servo, r, tracks_state(servo, r), r.access is Access.RW and r.area is Area.RAM)
+        WriteTarget(
+            servo,
+            r,
+            (servo.table.family, r.address, r.size),
+            tracks_state(servo, r),
+            r.access is Access.RW and r.area is Area.RAM,
+        )
         for servo, r in own
     ]
 
@@ -311,13 +313,17 @@ def batch_read(driver: ProtocolDriver, spans: Mapping[int, MemoryRange]) -> dict
     return replies
 
 
-def batch_write(driver: ProtocolDriver, rows: Mapping[int, tuple[int, bytes]]) -> None:
-    """Write to each servo at its own address, with one packet if possible."""
-    groups: dict[tuple[int, int], dict[int, bytes]] = defaultdict(dict)
-    for servo_id, (address, data) in rows.items():
-        groups[address, len(data)][servo_id] = data
-    if len(groups) > 1 and driver.can_bulk_write:
-        driver.bulk_write(rows)
-        return
-    for (address, _), data_by_id in groups.items():
-        driver.sync_write(address, data_by_id)
+WriteBatch = Mapping[tuple[Family, int, int], Mapping[int, bytes]]
+"""Bytes by servo id, for each family, address and number of bytes."""
+
+
+def batch_write(drivers: Mapping[Family, ProtocolDriver], batch: WriteBatch) -> None:
+    """Write to each servo at its own address, with one packet per family if possible."""
+    for family in dict.fromkeys(family for family, _, _ in batch):
+        driver = drivers[family]
+        own = [(at, rows) for (of, at, _), rows in batch.items() if of is family]
+        if len(own) > 1 and driver.can_bulk_write:
+            driver.bulk_write({i: (at, data) for at, rows in own for i, data in rows.items()})
+        else:
+            for address, rows in own:
+                driver.sync_write(address, rows)

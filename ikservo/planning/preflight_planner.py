@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from itertools import chain, islice, product
 from math import radians
 from time import perf_counter
@@ -50,8 +50,7 @@ from ikservo.planning.motions import (
     TipMotion,
 )
 from ikservo.planning.path_constraint import UNCONSTRAINED, PathConstraint
-from ikservo.planning.plan_by_kind import plan_motion
-from ikservo.planning.planner import PointGoal
+from ikservo.planning.planner import Planner, PointGoal
 from ikservo.planning.poses import PoseLibrary
 from ikservo.planning.tool_orientation import KEEP_BEST_EFFORT
 
@@ -107,6 +106,33 @@ class PlannedStart:
         """Do nothing, because a plan moves nothing."""
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class _MotionRequest:
+    """One motion to plan.
+
+    Attributes:
+        motion: The motion.
+        start: The joints (n,) from which it starts, rad or m.
+        allowed: The speed class in which it may run now.
+        arm: The arm among the things that were around it when the plan was requested.
+    """
+
+    motion: TipMotion | MoveJoints | LookAt
+    start: Vector
+    allowed: str
+    arm: ArmContext
+
+    @property
+    def within(self) -> PathConstraint:
+        """The constraint of the tool."""
+        return UNCONSTRAINED if isinstance(self.motion, LookAt) else self.motion.within
+
+    @property
+    def think_s(self) -> float:
+        """The allowed time of a search for a path around things."""
+        return self.motion.think_s if isinstance(self.motion, MoveTo | MoveJoints) else THINK_S
+
+
 class PreflightPlanner:
     """Plans the motions of an arm and checks their paths; moves nothing.
 
@@ -137,23 +163,22 @@ class PreflightPlanner:
         """
         since_s = perf_counter()
         with self._servos.stop_request.requested():
-            now = PreflightPlanner(self._context.at_present(), self._runner, self._poses)
-            plan = now._plan_checked(motion)
+            plan = self._plan_among(motion, self._context.at_present())
         plan = replace(plan, motion=motion, planning_s=perf_counter() - since_s)
         return plan if self._servos.torque.is_on else replace(plan, limp_arm=self._context)
 
-    def _plan_checked(self, motion: MotionValue[Any]) -> MotionPlan:
+    def _plan_among(self, motion: MotionValue[Any], arm: ArmContext) -> MotionPlan:
         match motion:
             case MoveTo():
-                return self._plan_to_point(motion)
+                return self._plan_to_point(self._make_request(motion, arm), motion)
             case LookAt():
-                plan = self._plan_tip(motion)
+                plan = self._plan_tip(self._make_request(motion, arm))
                 goals = self._context.index.by_name(plan.goal)
                 return replace(plan, requested={n: goals[n] for n in self._context.chain.names})
             case _ if isinstance(motion, TipMotion):
-                return self._plan_tip(motion)
+                return self._plan_tip(self._make_request(motion, arm))
             case MoveJoints():
-                return self._plan_joints(motion)
+                return self._plan_joints(motion, arm)
             case MovePose():
                 inside = self.pose_within_limits(motion.name)
                 to_pose = MoveJoints(
@@ -163,47 +188,57 @@ class PreflightPlanner:
                     within=motion.within,
                     think_s=motion.think_s,
                 )
-                return replace(self._plan_joints(to_pose), clamped=inside.changed)
+                return replace(self._plan_joints(to_pose, arm), clamped=inside.changed)
             case MoveToRest():
-                return self._plan_rest()
+                return self._plan_rest(arm)
             case Lower():
-                return self._plan_lowering()
+                return self._plan_lowering(arm)
             case _:
                 expected = "a motion of the tip or of joints, such as MoveTo((0.25, 0.0, 0.15))"
                 raise BadValueError("The motion to plan", str(motion), expected)
 
-    def _plan_tip(self, motion: TipMotion | LookAt) -> MotionPlan:
-        self._context.require_zeros()
+    def _make_request(
+        self, motion: TipMotion | MoveJoints | LookAt, arm: ArmContext
+    ) -> _MotionRequest:
+        if not isinstance(motion, MoveJoints):
+            arm.require_zeros()
         start = self._runner.start_position()
-        if not motion.starts_at_tip:
-            return self._plan_clear(motion, start)
-        allowed = self._runner.allowed_speed(motion.speed)
-        plan = plan_motion(self._planner, motion, start, allowed)
+        return _MotionRequest(motion, start, self._runner.allowed_speed(motion.speed), arm)
+
+    def _plan_directly(self, request: _MotionRequest) -> MotionPlan:
+        return plan_motion(self._planner, request.motion, request.start, request.allowed)
+
+    def _plan_tip(self, request: _MotionRequest) -> MotionPlan:
+        if not request.motion.starts_at_tip:
+            return self._plan_clear(request)
+        plan = self._plan_directly(request)
         try:
-            return self._check_clear(plan, motion.speed, _within(motion))
+            return self._check_clear(request, plan)
         except CollisionError as error:
-            next(self._plans_around(motion, start, plan.goal, allowed, error), None)  # says it
+            next(self._plans_around(request, plan.goal, error), None)  # says it
             raise
 
-    def _plan_to_point(self, motion: MoveTo) -> MotionPlan:
+    def _plan_to_point(self, request: _MotionRequest, motion: MoveTo) -> MotionPlan:
         """Plan a motion to a point; if that is impossible, name a point that is accepted."""
         try:
-            return self._plan_tip(motion)
+            return self._plan_tip(request)
         except OrientationError:
             raise
         except CollisionError as error:
             if error.pair[1] == "the table":
-                self._describe_table(motion, error)
+                self._describe_table(request, motion, error)
             raise
         except UnreachableError as error:
-            instead_m = self._find_accepted_point(motion, np.array(error.nearest_m))
+            instead_m = self._find_accepted_point(request, motion, np.array(error.nearest_m))
             better = UnreachableError(error.target_m, error.nearest_m, error.binding, instead_m)
         meant = in_millimetres(self._context.chain, better.target_m)
         if meant:
             better.command_hint = f"Did you mean millimetres? Try: ikservo move {meant}"
         raise better
 
-    def _describe_table(self, motion: MoveTo, error: CollisionError) -> None:
+    def _describe_table(
+        self, request: _MotionRequest, motion: MoveTo, error: CollisionError
+    ) -> None:
         """Add to an error that the point is below the table, and which motion is accepted."""
         x, y, z = finite_vector(motion.position_m, 3, "The target").tolist()
         table_m = self._model.floor_m or 0.0
@@ -215,36 +250,40 @@ class PreflightPlanner:
             stances.append(replace(motion.stance, pitch_rad=-math.pi / 2))
         for up_m, stance in product(_STEPS_UP_M, stances):
             point_m = np.round([x, y, max(z, table_m) + up_m], 4)
+            above = replace(motion, position_m=point_m, stance=stance, straight=True)
             with suppress(UnreachableError, RefusedError):
-                self._plan_tip(replace(motion, position_m=point_m, stance=stance, straight=True))
+                self._plan_tip(replace(request, motion=above))
                 x, y, z = point_m.tolist()
                 down = "" if stance == motion.stance else " --pitch -90"
                 error.command_hint = f"Try: ikservo move {x:.4f} {y:.4f} {z:.4f}{down}"
                 return
 
-    def _find_accepted_point(self, motion: MoveTo, nearest_m: Vector) -> list[float] | None:
+    def _find_accepted_point(
+        self, request: _MotionRequest, motion: MoveTo, nearest_m: Vector
+    ) -> list[float] | None:
         """Find a point (3,) in whole millimetres, from the edge of the workspace to the tip."""
-        tip_m = self._planner.tip(self._runner.start_position())
+        tip_m = self._planner.tip(request.start)
         for fraction in _STEPS_BACK:
             point_m = np.round(nearest_m + fraction * (tip_m - nearest_m), 3)
+            nearer = replace(motion, position_m=point_m, straight=True)
             with suppress(UnreachableError, RefusedError):
-                self._plan_tip(replace(motion, position_m=point_m, straight=True))
+                self._plan_tip(replace(request, motion=nearer))
                 return point_m.tolist()
         return None
 
-    def _plan_joints(self, motion: MoveJoints) -> MotionPlan:
-        start, zeros, goals = self._runner.start_position(), self._context.zeros, motion.positions
-        plan = plan_motion(self._planner, motion, start, self._runner.allowed_speed(motion.speed))
-        zeros.check_small_steps(self._model.name, start, plan.goal, self._max_steps())
+    def _plan_joints(self, motion: MoveJoints, arm: ArmContext) -> MotionPlan:
+        request, goals = self._make_request(motion, arm), motion.positions
+        plan = self._plan_directly(request)
+        arm.zeros.check_small_steps(self._model.name, request.start, plan.goal, self._max_steps())
         try:
-            self._servos.check_goal(plan.goal, start)
+            self._servos.check_goal(plan.goal, request.start)
         except RefusedError as error:
             error.python_hint = self._ask_about_degrees(goals)
             raise
-        if zeros.are_known and set(self._context.chain.names) <= set(goals):  # the whole arm
-            plan = self._plan_clear(motion, start, plan)
+        if arm.zeros.are_known and set(arm.chain.names) <= set(goals):  # the whole arm
+            plan = self._plan_clear(request, plan)
         else:
-            plan = self._check_clear(plan, motion.speed, motion.within)
+            plan = self._check_clear(request, plan)
         return replace(plan, requested=goals)
 
     def _ask_about_degrees(self, goals: Mapping[str, float]) -> str:
@@ -283,26 +322,26 @@ class PreflightPlanner:
             joints[index.column(name)] = position
         return self._context.clearance_m(finite_vector(joints, len(names), "The joints"))
 
-    def _plan_rest(self) -> MotionPlan:
+    def _plan_rest(self, arm: ArmContext) -> MotionPlan:
         """Plan the slow motion to the rest pose, through another pose if necessary."""
         rest = self.rest_pose()
         motion = MoveJoints(rest.positions, speed="slow", straight=True)
         try:
-            plan = self._plan_joints(motion)
+            plan = self._plan_joints(motion, arm)
         except RefusedError as error:
-            start = self._runner.start_position()
-            tries = self._plans_via_pose(motion, start, "slow")
+            request = self._make_request(motion, arm)
+            tries = self._plans_via_pose(request)
             if isinstance(error, CollisionError):
-                goal = plan_motion(self._planner, motion, start, "slow").goal
-                around = replace(motion, straight=False)
-                tries = chain(tries, self._plans_around(around, start, goal, "slow", error))
+                goal = self._plan_directly(request).goal
+                around = replace(request, motion=replace(motion, straight=False))
+                tries = chain(tries, self._plans_around(around, goal, error))
             found = next(tries, None)
             if found is None:
                 raise
             plan = found
         return replace(plan, requested=rest.positions, clamped=rest.changed)
 
-    def _plan_lowering(self) -> MotionPlan:
+    def _plan_lowering(self, arm: ArmContext) -> MotionPlan:
         """Plan the slow motion to the rest pose, or the free part of it.
 
         Raises:
@@ -313,7 +352,7 @@ class PreflightPlanner:
         with self._servos.tolerate_heat():
             self._servos.check_health()
         try:
-            return self._plan_rest()
+            return self._plan_rest(arm)
         except RefusedError:
             rest = self.rest_pose()
             start = self._context.index.by_name(self._runner.start_position())
@@ -323,7 +362,7 @@ class PreflightPlanner:
                     for name, goal in rest.positions.items()
                 }
                 with suppress(RefusedError):
-                    plan = self._plan_joints(MoveJoints(part, speed="slow", straight=True))
+                    plan = self._plan_joints(MoveJoints(part, speed="slow", straight=True), arm)
                     return replace(plan, requested=rest.positions, clamped=rest.changed)
             raise
 
@@ -358,81 +397,62 @@ class PreflightPlanner:
             for joint in joints
         }
 
-    def _plan_clear(
-        self,
-        motion: TipMotion | MoveJoints | LookAt,
-        start: Vector,
-        direct: MotionPlan | None = None,
-    ) -> MotionPlan:
+    def _plan_clear(self, request: _MotionRequest, direct: MotionPlan | None = None) -> MotionPlan:
         """Make a plan whose path is free: the direct one, or the first free alternative.
 
         Args:
-            motion: The motion.
-            start: The start (n,).
+            request: The motion.
             direct: Its direct plan; None makes it here.
 
         Raises:
             RefusedError: The arm would touch itself, the table or a box, or violate a constraint.
         """
-        tool = self._planner.constrained_tool(_within(motion), start)
+        tool = self._planner.constrained_tool(request.within, request.start)
         if tool is not None:
-            tool.check(self._context.index.chain_joints(start)[None])
-        allowed, goal = self._runner.allowed_speed(motion.speed), start
+            tool.check(self._context.index.chain_joints(request.start)[None])
+        goal = request.start
         try:
-            plan = direct or plan_motion(self._planner, motion, start, allowed)
+            plan = direct or self._plan_directly(request)
             goal = plan.goal
-            return self._check_clear(plan, motion.speed, _within(motion))
+            return self._check_clear(request, plan)
         except RefusedError as error:
-            found = next(self._tries(motion, start, goal, allowed, error), None)
+            found = next(self._tries(request, goal, error), None)
             if found is None:
                 raise
             return found
 
     def _tries(
-        self,
-        motion: TipMotion | MoveJoints | LookAt,
-        start: Vector,
-        goal: Vector,
-        allowed: str,
-        error: RefusedError,
+        self, request: _MotionRequest, goal: Vector, error: RefusedError
     ) -> Iterator[MotionPlan]:
         """Yield free plans instead of a direct one: around obstacles, or out of a contact.
 
         An arm that touches something leaves it first. The error says what else can be done.
         """
-        touches = self._context.clearance_m(start) < 0.0
+        touches = request.arm.clearance_m(request.start) < 0.0
         blocked = error if isinstance(error, BlockedError) else None
         if blocked is not None and not touches:
-            yield from self._plans_around(motion, start, goal, allowed, blocked)
-        if self._context.is_in_contact(start):
-            yield from self._plans_via_pose(motion, start, allowed)
+            yield from self._plans_around(request, goal, blocked)
+        if request.arm.is_in_contact(request.start):
+            yield from self._plans_via_pose(request)
         if blocked is not None and touches:
-            yield from self._plans_around(motion, start, goal, allowed, blocked)
+            yield from self._plans_around(request, goal, blocked)
             blocked.command_hint += " Or first move the arm by hand until it is free."
 
-    def _plans_via_pose(
-        self, motion: TipMotion | MoveJoints | LookAt, start: Vector, allowed: str
-    ) -> Iterator[MotionPlan]:
+    def _plans_via_pose(self, request: _MotionRequest) -> Iterator[MotionPlan]:
         """Yield free plans that leave a contact first."""
-        for pose, first in self._ways_out(start, allowed):
+        for pose, first in self._ways_out(request):
             with suppress(RefusedError):
-                then = plan_motion(self._planner, motion, first.goal, allowed)
-                joined = self._join(first, then, pose)
-                yield self._check_clear(joined, motion.speed, _within(motion))
+                then = self._plan_directly(replace(request, start=first.goal))
+                yield self._check_clear(request, self._join(first, then, pose))
 
     def _plans_around(
-        self,
-        motion: TipMotion | MoveJoints | LookAt,
-        start: Vector,
-        goal: Vector,
-        allowed: str,
-        blocked: BlockedError,
+        self, request: _MotionRequest, goal: Vector, blocked: BlockedError
     ) -> Iterator[MotionPlan]:
         """Yield free plans of the joints around the obstacle on the straight path.
 
         For a line the error says that the joints can go around, if they can.
         """
-        within = _within(motion)
+        motion, start, think_s = request.motion, request.start, request.think_s
         if isinstance(motion, MoveTo | MoveJoints):
             if motion.straight:
                 return
@@ -442,20 +462,18 @@ class PreflightPlanner:
             return
         goals, points = [goal], list[PointGoal]()
         if isinstance(motion, MoveTo):
-            tool = self._planner.constrained_tool(within, start)
+            tool = self._planner.constrained_tool(request.within, start)
             points = self._planner.goals_at(start, motion.position_m, motion.stance, tool)
             goals = [point.joints for point in points]
         if not goals:
             return
-        think_s = motion.think_s if isinstance(motion, MoveTo | MoveJoints) else THINK_S
         since_s = perf_counter()
         ways = self._ways_around(
-            start, np.array(goals), allowed, within, lambda: perf_counter() - since_s > think_s,
-            takes_time=think_s > THINK_S,
-        )  # fmt: skip
+            request, np.array(goals), lambda: perf_counter() - since_s > think_s
+        )
         for tried in ways:
             with suppress(RefusedError):
-                plan = self._check_clear(tried, motion.speed, within)
+                plan = self._check_clear(request, tried)
                 if not isinstance(motion, MoveTo | MoveJoints):
                     to = " ".join(f"{x:.3f}" for x in plan.tip_m.tolist())
                     blocked.command_hint += f" The joints can go around it: ikservo move {to}."
@@ -469,14 +487,7 @@ class PreflightPlanner:
             blocked.command_hint += f" No path around it was found in {think_s:g} s; {longer}"
 
     def _ways_around(
-        self,
-        start: Vector,
-        goals: Matrix,
-        allowed: str,
-        within: PathConstraint,
-        is_over: Callable[[], bool],
-        *,
-        takes_time: bool,
+        self, request: _MotionRequest, goals: Matrix, is_over: Callable[[], bool]
     ) -> Iterator[MotionPlan]:
         """Yield plans around things to one of the goals (m, n), the best first, until time is up.
 
@@ -484,40 +495,44 @@ class PreflightPlanner:
         """
         from ikservo.planning.ways_around import BLENDS_RAD, ways_around  # noqa: PLC0415
 
+        start, allowed = request.start, request.allowed
         load_factor = self._planner.dynamic_load_factor(allowed)
-        exits = self._exits(start, allowed, load_factor)
-        for first in chain([None], islice(exits, _EXITS)):
+        for first in chain([None], islice(self._exits(request, load_factor), _EXITS)):
             begin = start if first is None else first.goal
-            tool = self._planner.constrained_tool(within, start)
+            tool = self._planner.constrained_tool(request.within, start)
             if tool is not None:
                 tool.admit(self._context.index.chain_joints(goals))
+            takes_time = request.think_s > THINK_S
             ways = ways_around(
-                self._context, begin, goals, load_factor, tool, is_over, takes_time=takes_time
+                request.arm, begin, goals, load_factor, tool, is_over, takes_time=takes_time
             )
             for way in ways:
                 for blend in BLENDS_RAD if len(way) > 2 else BLENDS_RAD[:1]:
                     plan = self._planner.plan_along(begin, list(way[1:]), allowed, blend)
                     yield plan if first is None else self._join(first, plan, "")
 
-    def _exits(self, start: Vector, allowed: str, load_factor: float) -> Iterator[MotionPlan]:
+    def _exits(self, request: _MotionRequest, load_factor: float) -> Iterator[MotionPlan]:
         """Yield short motions with free paths from a contact to postures where nothing touches."""
-        if not self._context.is_in_contact(start, load_factor, 0.0):
+        arm, start, allowed = request.arm, request.start, request.allowed
+        if not arm.is_in_contact(start, load_factor, 0.0):
             return
         from ikservo.planning.ways_around import postures_nearby  # noqa: PLC0415
 
-        nearest = self._context.nearest_free_joints(start)
-        nearby = postures_nearby(self._context, start, load_factor)
+        nearest = arm.nearest_free_joints(start)
+        nearby = postures_nearby(arm, start, load_factor)
         for free in chain([] if nearest is None else [nearest], islice(nearby, _NEARBY)):
-            first = self._planner.plan_to_joints(start, self._context.index.by_name(free), allowed)
+            goals = MoveJoints(arm.index.by_name(free), speed=allowed)  # its tool is free
+            leaving = replace(request, motion=goals)
             with suppress(RefusedError):
-                yield self._check_clear(first, allowed)
+                yield self._check_clear(leaving, self._plan_directly(leaving))
 
-    def _ways_out(self, start: Vector, allowed: str) -> Iterator[tuple[str, MotionPlan]]:
+    def _ways_out(self, request: _MotionRequest) -> Iterator[tuple[str, MotionPlan]]:
         """Yield motions out of a contact, and the retract poses where they end ("" for none).
 
         The first one moves just as far as needed to touch nothing.
         """
-        free = self._context.nearest_free_joints(start)
+        start, allowed = request.start, request.allowed
+        free = request.arm.nearest_free_joints(start)
         out = free is not None and self._planner.plan_to_joints(
             start, self._context.index.by_name(free), allowed
         )
@@ -539,26 +554,51 @@ class PreflightPlanner:
         change_rad = self._planner.rotation_between(first.start, then.goal)
         return via_pose_plan(first, then, pose, change_rad)
 
-    def _check_clear(
-        self, plan: MotionPlan, requested: str, within: PathConstraint = UNCONSTRAINED
-    ) -> MotionPlan:
-        """Return the plan, completed, if its path is free.
-
-        Args:
-            plan: The plan.
-            requested: The requested speed class.
-            within: The constraint of the tool.
+    def _check_clear(self, request: _MotionRequest, plan: MotionPlan) -> MotionPlan:
+        """Return a plan of the requested motion, completed, if its path is free.
 
         Raises:
             RefusedError: Something would be touched, or a constraint violated.
             StoppedError: The arm was stopped meanwhile.
         """
         self._servos.stop_request.check_request()
-        kept = self._planner.check_constraint(within, plan.trajectory, plan.speed)
-        clearance_m = self._context.check_streamed_path(plan.trajectory, plan.speed)
-        reduced = plan.speed != requested
+        kept = self._planner.check_constraint(request.within, plan.trajectory, plan.speed)
+        clearance_m = request.arm.check_streamed_path(plan.trajectory, plan.speed)
+        reduced = plan.speed != request.motion.speed
         return replace(plan, kept=kept, clearance_m=clearance_m, speed_reduced=reduced)
 
 
-def _within(motion: TipMotion | MoveJoints | LookAt) -> PathConstraint:
-    return UNCONSTRAINED if isinstance(motion, LookAt) else motion.within
+def plan_motion(
+    planner: Planner, motion: TipMotion | MoveJoints | LookAt, start: Vector, speed: str
+) -> MotionPlan:
+    """Plan a motion from the joints ``start`` (n,) [rad or m]; collisions are not checked.
+
+    Args:
+        planner: The planner of the arm.
+        motion: The motion.
+        start: All joints.
+        speed: The speed class, which may be slower than the motion's own.
+
+    Raises:
+        UnreachableError: A point is out of reach.
+        OrientationError: The tool cannot have the requested orientation there.
+        AimError: The tip cannot point at the point.
+        BadValueError: Its path cannot be made from this start.
+    """
+    match motion:
+        case MoveTo():
+            return planner.plan_to_point(start, motion.position_m, speed, motion.stance)
+        case MoveThrough(line=False):
+            points_m, blend_m = list(motion.points_m), motion.blend_m
+            return planner.plan_waypoints(start, points_m, speed, blend_m, motion.stance)
+        case Draw():
+            from ikservo.planning.strokes import plan_drawing  # noqa: PLC0415  # of few programs
+
+            return plan_drawing(planner, motion, start, speed)
+        case LookAt():
+            return planner.plan_to_look(start, motion.point_m, speed)
+        case MoveJoints():
+            return planner.plan_to_joints(start, motion.positions, speed)
+        case _:
+            path = motion.path_from(planner.path_start(start))
+            return planner.plan_path(start, path, speed, motion.stance, motion.tool_speed_m_s)

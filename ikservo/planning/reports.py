@@ -13,10 +13,6 @@ from ikservo.errors import UnknownNameError, format_point
 from ikservo.kinematics.arrays import Matrix, Vector, freeze_arrays
 
 
-def _unknown_pose() -> Matrix:
-    return np.full((3, 3), np.nan)
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class ArmState:
     """The measured state of the arm: as a tuple of joints, as arrays, and by joint name.
@@ -32,7 +28,7 @@ class ArmState:
 
     tip_m: Vector
     joints: tuple[JointState, ...]
-    orientation: Matrix = field(default_factory=_unknown_pose)
+    orientation: Matrix = field(default_factory=lambda: np.full((3, 3), np.nan))
 
     def __post_init__(self) -> None:
         freeze_arrays(self)

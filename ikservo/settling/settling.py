@@ -99,7 +99,9 @@ class SettlingTrajectory:
             tick = joint.driven.joint_map.tick(float(position))
             joint.update(tick, time_s, time_s - self._updated_s, correcting=correcting)
         self._updated_s = time_s
-        ended = not correcting or all(_has_ended(j) for j in self._joints)
+        ended = not correcting or all(
+            j.arrived or j.swings or j.saturation_reason is not None for j in self._joints
+        )
         rests = all(j.has_swung_at(time_s) or not j.moves_at(time_s) for j in self._joints)
         swung = any(j.has_swung for j in self._joints)
         most_s = _MAX_DURATION_S + (_MAX_SWING_S if swung else _MAX_COAST_S)
@@ -153,10 +155,6 @@ def _lead_ticks(driven: DrivenJoint, lowest: float, highest: float) -> tuple[flo
     per_unit = driven.joint_map.sign / driven.joint_map.unit_per_tick
     low, high = sorted((lowest * per_unit, highest * per_unit))
     return low, high
-
-
-def _has_ended(joint: GoalIntegrator) -> bool:
-    return joint.arrived or joint.swings or joint.saturation_reason is not None
 
 
 def _still_swings(joint: GoalIntegrator, time_s: float) -> bool:

@@ -67,10 +67,10 @@ def test_hold_clips_goal_of_another_program_to_joint_limit():
         arm.enable()
         group = servo_group(arm)
         ticks, driven = group._feedback.measure_ticks(), group.driven_joints[0]
-        ticks[driven.joint] = high = driven.tick_range[1]
+        ticks[0] = high = driven.tick_range[1]
         group._bus.sync_write(RegisterName.GOAL_POSITION, {driven.servo_id: high + 20}, raw=True)
         still = SimpleNamespace(measure_ticks=lambda: ticks)
-        assert hold_ticks(group._bus, group.driven_joints, still)[driven.joint] == high
+        assert hold_ticks(group._bus, group.driven_joints, still)[0] == high
 
 
 def test_last_check_before_bus_refuses_goal_beyond_limit():

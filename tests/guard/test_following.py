@@ -86,13 +86,10 @@ def test_following_error_limit_is_90_percent_of_max_lead():
 
 def test_following_error_limit_is_smaller_for_slow_motion():
     driven_joints = [make_limits(), make_limits("wrist", 4)]
-    slow = {"elbow": 284 * TICK}  # a look-ahead of 106 ticks
+    slow = [284 * TICK, driven_joints[1].speed]  # a look-ahead of 106 ticks
     assert steps_until_stopped(TrackingMonitor.for_limits(driven_joints, slow), 95) is None
     assert steps_until_stopped(TrackingMonitor.for_limits(driven_joints, slow), 96) == 3
-    assert (
-        steps_until_stopped(TrackingMonitor.for_limits(driven_joints, {"wrist": 284 * TICK}), 96)
-        is None
-    )
+    assert steps_until_stopped(TrackingMonitor.for_limits(driven_joints, slow[::-1]), 96) is None
 
 
 def test_following_error_names_joint_as_in_its_limits():

@@ -16,8 +16,8 @@ def pressed_by_a_load(goal, seconds):
     for cycle in range(round(seconds * 50)):
         time_s = 0.02 * cycle
         monitor.observe_load("elbow", 0.85 if goal > AT else -0.85, time_s)
-        assert monitor.draw_back({"elbow": goal}, {"elbow": AT}) == {"elbow": goal}
-        news += monitor.update({"elbow": goal}, {"elbow": AT}, time_s)
+        assert monitor.draw_back([goal], [AT]) == [goal]
+        news += monitor.update([goal], [AT], time_s)
     return monitor, news
 
 
@@ -27,14 +27,14 @@ def test_overload_monitor_never_pushes_goal_near_pressing_joint(goal):
     assert monitor.seconds_left("elbow") < 0.5
     assert len(news) == 1
     assert "presses with 85 %" in news[0]
-    assert monitor.relaxed_goals({"elbow": goal}, {"elbow": AT}) == {}
+    assert monitor.relaxed_goals([goal], [AT]) == [None]
 
 
 @pytest.mark.parametrize("side", [1, -1])
 def test_overload_monitor_draws_back_far_goal_after_motion(side):
     monitor, _ = pressed_by_a_load(AT + 10 * side, 0.5)
-    drawn = monitor.relaxed_goals({"elbow": AT + 200 * side}, {"elbow": AT})
-    assert side * (drawn["elbow"] - AT) == int(0.6 * 0.8 / 4.0 / TICK)
+    drawn = monitor.relaxed_goals([AT + 200 * side], [AT])
+    assert side * (drawn[0] - AT) == int(0.6 * 0.8 / 4.0 / TICK)
 
 
 def test_overload_monitor_ignores_joint_just_below_limit():
@@ -43,7 +43,7 @@ def test_overload_monitor_ignores_joint_just_below_limit():
     goal = AT + round(0.95 * 0.8 / 4.0 / TICK)
     for cycle in range(250):  # at first it is where it should be, then its reference goes on
         reference = AT if cycle < 200 else AT + 200
-        assert monitor.draw_back({"elbow": goal}, {"elbow": AT}) == {"elbow": goal}
-        news = monitor.update({"elbow": goal}, {"elbow": AT}, 0.02 * cycle, {"elbow": reference})
+        assert monitor.draw_back([goal], [AT]) == [goal]
+        news = monitor.update([goal], [AT], 0.02 * cycle, [reference])
         assert news == ()
-    assert monitor.relaxed_goals({"elbow": goal}, {"elbow": AT}) == {}
+    assert monitor.relaxed_goals([goal], [AT]) == [None]

@@ -7,11 +7,11 @@ if the joint rests for a while, well behind its goal, with its servo near its ma
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, replace
 from enum import Enum
 
 from ikservo.calibration.joint_map import unwrap
+from ikservo.control.stillness import StillnessDetector
 
 # Between two readings a hand moves a joint far less than a quarter revolution. After a longer
 # interval the count is ambiguous if the joint could have moved the other way round meanwhile.
@@ -79,10 +79,11 @@ class RangeTracker:
         return replace(self, low=earlier.low, high=earlier.high, lost=lost)
 
 
-_BLOCKED_S = 0.25
 _BLOCKED_RAD = 0.004  # less than three of 4096 ticks per revolution
+_BLOCKED = StillnessDetector(0.25, _BLOCKED_RAD, least_readings=2)
 _CONTACT_LOAD_PERCENT = 0.4  # fraction of its maximum, as the servo reports it
-_TIME_TOLERANCE_S = 1.5  # a joint at rest for longer than this without load is not at a stop
+# A joint at rest for longer than this without load is not at a stop.
+_IDLE = StillnessDetector(1.5, _BLOCKED_RAD, least_readings=2)
 
 
 class ContactState(Enum):
@@ -104,26 +105,27 @@ class EndStopDetector:
         max_load_percent: The load limit of its servo.
         min_lag_rad: The lag behind its goal from which it counts as blocked.
         contact: The state of the joint.
-        since_s: When it last moved; infinity before the first sample.
-        at_rad: Its position at that time.
+        blocked: Whether it stands long enough to be at a stop.
+        idle: Whether it stands so long that nothing holds it if it has no load.
     """
 
     max_load_percent: float
     min_lag_rad: float
     contact: ContactState = ContactState.MOVING
-    since_s: float = math.inf
-    at_rad: float = 0.0
+    blocked: StillnessDetector = _BLOCKED
+    idle: StillnessDetector = _IDLE
 
     def may_be_blocked(self, at_s: float, at_rad: float, goal_rad: float) -> bool:
         """Check whether the load must be checked: at rest behind its goal for long enough."""
-        at_rest_s = at_s - self.update(at_s, at_rad).since_s
-        return at_rest_s >= _BLOCKED_S and abs(goal_rad - at_rad) >= self.min_lag_rad
+        stands = self.update(at_s, at_rad).blocked.is_at_rest()
+        return stands and abs(goal_rad - at_rad) >= self.min_lag_rad
 
     def update(self, at_s: float, at_rad: float) -> EndStopDetector:
         """Add a position sample."""
-        if self.since_s == math.inf or abs(at_rad - self.at_rad) > _BLOCKED_RAD:
-            return replace(self, since_s=at_s, at_rad=at_rad, contact=ContactState.MOVING)
-        return self
+        blocked = self.blocked.add_joints(at_s, [at_rad])
+        idle = self.idle.add_joints(at_s, [at_rad])
+        contact = ContactState.MOVING if blocked.has_moved() else self.contact
+        return replace(self, blocked=blocked, idle=idle, contact=contact)
 
     def update_with_load(
         self, at_s: float, at_rad: float, goal_rad: float, load_percent: float
@@ -141,8 +143,5 @@ class EndStopDetector:
             return updated
         if abs(load_percent) >= _CONTACT_LOAD_PERCENT * self.max_load_percent:
             return replace(updated, contact=ContactState.STOP)
-        return (
-            replace(updated, contact=ContactState.NO_CONTACT)
-            if at_s - updated.since_s >= _TIME_TOLERANCE_S
-            else updated
-        )
+        is_idle = updated.idle.is_at_rest()
+        return replace(updated, contact=ContactState.NO_CONTACT) if is_idle else updated

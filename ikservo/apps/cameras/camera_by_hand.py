@@ -27,10 +27,13 @@ from ikservo.apps.cameras.pictures import (
     find_board,
 )
 from ikservo.arm.arm import Arm
+from ikservo.control.stillness import StillnessDetector
 from ikservo.errors import CalibrationError, PictureError
 from ikservo.kinematics.arrays import Vector
 
-_STILL_S, _STILL_RAD, _STILL_PX = 0.3, math.radians(0.3), 0.7
+# A hand that holds the arm for a picture trembles by less than this.
+_HELD = StillnessDetector(window_s=0.3, tolerance=math.radians(0.3), least_readings=2)
+_STILL_PX = 0.7
 _APART_RAD = math.radians(8.0)  # a joint must differ so much from every picture so far
 _WAIT_S = 60.0  # time-out for the next picture
 _PERIOD_S = 0.1
@@ -94,18 +97,19 @@ class HandCalibration:
 
     def _use_picture(self) -> bool:
         """Take one picture; return whether it was used."""
-        q = self._limp_joints()
+        q, clock = self._limp_joints(), self._arm.clock
+        held = _HELD.add_joints(clock.now_s(), q.tolist())
         if any(np.abs(q - other).max() < _APART_RAD for other in self._pictures.joints):
             return False
         first = self._look()[1]
         if first is None:
             return False
-        clock = self._arm.clock
-        clock.sleep_until(clock.now_s() + _STILL_S)
+        clock.sleep_until(clock.now_s() + _HELD.window_s)
         picture, second = self._look()
-        if second is None or np.abs(self._limp_joints() - q).max() > _STILL_RAD:
+        if second is None:
             return False
-        if not _is_still(first, second):
+        held = held.add_joints(clock.now_s(), self._limp_joints().tolist())
+        if not held.is_at_rest() or not _is_still(first, second):
             return False
         self._pictures.add(picture, second, q)
         self._last_error = ""

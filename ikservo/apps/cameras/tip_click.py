@@ -9,7 +9,7 @@ the camera's error does not.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
@@ -24,6 +24,7 @@ from ikservo.apps.cameras.camera_model import CameraModel
 from ikservo.arm.arm import Arm
 from ikservo.calibration.calibration_file import save_calibration
 from ikservo.calibration.records import CalibratedCamera, Calibration, TipClick, shift_zeros
+from ikservo.control.stillness import StillnessDetector, read_until_at_rest
 from ikservo.errors import CalibrationError
 from ikservo.kinematics.arrays import Matrix, Vector
 from ikservo.kinematics.chain import Chain
@@ -38,7 +39,8 @@ _ENOUGH, _KNOWN_MM = 3, 0.5  # clicks that suffice (one may be wrong), and the e
 _OFF_MM = 3.0  # distance of a good click from the arc, in addition to the camera's error
 _POSTURES, _APART_RAD = 37, math.radians(20.0)  # tried per joint; at least so far from here
 _EDGE_PX = 30.0  # margin of the picture in which no next click is proposed
-_REST_S, _REST_RAD = 0.3, math.radians(0.1)
+# A click is aimed at an arm that stands: in this time it moves by no more than a tick of noise.
+_STANDS = StillnessDetector(window_s=0.3, tolerance=math.radians(0.1), least_readings=2)
 _SAME_TICK = 0.01
 
 
@@ -240,20 +242,19 @@ def _mean(clicks: Sequence[TipClick]) -> tuple[float, float, NDArray[np.bool_], 
 
 
 def _resting_joints(arm: Arm) -> Vector:
-    """Return all measured joints (n,) of an arm whose chain is at rest.
+    """Return all measured joints (n,) of an arm at rest.
 
     Raises:
         CalibrationError: The arm moves.
     """
-    before, clock = arm.where(), arm.clock
-    clock.sleep_until(clock.now_s() + _REST_S)
-    after = arm.where()
-    if any(
-        abs(after[name].position_rad - before[name].position_rad) > _REST_RAD
-        for name in arm.chain.names
-    ):
+
+    def read() -> Iterable[float]:
+        return arm.where().positions_rad.tolist()
+
+    still = read_until_at_rest(_STANDS, read, arm.clock, timeout_s=_STANDS.window_s)
+    if not still.is_at_rest():
         raise CalibrationError("The arm moves.", "Click when it rests.")
-    return np.array([after[name].position_rad for name in arm.joint_index.names])
+    return np.array(still.joints)
 
 
 def _require_same(arm: Arm, calibration: Calibration) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -11,11 +11,13 @@ import numpy as np
 
 from ikservo.arm.arm import Arm
 from ikservo.arm.opening import open_own_arm
+from ikservo.control.stillness import StillnessDetector, read_until_at_rest
 from ikservo.kinematics.arrays import Matrix
 from ikservo.model.model_loading import load_model
 
-_STEP_S, _MIN_S, _MAX_S = 1.0, 4.0, 60.0
-_STILL = 0.001  # largest motion per step, rad or m
+_MIN_S, _MAX_S = 4.0, 60.0
+# A sinking arm moves by more than this in a second, rad or m.
+_LIES = StillnessDetector(window_s=1.0, tolerance=0.001, least_readings=2)
 _ROOM_M = 0.006  # clearance of the sagging arm, whose path down is not straight
 _MAX_SHARE, _SHARES = 0.4, 201  # tried fractions of the path back to the release
 
@@ -53,20 +55,22 @@ def find_resting_place(folder: Path, pose: str = "home") -> RestingPlace:
     """
     with open_own_arm(load_model(folder), f"sim:?pose={pose}", uncalibrated=True) as arm:
         limits = {joint.name: joint.limits for joint in arm.model.joints}
-        before = arm.where().positions
-        sank_s, still = 0.0, False
-        while sank_s < _MAX_S and not (still and sank_s >= _MIN_S):
-            arm.clock.sleep_until(arm.clock.now_s() + _STEP_S)
-            sank_s += _STEP_S
-            now = arm.where().positions
-            still = max(abs(now[name] - before[name]) for name in now) < _STILL
-            before = now
+        released_s = arm.clock.now_s()
+
+        def lies(still: StillnessDetector) -> bool:
+            return still.is_at_rest() and still.readings[-1][0] - released_s >= _MIN_S
+
+        def read() -> Iterable[float]:
+            return arm.where().positions.values()
+
+        still = read_until_at_rest(_LIES, read, arm.clock, _MAX_S, lies)
+        sank_s = still.readings[-1][0] - released_s
         inside = {
             name: float(np.clip(at, limits[name].lower.value, limits[name].upper.value))
-            for name, at in before.items()
+            for name, at in zip(arm.joint_index.names, still.joints, strict=True)
         }
         free = _free_above(arm, inside, arm.model.pose(pose))
-        return RestingPlace(free, sank_s, *_nearest_pair(arm, free), still)
+        return RestingPlace(free, sank_s, *_nearest_pair(arm, free), still.is_at_rest())
 
 
 def _free_above(

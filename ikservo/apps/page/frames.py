@@ -46,6 +46,7 @@ from ikservo.apps.page.server.server import Frame
 from ikservo.arm import Arm, JointState
 from ikservo.calibration import format_position
 from ikservo.clock import Clock
+from ikservo.control.stillness import StillnessDetector
 from ikservo.errors import IkservoError, format_point
 from ikservo.kinematics.arrays import Vector
 from ikservo.model import Model
@@ -55,7 +56,8 @@ _MAX_STATUS_MESSAGES = 12
 
 _STATUS_PERIOD_S, _HEARTBEAT_PERIOD_S = 0.066, 0.1
 _KEPT_CAMERAS = 16  # one per client; that of the side view turns with the arm
-_AT_REST_RAD = 2e-3  # an arm at rest moves less between two status frames
+# An arm at rest moves less between two status frames.
+_STANDS = StillnessDetector(window_s=0.0, tolerance=2e-3, least_readings=2)
 
 
 def mode(snapshot: ArmSnapshot, *, live: bool) -> str:
@@ -276,7 +278,7 @@ class FrameComposer:
         self._graph = SceneGraph(arm.model, arm.chain, self.extent)
         self._regions = ReachableRegionCache(arm.chain)
         self._analyser = PostureAnalyser(arm.chain, VisibilityChecker(arm.model), clock)
-        self._previous: Vector | None = None
+        self._stillness = _STANDS
         self._index = arm.joint_index
 
     def show_camera(self, camera_view: CameraView | None) -> None:
@@ -350,12 +352,9 @@ class FrameComposer:
     def _posture_analysis(self, client: Client) -> PostureAnalysis | None:
         """Return the analysis of the arm at rest, from the client's camera, if there is one."""
         snapshot = self._arm_thread.snapshot
-        q, previous = self._chain_joints(snapshot.measured), self._previous
-        self._previous = q
-        at_rest = (
-            previous is not None and float(np.abs(q - previous).max(initial=0.0)) < _AT_REST_RAD
-        )
-        idle = at_rest and self._interaction.camera is None
+        q = self._chain_joints(snapshot.measured)
+        self._stillness = self._stillness.add_joints(self._clock.now_s(), q.tolist())
+        idle = self._stillness.is_at_rest() and self._interaction.camera is None
         others = self._other_positions(snapshot)
         find_poses = partial(link_poses, self._arm_thread.arm.chain, q, others)
         return self._analyser.get(client.number, q, find_poses, self.camera(client), idle=idle)

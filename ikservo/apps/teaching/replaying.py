@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import KW_ONLY, dataclass, replace
 from os import fspath
 from pathlib import Path
@@ -19,6 +19,7 @@ from ikservo.arm.arm_protocol import OpenArm
 from ikservo.arm.background_motion import RunningMotion
 from ikservo.arm.opening import require_own_port
 from ikservo.arm.own_motion import OwnMotion
+from ikservo.control.stillness import StillnessDetector, read_until_at_rest
 from ikservo.errors import CollisionError, FileFormatError, RefusedError
 from ikservo.guard import thin_path
 from ikservo.kinematics.arrays import Matrix, Vector
@@ -154,8 +155,9 @@ def _parse_file(value: object) -> str:
 
 # A hand may push joints a little beyond their limits.
 _LIMIT_TOLERANCE_RAD = math.radians(3.0)
-# A limp arm that turns no joint by more than this in one period lies; it falls no longer than that.
-_LIES_RAD, _LIES_PERIOD_S, _MAX_FALL_S = math.radians(0.1), 0.2, 3.0
+# A limp arm that turns no horn by more than a tick in this time lies; it falls for 3 s at most.
+_LIES = StillnessDetector(window_s=0.2, tolerance=math.radians(0.1), least_readings=2)
+_MAX_FALL_S = 3.0
 
 
 def position_at_rest(arm: ArmParts) -> Vector:
@@ -167,13 +169,13 @@ def position_at_rest(arm: ArmParts) -> Vector:
     context, start = arm.context, arm.runner.start_position()
     if context.servos.torque.is_on:
         return start
-    end_s = context.now_s() + _MAX_FALL_S
-    while context.now_s() < end_s:
-        context.servos.clock.sleep_until(context.now_s() + _LIES_PERIOD_S)
-        before, start = start, arm.runner.start_position()
-        if (np.abs(start - before) < _LIES_RAD * context.units_per_rad()).all():
-            break
-    return start
+    units = context.units_per_rad()
+
+    def read_horns() -> Iterable[float]:
+        return (arm.runner.start_position() / units).tolist()
+
+    still = read_until_at_rest(_LIES, read_horns, context.servos.clock, _MAX_FALL_S)
+    return units * still.joints
 
 
 def _load(

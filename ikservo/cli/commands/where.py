@@ -134,7 +134,8 @@ def _print_arm_state(here: ArmState, model: Model) -> None:
     print_lines([f"tip {format_point(here.tip_m)}", *posture, ""])
     columns = ["joint", "position", "lower", "upper", "°C", "V", "load", "torque"]
     print_table(columns, [_format_joint_row(state, model) for state in here.joints])
-    print_lines(["", *_limit_lines(here), *_alarm_lines(here)], indent=4)
+    alarms = [f"alarm: {names}: {text}" for names, text in describe_alarms(here.joints)]
+    print_lines(["", *_limit_lines(here), *alarms], indent=4)
 
 
 def _limit_lines(here: ArmState) -> list[str]:
@@ -145,10 +146,6 @@ def _limit_lines(here: ArmState) -> list[str]:
     if len(sources) == 1:
         return [f"limits: {next(iter(sources))}"]
     return [f"limits: {source} ({', '.join(joints)})" for source, joints in sources.items()]
-
-
-def _alarm_lines(here: ArmState) -> list[str]:
-    return [f"alarm: {names}: {alarms}" for names, alarms in describe_alarms(here.joints)]
 
 
 def _chain_joints(here: ArmState, model: Model) -> Vector:

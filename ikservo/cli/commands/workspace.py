@@ -112,11 +112,8 @@ def workspace_title(model: Model, cut: Slice | None, region: Workspace) -> str:
         return f"{model.title}, whole workspace"
     if cut is Slice.TOP:
         return f"{model.title}, top: the plane at a height of {T[2, 3]:z.3f} m"
-    return f"{model.title}, {cut.value}: the upright plane along {_yaw_deg(T):z.0f}°"
-
-
-def _yaw_deg(T: Matrix) -> float:
-    return math.degrees(math.atan2(float(T[1, 0]), float(T[0, 0])))
+    yaw_deg = math.degrees(math.atan2(float(T[1, 0]), float(T[0, 0])))
+    return f"{model.title}, {cut.value}: the upright plane along {yaw_deg:z.0f}°"
 
 
 _STARTS = 64  # start postures for a point whose first solution collides

@@ -70,7 +70,8 @@ def scan_packets(data: bytes, sizes: Collection[int], *, final: bool) -> ScanRes
         elif _has_valid_checksum(data, at, length) and not _is_spliced(
             data, at, at + length, sizes
         ):
-            frames.append(_parse_frame(data[at : at + length]))
+            packet = data[at : at + length]
+            frames.append(StatusPacket(packet[2], packet[_ERR], packet[_DATA:-1]))
             at += length
             continue
         at, junk = at + 1, junk + 1
@@ -121,10 +122,6 @@ def _may_continue(data: bytes, at: int, sizes: Collection[int]) -> bool:
     if len(start) < 4:
         return True
     return start[2] <= _HIGHEST_ID and (start[3] == 2 or start[3] - 2 in sizes)
-
-
-def _parse_frame(packet: bytes) -> StatusPacket:
-    return StatusPacket(packet[2], packet[_ERR], packet[_DATA:-1])
 
 
 _PING, _READ, _WRITE, _REG_WRITE, _ACTION = 0x01, 0x02, 0x03, 0x04, 0x05

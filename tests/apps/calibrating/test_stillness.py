@@ -2,7 +2,7 @@
 
 import pytest
 
-from ikservo.control.stillness import StillnessDetector
+from ikservo.control.stillness import StillnessDetector, read_until_at_rest
 
 
 def after(readings):
@@ -60,3 +60,42 @@ def test_restarted_stillness_waits_another_half_second():
     for at_s in (0.6, 0.85, 1.1):
         still = still.add_reading(at_s, {1: 7, 2: 9})
     assert still.is_at_rest()
+
+
+class ManualClock:
+    time_s = 0.0
+
+    def now_s(self):
+        return self.time_s
+
+    def sleep_until(self, deadline_s):
+        self.time_s = deadline_s
+
+
+@pytest.mark.parametrize(("readings", "until_s"), [(2, 0.5), (3, 0.5), (5, 0.5)])
+def test_reading_ends_once_joints_have_rested_for_the_window(readings, until_s):
+    clock, detector = ManualClock(), StillnessDetector(0.5, 4, readings)
+    still = read_until_at_rest(detector, lambda: [7.0, 9.0], clock, 10.0)
+    assert (len(still.readings), clock.time_s, still.joints) == (readings, until_s, [7.0, 9.0])
+
+
+def test_reading_of_moving_joints_ends_in_time():
+    clock, detector = ManualClock(), StillnessDetector(0.5, 4, 2)
+    still = read_until_at_rest(detector, lambda: [100 * clock.time_s], clock, 3.0)
+    assert clock.time_s == 3.0
+    assert still.has_moved()
+    assert not still.is_at_rest()
+
+
+def test_reading_ends_early_if_asked():
+    clock, detector = ManualClock(), StillnessDetector(0.5, 4, 2)
+    moves = StillnessDetector.has_moved
+    still = read_until_at_rest(detector, lambda: [100 * clock.time_s], clock, 3.0, moves)
+    assert clock.time_s == 0.5
+    assert still.variations() == [50.0]
+
+
+def test_window_of_no_time_compares_two_readings():
+    still = StillnessDetector(0.0, 4, 2).add_joints(1.0, [0]).add_joints(2.0, [9])
+    assert not still.is_at_rest()
+    assert still.add_joints(2.0, [7]).is_at_rest()

@@ -6,8 +6,6 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import suppress
 from datetime import UTC, datetime
 
-import numpy as np
-
 from ikservo.apps.cameras.arm_camera import (
     camera_key,
     camera_model,
@@ -26,12 +24,15 @@ from ikservo.apps.page.picking.lens_camera import LensCamera, PictureSurface, ma
 from ikservo.apps.page.picking.projection import Viewport
 from ikservo.arm import Arm
 from ikservo.clock import Clock
+from ikservo.control.stillness import StillnessDetector
 from ikservo.errors import CalibrationError, IkservoError
 from ikservo.files.public_source import public_source
 from ikservo.kinematics.arrays import Matrix, Vector
 
 _CHECK_PERIOD_S = 1.0  # period of checks while a page shows the picture
-_REST_S, _AT_REST_RAD = 0.5, 2e-3  # longer than the delay of a picture
+# Longer than the delay of a picture; noise of a resting encoder moves it two ticks.
+_REST_S = 0.5
+_STANDS = StillnessDetector(_REST_S, tolerance=3.5e-3, least_readings=2)
 
 
 class CameraView:
@@ -69,7 +70,7 @@ class CameraView:
         if camera.board is not None or self._known.board is not None:
             self._place = BoardPlace(camera, self._known)
         self._made: LensCamera | None = None
-        self._still: tuple[float, Vector] | None = None  # since when, and at which joints
+        self._stillness = _STANDS
         self._doubts, self._checked_s = 0, clock.now_s()
         self._worker = ThreadPoolExecutor(1, thread_name_prefix="ikservo camera check")
         self._checking: Future[CameraCheck | str | None] | None = None
@@ -162,10 +163,8 @@ class CameraView:
 
     def _rests(self, measured: Vector) -> bool:
         """Check whether all joints (n,) have been still for longer than a picture takes."""
-        now_s = self._clock.now_s()
-        if self._still is None or float(np.abs(measured - self._still[1]).max()) > _AT_REST_RAD:
-            self._still = now_s, measured
-        return now_s - self._still[0] > _REST_S
+        self._stillness = self._stillness.add_joints(self._clock.now_s(), measured.tolist())
+        return self._stillness.is_at_rest()
 
     def _look(
         self, place: BoardPlace, picture: Picture, T_base_tip: Matrix

@@ -9,16 +9,16 @@ from dataclasses import dataclass
 from enum import Enum, auto
 from typing import Protocol
 
-import numpy as np
-
 from ikservo.apps.remote.ros.goals import MotionGoal
 from ikservo.arm import OpenArm
 from ikservo.arm.arm_protocol import GoalStream
+from ikservo.control.stillness import StillnessDetector
 from ikservo.errors import IkservoError, RefusedError
 from ikservo.kinematics.arrays import Vector
 
 _PERIOD_S = 0.02
-_STILL_RAD, _STILL_S = 0.002, 0.3  # arrived if no joint moves further in this time
+# Arrived if no joint moves further in this time; noise of a resting encoder moves it two ticks.
+_STILL_RAD, _STILL_S = 0.0035, 0.3
 _START_S = 2.0  # longest time until the arm moves, including torque-on
 _MAX_ARRIVAL_S = 30.0
 
@@ -170,7 +170,7 @@ class GoalDriver:
 
     def _follow(self, stream: GoalStream) -> None:
         """Send setpoints until the newest goal has ended and the arm is still, or none is left."""
-        followed, still = None, _Stillness()
+        followed, arrival = None, _Arrival()
         due_s = began_s = time.monotonic()
         while (task := self._take()) is not None:
             goal, now_s, state = task.goal, time.monotonic(), self._arm.where()
@@ -182,8 +182,8 @@ class GoalDriver:
             ended = goal.has_ended(now_s)
             stream.send(goal.setpoint(now_s, state.tip_m))
             if not ended or task is not followed:
-                still = _Stillness()
-            elif not goal.arrives or still.reached(now_s, state.positions_rad):
+                arrival = _Arrival()
+            elif not goal.arrives or arrival.reached(now_s, state.positions_rad):
                 self._finish(task, GoalEnd.ARRIVED)
             followed = task
             due_s = max(due_s + _PERIOD_S, now_s)
@@ -229,19 +229,18 @@ def _is_running(stream: GoalStream, elapsed_s: float) -> bool:
     return progress is not None
 
 
-class _Stillness:
-    """Notices that joints have stopped moving."""
+class _Arrival:
+    """Notices that joints have come to rest after the last setpoint."""
 
     def __init__(self) -> None:
         self._began_s: float | None = None
-        self._since_s, self._at, self._moved = 0.0, np.zeros(0), False
+        self._still, self._moved = StillnessDetector(_STILL_S, _STILL_RAD), False
 
     def reached(self, now_s: float, positions: Vector) -> bool:
         """Check whether no joint has moved for a while, or it takes too long."""
         self._began_s = now_s if self._began_s is None else self._began_s
-        first = len(self._at) == 0
-        if first or np.abs(positions - self._at).max() > _STILL_RAD:
-            self._since_s, self._at, self._moved = now_s, positions, not first
+        self._still = self._still.add_joints(now_s, positions.tolist())
+        self._moved = self._moved or self._still.has_moved()
         elapsed_s = now_s - self._began_s
         started = self._moved or elapsed_s > _START_S
-        return (started and now_s - self._since_s > _STILL_S) or elapsed_s > _MAX_ARRIVAL_S
+        return (started and self._still.is_at_rest()) or elapsed_s > _MAX_ARRIVAL_S
