@@ -146,7 +146,7 @@ def _cut(text: str, most: int) -> str:
 
 
 class IkservoError(Exception):
-    """Base of all errors of ikservo. Texts are bounded, and printable as ``str``, whatever they quote.
+    """Base of all errors of ikservo; ``str`` of each is bounded and printable.
 
     Attributes:
         command_message: The event, in terms of the command line, one line.
