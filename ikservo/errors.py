@@ -146,7 +146,7 @@ def _cut(text: str, most: int) -> str:
 
 
 class IkservoError(Exception):
-    """Base of all errors of ikservo. Their texts are printable and bounded, whatever they quote.
+    """Base of all errors of ikservo; ``str`` of each is bounded and printable.
 
     Attributes:
         command_message: The event, in terms of the command line, one line.
@@ -158,8 +158,8 @@ class IkservoError(Exception):
     exit_code: ExitCode = ExitCode.FAILED
 
     def __init__(self, message: str, hint: str = "") -> None:
-        message, hint = (_cut(printable(each), _MAX_MESSAGE_CHARS) for each in (message, hint))
-        super().__init__(in_python(message))
+        message, hint = (_cut(each, _MAX_MESSAGE_CHARS) for each in (message, hint))
+        super().__init__(printable(in_python(message)))
         self.command_message = message
         self.command_hint = hint
         self.python_hint = ""
@@ -175,7 +175,7 @@ class IkservoError(Exception):
         return self.python_hint or in_python(self.command_hint)
 
     def __str__(self) -> str:
-        return f"{self.message}\n{self.hint}" if self.hint else self.message
+        return printable(f"{self.message}\n{self.hint}" if self.hint else self.message)
 
 
 class InputError(IkservoError, ValueError):

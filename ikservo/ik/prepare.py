@@ -12,7 +12,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from enum import IntEnum
 from functools import cache
-from typing import Literal
+from typing import Literal, cast
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -163,9 +163,8 @@ def target_kind(name: str) -> TargetKind:
         UnknownNameError: There is no such kind.
     """
     kinds = [kind.name.lower() for kind in TargetKind]
-    return TargetKind[
-        check_choice("kind of target", parse_name("The kind", name).lower(), kinds).upper()
-    ]
+    lower = name.lower() if isinstance(cast("object", name), str) else name
+    return TargetKind[check_choice("kind of target", lower, kinds).upper()]
 
 
 @cache
