@@ -19,7 +19,7 @@ from ikservo.arguments import OnExit, check_callable, check_flag, parse_all_posi
 from ikservo.arm.background_motion import Background, RunningMotion
 from ikservo.arm.method_options import with_options
 from ikservo.control.stop_requests import STOPPED_BY_PROGRAM
-from ikservo.errors import BadValueError
+from ikservo.errors import BadValueError, shown
 from ikservo.guard import StopKind, StopReason
 from ikservo.planning.motion_plan import MotionPlan
 from ikservo.planning.motions import (
@@ -194,7 +194,7 @@ class MotionMethods(Protocol):
 
         The motion ends with ``StoppedError``; nothing moves again before ``acknowledge``.
         """
-        text = str(reason) or STOPPED_BY_PROGRAM.text
+        text = shown(reason, str) or STOPPED_BY_PROGRAM.text
         self.request_stop(StopReason(StopKind.PROGRAM, text))
 
     @abstractmethod

@@ -8,7 +8,7 @@ import pytest
 import ikservo
 from ikservo.arm.background_motion import CANCELLED
 from ikservo.control.stop_requests import CTRL_C, StopRequest
-from ikservo.errors import BusError, StoppedError
+from ikservo.errors import BusError, LatchedStopError, StoppedError
 from ikservo.guard import StopKind, StopReason
 from tests.arm.simulated import servo_group
 
@@ -111,3 +111,9 @@ def test_stop_request_without_braking_has_its_own_hint():
 )
 def test_stop_reason_headline_is_one_line(text, headline):
     assert StopReason(StopKind.FAULT, text).headline == headline
+
+
+def test_stop_with_reason_that_has_no_text_still_stops(arm):
+    arm.stop(reason=10**5000)
+    with pytest.raises(LatchedStopError, match="a value of type int"):
+        arm.move_joints({"gripper": 0.1})
