@@ -318,5 +318,6 @@ def _coarser(triangles: Triangles) -> Triangles:
         triangles, _ = merge_vertices(triangles, cell_m)
         corners = triangles.transpose(1, 0, 2)
         areas2 = np.linalg.norm(np.cross(corners[1] - corners[0], corners[2] - corners[0]), axis=1)
-        triangles, cell_m = triangles[areas2 > 0.0], 1.3 * cell_m
+        triangles = triangles[areas2 > 0.0]
+        cell_m *= 2.0 if len(triangles) > 4 * MAX_PICTURE_TRIANGLES else 1.3
     return triangles
