@@ -11,26 +11,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ikservo.errors import CONTROL, BadValueError, UnknownNameError, shown
-from ikservo.files.reading import parse_path
 from ikservo.kinematics import finite_vector
 from ikservo.kinematics.arrays import LARGEST
-
-__all__ = [
-    "OnExit",
-    "check_callable",
-    "check_choice",
-    "check_exit",
-    "check_flag",
-    "check_iterable",
-    "parse_all_positions",
-    "parse_joint_positions",
-    "parse_name",
-    "parse_number",
-    "parse_path",
-    "parse_period_s",
-    "parse_points",
-    "parse_port",
-]
 
 T = TypeVar("T")
 

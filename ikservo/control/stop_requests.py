@@ -16,26 +16,6 @@ from ikservo.hardware.bus import ServoBus
 from ikservo.hardware.goal_writing import write_goals
 from ikservo.registers import RegisterName
 
-__all__ = [
-    "CTRL_C",
-    "RELAX_HINT",
-    "REQUEST_HINT",
-    "STOPPED_AFTER_REQUEST",
-    "STOPPED_BY_PROGRAM",
-    "StopKind",
-    "StopOutcome",
-    "StopReason",
-    "StopRequest",
-    "check_pause",
-    "exit_exception",
-    "exiting_on_signals",
-    "fault_reason",
-    "handle_signals",
-    "hold_servos",
-    "stop_on_signals",
-]
-
-
 CTRL_C = StopReason(StopKind.CTRL_C, "Stopped; torque stays on.")
 STOPPED_BY_PROGRAM = StopReason(StopKind.PROGRAM, "Stopped by the program.")
 STOPPED_AFTER_REQUEST = StopReason(

@@ -15,22 +15,6 @@ from ikservo.kinematics.arrays import Vector
 from ikservo.model.arm_model import HealthLimits
 from ikservo.registers import Alarm
 
-__all__ = [
-    "DEAD_MAN_TIMEOUT_S",
-    "CommunicationMonitor",
-    "DeadManSwitch",
-    "HealthLimits",
-    "HealthMonitor",
-    "ServoTelemetry",
-    "TrackingMonitor",
-    "alarm_hint",
-    "overweight_error",
-    "power_lost_error",
-    "say_what_fell",
-    "torque_lost_error",
-]
-
-
 _MAX_CYCLES = 3  # in so many cycles in a row a joint must be behind to count as blocked
 # A lagging joint slows its motion down before its error comes this close to the maximum lead.
 _ERROR_FRACTION = 0.9

@@ -19,36 +19,14 @@ from ikservo.files.validation import (
     validation_issues,
 )
 from ikservo.model.arm_schema import (
-    ArmBus,
     ArmFile,
     ArmGripper,
     ArmHealth,
     ArmJoint,
     ArmPose,
-    ArmServo,
-    ArmShadow,
-    ArmSpeed,
-    ArmSpeeds,
 )
 from ikservo.model.base_placement import parse_frame
 from ikservo.model.catalogue import catalogue_name
-
-__all__ = [
-    "REQUIRED_POSES",
-    "ArmBus",
-    "ArmFile",
-    "ArmGripper",
-    "ArmHealth",
-    "ArmJoint",
-    "ArmPose",
-    "ArmServo",
-    "ArmShadow",
-    "ArmSpeed",
-    "ArmSpeeds",
-    "arm_file_issues",
-    "read_arm_file",
-]
-
 
 REQUIRED_POSES = ("rest", "home")
 

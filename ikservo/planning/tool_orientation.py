@@ -19,22 +19,6 @@ from ikservo.model.tool import ToolFrame, direction_from_angles
 from ikservo.motion.cartesian import ORIENTATION_TOLERANCE_RAD
 from ikservo.motion.path import ArmPlane
 
-__all__ = [
-    "KEEP_BEST_EFFORT",
-    "KEPT_ORIENTATION_TOLERANCE_RAD",
-    "MAX_HEADING_ITERATIONS",
-    "ORIENTATION_TOLERANCE_RAD",
-    "POSITION_TOLERANCE_M",
-    "ArmPlane",
-    "OrientationSolution",
-    "OrientationSolver",
-    "ToolOrientation",
-    "check_orientation",
-    "check_orientation_error",
-    "keep_orientation",
-    "solve_with_orientation",
-]
-
 
 @dataclass(frozen=True, slots=True)
 class ToolOrientation:

@@ -27,7 +27,7 @@ from ikservo.apps.teaching.recording import (
     RecordingWriter,
     read_json_lines,
 )
-from ikservo.arguments import check_callable, parse_number, parse_path
+from ikservo.arguments import check_callable, parse_number
 from ikservo.arm.arm import Arm
 from ikservo.arm.arm_protocol import OpenArm
 from ikservo.arm.motion_runner import MotionRunner
@@ -37,7 +37,7 @@ from ikservo.calibration.calibration_file import dump_calibration, load_calibrat
 from ikservo.calibration.paths import calibration_path
 from ikservo.clock import Clock, Rate, RealClock
 from ikservo.errors import BadValueError, FileFormatError, IkservoError
-from ikservo.files.reading import require_file
+from ikservo.files.reading import parse_path, require_file
 from ikservo.hardware.port_names import serial_number_of
 from ikservo.kinematics import Chain
 from ikservo.model import Model

@@ -13,7 +13,7 @@ import numpy as np
 
 from ikservo.apps.teaching.recorder import read_recording, recording_header
 from ikservo.apps.teaching.recording import Recording
-from ikservo.arguments import check_flag, parse_path
+from ikservo.arguments import check_flag
 from ikservo.arm.arm_parts import ArmParts
 from ikservo.arm.arm_protocol import OpenArm
 from ikservo.arm.background_motion import RunningMotion
@@ -21,6 +21,7 @@ from ikservo.arm.opening import require_own_port
 from ikservo.arm.own_motion import OwnMotion
 from ikservo.control.stillness import StillnessDetector, read_until_at_rest
 from ikservo.errors import CollisionError, FileFormatError, RefusedError
+from ikservo.files.reading import parse_path
 from ikservo.guard import thin_path
 from ikservo.kinematics.arrays import Matrix, Vector
 from ikservo.motion import JointMove, KinematicLimits, TrajectoryPoint

@@ -43,17 +43,6 @@ from ikservo.ik import Target
 from ikservo.kinematics import Chain
 from ikservo.kinematics.arrays import Vector
 
-__all__ = [
-    "AT_REST_PX",
-    "CandidateSelection",
-    "Drag",
-    "JointDrag",
-    "MovedThing",
-    "PointerContext",
-    "start_joint_drag",
-]
-
-
 # Cosine of axis and line of sight below which the joint's circle is seen edge-on.
 _MIN_FACING_COSINE = 0.3
 _HUB_PX = 5.0
