@@ -84,7 +84,7 @@ class TrackingMonitor:
         if self.lagging.any():
             names = [self._names[i] for i in np.flatnonzero(self.lagging)]
             raise RefusedError(
-                f"{', '.join(names)} does not follow its setpoint; motion stopped.",
+                f"{_not_following(names)}; motion stopped.",
                 "Check for obstacles, its cable, and its alarms: ikservo where",
             )
 
@@ -276,7 +276,7 @@ class HealthMonitor:
                 raise RefusedError(
                     f"No status (temperature, voltage, load) from {joint} for "
                     f"{time_s - read_s:.1f} s; stopped.",
-                    "The arm holds. See: ikservo where",
+                    "The arm holds its position. See: ikservo where",
                 )
 
     def _find_faults(self, telemetry: ServoTelemetry) -> Iterator[_ThresholdFault]:
@@ -363,9 +363,16 @@ def power_lost_error(
 
 def overweight_error(joints: Sequence[str]) -> RefusedError:
     """Return the error of joints that do not follow because the arm is too heavy for them."""
-    text = f"{', '.join(joints)} does not follow its setpoint; motion stopped: the servo is too "
     hint = "Fold the limp arm by hand so that it reaches out less, then move again: ikservo relax"
-    return RefusedError(f"{text}weak to lift the arm from this posture.", hint)
+    too_weak = "the servo is too weak" if len(joints) == 1 else "their servos are too weak"
+    found = f"{_not_following(joints)}; motion stopped: {too_weak}"
+    return RefusedError(f"{found} to lift the arm from this posture.", hint)
+
+
+def _not_following(joints: Sequence[str]) -> str:
+    """Return the clause that names the joints that do not follow."""
+    verb = "does not follow its setpoint" if len(joints) == 1 else "do not follow their setpoints"
+    return f"{', '.join(joints)} {verb}"
 
 
 def say_what_fell(

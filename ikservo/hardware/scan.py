@@ -210,7 +210,7 @@ def scan(
 
     Args:
         port: The port.
-        rates: Rates in the order of trying; None tries all known ones.
+        rates: Rates to try, in this order; None: all known rates.
         all_rates: Continue to the last rate.
         on_step: Called with the progress.
 

@@ -159,7 +159,9 @@ def switch_torque_off(limp_arm: TorqueOffArm) -> Dialogue[None]:
         if (
             yield Question("Switch torque off?", Unasked.NEEDS_YES, stage, "switch torque off")
         ) != ACCEPT:
-            raise IkservoError("Cancelled; nothing changed.", "Without asking: --yes")
+            raise IkservoError(
+                "Cancelled; nothing changed.", "To go on without being asked, add --yes."
+            )
     limp_arm.disable_torque()
 
 

@@ -245,7 +245,7 @@ def _resting_joints(arm: Arm) -> Vector:
     """Return all measured joints (n,) of an arm at rest.
 
     Raises:
-        CalibrationError: The arm moves.
+        CalibrationError: The arm is moving.
     """
 
     def read() -> Iterable[float]:
@@ -253,7 +253,7 @@ def _resting_joints(arm: Arm) -> Vector:
 
     still = read_until_at_rest(_STANDS, read, arm.clock, timeout_s=_STANDS.window_s)
     if not still.is_at_rest():
-        raise CalibrationError("The arm moves.", "Click when it rests.")
+        raise CalibrationError("The arm is moving.", "Click when it has come to rest.")
     return np.array(still.joints)
 
 

@@ -223,7 +223,7 @@ def _parse_servos(texts: Sequence[str]) -> dict[str, tuple[DraftServo, ...]]:
     found: dict[str, tuple[DraftServo, ...]] = {}
     for name, servo in _parse_pairs("--servo", texts, _parse_servo, "elbow=3:STS3215 or elbow=-3"):
         if any(servo.id == other.id for servos in found.values() for other in servos):
-            raise BadValueError("--servo", f"the id {servo.id} twice", "each id once")
+            raise InputError(f"--servo gives the id {servo.id} twice.", "Use each id once.")
         found[name] = (*found.get(name, ()), servo)
     return found
 

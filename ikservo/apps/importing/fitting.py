@@ -239,7 +239,7 @@ class _SampledSurface:
         return float(away_m.max()) + moved_m if len(away_m) else 0.0
 
     def badness(self, parts: Sequence[_Part], allowed_m: float) -> float:
-        """Rate parts by the area and distance of their surface far from the mesh; 0 is best."""
+        """Rate how far, and over how much area, the surface of parts is off the mesh; 0 is best."""
         rated = 0.0
         for i, part in enumerate(parts):
             far_m = self._distances_m(i, parts, _COARSE)

@@ -111,7 +111,7 @@ def command(
 
 
 def _read(file: Path, unit: str | None, scale: float | None, width: float | None) -> Drawing:
-    """Read the drawing of a file and scale it."""
+    """Read a drawing from a file and scale it."""
     if scale is not None and width is not None:
         raise BadValueError("The size of the drawing", "given twice", "--scale or --width")
     drawing = read_drawing(file, unit)

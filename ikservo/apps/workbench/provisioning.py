@@ -331,9 +331,10 @@ def _timeout_error(port: Port, last: Sequence[FoundServo], wait_s: float) -> Ser
     if len(last) == 1 and not last[0].shares_id:
         found = f"has {last[0]}, which did not answer reliably for {wait_s:.0f} s"
         return ServoSilentError(found, "Check its plug and its power supply.", port=port.name)
-    what = "several servos at one id" if len(last) == 1 else f"{len(last)} servos"
-    hint = "Leave only one plugged in: the others would be changed with it."
-    return ServoSilentError(f"has {what} instead of one for {wait_s:.0f} s", hint, port=port.name)
+    what = "several servos that share one id" if len(last) == 1 else f"{len(last)} servos"
+    hint = "Leave only one servo plugged in; otherwise the others would be changed, too."
+    found = f"had {what} for {wait_s:.0f} s; only one at a time can be set up"
+    return ServoSilentError(found, hint, port=port.name)
 
 
 def _pause_scan(port: Port) -> None:

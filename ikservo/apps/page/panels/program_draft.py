@@ -193,7 +193,9 @@ class ProgramDraft:
         """
         path, program = self.folder.file(name), self.program()
         if name != self.name and path.exists() and not overwrite:
-            raise InputError(f"There is a program {name} already.", "Replace it, or rename this.")
+            raise InputError(
+                f"A program named {name} already exists.", "Replace it, or rename this one."
+            )
         write_program(path, program)
         self.name = name
         self._note_change(changed=False)

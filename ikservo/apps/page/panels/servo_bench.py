@@ -325,7 +325,7 @@ class ServoBench:
         if self._model is None:
             raise InputError(
                 "Gains can only be tried on a joint of an arm.",
-                "Name it in a terminal: ikservo view --servos --arm",
+                "Start the page with the name of the arm: ikservo view --servos --arm NAME",
             )
         self._trial = command
         return True

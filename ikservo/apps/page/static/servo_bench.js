@@ -61,9 +61,9 @@ function describe(found) {
 const act = (action, fields = {}) => shown && send("work_on_servo", { joint: servos.joint, action, ...fields });
 const pressed = (button) => button.getAttribute("aria-pressed") === "true";
 $("search").onclick = () => send("work_on_servo", { action: "search" });
-$("torque").onclick = () => (pressed($("torque")) ? ask($("torque"), "It may fall: sure?", () => act("torque_off")) : act("torque_on"));
+$("torque").onclick = () => (pressed($("torque")) ? ask($("torque"), "The joint may fall. Switch torque off?", () => act("torque_off")) : act("torque_on"));
 $("led").onclick = () => act(pressed($("led")) ? "led_off" : "led_on");
-$("reboot").onclick = () => ask($("reboot"), "Torque goes off: sure?", () => act("reboot"));
+$("reboot").onclick = () => ask($("reboot"), "Torque will go off. Reboot the servo?", () => act("reboot"));
 $("backup").onclick = () => act("backup");
 $("restore").onchange = async ({ target }) => {
   const text = await target.files[0].text();

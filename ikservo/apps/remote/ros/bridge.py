@@ -205,7 +205,7 @@ class RosBridge:
         self._driver.put(None)
         self._driver.wait_until_still(_BRAKE_TIMEOUT_S)
         self._arm.hold()
-        return "The arm holds."
+        return "The arm holds its position."
 
     def _acknowledge(self) -> str:
         self._arm.acknowledge()
