@@ -547,7 +547,7 @@ class LeaseLostError(RefusedError):
 
     def __init__(self) -> None:
         super().__init__(
-            "This program does not control the arm, or not any longer.",
+            "This program does not control the arm, or no longer does.",
             "Nothing was sent. Look at the arm, then try again.",
         )
 

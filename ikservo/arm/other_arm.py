@@ -54,7 +54,7 @@ class OtherArm:
             arm: This arm, which takes turns with the other one.
 
         Raises:
-            RefusedError: The other arm moves, or its position cannot be measured.
+            RefusedError: The other arm is moving, or its position cannot be measured.
         """
         if self.turn.is_of_other(arm):
             raise other_moves(self.name)

@@ -162,7 +162,7 @@ class Scene:
         """Add the things of a scene file.
 
         Raises:
-            FileFormatError: It is malformed.
+            FileFormatError: The file is malformed.
             BadValueError: A name is taken.
             RefusedError: The arm moves without a plan, or the file has another arm; see
                 ``add_arm``.
@@ -291,7 +291,7 @@ class Scene:
 
         Raises:
             UnknownNameError: There is no such thing.
-            BadValueError: It is a box of the arm file or a half-space, or too large.
+            BadValueError: The thing is a box of the arm file or a half-space, or too large.
             RefusedError: A motion is running.
         """
         parse_name(_NAME, name)

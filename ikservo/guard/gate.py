@@ -45,8 +45,8 @@ class StopReason:
     """Reason why an arm was stopped.
 
     Attributes:
-        kind: For programs.
-        text: For the user; lines after the first are details.
+        kind: The kind of message, for programs.
+        text: The text for the user; lines after the first are details.
     """
 
     kind: StopKind

@@ -193,7 +193,7 @@ class JointGate:
         """Check that a goal is inside the limits, or on the path back to them from a start tick.
 
         Raises:
-            RefusedError: It is not, or it is not an integer.
+            RefusedError: The goal is outside, or not an integer.
         """
         require_int_tick(self._name, tick)
         low, high = self._range

@@ -57,7 +57,7 @@ class JointIndex:
         """Return the column of a joint.
 
         Raises:
-            UnknownNameError: No such joint.
+            UnknownNameError: There is no such joint.
         """
         if joint not in self.names:
             raise UnknownNameError("joint", joint, self.names)
@@ -81,7 +81,7 @@ class JointIndex:
         """Return all joints (n,) with one of them at another position.
 
         Raises:
-            UnknownNameError: No such joint.
+            UnknownNameError: There is no such joint.
         """
         replaced = joints.copy()
         replaced[self.column(joint)] = position

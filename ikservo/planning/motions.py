@@ -565,7 +565,7 @@ def check_motion(motion: MotionValue[R]) -> MotionValue[R]:
     """Check that a value is a motion, and return it.
 
     Raises:
-        BadValueError: It is not a motion.
+        BadValueError: The value is not a motion.
     """
     if not isinstance(cast("object", motion), MotionValue):
         raise BadValueError("The motion", shown(motion), "such as MoveTo((0.25, 0.0, 0.15))")
@@ -581,8 +581,8 @@ def parse_motion(value: object) -> MotionValue[Any]:
     """Parse a motion from the JSON values of ``motion_fields``.
 
     Raises:
-        InputError: It is not a table of one known kind, or a field is missing, unknown, or refused
-            by the motion itself, with the same error as for a program.
+        InputError: The value is not a table of one known kind, or a field is missing, unknown, or
+            refused by the motion itself, with the same error as for a program.
     """
     is_table = isinstance(value, Mapping)
     table = dict(cast("Mapping[object, object]", value)) if is_table else {}

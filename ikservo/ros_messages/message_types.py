@@ -56,7 +56,7 @@ def decode(kind: str, data: bytes) -> Any:  # noqa: ANN401
     16 per point of a trajectory.
 
     Raises:
-        InputError: It is not a message of that type.
+        InputError: The data is not a message of that type.
     """
     store = _store()
     layout = store.get_msgdef(kind)

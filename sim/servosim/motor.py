@@ -151,7 +151,7 @@ class Motor:
         lower_stop_rad: The position of a hard stop of the shaft.
         upper_stop_rad: The position of the hard stop on the other side.
         load_inertia_kg_m2: Inertia of the load on the output.
-        carried: Another body integrates the motion and sets it by `set_state`; a step only
+        carried: Whether another body integrates the motion and sets it by `set_state`; a step only
             computes the torque.
         stuck: A fault: the shaft does not move.
         grip: A fault: the fraction of the motor's torque that reaches the shaft; 1 = sound gears.

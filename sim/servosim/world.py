@@ -203,7 +203,7 @@ class World:
         """Return a joint by its name.
 
         Raises:
-            SimulatorError: No such joint.
+            SimulatorError: There is no such joint.
         """
         for joint in self.joints:
             if joint.name == name:

@@ -49,7 +49,7 @@ def test_shown_arm_follows_its_leader_until_it_is_stopped(page, two):
     page.wait_for_selector("#leader-state:has-text('ready to lead')")
     before = joint3_rad(follower)
     page.click("#follow")
-    page.wait_for_selector("#mode:has-text('Follows planar3-2')")
+    page.wait_for_selector("#mode:has-text('Following planar3-2')")
     turn(leader, TURN_RAD)
     until(lambda: " ms" in page.inner_text("#leader-lag"), lambda: page.inner_text("#leader"))
     until(lambda: abs(joint3_rad(follower) - before - TURN_RAD) < 0.03)

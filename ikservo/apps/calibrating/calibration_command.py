@@ -183,7 +183,7 @@ def _of_file(
 
 
 def _report_restored(path: Path, calibration: Calibration) -> None:
-    print_lines([f"Restored {path}, of {calibration.written:%Y-%m-%d}."])
+    print_lines([f"Restored {path}, written on {calibration.written:%Y-%m-%d}."])
     print_status(f"Compare it with the servos: ikservo calibration diff {calibration.arm}")
 
 
@@ -205,7 +205,7 @@ def _confirm_transfer(limp_arm: TorqueOffArm, target: str, *, yes: bool) -> bool
     """Print the differences and ask; return whether there is something to write.
 
     Raises:
-        IkservoError: The user declines.
+        IkservoError: The user declined.
     """
     found = register_differences(limp_arm)
     if not found:

@@ -205,7 +205,7 @@ def apply_answer(state: CalibrationState, text: str) -> CalibrationState:
     """Apply an answer to the state.
 
     Raises:
-        BadValueError: It is not an answer.
+        BadValueError: The text is not an answer.
         UnknownNameError: The arm has no joint of that name.
         CalibrationError: Something is missing before it can be accepted.
     """
@@ -394,7 +394,7 @@ def check_zeros(
     After a calibration by hand, a smaller shift of both ends is only reported.
 
     Raises:
-        CalibrationError: It was not in its pose, or the user cannot be asked; nothing was changed.
+        CalibrationError: The arm was not in its pose, or nobody can be asked; nothing was changed.
     """
     shifted = list(find_shifted_zeros(state, may_have_sagged=may_have_sagged))
     for zero in find_shifted_zeros(state, may_have_sagged=True):

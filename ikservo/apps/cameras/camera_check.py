@@ -74,7 +74,7 @@ def check_camera(
     """Look at the board, and save whether the camera has moved; the arm does not move.
 
     Args:
-        arm: The arm before the camera.
+        arm: The arm in front of the camera.
         source: The camera.
         now: The time of the check.
         within_mm: The largest error of the board; None: the error of the calibration.

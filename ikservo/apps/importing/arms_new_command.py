@@ -214,7 +214,7 @@ def _parse_joints(texts: Sequence[str]) -> tuple[RulerJoint, ...]:
     names = [joint.name for joint in joints]
     for name in names:
         if names.count(name) > 1:
-            raise BadValueError("--joint", f"{name} twice", "each name once")
+            raise InputError(f"--joint names {name} twice.", "Use each name once.")
     return joints
 
 

@@ -63,7 +63,7 @@ class MeshFit:
     """Capsules that together contain a mesh.
 
     Attributes:
-        capsules: In the coordinates of the mesh.
+        capsules: The capsules, in the coordinates of the mesh.
         excess_m: The distance of the farthest point of their common surface from the mesh.
         allowed_m: The largest distance that it should have.
     """

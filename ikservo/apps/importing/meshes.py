@@ -39,7 +39,7 @@ def read_triangles(path: Path, data: bytes, link: str) -> Triangles:
         link: The link that owns the shape, for the messages.
 
     Raises:
-        FileFormatError: It has an unknown format, or is damaged, empty or too large.
+        FileFormatError: The file has an unknown format, or is damaged, empty or too large.
         InputError: The extra ``import`` is not installed.
     """
     place, suffix = f"mesh of link {link}", path.suffix.lower()
