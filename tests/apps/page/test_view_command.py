@@ -121,16 +121,16 @@ def test_contradictory_arms_are_refused_before_serving(run_cli, line, code, expe
         (
             "so101 koch",
             '[[sphere]]\nname = "a"\ncentre_m = [0, 1, 0]\nradius_m = 0.1',
-            "there are 2",
+            "not to 2",
         ),
         ("so101", "[[sphere]]\nradius = 1", "is not a known key"),
         ("so101", None, "does not exist"),
         ("so101", '[[arm]]\nname = "koch"\nat_m = [0.4, 0, 0]', "koch, which is not opened"),
-        ("koch", '[[arm]]\nname = "koch"\nat_m = [0.4, 0, 0]', "there are 0"),
+        ("koch", '[[arm]]\nname = "koch"\nat_m = [0.4, 0, 0]', "not to 0"),
         (
             "so101 koch px150",
             '[[arm]]\nname = "koch"\nat_m = [0.4, 0, 0]',
-            "one arm that it does not name; there are 2",
+            "one arm that it does not name, not to 2",
         ),
         (
             "so101 koch",
