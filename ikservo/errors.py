@@ -224,7 +224,7 @@ class PortError(IkservoError, OSError):
 
 
 class NoPortError(PortError):
-    """No such port, or none given and none to choose from; the existing ports are listed."""
+    """There is no such port, or none was given or could be chosen; the existing ones are listed."""
 
     def __init__(self, name: str, found: Iterable[str] = (), why: str = "") -> None:
         self.name, self.found, self.why = name, list(found), why

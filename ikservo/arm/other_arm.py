@@ -46,7 +46,7 @@ class OtherArm:
             self.left = self.links_at(self.context.servos.measure_positions())
 
     def things(self, arm: object) -> list[KeepOutShape]:
-        """Measure its links and what it holds: rounded rods in the base frame.
+        """Measure the links and what the arm holds, as rounded rods in the base frame.
 
         A closed arm stays where it was when it was closed.
 

@@ -123,7 +123,7 @@ class Scene:
             self._change({**self._things, name: make_shape(kind, name, sizes)}, self._held)
 
     def change(self, name: str, /, **sizes: Any) -> None:  # noqa: ANN401  # keys of a file
-        """Change keys of a thing that stands around the arm: its place, its size or its name.
+        """Change a thing around the arm: its place, its size or its name.
 
         ``arm.scene.change("the shelf", center_m=(0.3, 0.25, 0.1))``
 

@@ -1,4 +1,4 @@
-"""The file of an identified arm: masses and motors of one arm, beside its calibration."""
+"""The identification file of one arm: its masses and motors."""
 
 from __future__ import annotations
 

@@ -81,7 +81,7 @@ class TimeScaler:
         return self.rate <= 0.0
 
     def step(self, elapsed_s: float, *, braking: bool) -> float:
-        """Count one control cycle, adapt the rate, and return how far the motion advances.
+        """Count one control cycle, adapt the rate, and return the time that the motion advances by.
 
         Called once per cycle, before the lag of the joints is checked.
 

@@ -407,7 +407,7 @@ class StreamedServos:
         )
 
     def allowed_advance_s(self, elapsed_s: float) -> float:
-        """Return how far a motion may advance so that its goals stay near the joints."""
+        """Return the time by which a motion may advance while its goals stay near the joints."""
         return self._gate.allowed_advance_s(elapsed_s)
 
     def send_goals(self, positions: Vector, now_s: float, reference: Vector | None = None) -> bool:

@@ -204,7 +204,7 @@ class _Heating:
         self.degree_c, self.since_s = telemetry.temperature_c, telemetry.time_s
 
     def time_left(self, hold_c: float) -> str:
-        """Return in words when a temperature will be reached; empty if it does not rise."""
+        """Describe when a temperature will be reached; empty if it does not rise."""
         if self.rate_c_s <= 0.0 or hold_c == math.inf:
             return ""
         return f", at this rate in {(hold_c - self.degree_c) / self.rate_c_s:.0f} s"

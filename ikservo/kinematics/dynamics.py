@@ -261,7 +261,7 @@ class Dynamics:
         return T @ self._pseudo_inertias @ T.swapaxes(-1, -2)
 
     def _generalized(self, torques: Matrix, q: Vector) -> Vector:
-        """Compute the torques of q, shaped as it, from those of all joints (bodies, n)."""
+        """Compute the torques for q, in its shape, from those of all joints (bodies, n)."""
         return (self._tree.gears.T @ torques).T.reshape(q.shape)
 
     def _check(self, values: ArrayLike, what: str) -> Vector:

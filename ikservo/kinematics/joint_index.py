@@ -1,4 +1,4 @@
-"""The columns of a chain and of its gripper in vectors of all joints of an arm."""
+"""The columns of a chain and its gripper in vectors of all of an arm's joints."""
 
 from __future__ import annotations
 

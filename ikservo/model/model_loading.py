@@ -106,7 +106,7 @@ def check_size(path: Path, urdf: Urdf) -> None:
 
 
 def description_text(model: Model) -> str:
-    """Return the text of the URDF of an arm.
+    """Return an arm's URDF as text.
 
     Raises:
         FileFormatError: A file has changed since it was loaded, and can no longer be read.

@@ -154,7 +154,7 @@ class MotionValue(Generic[R]):
         return hasattr(self, "speed")
 
     def with_speed(self, speed: str) -> MotionValue[R]:
-        """Return it at a speed class: slow, normal or fast; itself if it has none."""
+        """Return the motion at a speed class (slow, normal, fast); unchanged if it has none."""
         return replace(self, speed=speed) if self.has_speed else self  # pyright: ignore[reportCallIssue]
 
     def _check(self) -> None:
@@ -170,7 +170,7 @@ class MotionValue(Generic[R]):
 
 @cache
 def _parsers_of(kind: type[MotionValue[Any]]) -> Mapping[str, Callable[[object], object]]:
-    """Return the checks of the fields of a kind of motion, written with the fields' types."""
+    """Return the field checks of a kind of motion, which are written with the field types."""
     hints = get_type_hints(kind, include_extras=True)
     names = [each.name for each in fields(cast("Any", kind))]
     return {name: _parser_of(f"{kind.__name__}.{name}", name, hints[name]) for name in names}

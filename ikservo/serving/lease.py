@@ -70,7 +70,7 @@ class ArmLease:
 
     @property
     def moving(self) -> Holder | None:
-        """Return the holder under whose lease a motion runs; None if none runs."""
+        """Return the holder under whose lease a motion is running; None if none is."""
         return self._moving
 
     def is_held_by(self, lease: str) -> bool:

@@ -306,7 +306,7 @@ def _thin_out(points: Matrix, cell_m: float) -> Matrix:
 
 
 def _cell_keys(points: Matrix, cell_m: float) -> NDArray[np.int64]:
-    """Return the number (n,) of the cell of a grid in which each point (n, 3) is."""
+    """Return the number (n,) of the grid cell that contains each point (n, 3)."""
     x, y, z = (((row - row.min()) / cell_m).astype(np.int64) for row in points.T.copy())
     return (x * (y.max() + 1) + y) * (z.max() + 1) + z
 

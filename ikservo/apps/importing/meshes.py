@@ -93,7 +93,7 @@ def _stated_triangles(suffix: str, data: bytes) -> float:
 
 
 def _gltf_triangles(tree: Any) -> float:  # noqa: ANN401  # JSON of any shape
-    """Compute the triangles of a glTF: a third of the corners of all primitives of all nodes."""
+    """Count the triangles of a glTF: a third of the corners that its nodes draw."""
     counts: list[float] = [accessor.get("count", 0) for accessor in tree.get("accessors", ())]
     meshes: list[float] = []
     for mesh in tree.get("meshes", ()):

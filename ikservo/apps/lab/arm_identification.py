@@ -155,7 +155,7 @@ class IdentificationRun:
 
 
 def nominal_priors(model: Model, names: Sequence[str]) -> list[JointPrior]:
-    """Return the priors of the servos of some joints from the tables.
+    """Return the priors of some joints' servos, from the tables.
 
     Raises:
         RefusedError: The motor of a servo is unknown.

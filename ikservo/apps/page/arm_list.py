@@ -51,7 +51,7 @@ class CloseArm(PageMessage):
 
 
 class ShowCamera(PageMessage):
-    """Ask for the address, valid once, of the pictures of an arm's camera."""
+    """Ask for the address of an arm's camera pictures, which is valid once."""
 
     kind: Literal["show_camera"]
     arm: Name

@@ -101,7 +101,7 @@ def stop_machine(host: Endpoint, name: str = "*") -> StopAllResult:
 
 
 class _MachineStop:
-    """State of the stop of one machine.
+    """State of stopping one machine.
 
     Args:
         host: The machine.

@@ -31,7 +31,7 @@ _OWN_TYPES = ("ikservo",)  # robots whose values use the zeros of the geometry
 
 @dataclass(frozen=True, kw_only=True)
 class DatasetOptions:
-    """Options of the conversion of episodes to recordings."""
+    """Options for converting episodes to recordings."""
 
     to: Annotated[
         Path, typer.Option("--to", metavar="FOLDER", help="Folder for the recordings.")

@@ -65,7 +65,7 @@ class RecordResult:
 
 @dataclass(frozen=True, slots=True)
 class RecordSettings:
-    """Options of the caller of ``arm.record``; see `record_open_arm`."""
+    """The caller's options of ``arm.record``; see `record_open_arm`."""
 
     path: Path | str
     duration_s: float | None = None
