@@ -61,7 +61,7 @@ def test_camera_calibration_command_names_missing_options(monkeypatch, run_cli):
     assert "There is no camera 99999999999" in run_cli(f"{words} --camera 99999999999").err
     monkeypatch.setattr("ikservo.apps.cameras.camera_sources.LiveCamera", lambda _: camera)
     assert "--yes" in run_cli(f"{words} --camera 0").err
-    assert "One of --auto" in run_cli(f"{words} --camera 0 --touch").err
+    assert "Only one of --auto" in run_cli(f"{words} --camera 0 --touch").err
     for without in ("--pictures 12", "--by-hand"):
         assert "Add --camera" in run_cli(f"{words} {without}").err
     for of_limits in ("--pose home", "--margin 1", "--skip gripper", "--limit wrist_roll=0:1",
