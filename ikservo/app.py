@@ -1,4 +1,4 @@
-"""The value with which an app says what it adds to ikservo.
+"""The declaration of what an app adds to ikservo.
 
 An app is a folder with commands and whatever they need, and one `App`. The core finds that value
 and imports the rest when it is used; it never imports an app itself. Built-in apps are the folders

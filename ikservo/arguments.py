@@ -38,7 +38,7 @@ def check_callable(what: str, value: object) -> None:
     """Refuse a value that is neither None nor callable, before anything moves.
 
     Raises:
-        BadValueError: It is not callable.
+        BadValueError: The value is not callable.
     """
     if value is not None and not callable(value):
         raise BadValueError(what, shown(value), "a function, or None")
@@ -60,7 +60,7 @@ def check_exit(on_exit: OnExit) -> OnExit:
     """Check the state in which an arm is to be closed.
 
     Raises:
-        UnknownNameError: It is neither ``hold`` nor ``relax``.
+        UnknownNameError: The value is neither ``hold`` nor ``relax``.
     """
     return check_choice("exit state", on_exit, ("hold", "relax"))
 
@@ -69,7 +69,7 @@ def check_iterable(what: str, value: object, expected: str) -> None:
     """Refuse a value that is not iterable.
 
     Raises:
-        BadValueError: It is not iterable.
+        BadValueError: The value is not iterable.
     """
     if not isinstance(value, Iterable):
         raise BadValueError(what, shown(value), expected)
@@ -108,7 +108,7 @@ def parse_number(what: str, value: object) -> float:
     """Parse a number as a float.
 
     Raises:
-        BadValueError: It is not a number; text and booleans are not accepted.
+        BadValueError: The value is not a number; text and booleans are not accepted.
     """
     try:
         if isinstance(value, str | bytes | bytearray | bool | np.bool_):
@@ -140,7 +140,7 @@ def check_flag(what: str, value: object) -> bool:
     """Check that a value is True or False, and return it.
 
     Raises:
-        BadValueError: It is neither; other values are not taken for one of them.
+        BadValueError: The value is neither; 0 and 1, for example, are not accepted.
     """
     if not isinstance(value, bool | np.bool_):
         raise BadValueError(what, shown(value), "True or False")
@@ -151,7 +151,7 @@ def parse_port(port: object) -> str | None:
     """Parse the name of a port, or None if none is given.
 
     Raises:
-        BadValueError: It is neither a name nor a path.
+        BadValueError: The value is neither a name nor a path.
     """
     if isinstance(port, os.PathLike):
         port = str(cast("os.PathLike[str]", port))
@@ -164,7 +164,7 @@ def parse_name(what: str, name: object) -> str:
     """Parse a name.
 
     Raises:
-        BadValueError: It is not text.
+        BadValueError: The value is not text.
     """
     if not isinstance(name, str):
         raise BadValueError(what, shown(name), "text")

@@ -224,7 +224,7 @@ class PortError(IkservoError, OSError):
 
 
 class NoPortError(PortError):
-    """No such port, or none given and none to choose from; the existing ports are listed."""
+    """There is no such port, or none was given or could be chosen; the existing ones are listed."""
 
     def __init__(self, name: str, found: Iterable[str] = (), why: str = "") -> None:
         self.name, self.found, self.why = name, list(found), why
@@ -547,7 +547,7 @@ class LeaseLostError(RefusedError):
 
     def __init__(self) -> None:
         super().__init__(
-            "This program does not control the arm, or not any longer.",
+            "This program does not control the arm, or no longer does.",
             "Nothing was sent. Look at the arm, then try again.",
         )
 

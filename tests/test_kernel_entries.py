@@ -1,6 +1,6 @@
-"""Compiled kernels refuse wrong arguments or return; they write nothing else.
+"""Compiled kernels reject wrong arguments and never write outside their outputs.
 
-Under ``make sanitize`` every index is checked as well, and a wrong one ends the process.
+Under ``make sanitize`` every index is checked as well, and an index out of range ends the process.
 """
 
 import array

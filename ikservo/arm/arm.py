@@ -64,7 +64,7 @@ class Arm(MotionMethods):
             package.
 
     Raises:
-        CalibrationError: Every motion of an arm that is not calibrated, except small steps of
+        CalibrationError: The arm is not calibrated, and the motion is more than a small step of
             single joints; nothing has moved.
         RefusedError: Something is in the way of a motion; nothing has moved. Or the guard stopped
             the motion, and the arm holds.
@@ -279,7 +279,7 @@ class Arm(MotionMethods):
         holds the present joints (n,); measured if None.
 
         Raises:
-            UnknownNameError: No such pose.
+            UnknownNameError: There is no such pose.
             BadValueError: ``start`` has another shape, or a number is not finite.
         """
         return self.preflight.pose_within_limits(pose, start)

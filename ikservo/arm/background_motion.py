@@ -91,9 +91,9 @@ class RunningMotion(Generic[T]):
 
         Raises:
             NotSettledError: The motion has not ended by then; a ``TimeoutError``. It continues.
-            StoppedError: It was cancelled or stopped; the arm holds.
+            StoppedError: The motion was cancelled or stopped; the arm holds.
             KeyboardInterrupt: Ctrl-C; the arm was braked and holds.
-            IkservoError: Whatever the blocking call would have raised.
+            IkservoError: The error that the blocking call would have raised.
         """
         check_not_forked(self._process_id)
         if timeout_s is not None:

@@ -54,7 +54,7 @@ def follow_goals(
 
     Args:
         arm: The arm.
-        source: Gives the goals.
+        source: Provides the goals.
         speed: The speed class.
         jerk_factor: Factor of the jerk of the speed class. Values above 1 shorten brief motions;
             the largest speed and acceleration stay.

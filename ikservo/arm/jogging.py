@@ -151,7 +151,7 @@ def jog(arm: ArmParts, what: str, speed: float | None = None, *, wanted: KeepGoi
         The final position and the reason: no longer requested, a limit, or the guard.
 
     Raises:
-        UnknownNameError: No such joint or direction.
+        UnknownNameError: There is no such joint or direction.
         BadValueError: The speed is zero, not finite or too high.
     """
     if not callable(wanted):

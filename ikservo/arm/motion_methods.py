@@ -453,7 +453,7 @@ class MotionMethods(Protocol):
         """Move some joints, given by name [rad or m]; the others stay. Or move all of them (n,).
 
         Raises:
-            UnknownNameError: No such joint.
+            UnknownNameError: There is no such joint.
             RefusedError: A position is outside the limits; nothing has moved. Others as for
                 ``move_to``.
         """
@@ -483,7 +483,7 @@ class MotionMethods(Protocol):
             The result; ``binding`` names the joints that were clamped.
 
         Raises:
-            UnknownNameError: No such pose; the closest name is suggested.
+            UnknownNameError: There is no such pose; the closest name is suggested.
             RefusedError: The pose is outside this arm's limits, or something is in the way.
         """
         on_progress = options.pop("on_progress", None)

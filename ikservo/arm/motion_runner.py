@@ -40,7 +40,7 @@ from ikservo.planning.reports import ArmState
 
 _CLOSED = (
     StopReason(StopKind.CLOSED, "The program closed the arm during a motion."),
-    "It holds. Open it again to move it.",
+    "The arm holds its position. Open it again to move it.",
 )
 _RELEASED = (
     StopReason(StopKind.RELEASED, "The program switched torque off during a motion."),
@@ -93,7 +93,7 @@ class MotionRunner:
 
     @property
     def motion_running(self) -> bool:
-        """Whether a motion runs, in one control loop or several."""
+        """Whether a motion is running, in one control loop or several."""
         return self._servos.stop_request.motion_running
 
     @property
@@ -170,7 +170,7 @@ class MotionRunner:
 
         Raises:
             RefusedError: A motion is running, or a stop was not acknowledged.
-            UnknownNameError: No such joint.
+            UnknownNameError: There is no such joint.
         """
         with self.lock:
             self._servos.torque.check_idle()
@@ -383,7 +383,7 @@ class MotionRunner:
         """Return the speed class of a motion that starts now; the first motion is slow.
 
         Raises:
-            UnknownNameError: No such speed.
+            UnknownNameError: There is no such speed.
         """
         self._context.model.speed(speed)
         return "slow" if self._read_first_motion() else speed

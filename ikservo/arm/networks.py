@@ -24,7 +24,7 @@ class ArmNetwork(Protocol):
         """Open the arm at an address.
 
         Raises:
-            PortError: It cannot be reached.
+            PortError: The arm cannot be reached.
         """
         ...
 
@@ -32,7 +32,7 @@ class ArmNetwork(Protocol):
         """Stop the arm at an address, whoever controls it.
 
         Raises:
-            PortError: It cannot be reached.
+            PortError: The arm cannot be reached.
         """
         ...
 
@@ -48,7 +48,7 @@ def find_network(port: object) -> tuple[ArmNetwork, str] | None:
         port: Given by the user; ``IKSERVO_PORT`` if None.
 
     Raises:
-        BadValueError: It is not a name of a port.
+        BadValueError: The value is not a name of a port.
     """
     address = named_port(parse_port(port))
     network = _load(address.partition(":")[0]) if ":" in address else None

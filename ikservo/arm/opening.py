@@ -69,7 +69,7 @@ def open_bus(model: Model, port: str | None = None, *, retries: int = 2) -> Serv
 
     Raises:
         InputError: The model names no servos.
-        PortError: No such port, none to choose from, or it cannot be opened.
+        PortError: There is no such port, none to choose from, or it cannot be opened.
     """
     specs = servo_specs(model)
     url, ids = resolve_port(model, port), [spec.id for spec in specs]
@@ -94,7 +94,7 @@ def resolve_port(model: Model, port: str | None) -> str:
 
     Raises:
         NoPortError: There is no port to choose from.
-        BadValueError: It is not the name of a port.
+        BadValueError: The value is not the name of a port.
     """
     name = choose_port(parse_port(port), model.name)
     if not is_simulator(name):
@@ -148,8 +148,8 @@ def open_arm(
             calibration can move freely.
 
     Raises:
-        UnknownNameError: No such arm.
-        NoPortError: No such port, or none to choose from.
+        UnknownNameError: There is no such arm.
+        NoPortError: There is no such port, or none to choose from.
         PortBusyError: Another process holds the port.
         ServoSilentError: Servos do not reply; they and unexpected ones are named.
         BadReplyError: Two servos have one id.

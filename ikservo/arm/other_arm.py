@@ -46,7 +46,7 @@ class OtherArm:
             self.left = self.links_at(self.context.servos.measure_positions())
 
     def things(self, arm: object) -> list[KeepOutShape]:
-        """Measure its links and what it holds: rounded rods in the base frame.
+        """Measure the links and what the arm holds, as rounded rods in the base frame.
 
         A closed arm stays where it was when it was closed.
 
@@ -54,7 +54,7 @@ class OtherArm:
             arm: This arm, which takes turns with the other one.
 
         Raises:
-            RefusedError: The other arm moves, or its position cannot be measured.
+            RefusedError: The other arm is moving, or its position cannot be measured.
         """
         if self.turn.is_of_other(arm):
             raise other_moves(self.name)

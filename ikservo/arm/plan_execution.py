@@ -387,7 +387,7 @@ def check_plan(plan: object) -> None:
     """Refuse a value that is not a plan.
 
     Raises:
-        BadValueError: It is not a plan.
+        BadValueError: The value is not a plan.
     """
     if not isinstance(plan, MotionPlan):
         raise BadValueError(

@@ -123,7 +123,7 @@ class Scene:
             self._change({**self._things, name: make_shape(kind, name, sizes)}, self._held)
 
     def change(self, name: str, /, **sizes: Any) -> None:  # noqa: ANN401  # keys of a file
-        """Change keys of a thing that stands around the arm: its place, its size or its name.
+        """Change a thing around the arm: its place, its size or its name.
 
         ``arm.scene.change("the shelf", center_m=(0.3, 0.25, 0.1))``
 
@@ -162,7 +162,7 @@ class Scene:
         """Add the things of a scene file.
 
         Raises:
-            FileFormatError: It is malformed.
+            FileFormatError: The file is malformed.
             BadValueError: A name is taken.
             RefusedError: The arm moves without a plan, or the file has another arm; see
                 ``add_arm``.
@@ -291,7 +291,7 @@ class Scene:
 
         Raises:
             UnknownNameError: There is no such thing.
-            BadValueError: It is a box of the arm file or a half-space, or too large.
+            BadValueError: The thing is a box of the arm file or a half-space, or too large.
             RefusedError: A motion is running.
         """
         parse_name(_NAME, name)

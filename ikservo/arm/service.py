@@ -37,7 +37,7 @@ class ArmDescription:
     Attributes:
         version: The version of ikservo.
         arm: The arm's name.
-        port: The port it is on.
+        port: Its port.
         zeros: The name of the ``ZeroSource`` of its joints.
         joints: All joints, in the order of vectors (n,).
         lower: Lower limits (n,), rad or m.
@@ -114,7 +114,7 @@ class ArmService:
 
         Args:
             reason: Reason of the stop.
-            at_rest: Reason if no motion runs; ``reason`` if None.
+            at_rest: Reason if no motion is running; ``reason`` if None.
             lease: The lease of the client that asks.
 
         Raises:
@@ -207,7 +207,9 @@ class ArmService:
         holder = self.lease.holder
         if holder is None or holder.lease != lease:
             return False
-        return self.lose(holder, f"{holder.operator} gave back control; the arm holds.")
+        return self.lose(
+            holder, f"{holder.operator} gave back control; the arm holds its position."
+        )
 
     def lose(self, holder: Holder, text: str) -> bool:
         """Take the lease, and stop the motion that runs under it; return whether it was held."""
@@ -234,8 +236,8 @@ class ArmService:
             if holder is None:
                 left_s = _WATCH_PERIOD_S
             elif left_s <= 0.0:
-                text = f"{holder.operator} was not heard for {limit_s:.1f} s; the arm holds."
-                self.lose(holder, text)
+                silence = f"{holder.operator} was not heard for {limit_s:.1f} s"
+                self.lose(holder, f"{silence}; the arm holds its position.")
             closing.wait(min(max(left_s, 0.001), _WATCH_PERIOD_S))
 
     def close(self, text: str) -> None:

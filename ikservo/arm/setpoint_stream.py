@@ -186,7 +186,7 @@ class SetpointStream:
 
         Raises:
             BadValueError: The setpoint has none of these forms, or a number is not finite.
-            UnknownNameError: No such joint.
+            UnknownNameError: There is no such joint.
             StoppedError: The arm was stopped; it holds.
             IkservoError: The error that ended the stream; the arm holds.
         """

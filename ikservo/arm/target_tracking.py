@@ -38,8 +38,8 @@ class TargetTracker:
         """Find the joints (n,) for a target from the last ones, and whether they reach the target.
 
         Raises:
-            BadValueError: It is not a target, or a number in it is not finite.
-            UnknownNameError: It names a joint or a link that the arm does not have.
+            BadValueError: The value is not a target, or a number in it is not finite.
+            UnknownNameError: The target names a joint or a link that the arm does not have.
         """
         parsed = parse_target(target, self._index.names)
         if isinstance(parsed, Mapping):
@@ -89,7 +89,7 @@ def parse_target(target: CartesianOrJointTarget, names: Sequence[str]) -> Target
 
     Raises:
         BadValueError: The target has none of these forms, or a number is not finite.
-        UnknownNameError: No such joint.
+        UnknownNameError: There is no such joint.
     """
     if isinstance(target, Target):
         return target
@@ -114,7 +114,7 @@ def parse_setpoint(
 
     Raises:
         BadValueError: The setpoint has none of these forms, or a number is not finite.
-        UnknownNameError: No such joint.
+        UnknownNameError: There is no such joint.
     """
     if isinstance(setpoint, Target):
         return setpoint

@@ -154,7 +154,7 @@ def read_calibration(path: Path) -> Calibration:
     """Read and check a calibration file.
 
     Raises:
-        FileFormatError: It is damaged, not a calibration or of another format.
+        FileFormatError: The file is damaged, not a calibration or of another format.
     """
     return parse_calibration(path, read_text(path, MAX_BYTES))
 
@@ -194,7 +194,7 @@ def load_calibration(arm: str, usb_serial_number: str) -> Calibration | None:
     """Load the calibration of an arm on an adapter, or None if there is none.
 
     Raises:
-        FileFormatError: It is damaged; the message says what can be done.
+        FileFormatError: The file is damaged; the message says what can be done.
     """
     return load_calibration_file(calibration_path(arm, usb_serial_number), arm)
 
@@ -203,7 +203,7 @@ def load_calibration_file(path: Path, arm: str) -> Calibration | None:
     """Load the calibration in a file of an arm, or None if there is none.
 
     Raises:
-        FileFormatError: It is damaged; the message says what can be done.
+        FileFormatError: The file is damaged; the message says what can be done.
     """
     if not path.exists():
         return None
@@ -232,7 +232,7 @@ def restore_calibration(path: Path) -> Calibration:
     Raises:
         FileFormatError: There is no previous one, or it cannot be used either.
         InputError: The present one is not damaged.
-        FileWriteError: It cannot be written.
+        FileWriteError: The file cannot be written.
     """
     backup = backup_path(path)
     text = read_text(backup, MAX_BYTES)
@@ -273,7 +273,7 @@ def save_calibration(calibration: Calibration) -> Path:
     """Write a calibration to its file; the previous one is kept as a backup.
 
     Raises:
-        FileWriteError: It cannot be written; the previous one is unchanged.
+        FileWriteError: The file cannot be written; the previous one is unchanged.
     """
     path = calibration_path(calibration.arm, calibration.usb_serial_number)
     write_atomic(path, dump_calibration(calibration), keep_old=True)

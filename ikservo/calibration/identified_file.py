@@ -1,4 +1,4 @@
-"""The file of an identified arm: masses and motors of one arm, beside its calibration."""
+"""The identification file of one arm: its masses and motors."""
 
 from __future__ import annotations
 
@@ -77,7 +77,7 @@ def read_identified(path: Path) -> IdentifiedArm:
     """Read and check the file of an identified arm.
 
     Raises:
-        FileFormatError: It is damaged, or of another kind.
+        FileFormatError: The file is damaged, or of another kind.
     """
     tables = parse_toml(path, strip_checksum(path, read_text(path, MAX_BYTES)))
     try:
@@ -106,7 +106,7 @@ def save_identified(identified: IdentifiedArm) -> Path:
     """Write the file of an identified arm; the previous one is kept as a backup.
 
     Raises:
-        FileWriteError: It cannot be written; the previous one is unchanged.
+        FileWriteError: The file cannot be written; the previous one is unchanged.
     """
     path = identified_path(identified.arm, identified.usb_serial_number)
     write_atomic(path, dump_identified(identified), keep_old=True)

@@ -47,7 +47,7 @@ def read_lerobot(path: Path) -> tuple[LerobotJoint, ...]:
     """Read a LeRobot calibration.
 
     Raises:
-        FileFormatError: It is not a LeRobot calibration.
+        FileFormatError: The file is not a LeRobot calibration.
     """
     return parse_lerobot(path, read_text(path, _MAX_BYTES))
 
@@ -173,7 +173,7 @@ def find_lerobot(id_or_path: str) -> Path:
     LeRobot has renamed them: so100_follower, so101_follower, now so_follower.
 
     Raises:
-        UnknownNameError: No such id; those that exist are listed.
+        UnknownNameError: There is no such id; those that exist are listed.
         InputError: Several devices have that id; their files are listed.
     """
     if not _ID.fullmatch(id_or_path):

@@ -13,7 +13,7 @@ _MAX_NAME_CHARS = 64
 
 
 def calibration_path(arm: str, usb_serial_number: str) -> Path:
-    """Return the file of the calibration of an arm: ``arms/so101-58FA083.toml``."""
+    """Return an arm's calibration file: ``arms/so101-58FA083.toml``."""
     return config_dir() / "arms" / f"{_file_stem(arm, usb_serial_number)}.toml"
 
 
@@ -53,7 +53,7 @@ def journals_of(arm: str) -> list[Path]:
 
 
 def pictures_path(arm: str, began: datetime) -> Path:
-    """Return the folder of the pictures of a calibration that is not complete."""
+    """Return the folder with the pictures of an incomplete calibration."""
     return config_dir() / "pictures" / f"{_file_stem(arm, '')}-{began:%Y%m%d-%H%M%S}"
 
 

@@ -94,7 +94,7 @@ def read_servo_config(bus: ServoBus, servo_id: int) -> ServoConfig:
     """Read the configuration of a servo.
 
     Raises:
-        BusError: It does not reply.
+        BusError: The servo does not reply.
     """
     table = bus.servos[servo_id].table
     rows = calibration_registers(table)

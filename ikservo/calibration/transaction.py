@@ -170,7 +170,7 @@ def _join_changes(
 
 
 def progress(bus: ServoBus, journal: Journal) -> TransactionProgress:
-    """Return how far a transaction came.
+    """Return whether a transaction has changed no servo, some servos, or every servo.
 
     Raises:
         BusError: A servo does not reply.

@@ -95,7 +95,7 @@ def _check_each_joint(machine: Arm, joints: Sequence[str], *, yes: bool) -> list
     if not (operator.interactive or yes):
         raise InputError(
             "Cannot ask whether the joints move correctly: input is not a terminal.",
-            "Without asking: --yes",
+            "To go on without being asked, add --yes.",
         )
     names = [machine.model.joint(name).name for name in joints]
     return operator.run(

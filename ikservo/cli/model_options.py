@@ -61,7 +61,7 @@ class PostureOptions:
         Raises:
             BadValueError: A weight is not a number of at least 0, or something is given twice.
             InputError: Invalid text, or a weight of a joint without a preferred position.
-            UnknownNameError: No such joint or pose.
+            UnknownNameError: There is no such joint or pose.
         """
         q, weights = np.zeros(chain.dof), np.zeros(chain.dof)
         poses = [name for name in self.prefer or () if "=" not in name]

@@ -140,7 +140,7 @@ class NamedServoConnection(ArmConnection):
 
 @dataclass(frozen=True, kw_only=True)
 class MotionOptions:
-    """How a command opens the arm, what it checks and asks before a motion, and its output.
+    """Options for opening the arm, for checks and questions before a motion, and for output.
 
     A command that offers only some of them says so with ``Without``.
     """

@@ -174,7 +174,7 @@ class JointState:
     """One joint as its servo reports it.
 
     Attributes:
-        position_rad: Measured; metres for a prismatic joint.
+        position_rad: Measured position; metres for a prismatic joint.
         lower_rad: Lower limit, same unit.
         upper_rad: Upper limit.
         limit_from: The source of the limits.

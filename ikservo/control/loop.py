@@ -81,7 +81,7 @@ class TimeScaler:
         return self.rate <= 0.0
 
     def step(self, elapsed_s: float, *, braking: bool) -> float:
-        """Count one control cycle, adapt the rate, and return how far the motion advances.
+        """Count one control cycle, adapt the rate, and return the time that the motion advances by.
 
         Called once per cycle, before the lag of the joints is checked.
 
@@ -210,7 +210,7 @@ class ControlLoop:
         """The time between two goals, seconds; reads no servo.
 
         Raises:
-            RefusedError: It was neither given nor measured yet.
+            RefusedError: The time was neither given nor measured yet.
         """
         if self._cycle_time_s is None:
             raise RefusedError(
@@ -269,7 +269,7 @@ class ControlLoop:
             StoppedError: A stop was requested; the arm was braked and holds.
             ServoSilentError: A joint did not reply in three consecutive cycles; the others hold.
             ServoAlarmError: A servo reports a fault, or was reset; the arm holds.
-            RefusedError: The guard stopped it, or a joint does not follow; the arm holds.
+            RefusedError: The guard stopped the motion, or a joint does not follow; the arm holds.
             PortLostError: The port is gone.
         """
         from ikservo.control.real_time import steady_timing  # noqa: PLC0415

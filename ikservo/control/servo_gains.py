@@ -32,7 +32,7 @@ def raise_gains(bus: ServoBus, servo_id: int, *, gripper: bool) -> None:
     """Raise the gains of a servo whose defaults are too low; in RAM, and only upwards.
 
     Raises:
-        BusError: It does not answer.
+        BusError: The servo does not answer.
     """
     table = bus.servos[servo_id].table
     gains = (_GRIPPER_GAINS if gripper else _ARM_GAINS).get(table.model_name, _NO_GAINS)

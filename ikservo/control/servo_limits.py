@@ -20,12 +20,12 @@ def limit_torque(bus: ServoBus, servo_id: int, fraction: float) -> None:
 
     Raises:
         RegisterAccessError: The model has no such limit.
-        BusError: It cannot be written.
+        BusError: The limit cannot be written.
     """
     registers = torque_limit_registers(bus, servo_id)
     if registers is None:
         servo = str(bus.servos[servo_id])
-        raise RegisterAccessError(servo, "its torque limit", "there is none in RAM")
+        raise RegisterAccessError(servo, "torque limit", "there is none in RAM")
     limit, maximum = registers
     max_counts = bus.read(servo_id, maximum, raw=True)
     bus.write(servo_id, limit, max(1, round(fraction * max_counts)), raw=True)
@@ -57,7 +57,7 @@ def read_torque_share(bus: ServoBus, servo_id: int) -> float:
     """Read the largest fraction of its torque that a servo's present limits allow.
 
     Raises:
-        BusError: It does not answer.
+        BusError: The servo does not answer.
     """
     registers = torque_limit_registers(bus, servo_id)
     if registers is None:
@@ -80,7 +80,7 @@ def read_overload_rule(bus: ServoBus, servo_id: int, gain_share: float) -> Overl
         gain_share: Its P gain as a fraction of the gain in the table of motors.
 
     Raises:
-        BusError: It does not answer.
+        BusError: The servo does not answer.
     """
     table = bus.servos[servo_id].table
     registers, torque = table.registers, find_servo_torque(table.model_name, None)
@@ -128,8 +128,9 @@ class ServoRamLimits:
     Args:
         bus: The servos' bus.
         servo_ids: The servos that goals are sent to.
-        unwatched: Servos without watchdog. A tripped one sets the servo's goal to its position, and
-            a joint under load sinks from there further than it would move to its last goal.
+        unwatched: Servos without watchdog. A tripped watchdog sets the servo's goal to its
+            position, and a joint under load sinks from there further than it would move to its last
+            goal.
     """
 
     def __init__(
@@ -161,7 +162,7 @@ class ServoRamLimits:
             keep_torque: Whether its torque limit is kept.
 
         Raises:
-            BusError: It does not answer.
+            BusError: The servo does not answer.
         """
         registers = self._limit_registers(servo_id)
         if "bus_watchdog" in registers:

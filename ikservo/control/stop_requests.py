@@ -61,7 +61,7 @@ class StopRequest:
 
     @property
     def motion_running(self) -> bool:
-        """Whether a motion runs, in one control loop or several; see ``motion``."""
+        """Whether a motion is running, in one control loop or several; see ``motion``."""
         return self._motion_running
 
     def set(self, reason: StopReason, signal: int = 0) -> None:
@@ -129,7 +129,7 @@ class StopRequest:
         """Raise if the arm was stopped after this thread's request, or that was withdrawn.
 
         Raises:
-            StoppedError: It was, even if the stop has been acknowledged since.
+            StoppedError: The arm was stopped, even if that has been acknowledged since.
         """
         if self.is_request_over():
             raise StoppedError((self._reason or STOPPED_AFTER_REQUEST).text, REQUEST_HINT)
@@ -268,7 +268,7 @@ def stop_on_signals(stop_request: StopRequest, running: Callable[[], bool]) -> N
 
     Args:
         stop_request: Set by the signal.
-        running: Whether the motion still runs.
+        running: Whether the motion is still running.
     """
     _watched_stops[:] = [each for each in _watched_stops if each[1]()]
     _watched_stops.append((stop_request, running))

@@ -68,7 +68,7 @@ class StreamedServos:
         driven_joints: The joints, each with its servo, limits and speed.
         names: The joints, in the order of the vectors.
         stop_request: Requests that the running motion ends.
-        torque: Whether the servos hold, and whether a control loop runs.
+        torque: Whether the servos hold, and whether a control loop is running.
         restarts: Number of times in this motion that the servos were started again after their
             watchdogs stopped them, because the program was delayed.
         overload: Predicts when a servo protects itself, and relaxes a joint that presses before.
@@ -121,7 +121,9 @@ class StreamedServos:
         known = [goal for goal in self._gate.goals if goal is not None]
         if len(known) < len(self.driven_joints):  # another thread acknowledged a stop in between
             self.stop_request.check_request()
-            raise RefusedError("The servos have no goals.", "Nothing was sent. Request it again.")
+            raise RefusedError(
+                "The servos have no goals.", "Nothing was sent. Request the motion again."
+            )
         return self._to_positions(known)
 
     def reference(self) -> Vector:
@@ -286,8 +288,8 @@ class StreamedServos:
         Raises:
             BusError: A servo does not answer.
             ServoAlarmError: A servo reports a fault.
-            RefusedError: The arm was stopped, its torque was never switched on, or it moves
-                already; the present motion continues.
+            RefusedError: The arm was stopped, its torque was never switched on, or it is already
+                moving; the present motion continues.
             StoppedError: A stop was requested between two control loops.
         """
         self.torque.check_idle()
@@ -378,8 +380,8 @@ class StreamedServos:
         """Read the telemetry of one servo between two motions, its torque still on.
 
         Raises:
-            BusError: It does not answer.
-            ServoAlarmError: It reports a fault, has a wrong supply, or was reset.
+            BusError: The servo does not answer.
+            ServoAlarmError: The servo reports a fault, has a wrong supply, or was reset.
         """
         if self._health_poller:
             self._health_poller.poll()
@@ -405,7 +407,7 @@ class StreamedServos:
         )
 
     def allowed_advance_s(self, elapsed_s: float) -> float:
-        """Return how far a motion may advance so that its goals stay near the joints."""
+        """Return the time by which a motion may advance while its goals stay near the joints."""
         return self._gate.allowed_advance_s(elapsed_s)
 
     def send_goals(self, positions: Vector, now_s: float, reference: Vector | None = None) -> bool:
@@ -566,7 +568,7 @@ class StreamedServos:
         """Write goals, each within its limits or where its joint was measured or sent before.
 
         Raises:
-            RefusedError: A goal is not; nothing was sent.
+            RefusedError: A goal is neither; nothing was sent.
         """
         write_goals(
             self._bus,

@@ -58,7 +58,7 @@ class TorqueStateMachine:
 
     @property
     def is_moving(self) -> bool:
-        """Whether a control loop runs, which will handle a stop request in its next cycle."""
+        """Whether a control loop is running, which will handle a stop request in its next cycle."""
         return self._loop_running
 
     @property
@@ -77,10 +77,10 @@ class TorqueStateMachine:
         return self._first_motion_due
 
     def check_idle(self) -> None:
-        """Raise if a control loop runs.
+        """Raise if a control loop is running.
 
         Raises:
-            RefusedError: A control loop runs.
+            RefusedError: A control loop is running.
         """
         if self._loop_running:
             raise RefusedError(
@@ -105,7 +105,7 @@ class TorqueStateMachine:
         """Record that a control loop starts to send goals.
 
         Raises:
-            RefusedError: A loop runs already, or torque is not known to be on.
+            RefusedError: A loop is already running, or torque is not known to be on.
         """
         self.check_idle()
         if not self.is_on:

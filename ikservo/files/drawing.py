@@ -109,7 +109,7 @@ def read_drawing(path: Path | str, unit: str | None = None) -> Drawing:
         unit: ``m`` or ``mm``, for a CSV without a unit in its header.
 
     Raises:
-        FileFormatError: It is missing, empty, too large or malformed; the line is named.
+        FileFormatError: The file is missing, empty, too large or malformed; the line is named.
         InputError: svgelements is not installed.
         BadValueError: The unit is neither, or contradicts the file.
     """

@@ -22,7 +22,7 @@ def parse_path(value: object) -> Path:
     """Parse the path of a file.
 
     Raises:
-        BadValueError: It is neither text nor a path.
+        BadValueError: The value is neither text nor a path.
     """
     if not isinstance(value, str | os.PathLike):
         raise BadValueError("The file", shown(value), "a path")
@@ -33,7 +33,7 @@ def read_text(path: Path, limit_bytes: int) -> str:
     """Read the text of a regular file in UTF-8, with or without byte order mark.
 
     Raises:
-        FileFormatError: It is missing, not a file, unreadable, too large, empty or not UTF-8.
+        FileFormatError: The file is missing, not a file, unreadable, too large, empty or not UTF-8.
     """
     require_file(path)
     data = _read_at_most(path, limit_bytes)
@@ -53,7 +53,7 @@ def require_file(path: Path) -> None:
     """Refuse anything but a regular file: reading a pipe or a terminal would wait forever.
 
     Raises:
-        FileFormatError: It does not exist, is not a regular file, or cannot be accessed.
+        FileFormatError: The file does not exist, is not a regular file, or cannot be accessed.
     """
     mode = _file_mode(path)
     if stat.S_ISDIR(mode):
@@ -70,8 +70,8 @@ def parse_json(text: str | bytes, parse_int: Callable[[str], int] | None = None)
         parse_int: Parses integers, if not all are accepted.
 
     Raises:
-        ValueError: It is not valid JSON, or not UTF-8.
-        RecursionError: It is nested too deeply.
+        ValueError: The text is not valid JSON, or not UTF-8.
+        RecursionError: The text is nested too deeply.
     """
     return json.loads(
         text, object_pairs_hook=_unique, parse_constant=_no_number, parse_int=parse_int

@@ -129,7 +129,7 @@ def remove_durably(path: Path) -> None:
     """Remove a file durably; a missing one is not an error.
 
     Raises:
-        FileWriteError: It stays, or may come back after a power cut; the message says which.
+        FileWriteError: The file stays, or may come back after a power cut; the message says which.
     """
     with _translating_os_errors(path):
         path.unlink(missing_ok=True)

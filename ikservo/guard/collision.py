@@ -293,7 +293,7 @@ class CollisionChecker:
         return np.where(been_free, again_m, np.minimum(gap_m[0], 0.0) - self._deeper_m(gap_m[0]))
 
     def _deeper_m(self, start_m: Vector) -> Vector:
-        """Compute how much deeper than at the start each distance may become [m].
+        """Compute by how much [m] each pair may overlap more than at the start.
 
         If only the sagging arm touches, it may use up half of the distance that the arm itself has
         at the start.

@@ -140,7 +140,7 @@ def require_int_tick(joint: str, tick: object) -> None:
     """Check that a tick is an integer.
 
     Raises:
-        RefusedError: It is not; the joint is named.
+        RefusedError: The tick is not an integer; the joint is named.
     """
     # bool is an int in Python, but True is not a position.
     if not isinstance(tick, int) or isinstance(tick, bool):

@@ -45,8 +45,8 @@ class StopReason:
     """Reason why an arm was stopped.
 
     Attributes:
-        kind: For programs.
-        text: For the user; lines after the first are details.
+        kind: The kind of message, for programs.
+        text: The text for the user; lines after the first are details.
     """
 
     kind: StopKind
@@ -175,10 +175,10 @@ class Gate:
             joint.set_speed(speed)
 
     def allowed_advance_s(self, elapsed_s: float) -> float:
-        """Return how far a motion may advance in a time; less if a joint lags behind.
+        """Return the time by which a motion may advance; less than elapsed if a joint lags behind.
 
-        A stream that advances its motion by this instead of the time itself keeps within the
-        maximum lead: it waits for the joints.
+        A stream that advances its motion by this time, instead of the elapsed one, waits for the
+        joints and so stays within the maximum lead.
         """
         elapsed_s = min(elapsed_s, MAX_ELAPSED_S)
         driven = [joint for joint in self._joints if joint.goal is not None]

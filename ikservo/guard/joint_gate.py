@@ -111,7 +111,7 @@ class JointGate:
         return min(max((1.0 - lead / self._max_lead) / (1.0 - _EASE_FROM), 0.0), 1.0)
 
     def allowed_advance_s(self, elapsed_s: float) -> float:
-        """Compute how far a motion may advance in a time; less if the joint lags behind.
+        """Compute the time by which a motion may advance; less than elapsed if the joint lags.
 
         Goals within the speed of `set_speed` stay within the maximum lead.
         """
@@ -193,7 +193,7 @@ class JointGate:
         """Check that a goal is inside the limits, or on the path back to them from a start tick.
 
         Raises:
-            RefusedError: It is not, or it is not an integer.
+            RefusedError: The goal is outside, or not an integer.
         """
         require_int_tick(self._name, tick)
         low, high = self._range

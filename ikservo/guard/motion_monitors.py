@@ -68,7 +68,7 @@ class TrackingMonitor:
         if self.lagging.any():
             names = [self._names[i] for i in np.flatnonzero(self.lagging)]
             raise RefusedError(
-                f"{', '.join(names)} does not follow its setpoint; motion stopped.",
+                f"{_not_following(names)}; motion stopped.",
                 "Check for obstacles, its cable, and its alarms: ikservo where",
             )
 
@@ -188,7 +188,7 @@ class _Heating:
         self.degree_c, self.since_s = telemetry.temperature_c, telemetry.time_s
 
     def time_left(self, hold_c: float) -> str:
-        """Return in words when a temperature will be reached; empty if it does not rise."""
+        """Describe when a temperature will be reached; empty if it does not rise."""
         if self.rate_c_s <= 0.0 or hold_c == math.inf:
             return ""
         return f", at this rate in {(hold_c - self.degree_c) / self.rate_c_s:.0f} s"
@@ -260,7 +260,7 @@ class HealthMonitor:
                 raise RefusedError(
                     f"No status (temperature, voltage, load) from {joint} for "
                     f"{time_s - read_s:.1f} s; stopped.",
-                    "The arm holds. See: ikservo where",
+                    "The arm holds its position. See: ikservo where",
                 )
 
     def _find_faults(self, telemetry: ServoTelemetry) -> Iterator[_ThresholdFault]:
@@ -347,9 +347,16 @@ def power_lost_error(
 
 def overweight_error(joints: Sequence[str]) -> RefusedError:
     """Return the error of joints that do not follow because the arm is too heavy for them."""
-    text = f"{', '.join(joints)} does not follow its setpoint; motion stopped: the servo is too "
     hint = "Fold the limp arm by hand so that it reaches out less, then move again: ikservo relax"
-    return RefusedError(f"{text}weak to lift the arm from this posture.", hint)
+    too_weak = "the servo is too weak" if len(joints) == 1 else "their servos are too weak"
+    found = f"{_not_following(joints)}; motion stopped: {too_weak}"
+    return RefusedError(f"{found} to lift the arm from this posture.", hint)
+
+
+def _not_following(joints: Sequence[str]) -> str:
+    """Return the clause that names the joints that do not follow."""
+    verb = "does not follow its setpoint" if len(joints) == 1 else "do not follow their setpoints"
+    return f"{', '.join(joints)} {verb}"
 
 
 def say_what_fell(

@@ -250,7 +250,7 @@ class ServoBus(RegisterAccess):
             within_s: The time to wait for it.
 
         Raises:
-            PortLostError: It did not come back in time.
+            PortLostError: The adapter did not come back in time.
         """
         reconnect(self.port, serial_number, within_s)
         self._torque_on.clear()

@@ -250,7 +250,7 @@ def read_backup(path: Path) -> Backup:
     """Read the contents of a copy.
 
     Raises:
-        FileFormatError: It is not a backup, or is damaged.
+        FileFormatError: The file is not a backup, or is damaged.
     """
     return parse_backup(path, read_text(path, MAX_BYTES))
 
@@ -259,7 +259,7 @@ def parse_backup(path: Path, text: str) -> Backup:
     """Parse the text of a copy; the path is only for messages.
 
     Raises:
-        FileFormatError: It is not a backup, or is damaged.
+        FileFormatError: The text is not a backup, or is damaged.
     """
     tables = parse_toml(path, text)
     model, servo_id = tables.get("model"), tables.get("id")
@@ -308,7 +308,7 @@ def firmware_version(bus: ServoBus, servo_id: int) -> str:
     """Return a servo's firmware version as its vendor writes it.
 
     Raises:
-        BusError: It does not reply.
+        BusError: The servo does not reply.
     """
     registers = bus.servos[servo_id].table.registers
     names = [name for name in _FIRMWARE if name in registers]

@@ -143,7 +143,7 @@ def read_packet_log(path: Path) -> Iterator[LoggedBytes]:
     """Read the traffic of ports; an incomplete last block is left out.
 
     Raises:
-        FileFormatError: It is not a recording of packets, or is damaged.
+        FileFormatError: The file is not a recording of packets, or is damaged.
     """
     require_file(path)
     opening = 0

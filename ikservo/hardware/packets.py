@@ -16,7 +16,7 @@ class Status:
         servo_id: The sender.
         data: The parameters, exactly the requested number of bytes.
         alarm_bits: The alarms that the servo reports; the data are valid all the same.
-        ambiguous: It cannot be distinguished from the reply to an earlier request.
+        ambiguous: Whether it cannot be distinguished from the reply to an earlier request.
     """
 
     servo_id: int
@@ -63,7 +63,7 @@ class MemoryRange:
 
     Attributes:
         address: First byte.
-        size: Bytes.
+        size: Number of bytes.
     """
 
     address: int
@@ -152,7 +152,7 @@ class PacketCodec(Protocol):
         Args:
             data: The bytes so far.
             sizes: Bytes of data in the expected replies.
-            final: No more bytes will come.
+            final: Whether no more bytes will come.
         """
         ...
 

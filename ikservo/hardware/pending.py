@@ -296,8 +296,8 @@ class AdaptiveTimeout:
         """Double the timeout from the third consecutive time without any reply.
 
         Args:
-            many: A group was requested; then the adapter or this machine is slow, and the timeout
-                is quadrupled at once.
+            many: Whether a group was requested; then the adapter or this machine is slow, and the
+                timeout is quadrupled at once.
         """
         self._timeouts = max(self._timeouts + 1, _MAX_OWN_MISSES + 2 if many else 0)
 

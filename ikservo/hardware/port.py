@@ -399,7 +399,7 @@ def open_port(name: str, baud_rate: int, arm: str = "", servo_ids: Collection[in
         servo_ids: The servos of this arm; without them the port is not shared.
 
     Raises:
-        PortError: It does not exist, is busy or may not be opened.
+        PortError: The port does not exist, is busy or may not be opened.
     """
     if not name or ":" in name or not servo_ids:  # no name, a simulated bus, a network, or any id
         return Port(_open_line(name, baud_rate), name, baud_rate)

@@ -75,7 +75,7 @@ class RegisterAccess:
         """Return the identity that a servo reports.
 
         Raises:
-            BusError: It does not reply, or its reply is invalid.
+            BusError: The servo does not reply, or its reply is invalid.
         """
         servo = self._require_servo(servo_id)
         driver = self._requester.driver_of(servo)
@@ -92,7 +92,7 @@ class RegisterAccess:
         """Read a register of one servo.
 
         Raises:
-            BusError: No usable reply, after retries.
+            BusError: There was no usable reply, after retries.
         """
         servo = self._require_servo(servo_id)
         register, driver = resolve_register(servo, ref), self._requester.driver_of(servo)
@@ -213,7 +213,7 @@ class RegisterAccess:
         """Restart a servo; its torque is off afterwards.
 
         Raises:
-            BusError: It refused or its family does not support reboot.
+            BusError: The servo refused or its family does not support reboot.
         """
         servo = self._require_servo(servo_id)
         driver = self._requester.driver_of(servo)
@@ -225,7 +225,7 @@ class RegisterAccess:
         """Give a servo its factory settings except its id; its torque is off afterwards.
 
         Raises:
-            BusError: It refused, or its family cannot keep its id.
+            BusError: The servo refused, or its family cannot keep its id.
         """
         servo = self._require_servo(servo_id)
         driver = self._requester.driver_of(servo)
@@ -279,7 +279,7 @@ class RegisterAccess:
         """Read a servo's alarms, from its alarm register or from its status packet.
 
         Raises:
-            BusError: No usable reply, after retries.
+            BusError: There was no usable reply, after retries.
         """
         if RegisterName.ALARMS in self._require_servo(servo_id).table.missing:
             self.ping(servo_id)

@@ -84,7 +84,7 @@ def encode_value(servo: ServoSpec, register: Register, value: float, *, raw: boo
         servo: The owner of the register, for messages.
         register: The servo's own register.
         value: Value in the register's unit, or its integer.
-        raw: The value is the integer.
+        raw: Whether the value is the raw integer.
 
     Raises:
         RegisterAccessError: The register is read-only or the value does not fit.

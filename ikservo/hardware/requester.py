@@ -186,7 +186,7 @@ class Requester:
             confirm: Checks a doubtful reply.
 
         Raises:
-            BusError: No usable reply, or a refusal.
+            BusError: There was no usable reply, or the servo refused.
         """
         if not repeat:
             self.driver_of(servo).transceiver.wait_for_pending((servo.id,))

@@ -210,8 +210,8 @@ def scan(
 
     Args:
         port: The port.
-        rates: Rates in the order of trying; None tries all known ones.
-        all_rates: Continue to the last rate.
+        rates: Rates to try, in this order; None: all known rates.
+        all_rates: Whether to continue to the last rate.
         on_step: Called with the progress.
 
     Raises:
@@ -294,7 +294,7 @@ def scan_port(
     Args:
         name: The port.
         rates: Baud rates, tried in this order.
-        all_rates: Continue after the first rate at which servos reply.
+        all_rates: Whether to continue after the first rate at which servos reply.
         on_step: Called with the progress.
 
     Raises:

@@ -21,8 +21,8 @@ def torque_on(bus: ServoBus, servo_id: int) -> int:
 
     Raises:
         ServoAlarmError: Its supply voltage is outside its own limits.
-        RefusedError: It is far outside its limits, or not in a position mode; torque stays off.
-        BusError: It does not reply, or does not accept the goal.
+        RefusedError: The servo is far outside its limits or in no position mode; torque stays off.
+        BusError: The servo does not reply, or does not accept the goal.
     """
     check_supply_voltage(bus, servo_id)
     accepted = read_goal_range(bus, servo_id)
@@ -79,7 +79,7 @@ def read_goal_range(bus: ServoBus, servo_id: int) -> tuple[int, int]:
 
     Raises:
         RefusedError: The servo is not in a position mode.
-        BusError: It does not reply.
+        BusError: The servo does not reply.
     """
     servo = bus.servos[servo_id]
     readings = bus.sync_read_many([servo_id], goal_range_registers(servo.table), raw=True)

@@ -97,7 +97,7 @@ def solve_batch(
 
     Raises:
         BadValueError: A shape or a rotation is not valid, or a number is not finite.
-        UnknownNameError: No such kind or frame.
+        UnknownNameError: There is no such kind or frame.
     """
     chain, q0s = chain_and_start(chain, q0s)
     _check_workers(workers)

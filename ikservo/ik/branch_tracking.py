@@ -115,7 +115,7 @@ class Solver:
 
     Raises:
         BadValueError: An axis or offset is invalid, or the arm is missing.
-        UnknownNameError: No such arm, kind or frame.
+        UnknownNameError: There is no such arm, kind or frame.
     """
 
     def __init__(

@@ -288,7 +288,7 @@ def _posture_gradient(chain: Chain, posture: Posture | None) -> tuple[Vector, Ve
     """Return ``q_pref`` and ``w`` of ``C_i = w_i (q_i - q_pref,i)``, both (dof,)."""
     if posture is None:
         return np.zeros(chain.dof), np.zeros(chain.dof)
-    weights = finite_vector(posture.weights, chain.dof, "The posture's weights")
+    weights = finite_vector(posture.weights, chain.dof, "The vector of weights")
     if (weights < 0.0).any():
         raise BadValueError("A posture's weight", float(weights.min()), "0 or more")
     # A weight of 1 reaches the posture in one step; a weight of 2 would oscillate forever.

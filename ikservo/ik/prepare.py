@@ -147,7 +147,9 @@ class TargetKind(IntEnum):
 def check_options(options: object) -> None:
     """Raise BadValueError if these are not options."""
     if not isinstance(options, Options):
-        raise BadValueError("The options", shown(options), "Options, as in Options(restarts=20)")
+        raise BadValueError(
+            "The value of options", shown(options), "Options, as in Options(restarts=20)"
+        )
 
 
 def check_homogeneous_row(poses: Matrix, what: str) -> None:

@@ -38,7 +38,7 @@ def chain_and_start(arm: ArmLike, q0: ArrayLike | None = None) -> tuple[Chain, A
     """Return the chain of an arm, and the default start: a model's initial joints.
 
     Raises:
-        BadValueError: It is not an arm.
+        BadValueError: The value is not an arm.
         UnknownNameError: No arm has that name.
     """
     if isinstance(arm, Chain):

@@ -167,7 +167,7 @@ class Result:
 
     @property
     def singularity(self) -> Singularity | None:
-        """The singular posture nearest to ``q``, some tens of ms; None if none is found.
+        """The singular posture nearest to ``q``, or None; takes some tens of milliseconds.
 
         If the target has more than a position, losing a rotation of the link also counts.
         """

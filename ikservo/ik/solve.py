@@ -134,7 +134,8 @@ def solve(
     Raises:
         BadValueError: q0 has a wrong shape or is not finite, an option makes no sense, or arm or
             target is missing.
-        UnknownNameError: No such arm or method, or the target's frame is not a link of the arm.
+        UnknownNameError: There is no such arm or method, or the target's frame is not a link of the
+            arm.
     """
     values = (
         tolerance,
@@ -214,7 +215,7 @@ def in_millimetres(chain: Chain, position_m: Sequence[float]) -> str:
         position_m: A point (3,) that the arm does not reach as metres.
 
     Returns:
-        Nothing if the arm does not reach it as millimetres either.
+        The text; empty if the arm does not reach the point in millimetres either.
     """
     point = np.asarray(position_m, dtype=float)
     if float(np.abs(point).max()) < _FAR_M:

@@ -82,7 +82,7 @@ def solve_acos_bsin(a: float, b: float, c: float) -> tuple[float, ...] | None:
 
 @dataclass(frozen=True, slots=True)
 class CircleTrace:
-    """A circle: ``along(θ) = A0 + A1 cos θ + A2 sin θ``, across the same with a0, a1, a2."""
+    """A circle: A0 + A1 cos θ + A2 sin θ in a plane, and a0 + a1 cos θ + a2 sin θ normal to it."""
 
     A0: complex
     A1: complex
@@ -92,24 +92,24 @@ class CircleTrace:
     a2: float
 
     def in_plane_part(self, theta_rad: float) -> complex:
-        """Return the part in the plane, e1 + i e2."""
+        """Return the component in the plane, as the complex number e1 + i e2."""
         return self.A0 + self.A1 * math.cos(theta_rad) + self.A2 * math.sin(theta_rad)
 
     def normal_part(self, theta_rad: float) -> float:
-        """Compute the part along the plane's normal."""
+        """Return the component normal to the plane."""
         return self.a0 + self.a1 * math.cos(theta_rad) + self.a2 * math.sin(theta_rad)
 
     def slope(self, theta_rad: float) -> float:
-        """Compute the derivative of ``across`` by θ."""
+        """Return the derivative of the normal component with respect to θ."""
         return self.a2 * math.cos(theta_rad) - self.a1 * math.sin(theta_rad)
 
     def angles_at_normal(self, value: float) -> tuple[float, ...] | None:
-        """Compute the angles at which ``across`` has the value; None if every angle has it."""
+        """Return the angles at which the normal component has the value; None if all do."""
         return solve_acos_bsin(self.a1, self.a2, value - self.a0)
 
     @property
     def amplitude(self) -> float:
-        """The amplitude of the circle across the plane."""
+        """The amplitude of the component normal to the plane."""
         return math.hypot(self.a1, self.a2)
 
 

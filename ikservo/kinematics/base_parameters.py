@@ -60,7 +60,7 @@ class BaseParameters:
         Raises:
             BadValueError: Their number is wrong, or one is not finite.
         """
-        p = finite_vector(parameters, self.combination.shape[1], "The parameters")
+        p = finite_vector(parameters, self.combination.shape[1], "The vector of parameters")
         return self.combination @ p
 
     def expand(self, base_values: ArrayLike) -> Vector:
@@ -73,7 +73,7 @@ class BaseParameters:
         """
         parameters = np.zeros(self.combination.shape[1])
         parameters[self.columns] = finite_vector(
-            base_values, len(self.columns), "The base parameters"
+            base_values, len(self.columns), "The vector of base parameters"
         )
         return parameters
 
@@ -135,9 +135,9 @@ def independent_columns(
     Y = as_floats(regressor, "The regressor", "numbers of shape (m, p)")
     if Y.ndim != 2:
         raise BadValueError("The regressor", f"of shape {Y.shape}", "shape (m, p)")
-    sizes = finite_vector(typical, Y.shape[1], "The typical parameters")
+    sizes = finite_vector(typical, Y.shape[1], "The vector of typical parameters")
     if not (sizes > 0.0).all():
-        raise BadValueError("The typical parameters", str(sizes.tolist()), "above zero")
+        raise BadValueError("The vector of typical parameters", str(sizes.tolist()), "above zero")
     effects: Matrix = np.linalg.qr(finite_array(Y, Y.shape, "The regressor") * sizes).R
     least = max(_at_least_zero(tolerance, "The tolerance"), _ROUNDING)
     columns = _select_columns(effects, least * np.linalg.norm(effects, axis=0).max(initial=0.0))

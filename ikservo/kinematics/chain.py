@@ -76,7 +76,7 @@ class Chain:
             raise UnknownNameError("link", tip, paths)
         moving = [j for j in paths[tip] if j.kind is not JointType.FIXED and j.mimic is None]
         if not moving:
-            raise InputError(f"No joint moves {tip!r} against {base!r}.", "Choose another tip.")
+            raise InputError(f"No joint moves {tip!r} relative to {base!r}.", "Choose another tip.")
         columns = {joint.name: i for i, joint in enumerate(moving)}
         by_name = {joint.name: joint for joint in joints}
         steps = {joint.name: make_chain_joint(joint, columns, by_name) for joint in joints}
@@ -112,7 +112,7 @@ class Chain:
         """Return the joints from the base to a link (the tip if None), fixed ones included.
 
         Raises:
-            UnknownNameError: No link is named ``frame``.
+            UnknownNameError: There is no link named ``frame``.
         """
         try:
             return self._paths[self.tip if frame is None else frame]
@@ -123,8 +123,8 @@ class Chain:
         """Return the same chain inside other limits, (dof,) each, rad or m.
 
         Raises:
-            BadValueError: Not a number, wrong shape, a lower limit above its upper one, or
-                infinite for a joint that was limited.
+            BadValueError: A limit is not a number or is above its upper limit, a shape is wrong, or
+                a joint that was limited would have no limit.
         """
         low = self._check_limits(lower, self.lower_rad, "lower limits")
         high = self._check_limits(upper, self.upper_rad, "upper limits")
@@ -160,7 +160,7 @@ class Chain:
         """Return a copy with another frame, fixed to a link, in the link's coordinates.
 
         Raises:
-            UnknownNameError: No link is named ``link``.
+            UnknownNameError: There is no link named ``link``.
         """
         joint = Joint(
             name, JointType.FIXED, link, name, read_only(np.eye(4)), read_only(np.zeros(3))
@@ -176,7 +176,7 @@ class Chain:
             BadValueError: An origin is not an array (4, 4) of finite numbers.
         """
         if not isinstance(cast("object", origins), Mapping):
-            raise BadValueError("The origins", shown(origins), "poses (4, 4) by joint")
+            raise BadValueError("The mapping of origins", shown(origins), "poses (4, 4) by joint")
         known = {step.joint.name for path in self._paths.values() for step in path}
         for name, T in origins.items():
             if name not in known:
@@ -221,7 +221,7 @@ class Chain:
 
         Raises:
             BadValueError: ``q`` or ``offset_m`` has a wrong shape or is not finite.
-            UnknownNameError: No link is named ``frame``.
+            UnknownNameError: There is no link named ``frame``.
         """
         q = self._links(q)
         T = _identity_poses(q)
@@ -248,7 +248,7 @@ class Chain:
 
         Raises:
             BadValueError: ``q`` or ``offset_m`` has a wrong shape or is not finite.
-            UnknownNameError: No link is named ``frame``.
+            UnknownNameError: There is no link named ``frame``.
         """
         return self.forward_and_jacobian(q, frame, offset_m)[1]
 
@@ -347,7 +347,7 @@ def joint_torques(
 
     Raises:
         BadValueError: A shape is wrong or a number is not finite.
-        UnknownNameError: No link is named ``frame``.
+        UnknownNameError: There is no link named ``frame``.
     """
     wrench = np.concatenate(
         [finite_vector(force_n, 3, "The force"), finite_vector(moment_nm, 3, "The moment")]

@@ -119,7 +119,7 @@ def conditioning(
 
     Raises:
         BadValueError: ``q`` or ``offset_m`` has a wrong shape or is not finite.
-        UnknownNameError: No link is named ``frame``.
+        UnknownNameError: There is no link named ``frame``.
     """
     q = finite_vector(q, chain.dof, "q")
     moves, rotations = _count_freedoms(chain, frame, offset_m)
@@ -154,7 +154,7 @@ def nearest_singularity(
 
     Raises:
         BadValueError: ``q`` or ``offset_m`` has a wrong shape or is not finite.
-        UnknownNameError: No link is named ``frame``.
+        UnknownNameError: There is no link named ``frame``.
     """
     start = chain.clip(finite_vector(q, chain.dof, "q"))
     starts = _start_postures(chain, start)

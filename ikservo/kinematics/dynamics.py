@@ -84,8 +84,8 @@ class Dynamics:
         Args:
             chain: The joints.
             masses: The masses of its links, in any order; those of one link add up.
-            gravity_m_s2: (3,) in the base frame, downwards. It differs from (0, 0, -9.81) for an
-                arm that is mounted on a wall or under a ceiling.
+            gravity_m_s2: Gravity (3,) in the base frame, downwards. It differs from (0, 0, -9.81)
+                for an arm that is mounted on a wall or under a ceiling.
 
         Raises:
             UnknownNameError: The chain has no such link.
@@ -114,7 +114,7 @@ class Dynamics:
         """Compute the same arm under another gravity (3,), base frame.
 
         Raises:
-            BadValueError: It is not a vector (3,) of finite numbers.
+            BadValueError: The gravity is not a vector (3,) of finite numbers.
         """
         gravity = finite_vector(gravity_m_s2, 3, "The gravity")
         return replace(self, gravity_m_s2=read_only(gravity))
@@ -127,7 +127,7 @@ class Dynamics:
         Raises:
             BadValueError: Their number is wrong, or one is not finite.
         """
-        values = finite_vector(parameters, len(self.parameters), "The parameters")
+        values = finite_vector(parameters, len(self.parameters), "The vector of parameters")
         return replace(self, parameters=read_only(values))
 
     def with_payload(
@@ -261,7 +261,7 @@ class Dynamics:
         return T @ self._pseudo_inertias @ T.swapaxes(-1, -2)
 
     def _generalized(self, torques: Matrix, q: Vector) -> Vector:
-        """Compute the torques of q, shaped as it, from those of all joints (bodies, n)."""
+        """Compute the torques for q, in its shape, from those of all joints (bodies, n)."""
         return (self._tree.gears.T @ torques).T.reshape(q.shape)
 
     def _check(self, values: ArrayLike, what: str) -> Vector:

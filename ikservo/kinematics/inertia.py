@@ -39,8 +39,8 @@ class LinkMass:
             of a point mass if not given.
 
     Raises:
-        BadValueError: A mass below zero, a number that is not finite, a wrong shape, or a tensor
-            that is not symmetric.
+        BadValueError: A mass is below zero, a number is not finite, a shape is wrong, or a tensor
+            is not symmetric.
     """
 
     link: str

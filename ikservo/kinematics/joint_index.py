@@ -1,4 +1,4 @@
-"""The columns of a chain and of its gripper in vectors of all joints of an arm."""
+"""The columns of a chain and its gripper in vectors of all of an arm's joints."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ class JointIndex:
         """Return the column of a joint.
 
         Raises:
-            UnknownNameError: No such joint.
+            UnknownNameError: There is no such joint.
         """
         if joint not in self.names:
             raise UnknownNameError("joint", joint, self.names)
@@ -81,7 +81,7 @@ class JointIndex:
         """Return all joints (n,) with one of them at another position.
 
         Raises:
-            UnknownNameError: No such joint.
+            UnknownNameError: There is no such joint.
         """
         replaced = joints.copy()
         replaced[self.column(joint)] = position

@@ -50,7 +50,7 @@ def pack_chain(
             aligned; None: the link's own z.
 
     Raises:
-        UnknownNameError: No link is named ``frame``.
+        UnknownNameError: There is no link named ``frame``.
     """
     path = chain.joints_to(frame)
     rows, rest = _joint_rows(path)

@@ -121,7 +121,7 @@ def wait_for_boot(bus: ServoBus, servo: ServoSpec) -> None:
     """Wait until a restarting servo replies again.
 
     Raises:
-        BusError: It does not reply in time.
+        BusError: The servo does not reply in time.
     """
     give_up_s = bus.clock.now_s() + _BOOT_S
     while True:

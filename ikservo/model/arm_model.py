@@ -70,8 +70,9 @@ class HealthLimits:
         warn_c: Temperature from which the user is warned.
         hold_c: Temperature from which the arm holds and accepts no more goals.
         release_c: Temperature from which it moves to rest, if it can, and switches torque off.
-        load_percent: A load above this percentage of the maximum ...
-        load_s: ... for this long is an overload.
+        load_percent: Load, as a percentage of the maximum, that a servo may exceed for ``load_s``
+            only.
+        load_s: Time for which a load above ``load_percent`` is not yet an overload.
         low_v: Minimum supply, in addition to the servo's own limit.
         high_v: Maximum supply, in addition to the servo's own limit.
     """
@@ -275,7 +276,7 @@ class Model:
         """Return a speed class.
 
         Raises:
-            UnknownNameError: Not slow, normal or fast.
+            UnknownNameError: The speed is not slow, normal or fast.
         """
         return _find_named("speed", name, self.speeds)
 

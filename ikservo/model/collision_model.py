@@ -126,7 +126,7 @@ def bounding_capsules(link: str, shape: Shape) -> list[Capsule]:
     strip; the number of strips is the ratio of the middle edge to the shortest one.
 
     Raises:
-        InputError: It is a mesh; the link is named.
+        InputError: The shape is a mesh; the link is named.
     """
     if isinstance(shape, Mesh | Surface):
         raise InputError(

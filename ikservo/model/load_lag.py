@@ -33,7 +33,7 @@ class LoadLag:
 
 
 def load_lags(model: Model, chain: Chain, payload_kg: float = 0.0) -> dict[str, LoadLag]:
-    """Compute the lag of the servos of each joint of a chain in the arm's heaviest posture.
+    """Compute the servo lag of each joint of a chain in the arm's heaviest posture.
 
     A joint lifts when its motor torque sets it in motion against gravity and the friction of its
     loaded gears.

@@ -81,7 +81,7 @@ def read_description(path: Path, folder: Path | None = None) -> Urdf:
         folder: The folder of its meshes; its own if None.
 
     Raises:
-        FileFormatError: It cannot be used; the place and the cause are named.
+        FileFormatError: The file cannot be used; the place and the cause are named.
     """
     if path.suffix == ".xml" and is_mjcf(path):
         raise FileFormatError(path, "", "is an MJCF", f"a URDF; convert it: {import_command(path)}")
@@ -94,7 +94,7 @@ def check_size(path: Path, urdf: Urdf) -> None:
     """Raise if a tree is larger than any arm.
 
     Raises:
-        FileFormatError: It is larger.
+        FileFormatError: The tree is too large.
     """
     moving = sum(joint.kind.is_movable for joint in urdf.joints)
     for count, most, what in (
@@ -106,7 +106,7 @@ def check_size(path: Path, urdf: Urdf) -> None:
 
 
 def description_text(model: Model) -> str:
-    """Return the text of the URDF of an arm.
+    """Return an arm's URDF as text.
 
     Raises:
         FileFormatError: A file has changed since it was loaded, and can no longer be read.
@@ -129,7 +129,7 @@ def load_model(arm: str | Path, tip: str | None = None) -> Model:
         tip: The link that is the tool; required for a plain URDF, else the arm file's.
 
     Raises:
-        UnknownNameError: No arm of that name; the closest one is suggested.
+        UnknownNameError: There is no arm of that name; the closest one is suggested.
         FileFormatError: A file cannot be used; the place and the expected value are named.
     """
     if tip is not None:

@@ -195,9 +195,9 @@ def read_scene(path: Path | str) -> tuple[KeepOutShape, ...]:
     """Read the things of a scene file that has no other arms.
 
     Raises:
-        FileFormatError: It cannot be read or is malformed; the key is named.
+        FileFormatError: The file cannot be read or is malformed; the key is named.
         BadValueError: A direction has no length.
-        RefusedError: It has another arm.
+        RefusedError: The file has another arm.
     """
     things, arms = read_scene_with_arms(path)
     _refuse_arms(path, arms)
@@ -210,7 +210,7 @@ def read_scene_with_arms(
     """Read the things of a scene file, and the places of other arms.
 
     Raises:
-        FileFormatError: It cannot be read or is malformed; the key is named.
+        FileFormatError: The file cannot be read or is malformed; the key is named.
         BadValueError: A direction has no length.
     """
     path = parse_path(path)
@@ -324,7 +324,7 @@ def with_scene(model: Model, path: Path | str) -> Model:
     Raises:
         FileFormatError: The file cannot be read or is malformed.
         BadValueError: A direction in it has no length.
-        RefusedError: It has another arm.
+        RefusedError: The file has another arm.
     """
     among, arms = with_scene_and_arms(model, path)
     _refuse_arms(path, arms)

@@ -402,7 +402,7 @@ def urdf_from_xml(root: XmlElement, find_mesh: FindMesh) -> Urdf:
     """Read the parts of a URDF from its outermost element.
 
     Raises:
-        FileFormatError: It is not a usable URDF; ``where`` is the line.
+        FileFormatError: The element is not a usable URDF; ``where`` is the line.
     """
     if root.tag != "robot":
         raise root.error(f"the outermost element is <{root.tag}>", "<robot>, as in a URDF")

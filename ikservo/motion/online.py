@@ -107,7 +107,7 @@ class OnlineTrajectory:
         clipped = np.clip(finite_vector(goal, len(self._limits), "The goal"), *self._bounds)
         self._check_time(time_s)
         if math.isfinite(self._end_s):
-            raise RefusedError("The motion has been ended.", "Begin another one.")
+            raise RefusedError("The motion has been ended.", "Start a new motion.")
         if not np.array_equal(clipped, self._pieces[-1][1].goal):
             pieces = self._first_inside(self._candidate_trajectories(clipped, time_s))
             if check:
@@ -191,7 +191,9 @@ def _check_limits(
     low = _check_bound(lower, n, -math.inf)
     high = _check_bound(upper, n, math.inf)
     if not (low <= high).all():
-        raise BadValueError("The lower limits", low.tolist(), "numbers below the upper limits")
+        raise BadValueError(
+            "The vector of lower limits", low.tolist(), "numbers below the upper limits"
+        )
     return low, high
 
 
@@ -199,5 +201,5 @@ def _check_bound(values: ArrayLike | None, n: int, default: float) -> Vector:
     """Compute one end of the bounds; continuous joints have an infinite one."""
     given = np.full(n, default) if values is None else np.asarray(values, dtype=np.float64)
     if given.shape != (n,):
-        raise BadValueError("The limits", f"of shape {given.shape}", f"shape ({n},)")
+        raise BadValueError("A vector of limits", f"of shape {given.shape}", f"shape ({n},)")
     return given

@@ -51,7 +51,7 @@ class SampledTrajectory:
         """Compute the positions of one joint (k,), rad or m.
 
         Raises:
-            UnknownNameError: No such joint.
+            UnknownNameError: There is no such joint.
         """
         if name not in self.names:
             raise UnknownNameError("joint", name, self.names)
@@ -65,7 +65,7 @@ class SampledTrajectory:
 
         Raises:
             BadValueError: The file exists and ``overwrite`` is false.
-            FileWriteError: It cannot be written.
+            FileWriteError: The file cannot be written.
         """
         text = self._format_csv()
         if path is not None:

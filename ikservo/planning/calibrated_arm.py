@@ -292,8 +292,8 @@ def check_servo_models(bus: ServoBus) -> None:
             other = control_table_for_number(servo.table.family, number)
             found = f"{other.model_name} ({number})" if other else f"model {number}"
             raise CalibrationError(
-                f"{servo} is a {found}, the arm file says {servo.table.model_name}.",
-                "Another arm (choose it with --arm), or two swapped ids.",
+                f"{servo} is a {found}, but the arm file says {servo.table.model_name}.",
+                "Is this another arm? Choose it with --arm. Otherwise two ids may be swapped.",
             )
 
 

@@ -85,7 +85,7 @@ class ArmContext:
         """Return the context with the present things around the arm, unaffected by later changes.
 
         Raises:
-            RefusedError: Another arm in reach moves, or its position is unknown.
+            RefusedError: Another arm in reach is moving, or its position is unknown.
         """
         self.surroundings.look()
         around = self.surroundings

@@ -131,7 +131,7 @@ class MotionPlan:
 
         Raises:
             BadValueError: See ``sample``; or the file exists and ``overwrite`` is false.
-            FileWriteError: It cannot be written.
+            FileWriteError: The file cannot be written.
         """
         return self.sample(dt_s).to_csv(path, overwrite=overwrite)
 

@@ -154,7 +154,7 @@ class MotionValue(Generic[R]):
         return hasattr(self, "speed")
 
     def with_speed(self, speed: str) -> MotionValue[R]:
-        """Return it at a speed class: slow, normal or fast; itself if it has none."""
+        """Return the motion at a speed class (slow, normal, fast); unchanged if it has none."""
         return replace(self, speed=speed) if self.has_speed else self  # pyright: ignore[reportCallIssue]
 
     def _check(self) -> None:
@@ -170,7 +170,7 @@ class MotionValue(Generic[R]):
 
 @cache
 def _parsers_of(kind: type[MotionValue[Any]]) -> Mapping[str, Callable[[object], object]]:
-    """Return the checks of the fields of a kind of motion, written with the fields' types."""
+    """Return the field checks of a kind of motion, which are written with the field types."""
     hints = get_type_hints(kind, include_extras=True)
     names = [each.name for each in fields(cast("Any", kind))]
     return {name: _parser_of(f"{kind.__name__}.{name}", name, hints[name]) for name in names}
@@ -565,7 +565,7 @@ def check_motion(motion: MotionValue[R]) -> MotionValue[R]:
     """Check that a value is a motion, and return it.
 
     Raises:
-        BadValueError: It is not a motion.
+        BadValueError: The value is not a motion.
     """
     if not isinstance(cast("object", motion), MotionValue):
         raise BadValueError("The motion", shown(motion), "such as MoveTo((0.25, 0.0, 0.15))")
@@ -581,8 +581,8 @@ def parse_motion(value: object) -> MotionValue[Any]:
     """Parse a motion from the JSON values of ``motion_fields``.
 
     Raises:
-        InputError: It is not a table of one known kind, or a field is missing, unknown, or refused
-            by the motion itself, with the same error as for a program.
+        InputError: The value is not a table of one known kind, or a field is missing, unknown, or
+            refused by the motion itself, with the same error as for a program.
     """
     is_table = isinstance(value, Mapping)
     table = dict(cast("Mapping[object, object]", value)) if is_table else {}

@@ -131,7 +131,7 @@ class Planner:
             UnreachableError: No joints inside the limits reach it; carries the nearest point.
             OrientationError: The tool cannot have the requested orientation there.
             BadValueError: The point is not three finite numbers.
-            UnknownNameError: No such speed.
+            UnknownNameError: There is no such speed.
         """
         limits, target = self.motion_limits(speed), Target(position_m)
         solved = self._solve_orientation(start, target, stance)
@@ -180,11 +180,11 @@ class Planner:
             OrientationError: The tool cannot have the requested orientation.
             BadValueError: The path is impossible, a preferred posture was requested, or the motion
                 would take more than an hour at this speed of the tool.
-            UnknownNameError: No such speed.
+            UnknownNameError: There is no such speed.
         """
         if stance.posture is not None:
             raise BadValueError(
-                "The stance on a line", "a posture", "a tool orientation or nothing"
+                "The tool orientation on a line", "given as a posture", "an orientation or nothing"
             )
         start = self._clip_to_limits(start)
         q = self._index.chain_joints(start)
@@ -227,7 +227,7 @@ class Planner:
         Raises:
             UnreachableError: A point is out of reach.
             OrientationError: The tool cannot have the requested orientation at the last point.
-            UnknownNameError: No such speed.
+            UnknownNameError: There is no such speed.
         """
         limits, target = self.motion_limits(speed), Target(points_m[-1])
         start = self._clip_to_limits(start)
@@ -269,7 +269,7 @@ class Planner:
         """Check the tool's constraint along a trajectory; return how much of it is used.
 
         Raises:
-            ConstraintError: It is violated; the message says how far and where.
+            ConstraintError: The constraint is violated; the message says how far and where.
         """
         tool = self.constrained_tool(within, trajectory.state(0.0).position)
         if tool is None:
@@ -327,7 +327,7 @@ class Planner:
 
         Raises:
             BadValueError: No joint is named, or a position is not finite.
-            UnknownNameError: No such joint or speed.
+            UnknownNameError: There is no such joint or speed.
         """
         if not positions:
             raise BadValueError("The list of joints", "empty", "at least one joint")
@@ -412,7 +412,7 @@ class Planner:
         ``guard.MAX_TRAVEL_RAD`` after the last goal.
 
         Raises:
-            UnknownNameError: No such speed.
+            UnknownNameError: There is no such speed.
         """
         horn = self._model.speed(speed)
         return [

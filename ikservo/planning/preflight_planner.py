@@ -320,7 +320,7 @@ class PreflightPlanner:
         joints = np.zeros(len(names)) if complete else self._servos.measure_positions()
         for name, position in by_name.items():
             joints[index.column(name)] = position
-        return self._context.clearance_m(finite_vector(joints, len(names), "The joints"))
+        return self._context.clearance_m(finite_vector(joints, len(names), "The vector of joints"))
 
     def _plan_rest(self, arm: ArmContext) -> MotionPlan:
         """Plan the slow motion to the rest pose, through another pose if necessary."""

@@ -37,7 +37,7 @@ class ArmState:
         """Return the state of one joint.
 
         Raises:
-            UnknownNameError: No such joint.
+            UnknownNameError: There is no such joint.
         """
         by_name = self.by_name
         if joint not in by_name:

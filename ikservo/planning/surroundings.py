@@ -27,7 +27,7 @@ class Turn:
         self._times = 0
 
     def is_of_other(self, arm: object) -> bool:
-        """Return whether the other arm moves."""
+        """Return whether the other arm is moving."""
         return self._arm is not None and self._arm is not arm
 
     @contextmanager
@@ -39,7 +39,7 @@ class Turn:
             other: The name of the other arm.
 
         Raises:
-            RefusedError: The other arm moves.
+            RefusedError: The other arm is moving.
         """
         with self._lock:
             if self.is_of_other(arm):
@@ -79,7 +79,7 @@ class AnotherArm(Protocol):
         """Measure the other arm's links in the base frame of an arm, which takes turns with it.
 
         Raises:
-            RefusedError: The other arm moves, or its position cannot be measured.
+            RefusedError: The other arm is moving, or its position cannot be measured.
         """
         ...
 
@@ -131,7 +131,7 @@ class Surroundings:
         """Measure the present position of the other arms.
 
         Raises:
-            RefusedError: Another arm moves, or its position is unknown.
+            RefusedError: Another arm is moving, or its position is unknown.
         """
         if self.others:
             self._put_among([thing for each in self.others for thing in each.things(self)])
@@ -152,7 +152,7 @@ class Surroundings:
         """Keep other arms from moving in the block.
 
         Raises:
-            RefusedError: Another arm moves.
+            RefusedError: Another arm is moving.
         """
         with ExitStack() as turns:
             for other in self.others:
@@ -164,7 +164,7 @@ class Surroundings:
         """Keep other arms from moving in the block, and avoid them.
 
         Raises:
-            RefusedError: Another arm moves, or its position is unknown.
+            RefusedError: Another arm is moving, or its position is unknown.
         """
         with self.in_turn():
             self.look()

@@ -152,7 +152,7 @@ def check_orientation(stance: object, orientation: ArrayLike | None = None) -> T
     """Check the constraint; a complete orientation (3, 3) may be given instead.
 
     Raises:
-        BadValueError: It is not a ``ToolOrientation``, or both are given.
+        BadValueError: The value is not a ``ToolOrientation``, or both are given.
     """
     if not isinstance(stance, ToolOrientation):
         raise BadValueError(

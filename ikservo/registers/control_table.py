@@ -27,7 +27,7 @@ def decode_alarms(bits: int, meaning: Mapping[int, Alarm]) -> frozenset[Alarm]:
 
     Args:
         bits: The byte as the servo gives it.
-        meaning: Bit number to alarm, from the servo's table. A bit that the datasheet does
+        meaning: The alarm of each bit number, from the servo's table. A bit that the datasheet does
             not name is reported as ``Alarm.UNKNOWN``.
     """
     if not bits:
@@ -106,8 +106,8 @@ class ControlTable:
         byte_order: The byte order of 16- and 32-bit values on the line.
         ticks_per_turn: Counts of the present position in a full revolution of the horn; not an
             integer if the sensor covers less than a revolution.
-        baud_rates: Code in the baud rate register to bit/s.
-        alarm_bits: Bit of the alarm register to its meaning.
+        baud_rates: The rate [bit/s] of each code in the baud rate register.
+        alarm_bits: The meaning of each bit of the alarm register.
         eeprom_lock: The register that must be 0 for EEPROM writes to be stored, if the family has
             one that can be unlocked again.
         position_modes: Numbers of the operating mode that hold a position, the one of a single

@@ -17,7 +17,7 @@ def control_table(model_name: str) -> type[ControlTable]:
     """Return the table of a servo model.
 
     Raises:
-        UnknownNameError: No such model; the closest name is suggested.
+        UnknownNameError: There is no such model; the closest name is suggested.
     """
     if model_name not in MODELS:
         raise UnknownNameError("servo model", model_name, MODELS)

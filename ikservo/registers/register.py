@@ -112,7 +112,7 @@ class Register:
 
     Attributes:
         address: First byte.
-        size: Bytes.
+        size: Number of bytes.
         codec: The encoding of the number.
         unit: The quantity of one count.
         access: Whether it can be written.

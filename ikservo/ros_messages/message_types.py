@@ -25,7 +25,8 @@ def _store() -> Typestore:
         from rosbags.typesys import Stores, get_typestore  # noqa: PLC0415
     except ImportError:
         raise IkservoError(
-            "Messages of ROS 2 need rosbags.", f"Install it: {install_command('record')}"
+            "ROS 2 messages need the package rosbags, which is not installed.",
+            f"Install it: {install_command('record')}",
         ) from None
     store = get_typestore(Stores.ROS2_JAZZY)
     # rosbags hashes an array of char as such; ROS 2 treats char in a definition as uint8.
@@ -55,7 +56,7 @@ def decode(kind: str, data: bytes) -> Any:  # noqa: ANN401
     16 per point of a trajectory.
 
     Raises:
-        InputError: It is not a message of that type.
+        InputError: The data is not a message of that type.
     """
     store = _store()
     layout = store.get_msgdef(kind)

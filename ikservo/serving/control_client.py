@@ -66,7 +66,7 @@ def decode_request(line: bytes) -> Request:
     """Decode the request in a line.
 
     Raises:
-        InputError: It is too long, not JSON, or not a request of this schema.
+        InputError: The line is too long, not JSON, or not a request of this schema.
     """
     row = _decode_line(line, MAX_REQUEST_BYTES)
     if row.keys() != _KEYS or row["schema"] != SCHEMA:
@@ -85,7 +85,7 @@ def decode_reply(line: bytes) -> dict[str, Any]:
     """Decode the fields of a reply.
 
     Raises:
-        InputError: It is not a reply of this schema.
+        InputError: The reply is not a reply of this schema.
     """
     row = _decode_line(line, MAX_REPLY_BYTES)
     if row.pop("schema", None) != SCHEMA:

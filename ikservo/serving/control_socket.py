@@ -50,7 +50,7 @@ def make_private_directory(folder: Path) -> None:
     """Create the folder, accessible to this user only.
 
     Raises:
-        IkservoError: It belongs to another user, or is not a folder.
+        IkservoError: The folder belongs to another user, or is not a folder.
     """
     folder.mkdir(mode=0o700, parents=True, exist_ok=True)
     found = folder.lstat()

@@ -24,7 +24,7 @@ class Holder:
     """The operator who controls an arm.
 
     Attributes:
-        lease: Proof in each message.
+        lease: The proof of control that each message carries.
         operator: The name of the operator, for other people.
         since_s: Start of the control, by the clock of the server.
     """
@@ -70,7 +70,7 @@ class ArmLease:
 
     @property
     def moving(self) -> Holder | None:
-        """Return the holder under whose lease a motion runs; None if none runs."""
+        """Return the holder under whose lease a motion is running; None if none is."""
         return self._moving
 
     def is_held_by(self, lease: str) -> bool:
@@ -107,11 +107,13 @@ class ArmLease:
             take_over: Whether to take it from the present holder, as pages of one person do.
 
         Raises:
-            RefusedError: Another operator has it, or the lease was closed.
+            RefusedError: Another operator controls the arm, or the lease was closed.
         """
         with self._lock:
             if self._closed:
-                raise RefusedError("The program with the arm is ending.", "Nothing was sent.")
+                raise RefusedError(
+                    "The program that controls the arm is ending.", "Nothing was sent."
+                )
             if self._holder is not None and not take_over:
                 raise RefusedError(
                     f"{self._holder.operator} controls the arm.",
@@ -163,7 +165,7 @@ class ArmLease:
         """Refuse a request that is not the holder's, is repeated, or has come too late.
 
         Raises:
-            RefusedError: It is refused; nothing has moved.
+            RefusedError: The request is refused; nothing has moved.
         """
         with self._lock:
             if not self.is_held_by(lease):

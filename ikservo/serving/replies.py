@@ -27,7 +27,7 @@ def error_fields(error: BaseException) -> dict[str, Any]:
     values.
     """
     if not isinstance(error, IkservoError):
-        text = f"It failed there: {type(error).__name__}: {error}".removesuffix(": ")
+        text = f"The request failed there: {type(error).__name__}: {error}".removesuffix(": ")
         error = IkservoError(text)
     return {
         "kind": type(error).__name__,

@@ -99,7 +99,7 @@ class SwingDamper:
         self._heading = 1 if tick > self._turn else -1
 
     def may_swing(self, still_s: float) -> bool:
-        """Check whether a joint that stands may just be reversing.
+        """Check whether a joint at rest may only be reversing its direction.
 
         Args:
             still_s: Time for which it has not moved.

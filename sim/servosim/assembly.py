@@ -65,7 +65,7 @@ def make_arm_world(
         has_board: Whether a simulated camera sees a board on the tip.
 
     Raises:
-        ArmFileError: No such pose, or a URDF without the joints or the tip.
+        ArmFileError: There is no such pose, or a URDF without the joints or the tip.
         SimulatorError: MuJoCo is not installed, the backlash is impossible, other masses are given
             with MuJoCo, cubes without it, or a payload without a tip.
         UnknownModelError: A servo model has no table.

@@ -54,7 +54,7 @@ class FamilyMember:
         return self.drawn("d_gain_acts") < 0.5
 
     def motor_parameters(self, joint: str, model: MotorParameters) -> MotorParameters:
-        """Return the parameters of the servos of a joint, from those of their model."""
+        """Return the parameters of a joint's servos, from those of their model."""
         friction, kt = self.drawn("friction", joint), self.drawn("torque_constant", joint)
         scaled = replace(
             model,

@@ -323,7 +323,7 @@ class FaultScript:
         """Schedule a fault at its time, or now if that has passed.
 
         Raises:
-            FaultError: No such kind of fault.
+            FaultError: There is no such kind of fault.
         """
         if fault.kind in REPLY_FAULTS:
             self._replies.append(_ActiveFault(fault))

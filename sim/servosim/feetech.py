@@ -123,7 +123,7 @@ class FeetechSeries:
 
     @staticmethod
     def sensor_mounting(shaft: HornMounting, delivered: Mapping[str, int]) -> HornMounting:
-        """Return the mounting of the bare sensor, from the zero of reported positions."""
+        """Return the mounting of the sensor on the horn, before any homing offset is applied."""
         return shaft
 
     def start(self) -> None:

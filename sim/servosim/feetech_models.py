@@ -47,7 +47,7 @@ class StsSeries(FeetechSeries):
 
     @staticmethod
     def sensor_mounting(shaft: HornMounting, delivered: Mapping[str, int]) -> HornMounting:
-        """Return the mounting of the bare sensor: without the homing offset."""
+        """Return the mounting of the sensor on the horn, before the homing offset is applied."""
         offset = delivered.get("homing_offset", 0)
         return HornMounting(shaft.sign, shaft.zero_tick + offset, shaft.ticks)
 

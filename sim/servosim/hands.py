@@ -182,7 +182,7 @@ def add_hands(line: Line, kind: str) -> None:
         kind: ``sweep``, or ``calibrate`` for hands that follow a calibration.
 
     Raises:
-        SimulatorError: It is neither.
+        SimulatorError: The kind is neither of these.
     """
     if kind not in HANDS:
         raise SimulatorError(f"hand={kind!r} is not one of {', '.join(HANDS)}")

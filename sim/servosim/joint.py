@@ -285,7 +285,7 @@ class SimulatedJoint:
             )
 
     def drive_force(self) -> float:
-        """Let carried servos work for one step; return their force on the joint."""
+        """Step the servos without moving the joint; return the force that they exert on it."""
         for servo in self.servos:
             servo.motor.carried = True
             servo.step(STEP_S, 0.0)

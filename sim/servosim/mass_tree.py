@@ -36,7 +36,7 @@ class LocalDynamics:
     Attributes:
         positions: q0 (n,) [rad or m].
         load: Gravity's torques (forces) at q0 (n,).
-        load_slope: Derivative of the load by the positions (n, n).
+        load_slope: Derivative of the load with respect to the positions (n, n).
         mass: M at q0 (n, n).
         christoffel: Velocity forces are `-christoffel[i, j, k] v[j] v[k]` (n, n, n); the derivative
             of `M[i, j]` by `q[k]` is `christoffel[i, j, k] + christoffel[j, i, k]`.

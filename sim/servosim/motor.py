@@ -151,7 +151,7 @@ class Motor:
         lower_stop_rad: The position of a hard stop of the shaft.
         upper_stop_rad: The position of the hard stop on the other side.
         load_inertia_kg_m2: Inertia of the load on the output.
-        carried: Another body integrates the motion and sets it by `set_state`; a step only
+        carried: Whether another body integrates the motion and sets it by `set_state`; a step only
             computes the torque.
         stuck: A fault: the shaft does not move.
         grip: A fault: the fraction of the motor's torque that reaches the shaft; 1 = sound gears.
@@ -398,7 +398,7 @@ class Motor:
         lash_rad: float | None = None,
         rotor_rad_s: float | None = None,
     ) -> None:
-        """Set the state of the output; if none is given for the rotor, it turns along."""
+        """Set the state of the output; a rotor without a given state turns with it."""
         self.position_rad, self.velocity_rad_s = position_rad, velocity_rad_s
         self.lash_rad = self.lash_rad if lash_rad is None else lash_rad
         self.rotor_rad_s = velocity_rad_s if rotor_rad_s is None else rotor_rad_s

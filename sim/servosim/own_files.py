@@ -16,8 +16,8 @@ def read_text(path: Path) -> str:
     """Read the text of a file.
 
     Raises:
-        OSError: It cannot be read.
-        ValueError: It is not UTF-8, not a regular file, or too large.
+        OSError: The file cannot be read.
+        ValueError: The file is not UTF-8, not a regular file, or too large.
     """
     if not path.is_file() and path.exists():  # reading a pipe would wait forever
         raise ValueError("it is not a regular file")
@@ -32,8 +32,8 @@ def read_toml(path: Path) -> dict[str, Any]:
     """Read the tables of a TOML file.
 
     Raises:
-        OSError: It cannot be read.
-        ValueError: It is not TOML, or would be too expensive to parse.
+        OSError: The file cannot be read.
+        ValueError: The text is not TOML, or would be too expensive to parse.
     """
     text = read_text(path)
     if any(line.count(".") > MAX_DOTS for line in text.split("\n")):
@@ -48,7 +48,7 @@ def parse_json(text: str | bytes) -> Any:  # noqa: ANN401
     """Parse the value of a JSON text.
 
     Raises:
-        ValueError: It is not JSON, or nested too deeply.
+        ValueError: The text is not JSON, or nested too deeply.
     """
     try:
         return json.loads(text)

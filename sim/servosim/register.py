@@ -47,7 +47,7 @@ class SimulatedRegister:
 
     Attributes:
         address: Its first byte.
-        size: Bytes.
+        size: Number of bytes.
         name: The vendor's English name, snake_case.
         writable: Whether an instruction may write it.
         area: EEPROM or RAM.

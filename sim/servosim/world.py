@@ -203,7 +203,7 @@ class World:
         """Return a joint by its name.
 
         Raises:
-            SimulatorError: No such joint.
+            SimulatorError: There is no such joint.
         """
         for joint in self.joints:
             if joint.name == name:
@@ -212,7 +212,7 @@ class World:
         raise SimulatorError(f"no joint is named {name!r}; known: {known}")
 
     def cube_poses(self) -> list[Matrix]:
-        """Return the poses of the cubes of the surroundings (4, 4), base frame, in their order."""
+        """Return the poses (4, 4) of the cubes, base frame, in their order."""
         return [] if self._mover is None else self._mover.cube_poses()
 
     def grasp(self, name: str, hand: Hand) -> None:

@@ -8,7 +8,7 @@ from ikservo.errors import BadValueError, IkservoError, RefusedError, UnknownNam
 
 
 class Angry:
-    """A value whose own text cannot be made."""
+    """A value whose repr() raises an error."""
 
     def __repr__(self):
         raise RuntimeError

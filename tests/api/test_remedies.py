@@ -47,7 +47,10 @@ def test_terminal_hint_is_rewritten_for_program(at_a_terminal, in_a_program):
     ("at_a_terminal", "on_a_page"),
     [
         ("Let it cool down: ikservo relax", "Let it cool down: acknowledge, then press Relax"),
-        ("The arm holds. See: ikservo where", "The arm holds. See Health on this page"),
+        (
+            "The arm holds its position. See: ikservo where",
+            "The arm holds its position. See Health on this page",
+        ),
         ("Check its alarms: ikservo where", "Check its alarms: see Health on this page"),
         ("Calibrate it: ikservo calibrate so101. Then", "Calibrate it: press Calibrate. Then"),
         ("If it stays: ikservo recover", "If it stays, in a terminal: ikservo recover"),

@@ -26,7 +26,7 @@ class Goal:
 
 @dataclass
 class TorqueOn:
-    """Torque-on of a limp servo: goal in force, position and speed, ticks and ticks/s."""
+    """Torque switched on at a limp servo: goal and present position in ticks, speed in ticks/s."""
 
     time_s: float
     servo_id: int

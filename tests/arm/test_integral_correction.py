@@ -242,7 +242,7 @@ def swing_then_rest(joint, at, start_s):
     return sent, goals
 
 
-def test_sent_goal_yields_to_a_swinging_joint():
+def test_sent_goal_moves_along_with_swinging_joint():
     joint = creep(goal=2004)
     sent, goals = swing_then_rest(joint, 2009, 0.0)
     along, _ = np.polyfit([swing(12)(cycle * CYCLE_S) for cycle in range(60, 100)], sent[60:100], 1)

@@ -99,7 +99,7 @@ def test_closed_lease_refuses_motions_and_operators(lease):
     lease.close()
     with pytest.raises(LeaseLostError), lease.motion(held):
         pass
-    with pytest.raises(RefusedError, match="ends"):
+    with pytest.raises(RefusedError, match="is ending"):
         lease.acquire("bob")
 
 

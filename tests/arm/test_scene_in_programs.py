@@ -175,7 +175,7 @@ def test_scene_change_waits_until_jaws_have_moved(monkeypatch, arm):
 
 
 @pytest.mark.full
-def test_standing_held_thing_is_lifted_around_obstacles(arm):
+def test_held_object_on_table_is_lifted_around_obstacles(arm):
     arm.move_to((0.2, 0.12, 0.06))
     tip_m, height_m = arm.where().tip_m, 2.0 * (arm.where().tip_m[2] + 0.002)
     standing = {"centre_m": tip_m, "size_m": (0.02, 0.02, height_m)}

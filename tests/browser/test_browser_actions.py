@@ -124,7 +124,7 @@ def test_wheel_beside_arm_zooms_at_pointer_and_f_key_resets_it(person):
 def test_relax_button_asks_before_arm_goes_limp(person):
     page = person.page
     page.click("#release")
-    assert page.inner_text("#release") == "It falls: sure?"
+    assert page.inner_text("#release") == "The arm will fall. Sure?"
     page.click("#release")
     person.until("document.getElementById('mode').textContent === 'Preview – the arm is limp'")
     assert page.is_hidden("#relax")

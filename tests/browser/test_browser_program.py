@@ -101,7 +101,7 @@ def test_stop_ends_program_and_nothing_moves_when_acknowledged(empty):
     empty.until(PHASE.format("playing")).wait_for("status.mode === 'busy'")
     assert page.is_disabled("#add-wait")
     assert page.is_disabled("#live")
-    assert page.inner_text("#mode") == "Plays the program …"
+    assert page.inner_text("#mode") == "Playing the program …"
     start = roll_deg(empty)
     until(lambda: abs(roll_deg(empty) - start) > 5)
     page.keyboard.press("Escape")

@@ -153,7 +153,7 @@ def test_look_at_dry_run_prints_a_plan(run_cli):
 def test_look_at_refuses_path_and_orientation_options(run_cli, option):
     result = run_cli(f"move --look-at 0.5 0 0.1 {option} --arm so101 --port sim")
     assert (result.code, result.out) == (2, "")
-    assert f"--look-at is given with {option.split()[0]}" in result.err
+    assert f"--look-at cannot be given with {option.split()[0]}" in result.err
 
 
 def test_look_at_refusal_tells_the_remaining_angle(run_cli):

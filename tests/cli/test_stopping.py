@@ -194,7 +194,7 @@ def stop_a_motion(arm, clock, reason):
 
 
 @pytest.mark.parametrize("reason", ["", "Stopped; torque stays on.", "enough"])
-def test_second_signal_is_not_awaited_after_stop_without_one(reason):
+def test_stop_without_signal_does_not_wait_for_second_signal(reason):
     with open_arm("so101", port="sim:?pose=home") as arm:
         with pytest.raises(StoppedError):
             stop_a_motion(arm, Unheard(), reason)

@@ -80,7 +80,7 @@ def test_jog_warns_once_of_an_uncompiled_solver(run_cli, monkeypatch, compiled):
         ("teach cup", "Cannot ask: input is not a terminal."),
         ("teach cup --float", "Cannot ask: input is not a terminal."),
         ("teach cup --float --now", "--float and --now exclude each other."),
-        ("teach cup --for 2s --now", "--for goes with --float only."),
+        ("teach cup --for 2s --now", "--for can only be used with --float."),
         ("teach home --float --for 1s", "The name of the pose is home, a pose of the arm"),
         ("teach home --now", "The name of the pose is home, a pose of the arm file."),
         ("pose cupp", "There is no pose named 'cupp'."),
@@ -277,7 +277,7 @@ def test_teach_float_saves_pose_and_holds_when_enter_is_pressed(run_cli, monkeyp
     assert result.code == 0, result.err
     assert next(pressed, None) is None
     assert "carries the arm's weight until you press Enter" in result.err
-    assert "It holds." in result.err
+    assert "The arm holds its position." in result.err
     there = result.json["joints_rad"]
     where = {joint["name"]: joint for joint in run_cli(f"where {SIM} --json").json["joints"]}
     assert set(there) == set(where)

@@ -25,7 +25,7 @@ def test_position_range_is_that_of_outermost_ticks():
 
 
 @pytest.mark.parametrize(("position", "tick"), [(0.4, 2048), (0.6, 2049), (2000.0, 4048)])
-def test_tick_of_position_is_nearest_even_outside_limits(position, tick):
+def test_position_outside_limits_still_gives_nearest_tick(position, tick):
     assert make_limits().tick(position * TICK) == tick
 
 

@@ -58,7 +58,7 @@ def test_following_error_names_all_late_joints():
     watch = following()
     for _ in range(2):
         watch.update(GOALS, GOALS - 1.0)
-    with pytest.raises(RefusedError, match="elbow, wrist does not follow"):
+    with pytest.raises(RefusedError, match="elbow, wrist do not follow"):
         watch.update(GOALS, GOALS - 1.0)
 
 

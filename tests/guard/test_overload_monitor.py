@@ -22,7 +22,7 @@ def pressed_by_a_load(goal, seconds):
 
 
 @pytest.mark.parametrize("goal", [AT + 10, AT - 10])
-def test_overload_monitor_never_pushes_goal_near_pressing_joint(goal):
+def test_overload_monitor_keeps_goal_close_to_overloaded_joint(goal):
     monitor, news = pressed_by_a_load(goal, 1.9)
     assert monitor.seconds_left("elbow") < 0.5
     assert len(news) == 1

@@ -89,7 +89,7 @@ def test_kind_of_target_must_be_a_string(kind):
     lambda: Solver(ARM, options={"restarts": 3}), lambda: solve_batch(ARM, [[0, 0, 0]], options=3),
 ])  # fmt: skip
 def test_options_must_be_an_options_object(ask):
-    with pytest.raises(BadValueError, match="The options"):
+    with pytest.raises(BadValueError, match="The value of options"):
         ask()
 
 

@@ -1,4 +1,4 @@
-"""Closed forms of real arms are recognised from their axes; every solution is valid (L4, L5)."""
+"""Closed forms of real arms are recognised; every solution is valid (docs/lecture.md L4, L5)."""
 
 import math
 from functools import cache

@@ -200,7 +200,7 @@ def test_posture_weights_above_one_act_as_one():
     [
         ([0.0], [1.0] * 4, "The posture"),
         ([math.nan] * 4, [1.0] * 4, "The posture"),
-        ([0.0] * 4, [1.0], "The posture's weights"),
+        ([0.0] * 4, [1.0], "The vector of weights"),
         ([0.0] * 4, [1.0, 1.0, 1.0, -0.1], "A posture's weight is -0.1"),
     ],
 )

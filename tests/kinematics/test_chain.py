@@ -159,7 +159,7 @@ def test_with_origins_refuses_unknown_joint_and_invalid_pose():
     for T in (np.eye(3), np.full((4, 4), math.nan)):
         with pytest.raises(BadValueError, match="The origin of j2"):
             chain.with_origins({"j2": T})
-    with pytest.raises(BadValueError, match="The origins"):
+    with pytest.raises(BadValueError, match="The mapping of origins"):
         chain.with_origins([np.eye(4)])
 
 

@@ -82,7 +82,7 @@ def test_no_point_moves_further_than_its_bound():
         assert (np.linalg.norm(J, axis=0) <= reach + 1e-12).all()
 
 
-def test_relative_bound_takes_link_that_moves_less():
+def test_relative_travel_bound_uses_link_that_moves_less():
     chain = planar(0.3, 0.2, 0.1)
     reach = LinkTravelBounds(chain, [capsule("l0", 0.0, 0.02), capsule("l3", 0.0, 0.4)])
     np.testing.assert_allclose(reach.relative_bound("l0", "l3")[:2], [0.02, 0.32])

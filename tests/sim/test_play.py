@@ -154,7 +154,7 @@ def test_seed_gives_own_parameters_and_no_seed_nominal_ones() -> None:
     assert rails == {7.4: 7.4}
 
 
-def test_family_members_use_whole_range_of_parameters() -> None:
+def test_seeds_draw_from_whole_range_of_parameters() -> None:
     members = [FamilyMember(seed) for seed in range(200)]
     for what, (low, high) in FAMILY.items():
         drawn = [member.drawn(what, "elbow") for member in members]

@@ -41,7 +41,7 @@ def measure_by_touch(
         port: See ``open_torque_off``.
         points: A file of points; None for the printed sheet.
         times: The number of touches of each point.
-        operator: Who answers.
+        operator: The user or the script that answers.
 
     Raises:
         CalibrationError: The arm is not calibrated, or no point was touched.

@@ -247,7 +247,9 @@ def unreached(subject: JointUnderCalibration, lower: float | str, upper: float |
     """
     text, expected = subject.joint_map.format, subject.expected
     ends = ((lower, expected.lower.value), (upper, expected.upper.value))
-    reasons = [f"its end stop near {text(at)} ({why})" for why, at in ends if isinstance(why, str)]
+    reasons = [
+        f"for its end stop near {text(at)} ({why})" for why, at in ends if isinstance(why, str)
+    ]
     found = [f"the other is at {text(at)}" for at, _ in ends if isinstance(at, float)]
     kept = "the limit of the arm file is" if found else "both limits of the arm file are"
     missing = f"cannot search {', nor '.join(reasons)}; {kept} used there"
@@ -275,7 +277,7 @@ def check_auto_allowed(model: Model) -> None:
     """
     if model.auto_unsafe:
         raise CalibrationError(
-            f"{model.title} cannot search its end stops by itself: {model.auto_unsafe}",
+            f"{model.title} cannot search for its end stops by itself: {model.auto_unsafe}",
             f"Calibrate it by hand: ikservo calibrate {model.name}",
         )
 
@@ -418,7 +420,7 @@ class AutoCalibration:
         """Move a joint to its end with a fraction of its torque.
 
         Raises:
-            CalibrationError: It moved past where its stop is expected.
+            CalibrationError: The joint moved past the place where its stop is expected.
         """
         found = probe_end_stop(
             self._context, self._runner, self._loose.bus, end.joint, end.past, fraction,

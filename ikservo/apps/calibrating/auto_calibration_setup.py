@@ -398,7 +398,7 @@ class MeasuredRanges:
         """Remove the file: a calibration has been saved, or all joints are measured again.
 
         Raises:
-            FileWriteError: It cannot be removed.
+            FileWriteError: The file cannot be removed.
         """
         self.travels.clear()
         remove_durably(self.path)

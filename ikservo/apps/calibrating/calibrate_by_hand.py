@@ -72,7 +72,7 @@ def reporting_unchanged_state() -> Generator[None]:
     """On Ctrl-C during a calibration by hand, report that nothing was saved.
 
     Raises:
-        StoppedError: Instead of Ctrl-C or the end of the input.
+        StoppedError: The user pressed Ctrl-C, or the input ended.
     """
     try:
         yield

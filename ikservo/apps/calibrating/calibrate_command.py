@@ -100,9 +100,9 @@ def command(
     """
     seen = camera.camera is not None
     if auto + touch + wiggle + seen > 1:
-        raise InputError("One of --auto, --touch, --camera and --wiggle at a time.")
+        raise InputError("Only one of --auto, --touch, --camera and --wiggle can be given.")
     if joint and (auto or touch or seen):
-        raise InputError("--joint goes with a calibration by hand or with --wiggle.")
+        raise InputError("--joint needs a calibration by hand, or --wiggle.")
     of_limits = (pose, margin, continuous or None, skip or None, limit or None, write_limits)
     sets_limits = not (touch or wiggle or seen or camera.from_pictures)
     if not sets_limits and of_limits != ("rest", 2.0, None, None, None, None):
@@ -112,9 +112,9 @@ def command(
             "Leave them out.",
         )
     if touch_off != TouchOffOptions() and not touch:
-        raise InputError("Points are touched in a touch-off only.", "Add: --touch")
+        raise InputError("Only a touch-off uses points to touch.", "Add: --touch")
     if uncalibrated and not wiggle:
-        raise InputError("--uncalibrated goes with --wiggle.", "Leave it out.")
+        raise InputError("--uncalibrated needs --wiggle.", "Leave it out.")
     if camera.from_pictures is not None:
         if camera != CameraOptions(from_pictures=camera.from_pictures):
             raise InputError("--from-pictures needs no camera options.", "Leave the others out.")

@@ -183,7 +183,7 @@ def _of_file(
 
 
 def _report_restored(path: Path, calibration: Calibration) -> None:
-    print_lines([f"Restored {path}, of {calibration.written:%Y-%m-%d}."])
+    print_lines([f"Restored {path}, written on {calibration.written:%Y-%m-%d}."])
     print_status(f"Compare it with the servos: ikservo calibration diff {calibration.arm}")
 
 
@@ -205,7 +205,7 @@ def _confirm_transfer(limp_arm: TorqueOffArm, target: str, *, yes: bool) -> bool
     """Print the differences and ask; return whether there is something to write.
 
     Raises:
-        IkservoError: The user declines.
+        IkservoError: The user declined.
     """
     found = register_differences(limp_arm)
     if not found:
@@ -215,7 +215,9 @@ def _confirm_transfer(limp_arm: TorqueOffArm, target: str, *, yes: bool) -> bool
         print_status(str(difference))
     question = Question(f"Write this into {target}?", Unasked.NEEDS_YES)
     if not Operator.of(None, yes=yes).agrees(question):
-        raise IkservoError("Cancelled; nothing was written.", "Without asking: --yes")
+        raise IkservoError(
+            "Cancelled; nothing was written.", "To write without being asked, add --yes."
+        )
     return True
 
 
@@ -245,7 +247,9 @@ def _confirm_adoption(
         f"{path}, made on adapter {made_on}: ids, models, offsets and limits match these servos."
     )
     if not Operator.of(None, yes=yes).agrees(Question("Is this the same arm?", Unasked.NEEDS_YES)):
-        raise IkservoError("Cancelled; nothing was saved.", "Without asking: --yes")
+        raise IkservoError(
+            "Cancelled; nothing was saved.", "To save without being asked, add --yes."
+        )
     return adopt_calibration(limp_arm, calibration)
 
 

@@ -159,7 +159,9 @@ def switch_torque_off(limp_arm: TorqueOffArm) -> Dialogue[None]:
         if (
             yield Question("Switch torque off?", Unasked.NEEDS_YES, stage, "switch torque off")
         ) != ACCEPT:
-            raise IkservoError("Cancelled; nothing changed.", "Without asking: --yes")
+            raise IkservoError(
+                "Cancelled; nothing changed.", "To go on without being asked, add --yes."
+            )
     limp_arm.disable_torque()
 
 
@@ -203,7 +205,7 @@ def apply_answer(state: CalibrationState, text: str) -> CalibrationState:
     """Apply an answer to the state.
 
     Raises:
-        BadValueError: It is not an answer.
+        BadValueError: The text is not an answer.
         UnknownNameError: The arm has no joint of that name.
         CalibrationError: Something is missing before it can be accepted.
     """
@@ -392,7 +394,7 @@ def check_zeros(
     After a calibration by hand, a smaller shift of both ends is only reported.
 
     Raises:
-        CalibrationError: It was not in its pose, or the user cannot be asked; nothing was changed.
+        CalibrationError: The arm was not in its pose, or nobody can be asked; nothing was changed.
     """
     shifted = list(find_shifted_zeros(state, may_have_sagged=may_have_sagged))
     for zero in find_shifted_zeros(state, may_have_sagged=True):

@@ -150,7 +150,7 @@ def _fits_better_mirrored(state: CalibrationState, subject: JointUnderCalibratio
 def _range_mismatch(
     subject: JointUnderCalibration, sign: int, anchor: float, ticks: tuple[int, int]
 ) -> float:
-    """Compute how far a recorded range is from the expected one if the joint has a sign."""
+    """Compute the distance of a recorded range from the expected one, given a sign."""
     placed = subject.with_mounting(sign, anchor)
     low, high = sorted(placed.position(tick) for tick in ticks)
     return abs(low - subject.expected.lower.value) + abs(high - subject.expected.upper.value)

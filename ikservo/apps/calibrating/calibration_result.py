@@ -36,7 +36,7 @@ class MeasuredJoint:
     """A joint's mounting and travel.
 
     Attributes:
-        joint_map: Its sign and zero; in bare ticks; in reported ticks after ``shift_ticks``.
+        joint_map: Its sign and zero, in bare ticks; in reported ticks after ``shift_ticks``.
         travel: Its range, in the same ticks.
         swept: The source of the range.
     """

@@ -194,7 +194,7 @@ class TorqueOffArm:
         """Write servos and file as one transaction, verify them, and return the file.
 
         Raises:
-            IkservoError: It failed; nothing is changed, or the message says how to continue.
+            IkservoError: Writing failed; nothing is changed, or the message says how to continue.
         """
         changes = plan_changes(self.bus, outcome.memory)
         text = dump_calibration(outcome.calibration)
@@ -249,7 +249,7 @@ def load_own_calibration(loose: TorqueOffArm) -> Calibration:
 
     Raises:
         CalibrationError: The arm has no calibration.
-        FileFormatError: It is malformed.
+        FileFormatError: The file is malformed.
     """
     name = loose.model.name
     calibration = load_calibration(name, loose.serial_number)
@@ -298,7 +298,7 @@ def push_calibration(loose: TorqueOffArm) -> Path:
 
     Raises:
         CalibrationError: There is no file, or its servos are not those of the arm file.
-        IkservoError: It failed; nothing is changed, or the message says how to continue.
+        IkservoError: The transfer failed; nothing is changed, or the message says how to continue.
     """
     calibration = _load_matching_calibration(loose)
     memory = {s.id: s.holds for joint in calibration.joints for s in joint.servos}
@@ -329,7 +329,7 @@ def _shift_joint(joint: CalibratedJoint, facts: Mapping[int, ServoConfig]) -> Ca
     lead = facts[joint.servo.id]
     if not all(same_direction(facts[servo.id], servo.holds) for servo in joint.servos):
         raise CalibrationError(
-            f"{joint.name} counts in another direction than when it was calibrated; "
+            f"{joint.name} counts in the opposite direction from when it was calibrated; "
             "its sign and zero are invalid.",
             "Write the file's values into the servos instead: ikservo calibration push. "
             "Or measure again: ikservo calibrate",
@@ -419,9 +419,9 @@ def base_calibration(loose: TorqueOffArm, joints: Collection[str]) -> Calibratio
     """Load the calibration of which some joints are to be replaced.
 
     Raises:
-        CalibrationError: There is none, it is another arm's, or the servos of the joints that
-            are kept contradict it.
-        FileFormatError: It is malformed.
+        CalibrationError: There is no calibration, it is another arm's, or the servos of the joints
+            that are kept contradict it.
+        FileFormatError: The file is malformed.
     """
     calibration = _load_matching_calibration(loose)
     kept = tuple(joint for joint in calibration.joints if joint.name not in joints)

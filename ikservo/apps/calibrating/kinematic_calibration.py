@@ -249,8 +249,9 @@ class CalibrationFit:
         layout: The meaning of the parameters.
         values: The vector (k,).
         covariance: Its covariance (k, k); zero for parameters that were not estimated.
-        scaled: Singular values, descending, of the touches' Jacobian by all estimated parameters,
-            each scaled by its prior. Touches add information if a value is above 1.
+        scaled: Singular values, descending, of the Jacobian of the touches with respect to all
+            estimated parameters, each scaled by its prior. Touches add information if a value is
+            above 1.
         kept: The touches (n,) that were used.
         residuals_m: Distance of the tip from each point (n,), outliers included.
     """

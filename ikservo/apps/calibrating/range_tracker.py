@@ -105,8 +105,8 @@ class EndStopDetector:
         max_load_percent: The load limit of its servo.
         min_lag_rad: The lag behind its goal from which it counts as blocked.
         contact: The state of the joint.
-        blocked: Whether it stands long enough to be at a stop.
-        idle: Whether it stands so long that nothing holds it if it has no load.
+        blocked: Whether it has stood still long enough to be at a stop.
+        idle: Whether it has stood still so long that nothing holds it if it has no load.
     """
 
     max_load_percent: float

@@ -15,8 +15,8 @@ def read_recorded_calibration(path: Path) -> Calibration:
     """Read the calibration that is attached to a recording.
 
     Raises:
-        CalibrationError: The recording has none.
-        FileFormatError: It is not an MCAP file, or the calibration is malformed.
+        CalibrationError: No calibration is attached.
+        FileFormatError: The file is not an MCAP file, or the calibration is malformed.
     """
     text: str | None = find_part("import recording")(path)
     if text is None:
@@ -31,7 +31,7 @@ def check_adoptable(loose: TorqueOffArm, path: Path, calibration: Calibration) -
     """Check that a calibration matches the servos on this bus.
 
     Raises:
-        CalibrationError: It does not match; the message says why.
+        CalibrationError: The calibration does not match; the message says why.
     """
     reason = next(find_mismatches(loose, calibration), "")
     if reason:

@@ -46,7 +46,7 @@ class TouchOffSession:
         maps: The conversion from ticks to positions, per joint of the chain.
 
     Raises:
-        CalibrationError: It is not calibrated, or its servos contradict the calibration.
+        CalibrationError: The arm is not calibrated, or its servos contradict the calibration.
         FileFormatError: Its calibration is malformed.
     """
 

@@ -152,7 +152,7 @@ class TouchOffState:
         """Record the arm's position as a touch of the current target.
 
         Raises:
-            CalibrationError: The arm still moves, or there is no target.
+            CalibrationError: The arm is still moving, or there is no target.
         """
         if self.current_target is None:
             raise CalibrationError("Every point has been touched.", "Evaluate (a), or undo (u).")

@@ -71,8 +71,8 @@ class ArmCamera:
         """Return the camera of that name or source, if an arm was calibrated with several.
 
         Raises:
-            UnknownNameError: It was not calibrated with a camera of that name.
-            CalibrationError: It was not calibrated with the camera of that source.
+            UnknownNameError: The arm was not calibrated with a camera of that name.
+            CalibrationError: The arm was not calibrated with the camera of that source.
             FileFormatError: A file about it is damaged.
         """
         camera, _, name = known_camera(self._context, name, source)
@@ -147,7 +147,7 @@ class ArmCamera:
 
         Raises:
             BadValueError: The pixel is not in the picture.
-            InputError: The line of sight meets neither.
+            InputError: The line of sight meets neither the table nor a thing.
             CalibrationError: The arm has no calibrated camera, or it has moved since.
         """
         return first_seen(self._ray(u, v), self._scene.things, table_m(self._context.model))
@@ -197,8 +197,8 @@ def known_camera(
 
     Raises:
         CalibrationError: The arm has no calibrated camera.
-        UnknownNameError: It has no camera of that name.
-        InputError: It has several cameras, and a name is needed.
+        UnknownNameError: The arm has no camera of that name.
+        InputError: The arm has several cameras, and a name is needed.
         FileFormatError: A file about it is damaged.
     """
     arm, key = context.model.name, camera_key(context)
@@ -244,7 +244,7 @@ def first_seen(ray: Ray, things: Iterable[Obstacle], z_m: float) -> SeenPoint:
     """Find the first point on a ray: on a thing, or on the level plane at z.
 
     Raises:
-        InputError: The ray meets neither.
+        InputError: The ray meets neither a thing nor the plane.
     """
     hits: list[tuple[float, str | None]] = [(ray.distance_to_level_m(z_m), None)]
     for thing in things:

@@ -59,7 +59,7 @@ class Board:
         """Return the board for a name such as ``5x7-12mm-4x4``.
 
         Raises:
-            BadValueError: It is not the name of a board, or the board cannot be made.
+            BadValueError: The text is not the name of a board, or the board cannot be made.
         """
         match = _NAME.fullmatch(name)
         columns, rows = (int(match[1]), int(match[2])) if match else (0, 0)

@@ -48,7 +48,7 @@ class HandCalibration:
 
     Args:
         arm: The arm; its torque is off.
-        camera: The camera; it stands still.
+        camera: The camera, which must not move.
         board: The board on the gripper.
         count: The number of pictures to use.
         report: Receives a line on each picture, and the reason if it is not used.

@@ -78,7 +78,7 @@ class CameraResult:
         intrinsics: The intrinsics of the camera.
         board: The board on the gripper.
         pictures: Number of pictures in which the board was seen.
-        missed: Number of pictures in which it was not.
+        missed: Number of pictures in which the board was not seen.
         duration_s: Time from the first picture to the last, by the arm's clock.
         carried: The fraction of its weight that the arm carried itself while the user held it; None
             if the user did not, or if the compliance of its links is unknown.
@@ -121,7 +121,7 @@ class ArmBefore:
         """Return the known facts about an open arm.
 
         Raises:
-            CalibrationError: It has no calibration to correct.
+            CalibrationError: The arm has no calibration to correct.
             FileFormatError: Its calibration is damaged.
         """
         name = arm.model.name
@@ -262,7 +262,7 @@ class CameraCalibration:
 
     Args:
         arm: The arm, with the board in front of the camera, near the middle of the picture.
-        camera: The camera; it stands still.
+        camera: The camera, which must not move.
         board: The board on the gripper.
         count: The number of pictures to take.
         report: Receives a line on each picture.
@@ -369,7 +369,8 @@ class CameraCalibration:
         """Take a picture of the resting arm.
 
         Raises:
-            CalibrationError: No picture comes, the same one again, or brightness never settles.
+            CalibrationError: The camera delivers no picture, or the same one again, or its
+                brightness never settles.
         """
         clock = self._arm.clock
         clock.sleep_until(clock.now_s() + _SETTLE_S)

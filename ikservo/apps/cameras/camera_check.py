@@ -26,7 +26,7 @@ _LOOKS = 5
 
 
 class BoardPlace:
-    """The place of the board of a check: as remembered on the table, or on the gripper.
+    """Place of the board for a check: remembered on the table, or on the gripper.
 
     Args:
         camera: The camera.
@@ -74,7 +74,7 @@ def check_camera(
     """Look at the board, and save whether the camera has moved; the arm does not move.
 
     Args:
-        arm: The arm before the camera.
+        arm: The arm in front of the camera.
         source: The camera.
         now: The time of the check.
         within_mm: The largest error of the board; None: the error of the calibration.
@@ -96,7 +96,7 @@ def check_camera(
 
 
 def remember_board(arm: Arm, source: PictureSource, board: Board, name: str = "") -> SeenBoard:
-    """Save the place of a board on the table, for later checks of the camera of that name.
+    """Save where a board lies on the table, for later checks of the named camera.
 
     Raises:
         CalibrationError: The arm has no calibrated camera, or it has moved.

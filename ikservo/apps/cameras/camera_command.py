@@ -119,7 +119,9 @@ def command(
     for name, is_given in given.items():
         if is_given and name not in ACTIONS[action]:
             its = " and ".join(each for each, options in ACTIONS.items() if name in options)
-            raise BadValueError(name, f"given for {action}", f"an option of {its} only")
+            raise InputError(
+                f"{name} cannot be given for {action}.", f"It is an option of {its} only."
+            )
     if action == "board":
         path = file or Path("board.pdf")
         if path.exists() and not overwrite:
@@ -195,7 +197,7 @@ def check_camera_name(name: str) -> str:
     """Return the name of a camera.
 
     Raises:
-        BadValueError: It is not a valid name.
+        BadValueError: The text is not a valid name.
     """
     if not re.fullmatch(r"[A-Za-z0-9_-]{0,64}", name):
         raise BadValueError("--camera-name", shown(name), "letters, digits, - and _; at most 64")

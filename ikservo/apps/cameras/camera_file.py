@@ -18,9 +18,7 @@ from ikservo.files.writing import strip_checksum, with_checksum, write_atomic
 SIMULATED = "sim"
 """Used in place of an adapter's serial number for a simulated arm."""
 
-_HEADER = (
-    "# What is known of the camera before one arm besides its calibration; written by ikservo.\n"
-)
+_HEADER = "# Facts about an arm's camera that are not in its calibration; written by ikservo.\n"
 
 NotBelowZero = Annotated[float, Field(ge=0)]
 

@@ -41,10 +41,10 @@ class LensTerms:
 
     Attributes:
         at: The numbers (6,) with which the board's pose was computed.
-        by_lens: The derivative of that pose by these parameters (6, 6): rows are metres and rad,
-            camera frame.
-        slope: The derivative of half the squared error of the corners by these parameters (6,),
-            with the best pose for each.
+        by_lens: The derivative of that pose with respect to these parameters (6, 6): rows are
+            metres and rad, camera frame.
+        slope: The derivative (6,) of half the squared error of the corners with respect to these
+            parameters, with the best pose for each.
         information: The second derivative (6, 6).
         noise: The covariance (6, 6) of that pose due to the noise of the corners, as ``by_lens``.
     """
@@ -707,7 +707,7 @@ def _contradiction_error(samples: Sequence[BoardSample], kept: _Mask) -> Calibra
     wrong = [s.name or str(i + 1) for i, s in enumerate(samples) if not kept[i]]
     named = f"{len(wrong)} of {len(samples)}: {', '.join(wrong)}" if wrong else "most of them"
     return CalibrationError(
-        f"The pictures contradict each other, {named}.",
+        f"The pictures contradict each other ({named}).",
         "Is the board fixed firmly to the gripper, and does the camera stand still? "
         "Nothing was saved.",
     )

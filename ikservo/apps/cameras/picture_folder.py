@@ -77,7 +77,7 @@ class PictureFolder:
         """Refuse a folder that is not empty.
 
         Raises:
-            InputError: It is not empty, or it is a file.
+            InputError: The folder is not empty, or it is a file.
         """
         if path.exists() and (not path.is_dir() or any(path.iterdir())):
             raise InputError(f"{path} exists and is not empty.", "Name a new folder.")

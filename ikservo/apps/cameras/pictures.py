@@ -49,7 +49,7 @@ class PictureSource(Protocol):
         """Take a current picture.
 
         Raises:
-            PictureError: No picture comes.
+            PictureError: The camera delivers no picture.
         """
         ...
 

@@ -110,7 +110,7 @@ def find_tip_zero(
     Earlier clicks that the calibration has kept, for any of its cameras, count as well.
 
     Args:
-        arm: The arm before the camera, at rest.
+        arm: The arm in front of the camera, at rest.
         pixels: The pixels (u, v) of one or more clicks on the tip.
         written: The time stamp of the calibration with the new zero.
         name: The name of the camera; see ``known_camera``.
@@ -120,7 +120,7 @@ def find_tip_zero(
         BadValueError: A pixel is not in the picture.
         CalibrationError: The arm has no such calibrated camera, the camera has moved, the
             calibration has determined that zero or has changed since the arm was opened, the zero
-            is hardly visible, the arm moves, or no plausible zero fits a click.
+            is hardly visible, the arm is moving, or no plausible zero fits a click.
     """
     camera, _, name = known_camera(arm.context, name)
     model, chain = arm.camera.named(name).model(), arm.chain
@@ -208,7 +208,8 @@ def _read_click(
     if best in (0, len(steps) - 1):
         most_deg = math.degrees(_MOST_RAD)
         raise CalibrationError(
-            f"By this click, the zero of {chain.names[-1]} is off by {most_deg:.0f}° or more.",
+            f"The click means that the zero of {chain.names[-1]} is off by {most_deg:.0f}° "
+            "or more.",
             hint,
         )
     px_per_mm = float(model.lens.matrix[0, 0] / model.project(tips_m[best])[1]) / 1000.0
@@ -245,7 +246,7 @@ def _resting_joints(arm: Arm) -> Vector:
     """Return all measured joints (n,) of an arm at rest.
 
     Raises:
-        CalibrationError: The arm moves.
+        CalibrationError: The arm is moving.
     """
 
     def read() -> Iterable[float]:
@@ -253,7 +254,7 @@ def _resting_joints(arm: Arm) -> Vector:
 
     still = read_until_at_rest(_STANDS, read, arm.clock, timeout_s=_STANDS.window_s)
     if not still.is_at_rest():
-        raise CalibrationError("The arm moves.", "Click when it rests.")
+        raise CalibrationError("The arm is moving.", "Click when it has come to rest.")
     return np.array(still.joints)
 
 
@@ -261,7 +262,7 @@ def _require_same(arm: Arm, calibration: Calibration) -> None:
     """Check that the arm's joints are measured with the zeros of a calibration.
 
     Raises:
-        CalibrationError: They are measured with other zeros.
+        CalibrationError: The joints are measured with other zeros.
     """
     present = {each.joint: each.joint_map for each in arm.context.servos.driven_joints}
     for own in chain_maps(arm.model, calibration):

@@ -214,7 +214,7 @@ def _parse_joints(texts: Sequence[str]) -> tuple[RulerJoint, ...]:
     names = [joint.name for joint in joints]
     for name in names:
         if names.count(name) > 1:
-            raise BadValueError("--joint", f"{name} twice", "each name once")
+            raise InputError(f"--joint names {name} twice.", "Use each name once.")
     return joints
 
 
@@ -223,7 +223,7 @@ def _parse_servos(texts: Sequence[str]) -> dict[str, tuple[DraftServo, ...]]:
     found: dict[str, tuple[DraftServo, ...]] = {}
     for name, servo in _parse_pairs("--servo", texts, _parse_servo, "elbow=3:STS3215 or elbow=-3"):
         if any(servo.id == other.id for servos in found.values() for other in servos):
-            raise BadValueError("--servo", f"the id {servo.id} twice", "each id once")
+            raise InputError(f"--servo gives the id {servo.id} twice.", "Use each id once.")
         found[name] = (*found.get(name, ()), servo)
     return found
 

@@ -218,7 +218,7 @@ def _servos_of(
 
 
 def _limited(joint: UrdfJoint, options: ImportOptions, say: Callable[[str], None]) -> UrdfJoint:
-    """Set the limits of a joint: the user's, or those of a servo if it has none."""
+    """Set a joint's limits: the user's, or those of a servo if the joint has none."""
     slides = joint.kind is UrdfJointType.PRISMATIC
     if joint.name in options.limits:
         given, unit = options.limits[joint.name], "mm" if slides else "°"

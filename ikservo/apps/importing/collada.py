@@ -25,7 +25,7 @@ def check_collada(path: Path, place: str, data: bytes, max_elements: int) -> Non
         max_elements: The largest number of triangles and elements in the whole scene.
 
     Raises:
-        FileFormatError: It is too large, contains itself or is not plain XML.
+        FileFormatError: The scene is too large, contains itself or is not plain XML.
     """
     root = parse_xml(path, data.decode("utf-8", "replace"))
     elements, chars = _SceneSize(path, place, root).sum_up()
@@ -78,7 +78,7 @@ class _SceneSize:
             self._known[name] = self._size(self._by_id[name], level)
         found = self._known[name]
         if found is None:
-            raise self._error("it has a node that contains itself", "nodes without a circle")
+            raise self._error("it has a node that contains itself", "nodes without a cycle")
         return found
 
     def _error(self, found: str, expected: str) -> FileFormatError:

@@ -47,11 +47,11 @@ def choose_description(source: Path, name: str | None = None) -> Path:
         name: The name, or the end of the path, of a file in the folder.
 
     Raises:
-        InputError: There is none, or several; the message lists them.
+        InputError: There is no such file, or there are several; the message lists them.
     """
     if not source.is_dir():
         if name is not None:
-            raise InputError(f"{source} is a file.", "--file chooses a file of a folder.")
+            raise InputError(f"{source} is a file.", "--file chooses a file in a folder.")
         return source
     with contextlib.suppress(OSError):  # raised for a name that is too long
         if name is not None and (source / name).is_file():
@@ -106,7 +106,7 @@ def runs_code(path: Path) -> bool:
     """Check whether reading a description runs the expressions in it.
 
     Raises:
-        FileFormatError: It cannot be read.
+        FileFormatError: The file cannot be read.
     """
     if _is_mjcf(path):
         return False
@@ -132,7 +132,7 @@ def read_foreign(
         folder: The folder that may be read; None: that of its package, or its own.
 
     Raises:
-        FileFormatError: It cannot be used; the message names the place and the cause.
+        FileFormatError: The description cannot be used; the message names the place and the cause.
         InputError: Reading it would run code, or the reader of its format is not installed.
     """
     found = PackageFolders(path, packages, folder)

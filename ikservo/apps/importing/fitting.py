@@ -63,7 +63,7 @@ class MeshFit:
     """Capsules that together contain a mesh.
 
     Attributes:
-        capsules: In the coordinates of the mesh.
+        capsules: The capsules, in the coordinates of the mesh.
         excess_m: The distance of the farthest point of their common surface from the mesh.
         allowed_m: The largest distance that it should have.
     """
@@ -239,7 +239,7 @@ class _SampledSurface:
         return float(away_m.max()) + moved_m if len(away_m) else 0.0
 
     def badness(self, parts: Sequence[_Part], allowed_m: float) -> float:
-        """Rate parts by the area and distance of their surface far from the mesh; 0 is best."""
+        """Rate how far, and over how much area, the surface of parts is off the mesh; 0 is best."""
         rated = 0.0
         for i, part in enumerate(parts):
             far_m = self._distances_m(i, parts, _COARSE)
@@ -306,7 +306,7 @@ def _thin_out(points: Matrix, cell_m: float) -> Matrix:
 
 
 def _cell_keys(points: Matrix, cell_m: float) -> NDArray[np.int64]:
-    """Return the number (n,) of the cell of a grid in which each point (n, 3) is."""
+    """Return the number (n,) of the grid cell that contains each point (n, 3)."""
     x, y, z = (((row - row.min()) / cell_m).astype(np.int64) for row in points.T.copy())
     return (x * (y.max() + 1) + y) * (z.max() + 1) + z
 

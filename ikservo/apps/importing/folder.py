@@ -19,7 +19,7 @@ def check_name(name: str) -> None:
     """Raise if a name is not allowed for an arm.
 
     Raises:
-        BadValueError: It has other characters, or is the name of an arm of ikservo.
+        BadValueError: The name has other characters, or is the name of an arm of ikservo.
     """
     if not _NAME.fullmatch(name):
         raise BadValueError("The name", name, "1 to 64 of the characters A-Z a-z 0-9 _ -")
@@ -46,7 +46,7 @@ def load_draft(draft: ArmDraft, folder: Path | None = None) -> Model:
         folder: The folder of its two files; a temporary folder if None.
 
     Raises:
-        FileFormatError: It cannot be loaded; the message names its source description.
+        FileFormatError: The draft cannot be loaded; the message names its source description.
     """
     if folder is None:
         with tempfile.TemporaryDirectory() as name:

@@ -39,7 +39,7 @@ def read_triangles(path: Path, data: bytes, link: str) -> Triangles:
         link: The link that owns the shape, for the messages.
 
     Raises:
-        FileFormatError: It has an unknown format, or is damaged, empty or too large.
+        FileFormatError: The file has an unknown format, or is damaged, empty or too large.
         InputError: The extra ``import`` is not installed.
     """
     place, suffix = f"mesh of link {link}", path.suffix.lower()
@@ -93,7 +93,7 @@ def _stated_triangles(suffix: str, data: bytes) -> float:
 
 
 def _gltf_triangles(tree: Any) -> float:  # noqa: ANN401  # JSON of any shape
-    """Compute the triangles of a glTF: a third of the corners of all primitives of all nodes."""
+    """Count the triangles of a glTF: a third of the corners that its nodes draw."""
     counts: list[float] = [accessor.get("count", 0) for accessor in tree.get("accessors", ())]
     meshes: list[float] = []
     for mesh in tree.get("meshes", ()):

@@ -76,7 +76,7 @@ def draft_new_arm(new: NewArm) -> EntryDialogue[list[ArmDraft]]:
     Raises:
         InputError: An option does not fit, or the folder exists; the message says which.
         FileFormatError: The description cannot be used; the message names the place.
-        UnknownNameError: It has no such link or joint.
+        UnknownNameError: The description has no such link or joint.
     """
     check_name(new.name)
     check_new([new.name], new.folder, overwrite=new.overwrite)
@@ -160,7 +160,7 @@ def _choose_tips(description: Description, options: ImportOptions) -> EntryDialo
     except InputError as error:
         if "arms, with the tips" not in error.command_message:
             raise
-        asked = f"{error.command_message} Which ones, separated by blanks? Each becomes one arm."
+        asked = f"{error.command_message} Which ones, separated by spaces? Each becomes one arm."
         answer = yield Entry(asked, error.command_hint.partition(": ")[2])
         return replace(options, tips=tuple((answer or "").split()))
     only = structures[0]

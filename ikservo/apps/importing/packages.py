@@ -28,7 +28,7 @@ class PackageFolders:
         given: Folders by package, as given by the user.
         folder: The folder that the user named, or that of the named file; its files may be read.
         used: Folders by package, as found so far.
-        outside: Names of meshes that were refused because they are outside of every folder.
+        outside: Names of meshes that were refused because they are outside every folder.
     """
 
     path: Path

@@ -29,7 +29,7 @@ class RestingPlace:
     Attributes:
         positions: Positions by joint, rad or m; a little above the first contact that the guard
             would find.
-        sank_s: The time of the motion.
+        sank_s: The duration of the motion.
         gap_m: The smallest distance within its body there, as the guard measures it; negative if
             shapes overlap.
         pair: The two parts with that distance; empty if nothing is checked.

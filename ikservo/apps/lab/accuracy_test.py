@@ -203,7 +203,8 @@ class AccuracyTest:
     Attributes:
         on_step: Called after each cycle.
         cube: The cube of the test.
-        top_speed_m_s: Tip speed of 100 %, as the joints allow on both paths; 0 until known.
+        top_speed_m_s: Tip speed that counts as 100 %: the highest that the joints allow on both
+            paths; 0 until known.
         poses: Pose accuracy and repeatability.
         directions: Multi-directional pose accuracy variation.
         paths: Path accuracy and repeatability.
@@ -227,7 +228,7 @@ class AccuracyTest:
         """Measure each part.
 
         Raises:
-            StoppedError, KeyboardInterrupt: It was stopped; measurements are kept.
+            StoppedError, KeyboardInterrupt: The test was stopped; measurements are kept.
             IkservoError: The arm cannot go on; see ``Arm``. Measurements are kept.
         """
         steps = {

@@ -55,7 +55,7 @@ class IdentificationRun:
 
     Attributes:
         arm: The arm.
-        dynamics: The dynamics by the arm file.
+        dynamics: The dynamics according to the arm file.
         excitation: The tour; starts and ends in the pose `START_POSE`.
     """
 
@@ -114,7 +114,7 @@ class IdentificationRun:
 
         Raises:
             RefusedError: The guard stopped it; the arm holds.
-            StoppedError: It was stopped; the arm holds.
+            StoppedError: The tour was stopped; the arm holds.
         """
         context = self.arm.context
         reporter = context.progress_reporter(on_progress)
@@ -155,7 +155,7 @@ class IdentificationRun:
 
 
 def nominal_priors(model: Model, names: Sequence[str]) -> list[JointPrior]:
-    """Return the priors of the servos of some joints from the tables.
+    """Return the priors of some joints' servos, from the tables.
 
     Raises:
         RefusedError: The motor of a servo is unknown.

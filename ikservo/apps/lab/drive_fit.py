@@ -60,7 +60,8 @@ class JointPrior:
         nominal_v: The supply of these figures.
         per_horn_rad: Motion of the joint per rad of the horns.
         full_duty_share: Relative standard deviation of the torque at full duty.
-        gain: The P gain in force, as a share of the servo's; None where it was not read.
+        gain: The P gain in force, as a fraction of that of the servo's model; None if it was not
+            read.
     """
 
     servo: ServoTorque
@@ -96,7 +97,7 @@ class Winding:
     """The motor of one servo, at the horn, by duty, current and speed.
 
     Attributes:
-        ohm: R.
+        ohm: The resistance of the winding.
         kt: The torque constant, N m/A.
         covariance: The covariance of the errors of the two (2, 2).
     """

@@ -28,7 +28,7 @@ class DriveRecording:
         leg: The part of the motion to which each sample belongs (m,).
         speed: The speed of the reference (m, dof), rad/s or m/s.
         goal: Goals (m, dof), rad or m.
-        position: Measured with the duty (m, dof), rad or m.
+        position: Positions measured together with the duty (m, dof), rad or m.
         duty: Fraction of the full duty (m, dof, most), -1 to 1, positive towards larger positions.
             NaN for a servo that a joint does not have.
         current_a: Current of the winding (m, dof, most), or its size if the servo does not measure

@@ -122,7 +122,7 @@ class DutyModel:
         return replace(self, windows=self.windows.where(mask), gravity=self.gravity[mask])
 
     def with_noise(self, x: Vector) -> DutyModel:
-        """Return the model with the measured noise of the duties of each joint that moved."""
+        """Return the model with the measured duty noise of each joint that moved."""
         pairs = zip(self.errors_by_joint(x), self.noise, strict=True)
         found = np.array([np.sqrt(np.mean(r**2)) if len(r) else old for r, old in pairs])
         return replace(self, noise=np.maximum(found, 0.5 * _DUTY_NOISE))

@@ -332,7 +332,7 @@ def record_excitation(
     backlash within a few hundredths of a second. The other values stay unchanged.
 
     Raises:
-        IkservoError: An error of every motion; see ``Arm``.
+        IkservoError: The errors of every motion; see ``Arm``.
     """
     excitation = excitation.starting_at(context.servos.reference())
     context.check_streamed_path(excitation, "slow")
@@ -396,7 +396,7 @@ def _sample_ages(replies: Matrix, drive: Matrix) -> Matrix:
     comes. The middle is assumed; it is off by at most half of the time between both.
 
     Args:
-        replies: Begin and end (m, 2) of each reading, after the goals.
+        replies: Start and end (m, 2) of each reading, after the goals.
         drive: One reading (joints, most, 4): servos reply one after the other.
     """
     counts = np.isfinite(drive[..., 0]).sum(axis=1)

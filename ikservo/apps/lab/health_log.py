@@ -96,7 +96,7 @@ def append_record(path: Path, record: HealthRecord) -> None:
 
     Raises:
         FileFormatError: The file is damaged; it is unchanged.
-        FileWriteError: It cannot be written; it is unchanged.
+        FileWriteError: The file cannot be written; it is unchanged.
     """
     with exclusive_access(path):
         records = [*read_records(path), record][-MAX_RECORDS:]

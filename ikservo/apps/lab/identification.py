@@ -76,7 +76,8 @@ class Validation:
     """Quality of the prediction of a joint's lag behind its goals, on legs kept aside.
 
     Attributes:
-        identified: Root mean square of the error with the parameters of the other legs, rad or m.
+        identified: Root mean square of the error with the parameters estimated from the other legs,
+            rad or m.
         nominal: The same error with the parameters of the tables.
     """
 
@@ -146,7 +147,7 @@ def identify(
     """Identify the parameters that explain a recording best.
 
     Args:
-        dynamics: The dynamics of the chain, by the arm file.
+        dynamics: The dynamics of the chain, according to the arm file.
         priors: The priors of each joint's servos.
         recording: A recording of slow motion.
 
@@ -193,7 +194,7 @@ def identify_payload(
     """Identify the mass at the tip.
 
     Args:
-        dynamics: The dynamics of the chain, by the arm file.
+        dynamics: The dynamics of the chain, according to the arm file.
         priors: The priors of each joint's servos.
         recording: A recording of slow motion with the payload.
         known: The earlier identification of the arm without payload; None if there is none.

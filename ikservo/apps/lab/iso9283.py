@@ -153,7 +153,9 @@ def _cluster(points: ArrayLike, least: int) -> Matrix:
     array = np.asarray(points, dtype=np.float64)
     if array.ndim != 2 or array.shape[1] != 3 or len(array) < least:
         found = f"of shape {array.shape}"
-        raise BadValueError("The attained points", found, f"points (n, 3), n at least {least}")
+        raise BadValueError(
+            "The array of attained points", found, f"points (n, 3), n at least {least}"
+        )
     return array
 
 
@@ -161,5 +163,7 @@ def _paths(paths: ArrayLike, least: int) -> Matrix:
     array = np.asarray(paths, dtype=np.float64)
     if array.ndim != 3 or array.shape[2] != 3 or len(array) < least:
         found = f"of shape {array.shape}"
-        raise BadValueError("The attained paths", found, f"paths (n, m, 3), n at least {least}")
+        raise BadValueError(
+            "The array of attained paths", found, f"paths (n, m, 3), n at least {least}"
+        )
     return array

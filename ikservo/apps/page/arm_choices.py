@@ -36,7 +36,7 @@ class ArmChoices:
         """Choose one of the offered arms at one of the offered ports.
 
         Raises:
-            BadMessageError: It was not offered, or is unplugged now.
+            BadMessageError: The arm was not offered, or is unplugged now.
         """
         if arm not in self.models:
             raise BadMessageError(f"There is no arm {arm[:64]!r} to choose.")
@@ -47,7 +47,7 @@ class ArmChoices:
         """Check that a port was offered.
 
         Raises:
-            BadMessageError: It was not offered, or is unplugged now.
+            BadMessageError: The port was not offered, or is unplugged now.
         """
         if port not in self.ports:
             raise BadMessageError(f"The port {port[:64]!r} is gone.", "Is it plugged in?")

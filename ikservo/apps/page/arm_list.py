@@ -51,7 +51,7 @@ class CloseArm(PageMessage):
 
 
 class ShowCamera(PageMessage):
-    """Ask for the address, valid once, of the pictures of an arm's camera."""
+    """Ask for the address of an arm's camera pictures, which is valid once."""
 
     kind: Literal["show_camera"]
     arm: Name
@@ -91,7 +91,7 @@ def read_arm_list_message(text: str) -> ArmListMessage:
     """Parse and validate a message of the list.
 
     Raises:
-        BadMessageError: It is too long, not JSON, or not one of the messages above.
+        BadMessageError: The message is too long, not JSON, or not one of the messages above.
     """
     return validate_message(_MESSAGES, text)
 
@@ -139,7 +139,7 @@ class ArmList:
         """Handle a client's message.
 
         Raises:
-            BadMessageError: Not permitted, or impossible now; nothing has changed.
+            BadMessageError: The request is not permitted, or impossible now; nothing has changed.
         """
         if isinstance(message, Heartbeat):
             return

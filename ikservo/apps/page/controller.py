@@ -45,7 +45,7 @@ from ikservo.errors import IkservoError
 _ORBIT_RAD_PX = 0.008
 _AWAY_TEXT = "Stopped: the page that controls was hidden, closed or replaced."
 _HARMLESS = ("up", "cancel", "hover", "leave")  # pointer events without a new target
-_GO_LIVE_TEXT = "The arm does not follow. The last goal is dropped."
+_GO_LIVE_TEXT = "The arm does not follow. The last goal was dropped."
 
 Handler = Callable[[Any, Client], None]
 """Handles one type of message."""
@@ -197,7 +197,7 @@ class SessionController:
         """Handle a client's message.
 
         Raises:
-            BadMessageError: Not permitted, or impossible now; nothing has changed.
+            BadMessageError: The request is not permitted, or impossible now; nothing has changed.
         """
         client, handle = self._clients[client_id], self._handlers.get(type(message))
         if handle is None:
@@ -337,7 +337,7 @@ class SessionController:
         self._require_ready()
         if self._arm_thread.command.live:
             raise BadMessageError(
-                "Things are fixed while the arm follows.", "Switch Live off first."
+                "Things cannot be changed while the arm follows.", "Switch Live off first."
             )
         self._things.handle(message, self._arm_thread.snapshot.measured)
         self._interaction.set_things(self._arm.scene.things)
@@ -351,7 +351,7 @@ class SessionController:
         if self._arm_thread.command.live:
             self._interaction.reset()
             raise BadMessageError(
-                "Things are fixed while the arm follows.", "Switch Live off first."
+                "Things cannot be changed while the arm follows.", "Switch Live off first."
             )
         self._things.show_moved(moved)
         if moved.is_dropped:
@@ -447,7 +447,7 @@ class SessionController:
         """Raise if the arm accepts no targets.
 
         Raises:
-            BadMessageError: It was stopped, is being calibrated, or moves by itself.
+            BadMessageError: The arm was stopped, is being calibrated, or is moving by itself.
         """
         snapshot, job = self._arm_thread.snapshot, self._arm_thread.job
         if snapshot.calibration:

@@ -137,7 +137,7 @@ class ServedArm:
         """Open the arm; nothing moves and no torque changes.
 
         Raises:
-            IkservoError: It cannot be opened; ``error`` also gives the reason.
+            IkservoError: The arm cannot be opened; ``error`` also gives the reason.
         """
         try:
             self._exits = self._start()
@@ -198,7 +198,7 @@ class ServedArm:
             rpy_deg: Roll, pitch and yaw of its base frame there.
 
         Raises:
-            InputError: No other arm of that name is open, or it moves.
+            InputError: No other arm of that name is open, or it is moving.
             RefusedError: Its place cannot be measured.
         """
         other = self._find_arm(name)
@@ -274,7 +274,7 @@ class ServedArm:
         """Handle a client's message.
 
         Raises:
-            IkservoError: Not permitted, or impossible now; the text is sent back to the client.
+            IkservoError: The request is not permitted, or impossible now; the client gets the text.
             SessionEndedError: The arm was closed.
         """
         self._require_open()

@@ -155,7 +155,9 @@ def _bench_from_options(
         InputError: An option for arms is given.
     """
     if arms or camera:
-        raise InputError("--servos shows no arm.", "Name the servos' arm with --arm, or none.")
+        raise InputError(
+            "--servos opens no arms or cameras.", "Leave them out; --arm names the servos' arm."
+        )
     model = model_from_option(connection.arm) if connection.arm else None
     port = choose_port(connection.port, model.name if model else "")
     simulated_port_url(port, model.path if model else None)  # a bus needs its arm
@@ -174,7 +176,9 @@ def _places_from_options(arms: Sequence[str], arm: str | None, port: str | None)
         return []
     simulated = (port or "").partition(":")[0] == "sim"
     if arms and arm and arm != os.environ.get("IKSERVO_ARM"):
-        raise InputError(f"--arm {arm} besides {' '.join(arms)}.", "Name all arms without --arm.")
+        raise InputError(
+            f"--arm {arm} is given besides {' '.join(arms)}.", "Name all arms without --arm."
+        )
     named = arms or [arm or ("so101" if simulated else "")]
     pairs = [(name, own) for name, _, own in (each.partition("=") for each in named)]
     if port and not simulated and sum(not own for _, own in pairs) > 1:
@@ -227,7 +231,7 @@ def _print_arms(app: ViewApp, *, has_camera: bool) -> None:
     served = app.arms.all()
     if not served:
         shown = " The camera's picture is shown with it." if has_camera else ""
-        print_status(f"No arm is open. Choose one on the page: nothing moves by that.{shown}")
+        print_status(f"No arm is open. Choose one on the page; that moves nothing.{shown}")
     for each in served:
         if each.error is not None:
             print_status(f"{each.name}: {each.error.message}\n{each.error.hint}")
@@ -244,7 +248,7 @@ def _check_installed(needs: Sequence[str], extra: str = "view") -> None:
     missing = [name for name in needs if find_spec(name) is None]
     if missing:
         raise InputError(
-            f"The view needs {', '.join(missing)}; not installed.",
+            f"The view needs {', '.join(missing)}, not installed.",
             f"Install it: {install_command(extra)}",
         )
 

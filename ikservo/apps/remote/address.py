@@ -84,7 +84,7 @@ def check_arm_name(name: str) -> str:
     """Check the name under which an arm will be served.
 
     Raises:
-        BadValueError: It has other characters, or is empty.
+        BadValueError: The name has other characters, or is empty.
     """
     if not _NAME.fullmatch(name):
         raise BadValueError("The name of the served arm", shown(name), _EXPECTED_NAME)
@@ -95,7 +95,7 @@ def check_host(host: str) -> str:
     """Check the name or address of a machine.
 
     Raises:
-        BadValueError: It is not valid.
+        BadValueError: The text is not valid.
     """
     if not (_is_ip(host) or _HOST.fullmatch(host)):
         raise BadValueError("The host", shown(host), "a name or an address, as in lab-pi")
@@ -109,7 +109,7 @@ def parse_address(text: str) -> ArmAddress:
     ``tcp/`` precedes the host.
 
     Raises:
-        BadValueError: It is not an address; the message names the wrong part.
+        BadValueError: The text is not an address; the message names the wrong part.
     """
     scheme, colon, rest = text.partition(":")
     name, at, place = rest.rpartition("@")
@@ -122,7 +122,7 @@ def parse_host(text: str) -> Endpoint:
     """Parse the endpoint of a connection in ``[tls/|tcp/]HOST[:PORT]``.
 
     Raises:
-        BadValueError: It is not valid.
+        BadValueError: The endpoint is not valid.
     """
     protocol, slash, place = text.rpartition("/")
     host, port = _split_place(place, text, _EXPECTED)
@@ -135,7 +135,7 @@ def parse_listen(text: str) -> Endpoint:
     """Parse the endpoint at which an arm will be served.
 
     Raises:
-        BadValueError: It is not valid.
+        BadValueError: The endpoint is not valid.
         InputError: Other machines could reach it without certificates.
     """
     protocol, slash, place = text.rpartition("/")

@@ -251,7 +251,7 @@ class ArmServer:
         gone = str(sample.kind).endswith("DELETE")
         if gone and holder and str(sample.key_expr).endswith(keys.operator_token(holder.lease)):
             self.service.lose(
-                holder, f"The connection to {holder.operator} was lost; the arm holds."
+                holder, f"The connection to {holder.operator} was lost; the arm holds its position."
             )
 
     # what is published

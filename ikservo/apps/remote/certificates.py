@@ -113,7 +113,8 @@ def make_keys(folder: Path, hosts: Sequence[str], *, overwrite: bool = False) ->
         check_host(host)
     if find_spec("cryptography") is None:
         raise IkservoError(
-            "Certificates need the library cryptography.", f"Install it: {install_command('net')}"
+            "Certificates need the package cryptography, which is not installed.",
+            f"Install it: {install_command('net')}",
         )
     authority = _make_authority()
     signed = {_AUTHORITY: authority}

@@ -174,7 +174,7 @@ class Connection:
         """Return the result of a quick request of the operator.
 
         Raises:
-            IkservoError: It failed there, or the connection is lost.
+            IkservoError: The request failed there, or the connection is lost.
         """
         pending = self.start(service, stop_count=None, **arguments)
         while not pending.wait(_POLL_S):
@@ -197,7 +197,7 @@ class Connection:
 
         Raises:
             RefusedError: This machine's certificate is not an operator's.
-            IkservoError: It failed there, or the connection is lost.
+            IkservoError: The request failed there, or the connection is lost.
         """
         self._require_open()
         key = keys.drive(self.address.name, service)
@@ -221,7 +221,7 @@ class Connection:
         """Return the lease of control; get it if this program has none.
 
         Raises:
-            RefusedError: Another program has it.
+            RefusedError: Another program controls the arm.
         """
         with self._lock:
             if not self._lease:
@@ -234,7 +234,7 @@ class Connection:
         """Ask for the lease and the server's time.
 
         Raises:
-            RefusedError: Another program has it, or this machine may not operate it.
+            RefusedError: Another program controls the arm, or this machine may not operate it.
         """
         key = keys.drive(self.address.name, "lease")
         self._require_open()

@@ -54,5 +54,5 @@ def server(name: str) -> str:
 
 
 def news(name: str, topic: str) -> str:
-    """Return the key of the topics of the server."""
+    """Return the key of the server's topics."""
     return f"{PREFIX}/{name}/news/{topic}"

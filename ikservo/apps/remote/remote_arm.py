@@ -87,7 +87,7 @@ class RemoteArm(MotionMethods):
         """Return the arm; leaving the block closes it.
 
         Raises:
-            PortError: It was closed before.
+            PortError: The arm was closed before.
         """
         if not self._connection.is_open:
             raise PortError(f"{self.port_name} was closed.", "Open the arm again: open_arm().")
@@ -209,7 +209,7 @@ class RemoteArm(MotionMethods):
         """Execute a plan of this arm.
 
         Raises:
-            BadValueError: It was planned by another program or for another arm.
+            BadValueError: The plan was planned by another program or for another arm.
         """
         path = getattr(plan, "trajectory", None)
         if not isinstance(path, RemoteTrajectory):

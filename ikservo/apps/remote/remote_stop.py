@@ -42,8 +42,8 @@ def stop_address(address: str) -> StopResult:
     """Stop the arm at an address, whoever controls it.
 
     Raises:
-        BadValueError: It is not an address.
-        PortError: It cannot be reached, or has not confirmed the stop.
+        BadValueError: The text is not an address.
+        PortError: The arm cannot be reached, or has not confirmed the stop.
     """
     there = parse_address(address)
     found = stop_machine(there.endpoint, there.name)
@@ -101,7 +101,7 @@ def stop_machine(host: Endpoint, name: str = "*") -> StopAllResult:
 
 
 class _MachineStop:
-    """State of the stop of one machine.
+    """State of stopping one machine.
 
     Args:
         host: The machine.

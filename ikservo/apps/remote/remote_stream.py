@@ -53,7 +53,7 @@ class RemoteStream:
         """Take control and start; the arm moves with the first setpoint.
 
         Raises:
-            RefusedError: It was used before, or another program controls the arm.
+            RefusedError: The stream was used before, or another program controls the arm.
         """
         if self._pending is not None:
             raise RefusedError("This stream was used before.", "Open another: arm.stream().")
@@ -83,7 +83,7 @@ class RemoteStream:
         """Send a setpoint; it replaces the one before. See ``SetpointStream.send``.
 
         Raises:
-            BadValueError: It is not a setpoint, or a number is not finite.
+            BadValueError: The value is not a setpoint, or a number is not finite.
             UnknownNameError: There is no such joint.
             IkservoError: The error that ended the stream; the arm holds.
         """

@@ -49,8 +49,8 @@ class OfMotion(Arguments):
         """Parse the motion.
 
         Raises:
-            InputError: It cannot be used; the error is the same as from ``Arm``.
-            RefusedError: It would read a file of this machine.
+            InputError: The motion cannot be used; the error is the same as from ``Arm``.
+            RefusedError: The motion would read a file of this machine.
         """
         motion = parse_motion(self.motion)
         if isinstance(motion, OwnMotion):

@@ -163,7 +163,7 @@ def _goals(
 
 
 def _stop_without_goal(arm: OpenArm) -> None:
-    text = f"No goal was sent for {DEAD_MAN_TIMEOUT_S:g} s; the arm holds."
+    text = f"No goal was sent for {DEAD_MAN_TIMEOUT_S:g} s; the arm holds its position."
     arm.request_stop(StopReason(StopKind.CLIENT, text))
 
 

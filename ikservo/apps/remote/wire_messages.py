@@ -151,7 +151,7 @@ def encode(message: BaseModel, max_bytes: int = MAX_REQUEST_BYTES) -> bytes:
     """Encode a message as JSON.
 
     Raises:
-        InputError: It is too long.
+        InputError: The message is too long.
     """
     data = message.model_dump_json(by_alias=True, exclude_defaults=False).encode()
     if len(data) > max_bytes:

@@ -18,7 +18,7 @@ def connect(address: ArmAddress) -> Connection:
     """Connect to a served arm.
 
     Raises:
-        PortError: It cannot be reached, or refuses this user's certificate.
+        PortError: The arm cannot be reached, or refuses this user's certificate.
     """
     return Connection(address, client_certificate(address.endpoint))
 
@@ -30,8 +30,8 @@ class ZenohNetwork:
         """Open the arm at an address.
 
         Raises:
-            BadValueError: It is not an address.
-            PortError: It cannot be reached, or no arm of that name is served there.
+            BadValueError: The text is not an address.
+            PortError: The arm cannot be reached, or no arm of that name is served there.
             InputError: The arm there has other joints than the model.
         """
         connection = connect(parse_address(address))
@@ -45,8 +45,8 @@ class ZenohNetwork:
         """Stop the arm at an address, whoever controls it.
 
         Raises:
-            BadValueError: It is not an address.
-            PortError: It cannot be reached, or has not confirmed the stop.
+            BadValueError: The text is not an address.
+            PortError: The arm cannot be reached, or has not confirmed the stop.
         """
         return stop_address(address)
 
@@ -62,7 +62,7 @@ def fleet_hosts(given: tuple[str, ...] | list[str]) -> list[Endpoint]:
     """Return the machines that the user has named, or else those of ``IKSERVO_FLEET``.
 
     Raises:
-        BadValueError: One is not ``HOST[:PORT]``.
+        BadValueError: An entry is not ``HOST[:PORT]``.
     """
     return [parse_host(host) for host in list(given) or _listed_hosts()]
 

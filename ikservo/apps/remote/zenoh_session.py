@@ -199,7 +199,8 @@ def _opened(settings: Mapping[str, object], what: str, hint: str) -> Generator[z
         import zenoh  # noqa: PLC0415  # an extra
     except ImportError:
         raise IkservoError(
-            "Arms on other machines need Zenoh.", f"Install it: {install_command('net')}"
+            "Arms on other machines need the package eclipse-zenoh, which is not installed.",
+            f"Install it: {install_command('net')}",
         ) from None
     config = zenoh.Config()
     try:

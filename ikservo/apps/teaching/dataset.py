@@ -31,7 +31,7 @@ _OWN_TYPES = ("ikservo",)  # robots whose values use the zeros of the geometry
 
 @dataclass(frozen=True, kw_only=True)
 class DatasetOptions:
-    """Options of the conversion of episodes to recordings."""
+    """Options for converting episodes to recordings."""
 
     to: Annotated[
         Path, typer.Option("--to", metavar="FOLDER", help="Folder for the recordings.")
@@ -95,9 +95,9 @@ def export_dataset(
         InputError: No recording or no folder is given.
     """
     if not recordings:
-        raise InputError("No recording given.", "Name them: ikservo export dataset wave.jsonl")
+        raise InputError("No recording is given.", "Name them: ikservo export dataset wave.jsonl")
     if to is None:
-        raise InputError("No folder given.", "Give a new one with --to.")
+        raise InputError("No folder is given.", "Give a new one with --to.")
     frames = write_dataset(to, model, [read_recording(path) for path in recordings], fps, task)
     print_lines([f"{to}: {len(recordings)} episodes, {frames} frames"])
 

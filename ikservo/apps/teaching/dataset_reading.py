@@ -66,10 +66,10 @@ def require_pyarrow() -> None:
     """Raise if pyarrow is not installed.
 
     Raises:
-        IkservoError: It is not installed.
+        IkservoError: The package is not installed.
     """
     if find_spec("pyarrow") is None:
-        raise IkservoError("Data sets need pyarrow; it is not installed.",
+        raise IkservoError("Data sets need the package pyarrow, which is not installed.",
                            f"Install it: {install_command('dataset')}")  # fmt: skip
 
 
@@ -84,7 +84,7 @@ def read_dataset(folder: Path, what: str = "state") -> Dataset:
         UnknownNameError: ``what`` is neither of these.
         InputError: The folder has no data set.
         IkservoError: pyarrow is not installed.
-        FileFormatError: It is not a data set of version 3, or has no joints.
+        FileFormatError: The folder is not a data set of version 3, or has no joints.
     """
     if what not in COLUMNS:
         raise UnknownNameError("column", what, COLUMNS)

@@ -111,9 +111,9 @@ def command(
 
 
 def _read(file: Path, unit: str | None, scale: float | None, width: float | None) -> Drawing:
-    """Read the drawing of a file and scale it."""
+    """Read a drawing from a file and scale it."""
     if scale is not None and width is not None:
-        raise BadValueError("The size of the drawing", "given twice", "--scale or --width")
+        raise BadValueError("The size of the drawing", "given twice", "either --scale or --width")
     drawing = read_drawing(file, unit)
     if width is not None:
         drawing = drawing.with_width(width)

@@ -106,7 +106,7 @@ def guide_by_hand(arm: Arm, until: Callable[[], bool]) -> dict[str, float]:
     Raises:
         CalibrationError: The arm is not calibrated, so gravity is unknown.
         RefusedError: Gravity is unknown, because the arm file has no masses or the motor of a servo
-            is unknown; or the hand was faster than the arm may move. The arm holds.
+            is unknown; or the hand was faster than the arm may move. The arm holds its position.
         StoppedError: The arm was stopped; it holds.
     """
     context, runner = arm.context, arm.runner

@@ -24,7 +24,7 @@ def _import_foxglove() -> Any:  # noqa: ANN401  # a module
         import foxglove  # noqa: PLC0415  # from an extra
     except ImportError:
         raise IkservoError(
-            "Foxglove is served with the library foxglove-sdk.",
+            "Foxglove needs the package foxglove-sdk, which is not installed.",
             f"Install it: {install_command('foxglove')}",
         ) from None
     return foxglove

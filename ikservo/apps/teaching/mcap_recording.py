@@ -300,7 +300,7 @@ def read_calibration_text(path: Path) -> str | None:
     """Return the calibration that is attached to a recording; None if it has none.
 
     Raises:
-        FileFormatError: It is not an MCAP file.
+        FileFormatError: The file is not an MCAP file.
     """
     return read_attachment(path, CALIBRATION_FILE)
 
@@ -309,7 +309,7 @@ def read_attachment(path: Path, name: str) -> str | None:
     """Read the text of an attachment of an MCAP file; None if it is missing.
 
     Raises:
-        FileFormatError: It cannot be read, or the attachment is not text.
+        FileFormatError: The file cannot be read, or the attachment is not text.
     """
     from mcap.records import Attachment  # noqa: PLC0415
 
@@ -326,7 +326,7 @@ def read_mcap(path: Path) -> Recording:
     """Read the joints of an MCAP file of ``ikservo record`` or of ROS 2.
 
     Raises:
-        FileFormatError: It cannot be read, or has no joint states.
+        FileFormatError: The file cannot be read, or has no joint states.
     """
     reader = _JointStateReader(path)
     for record in read_records(path, reader.channels):

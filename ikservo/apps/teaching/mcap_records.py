@@ -35,7 +35,8 @@ def import_mcap() -> Any:  # noqa: ANN401  # a module
         import mcap.writer  # noqa: PLC0415  # from an extra
     except ImportError:
         raise IkservoError(
-            "MCAP files need the library mcap.", f"Install it: {install_command('record')}"
+            "MCAP files need the package mcap, which is not installed.",
+            f"Install it: {install_command('record')}",
         ) from None
     return mcap.writer
 
@@ -47,7 +48,7 @@ def read_records(path: Path, wanted: Container[int] = ()) -> Iterator[Any]:
     damaged file also ends early, with a warning that names the position.
 
     Raises:
-            FileFormatError: It cannot be read.
+            FileFormatError: The file cannot be read.
     """
     require_file(path)
     import_mcap()

@@ -219,7 +219,7 @@ def read_program(path: Path | str) -> Program:
     """Read a program.
 
     Raises:
-        FileFormatError: It is malformed; the message names each step, from 1, and its key.
+        FileFormatError: The program is malformed; the message names each step, from 1, and its key.
     """
     path = Path(path)
     try:
@@ -264,6 +264,6 @@ def write_program(path: Path, program: Program) -> None:
     """Write a program as a file.
 
     Raises:
-        FileWriteError: It cannot be written; an older file is unchanged.
+        FileWriteError: The file cannot be written; an older file is unchanged.
     """
     write_atomic(path, tomli_w.dumps(program.model_dump(exclude_defaults=True) | {"format": 1}))

@@ -29,7 +29,7 @@ StepReport = MoveResult | JointMoveResult | GraspResult | ReplayResult
 
 @dataclass(frozen=True, slots=True)
 class StepCheck:
-    """Result of the check of a step.
+    """Result of checking a step.
 
     Attributes:
         number: The number of the step, from 1.

@@ -65,7 +65,7 @@ class RecordResult:
 
 @dataclass(frozen=True, slots=True)
 class RecordSettings:
-    """Options of the caller of ``arm.record``; see `record_open_arm`."""
+    """The caller's options of ``arm.record``; see `record_open_arm`."""
 
     path: Path | str
     duration_s: float | None = None
@@ -82,7 +82,7 @@ class RecordSettings:
             BadValueError: There is no end, or it is not after the start.
         """
         if self.duration_s is None and self.until is None:
-            raise BadValueError("The recording", "without an end", "duration_s, or until")
+            raise BadValueError("The recording", "without an end", "duration_s or until")
         if self.duration_s is None:
             return math.inf
         max_s = parse_number("The duration", self.duration_s)
@@ -123,7 +123,7 @@ def describe_arm(
     Args:
         model: The arm.
         chain: Its own chain, calibrated.
-        period_s: Between two samples.
+        period_s: Time between two samples.
         zeros: The source of the zeros of its joints.
         serial_number: The serial number of its adapter, by which its calibration is found on this
             machine; empty for an adapter without one, None if the arm is on another machine.
@@ -158,13 +158,13 @@ def record_open_arm(
             messages of ROS 2 with goals, link poses and health.
         duration_s: The duration; None: until ``until`` returns True.
         until: Called at each sample; ends the recording by returning True.
-        period_s: Between two samples.
+        period_s: Time between two samples.
         overwrite: Whether an existing file may be replaced.
         foxglove_port: The port on this machine that serves the messages to Foxglove; None: no port.
 
     Raises:
         BadValueError: The file exists, or a number is out of its range.
-        FileWriteError: It cannot be written.
+        FileWriteError: The file cannot be written.
         ServoSilentError: A servo does not answer; earlier samples are kept.
     """
     settings = RecordSettings(path, duration_s, until, period_s, overwrite, foxglove_port)
@@ -214,7 +214,7 @@ def record(
     Raises:
         BadValueError: There is no end, or a number is out of its range.
         InputError: The file exists.
-        FileWriteError: It cannot be written.
+        FileWriteError: The file cannot be written.
         PortError: Foxglove cannot be served there.
     """
     check_callable("until", settings.until)
@@ -292,7 +292,7 @@ def read_recording(path: Path | str) -> Recording:
     An MCAP file that was cut short is read to its last whole second.
 
     Raises:
-        FileFormatError: It cannot be read, or a part of it is malformed.
+        FileFormatError: The file cannot be read, or a part of it is malformed.
     """
     path = parse_path(path)
     require_file(path)

@@ -43,7 +43,7 @@ class RecordingHeader:
 
     Attributes:
         arm: The arm's name; empty if another program made the recording.
-        joints: A name per column.
+        joints: The name of each column.
         units: ``rad`` or ``m`` per column; ``rad_or_m`` if another program made it.
         period_s: The nominal time between two samples.
     """
@@ -91,7 +91,7 @@ class Recording:
 
         Raises:
             InputError: The file exists and ``overwrite`` is false.
-            FileWriteError: It cannot be written.
+            FileWriteError: The file cannot be written.
         """
         return self.trajectory().to_csv(path, overwrite=overwrite)
 
@@ -142,7 +142,7 @@ class RecordingWriter:
 
     Raises:
         InputError: The file exists and ``overwrite`` is false.
-        FileWriteError: It cannot be written.
+        FileWriteError: The file cannot be written.
     """
 
     def __init__(
@@ -213,7 +213,7 @@ class RecordingFile:
 
     Raises:
         InputError: The file exists and ``overwrite`` is false.
-        FileWriteError: It cannot be written.
+        FileWriteError: The file cannot be written.
     """
 
     def __init__(self, path: Path, *, overwrite: bool) -> None:
@@ -275,7 +275,7 @@ def read_json_lines(path: Path) -> Recording:
     """Read a recording of JSON lines.
 
     Raises:
-        FileFormatError: It cannot be read, or a line is malformed; the message names it.
+        FileFormatError: The file cannot be read, or a line is malformed; the message names it.
     """
     lines = _read_lines(path)
     header = _parse_header(path, next(lines, ""))
@@ -293,7 +293,7 @@ def read_json_lines(path: Path) -> Recording:
         times_s.append(time_s)
         joints.extend(q)
     if not times_s:
-        raise FileFormatError(path, "", "has no sample", "at least one line behind the header")
+        raise FileFormatError(path, "", "has no sample", "at least one line after the header")
     return Recording(header, np.array(times_s), np.array(joints).reshape(len(times_s), -1))
 
 
@@ -384,9 +384,9 @@ def _parse_object(path: Path, number: int, line: str) -> dict[str, Any]:
     try:
         row = parse_json(line)
     except (ValueError, RecursionError):
-        raise _recording_error(path, number, "is not JSON", "one object a line") from None
+        raise _recording_error(path, number, "is not JSON", "one object per line") from None
     if not isinstance(row, dict):
-        raise _recording_error(path, number, "is not an object", "one object a line")
+        raise _recording_error(path, number, "is not an object", "one object per line")
     return cast("dict[str, Any]", row)
 
 

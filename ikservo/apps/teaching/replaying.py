@@ -281,8 +281,8 @@ def replay(
     It is as fast as recorded if the speed class allows that, or else slowed down as a whole.
 
     Raises:
-        FileFormatError: It is malformed, or of another arm; the message names the line.
-        RefusedError: It leaves this arm's limits, or something is in the way; nothing moved.
+        FileFormatError: The file is malformed, or of another arm; the message names the line.
+        RefusedError: The path leaves this arm's limits, or something is in the way; nothing moved.
     """
     motion = Replay(path, speed=speed)
     return (
@@ -309,7 +309,7 @@ def _of_this_arm(context: ArmContext, recording: Recording, path: Path) -> Recor
     """Return a recording with the joints of an arm only; other programs may record more.
 
     Raises:
-        FileFormatError: It is of another arm.
+        FileFormatError: The recording is of another arm.
     """
     header, place = recording.header, recording.place(None)
     own = recording_header(context.model, header.period_s)

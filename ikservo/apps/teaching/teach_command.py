@@ -101,7 +101,7 @@ def _check_options(*, now: bool, floating: bool, duration: float | None) -> None
     if floating and now:
         raise InputError("--float and --now exclude each other.", "Leave one of them out.")
     if duration is not None and not floating:
-        raise InputError("--for goes with --float only.", "Add --float, or leave it out.")
+        raise InputError("--for can only be used with --float.", "Add --float, or leave it out.")
     if not now and duration is None and not sys.stdin.isatty():
         hint = "Add --for, as in --for 20s." if floating else (
             "To save the present pose, add --now.")  # fmt: skip
@@ -119,7 +119,7 @@ def _float(machine: OpenArm, name: str, duration: float | None, *, yes: bool) ->
     confirm_motion(machine, yes=yes)
     with _end_check(machine, duration) as ended:
         guide_by_hand(require_own_port(machine), ended)
-    print_status("It holds.")
+    print_status("The arm holds its position.")
 
 
 @contextmanager

@@ -130,7 +130,7 @@ def wait_for_unplugging(
     """Wait until a finished servo no longer replies.
 
     Raises:
-        ServoSilentError: It was not unplugged in time.
+        ServoSilentError: The servo was not unplugged in time.
         PortLostError: The port is lost.
     """
     found = configured.found

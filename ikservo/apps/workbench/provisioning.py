@@ -66,10 +66,10 @@ def provision(port: Port, found: FoundServo, settings: ServoSettings) -> tuple[s
         settings: Its desired settings.
 
     Raises:
-        CalibrationError: It is of another model; nothing was written.
-        BadValueError: It does not support the rate, or lacks a register; nothing was written.
+        CalibrationError: The servo is of another model; nothing was written.
+        BadValueError: The servo lacks the rate or a register; nothing was written.
         ServoRejectedError: A number was not stored.
-        BusError: It does not reply.
+        BusError: The servo does not reply.
     """
     check_model(found, settings)
     expected = _expected_registers(settings)
@@ -91,9 +91,9 @@ def change_address(port: Port, servo: ServoSpec, new_id: int, new_rate: int) -> 
 
     Raises:
         InputError: Another servo has this id; nothing was written.
-        BadValueError: It does not support the rate; nothing was written.
+        BadValueError: The servo does not support the rate; nothing was written.
         ServoRejectedError: A number was not stored.
-        BusError: It does not reply.
+        BusError: The servo does not reply.
     """
     settings = ServoSettings(replace(servo, id=new_id), new_rate, {})
     code = settings.baud_code
@@ -107,7 +107,7 @@ def check_address_is_free(port: Port, servo: ServoSpec, new_id: int, new_rate: i
     """Check that no other servo replies at an id, at the port's rate or at a new one.
 
     Raises:
-        InputError: Another servo does; nothing was written.
+        InputError: Another servo replies; nothing was written.
     """
     present_rate, framing = port.baudrate, framing_of(servo.table.family)
     for rate in dict.fromkeys((present_rate, new_rate)):
@@ -129,7 +129,7 @@ def check_model(found: FoundServo, settings: ServoSettings) -> None:
     """Compare the servo on the line with the model that the arm file names.
 
     Raises:
-        CalibrationError: It is of another model, perhaps of another family.
+        CalibrationError: The servo is of another model, perhaps of another family.
     """
     servo = settings.servo
     if found.table is not servo.table:
@@ -280,7 +280,7 @@ def wait_until_unplugged(port: Port, found: FoundServo, wait_s: float) -> None:
     """Wait until a servo no longer replies; others may reply.
 
     Raises:
-        ServoSilentError: It was not unplugged in time.
+        ServoSilentError: The servo was not unplugged in time.
         PortLostError: The port is lost.
     """
     give_up_s = port.clock.now_s() + wait_s
@@ -331,9 +331,10 @@ def _timeout_error(port: Port, last: Sequence[FoundServo], wait_s: float) -> Ser
     if len(last) == 1 and not last[0].shares_id:
         found = f"has {last[0]}, which did not answer reliably for {wait_s:.0f} s"
         return ServoSilentError(found, "Check its plug and its power supply.", port=port.name)
-    what = "several servos at one id" if len(last) == 1 else f"{len(last)} servos"
-    hint = "Leave only one plugged in: the others would be changed with it."
-    return ServoSilentError(f"has {what} instead of one for {wait_s:.0f} s", hint, port=port.name)
+    what = "several servos that share one id" if len(last) == 1 else f"{len(last)} servos"
+    hint = "Leave only one servo plugged in; otherwise the others would be changed, too."
+    found = f"had {what} for {wait_s:.0f} s; only one at a time can be set up"
+    return ServoSilentError(found, hint, port=port.name)
 
 
 def _pause_scan(port: Port) -> None:

@@ -178,7 +178,7 @@ def _check_models(bus: ServoBus) -> Iterator[Finding]:
         yield failure(
             "models",
             f"{servo} is a {name}, not a {servo.table.model_name}",
-            "Another arm (choose it with --arm), or two swapped ids.",
+            "Is this another arm? Choose it with --arm. Otherwise two ids may be swapped.",
         )
     if not wrong:
         yield ok("models", _format_names(s.table.model_name for s in bus.servos.values()))

@@ -155,7 +155,7 @@ def measure_sine(
         BadValueError: The amplitude is smaller than 0.5°, or a frequency is out of range.
         RefusedError: There is no room, the joint would be too fast, or something is in the way;
             nothing moved.
-        IkservoError: An error of every motion; see ``Arm``.
+        IkservoError: The errors of every motion; see ``Arm``.
     """
     lowest_hz, highest_hz = _FREQUENCIES_HZ
     if not lowest_hz <= from_hz <= to_hz <= highest_hz:

@@ -161,7 +161,7 @@ def measure_response(arm: Arm, joint: str, step_rad: float) -> StepResponse:
     Raises:
         BadValueError: The step is smaller than 1°.
         RefusedError: There is no room, or something is in the way; nothing moved.
-        IkservoError: An error of every motion; see ``Arm``.
+        IkservoError: The errors of every motion; see ``Arm``.
     """
     if not abs(step_rad) >= _LEAST_STEP_RAD:
         raise BadValueError("The step", f"{np.degrees(step_rad):.3g}°", "at least 1°")
@@ -215,7 +215,7 @@ def record_joint(
     The times increase: of several cycles at the same time of the motion, the last one is used.
 
     Raises:
-        IkservoError: Those of every motion; see ``Arm``.
+        IkservoError: The errors of every motion; see ``Arm``.
     """
     rows: dict[float, tuple[float, float]] = {}
 

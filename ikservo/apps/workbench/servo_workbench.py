@@ -77,7 +77,7 @@ class ServoLine:
 
         Raises:
             UnknownNameError: There is no such servo.
-            InputError: There are several.
+            InputError: There are several servos.
         """
         servos = list(self.bus.servos.values())
         found = [each for each in servos if target in (None, each.name, str(each.id))]
@@ -263,7 +263,7 @@ def identify_servo(line: ServoLine, servo: ServoSpec) -> tuple[int, str]:
     """Return the model number and the firmware version that a servo reports.
 
     Raises:
-        BusError: It does not reply.
+        BusError: The servo does not reply.
     """
     return line.bus.ping(servo.id).model_number, firmware_version(line.bus, servo.id)
 
@@ -272,7 +272,7 @@ def holds_torque(line: ServoLine, servo: ServoSpec) -> bool:
     """Read whether a servo's torque is on.
 
     Raises:
-        BusError: It does not reply.
+        BusError: The servo does not reply.
     """
     return line.bus.read(servo.id, RegisterName.TORQUE_ENABLE, raw=True) == 1
 
@@ -306,7 +306,7 @@ def parse_register_value(register: Register, text: str) -> int:
     """Parse a value: a plain integer is the raw number, a number with a unit is a quantity.
 
     Raises:
-        InputError: It is not a number, or the unit is not that of the register.
+        InputError: The text is not a number, or the unit is not that of the register.
     """
     if re.fullmatch(r"[+-]?[0-9]{1,12}|0[xX][0-9a-fA-F]{1,9}", text):
         return int(text, 0) if "x" in text.lower() else int(text)
@@ -428,7 +428,7 @@ def restart_servo(line: ServoLine, servo: ServoSpec) -> None:
     """Restart a servo and wait until it replies; its torque is off unless a register keeps it on.
 
     Raises:
-        BusError: It refused, its family does not support that, or it does not reply again.
+        BusError: The servo refused, its family does not support that, or it does not reply again.
     """
     line.bus.reboot(servo.id)
     wait_for_boot(line.bus, servo)
@@ -438,7 +438,7 @@ def reset_servo(line: ServoLine, servo: ServoSpec) -> None:
     """Make a copy, then reset a servo to its factory settings; id and baud rate stay.
 
     Raises:
-        BusError: It refused, its family would lose its id, or it does not reply again.
+        BusError: The servo refused, its family would lose its id, or it does not reply again.
         FileWriteError: The copy cannot be written; nothing was changed.
     """
     _back_up(line, servo)

@@ -104,8 +104,7 @@ def command(
 def _end_of(*coordinates: float | None) -> tuple[float, float, float] | None:
     """Return the end (3,) [m]; None if it is not given.
 
-    Raises:
-        typer.BadParameter: Only a part of it is given.
+    Raises: typer.BadParameter: Only a part of the arc is given.
     """
     x, y, z = coordinates
     if x is not None and y is not None and z is not None:

@@ -23,7 +23,7 @@ from ikservo.cli.options import (
 )
 from ikservo.cli.quantities import parse_length_m, parse_point_m
 from ikservo.cli.session import open_from_options, plan_motion
-from ikservo.errors import BadValueError
+from ikservo.errors import InputError
 from ikservo.planning.motions import THINK_S, LookAt, MoveThrough, MoveTo
 
 Line = Annotated[bool, typer.Option("--line", help="Move the tip on a straight line.")]
@@ -85,9 +85,7 @@ def command(
     """
     within = path.within()
     if straight and (line or via or tool_speed is not None):
-        raise BadValueError(
-            "--straight", "given for a path through points", "no --straight: that path is fixed"
-        )
+        raise InputError("--straight cannot be given for a path that is fixed.", "Leave it out.")
     if look_at:
         others = {"--line": line, "--via": via, "--tool-speed": tool_speed}
         others |= {"--pitch": tool.pitch_rad, "--roll": tool.roll_rad}
@@ -99,8 +97,8 @@ def command(
         others |= {"--prefer": preferred.prefer, "--weight": preferred.weight}
         given = [name for name, value in others.items() if value not in (None, False, [])]
         if given:
-            raise BadValueError(
-                "--look-at", f"given with {', '.join(given)}", "no option of the path or the tool"
+            raise InputError(
+                f"--look-at cannot be given with {', '.join(given)}.", "Leave the others out."
             )
         with open_from_options(connection, options, path.scene) as machine:
             looked = make_joint_motion(machine, LookAt((x, y, z), speed=speed), options)

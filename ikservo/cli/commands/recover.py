@@ -55,7 +55,9 @@ def _confirm_recovery(port: str) -> None:
             "To restart servos without being asked, add --yes.",
         )
     if not confirm("Torque goes off while servos restart. Is the arm supported?"):
-        raise IkservoError("Cancelled; nothing was restarted.", "Without asking: --yes")
+        raise IkservoError(
+            "Cancelled; nothing was restarted.", "To go on without being asked, add --yes."
+        )
 
 
 _FIELDS: Fields[RecoveryResult] = (

@@ -56,6 +56,8 @@ def _release_torque(disable_torque: Callable[[], None], *, yes: bool) -> None:
     """Switch off the torque of an arm with unknown zeros, which cannot be lowered."""
     print_status("Torque will be switched off and the arm falls. Support it.")
     if not yes and not (sys.stdin.isatty() and confirm("Switch torque off?")):
-        raise IkservoError("Cancelled; torque stays on.", "Without asking: --yes")
+        raise IkservoError(
+            "Cancelled; torque stays on.", "To go on without being asked, add --yes."
+        )
     disable_torque()
     print_status("Torque is off.")

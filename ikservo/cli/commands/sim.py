@@ -50,7 +50,7 @@ def _with_identified(name: str, args: list[str]) -> list[str]:
     """Return arguments in which the file of the identified arm replaces ``--as-identified``.
 
     Raises:
-        InputError: The arm was not identified.
+        InputError: The arm has not been identified yet.
         FileFormatError: Its file is damaged.
     """
     if _AS_IDENTIFIED not in args:
@@ -60,7 +60,7 @@ def _with_identified(name: str, args: list[str]) -> list[str]:
     files = sorted(identified_of(name), key=lambda path: path.stat().st_mtime)
     if not files:
         raise InputError(
-            f"{name} was not identified.", f"Let it move first: ikservo identify --arm {name}"
+            f"{name} has not been identified yet.", f"Run this first: ikservo identify --arm {name}"
         )
     read_identified(files[-1])
     if len(files) > 1:

@@ -85,7 +85,7 @@ class ProtocolDriver(Protocol):
 
     @property
     def transceiver(self) -> Transceiver:
-        """The transceiver of requests and replies; it has the servos' return delay."""
+        """The transceiver that sends requests and reads replies; it knows the return delay."""
         ...
 
     def set_return_delay(self, return_delay_s: float) -> None:

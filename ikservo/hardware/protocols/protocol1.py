@@ -58,7 +58,7 @@ def scan_packets(data: bytes, sizes: Collection[int], *, final: bool) -> ScanRes
     Args:
         data: The bytes so far.
         sizes: Bytes of data in the expected replies.
-        final: No more bytes will come.
+        final: Whether no more bytes will come.
     """
     frames: list[StatusPacket] = []
     at = junk = 0

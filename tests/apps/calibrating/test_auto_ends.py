@@ -19,14 +19,14 @@ def shoulder():
 
 def test_unsearched_end_stop_is_named_with_reason_and_other_end(shoulder):
     assert unreached(shoulder, math.radians(-110.0), FLOOR) == (
-        f"cannot search its end stop near 107.0° ({FLOOR}); the limit of the arm file is used "
+        f"cannot search for its end stop near 107.0° ({FLOOR}); the limit of the arm file is used "
         "there; the other is at -110.0°."
     )
 
 
 def test_two_unsearched_end_stops_are_both_named(shoulder):
     assert unreached(shoulder, "no room", FLOOR) == (
-        f"cannot search its end stop near -111.0° (no room), nor its end stop near 107.0° "
+        f"cannot search for its end stop near -111.0° (no room), nor for its end stop near 107.0° "
         f"({FLOOR}); both limits of the arm file are used there."
     )
 

@@ -362,7 +362,7 @@ def test_calibration_pull_refuses_other_count_direction(
         servo.write("lock", 0)
     servo.write(register, servo.read(register) ^ flips)
     done = run_cli(f"calibration pull {name} --port {PORT} --yes")
-    is_reported = "counts in another direction than when it was calibrated" in done.err
+    is_reported = "counts in the opposite direction from when it was calibrated" in done.err
     assert (done.code, is_reported) == (6, True)
     assert run_cli(f"calibration diff {name} --port {PORT}").code == 6
 

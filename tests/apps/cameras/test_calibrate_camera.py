@@ -61,15 +61,15 @@ def test_camera_calibration_command_names_missing_options(monkeypatch, run_cli):
     assert "There is no camera 99999999999" in run_cli(f"{words} --camera 99999999999").err
     monkeypatch.setattr("ikservo.apps.cameras.camera_sources.LiveCamera", lambda _: camera)
     assert "--yes" in run_cli(f"{words} --camera 0").err
-    assert "One of --auto" in run_cli(f"{words} --camera 0 --touch").err
+    assert "Only one of --auto" in run_cli(f"{words} --camera 0 --touch").err
     for without in ("--pictures 12", "--by-hand"):
         assert "Add --camera" in run_cli(f"{words} {without}").err
     for of_limits in ("--pose home", "--margin 1", "--skip gripper", "--limit wrist_roll=0:1",
                       "--continuous wrist_roll", "--write-limits"):  # fmt: skip
         for way in ("--camera 0 --yes", "--touch", "--wiggle", "--from-pictures a"):
             assert "that sets limits" in run_cli(f"{words} {way} {of_limits}").err
-    assert "goes with --wiggle" in run_cli(f"{words} --camera 0 --yes --uncalibrated").err
-    assert "in a touch-off only" in run_cli(f"{words} --camera 0 --yes --same-point").err
+    assert "needs --wiggle" in run_cli(f"{words} --camera 0 --yes --uncalibrated").err
+    assert "Only a touch-off uses" in run_cli(f"{words} --camera 0 --yes --same-point").err
     assert "The board is '1x1'" in run_cli(f"{words} --camera 0 --board 1x1 --yes").err
 
 

@@ -231,7 +231,7 @@ def test_click_is_refused_if_camera_has_moved(mistaken, opened):
 
 def test_click_is_refused_while_arm_moves(mistaken, opened):
     opened.disable_torque()
-    with pytest.raises(CalibrationError, match="The arm moves"):
+    with pytest.raises(CalibrationError, match="The arm is moving"):
         click(opened, tip_pixel(*mistaken))
 
 

@@ -333,7 +333,7 @@ def test_wrong_import_option_is_refused_with_suggestion(make, tmp_path, options,
     [
         ("new a --joint pan=z:0.1 --package b=c", "--package cannot be given with --joint"),
         ("new a --joint pan=z:0.1 --joint pan=y:0.1", "pan twice"),
-        ("new a --joint p=z:0.1 --joint q=y:0.1 --servo p=1 --servo q=1", "the id 1 twice"),
+        ("new a --joint p=z:0.1 --joint q=y:0.1 --servo p=1 --servo q=1", "gives the id 1 twice"),
         ("new a --joint pan=z:0.1 --limits pan=-inf:inf", "-inf:inf"),
     ],
 )

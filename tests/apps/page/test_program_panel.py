@@ -273,7 +273,11 @@ def test_bad_program_files_and_steps_are_refused(session, own_folder):
         (msg.ProgramFile, {"action": "load", "name": "broken"}, r"step 1, wait_s"),
         (msg.ProgramFile, {"action": "load", "name": "other"}, "one for koch"),
         (msg.ProgramFile, {"action": "load", "name": "none"}, "no program"),
-        (msg.ProgramFile, {"action": "save", "name": "other"}, "There is a program other"),
+        (
+            msg.ProgramFile,
+            {"action": "save", "name": "other"},
+            "A program named other already exists",
+        ),
         (msg.AddStep, {"what": "target"}, "No target is shown"),
         (msg.AddStep, {"what": "pose", "pose": "hoem"}, "home"),
         (msg.AddStep, {"what": "wait", "after": 99}, "That step no longer exists"),

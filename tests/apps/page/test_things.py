@@ -122,7 +122,7 @@ def test_things_cannot_change_in_live_or_by_watcher(session):
     with pytest.raises(BadMessageError, match="can only watch"):
         session.send_message(things.AddThing, watcher, shape="box")
     session.enable_live()
-    with pytest.raises(BadMessageError, match="Things are fixed while the arm follows"):
+    with pytest.raises(BadMessageError, match="Things cannot be changed while the arm follows"):
         session.send_message(things.AddThing, shape="box")
     assert session.arm.scene.names == ()
 

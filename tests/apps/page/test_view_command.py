@@ -80,8 +80,8 @@ def test_view_at_real_port_without_arm_asks_for_arm(run_cli):
 @pytest.mark.parametrize(
     ("options", "expected"),
     [
-        ((), "No arm is open. Choose one on the page: nothing moves by that."),
-        (("--camera", "77"), "nothing moves by that. The camera's picture is shown with it."),
+        ((), "No arm is open. Choose one on the page; that moves nothing."),
+        (("--camera", "77"), "that moves nothing. The camera's picture is shown with it."),
         (("--camera", "77"), "There is no picture from camera 77 now: the page shows it once"),
         (("so101=sim", "koch=/dev/ttyNOTHERE"), "koch: Cannot open port /dev/ttyNOTHERE"),
     ],
@@ -104,7 +104,7 @@ def test_view_serves_page_without_arm_or_with_failed_arm(options, expected):
     ("line", "code", "expected"),
     [
         ("view so101 koch --port /dev/ttyNOTHERE", 2, "one port for 2 arms"),
-        ("view so101=sim --arm koch", 2, "--arm koch besides so101=sim"),
+        ("view so101=sim --arm koch", 2, "--arm koch is given besides so101=sim"),
         ("view so101=sim kock=sim", 2, "koch"),
         ("view so101=/dev/ttyNOTHERE koch=/dev/ttyNOR --http-port 0", 3, "/dev/ttyNOTHERE"),
     ],
@@ -121,16 +121,16 @@ def test_contradictory_arms_are_refused_before_serving(run_cli, line, code, expe
         (
             "so101 koch",
             '[[sphere]]\nname = "a"\ncentre_m = [0, 1, 0]\nradius_m = 0.1',
-            "there are 2",
+            "not to 2",
         ),
         ("so101", "[[sphere]]\nradius = 1", "is not a known key"),
         ("so101", None, "does not exist"),
         ("so101", '[[arm]]\nname = "koch"\nat_m = [0.4, 0, 0]', "koch, which is not opened"),
-        ("koch", '[[arm]]\nname = "koch"\nat_m = [0.4, 0, 0]', "there are 0"),
+        ("koch", '[[arm]]\nname = "koch"\nat_m = [0.4, 0, 0]', "not to 0"),
         (
             "so101 koch px150",
             '[[arm]]\nname = "koch"\nat_m = [0.4, 0, 0]',
-            "one arm that it does not name; there are 2",
+            "one arm that it does not name, not to 2",
         ),
         (
             "so101 koch",
@@ -222,9 +222,9 @@ def test_view_without_tls_libraries_says_what_is_missing(run_cli, monkeypatch):
     ("words", "said"),
     [
         ("--port sim", "No arm given for the simulator"),
-        ("so101 --port sim", "shows no arm"),
-        ("--port sim --arm so101 --camera 0", "shows no arm"),
-        ("--port sim --arm so101 --camera-name left", "shows no arm"),
+        ("so101 --port sim", "opens no arms"),
+        ("--port sim --arm so101 --camera 0", "opens no arms"),
+        ("--port sim --arm so101 --camera-name left", "opens no arms"),
         ("--port sim --camera-name ../a", "--camera-name is '../a'"),
         ("--port sim:so100 --arm so101", "is not a port"),
         ("--port sim --arm so999", "so999"),

@@ -548,7 +548,7 @@ def clicked(solver, q):
 
 
 def test_click_reaches_nearest_posture_to_preferred_one():
-    """No nearby posture with the same tip position is nearer to the preferred one, by weight."""
+    """No posture near it with the same tip is closer to the preferred one in weighted distance."""
     weights, chain = np.array([1.0, 1.0, 0.5, 1.0, 1.0]), model_of("so101").chain
     solver, wanted = leaning("so101", weights=weights)
     answer = clicked(solver, stage("so101").home)

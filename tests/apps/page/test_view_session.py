@@ -558,7 +558,7 @@ def test_press_while_arm_executes_goal_is_refused(session, press):
     session.click(480, 300)
     goal = session.interaction.goal
     session.go_there()
-    with pytest.raises(BadMessageError, match="busy: Goes to the preview"):
+    with pytest.raises(BadMessageError, match="busy: Moving to the target"):
         press(session)
     session.point("move", 500, 320)  # no press: nothing to tell
     assert session.interaction.goal is goal

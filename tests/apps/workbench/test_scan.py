@@ -146,7 +146,7 @@ def test_scan_shows_unknown_model_by_number(run_cli, monkeypatch):
 
 
 @pytest.mark.parametrize("protocol", ["so101", "koch"])
-def test_scan_of_253_silent_ids_takes_below_2_s_on_line_clock(run_cli, monkeypatch, protocol):
+def test_scan_of_253_silent_ids_takes_less_than_2_s_of_bus_time(run_cli, monkeypatch, protocol):
     def silence(line):
         for servo in line.world.servos:
             servo.powered = False

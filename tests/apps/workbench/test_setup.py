@@ -158,7 +158,7 @@ def test_setup_refuses_whole_arm_and_writes_nothing(run_cli, monkeypatch):
     result = run_cli("setup so101 --port sim --yes --wait 5")
     assert result.code == 4
     assert "More than one servo answers: STS3215 at id 1, 1000000 baud; " in result.err
-    assert "has 6 servos instead of one for 5 s." in result.err
+    assert "had 6 servos for 5 s; only one at a time can be set up." in result.err
     assert [servo.memory.eeprom_writes for servo in ports[0].line.world.servos] == [
         servo.memory.eeprom_writes for servo in fresh_servos()
     ]

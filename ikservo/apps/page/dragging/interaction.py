@@ -193,8 +193,8 @@ class Interaction:
         """Set the goal of one joint, degrees or mm; the others keep theirs.
 
         Raises:
-            UnknownNameError: No such joint.
-            InputError: It is past a limit; nothing has changed.
+            UnknownNameError: There is no such joint.
+            InputError: The position is past a limit; nothing has changed.
         """
         goal = self._ranges.moved(self._goal_or_rest(snapshot), joint, value)
         self._set_goal(goal, snapshot, f"joint {joint}")
@@ -203,8 +203,8 @@ class Interaction:
         """Move the goal of one joint by a step, degrees or mm, at most to its limit.
 
         Raises:
-            UnknownNameError: No such joint.
-            InputError: It is at that limit already; nothing has changed.
+            UnknownNameError: There is no such joint.
+            InputError: The joint is at that limit already; nothing has changed.
         """
         goal = self._ranges.stepped(self._goal_or_rest(snapshot), joint, step)
         self._set_goal(goal, snapshot, f"joint {joint}")
@@ -256,7 +256,7 @@ class Interaction:
         """Go back to the previous goal.
 
         Raises:
-            InputError: There is none.
+            InputError: There is no such goal.
         """
         self._restore(self.history.undo(self._present_goal(snapshot)))
 
@@ -264,7 +264,7 @@ class Interaction:
         """Restore the goal that was undone last.
 
         Raises:
-            InputError: There is none.
+            InputError: There is no such goal.
         """
         self._restore(self.history.redo(self._present_goal(snapshot)))
 

@@ -58,8 +58,8 @@ class JointRanges:
         """Return the goal (n,) with one joint at a position, degrees or mm.
 
         Raises:
-            UnknownNameError: No such joint.
-            InputError: It is past a limit.
+            UnknownNameError: There is no such joint.
+            InputError: The position is past a limit.
         """
         column = self._index.column(joint)
         wanted, slack = (
@@ -77,8 +77,8 @@ class JointRanges:
         """Return the goal (n,) with one joint moved by a step, at most to its limit.
 
         Raises:
-            UnknownNameError: No such joint.
-            InputError: It is at that limit already.
+            UnknownNameError: There is no such joint.
+            InputError: The joint is at that limit already.
         """
         column = self._index.column(joint)
         by = step / _MM if self._prismatic[column] else math.radians(step)

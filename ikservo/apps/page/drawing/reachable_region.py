@@ -49,8 +49,8 @@ class ReachableRegion:
     """The outlines of a region in a plane.
 
     Attributes:
-        rings: Closed outlines (k, 2) [m] along u and v as they travel to a page, rounded to
-            0.1 mm; holes run clockwise.
+        rings: Closed outlines (k, 2) [m] along u and v as they are sent to a page, rounded to 0.1
+            mm; holes run clockwise.
         T_world_plane: Pose of the plane (4, 4).
     """
 

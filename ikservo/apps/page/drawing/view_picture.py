@@ -25,7 +25,7 @@ class SceneState:
         measured: Measured joints (dof,), rad or m.
         goal: Goal of the joints (dof,); None while there is no goal.
         path: The path to the goal, if there is one.
-        is_choosing: Whether the goal is still being chosen, when postures on the path are hidden.
+        is_choosing: Whether the goal is still being chosen; postures on the path are then hidden.
         marker: The target, if there is one.
         region: The reachable region of the shown plane, if it is available.
         hover: The link under the pointer.

@@ -412,7 +412,7 @@ def read_hello(text: str) -> Hello:
     """Parse the first message of a connection.
 
     Raises:
-        BadMessageError: It is not a valid ``Hello``.
+        BadMessageError: The message is not a valid ``Hello``.
     """
     return validate_message(_HELLO, text)
 
@@ -421,7 +421,7 @@ def read_message(text: str) -> Message:
     """Parse and validate a message; every number of the result is inside its bounds.
 
     Raises:
-        BadMessageError: It is too long, not JSON, or not one of the messages above.
+        BadMessageError: The message is too long, not JSON, or not one of the messages above.
     """
     return validate_message(_MESSAGES, text)
 
@@ -430,7 +430,7 @@ def validate_message(adapter: TypeAdapter[_MessageT], text: str) -> _MessageT:
     """Parse and validate a message of any kind.
 
     Raises:
-        BadMessageError: It is too long, not JSON, or of another kind.
+        BadMessageError: The message is too long, not JSON, or of another kind.
     """
     if len(text) > MAX_MESSAGE_BYTES:
         raise BadMessageError(

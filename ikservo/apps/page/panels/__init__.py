@@ -1,1 +1,1 @@
-"""The panels of the page beside the view."""
+"""The panels of the page, next to the view."""

@@ -41,7 +41,7 @@ class RunMotion:
         """Execute the motion; one that is refused before it moves the arm needs no stop.
 
         Raises:
-            IkservoError: It failed; the arm holds until that is acknowledged.
+            IkservoError: The motion failed; the arm holds until that is acknowledged.
         """
         try:
             arm.execute(self._motion, observer.on_progress)

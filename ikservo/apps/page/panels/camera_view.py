@@ -130,7 +130,7 @@ class CameraView:
             snapshot: The arm.
 
         Raises:
-            BadMessageError: The picture is not usable, or the arm does not rest.
+            BadMessageError: The picture is not usable, or the arm is not at rest.
             CalibrationError: The click determines no zero.
         """
         self.require_usable()

@@ -42,8 +42,8 @@ class FollowPanel:
         """Follow another arm of the page: first go to its position, then move with it.
 
         Raises:
-            InputError: There is no such arm, it holds, one of the arms is busy or was stopped, or
-                they have no joint in common.
+            InputError: There is no such arm, its torque is on, one of the arms is busy or was
+                stopped, or they have no joint in common.
             CalibrationError: One of the two is not calibrated.
         """
         leader = self._find_arm(leader_name)

@@ -126,7 +126,7 @@ class NewArmPanel:
         """Give an answer; drop it if its question is no longer open.
 
         Raises:
-            BadMessageError: It is not one of the possible answers.
+            BadMessageError: The text is not one of the possible answers.
         """
         if self._line is None or self._question is None or message.number != self._number:
             return
@@ -244,8 +244,8 @@ def _tell(line: Connection, item: object) -> str | None:
     """Send an item of the dialogue, and wait for the answer if it is a question.
 
     Raises:
-        EOFError: The page has left.
-        OSError: The page has left; noticed when writing.
+        EOFError: The page was closed.
+        OSError: The page was closed; noticed when writing.
     """
     line.send(item)
     return line.recv() if isinstance(item, Question | Entry) or line.poll() else None

@@ -151,7 +151,7 @@ class ArmCameras:
         """Show another camera from now on.
 
         Raises:
-            UnknownNameError: It is not among the choices.
+            UnknownNameError: The camera is not among the choices.
             InputError: The camera is missing.
         """
         if choice not in self.choices:

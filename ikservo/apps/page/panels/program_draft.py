@@ -53,7 +53,7 @@ class ProgramFolder:
         """Return the file name of a recording.
 
         Raises:
-            UnknownNameError: There is none of that name.
+            UnknownNameError: There is no program of that name.
         """
         names = self.recordings()
         if name not in names:
@@ -92,7 +92,7 @@ class ProgramDraft:
         """Add a step behind another one, or as the last one; return its number.
 
         Raises:
-            InputError: There are too many steps, or the other one is gone.
+            InputError: There are too many steps, or the step before it no longer exists.
         """
         if len(self.steps) >= MAX_STEPS:
             raise InputError(f"A program has at most {MAX_STEPS} steps.", "Nothing was added.")
@@ -105,7 +105,7 @@ class ProgramDraft:
         """Set the speed of a step, or the duration of a wait.
 
         Raises:
-            InputError: The step is gone, or is not a wait.
+            InputError: The step no longer exists, or is not a wait.
         """
         place = self.place_of(number)
         old = self.steps[place].step
@@ -119,7 +119,7 @@ class ProgramDraft:
         """Move a step to a place in the list, or to its end.
 
         Raises:
-            InputError: The step is gone.
+            InputError: The step no longer exists.
         """
         moved = self.steps[self.place_of(number)]
         others = [each for each in self.steps if each is not moved]
@@ -129,7 +129,7 @@ class ProgramDraft:
         """Remove a step.
 
         Raises:
-            InputError: The step is gone.
+            InputError: The step no longer exists.
         """
         place = self.place_of(number)
         self._set_steps((*self.steps[:place], *self.steps[place + 1 :]))
@@ -143,7 +143,7 @@ class ProgramDraft:
         """Return the place of a step in the list.
 
         Raises:
-            InputError: The step is gone.
+            InputError: The step no longer exists.
         """
         for place, each in enumerate(self.steps):
             if each.number == number:
@@ -154,7 +154,7 @@ class ProgramDraft:
         """Return the draft as a program.
 
         Raises:
-            InputError: It has no steps.
+            InputError: The draft has no steps.
         """
         if not self.steps:
             raise InputError("The program has no steps.", "Add a step first.")
@@ -170,9 +170,9 @@ class ProgramDraft:
         """Load a program in place of this one.
 
         Raises:
-            UnknownNameError: There is none of that name.
-            FileFormatError: It is malformed.
-            BadValueError: It belongs to another arm.
+            UnknownNameError: There is no program of that name.
+            FileFormatError: The file is malformed.
+            BadValueError: The program belongs to another arm.
         """
         names = self.folder.names()
         if name not in names:
@@ -188,12 +188,14 @@ class ProgramDraft:
         """Save the program; return its file.
 
         Raises:
-            InputError: It has no steps, or another program has that name.
-            FileWriteError: It cannot be written; an older file is unchanged.
+            InputError: The program has no steps, or another program has that name.
+            FileWriteError: The file cannot be written; an older file is unchanged.
         """
         path, program = self.folder.file(name), self.program()
         if name != self.name and path.exists() and not overwrite:
-            raise InputError(f"There is a program {name} already.", "Replace it, or rename this.")
+            raise InputError(
+                f"A program named {name} already exists.", "Replace it, or rename this one."
+            )
         write_program(path, program)
         self.name = name
         self._note_change(changed=False)

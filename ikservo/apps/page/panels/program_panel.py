@@ -43,7 +43,7 @@ class ProgramPanel:
         """Handle a message; ``interaction`` has the target that is shown.
 
         Raises:
-            IkservoError: It is not possible; nothing has changed.
+            IkservoError: The request is not possible; nothing has changed.
         """
         if isinstance(message, msg.RunProgram):
             self._run(message)

@@ -96,7 +96,7 @@ def read_bench_message(text: str) -> BenchMessage:
     """Parse and validate a message of the page.
 
     Raises:
-        BadMessageError: It is too long, not JSON, or not one of the messages above.
+        BadMessageError: The message is too long, not JSON, or not one of the messages above.
     """
     return validate_message(_MESSAGES, text)
 
@@ -325,7 +325,7 @@ class ServoBench:
         if self._model is None:
             raise InputError(
                 "Gains can only be tried on a joint of an arm.",
-                "Name it in a terminal: ikservo view --servos --arm",
+                "Start the page with the name of the arm: ikservo view --servos --arm NAME",
             )
         self._trial = command
         return True
@@ -338,7 +338,7 @@ class ServoBench:
 
     def _try_gains(self, model: Model, trial: WorkOnServo) -> None:
         """Move a joint with its present and other gains, and show both; the present gains stay."""
-        self._show_line(f"{trial.joint} moves …", self._shown)
+        self._show_line(f"{trial.joint} is moving …", self._shown)
         try:
             with open_own_arm(model, self._port) as arm:
                 self._arm = arm

@@ -157,7 +157,7 @@ def write_limp(line: ServoLine, servo: ServoSpec, values: Mapping[Register, int]
     """Write registers of a servo without torque, as ``write_values`` does.
 
     Raises:
-        InputError: The servo holds.
+        InputError: The servo's torque is on.
         IkservoError: The errors of ``write_values``.
     """
     if holds_torque(line, servo):

@@ -1,4 +1,4 @@
-"""Trials of gains on the page of servos: steps of a joint with its own and other gains."""
+"""Gain trials on the servo page: steps of a joint with its own and with other gains."""
 
 from __future__ import annotations
 

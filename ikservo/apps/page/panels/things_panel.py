@@ -90,8 +90,9 @@ class ThingsPanel:
 
         Raises:
             UnknownNameError: There is no such thing.
-            BadValueError: Its new name is taken, its place is not valid, or there are too many.
-            InputError: No other arm of that name is open, or it moves.
+            BadValueError: The new name is taken, the place is not valid, or there are too many
+                things.
+            InputError: No other arm of that name is open, or it is moving.
             FileFormatError: A size cannot be used; the message names it.
             RefusedError: A motion is running, or the arm was opened without collision checks.
         """
@@ -129,7 +130,7 @@ class ThingsPanel:
         """Put a thing where it was dropped.
 
         Raises:
-            UnknownNameError: It was removed meanwhile.
+            UnknownNameError: The thing was removed meanwhile.
             RefusedError: A motion is running.
         """
         self.show_moved(None)

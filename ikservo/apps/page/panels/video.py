@@ -59,7 +59,7 @@ class VideoSource:
 
     Attributes:
         source: The source that was given.
-        newest: The last picture (h, w) or (h, w, 3); None before any.
+        newest: The last picture (h, w) or (h, w, 3); None before the first.
         before: The transport of the arm that a simulated camera sees; None for real cameras.
         hint: A hint on the pictures; empty for none.
 

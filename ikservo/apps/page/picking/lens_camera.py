@@ -88,7 +88,7 @@ class PictureSurface:
         """Return the point (3,) that a pixel (2,) sees.
 
         Raises:
-            InputError: It is outside the picture, or shows neither plane nor thing.
+            InputError: The pixel is outside the picture, or shows neither plane nor thing.
         """
         if isinstance(camera, LensCamera):
             ray = camera.model.ray(*camera.picture_px(px))

@@ -176,7 +176,7 @@ def visible_from(
     missing = [name for name in chain.names if name not in joints]
     if missing:
         raise UnknownNameError("position", missing[0], joints)
-    q = finite_vector([joints[name] for name in chain.names], chain.dof, "The joints")
+    q = finite_vector([joints[name] for name in chain.names], chain.dof, "The vector of joints")
     return VisibilityChecker(model).from_point(link_poses(chain, q, joints), eye_m)
 
 

@@ -72,7 +72,7 @@ class ArmJob(Protocol):
         """Run to the end.
 
         Raises:
-            IkservoError: It failed; the arm holds until a user acknowledges that.
+            IkservoError: The job failed; the arm holds until a user acknowledges that.
         """
         ...
 
@@ -80,7 +80,7 @@ class ArmJob(Protocol):
 class ExecutePath:
     """Carries out the planned path that the page shows."""
 
-    title = "Goes to the preview"
+    title = "Moving to the target of the preview"
     is_planned = True
 
     def __init__(self, path: PlannedPath) -> None:
@@ -115,7 +115,7 @@ class ExecutePath:
 class RelaxArm:
     """Lowers the arm to its rest pose and switches torque off."""
 
-    title = "Lowers itself to rest, then goes limp"
+    title = "Lowering to rest, then going limp"
     is_planned = True
 
     def run(self, arm: Arm, observer: JobObserver) -> None:
@@ -130,7 +130,7 @@ class RelaxArm:
 class ReleaseArm:
     """Switches torque off at the present position of the arm."""
 
-    title = "Goes limp"
+    title = "Going limp"
     is_planned = True
 
     def run(self, arm: Arm, observer: JobObserver) -> None:
@@ -147,7 +147,7 @@ class SetTipZero:
         found: The zero.
     """
 
-    title = "Is opened with its new zero"
+    title = "Opening again with the new zero"
     is_planned = True
 
     def __init__(self, found: TipZero) -> None:

@@ -31,7 +31,7 @@ class FollowLeader:
     is_planned = False
 
     def __init__(self, feed: LeaderFeed, speed: str) -> None:
-        self.title = f"Follows {feed.name}"
+        self.title = f"Following {feed.name}"
         self.feed, self._speed = feed, speed
         self.lag = LagMeter(feed.joint_names)
         self.refusal = ""

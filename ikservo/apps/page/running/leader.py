@@ -75,7 +75,7 @@ class LeadArm:
     is_planned = False
 
     def __init__(self, feed: LeaderFeed, follower: str) -> None:
-        self.title = f"Leads {follower}"
+        self.title = f"Leading {follower}"
         self._feed, self._clock = feed, feed.clock
 
     def run(self, arm: Arm, observer: JobObserver) -> None:

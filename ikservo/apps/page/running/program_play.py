@@ -69,7 +69,7 @@ class ProgramPlay:
     @property
     def title(self) -> str:
         """Activity of the arm, in a few words."""
-        return "Checks the program" if self._action == "check" else "Plays the program"
+        return "Checking the program" if self._action == "check" else "Playing the program"
 
     @property
     def is_pausing(self) -> bool:

@@ -25,7 +25,7 @@ class RecordArm:
         path: The complete file; None before that.
     """
 
-    title = "Records the arm"
+    title = "Recording"
     is_planned = False
 
     def __init__(self, folder: Path) -> None:

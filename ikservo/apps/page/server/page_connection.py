@@ -82,9 +82,9 @@ class MessageFilter(Generic[_MessageT]):
         """Return a message that may be acted on.
 
         Raises:
-            BadMessageError: It is malformed or a replay; nothing changes.
-            StalePressError: It is a press or typed value, and too old; nothing changes.
-            StaleMessageError: It is too old; nothing changes.
+            BadMessageError: The message is malformed or a replay; nothing changes.
+            StalePressError: The message is a press or typed value, and too old; nothing changes.
+            StaleMessageError: The message is too old; nothing changes.
             RateLimitError: The connection must be closed.
         """
         self._tokens = min(_BURST, self._tokens + (now_s - self._filled_s) * _RATE_HZ)

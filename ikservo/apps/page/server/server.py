@@ -121,7 +121,8 @@ class SessionBackend(Protocol[_ReceivedT_contra]):
         """Handle a client's message.
 
         Raises:
-            BadMessageError: Not permitted, or impossible now; the client gets the text.
+            BadMessageError: The request is not permitted, or impossible now; the client gets the
+                text.
             SessionEndedError: There is no session any more.
         """
         ...
@@ -354,7 +355,7 @@ class BoundAddress:
         certificate: Serve by TLS with it; None for plain HTTP.
 
     Raises:
-        PortError: It is not an address of this machine, or it is in use.
+        PortError: The host is not an address of this machine, or it is in use.
     """
 
     def __init__(

@@ -17,7 +17,7 @@ export class Actions {
     $("relax").onclick = () => send("arm_action", { action: "relax" });
     $("hold").onclick = () => this.limp.forEach((joint) => send("set_torque", { joint, on: true }));
     // An unsupported arm falls, so this takes a second press.
-    $("release").onclick = () => ask($("release"), "It falls: sure?", () => this.send("arm_action", { action: "release" }));
+    $("release").onclick = () => ask($("release"), "The arm will fall. Sure?", () => this.send("arm_action", { action: "release" }));
     $("fit").onclick = () => send("fit_view");
     $("help-button").onclick = () => this.toggleHelp();
     $("help-close").onclick = () => this.toggleHelp();

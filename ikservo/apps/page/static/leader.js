@@ -20,7 +20,7 @@ export class Leader {
     $("follow").onclick = () => this.send("follow_arm", { leader: this.following ? null : this.name });
     $("leader-close").onclick = () => this.close();
     // An unsupported arm falls, so this takes a second press.
-    $("leader-release").onclick = () => ask($("leader-release"), "It falls: sure?", () => this.connection.send("arm_action", { action: "release" }));
+    $("leader-release").onclick = () => ask($("leader-release"), "The arm will fall. Sure?", () => this.connection.send("arm_action", { action: "release" }));
     $("leader-acknowledge").onclick = () => this.connection.send("acknowledge");
     new ResizeObserver(() => this.sendViewport()).observe($("leader-drawing"));
   }
@@ -101,7 +101,7 @@ export class Leader {
     if (this.status.mode === "stopped") return `${banner.message} ${banner.hint}`;
     if (this.following) return "Guide it by hand; the other arm follows.";
     if (this.status.mode !== "preview") return this.status.activity || "It is in use.";
-    if (!limp) return "It holds, so it cannot be guided by hand. Support it, then release it.";
+    if (!limp) return "Its torque is on, so it cannot be guided by hand. Support it, then release it.";
     return mode === "live" ? "Switch Live off, then follow." : "It is limp: ready to lead.";
   }
 }

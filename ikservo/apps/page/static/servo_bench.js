@@ -61,9 +61,9 @@ function describe(found) {
 const act = (action, fields = {}) => shown && send("work_on_servo", { joint: servos.joint, action, ...fields });
 const pressed = (button) => button.getAttribute("aria-pressed") === "true";
 $("search").onclick = () => send("work_on_servo", { action: "search" });
-$("torque").onclick = () => (pressed($("torque")) ? ask($("torque"), "It may fall: sure?", () => act("torque_off")) : act("torque_on"));
+$("torque").onclick = () => (pressed($("torque")) ? ask($("torque"), "The joint may fall. Switch torque off?", () => act("torque_off")) : act("torque_on"));
 $("led").onclick = () => act(pressed($("led")) ? "led_off" : "led_on");
-$("reboot").onclick = () => ask($("reboot"), "Torque goes off: sure?", () => act("reboot"));
+$("reboot").onclick = () => ask($("reboot"), "Torque will go off. Reboot the servo?", () => act("reboot"));
 $("backup").onclick = () => act("backup");
 $("restore").onchange = async ({ target }) => {
   const text = await target.files[0].text();
@@ -73,7 +73,7 @@ $("restore").onchange = async ({ target }) => {
 $("address").onsubmit = (event) => {
   event.preventDefault();
   const [id, rate] = [Number($("new-id").value), Number($("new-rate").value)];
-  ask($("assign"), `Id ${id}, ${rate} baud: sure?`, () => act("move", { address: [id, rate] }));
+  ask($("assign"), `Id ${id}, ${rate} baud. Sure?`, () => act("move", { address: [id, rate] }));
 };
 $("plot").onclick = () => {
   const left = [...$("servos-table").children].map((row) => row.dataset.register);
@@ -103,7 +103,7 @@ function setGains(numbers) {
   for (const slider of sliders()) if (slider.name in numbers) [slider.value, slider.nextSibling.textContent] = [numbers[slider.name], numbers[slider.name]];
 }
 const tryGains = (action) => act(action, { gains: gains(), step_deg: Number($("step").value) });
-for (const action of ["try", "suggest"]) $(action).onclick = () => ask($(action), "It moves: sure?", () => tryGains(action));
+for (const action of ["try", "suggest"]) $(action).onclick = () => ask($(action), "It will move. Sure?", () => tryGains(action));
 $("stop").onclick = () => act("stop");
 $("save").onclick = () => {
   const held = Object.fromEntries(shown.registers.map(({ name, raw }) => [name, raw]));

@@ -138,7 +138,7 @@ class RosBridge:
         """Parse the goal in a trajectory that may begin now.
 
         Raises:
-            InputError: It cannot be used; the message says why.
+            InputError: The trajectory cannot be used; the message says why.
             RefusedError: A point is beyond a limit, or the arm is stopped.
         """
         self._check_not_stopped()
@@ -172,7 +172,7 @@ class RosBridge:
         """Check whether a frame is the tool's and not the base's.
 
         Raises:
-            BadValueError: It is neither.
+            BadValueError: The frame is neither of these.
         """
         chain = self._arm.chain
         if frame not in ("", chain.base, chain.tip):
@@ -205,7 +205,7 @@ class RosBridge:
         self._driver.put(None)
         self._driver.wait_until_still(_BRAKE_TIMEOUT_S)
         self._arm.hold()
-        return "The arm holds."
+        return "The arm holds its position."
 
     def _acknowledge(self) -> str:
         self._arm.acknowledge()
@@ -220,7 +220,7 @@ class RosBridge:
         """Stop a motion if the router is lost, because nobody could stop it then."""
         while not self._closing.wait(_ROUTER_PERIOD_S):
             if self._driver.is_moving and not self._has_router():
-                text = "The connection to the Zenoh router was lost; the arm holds."
+                text = "The connection to the Zenoh router was lost; the arm holds its position."
                 self._request_stop(text)
                 self._warn(text)
 

@@ -85,7 +85,7 @@ class GoalDriver:
 
     @property
     def is_moving(self) -> bool:
-        """Whether the arm moves, or brakes."""
+        """Whether the arm is moving or braking."""
         return self._busy
 
     def put(self, goal: MotionGoal | None, watch: GoalWatch | None = None) -> None:
@@ -103,7 +103,7 @@ class GoalDriver:
         """Wait until the arm has come to rest.
 
         Raises:
-            RefusedError: It has not come to rest in time.
+            RefusedError: The arm has not come to rest in time.
         """
         with self._changed:
             if not self._changed.wait_for(lambda: not self._busy, timeout_s):
@@ -222,7 +222,7 @@ def _text_of(error: Exception) -> str:
 
 
 def _is_running(stream: GoalStream, elapsed_s: float) -> bool:
-    """Check whether the control loop runs; before that, servos are read and torque comes on."""
+    """Check whether the control loop is running; before that, torque comes on."""
     if elapsed_s > _START_S:
         return True
     progress: object = getattr(stream, "progress", stream)  # unknown for an arm on another machine

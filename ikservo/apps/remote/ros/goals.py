@@ -49,16 +49,16 @@ def check_age(stamp: Any, now_s: float) -> None:  # noqa: ANN401  # builtin_inte
     """Refuse a message that is too old; accept one without a time stamp.
 
     Raises:
-        RefusedError: It is too old, or from the future.
+        RefusedError: The message is too old, or from the future.
     """
     sent_s = stamp.sec + 1e-9 * stamp.nanosec
     if sent_s == 0.0:
         return
     age_s = now_s - sent_s
     if age_s > DEAD_MAN_TIMEOUT_S:
-        raise RefusedError(f"It is {age_s:.1f} s old and was dropped.", _CLOCKS)
+        raise RefusedError(f"The message is {age_s:.1f} s old and was dropped.", _CLOCKS)
     if age_s < -_MAX_AHEAD_S:
-        raise RefusedError(f"It is dated {-age_s:.1f} s ahead.", _CLOCKS)
+        raise RefusedError(f"The time stamp of the message is {-age_s:.1f} s ahead.", _CLOCKS)
 
 
 class TrajectoryGoal:
@@ -132,7 +132,7 @@ def trajectory_goal(
         now_s: The time of the start.
 
     Raises:
-        InputError: It names an unknown joint, or its points cannot be used.
+        InputError: The message names an unknown joint, or its points cannot be used.
         RefusedError: A point is beyond a limit.
     """
     names, points = tuple(message.joint_names), message.points
@@ -142,7 +142,9 @@ def trajectory_goal(
             "The joint", f"{(unknown or names)!r}", f"each once: {', '.join(present)}"
         )
     if len(points) > _MAX_POINTS:
-        raise BadValueError("The trajectory", f"of {len(points)} points", f"at most {_MAX_POINTS}")
+        raise BadValueError(
+            "The trajectory", f"{len(points)} points long", f"at most {_MAX_POINTS}"
+        )
     times_s = np.array([p.time_from_start.sec + 1e-9 * p.time_from_start.nanosec for p in points])
     _check_times(times_s)
     positions = _rows(points, "positions", len(names))

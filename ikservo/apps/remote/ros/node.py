@@ -196,7 +196,7 @@ class _Senders:
         """Check the attachment of a message.
 
         Raises:
-            RefusedError: It is repeated, or was overtaken by a later one.
+            RefusedError: The message is repeated, or was overtaken by a later one.
         """
         with self._lock:
             if attachment.sequence <= self._last.get(attachment.gid, -1):
@@ -260,7 +260,7 @@ def _trigger_response(action: Callable[[], str]) -> Any:  # noqa: ANN401  # a ge
     except IkservoError as error:
         success, text = False, error.message
     except Exception as error:  # a failed request must be answered, too
-        success, text = False, f"It failed: {type(error).__name__}: {error}"
+        success, text = False, f"The request failed: {type(error).__name__}: {error}"
     return make(f"{TRIGGER}_Response", success=success, message=text)
 
 

@@ -95,7 +95,7 @@ class TrajectoryAction:
 
     def empty_result(self) -> Any:  # noqa: ANN401
         """Return the result of an unknown goal."""
-        return _result(ErrorCode.INVALID_GOAL, "There is no such goal, or no longer.")
+        return _result(ErrorCode.INVALID_GOAL, "There is no such goal (any more).")
 
     def finish(self, goal: ActionGoal, status: GoalStatus, code: ErrorCode, text: str) -> None:
         """End a goal."""
@@ -219,12 +219,12 @@ class _Watch:
         elif end is GoalEnd.ARRIVED:
             self._action.finish(self._goal, GoalStatus.SUCCEEDED, ErrorCode.SUCCESSFUL, "")
         elif end is GoalEnd.REPLACED:
-            self._abort(ErrorCode.INVALID_GOAL, "A newer goal has replaced it.")
+            self._abort(ErrorCode.INVALID_GOAL, "A newer goal has replaced this one.")
         elif self._goal.status is GoalStatus.CANCELING:
-            text = why or "It was canceled; the arm holds."
+            text = why or "The goal was canceled; the arm holds its position."
             self._action.finish(self._goal, GoalStatus.CANCELED, ErrorCode.SUCCESSFUL, text)
         else:
-            text = why or "The motion was ended; the arm holds."
+            text = why or "The motion was ended; the arm holds its position."
             self._abort(ErrorCode.PATH_TOLERANCE_VIOLATED, text)
 
     def _abort(self, code: ErrorCode, text: str) -> None:

@@ -53,7 +53,7 @@ class Attachment:
         """Parse an attachment.
 
         Raises:
-            InputError: It is not an attachment.
+            InputError: The data is not an attachment.
         """
         if len(data) != _ATTACHMENT.size or data[_ATTACHMENT.size - _GID_BYTES - 1] != _GID_BYTES:
             raise InputError(
