@@ -45,41 +45,6 @@ from pathlib import Path
 
 from ikservo.remedies import in_python
 
-__all__ = [
-    "AimError",
-    "BadReplyError",
-    "BadValueError",
-    "BlockedError",
-    "BusError",
-    "CalibrationError",
-    "CartesianPathError",
-    "CollisionError",
-    "ConstraintError",
-    "ExitCode",
-    "FileFormatError",
-    "HeldUpError",
-    "IkservoError",
-    "InputError",
-    "LatchedStopError",
-    "LeaseLostError",
-    "NoPortError",
-    "NotSettledError",
-    "OrientationError",
-    "PictureError",
-    "PortBusyError",
-    "PortError",
-    "PortLostError",
-    "RefusedError",
-    "RegisterAccessError",
-    "ServoAlarmError",
-    "ServoRejectedError",
-    "ServoSilentError",
-    "StoppedError",
-    "UnknownNameError",
-    "UnreachableError",
-    "format_point",
-]
-
 
 class ExitCode(IntEnum):
     """Exit codes of the command line; printed by ``ikservo --help``."""

@@ -12,17 +12,6 @@ from numpy.typing import ArrayLike
 
 from ikservo.kinematics.arrays import Matrix, Vector
 
-__all__ = [
-    "Matrix",
-    "Vector",
-    "exp_so3",
-    "log_so3",
-    "make_pose",
-    "quaternion_to_matrix",
-    "rotation_rpy",
-    "skew",
-]
-
 # Below this angle the closed forms divide two vanishing numbers; the Taylor series below are exact
 # to 1e-16 there.
 _SMALL_RAD = 1e-4
