@@ -33,9 +33,6 @@ _SLOPE_RANGE = (0.3, 3.0)  # ratio: the firmware's start-up force makes the slop
 _INERTIA_PERIOD_S = 0.1  # time after which gains follow the posture: the mass matrix costs time
 _UNLOADED = 1.0  # of the dry friction: a joint that carries less may rest anywhere in its backlash
 _PUSHED = 0.3  # of the dry friction: a joint that presses by more has crossed its backlash
-# Offsets change with the speed that the reference leaves of the servos' profile, and at least with
-# this fraction of it: a goal that runs ahead of its servo looks like a joint that does not follow.
-_MIN_SPARE = 0.2
 _RATE_FILTER_S = 0.03  # time in which the speed of a motion seems to change when it is slowed down
 
 
@@ -77,7 +74,6 @@ class GoalCompensator:
         self._fading = self._direction = np.zeros(n)
         self._faded_s, self._rate, self._held_s, self._adapted_s = np.zeros(n), 1.0, 0.0, 0.0
         self._clamped = np.zeros(n, dtype=bool)
-        self._profile, self._sent_offset = np.full(n, np.inf), np.zeros(n)
         self._preload: Preload | None = None
         self._waits = False
         self._slope, self._is_load_bounded = np.ones(n), np.zeros(n, dtype=bool)
@@ -105,7 +101,6 @@ class GoalCompensator:
         goals: Vector,
         cycle_time_s: float | None = None,
         measured: Vector | None = None,
-        profile: Vector | None = None,
     ) -> None:
         """Begin a motion at a reference (n,) that the servos hold with given goals (n,).
 
@@ -115,10 +110,7 @@ class GoalCompensator:
             cycle_time_s: Time for which a goal is held until the next one; None keeps the previous
                 one.
             measured: The measured positions; the reference if None.
-            profile: Speeds (n,) at which the servos follow their goals, rad/s or m/s; None keeps
-                the previous ones.
         """
-        self._profile = self._profile if profile is None else profile
         self._held_s = self._held_s if cycle_time_s is None else cycle_time_s
         self._reference_range, self._goal_range = (
             (np.minimum(self._low, each), np.maximum(self._high, each))
@@ -128,7 +120,6 @@ class GoalCompensator:
         self._feedback.begin()
         self._adapt_gains(reference)
         offset = np.where(self._chain, goals - reference, 0.0)
-        self._sent_offset = offset
         self._direction = self._resting_direction(offset + self._sag(reference, measured))
         self._fading = offset - self._modelled(self._last, self._direction)
         self._faded_s, self._rate = np.zeros_like(reference), 1.0
@@ -209,12 +200,7 @@ class GoalCompensator:
             + self._feedback.fast * (1.0 - self._fade_share)
             + (self._fading + lead) * self._fade_share
         )
-        spare = np.maximum(self._profile - np.abs(self._last.velocity), _MIN_SPARE * self._profile)
-        step = spare * elapsed_s
-        offset = np.clip(offset, self._sent_offset - step, self._sent_offset + step)
-        goals = self._inside(point.position, offset)
-        self._sent_offset = goals - point.position
-        return goals
+        return self._inside(point.position, offset)
 
     def observe(
         self,

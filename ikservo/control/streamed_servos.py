@@ -183,8 +183,7 @@ class StreamedServos:
             cycle_time_s: The time between two goals.
         """
         reference, goals = self.reference(), self.goals()
-        profile = self.profile_speeds(self._horn_rad_s)
-        self.compensator.begin(reference, goals, cycle_time_s, self._measured, profile)
+        self.compensator.begin(reference, goals, cycle_time_s, self._measured)
         self._reference_s, self._uncut = self.clock.now_s(), True
 
     def profile_speeds(self, horn_rad_s: float) -> Vector:

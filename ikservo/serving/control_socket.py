@@ -16,6 +16,7 @@ import socket
 import stat
 import struct
 import tempfile
+import time
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -145,15 +146,20 @@ def connect(path: Path, timeout_s: float) -> tuple[socket.socket, str] | None:
     except (FileNotFoundError, ValueError):
         return None
     connection.settimeout(timeout_s)
-    try:
-        connection.connect(address)
-    except (FileNotFoundError, ConnectionRefusedError):
-        connection.close()
-        return None
-    except OSError:
-        connection.close()
-        raise
-    return connection, secret
+    ends_s = time.monotonic() + timeout_s
+    while True:
+        try:
+            connection.connect(address)
+            return connection, secret
+        except (FileNotFoundError, ConnectionRefusedError):
+            connection.close()
+            return None
+        except OSError as error:
+            # A UNIX socket at which too many clients wait refuses the next one without a wait.
+            if not isinstance(error, BlockingIOError) or time.monotonic() > ends_s:
+                connection.close()
+                raise
+        time.sleep(0.01)
 
 
 def _file_identity(path: Path) -> tuple[int, int]:

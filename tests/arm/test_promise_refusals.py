@@ -109,8 +109,10 @@ def skill(arm, dice):
 
 def tick(arm, dice):
     """Send ticks to the gate directly, without all other checks."""
-    ticks = {"wrist_roll": 2048, dice.choice(arm.chain.names): dice.choice([*NONSENSE, 2048.0, -1])}
-    return gate_of(arm).send(ticks)
+    names = servo_group(arm).names
+    ticks = dict.fromkeys(names) | {"wrist_roll": 2048}
+    ticks[dice.choice(arm.chain.names)] = dice.choice([*NONSENSE, 2048.0, -1])
+    return gate_of(arm).pass_goals(list(ticks.values()))
 
 
 COMMANDS = [joint, beyond, stranger, point, skill, tick]

@@ -52,13 +52,6 @@ def test_compensated_goals_of_beginning_motion_do_not_leap(compensator, start):
     assert np.abs(np.diff(goals, axis=0)).max() < 0.006  # 4 ticks
 
 
-def test_goals_of_slow_motion_do_not_outrun_the_servo_profile(compensator, start):
-    profile = np.full(6, 0.1)
-    compensator.begin(start, start + 0.05, CYCLE_S, start, profile)
-    goals = goals_of(compensator, start, 0.05, 0.5)
-    assert np.abs(np.diff(goals, axis=0)).max() <= 0.1 * CYCLE_S + 1e-9
-
-
 def test_resting_joint_keeps_the_goal_that_friction_allows(compensator, start):
     compensator.begin(start, start + 0.004)
     goals = goals_of(compensator, start, 0.0, 1.0)

@@ -98,5 +98,5 @@ def test_pixel_without_direction_is_refused():
     folded = np.array([0.0, 0.0, 0.0, 0.6, 0.0])  # to the left nothing is seen
     camera = CameraModel(Intrinsics(lens, folded, (640, 480)), np.eye(4))
     camera.ray(333.5, 243.5)
-    with pytest.raises(BadValueError, match="nearer to the picture's centre"):
+    with pytest.raises(BadValueError, match="nearer to the centre"):
         camera.ray(0, 243.5)

@@ -178,7 +178,7 @@ def test_plain_http_on_other_address_needs_insecure_option(
         assert urls.control.startswith(f"{scheme}://")
         assert bool(urls.fingerprint) == (scheme == "https")
         reported = " ".join(urls.warnings)
-    assert ("alter it" in reported) == (listen is None and insecure)
+    assert ("alter the page" in reported) == (listen is None and insecure)
     assert ("fingerprint" in reported) == (scheme == "https")
 
 

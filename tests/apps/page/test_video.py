@@ -57,6 +57,7 @@ def test_camera_picture_is_streamed_once_per_address(film):
         assert client.receive_kind("arms")["arms"][0]["camera"] == {
             "name": "film.avi",
             "trouble": "",
+            "calibrated": False,
             "choices": ["film.avi"],
             "chosen": "film.avi",
         }

@@ -388,7 +388,7 @@ def test_solver_without_null_space_says_it_ignores_posture(session):
     session.send_message(page_messages.PreferPosture, pose="rest")
     assert session.latest_frames()["status"]["preference"]["note"] == ""
     session.send_message(page_messages.SetSolver, name="ccd")
-    assert "does not lean" in session.latest_frames()["status"]["preference"]["note"]
+    assert "cannot prefer a posture" in session.latest_frames()["status"]["preference"]["note"]
 
 
 @pytest.mark.sample(1)

@@ -246,7 +246,7 @@ def test_repeated_ros_goal_is_dropped(graph):
     until(lambda: true_joints(graph.arm)["wrist_roll"] > start + 0.05)
     graph.wait_until_still()
     graph.publish("/joint_trajectory", message, attachment=sent)
-    until(lambda: graph.warnings and "repeated" in graph.warnings[-1])
+    until(lambda: graph.warnings and "arrived twice" in graph.warnings[-1])
     assert not graph.bridge._driver.is_moving
 
 
