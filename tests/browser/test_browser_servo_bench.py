@@ -106,7 +106,7 @@ def test_servo_page_switches_torque_and_then_refuses_writing(bench):
     bench.says("holds: with other values it could fall")
     assert bench.servos[ELBOW].read("p_gain") == 32
     bench.page.click("#torque")
-    bench.page.click("#torque:has-text('sure')")
+    bench.page.click("#torque:has-text('may fall')")
     bench.page.wait_for_selector("#torque[aria-pressed=false]")
     assert bench.servos[ELBOW].read("torque_enable") == 0
 
@@ -156,7 +156,7 @@ def test_servo_page_switches_led_and_restarts_a_dynamixel(bench):
     bench.page.wait_for_selector("#led[aria-pressed=true]")
     assert bench.servos[6].read("led") == 1
     bench.page.click("#reboot")
-    bench.page.click("#reboot:has-text('sure')")
+    bench.page.click("#reboot:has-text('will go off')")
     bench.says("restarted; torque off")
     assert bench.servos[6].read("led") == 0
 
