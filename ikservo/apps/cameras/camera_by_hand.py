@@ -109,7 +109,7 @@ class HandCalibration:
         if second is None:
             return False
         held = held.add_joints(clock.now_s(), self._limp_joints().tolist())
-        if not held.is_at_rest() or not _is_still(first, second):
+        if held.has_moved() or not _is_still(first, second):
             return False
         self._pictures.add(picture, second, q)
         self._last_error = ""
