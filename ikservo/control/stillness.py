@@ -52,7 +52,8 @@ class StillnessDetector:
         """Check whether nothing has moved within the window."""
         if len(self.readings) < self.least_readings:
             return False
-        return self.readings[-1][0] - self.readings[0][0] >= self.window_s and not self.has_moved()
+        span_s = self.readings[-1][0] - self.readings[0][0] + 1e-9  # sums of times are rounded
+        return span_s >= self.window_s and not self.has_moved()
 
     def has_moved(self) -> bool:
         """Check whether something has moved since the first reading of the window."""

@@ -99,3 +99,10 @@ def test_window_of_no_time_compares_two_readings():
     still = StillnessDetector(0.0, 4, 2).add_joints(1.0, [0]).add_joints(2.0, [9])
     assert not still.is_at_rest()
     assert still.add_joints(2.0, [7]).is_at_rest()
+
+
+def test_readings_exactly_a_window_apart_are_enough():
+    for start_s in (0.1, 0.4, 1e5 + 0.7):  # 0.7 - 0.4 is less than 0.3
+        still = StillnessDetector(window_s=0.3, tolerance=1.0, least_readings=2)
+        still = still.add_joints(start_s, [0.0])
+        assert still.add_joints(start_s + 0.3, [0.0]).is_at_rest()
