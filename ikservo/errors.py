@@ -154,7 +154,7 @@ class UnknownNameError(InputError, LookupError):
 
     def __init__(self, kind: str, name: object, known: Iterable[str]) -> None:
         self.kind, self.name, self.known = kind, name, sorted(known)
-        close = difflib.get_close_matches(shown(name).strip("'").lower(), self.known, n=1)
+        close = difflib.get_close_matches(shown(name, str).lower(), self.known, n=1)
         self.closest = close[0] if close else None
         listing = ", ".join(self.known) or "none"
         hint = f"Did you mean {self.closest}? " if self.closest else ""

@@ -326,7 +326,6 @@ class Arm(MotionMethods):
             FileWriteError: The pose cannot be saved.
         """
         check_flag("hold", hold)
-        check_flag("hold", hold)
         positions = teach(self._context, self.poses, name, until, self.relax)
         if hold:
             self.enable()

@@ -245,6 +245,18 @@ class ServoGroup(StreamedServos):
         """Return the round trip and the losses of the line; reads no servo."""
         return LinkStatistics.of(self._bus.statistics.values())
 
+    def profile_speeds(self, horn_rad_s: float) -> Vector:
+        """Return the speeds at which the joints (n,) move to each goal, rad/s or m/s.
+
+        Args:
+            horn_rad_s: Top speed of the motion, or of the requested profile, at the horns.
+        """
+        return np.array([
+            driven.joint_map.unit_per_horn_rad
+            * self._limits.profile_speed_rad_s(driven.servo_id, horn_rad_s)
+            for driven in self.driven_joints
+        ])  # fmt: skip
+
     def drive_reader(self, names: Sequence[str]) -> DriveReader:
         """Return a reader of duty, current and supply of the servos of given joints."""
         driven_joints = {driven.joint: driven for driven in self.driven_joints}

@@ -395,7 +395,8 @@ def _send_goals(
     pending = dict(ticks)
     for _ in range(_ATTEMPTS):  # a sync write has no reply, so goals are read back
         if pending:
-            Gate(driven_joints, clock).pass_reset([pending.get(i) for i in ranges])
-            write_goals(bus, pending, ranges, reached=lambda servo_id: (ticks[servo_id],))
-            goals = bus.sync_read(pending, RegisterName.GOAL_POSITION, raw=True).values
-            pending = {i: tick for i, tick in pending.items() if goals.get(i) != tick}
+            passed = Gate(driven_joints, clock).pass_reset([pending.get(i) for i in ranges]).ticks
+            goals = {i: tick for i, tick in zip(ranges, passed, strict=True) if tick is not None}
+            write_goals(bus, goals, ranges, reached=lambda servo_id: (ticks[servo_id],))
+            found = bus.sync_read(pending, RegisterName.GOAL_POSITION, raw=True).values
+            pending = {i: tick for i, tick in pending.items() if found.get(i) != tick}

@@ -186,18 +186,6 @@ class StreamedServos:
         self.compensator.begin(reference, goals, cycle_time_s, self._measured)
         self._reference_s, self._uncut = self.clock.now_s(), True
 
-    def profile_speeds(self, horn_rad_s: float) -> Vector:
-        """Return the speeds at which the joints (n,) move to each goal, rad/s or m/s.
-
-        Args:
-            horn_rad_s: Top speed of the motion, or of the requested profile, at the horns.
-        """
-        return np.array([
-            driven.joint_map.unit_per_horn_rad
-            * self._limits.profile_speed_rad_s(driven.servo_id, horn_rad_s)
-            for driven in self.driven_joints
-        ])  # fmt: skip
-
     def send_reference(self, point: TrajectoryPoint, advance_s: float, now_s: float) -> bool:
         """Send the goals that bring the joints to a reference; see ``send_goals``.
 

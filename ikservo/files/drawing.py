@@ -115,7 +115,7 @@ def read_drawing(path: Path | str, unit: str | None = None) -> Drawing:
     """
     file = parse_path(path)
     if unit is not None and (not isinstance(cast("object", unit), str) or unit not in _UNITS_M):
-        raise BadValueError("The unit", quote(shown(unit).strip("'")), "m or mm")
+        raise BadValueError("The unit", quote(shown(unit, str)), "m or mm")
     text = read_text(file, _MAX_BYTES)
     if file.suffix.lower() == ".svg":
         if unit is not None:

@@ -45,7 +45,7 @@ class StopReason:
     """Reason why an arm was stopped.
 
     Attributes:
-        kind: The kind of message, for programs.
+        kind: The kind of reason, for programs.
         text: The text for the user; lines after the first are details.
     """
 
@@ -213,10 +213,9 @@ class Gate:
         fraction = min(fractions, default=1.0)
         if fraction == 1.0:
             return list(goals)
-        lasts = [joint.goal for joint in self._joints]
         return [
-            None if tick is None or last is None else last + int(fraction * (tick - last))
-            for tick, last in zip(goals, lasts, strict=True)
+            None if tick is None else joint.last_goal() + int(fraction * (tick - joint.last_goal()))
+            for joint, tick in zip(self._joints, goals, strict=True)
         ]
 
     def pass_goals(self, goals: TickRow, now_s: float | None = None) -> PassedGoals:

@@ -347,7 +347,7 @@ def power_lost_error(
 
 def overweight_error(joints: Sequence[str]) -> RefusedError:
     """Return the error of joints that do not follow because the arm is too heavy for them."""
-    hint = "Fold the limp arm by hand so that it reaches out less, then move again: ikservo relax"
+    hint = "Switch torque off, fold the arm by hand so that it reaches out less, then move again."
     too_weak = "the servo is too weak" if len(joints) == 1 else "their servos are too weak"
     found = f"{_not_following(joints)}; motion stopped: {too_weak}"
     return RefusedError(f"{found} to lift the arm from this posture.", hint)

@@ -134,8 +134,15 @@ def test_relax_button_asks_before_arm_goes_limp(person):
 def test_hold_button_switches_torque_of_all_servos_on(person):
     arm = person.served.arm
     arm.disable_torque()
+    person.page.wait_for_selector("#relax", state="hidden")
     person.page.click("#hold")
     until(lambda: all(registers(arm, "torque_enable").values()))
     person.page.wait_for_selector("#relax")
     assert person.page.is_hidden("#hold")
     assert person.errors == []
+
+
+def test_partly_limp_arm_can_be_held_and_relaxed(person):
+    person.served.arm.runner.set_joint_torque("wrist_roll", on=False)
+    person.page.wait_for_selector("#hold")
+    assert person.page.is_visible("#relax")

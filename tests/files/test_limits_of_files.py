@@ -193,7 +193,10 @@ def doubled(depth):
 SCENES = {
     "doubled thirty times": ((ONE, doubled(30), shown("n29")), "counted at each use"),
     "without a surface": (("", doubled(30), shown("n29")), "counted at each use"),
-    "in a circle": ((ONE, node("a", shown("b")) + node("b", shown("a")), shown("a")), "contains itself"),
+    "in a circle": (
+        (ONE, node("a", shown("b")) + node("b", shown("a")), shown("a")),
+        "contains itself",
+    ),
     "in a long chain": (
         (ONE, node("n0") + "".join(node(f"n{i}", shown(f"n{i - 1}")) for i in range(1, 200)),
          shown("n199")), "at most 100 levels",

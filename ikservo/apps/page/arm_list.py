@@ -154,7 +154,7 @@ class ArmList:
             self._stop_arms(message)
             return
         if self._permissions[client_id] is not Permission.CONTROL:
-            raise BadMessageError("This page can only watch.", "Open the controlling address.")
+            raise BadMessageError("This page can only watch.", "Open the control address.")
         match message:
             case FindChoices():
                 self._choices.start()

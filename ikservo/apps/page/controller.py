@@ -605,4 +605,4 @@ class SessionController:
 
 def _check_may_control(client: Client) -> None:
     if client.permission is not Permission.CONTROL:
-        raise BadMessageError("This page can only watch.", "Open the controlling address.")
+        raise BadMessageError("This page can only watch.", "Open the control address.")

@@ -192,7 +192,7 @@ class ServoBench:
             self._stop_trial()
             return
         if self._pages[client_id].permission is not Permission.CONTROL:
-            raise BadMessageError("This page can only watch.", "Open the controlling address.")
+            raise BadMessageError("This page can only watch.", "Open the control address.")
         try:
             self._commands.put_nowait((client_id, message))
         except queue.Full:

@@ -92,7 +92,7 @@ _RATE_EXCEEDED, _FULL = 1008, 1013
 # Limit per key, so that watching pages do not lock out controlling ones.
 _FULL_TEXTS = {
     Permission.WATCH: f"{_MAX_CLIENTS} pages watch this arm already.",
-    Permission.CONTROL: f"{_MAX_CLIENTS} pages with the controlling address are open already.",
+    Permission.CONTROL: f"{_MAX_CLIENTS} pages with the control address are open already.",
 }
 
 Frame = Mapping[str, object]

@@ -80,8 +80,10 @@ export class Actions {
     this.status = status;
     $("undo").disabled = !free || !status.undo;
     $("redo").disabled = !free || !status.redo;
-    this.limp = status.health.joints.filter(({ torque }) => torque !== "on").map(({ name }) => name);
-    $("relax").hidden = !($("hold").hidden = !this.limp.length);
+    const { joints } = status.health;
+    this.limp = joints.filter(({ torque }) => torque !== "on").map(({ name }) => name);
+    $("hold").hidden = this.limp.length === 0;
+    $("relax").hidden = this.limp.length > 0 && this.limp.length === joints.length;
     for (const id of ["relax", "hold", "release"]) $(id).disabled = !isIdle(status);
     this.follow(this.path, this.at);
   }
