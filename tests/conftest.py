@@ -60,8 +60,8 @@ def pytest_configure_node(node):
     node.workerinput["all"] = node.config.option.all
 
 
-def pytest_terminal_summary(terminalreporter, config):
-    if config.option.record_slow_tests:
+def pytest_terminal_summary(terminalreporter, exitstatus, config):
+    if config.option.record_slow_tests and exitstatus in (0, 1):  # else the run has no end
         reports = [report for group in terminalreporter.stats.values() for report in group]
         tiers.record_slow_tests(r for r in reports if isinstance(r, pytest.TestReport))
 

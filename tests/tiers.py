@@ -4,7 +4,7 @@ At every save: the pure layers, servos and the bus, each command, arms in motion
 one Dynamixel arm, and what is marked ``smoke``: the main screens in a browser, and the files of
 tests about one motion. The others are ``full``: by a mark, and here where a whole folder takes
 long, the case is another arm, or the test is in ``slow_tests.txt``, which
-``pytest --all --record-slow-tests`` writes. A path on the command line runs everything it names.
+``pytest -n auto --record-slow-tests`` writes. A path on the command line runs everything it names.
 """
 
 import re
@@ -22,7 +22,7 @@ OTHER_ARM = re.compile(
     r"|so100|planar2|planar3)(?![a-z0-9])"
 )
 SLOW_TESTS = Path(__file__).with_name("slow_tests.txt")
-SLOW_S = 0.45  # a test that takes longer with all its cases is slow: `make test` takes 4 minutes
+SLOW_S = 0.8  # a test that takes longer with all its cases is slow: `make test` takes 4 minutes
 
 
 def add_option(parser):
@@ -38,6 +38,8 @@ def choose_tier(config):
         config.option.all = config.workerinput["all"]
     else:
         whole_suite = config.args_source is pytest.Config.ArgsSource.TESTPATHS
+        if config.option.record_slow_tests and not whole_suite:
+            raise pytest.UsageError("--record-slow-tests measures the whole suite: give no path")
         config.option.all = config.option.all or not whole_suite
 
 
