@@ -22,7 +22,7 @@ OTHER_ARM = re.compile(
     r"|so100|planar2|planar3)(?![a-z0-9])"
 )
 SLOW_TESTS = Path(__file__).with_name("slow_tests.txt")
-SLOW_S = 0.8  # a test that takes longer with all its cases is slow: `make test` takes 4 minutes
+SLOW_S = 0.6  # a test that takes longer with all its cases is slow: `make test` takes 4 minutes
 
 
 def add_option(parser):

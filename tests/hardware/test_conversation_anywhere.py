@@ -162,4 +162,5 @@ def test_thousand_position_reads_are_answered(bus, ids, request):
 
 def test_round_trip_of_every_servo_is_timed(bus, ids):
     for servo_id in ids:
+        bus.read(servo_id, RegisterName.PRESENT_POSITION)
         assert 0.0 < bus.statistics[servo_id].round_trip_s(0.5) < 0.1
