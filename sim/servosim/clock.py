@@ -7,6 +7,9 @@ from collections.abc import Callable
 from typing import Protocol
 
 MIN_SLEEP_S = 0.001
+# Virtual time catches up by at most this much: on a busy machine a displayed arm is slow, and
+# control cycles are not late because of the simulator.
+MAX_DELAY_S = 0.02
 
 
 class Clock(Protocol):
@@ -47,10 +50,10 @@ class VirtualClock:
 
 
 class PacedClock(VirtualClock):
-    """Virtual time synchronised with the machine's, for display.
+    """Virtual time that is not faster than the machine's, for display.
 
-    Waits below a millisecond are accumulated, because the kernel cannot sleep that briefly; after a
-    delay of the machine, time catches up at the next wait.
+    Waits below a millisecond are accumulated, because the kernel cannot sleep that briefly. Delays
+    up to ``MAX_DELAY_S`` are made up for at the next wait; longer ones stop virtual time.
     """
 
     def __init__(
@@ -63,6 +66,10 @@ class PacedClock(VirtualClock):
     def sleep_until(self, deadline_s: float) -> None:
         """Advance virtual time and wait for the machine's."""
         machine_s = self._machine.now_s() - self._start_s
+        excess_s = machine_s - max(deadline_s, self.now_s()) - MAX_DELAY_S
+        if excess_s > 0.0:
+            self._start_s += excess_s
+            machine_s -= excess_s
         super().sleep_until(max(deadline_s, machine_s))
         if self.now_s() - machine_s >= MIN_SLEEP_S:
             self._machine.sleep_until(self._start_s + self.now_s())

@@ -38,11 +38,11 @@ def either(request):
         yield machine
 
 
-def course_of(servos: ServoGroup, way_rad=0.6):
+def course_of(servos: ServoGroup, way_rad=0.6, speed_rad_s=1.0):
     start = servos.goals()
     goal = start.copy()
     goal[0] += way_rad
-    return JointMove(start, goal, [KinematicLimits(1.0, 3.0, 30.0)] * len(start))
+    return JointMove(start, goal, [KinematicLimits(speed_rad_s, 3.0, 30.0)] * len(start))
 
 
 def test_control_loop_runs_trajectory_to_its_end(either):
@@ -139,8 +139,20 @@ def test_motion_on_machine_that_is_always_late_is_refused():
         clock = clock_of(arm)
         with pytest.raises(RefusedError, match="too busy"):
             ControlLoop(servo_group(arm)).run(
-                course_of(servo_group(arm), 1.5), lambda _: clock.sleep_until(clock.now_s() + 0.04)
+                course_of(servo_group(arm), speed_rad_s=0.05),
+                lambda _: clock.sleep_until(clock.now_s() + 0.04),
             )
+
+
+def test_motion_on_machine_that_is_late_for_seconds_slows_down_and_arrives(arm):
+    clock, course, auditor = clock_of(arm), course_of(servo_group(arm), 1.5), Auditor(arm)
+    begin_s = clock.now_s()
+    measured = ControlLoop(servo_group(arm)).run(
+        course, lambda _: clock.sleep_until(clock.now_s() + 0.04)
+    )
+    np.testing.assert_allclose(measured, course.goal, atol=0.16)
+    assert clock.now_s() - begin_s > 1.5 * course.duration_s
+    assert auditor.faults() == []
 
 
 def test_wall_clock_steps_do_not_change_a_motion(arm, monkeypatch):
