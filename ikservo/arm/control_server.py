@@ -31,6 +31,7 @@ RequestHandler = Callable[[Request], object]
 """Executes a request and returns the result, JSON values; called in threads of its own."""
 
 _MAX_CLIENTS = 16
+_MAX_WAITING = 12  # clients that wait for the arm; the other places are for stops
 _REQUEST_TIMEOUT_S = 1.0  # a client that takes longer for its one line is disconnected
 
 
@@ -63,6 +64,7 @@ class ControlServer:
     def __init__(self, listening: ListeningSocket, handler: RequestHandler) -> None:
         self._listening, self._handler = listening, handler
         self._free = threading.BoundedSemaphore(_MAX_CLIENTS)
+        self._may_wait = threading.BoundedSemaphore(_MAX_WAITING)
         self._silent: deque[socket.socket] = deque()  # clients without a request, oldest first
         self._closing = False
         self._thread = threading.Thread(
@@ -133,9 +135,19 @@ class ControlServer:
             request = decode_request(line)
             if not self._listening.authenticate(connection, request.secret):
                 raise RefusedError("The arm belongs to another user.", "Nothing was done.")
-            return {"result": self._handler(request)}
+            return {"result": self._execute(request)}
         except Exception as error:  # a client must not end this program
             return {"error": error_fields(error)}
+
+    def _execute(self, request: Request) -> object:
+        if request.do is ControlCommand.STOP:
+            return self._handler(request)
+        if not self._may_wait.acquire(blocking=False):
+            raise RefusedError("Too many programs wait for this arm.", "Try again.")
+        try:
+            return self._handler(request)
+        finally:
+            self._may_wait.release()
 
 
 def _receive_line(connection: socket.socket) -> bytes:

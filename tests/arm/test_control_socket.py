@@ -233,23 +233,27 @@ def test_stop_gets_through_more_silent_callers_than_are_served(device, owner):
         connection.close()
 
 
-def test_excess_caller_is_refused_with_reason(device, kind):
+def test_only_stop_gets_through_many_waiting_callers(device, kind):
     entered, leave = threading.Semaphore(0), threading.Event()
 
-    def wait(request):
+    def wait_unless_stopped(request):
+        if request.do is ControlCommand.STOP:
+            return {"done": "stop"}
         entered.release()
         leave.wait(20)
         return {}
 
-    listener = serve(device, wait)
-    with ThreadPoolExecutor(16) as pool:
-        calls = [pool.submit(send_command, device, ControlCommand.WHERE, 20.0) for _ in range(16)]
+    listener = serve(device, wait_unless_stopped)
+    with ThreadPoolExecutor(12) as pool:
+        calls = [pool.submit(send_command, device, ControlCommand.WHERE, 20.0) for _ in range(12)]
         for _ in calls:
             assert entered.acquire(timeout=20)
-        with pytest.raises(IkservoError, match="does not answer"):
-            send_command(device, ControlCommand.WHERE)
+        for refused in (ControlCommand.WHERE, ControlCommand.RELAX):
+            with pytest.raises(RefusedError, match="Too many programs wait for this arm"):
+                send_command(device, refused)
+        assert send_command(device, ControlCommand.STOP) == {"done": "stop"}
         leave.set()
-        assert [call.result() for call in calls] == [{}] * 16
+        assert [call.result() for call in calls] == [{}] * 12
     listener.close()
 
 
