@@ -19,7 +19,9 @@ BLENDS_RAD = (0.3, 0.1, 0.03, 0.01, 0.003)
 MARGINS_M = (0.01, 0.003, 0.0003)
 """Distances that paths keep from everything, the largest first [m]."""
 
-_EFFORT = 1000  # postures to check for a distance before the next one; doubles in each round
+# Postures to check for a distance before the next one; doubles in each round. Where the largest
+# distance can be kept, a path is mostly found soon.
+_EFFORTS = (500, 1000, 1000)
 _WIDE_ROUNDS = 2  # from the round after these on, the largest distance is left out
 
 _TRIED = 20000  # postures around a contact
@@ -90,9 +92,9 @@ def ways_around(
 
     searches = dict[float, WaySearch]()
     for n in count():
-        for margin_m in MARGINS_M if n < _WIDE_ROUNDS else MARGINS_M[1:]:
+        for margin_m, effort in list(zip(MARGINS_M, _EFFORTS, strict=True))[n >= _WIDE_ROUNDS :]:
             search = searches[margin_m] = searches.get(margin_m) or search_at(margin_m)
-            way = search.find(_EFFORT * 2**n, lambda: stop.is_request_over() or is_over())
+            way = search.find(effort * 2**n, lambda: stop.is_request_over() or is_over())
             stop.check_request()
             if way is not None:
                 joints = np.tile(start, (len(way), 1))
