@@ -326,7 +326,7 @@ class ControlLoop:
     def _way_to_preload(self, ahead: Vector, measured: Vector, gap_s: float) -> Vector | None:
         """Preload joints for a cycle; return their directions (n,), or None when done.
 
-        A motion that is to stop does not begin.
+        After a stop request it never returns None, so that the motion does not begin.
         """
         pushed = self._servos.compensator.preload(ahead, measured, gap_s)
         return None if pushed and not self._servos.stop_request else ahead

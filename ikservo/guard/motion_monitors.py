@@ -314,7 +314,7 @@ def alarm_hint(alarms: Container[str]) -> str:
     """Return advice for a servo's alarms, given as text."""
     if Alarm.VOLTAGE in alarms:
         return "Check the power supply and its cable. If the alarm stays: ikservo recover"
-    return "Remove the load, or let it cool down. If the alarm stays: ikservo recover"
+    return "Remove the load, or let the servo cool down. If the alarm stays: ikservo recover"
 
 
 _RESET_HINT = (
