@@ -151,10 +151,10 @@ _RETURN_S = 0.5
 
 
 class SetpointSampler:
-    """Turns the time by which a motion advances into positions of its trajectory.
+    """Samples the positions of a trajectory while its time advances.
 
-    After `restart_from` the trajectory pauses, and setpoints go straight from where the joints were
-    stopped to its position; then it continues.
+    After `restart_from` the trajectory pauses while setpoints go straight from the stopped joints
+    back to its position; then it continues.
 
     Args:
         trajectory: The motion of the joints.

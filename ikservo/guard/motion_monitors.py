@@ -253,7 +253,7 @@ class HealthMonitor:
         """Check that every servo that was ever read was read recently.
 
         Raises:
-            RefusedError: A servo was not, so that its status is unknown.
+            RefusedError: A servo was not read recently, so its status is unknown.
         """
         for joint, read_s in self._read_s.items():
             if not time_s - read_s <= _STALE_S:
