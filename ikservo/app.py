@@ -46,7 +46,7 @@ class Panel:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class App:
-    """What an app adds to ikservo. Places are ``package.module:name``, imported when they are used.
+    """Parts that an app adds to ikservo. Places are ``package.module:name``, imported when used.
 
     Attributes:
         name: Name of the app; also of its folder, its page in the documents, and its extra.

@@ -131,12 +131,12 @@ class IkservoError(Exception):
 
     @property
     def message(self) -> str:
-        """What happened in terms of the Python interface, one line."""
+        """Description of the error in terms of the Python interface, one line."""
         return in_python(self.command_message)
 
     @property
     def hint(self) -> str:
-        """What to do in terms of the Python interface, ``arm.relax()``; may be empty."""
+        """Advice in terms of the Python interface, ``arm.relax()``; may be empty."""
         return self.python_hint or in_python(self.command_hint)
 
     def __str__(self) -> str:

@@ -48,7 +48,7 @@ class ArmParts(Protocol):
 
 
 class ImportedMethod:
-    """A method in another module, which opening an arm does not import.
+    """A method whose module is imported at its first use, so that opening an arm stays fast.
 
     Args:
         place: ``package.module:name`` of a function that takes the object first.

@@ -174,7 +174,7 @@ def parse_calibration(path: Path, text: str) -> Calibration:
 
 
 def _plain_tables(value: Any) -> Any:  # noqa: ANN401  # tables of tables
-    """Return tables for the TOML writer: lists for tuples, without empty ones."""
+    """Convert tables for the TOML writer: tuples become lists, and empty ones are left out."""
     if isinstance(value, Mapping):
         rows = cast("Mapping[str, Any]", value)
         return {key: _plain_tables(item) for key, item in rows.items() if item != ()}

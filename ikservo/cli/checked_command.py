@@ -1,4 +1,4 @@
-"""How every command reads its arguments: the arm by its bare name, and finite numbers only."""
+"""Arguments of every command: the arm by its bare name, and finite numbers only."""
 
 from __future__ import annotations
 

@@ -91,7 +91,7 @@ class Feedback:
         self.reset_losses()
 
     def reset_losses(self) -> None:
-        """Restart counting losses: the arm was at rest."""
+        """Restart the count of lost replies because the arm was at rest."""
         self._losses = CommunicationMonitor(
             [driven.joint for driven in self._driven_joints], max_lost=_MAX_LOST
         )

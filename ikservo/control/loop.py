@@ -151,10 +151,10 @@ _RETURN_S = 0.5
 
 
 class SetpointSampler:
-    """Turns the time by which a motion advances into positions of its trajectory.
+    """Samples the positions of a trajectory while its time advances.
 
-    After `restart_from` the trajectory pauses, and setpoints go straight from where the joints were
-    stopped to its position; then it continues.
+    After `restart_from` the trajectory pauses while setpoints go straight from the stopped joints
+    back to its position; then it continues.
 
     Args:
         trajectory: The motion of the joints.
@@ -326,7 +326,7 @@ class ControlLoop:
     def _way_to_preload(self, ahead: Vector, measured: Vector, gap_s: float) -> Vector | None:
         """Preload joints for a cycle; return their directions (n,), or None when done.
 
-        A motion that is to stop does not begin.
+        After a stop request it never returns None, so that the motion does not begin.
         """
         pushed = self._servos.compensator.preload(ahead, measured, gap_s)
         return None if pushed and not self._servos.stop_request else ahead

@@ -23,7 +23,7 @@ class TorqueState(Enum):
     """The torque of an arm's servos, as far as it is known."""
 
     UNKNOWN = auto()
-    """Not read since the arm was opened, or since a fault, reconnection or acknowledgement."""
+    """Torque not read since opening, or since a fault, reconnection or acknowledgement."""
     OFF = auto()
     """Switched off by this program."""
     FIRST_MOTION = auto()

@@ -261,7 +261,7 @@ class CollisionChecker:
         ]
 
     def _unresolved_intervals(self, path: Matrix, gap_m: Matrix) -> NDArray[np.intp]:
-        """Compute the samples after which a collision is possible before the next one."""
+        """Find the intervals in which a collision is possible; return their first samples."""
         nearer_m = np.abs(np.diff(path, axis=0)) @ self._reach_m.T
         slack_m = gap_m - self._allowed_gaps(gap_m)
         free = np.minimum(slack_m[:-1], slack_m[1:]) >= -_TOUCH_M

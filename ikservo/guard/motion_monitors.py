@@ -253,7 +253,7 @@ class HealthMonitor:
         """Check that every servo that was ever read was read recently.
 
         Raises:
-            RefusedError: A servo was not, so that its status is unknown.
+            RefusedError: A servo was not read recently, so its status is unknown.
         """
         for joint, read_s in self._read_s.items():
             if not time_s - read_s <= _STALE_S:
@@ -314,7 +314,7 @@ def alarm_hint(alarms: Container[str]) -> str:
     """Return advice for a servo's alarms, given as text."""
     if Alarm.VOLTAGE in alarms:
         return "Check the power supply and its cable. If the alarm stays: ikservo recover"
-    return "Remove the load, or let it cool down. If the alarm stays: ikservo recover"
+    return "Remove the load, or let the servo cool down. If the alarm stays: ikservo recover"
 
 
 _RESET_HINT = (

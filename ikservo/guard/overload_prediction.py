@@ -83,7 +83,7 @@ class OverloadMonitor:
 
     Attributes:
         rules: The rules by joint; a joint without one is not watched.
-        relaxes: Whether goals of joints that press are drawn back before the protection acts.
+        relaxes: Whether the goals of pressing joints are pulled back before the protection acts.
     """
 
     def __init__(self, driven_joints: Sequence[DrivenJoint]) -> None:
@@ -97,7 +97,7 @@ class OverloadMonitor:
 
     @property
     def relaxed_joints(self) -> tuple[str, ...]:
-        """The joints whose goals are drawn back."""
+        """The joints whose goals are pulled back."""
         return tuple([name for name, joint in self._joints.items() if joint.bound is not None])
 
     def seconds_left(self, joint: str) -> float | None:
@@ -177,10 +177,10 @@ class OverloadMonitor:
         return drawn
 
     def relaxed_goals(self, goals: TickRow, ticks: TickRow) -> list[int | None]:
-        """Return the goals, drawn back, of all joints that press too hard at the end of a motion.
+        """Return goals nearer to the measured ticks for joints that press too hard after a motion.
 
-        A goal that is already that close is left out: the measured load may come from more than the
-        lag, as with an I gain, and no goal is pushed further.
+        A goal that is already that near is left out. No goal is moved away from the measured tick,
+        because other causes than the lag, such as an I gain, may add to the measured load.
 
         Args:
             goals: The present goals.

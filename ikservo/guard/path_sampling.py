@@ -1,4 +1,4 @@
-"""The samples of a path at which it is checked: how close, and closer where a limit may be hit."""
+"""Sampling of a path for its checks; samples are closer where a limit may be exceeded."""
 
 from __future__ import annotations
 

@@ -36,7 +36,7 @@ _NEAR_ZERO = 1e-9
 
 
 def wrap_angle(angle_rad: float) -> float:
-    """Compute the same angle between -π and π."""
+    """Wrap an angle to the range from -π to π."""
     return math.remainder(angle_rad, FULL_TURN_RAD)
 
 

@@ -42,7 +42,7 @@ class LinkTravelBounds:
         return self._sum_steps(link, self._chain.joints_to(link), ())
 
     def relative_bound(self, a: str, b: str) -> Vector:
-        """Bound the approach of two links (dof,), without joints that move both.
+        """Bound how far each joint (dof,) can bring two links closer; 0 for joints that move both.
 
         Either of them may be considered at rest.
         """

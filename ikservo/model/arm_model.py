@@ -56,7 +56,7 @@ class Gripper:
         return min(closed_m, open_m), max(closed_m, open_m)
 
     def position(self, width_m: float) -> float:
-        """Compute the position for a distance of the jaws; the widths must be known."""
+        """Compute the joint position for a jaw opening; the widths must be known."""
         rows: Sequence[tuple[float, float]] = sorted(self.widths, key=lambda row: row[1])
         positions, widths_m = zip(*rows, strict=True)
         return float(np.interp(width_m, widths_m, positions))

@@ -42,7 +42,7 @@ class JointDrive:
     sustained_nm: float = inf
 
     def with_gain(self, share: float) -> JointDrive:
-        """Compute the drive at another P gain, given as a fraction of the gain of its stiffness."""
+        """Compute the drive at another P gain, given as a fraction of the present one."""
         return replace(self, stiffness_nm_rad=self.stiffness_nm_rad * share)
 
     def friction_torque(self, speed_rad_s: float, load_nm: float) -> float:

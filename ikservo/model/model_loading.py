@@ -66,7 +66,7 @@ def _chain_joint(joint: UrdfJoint) -> Joint:
 
 
 MAX_LINKS, MAX_MOVING_JOINTS = 200, 100
-"""Of a description: matrices grow with the square of its joints, those of masses with the cube.
+"""Limits of a description: matrices grow with the joints squared, those of masses with the cube.
 
 Pairs of links that are checked for collisions grow with the square of its links, and the joints
 between the links of a pair add to that.

@@ -1,4 +1,4 @@
-"""How long joints continue, in seconds of their speed, after the last goal.
+"""Distance that joints continue after the last goal, divided by their speed, in seconds.
 
 The goal of a moving joint leads it, because a position servo gives torque only while its joint
 lags. When the program dies the joint still moves to its last goal, and swings past it if it has

@@ -421,7 +421,7 @@ def read_urdf_text(path: Path) -> str:
         FileFormatError: The file cannot be read, or is a xacro, which is never run here.
     """
     if path.suffix == ".xacro":
-        found = "has macros, and expanding them runs what is written in the file"
+        found = "has macros, and expanding them can run code from the file"
         expected = f"a plain URDF; if you trust the file: {import_command(path)}"
         raise FileFormatError(path, "", found, expected)
     return read_text(path, MAX_URDF_BYTES)

@@ -219,7 +219,7 @@ class ConstrainedTool:
         return q if found else None
 
     def _unresolved_intervals(self, path: Matrix, excess: Matrix) -> NDArray[np.intp]:
-        """Compute the samples after which a limit may be exceeded before the next one."""
+        """Find the intervals in which a limit may be exceeded; return their first samples."""
         most = excess[:-1] + excess[1:] + self._changes(path)
         near = (most > 2.0 * _UNSEEN) & (excess[:-1] <= _BROKEN) & (excess[1:] <= _BROKEN)
         return np.flatnonzero(near.any(axis=1))

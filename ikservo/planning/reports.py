@@ -144,7 +144,7 @@ OnProgress = Callable[[MotionProgress], None]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MoveResult:
-    """How a motion to a point ended.
+    """Report of a motion to a point.
 
     Attributes:
         target_m: The requested point (3,), metres, base frame.
@@ -191,7 +191,7 @@ class MoveResult:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class JointMoveResult:
-    """How a motion of joints ended; rad, or m for prismatic joints.
+    """Report of a motion of joints; rad, or m for prismatic joints.
 
     Attributes:
         goal_rad: The goals of the joints that were named.
@@ -222,7 +222,7 @@ class JointMoveResult:
 
 @dataclass(frozen=True, slots=True)
 class GraspResult:
-    """How a motion of the gripper ended.
+    """Report of a motion of the gripper.
 
     Attributes:
         grasped: Whether the closing jaws were blocked before their goal for half a second, mostly
@@ -254,7 +254,7 @@ class GraspResult:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ReplayResult:
-    """How a recording was played back.
+    """Report of the replay of a recording.
 
     Attributes:
         samples: The number of its samples.
@@ -309,7 +309,7 @@ def describe_torque(states: Sequence[JointState]) -> str:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FollowResult:
-    """How a stream of targets was followed.
+    """Report of how the arm followed a stream of targets.
 
     Attributes:
         setpoints: The number of targets.
@@ -339,7 +339,7 @@ class FollowResult:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class JogResult:
-    """How a jog ended.
+    """Report of a jog.
 
     Attributes:
         ended: The reason: no longer requested, a limit, or the message of the guard.

@@ -272,7 +272,7 @@ class OrientationSolver:
         if self._target_rotation() is None or self._chain.dof >= _POSE_DOF:
             return ""
         return (
-            f"{self._chain.dof} joints reach few orientations; a whole pose takes {_POSE_DOF}. "
+            f"{self._chain.dof} joints reach few orientations; a full pose needs {_POSE_DOF}. "
             "Ask for a direction or a pitch instead."
         )
 

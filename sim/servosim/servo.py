@@ -334,7 +334,7 @@ class Servo:
         raise NotImplementedError
 
     def start(self) -> None:
-        """Set the drive from the memory; the families add their own."""
+        """Set the drive from the memory; each family overrides this."""
         raise NotImplementedError
 
     def is_listening(self, baud: int, now_s: float) -> bool:

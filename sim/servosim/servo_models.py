@@ -75,4 +75,4 @@ def baud_code(family: SimulatedFamily, baud: int) -> int:
         if abs(rate - baud) <= 0.01 * baud:
             return code
     known = ", ".join(str(rate) for rate in sorted(bauds.values()))
-    raise SimulatorError(f"servos of family {family.value} have no {baud} baud; known: {known}")
+    raise SimulatorError(f"family {family.value} does not support {baud} baud; known: {known}")

@@ -109,7 +109,7 @@ def test_joint_goals_take_numpy_numbers(limp):
     assert plan.goal[0] == pytest.approx(0.1, abs=1e-3)
 
 
-def test_an_array_moves_all_joints_in_the_order_of_where():
+def test_array_moves_joints_in_order_of_where_names():
     with ikservo.open_arm("so101", port="sim:?pose=home") as arm:
         here = arm.where()
         goal = here.positions_rad + np.array([0.1, 0.0, 0.0, 0.0, -0.1, 0.0])

@@ -32,7 +32,7 @@ def test_malformed_point_is_refused_with_the_right_form(arm, given):
             method(*given)
 
 
-def test_help_lists_options_with_defaults(arm):
+def test_motion_signatures_show_options_and_defaults(arm):
     signature = inspect.signature(arm.move_to)
     assert signature.parameters["speed"].default == "normal"
     assert {"stance", "straight", "within", "wait", "on_progress"} <= set(signature.parameters)

@@ -19,7 +19,7 @@ PAUSES_S = (0.002, 0.012, 0.06, 0.15, 0.4, 3.0)
 @pytest.mark.parametrize("name", ["so101", "koch"])
 @pytest.mark.parametrize("most", [6, pytest.param(None, marks=pytest.mark.campaign)])
 @pytest.mark.timeout(0)
-def test_pause_between_any_two_cycle_lines_ends_no_motion(name, most, capsys):
+def test_motion_survives_pause_between_any_two_cycle_lines(name, most, capsys):
     places = cycle_of(name)
     tried = [places[i] for i in part_of(len(places))]
     if most:
@@ -40,7 +40,7 @@ def test_pause_between_any_two_cycle_lines_ends_no_motion(name, most, capsys):
 @pytest.mark.parametrize("name", ["so101", "koch"])
 @few_or_many(2, 20)
 @pytest.mark.timeout(0)
-def test_random_pauses_of_busy_machine_end_no_motion(name, seeds, capsys):
+def test_motion_survives_random_pauses_of_busy_machine(name, seeds, capsys):
     pauses = 0
     for seed in seeds:
         dice = seeded(seed)

@@ -111,7 +111,7 @@ def test_pitch_offered_instead_of_impossible_one_can_be_planned():
     planned("so101", (0.2, 0.06, 0.12), pitch_rad=DEG(offered))
 
 
-def test_point_out_of_reach_is_no_orientation_error():
+def test_point_out_of_reach_is_not_an_orientation_error():
     with pytest.raises(UnreachableError, match="cannot be reached"):
         planned("so101", (0.9, 0.0, 0.1), pitch_rad=0.0)
 

@@ -83,7 +83,7 @@ SLOW_PROOF = """(() => {
 })()"""
 
 
-def test_slow_key_proof_of_browser_is_tried_again(browser, view):
+def test_page_connects_again_if_its_key_proof_is_late(browser, view):
     context = browser.new_context()
     context.add_init_script(SLOW_PROOF)
     try:

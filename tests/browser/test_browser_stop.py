@@ -116,7 +116,7 @@ def release(operator):
 
 
 @OWN
-def test_escape_closes_help_and_does_not_stop_a_limp_arm(operator):
+def test_escape_closes_help_and_leaves_limp_arm_in_preview(operator):
     release(operator)
     for opener, opened in (("#help-button", "#help"), ("#arms-toggle", "#arms")):
         operator.page.click(opener)

@@ -92,7 +92,7 @@ def test_lerobot_folder_named_by_two_variables_counts_once(tmp_path, monkeypatch
     assert find_lerobot("black") == path
 
 
-def test_lerobot_file_whose_name_is_no_id_is_not_offered(tmp_path):
+def test_lerobot_file_whose_name_is_not_an_id_is_not_offered(tmp_path):
     root = tmp_path / ".cache/huggingface/lerobot/calibration"
     put(root, "so_follower"), put(root, "so_follower", "black (copy)")
     with pytest.raises(UnknownNameError) as caught:
@@ -143,7 +143,7 @@ SPOILED = {
 
 
 @pytest.mark.parametrize(("text", "found"), SPOILED.values(), ids=SPOILED)
-def test_damaged_lerobot_file_is_one_clear_error(tmp_path, text, found):
+def test_damaged_lerobot_file_gives_one_clear_error(tmp_path, text, found):
     path = tmp_path / "black.json"
     path.write_text(text)
     with pytest.raises(FileFormatError) as caught:

@@ -54,11 +54,11 @@ def test_solve_tells_on_stderr_which_calibration_it_uses(run_cli, file):
 
 @pytest.mark.sample(2)
 @pytest.mark.parametrize("how", ["--all", "--compare", "--method closed_form", "--pitch 0"])
-def test_solve_keeps_to_the_sweep_with_every_method(run_cli, file, how):
+def test_every_solve_method_stays_in_swept_range(run_cli, file, how):
     assert run_cli(f"solve {AT_THE_SIDE} {how}").code == 7
 
 
-def test_workspace_keeps_to_the_sweep(run_cli, file):
+def test_workspace_stays_in_swept_range(run_cli, file):
     result = run_cli(f"workspace --arm so101 --point {AT_THE_SIDE.split(' --', maxsplit=1)[0]}")
     assert result.code == 7
     assert "(hand sweep of 2026-11-02)" in result.out

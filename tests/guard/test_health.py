@@ -145,7 +145,7 @@ def test_alarm_lists_flags_reported_by_servo():
 @pytest.mark.parametrize(
     ("alarm", "remedy"),
     [(Alarm.VOLTAGE, "Check the power supply"), (Alarm.OVERLOAD, "Remove the load"),
-     (Alarm.HEAT, "Remove the load, or let it cool down")],
+     (Alarm.HEAT, "Remove the load, or let the servo cool down")],
 )  # fmt: skip
 def test_alarm_hint_fits_alarm(alarm, remedy):
     with pytest.raises(ServoAlarmError) as caught:

@@ -69,7 +69,7 @@ def rustypot(port: str, baud: int, family: str) -> Cycle:
 
 
 def scservo_sdk(port: str, baud: int, family: str) -> Cycle:
-    """Feetech's own SDK as it comes."""
+    """Feetech's own SDK, unmodified."""
     import scservo_sdk as sdk
 
     handler, packets = sdk.PortHandler(port), sdk.PacketHandler(0)

@@ -26,7 +26,7 @@ __all__ = ["FOLDER", "BuildError", "build"]
 
 ROOT = Path(__file__).parents[2]
 FOLDER = Path("ikservo", "kernels")
-"""Where the module is, in the tree and in the wheel."""
+"""Path of the module, in the tree and in the wheel."""
 
 _NAME = "ikservo.kernels._compiled"
 _SWITCH = "IKSERVO_COMPILED"

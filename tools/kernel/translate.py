@@ -1,7 +1,7 @@
 """Translate kernels, plain Python on arrays, to C. The subset is described in docs/kernels.md.
 
-What is not in the subset is refused with its file and line: the C code does what the Python code
-does, to the last bit, or there is none. Standard library only, as it runs when ikservo is built.
+Code outside the subset is refused with its file and line, so that C and Python never differ, not
+even in the last bit. Uses only the standard library, because it runs when ikservo is built.
 """
 
 from __future__ import annotations

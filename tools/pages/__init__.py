@@ -23,7 +23,7 @@ GENERATED: Mapping[str, Callable[[], str]] = {
     "reference/registers.md": registers_page,
     "reference/error-messages.md": error_messages_page,
 }
-"""What writes each page, by its path in ``docs``."""
+"""Functions that write the pages, by path in ``docs``."""
 
 
 def generated_pages() -> dict[str, str]:

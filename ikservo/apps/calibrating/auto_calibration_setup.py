@@ -71,7 +71,7 @@ def configure_encoders(
     next one that opens the arm undoes the change from the journal.
 
     Returns:
-        The calibration of the arm from its pose alone.
+        The calibration that follows from the pose alone.
 
     Raises:
         CalibrationError: A joint would cross a wrap-around that cannot be moved.

@@ -151,7 +151,7 @@ class ArmBefore:
 
     @property
     def bending(self) -> Bending:
-        """How the arm bends under load, with its own calibrated links and base."""
+        """Sag model of the arm, with its own calibrated links and base."""
         calibration, chain = self.calibration, self.model.chain
         if calibration is not None:
             chain = own_chain(self.model, calibration)

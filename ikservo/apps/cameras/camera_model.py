@@ -18,7 +18,7 @@ from ikservo.kinematics.arrays import Matrix, Vector, freeze_arrays
 from ikservo.kinematics.rays import Ray
 
 _WIDEST = 3.0  # tangent of the largest angle to the axis for which a lens is trusted
-_NEAR_FOLD = 0.95  # fraction of the radius at which the lens polynomial turns back
+_NEAR_FOLD = 0.95  # fraction of the radius at which the lens polynomial stops increasing
 _MIN_DEPTH_M = 1e-3  # points nearer to the camera, or behind it, are projected from here
 _HALVINGS = 30  # of the interval that contains the radius before distortion
 _STEPS = 20  # of Newton's method at most
@@ -59,7 +59,7 @@ class CameraModel:
 
         Raises:
             BadValueError: The pixel is not in the picture, or its direction is unknown, because the
-                stored lens nearly turns back there.
+                stored lens model is nearly not invertible there.
         """
         width, height = self.lens.size
         if not (-0.5 <= u <= width - 0.5 and -0.5 <= v <= height - 0.5):  # also rejects NaN
@@ -98,7 +98,7 @@ class CameraModel:
     def _radially_straight(self, bent: Matrix) -> Matrix:
         """Return directions (…, 2) without tangential distortion, by bisection.
 
-        Newton's method does not always converge if a lens nearly turns back.
+        Newton's method does not always converge where the lens model is nearly not invertible.
         """
         k1, k2, _, _, k3 = self.lens.distortion.tolist()
         wanted: Vector = np.asarray(np.linalg.norm(bent, axis=-1))
@@ -117,7 +117,7 @@ class CameraModel:
     def widest(self) -> float:
         """Tangent of the largest angle to the axis at which the lens polynomial is used.
 
-        A polynomial turns back at some radius; beyond it the picture is continued linearly.
+        A polynomial stops increasing at some radius; beyond it the picture is continued linearly.
         """
         k1, k2, _, _, k3 = self.lens.distortion.tolist()
         turns = np.roots([7.0 * k3, 5.0 * k2, 3.0 * k1, 1.0])

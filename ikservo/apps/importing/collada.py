@@ -32,7 +32,7 @@ def check_collada(path: Path, place: str, data: bytes, max_elements: int) -> Non
     if elements > max_elements or chars > _MAX_CHARS:
         found = f"it has {elements:,} triangles and elements in {chars:,} characters"
         expected = f"at most {max_elements:,}, counted at each use"
-        raise FileFormatError(path, place, found, f"{expected}; a simpler collision mesh")
+        raise FileFormatError(path, place, found, f"{expected}; simplify the mesh")
 
 
 class _SceneSize:

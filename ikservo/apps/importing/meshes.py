@@ -74,8 +74,8 @@ def _collada_metre(data: bytes) -> float:
 
 def _check_count(path: Path, place: str, triangles: float) -> None:
     if triangles > MAX_TRIANGLES:
-        found, expected = f"it has {triangles:,.0f} triangles", f"at most {MAX_TRIANGLES:,}"
-        raise FileFormatError(path, place, found, f"{expected}; a simpler collision mesh")
+        found, most = f"it has {triangles:,.0f} triangles", f"at most {MAX_TRIANGLES:,} triangles"
+        raise FileFormatError(path, place, found, f"{most}; simplify the mesh")
 
 
 def _stated_triangles(suffix: str, data: bytes) -> float:

@@ -38,10 +38,10 @@ class PackageFolders:
     outside: list[str] = field(default_factory=list[str])
 
     def find(self, name: str) -> Path | None:
-        """Find the folder of a package: of that name, or with a package.xml of that name.
+        """Find the folder of a package by its name, or by the name in its package.xml.
 
-        The package is given by the user, or is a folder above the description or beside such a
-        folder; the search ends at the root of a repository.
+        A folder that the user gave comes first. Then the folders above the description and those
+        beside them are searched, up to the root of a repository.
         """
         if name not in self.used:
             folder = self.given.get(name) or self._look_upwards(name)

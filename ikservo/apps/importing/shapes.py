@@ -67,7 +67,7 @@ class ContactFit:
 
 @dataclass(frozen=True, slots=True)
 class MeshStep:
-    """The next mesh to fit: its name, the number of finished meshes, and of all."""
+    """The next mesh to fit: its name, the number of finished meshes, and the total."""
 
     name: str
     done: int

@@ -240,8 +240,8 @@ def fit_loop(windows: SteadyWindows, prior: JointPrior) -> LoopFit:
 def mean_duties(windows: SteadyWindows, loops: Sequence[LoopFit]) -> SteadyWindows:
     """Return windows with their mean duties over time, which balance friction and load.
 
-    Servos are read between two goals. There the D gain brakes the joint, and with each new goal it
-    drives it by as much, for a moment that is hardly ever read; the error also falls between goals.
+    Servos are read between two goals. There the D gain brakes the joint. At each new goal it
+    drives the joint by as much, but too shortly to be read; the error also falls between goals.
     If that makes the duties noisy, duties computed from the leads are used.
 
     Args:

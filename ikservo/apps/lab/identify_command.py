@@ -128,7 +128,7 @@ def _print_report(found: Identification, carried: dict[str, str], path: Path | N
     print_lines(
         [
             "Stiffness in N m/rad, friction in N m; ± one standard error. Values in parentheses",
-            "are not determined by the motion: they are near those of servo tables and arm file.",
+            "are not determined by the motion; they stay near those of servo tables and arm file.",
             "Backlash needs servos that measure their current, and room to swing upright; with",
             "--quick there are no swings.",
             *_payload_lines(found),

@@ -398,7 +398,7 @@ class SessionController:
         self._interaction.finish_target()
         request, path = self._plan_request(), self._planner.path
         if request is None:
-            raise BadMessageError("No target is shown.", "Drag the arm, or click, first.")
+            raise BadMessageError("No target is shown.", "Drag the arm or click a point first.")
         if path is None or path.number != message.path:
             raise BadMessageError("The path there is not shown yet.", "Nothing moves.")
         path.plan_for(request)

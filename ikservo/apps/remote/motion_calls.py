@@ -132,7 +132,7 @@ class RemoteStopRequest(StopRequest):
         return int(cast("int", self._connection.watch("stop_count")))
 
     def count_stop(self, reason: StopReason) -> None:
-        """Count a stop by this program, which may arrive there after later requests."""
+        """Count a stop by this program, because it may reach the server after later requests."""
         if reason.kind is not StopKind.CANCELLED:
             self.count_here += 1
 

@@ -40,7 +40,7 @@ def keys(
     print_lines([str(path) for path in made])
     print_status(f"Copy the folder of its role to each machine, as {keys_folder()}:")
     print_status("server beside the arm, operator where it is driven, watcher where it is watched.")
-    print_status("Keep the folder authority secret: anyone who has it can make operators.")
+    print_status("Keep the folder authority secret: anyone who has it can make operator keys.")
 
 
 def acknowledge(*, port: PortOption = None, json: JsonOption = False) -> None:

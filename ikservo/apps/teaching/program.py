@@ -94,9 +94,9 @@ class ProgramStep(StrictModel):
     pose: Label | None = Field(default=None, description="the name of a pose")
     tip_m: Point | None = Field(default=None, strict=False, description=_POINT)
     path: Literal["joints", "line", "arc"] | None = Field(
-        default=None, description="joints, line or arc, of a step with tip_m"
+        default=None, description="joints, line or arc; only in a step with tip_m"
     )
-    via_m: Point | None = Field(default=None, strict=False, description=f"{_POINT}, of an arc")
+    via_m: Point | None = Field(default=None, strict=False, description=f"{_POINT}; only in an arc")
     deg: Mapping[Name, float] = Field(default={}, description="joint = degrees")
     m: Mapping[Name, float] = Field(default={}, description="joint = metres")
     gripper: Literal["open", "close"] | float | None = Field(

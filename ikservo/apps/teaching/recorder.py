@@ -238,7 +238,7 @@ def record_other_process(
     port: str | None,
     settings: RecordSettings,
 ) -> RecordResult | None:
-    """Record an arm that another program moves, by state requests; None if no program has its port.
+    """Record the states of an arm that another program moves; None if no program has its port.
 
     Raises:
         IkservoError: That program has ended, or the file cannot be written.

@@ -301,7 +301,7 @@ def _check_locks(bus: ServoBus) -> Iterator[Finding]:
             "lock",
             f"{_format_servos(bus, unlocked)} "
             f"{'has its' if len(unlocked) == 1 else 'have their'} EEPROM unlocked",
-            "Every write wears it; lock it again: ikservo doctor --write-eeprom",
+            "Every write wears it out; lock it again: ikservo doctor --write-eeprom",
         )
 
 

@@ -183,7 +183,7 @@ def measure_sine(
             )
         )
         raise RefusedError(
-            f"{joint} would need {needed}; it is allowed {allowed}.",
+            f"{joint} would need {needed}; its limits are {allowed}.",
             "Choose a smaller amplitude or a lower frequency.",
         )
     made: list[SineMotion] = []

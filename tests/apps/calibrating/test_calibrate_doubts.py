@@ -195,7 +195,7 @@ def test_calibrate_joint_needs_calibration_of_other_joints(mount_arm, run_cli):
         ("--joint joint1 --auto --yes", "--joint needs a calibration by hand"),
     ],
 )
-def test_wrong_use_of_joint_option_is_one_clear_error(calibrated, run_cli, words, message):
+def test_wrong_use_of_joint_option_gives_one_clear_error(calibrated, run_cli, words, message):
     done = run_cli(f"{WORDS} {words}")
     assert (done.code, message in done.err) == (2, True), done.err
 

@@ -49,7 +49,7 @@ def test_joint_held_by_friction_is_not_at_stop():
     assert after(stuck) is ContactState.MOVING
 
 
-def test_joint_standing_without_load_is_no_contact_not_stop():
+def test_unloaded_joint_at_rest_is_not_a_contact():
     assert after(standing(1.0, load=2.0)) is ContactState.MOVING
     assert after(standing(1.6, load=2.0)) is ContactState.NO_CONTACT
 
@@ -125,7 +125,7 @@ def test_stop_needs_two_fifths_of_torque_limit_as_load(load, stop):
 @pytest.mark.parametrize(
     ("stood_s", "touch"), [(1.5, ContactState.NO_CONTACT), (1.49, ContactState.MOVING)]
 )
-def test_joint_standing_1500_ms_without_load_is_no_contact(stood_s, touch):
+def test_unloaded_joint_at_rest_1500_ms_is_not_a_contact(stood_s, touch):
     feeler = (
         EndStopDetector(64.0, FAR)
         .update_with_load(4.0, 0.0, 1.0, 0.0)

@@ -136,7 +136,7 @@ def test_remeasure_clears_sign_doubt():
     assert not hand.state.is_second_trial
 
 
-def test_only_joint_asked_for_shows_its_sign():
+def test_sign_is_recorded_only_for_requested_joint():
     hand = Hand(subject("a", 1), subject("b", 2)).rest().accept()
     assert hand.state.current_joint.name == "a"
     hand.move(-800, 2)

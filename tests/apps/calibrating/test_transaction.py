@@ -200,7 +200,7 @@ def test_eeproms_are_locked_again_after_save():
     assert all(servo.read("lock") == 1 for servo in arm.line.servos.values())
 
 
-def test_damaged_journal_is_one_clear_error():
+def test_damaged_journal_gives_one_clear_error():
     path = journal_path("planar2", "")
     write_atomic(path, "checksum = 7\n")
     with pytest.raises(FileFormatError, match=r"Remove it, then .*calibration diff"):
@@ -226,7 +226,7 @@ def test_journal_that_cannot_be_written_changes_nothing(monkeypatch):
 
 @pytest.mark.parametrize("act", [recover, resume, roll_back])
 @pytest.mark.parametrize("change", [(9, "homing_offset"), (1, "goal_pwm")], ids=["id", "register"])
-def test_a_journal_of_another_servo_is_one_clear_error(act, change):
+def test_a_journal_of_another_servo_gives_one_clear_error(act, change):
     arm, _ = arm_and_outcome("planar2")
     before, (servo_id, register) = state_of(arm), change
     changes = (EepromChange(id=servo_id, old={register: 0}, new={register: 5}),)

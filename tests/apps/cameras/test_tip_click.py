@@ -176,7 +176,7 @@ def test_disagreeing_click_is_named_and_does_not_count(mistaken):
     assert len(load_calibration(ARM, SERIAL).camera.tip_clicks) == 3
 
 
-def test_clicks_are_doubted_if_half_do_not_count(mistaken):
+def test_user_is_warned_if_half_of_clicks_do_not_count(mistaken):
     arm, camera = mistaken
     clicked(arm, camera)
     clicked(arm, camera)

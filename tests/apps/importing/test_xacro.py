@@ -89,7 +89,7 @@ def test_xacro_gets_packages_and_arguments(tmp_path):
 
 
 def test_load_model_never_runs_xacro(path, no_child):
-    with pytest.raises(FileFormatError, match="runs what is written in the file") as caught:
+    with pytest.raises(FileFormatError, match="can run code from the file") as caught:
         ikservo.load_model(path, tip="arm")
     assert f"ikservo arms new NAME --from {path}" in caught.value.hint
 

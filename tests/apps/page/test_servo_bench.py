@@ -137,7 +137,7 @@ def test_wrong_servo_commands_are_answered_with_notes(session):
     for action, more, said in (
         ("restore", {"text": "format = 1"}, "is not an EEPROM backup"),
         ("restore", {"text": "\u0000\ud7ff"}, "backup.toml"),
-        ("move", {"address": [3, 12345]}, "no rate of 12345 baud"),
+        ("move", {"address": [3, 12345]}, "does not support 12345 baud"),
         ("led_on", {}, "led"),
         ("reboot", {}, "does not support reboot"),
         ("plot", {"names": ["present_volts"]}, "present_voltage"),

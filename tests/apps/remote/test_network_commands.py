@@ -241,7 +241,7 @@ def test_fleet_shows_who_controls_arm(served, run):
         ("move 0.2 0 0.1 --scene s.toml --arm so101 --port zenoh:d@127.0.0.1", 2, "A scene"),
     ],
 )  # fmt: skip
-def test_bad_network_command_is_one_clear_error(run, monkeypatch, tmp_path, words, code, text):
+def test_bad_network_command_gives_one_clear_error(run, monkeypatch, tmp_path, words, code, text):
     monkeypatch.chdir(tmp_path)
     scene = '[[sphere]]\nname = "the ball"\ncentre_m = [1.0, 0.0, 0.0]\nradius_m = 0.1\n'
     (tmp_path / "s.toml").write_text(scene)
@@ -270,7 +270,7 @@ def test_net_keys_for_invalid_host_keeps_old_certificates(run, tmp_path, host):
     assert {path: path.read_bytes() for path in folder.rglob("*.*")} == before
 
 
-def test_net_keys_without_library_is_one_clear_error(run, tmp_path, monkeypatch):
+def test_net_keys_without_library_gives_one_clear_error(run, tmp_path, monkeypatch):
     monkeypatch.setattr("ikservo.apps.remote.certificates.find_spec", lambda _: None)
     code, _, err = run("net", "keys", "--folder", tmp_path / "keys")
     assert (code, install_command("net") in err) == (1, True), err

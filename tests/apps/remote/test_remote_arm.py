@@ -132,7 +132,7 @@ def test_a_plan_of_another_arm_is_refused(served):
     ],
     ids=["line", "through", "pose", "gripper"],
 )
-def test_remote_line_through_pose_and_gripper_motions_arrive(served, move):
+def test_remote_motion_of_each_kind_arrives(served, move):
     with served.open() as arm:
         assert move(arm).reached
 

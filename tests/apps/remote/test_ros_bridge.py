@@ -346,7 +346,7 @@ def test_remote_arm_is_bridged_to_ros(graph):
         ("--port sim --speed warp", 2, "warp"),
     ],
 )
-def test_bad_ros_command_is_one_clear_error(graph, capsys, monkeypatch, words, code, text):
+def test_bad_ros_command_gives_one_clear_error(graph, capsys, monkeypatch, words, code, text):
     monkeypatch.setattr("ikservo.apps.remote.zenoh_session._CONNECT_TIMEOUT_S", 0.3)
     given = words if "--router" in words else f"{words} --router {HOST}:{graph.port}"
     assert main(["ros", "so101", *given.split()]) == code

@@ -114,7 +114,7 @@ def test_bench_names_id_that_two_servos_share(run_cli, monkeypatch):
         ("bench bus --arm so101 --port /dev/ttyNONE7", 3, "/dev/ttyNONE7"),
     ],
 )
-def test_bad_bench_command_is_one_clear_error(run_cli, words, code, message):
+def test_bad_bench_command_gives_one_clear_error(run_cli, words, code, message):
     result = run_cli(words)
     assert result.code == code
     assert message in result.err

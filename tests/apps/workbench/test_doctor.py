@@ -278,7 +278,7 @@ def test_udev_rule_names_adapters(fragment):
         ("doctor --write-eeprom --port sim", "No arm given."),
     ],
 )
-def test_bad_doctor_command_is_one_clear_error(run_cli, words, message):
+def test_bad_doctor_command_gives_one_clear_error(run_cli, words, message):
     result = run_cli(words)
     assert result.code == 2
     assert message in result.err

@@ -167,7 +167,7 @@ def test_scan_of_253_silent_ids_takes_less_than_2_s_of_bus_time(run_cli, monkeyp
         ("scan a b", 2, "unexpected extra argument"),
     ],
 )
-def test_bad_scan_command_is_one_clear_error(run_cli, words, code, message):
+def test_bad_scan_command_gives_one_clear_error(run_cli, words, code, message):
     result = run_cli(words)
     assert result.code == code
     assert message in result.err

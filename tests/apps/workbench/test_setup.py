@@ -249,7 +249,7 @@ def test_setup_writes_arm_file_settings(run_cli, monkeypatch):
         ("setup so101 --port /dev/ttyNONE7", 3, "/dev/ttyNONE7"),
     ],
 )
-def test_bad_setup_command_is_one_clear_error(run_cli, words, code, message):
+def test_bad_setup_command_gives_one_clear_error(run_cli, words, code, message):
     result = run_cli(words)
     assert result.code == code
     assert message in result.err

@@ -203,7 +203,7 @@ def test_restore_keeps_id_and_baud_rate(monkeypatch):
 
 @EACH
 @pytest.mark.parametrize("keep", [0.0, 0.3, 0.9])
-def test_damaged_backup_is_one_clear_error(monkeypatch, arm, keep):
+def test_damaged_backup_gives_one_clear_error(monkeypatch, arm, keep):
     path, bench_line = backup_of(arm), ChangedServoLine(monkeypatch, arm)
     text = path.read_text()
     path.write_text(text[: int(keep * len(text))])

@@ -150,7 +150,7 @@ def _problem(fields: dict[str, Any]) -> Problem:
 
 
 def _run(solve: Solve, targets: dict[str, Any], budget_s: float) -> dict[str, Any]:
-    """Solve one target after another; a start that is null is the result before it."""
+    """Solve one target after another; a null start means the previous result."""
     poses, starts = np.array(targets["T"], dtype=float), targets["q0"]
     solve(poses[0], np.array(starts[0], dtype=float))  # compile, fill caches
     q: Array = np.zeros(0)

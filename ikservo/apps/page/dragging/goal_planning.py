@@ -37,7 +37,7 @@ _numbers = itertools.count(1)
 
 
 def refusal_of(goal: Vector, error: IkservoError) -> GoalRefusal:
-    """Return the refusal of a goal (n,), in words for a page."""
+    """Describe for the page why a goal (n,) was refused."""
     if not isinstance(error, BlockedError):
         return GoalRefusal(goal, error.message)
     pair = error.pair if isinstance(error, CollisionError) else ()

@@ -213,7 +213,7 @@ class Interaction:
         """Set one coordinate [mm] or angle [degrees] of the tool, or move it by a step.
 
         Raises:
-            IkservoError: The arm cannot; nothing has changed.
+            IkservoError: The arm cannot do this; nothing has changed.
         """
         q = self._index.chain_joints(self._goal_or_rest(snapshot))
         wanted = self._tool_targets.values(q)[what] + value if step else value
@@ -223,7 +223,7 @@ class Interaction:
         """Point the tool in a direction (3,) of the base frame; its tip stays.
 
         Raises:
-            IkservoError: The arm cannot; nothing has changed.
+            IkservoError: The arm cannot do this; nothing has changed.
         """
         q = self._index.chain_joints(self._goal_or_rest(snapshot))
         self._set_tool_goal(snapshot, *self._tool_targets.solve_direction(q, direction))

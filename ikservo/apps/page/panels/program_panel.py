@@ -208,7 +208,7 @@ class ProgramPanel:
                 name = self.draft.folder.recording_file(message.recording or "")
                 return ProgramStep(recording=name)
             case "target" if goal is None:
-                raise InputError("No target is shown.", "Drag the arm, or click, first.")
+                raise InputError("No target is shown.", "Drag the arm or click a point first.")
             case _:
                 measured = self._arm_thread.snapshot.measured
                 joints = goal if message.what == "target" and goal is not None else measured

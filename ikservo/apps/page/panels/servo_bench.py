@@ -280,7 +280,7 @@ class ServoBench:
             case WorkOnServo(action="move", address=(new_id, rate)):
                 codes = {bits: code for code, bits in servo.table.baud_rates.items()}
                 if rate not in codes:
-                    raise InputError(f"{servo} has no rate of {rate} baud.")
+                    raise InputError(f"{servo} does not support {rate} baud.")
                 address = {servo.table.id: new_id, servo.table.baud_rate: codes[rate]}
                 note = write_limp(line, servo, address)
                 if self._model is None:

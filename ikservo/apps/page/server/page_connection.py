@@ -113,7 +113,7 @@ class MessageFilter(Generic[_MessageT]):
                 f"Message {message.seq} was received before.", "Use a higher number."
             )
         if message.seen < self.seen or message.seen not in self._sent:
-            raise BadMessageError(f"Scene {message.seen} was never sent, or long ago.")
+            raise BadMessageError(f"Scene {message.seen} was never sent or is too old.")
         self._last_seq, self.seen = message.seq, message.seen
 
     def _age_s(self, scene: int, now_s: float) -> float:

@@ -299,7 +299,7 @@ class _WebSocketHandler(Generic[_MessageT]):
             state.ready.clear()
 
     def _number_frame(self, state: _ClientState[_MessageT], frame: Frame) -> str:
-        """Serialize a frame; scenes are numbered, which dates the replies.
+        """Serialize a frame; scenes are numbered, so that the age of replies is known.
 
         Only the changed fields of scenes and status are sent; the page keeps the others.
         """
