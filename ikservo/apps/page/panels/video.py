@@ -118,7 +118,8 @@ class VideoSource:
     @property
     def trouble(self) -> str:
         """Problem with the shown pictures; empty if pictures arrive."""
-        if self._waited_s < _OLD_S:
+        now_s = self._clock.now_s()
+        if not self._watchers or now_s - max(self._read_s, self._watched_s) < _OLD_S:
             return ""
         if self.is_late:
             return f"The picture of {self.name} is late. Waiting for the next one."
@@ -127,12 +128,8 @@ class VideoSource:
     @property
     def is_late(self) -> bool:
         """Whether a picture is overdue that may still come, because the camera has not failed."""
-        return not self._error and _OLD_S <= self._waited_s < _LOST_S
-
-    @property
-    def _waited_s(self) -> float:
-        since_s = max(self._read_s, self._watched_s)
-        return self._clock.now_s() - since_s if self._watchers else 0.0
+        waited_s = self._clock.now_s() - max(self._read_s, self._watched_s)
+        return bool(self._watchers) and not self._error and _OLD_S <= waited_s < _LOST_S
 
     @property
     def is_fresh(self) -> bool:

@@ -65,12 +65,10 @@ export class Markings {
     for (const thing of things) if (thing.drawn) this.things.add(createThing(thing, this.thingColour, this.lines.thing));
   }
 
-  // Only a thing that the arm would touch is red.
   markThings(picked, touched) {
     for (const { name, children: [body] } of this.things.children) {
-      const isTouched = touched.includes(name);
-      body.material.opacity = isTouched || name === picked ? 0.4 : 0.16;
-      body.material.color.copy(isTouched ? this.touchedColour : this.thingColour);
+      body.material.opacity = [picked, ...touched].includes(name) ? 0.4 : 0.16;
+      body.material.color.copy(touched.includes(name) ? this.touchedColour : this.thingColour);
     }
   }
 
