@@ -90,7 +90,7 @@ def test_click_in_stale_camera_picture_is_ignored(operator, monkeypatch):
     operator.click(lens_of(operator).project([0.25, 0.08, 0.03])[0])
     operator.until_drawn()
     assert operator.page.evaluate("window.ikservo.scene.goal") is None
-    assert "is it plugged in" in operator.page.inner_text("#camera-note")
+    operator.page.wait_for_selector("#camera[data-trouble=late] #camera-note:has-text('is late')")
 
 
 def test_click_after_mark_tip_button_sets_no_target(operator):

@@ -549,8 +549,9 @@ def test_keep_out_box_is_drawn_at_its_corners(canvas, view):
     for px in expected:
         assert np.hypot(*(corners - px).T).min() < 0.01
     assert not of_style(picture["items"], "picked")
-    for marked in (replace(state, picked="the cup"), replace(state, refused_pair=("the cup",))):
-        (over,) = of_style(canvas.compose(graph, marked, [box])["items"], "picked")
+    marked = {"picked": {"picked": "the cup"}, "touching": {"refused_pair": ("the cup",)}}
+    for style, fields in marked.items():
+        (over,) = of_style(canvas.compose(graph, replace(state, **fields), [box])["items"], style)
         assert over["rings"] == drawn["rings"]
 
 

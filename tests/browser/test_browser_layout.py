@@ -117,6 +117,15 @@ def test_long_message_is_shown_from_its_first_line(reader):
     assert message["y"] >= log["y"] - 1
 
 
+def test_last_card_of_phone_page_ends_above_the_fixed_bar(visit):
+    operator = visit()
+    operator.page.set_viewport_size({"width": 390, "height": 844})
+    operator.wait_for_picture()
+    operator.page.evaluate("scrollTo(0, document.documentElement.scrollHeight)")
+    card, bar = boxes(operator, "#servos", ".bar-end")
+    assert card["y"] + card["height"] <= bar["y"]
+
+
 @pytest.mark.parametrize(("width", "height"), [(390, 844), (820, 900), (1100, 720)])
 def test_mode_tools_and_readout_do_not_overlap(visit, width, height):
     operator = visit()

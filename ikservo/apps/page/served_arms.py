@@ -249,6 +249,7 @@ class ServedArm:
         return {
             "name": self.video.name,
             "trouble": self.video.trouble,
+            "late": self.video.is_late,
             "calibrated": self.is_open and self.controller.is_camera_calibrated,
             "choices": list(self.cameras.choices),
             "chosen": self.cameras.chosen,

@@ -100,7 +100,7 @@ def command(
     servos: Servos = False,
     options: Annotated[MotionOptions, Without("dry_run", "no_wiggle", "tip", "yes", "json")],
 ) -> None:
-    """Serve the browser panel; an arm moves only after Go there, a pose button or Live.
+    """Serve the browser panel; an arm moves only after Go there, Play, Relax or Live.
 
     Without an arm, the panel lists arms and ports.
 

@@ -122,6 +122,7 @@ def test_unknown_camera_of_one_arm_is_shown_as_trouble(
     assert fields["so101"] == {
         "name": "camera 2",
         "trouble": "",
+        "late": False,
         "calibrated": True,
         "choices": ["camera 1", "left"],
         "chosen": "left",

@@ -57,6 +57,7 @@ def test_camera_picture_is_streamed_once_per_address(film):
         assert client.receive_kind("arms")["arms"][0]["camera"] == {
             "name": "film.avi",
             "trouble": "",
+            "late": False,
             "calibrated": False,
             "choices": ["film.avi"],
             "chosen": "film.avi",
@@ -86,13 +87,31 @@ def test_camera_is_read_only_while_watched():
         assert source.trouble == ""
         webcam.plugged = False
         clock.ahead_s = 3.0
-        until(lambda: source.trouble)
-        assert "camera 0" in source.trouble
+        until(lambda: "camera 0 cannot be opened" in source.trouble)
         webcam.plugged = True
         until(lambda: not source.trouble)
         loop.run_until_complete(looking.aclose())  # as the server does once its page is gone
         loop.close()
         until(lambda: webcam.released == webcam.opened)
+
+
+def test_late_picture_is_lost_only_after_ten_seconds():
+    webcam, clock = Webcam(), SteppedClock()
+    with VideoSource("0", clock, webcam.open) as source:
+        loop, looking = asyncio.new_event_loop(), source.stream()
+        loop.run_until_complete(anext(looking))
+        webcam.delivers.clear()
+        until(lambda: webcam.is_held)
+        clock.ahead_s += 3.0
+        assert source.is_late
+        assert source.trouble == "The picture of camera 0 is late. Waiting for the next one."
+        clock.ahead_s += 8.0
+        assert not source.is_late
+        assert source.trouble == "No picture from camera 0: is it plugged in?"
+        webcam.delivers.set()
+        until(lambda: not source.trouble)
+        loop.run_until_complete(looking.aclose())
+        loop.close()
 
 
 @pytest.mark.parametrize(

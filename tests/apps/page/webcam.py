@@ -11,6 +11,8 @@ class Webcam:
     def __init__(self):
         self.plugged, self.opened, self.released = True, 0, 0
         self.pace, self.error = threading.Event(), None
+        self.delivers, self.is_held = threading.Event(), False
+        self.delivers.set()
 
     def open(self, _source):
         self.opened += 1
@@ -21,6 +23,8 @@ class Webcam:
 
     def read(self):
         self.pace.wait(0.01)
+        self.is_held = not self.delivers.is_set()
+        self.delivers.wait()
         if self.error is not None:
             raise self.error
         return self.plugged, np.full((24, 32, 3), (0, 0, 255), np.uint8)

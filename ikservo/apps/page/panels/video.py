@@ -24,6 +24,7 @@ VIDEO_TYPE = "multipart/x-mixed-replace; boundary=picture"
 _PERIOD_S = 1.0 / 15.0  # least time between two pictures
 _RETRY_S = 1.0  # time until a failed camera is opened again
 _OLD_S = 2.0  # time without a picture after which the page reports it
+_LOST_S = 10.0  # time without a picture after which the camera may be unplugged
 _LOOK_S = 0.02  # period of polling for a new picture
 
 
@@ -120,7 +121,15 @@ class VideoSource:
         now_s = self._clock.now_s()
         if not self._watchers or now_s - max(self._read_s, self._watched_s) < _OLD_S:
             return ""
+        if self.is_late:
+            return f"The picture of {self.name} is late. Waiting for the next one."
         return self._error or f"No picture from {self.name}: is it plugged in?"
+
+    @property
+    def is_late(self) -> bool:
+        """Whether a picture is overdue that may still come, because the camera has not failed."""
+        waited_s = self._clock.now_s() - max(self._read_s, self._watched_s)
+        return bool(self._watchers) and not self._error and _OLD_S <= waited_s < _LOST_S
 
     @property
     def is_fresh(self) -> bool:

@@ -128,7 +128,7 @@ def _stale_error(message: PageMessage) -> StaleMessageError:
         return StaleMessageError("The message is too old to act on.", "Nothing has changed.")
     return StalePressError(
         f"The picture on this page was more than {MAX_MESSAGE_AGE_S:.0f} s old: nothing was done.",
-        "Do it again. If it persists, this computer draws too slowly: switch 3D off.",
+        "Do it again. If it persists, close other programs, and switch 3D off if it is on.",
     )
 
 

@@ -34,7 +34,8 @@ export class CameraPicture {
     $("camera-picture").alt = `Picture of ${camera.name}`;
     const trouble = camera.trouble || this.pictureTrouble;
     setText($("camera-note"), trouble || (camera.calibrated ? camera.name : `${camera.name} – not calibrated`));
-    $("camera").toggleAttribute("data-trouble", Boolean(trouble));
+    if (trouble) $("camera").dataset.trouble = camera.late ? "late" : "error";
+    else delete $("camera").dataset.trouble;
     if (place !== "off" && !this.asked) this.ask();
   }
 

@@ -23,7 +23,7 @@ export class Markings {
     this.region = new THREE.Group();
     this.region.matrixAutoUpdate = false;
     this.things = new THREE.Group();
-    this.thingColour = new THREE.Color();
+    [this.thingColour, this.touchedColour] = [new THREE.Color(), new THREE.Color()];
     this.root.add(this.dots, this.region, this.things);
     this.table = graph.floor === null ? [] : this.createTable(graph);
     this.root.add(...this.table);
@@ -46,7 +46,8 @@ export class Markings {
     this.sheet.color.copy(read("--draw-floor"));
     this.lines.grid.color.copy(read("--draw-floor-edge"));
     this.lines.region.color.copy(read("--draw-reach-edge"));
-    this.thingColour.copy(read("--draw-bad"));
+    this.thingColour.copy(read("--draw-text"));
+    this.touchedColour.copy(read("--draw-bad"));
     this.lines.thing.color.copy(this.thingColour);
     for (const { children: [body] } of this.things.children) body.material.color.copy(this.thingColour);
   }
@@ -64,8 +65,11 @@ export class Markings {
     for (const thing of things) if (thing.drawn) this.things.add(createThing(thing, this.thingColour, this.lines.thing));
   }
 
-  markThings(marked) {
-    for (const { name, children: [body] } of this.things.children) body.material.opacity = marked.includes(name) ? 0.4 : 0.12;
+  markThings(picked, touched) {
+    for (const { name, children: [body] } of this.things.children) {
+      body.material.opacity = [picked, ...touched].includes(name) ? 0.4 : 0.16;
+      body.material.color.copy(touched.includes(name) ? this.touchedColour : this.thingColour);
+    }
   }
 
   showRegion(rings, pose) {

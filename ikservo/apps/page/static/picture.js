@@ -67,7 +67,7 @@ export class Picture {
     const links = outlineLinks(this.graph, arm, projection);
     const behind = links.filter(({ link }) => scene.behind && link === scene.hover);
     return [
-      ...this.things.filter(({ name }) => marked.includes(name)).map((thing) => thingItem("picked", thing, projection)),
+      ...this.things.filter(({ name }) => marked.includes(name)).map((thing) => thingItem(scene.refused_pair?.includes(thing.name) ? "touching" : "picked", thing, projection)),
       ...ghost.map(({ link, rings }) => ({ kind: "polygon", style: goalStyle(link, scene), rings, link })),
       ...links.map(({ link, rings }) => ({ kind: "polygon", style: armStyle(link, scene, projection), rings, link })),
       ...behind.map(({ rings }) => ({ kind: "polygon", style: "behind", rings })),

@@ -82,7 +82,7 @@ export class Scene3D {
     this.handles.show((scene.goal === null ? this.arm : this.ghost).tipPosition(), scene.handles);
     this.highlight(scene);
     this.markings.showRegion(scene.region, scene.region_pose);
-    this.markings.markThings([scene.picked, ...(scene.refused_pair ?? [])]);
+    this.markings.markThings(scene.picked, scene.refused_pair ?? []);
   }
 
   setCamera({ pose, scale_px }) {
