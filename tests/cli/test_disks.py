@@ -247,6 +247,17 @@ def test_recording_until_the_disk_was_full_can_be_read(place, tmp_path):
     assert len(read_recording(place / "a.jsonl").times_s) > 10
 
 
+@pytest.mark.full
+@pytest.mark.parametrize(("words", "file"), WRITTEN["record", "file"])
+def test_recording_without_a_sample_leaves_no_file(words, file, place, tmp_path):
+    before = content(place)
+    done = run_limited(words.format(place), 0, tmp_path)
+    assert done.returncode == 1
+    assert f"{file} cannot be written: File too large" in " ".join(done.stderr.split())
+    assert "The samples until then" not in done.stderr
+    assert content(place) == before
+
+
 @pytest.mark.sample(1)
 @pytest.mark.parametrize("suffix", [".jsonl", ".mcap"])
 def test_recording_with_overwrite_replaces_old_file_at_its_end(suffix, place, run_cli):

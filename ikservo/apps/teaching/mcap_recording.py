@@ -157,7 +157,7 @@ class McapFile:
         self.channels = dict[Topic, int]()
         self._target = RecordingFile(path, overwrite=overwrite)
         self._writer: Writer = module.Writer(cast("IO[bytes]", _WholeWrites(self._target.file)))
-        with self._target.closing_on_error(), self._naming_the_file():
+        with self._target.removing_on_error(), self._naming_the_file():
             self._writer.start("ros2", f"ikservo {version('ikservo')}")
             self._writer.add_metadata(_METADATA, metadata)
             for name, text in files.items():

@@ -151,7 +151,7 @@ class RecordingWriter:
         self.path, self.samples = Path(path), 0
         self._target = RecordingFile(self.path, overwrite=overwrite)
         self._whole_bytes = 0
-        with self._target.closing_on_error():
+        with self._target.removing_on_error():
             self._write_row({"schema": SCHEMA, "arm": header.arm, "joints": header.joints,
                        "units": header.units, "period_s": header.period_s})  # fmt: skip
 
@@ -249,13 +249,21 @@ class RecordingFile:
             raise self.failed(error) from error
 
     @contextlib.contextmanager
-    def closing_on_error(self) -> Generator[None]:
-        """Close the file if its first bytes cannot be written."""
+    def removing_on_error(self) -> Generator[None]:
+        """Remove the file if its first bytes cannot be written: it holds no sample.
+
+        Raises:
+            FileWriteError: They cannot be written; the message names no incomplete recording.
+        """
         try:
             yield
-        except BaseException:
+        except BaseException as error:
             with contextlib.suppress(OSError):
                 self.file.close()
+                if self._written.is_file():  # a device stays
+                    self._written.resolve().unlink()
+            if isinstance(error, FileWriteError):
+                raise FileWriteError(self._path, error.why) from error
             raise
 
 
