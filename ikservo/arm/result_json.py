@@ -62,10 +62,6 @@ def _parse_array(value: object) -> NDArray[np.float64]:
         raise ValueError("expected numbers, or lists of them of equal length") from None
 
 
-def _list_array(value: NDArray[np.float64]) -> object:
-    return _finite_or_text(value.tolist())
-
-
 def _finite_or_text(value: object) -> object:
     if isinstance(value, list):
         return [_finite_or_text(each) for each in cast("list[object]", value)]
@@ -77,7 +73,7 @@ def _finite_or_text(value: object) -> object:
 FloatArray = Annotated[
     np.ndarray[Any, np.dtype[np.float64]],
     BeforeValidator(_parse_array),
-    PlainSerializer(_list_array),
+    PlainSerializer(lambda value: _finite_or_text(value.tolist())),
 ]
 """Array in a message: lists of numbers; ``nan`` and ``inf`` are text."""
 

@@ -33,7 +33,7 @@ _FURTHEST = 2.0
 # Targets of such steps lie up to this fraction of the range beyond the limits, and are then
 # clipped: many postures that keep a constraint have a joint at a limit.
 _BEYOND = 0.3
-_CUTS, _FAILED_CUTS = 40, 10  # shortcuts tried on a path; largest number of consecutive failures
+_CUTS, _FAILED_CUTS = 60, 15  # shortcuts tried on a path; largest number of consecutive failures
 _HALVED = 8  # fraction of the remaining corners left out of longer paths at once
 _MOST_SAMPLES = 1e6  # samples of one motion
 _TURN_RAD = 0.05  # largest turn between two samples with a constrained tool

@@ -133,7 +133,8 @@ def _make_authority() -> _Signed:
     from cryptography.hazmat.primitives.asymmetric import ec  # noqa: PLC0415
 
     key = ec.generate_private_key(ec.SECP256R1())
-    builder = _builder("ikservo authority", "ikservo authority", key.public_key(), _lifetime())
+    lifetime = datetime.timedelta(days=10 * _DAYS)
+    builder = _builder("ikservo authority", "ikservo authority", key.public_key(), lifetime)
     builder = builder.add_extension(x509.BasicConstraints(ca=True, path_length=0), critical=True)
     builder = builder.add_extension(_key_usage(signs=True), critical=True)
     return _Signed(_signed(builder, key), key)
@@ -180,10 +181,6 @@ def _builder(
         .not_valid_before(start)
         .not_valid_after(end)
     )
-
-
-def _lifetime() -> datetime.timedelta:
-    return datetime.timedelta(days=10 * _DAYS)
 
 
 def _name(text: str) -> x509.Name:

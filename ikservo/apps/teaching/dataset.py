@@ -65,7 +65,7 @@ def import_dataset(model: Model, folder: Path, options: DatasetOptions, *, json:
         IkservoError: The data set, a calibration or the folder cannot be used.
     """
     dataset = read_dataset(folder, options.what)
-    episodes = [_positions(episode, dataset, model, options) for episode in _values_of(dataset)]
+    episodes = [_positions(episode.values, dataset, model, options) for episode in dataset.episodes]
     header = recording_header(model, 1.0 / dataset.fps)
     paths = [options.to / f"{folder.resolve().name}-{e.number:03d}.jsonl" for e in dataset.episodes]
     for path in paths:
@@ -100,10 +100,6 @@ def export_dataset(
         raise InputError("No folder is given.", "Give a new one with --to.")
     frames = write_dataset(to, model, [read_recording(path) for path in recordings], fps, task)
     print_lines([f"{to}: {len(recordings)} episodes, {frames} frames"])
-
-
-def _values_of(dataset: Dataset) -> list[Matrix]:
-    return [episode.values for episode in dataset.episodes]
 
 
 def _positions(values: Matrix, dataset: Dataset, model: Model, options: DatasetOptions) -> Matrix:

@@ -83,7 +83,8 @@ def command(
             _float(machine, name, duration, yes=options.yes)
         elif not now:
             _confirm_relaxing(machine, options)
-        until = None if now or floating else _wait_until_enter
+        prompt = "Bring the arm into the pose, then press Enter."
+        until = None if now or floating else lambda: wait_for_enter(prompt)
         positions = machine.teach(name, until, hold=hold)
         path = machine.poses.path
     if options.json:
@@ -160,7 +161,3 @@ def _announce_saving(machine: OpenArm, name: str) -> None:
 def _confirm_relaxing(machine: OpenArm, options: MotionOptions) -> None:
     if any(state.torque for state in machine.where().joints):
         announce_lowering(machine, options)
-
-
-def _wait_until_enter() -> None:
-    wait_for_enter("Bring the arm into the pose, then press Enter.")

@@ -356,10 +356,6 @@ def _parse_frequencies(text: str | None) -> tuple[float, float] | None:
     return float(match[1]), float(match[2] or match[1])
 
 
-def _format_first(reading: RegisterReading) -> str:
-    return str(reading.first) if reading.changed else ""
-
-
 _REGISTERS: Fields[RegisterReading] = (
     Field("name", "register", value=lambda one: one.register.name),
     Field("address", "address", value=lambda one: one.register.address),
@@ -383,7 +379,7 @@ _REGISTERS: Fields[RegisterReading] = (
     ),
     Field("area", "area", value=lambda one: one.register.area.name),
     Field("default", "default", lambda one: "" if one.default is None else str(one.default)),
-    Field("first", "first copy", _format_first),
+    Field("first", "first copy", lambda one: str(one.first) if one.changed else ""),
 )
 
 

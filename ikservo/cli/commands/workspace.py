@@ -204,6 +204,8 @@ def command(
     ikservo workspace --arm so101 --slice side --plot reach.svg
     ikservo workspace --arm so101 --point 0.25 0.05 0.15
     """
+    from ikservo.arm.opening import make_collision_filter  # noqa: PLC0415  # brings the servos along
+
     slicing.check()
     if plot is not None:
         check_plot_file(plot)
@@ -211,7 +213,7 @@ def command(
     model = calibrated_model_from_option(arm, tip)
     home = model.initial_joints()
     point_m = None if point is None else [parse_coordinate_m(text) for text in point]
-    clear = _make_clearance(model) if collision else None
+    clear = make_collision_filter(model) if collision else None
     found = None if point_m is None else _solve_point(model, point_m, home, clear)
     region = None
     if found is None or cut or plot or cell is not None:
@@ -225,12 +227,6 @@ def command(
     if found is not None and not found.reached:
         ask_about_millimetres(model.chain, point_m or (), "workspace --point {}")
         raise typer.Exit(ExitCode.UNREACHABLE)
-
-
-def _make_clearance(model: Model) -> Clear:
-    from ikservo.arm.opening import make_collision_filter  # noqa: PLC0415  # brings the servos along
-
-    return make_collision_filter(model)
 
 
 def _solve_point(
