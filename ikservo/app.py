@@ -49,14 +49,14 @@ class App:
     """Parts that an app adds to ikservo. Places are ``package.module:name``, imported when used.
 
     Attributes:
-        name: Name of the app; also of its folder, its page in the documents, and its extra.
+        name: Name of the app, of its folder, of its page in the documents, and of its extra.
         commands: Its commands by name; "arms new" is ``new`` below ``arms``.
-        names: Names of the package ``ikservo``, by place.
-        arm_methods: Methods of an open arm, by the place of a function that takes the arm first.
-        arm_values: Attributes of an open arm, by the place of a function of the arm.
-        motions: Kinds of motions by the place of their class; also steps of programs.
-        networks: Schemes of addresses, by the place of an ``ArmNetwork``.
-        panels: Panels of the page by heading, by the place of a function that returns a `Panel`
+        names: Names that the package ``ikservo`` gets, each with its place.
+        arm_methods: Methods of an open arm, each with a function's place; it takes the arm first.
+        arm_values: Attributes of an open arm, each with the place of a function of the arm.
+        motions: Kinds of motions, each with the place of its class; also steps of programs.
+        networks: Schemes of addresses, each with the place of an ``ArmNetwork``.
+        panels: Panels of the page, each heading with the place of a function that returns a `Panel`
             for the model of the arm and its measured positions (rad or m by joint).
         parts: Objects that other apps' commands look up by name, such as ``calibrate --camera``.
     """

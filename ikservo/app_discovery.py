@@ -101,7 +101,7 @@ def find_part(name: str) -> Any:  # noqa: ANN401  # whatever an app offers
 def other_packages_have(group: str) -> bool:
     """Check whether another distribution has entry points of a group.
 
-    ``importlib.metadata`` would tell, but it loads more slowly than an arm brakes.
+    ``importlib.metadata`` is not used, because importing it takes longer than an arm brakes.
     """
     return f"[{group}]" in _entry_points_of_others()
 

@@ -20,15 +20,15 @@ the builtin that fits, so that ``except TimeoutError`` works for a silent servo:
     ├── RegisterAccessError ValueError exit 1   a write that the register forbids
     ├── CalibrationError               exit 6   not calibrated, or contradicts the servos
     │   └── PictureError               exit 1   a picture that does not show what it should
-    ├── UnreachableError  ValueError   exit 7   no joint vector inside the limits for it
+    ├── UnreachableError  ValueError   exit 7   no joint vector inside the limits reaches it
     │   ├── AimError                            the tip cannot point there
-    │   ├── CartesianPathError                  not along the path; names the place
-    │   └── OrientationError                    the point, but not in this orientation
+    │   ├── CartesianPathError                  the path cannot be followed; names the place
+    │   └── OrientationError                    the point can be reached, the orientation not
     ├── RefusedError                   exit 8   the guard does not allow a goal
     │   ├── BlockedError                        a path cannot be taken
     │   │   ├── CollisionError                  something would be touched
-    │   │   └── ConstraintError                 the tool would tilt, or leave where it may be
-    │   ├── LatchedStopError                    it was stopped, and that is not acknowledged
+    │   │   └── ConstraintError                 the tool would tilt, or leave its region
+    │   ├── LatchedStopError                    the arm was stopped; not acknowledged yet
     │   └── LeaseLostError                      another program controls the arm
     ├── NotSettledError   TimeoutError exit 1   the arm did not arrive
     └── StoppedError                   exit 130 stopped by the user
@@ -508,7 +508,7 @@ class LatchedStopError(RefusedError):
 
 
 class LeaseLostError(RefusedError):
-    """A program does not control the arm, or not any longer; nothing was sent."""
+    """The program does not control the arm, or no longer does; nothing was sent."""
 
     def __init__(self) -> None:
         super().__init__(

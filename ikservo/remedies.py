@@ -1,7 +1,7 @@
 """Remedies for each interface: the command line has commands, programs methods, pages buttons.
 
 Hints are written once, as a user at a terminal would type them; texts for programs and pages are
-derived from that. Commands without a replacement there (``ikservo setup``) stay.
+derived from that. Commands without an equivalent there (``ikservo setup``) stay.
 """
 
 from __future__ import annotations
