@@ -47,9 +47,9 @@ class DriveReader:
         """Return duty, current [A], supply [V] and position of the servos (joints, most, 4).
 
         Duty and current are positive towards larger positions; a current without a measured
-        direction is given by its size. Values that are not measured are NaN, as are unused rows of
-        joints with fewer servos. A further servo has the direction of its joint's first one.
-        Positions are the joint's, rad or m, by its first servo. None if a reply is missing.
+        direction is a magnitude. Values that are not measured are NaN, as are unused rows of
+        joints with fewer servos. Further servos get the signs of their joint's first one. Positions
+        are those of the joint, rad or m, from its first servo. None if a reply is missing.
         """
         readings = self._bus.bulk_read(
             {servo_id: list(keys.values()) for servo_id, keys in self._keys.items()}, raw=True

@@ -80,7 +80,7 @@ class FeedForward:
         return np.where(self._known, inertia / self._stiffness, 0.0)
 
     def pressed(self, positions: Vector) -> Vector:
-        """Compute how certainly weight keeps each joint's gears on one flank (dof,), 0 to 1.
+        """Compute the certainty (dof,), 0 to 1, that weight keeps each joint's gears on one flank.
 
         Args:
             positions: The positions of all joints (n,), rad or m.
@@ -97,7 +97,7 @@ class FeedForward:
         return weight / self._dry_friction
 
     def overweight(self, positions: Vector) -> NDArray[np.bool_]:
-        """Compute which joints (n,) their servos cannot lift for long from a posture (n,).
+        """Return a mask of the joints (n,) whose servos cannot lift their load for long.
 
         Args:
             positions: The positions of all joints (n,), rad or m.
@@ -148,7 +148,7 @@ class FeedForward:
 
 
 class _FrictionArrays:
-    """The friction of all joints at once."""
+    """Friction parameters of all joints, as arrays."""
 
     def __init__(self, drives: Sequence[JointDrive]) -> None:
         gears = [drive.friction for drive in drives]

@@ -77,7 +77,7 @@ class Feedback:
 
     Args:
         bus: The servos' bus.
-        driven_joints: One for each joint.
+        driven_joints: The joints, each with its servo, limits and speed.
 
     Attributes:
         latest: The ticks of the last cycle; None for a joint that did not reply.
@@ -216,7 +216,7 @@ def read_joint_states(
 
     Args:
         bus: The servos' bus.
-        driven_joints: One for each joint.
+        driven_joints: The joints, each with its servo, limits and speed.
         ticks: The positions (n,) just measured.
 
     Raises:
@@ -246,7 +246,7 @@ def read_joint_states(
 
 
 def read_alarm_names(bus: ServoBus, servo_id: int) -> tuple[str, ...]:
-    """Read a servo's alarms; they must be read if its replies only flag that there are some."""
+    """Read a servo's alarms by name; its replies may only flag that there is an alarm."""
     if not bus.alarms.get(servo_id):
         return ()
     with contextlib.suppress(BusError):

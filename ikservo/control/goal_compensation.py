@@ -127,9 +127,9 @@ class GoalCompensator:
         self._preload, self._waits = None, False
 
     def preload(self, ahead: Vector, measured: Vector, elapsed_s: float) -> bool:
-        """Press rotors to the flanks that will push; return whether the motion may begin.
+        """Press rotors against the driving flanks; return whether the motion may begin.
 
-        Called in each cycle until then; goals of the reference at its start are sent in between.
+        Called in each cycle until it returns True; goals for the start are sent in between.
 
         Args:
             ahead: The first displacement of the reference (n,), rad or m.
@@ -145,7 +145,7 @@ class GoalCompensator:
         return direction is None
 
     def _unloaded_sides(self, ahead: Vector) -> Vector:
-        """Compute the directions of joints (n,) that weight does not press to the driving flank."""
+        """Return the directions of joints (n,) that weight does not press on the driving flank."""
         if self.feed_forward is None:
             return np.zeros_like(ahead)
         weight = np.full_like(ahead, np.inf)
@@ -176,7 +176,7 @@ class GoalCompensator:
             point: The reference (n,), by the time of the motion.
             elapsed_s: Time since the last call, by the clock.
             rate: Seconds of the motion per second of the clock.
-            ease: The rate at which offsets change (n,), 0 to 1: they wait for joints that lag.
+            ease: The rate at which offsets change (n,), 0 to 1; lower for joints that lag.
         """
         elapsed_s = min(elapsed_s, _MAX_STEP_S)
         self._rate += (rate - self._rate) * min(elapsed_s / _RATE_FILTER_S, 1.0)
@@ -301,7 +301,7 @@ class GoalCompensator:
     def _inside(self, reference: Vector, offset: Vector) -> Vector:
         """Return goals inside the limits, or not further outside than before in this motion.
 
-        A reference that leaves the limits is passed on, for the guard to refuse it.
+        A reference that leaves the limits is passed on, so that the guard refuses it.
         """
         low, high = self._reference_range
         leaves = (reference < low - self._tick) | (reference > high + self._tick)

@@ -40,7 +40,7 @@ class HealthPoller:
 
     Args:
         bus: The servos' bus.
-        names: Names of the servos by id: the joint, and which further servo of it.
+        names: Names of the servos by id: the joint; for a further servo, its id as well.
         limits: The expected limits in the servos' RAM.
         health: Checks the telemetry.
         overload: Receives each load, or each current if the servo's protection uses that.

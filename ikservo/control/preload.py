@@ -16,12 +16,12 @@ _MAX_S = 0.2  # longest wait before any motion; 1° of backlash of an STS3215 ta
 class Preload:
     """Leads the goals of resting joints until their rotors have crossed the backlash of the gears.
 
-    A rotor that crosses it only when the motion begins is late: links with 1.7° of backlash were 7
-    mm off their lines at first, and swung.
+    Otherwise rotors cross it at the beginning of the motion: arms with 1.7° of backlash began 7 mm
+    off their lines, and swung.
 
     Args:
-        sides: The direction in which each joint (n,) will move: -1 or 1; 0 for joints that are left
-            alone.
+        sides: The direction in which each joint (n,) will move: -1 or 1; 0 for joints without
+            preload.
         start: The joints at rest (n,), rad or m.
         per_horn_rad: Motion of each joint per radian of its horn (n,), rad or m.
         tick: Motion of each joint per tick (n,).
@@ -39,7 +39,7 @@ class Preload:
         self._for_s = 0.0
 
     def update(self, measured: Vector, direction: Vector, elapsed_s: float) -> Vector | None:
-        """Take one cycle; return the direction of friction (n,), or None when all are pushed.
+        """Advance one cycle; return the direction of friction (n,), or None when preloaded.
 
         Args:
             measured: The joints (n,), rad or m.

@@ -170,8 +170,8 @@ class ServoGroup(StreamedServos):
     def measured_hold_positions(self) -> Vector:
         """Read the start (n,) of a motion after ``enable``, rad or m; writes nothing.
 
-        It is where the joints are; a gripper that holds already keeps its goal, because it may
-        press on something. Waits for an arm that sinks.
+        The start is the measured position; a gripper that holds already keeps its goal, because it
+        may press on something. Waits until a sinking arm is at rest.
 
         Raises:
             BusError: A servo does not answer.
@@ -312,7 +312,7 @@ class ServoGroup(StreamedServos):
         self.overload.rules = {name: rule for name, rule in rules.items() if rule is not None}
 
     def _catch_falling_joints(self, start: Sequence[int]) -> None:
-        """Wait until all joints are near their goals; a joint that fell past holds there."""
+        """Wait until all joints are near their goals; a joint that fell further holds there."""
         for _ in range(_MAX_CATCHES):
             if wait_until_settled(self.driven_joints, start, self._feedback, self.clock):
                 return
@@ -413,7 +413,7 @@ def wait_until_still(
     Returns at once if the arm falls: torque must come on.
 
     Args:
-        driven_joints: One for each joint.
+        driven_joints: The joints, each with its servo, limits and speed.
         feedback: Measures them.
         clock: The bus's clock.
         timeout_s: Longest wait, because a hand may be moving the arm.

@@ -14,12 +14,12 @@ _READINGS = 3  # two readings of a hand that moves may agree by chance
 
 @dataclass(frozen=True, slots=True)
 class StillnessDetector:
-    """Recent positions by servo or joint: unwrapped ticks, rad or m.
+    """Detects rest from recent positions by servo or joint: unwrapped ticks, rad or m.
 
     Attributes:
-        window_s: Time in which nothing may move.
+        window_s: Time for which nothing may have moved.
         tolerance: The variation of positions that counts as rest.
-        least_readings: Number of readings without which nothing counts as at rest.
+        least_readings: Minimum number of readings before anything counts as at rest.
         readings: Times and positions within the window, and the last ones before it.
     """
 

@@ -28,7 +28,7 @@ RELAX_HINT = "Switch torque off with: ikservo relax"
 class StopRequest:
     """A request to stop the arm: its reason and the number of requests.
 
-    Setting it is a few assignments, safe from signals and other threads. The control loop checks it
+    Setting it is safe in signals and threads: a few assignments. The control loop checks it
     in every cycle. A stop also ends earlier requests that have not begun to move: ``requested``
     marks the code that belongs to a request, ``check_request`` ends it.
 
@@ -90,8 +90,8 @@ class StopRequest:
         Args:
             count: The ``count`` of stops when it was requested; the present one if None.
             anew: Whether it is independent of a request that this thread may be executing already.
-            withdrawn: Set by the requester when the request is withdrawn: its planning then ends,
-                as by a stop.
+            withdrawn: Set by the requester to withdraw the request; its planning then ends, as
+                after a stop.
         """
         outer = self._marked
         if outer is not None and not anew:
@@ -119,14 +119,14 @@ class StopRequest:
         return self.count if marked is None else marked
 
     def is_request_over(self) -> bool:
-        """Return whether the arm was stopped after this thread's request, or that was withdrawn."""
+        """Return whether this thread's request was withdrawn, or the arm was stopped after it."""
         if self._marked is None:
             return False
         count, withdrawn = self._marked
         return count != self.count or (withdrawn is not None and withdrawn.is_set())
 
     def check_request(self) -> None:
-        """Raise if the arm was stopped after this thread's request, or that was withdrawn.
+        """Raise if this thread's request was withdrawn, or the arm was stopped after it.
 
         Raises:
             StoppedError: The arm was stopped, even if that has been acknowledged since.

@@ -71,7 +71,7 @@ class StreamedServos:
         torque: Whether the servos hold, and whether a control loop is running.
         restarts: Number of times in this motion that the servos were started again after their
             watchdogs stopped them, because the program was delayed.
-        overload: Predicts when a servo protects itself, and relaxes a joint that presses before.
+        overload: Predicts when a servo will protect itself, and relaxes a pressing joint first.
         warnings: The last warnings for the user, the oldest first.
         warn: Called with each warning; ignores them by default.
     """
@@ -141,8 +141,8 @@ class StreamedServos:
     def refresh_reference(self) -> Vector:
         """Measure the joints at rest, and move the reference of a joint that is far from it.
 
-        A limp arm sags when its torque comes on, by as much as its load explains: the next motion
-        begins by lifting it, and its reference stays.
+        When its torque comes on, a limp arm sags by the amount that its load explains. Its
+        reference then stays, and the next motion begins by lifting it.
 
         Returns:
             The reference (n,), rad or m.
@@ -306,7 +306,7 @@ class StreamedServos:
         """Read the joints (n,), rad or m, and the telemetry of one servo.
 
         Servos that their watchdogs stopped while the program was delayed are started again at their
-        positions, where goals then also start; ``restarts`` counts this.
+        positions, from which goals then also start; ``restarts`` counts this.
 
         Raises:
             ServoSilentError: A joint did not reply in three consecutive cycles.
@@ -440,7 +440,7 @@ class StreamedServos:
     def _undrawn_goals(self) -> Vector:
         """Return the present goals (n,); for relaxed joints the requested ones.
 
-        A joint that presses further and further must end the motion although it is relaxed.
+        The motion must still end if a relaxed joint would press further and further.
         """
         if not self.overload.relaxed_joints:
             return self.goals()
@@ -552,7 +552,7 @@ class StreamedServos:
         self._gate.commit(passed)
 
     def _write_goals(self, goals: Mapping[int, int]) -> None:
-        """Write goals, each within its limits or where its joint was measured or sent before.
+        """Write goals, each within its limits or at a position that was measured or sent before.
 
         Raises:
             RefusedError: A goal is neither; nothing was sent.
