@@ -44,8 +44,8 @@ class SettlingTrajectory:
         targets: The targets of the joints, ticks; None for a joint that keeps its goal.
         limits: The kinematic limits of each joint.
         stuck: The lowest and the highest leads of goals (n,) with which friction keeps the joints.
-        is_reached: Returns whether the arm is at its target with the measured joints (n,), although
-            not every joint is: goals then stay, and it ends when all joints are at rest.
+        is_reached: Returns whether the tool is at its target at the measured joints (n,), even if
+            not every joint is at its own; goals then stay, and the trajectory ends at rest.
     """
 
     def __init__(

@@ -89,7 +89,7 @@ class SwingDamper:
             self._share = min(self._share + elapsed_s / _SOFTEN_S, 1.0)
 
     def _turn_round(self, tick: int) -> None:
-        """Count a reversal after which the joint has reached a tick."""
+        """Count a reversal; the joint is at a tick in its new direction."""
         self._has_turned = True
         self.ticks = abs(self._extreme - self._turn)
         is_sure = self.steady_s > _AT_REST_S or self.ticks > _STICTION_TICKS
@@ -99,7 +99,7 @@ class SwingDamper:
         self._heading = 1 if tick > self._turn else -1
 
     def may_swing(self, still_s: float) -> bool:
-        """Check whether a joint at rest may only be reversing its direction.
+        """Check whether a joint that seems to be at rest may only be reversing its direction.
 
         Args:
             still_s: Time for which it has not moved.
@@ -121,8 +121,8 @@ class SwingDamper:
 class MotionSwings:
     """Finds joints that swing during motion: feedback does not reach a link inside its backlash.
 
-    A joint that lags is on the other side of its reference after each reversal of that; reversals
-    are counted from there.
+    A lagging joint changes sides whenever its reference reverses, which is no swing; the count of
+    its reversals then restarts.
 
     Args:
         driven_joints: The joints, in the order of the control cycle.

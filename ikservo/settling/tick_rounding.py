@@ -33,8 +33,8 @@ def round_to_ticks(
 ) -> tuple[int, ...]:
     """Compute the whole ticks near ``q`` with the smallest error of the tool.
 
-    Every joint's rounding moves the tool slightly; a few ticks more in one joint compensate
-    another's. The search is for the integers d with the least ``|E - A d|²``, where A is the motion
+    Every joint's rounding moves the tool slightly; a few ticks in one joint compensate for that of
+    another. The search is for the integers d with the least ``|E - A d|²``, where A is the motion
     of the tool per tick of each joint: three rows for its position, three for its rotation away
     from the one at ``q``, weighted by ``ROTATION_WEIGHT_M``. All combinations within some ticks are
     tried, except for the joint that moves the tool most: its best tick follows from theirs.
@@ -301,9 +301,9 @@ def backlash_approach(
 ) -> Vector | None:
     """Compute goals (n,) from which each joint with known backlash approaches its goal from below.
 
-    The flank of the backlash on which a joint comes to rest depends on the direction from which it
-    came and on its braking: the same reading, but positions a backlash apart. So it goes below its
-    goal by its backlash, then up.
+    The flank of the backlash on which a joint comes to rest depends on its direction of approach
+    and its braking, so positions with the same reading can be a backlash apart. Therefore the joint
+    first goes below its goal by its backlash, then up.
 
     Args:
         goals: The servos' goals at the end of a motion (n,), rad or m.
