@@ -1,1 +1,1 @@
-"""Stops from outside: how programs of one user reach the program that has an arm open."""
+"""Communication with the program that has an arm open: stops, states, and the control lease."""

@@ -3,8 +3,8 @@
 A request contains no pickle, code or file name: only a command of a fixed list, and a secret if the
 socket has no permissions.
 
-``ikservo stop`` imports this module and nothing larger: no NumPy, pydantic or pyserial, which load
-more slowly than an arm brakes.
+``ikservo stop`` imports this module and nothing larger: no NumPy, pydantic or pyserial, because
+importing them takes longer than an arm brakes.
 """
 
 from __future__ import annotations
@@ -268,7 +268,7 @@ def request_stop(device: str, arm: str) -> StopResult | None:
 
 
 def request_stop_of(arm: str) -> StopAllResult:
-    """Stop an arm by name in every program of this user that has it open, or is about to."""
+    """Stop an arm by name in every program of this user that has it open or is opening it."""
     leave_mark(arm=arm)
     replies = broadcast_command(ControlCommand.WHO, _WHO_TIMEOUT_S)
     ports = {reply["port"] for reply in replies if _is_of(reply, arm)}
@@ -277,7 +277,7 @@ def request_stop_of(arm: str) -> StopAllResult:
 
 
 def _is_of(reply: object, arm: str) -> bool:
-    """Check whether the reply to ``who`` comes from a program that has an arm open."""
+    """Check whether the reply to ``who`` comes from a program that has the named arm open."""
     match reply:
         case {"arm": str(name), "port": str()}:
             return name == arm

@@ -42,7 +42,7 @@ def is_fresh(sent_s: float, now_s: float, timeout_s: float = DEAD_MAN_TIMEOUT_S)
 class ArmLease:
     """The lease of one arm; every method is safe in any thread.
 
-    On the network, messages of its holder are numbered and dated by the clock of the server.
+    On the network, messages of its holder have numbers and time stamps of the server's clock.
     Messages that are older than the dead-man time-out, repeated, or overtaken are dropped.
 
     Args:
@@ -134,7 +134,7 @@ class ArmLease:
             return True
 
     def refresh(self, lease: str) -> bool:
-        """Record a sign of life from the holder; return whether it was the holder's."""
+        """Record a message from the holder; return whether ``lease`` is valid."""
         with self._lock:
             if not self.is_held_by(lease):
                 return False

@@ -1,4 +1,4 @@
-"""Replies of a served arm as JSON, equal over the control socket and the network.
+"""Replies of a served arm as JSON, the same over the control socket and the network.
 
 A reply has a ``result`` (see ``result_json``) or an ``error``: its class, message, hint, exit code
 and details, from which the other end recreates the error.
@@ -107,7 +107,7 @@ def _details_of(error: IkservoError) -> Iterator[tuple[str, object]]:
 
 
 def _is_detail(kind: type[IkservoError], name: str) -> bool:
-    """Check whether an attribute belongs to the errors of one class and does not hide any of it."""
+    """Check whether an attribute is a detail of one error, and not an attribute of its class."""
     shared = ("command_message", "command_hint", "exit_code", "args")
     return name.isidentifier() and name[0] != "_" and name not in shared and not hasattr(kind, name)
 

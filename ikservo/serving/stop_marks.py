@@ -50,7 +50,7 @@ def has_mark(device: str, arm: str) -> bool:
 
 
 def forget_marks() -> None:
-    """Ignore earlier stops for arms that this program opens next, because it was told of them."""
+    """Ignore earlier stops for arms that this program opens next, because it knows of them."""
     global _forgotten_s  # noqa: PLW0603  # one for the whole program, as its start
     _forgotten_s = time.monotonic()
 
