@@ -116,7 +116,7 @@ class RigidBodies:
 class ClearSpace:
     """Postures, and straight motions between them, that keep their distances.
 
-    A motion is checked without gaps: no distance is a millimetre too small, even to thin things.
+    Motions are checked without gaps: no distance is too small by a millimetre, even to thin things.
     One thread at a time may use it. ``CollisionChecker.clear_space`` makes it.
 
     Args:
@@ -124,8 +124,8 @@ class ClearSpace:
         rigid: Its rigid bodies.
         shapes: The things (k, 17) without the table; see ``kinematics.packed``.
         floor_m: The height of the table; minus infinity for none.
-        allowed_m: The distances (2, pairs) that capsules must keep: of the arm itself, and below of
-            the sagging arm.
+        allowed_m: The distances (2, pairs) that capsules must keep: first row for the arm itself,
+            second row for the sagging arm.
         sag: The sag of the arm under gravity; None if it is not considered.
         load: Multiple of gravity under which it sags.
         bends: Returns the positions of links (n, dof) from those of the joints' sensors; None for
@@ -197,7 +197,7 @@ def _close_postures(start: Vector, goal: Vector) -> Matrix:
 
 
 def _with_largest(allowed_m: Matrix, links: int, shapes: int) -> Matrix:
-    """Add each link's largest distance to be kept from a thing to the allowed ones (2, pairs)."""
+    """Append to the allowed distances (2, pairs) each link's largest one to any thing."""
     of_things = allowed_m[:, allowed_m.shape[1] - links * shapes :].reshape(2, shapes, links)
     return np.hstack([allowed_m, of_things.max(axis=1, initial=-np.inf)])
 

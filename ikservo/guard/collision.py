@@ -117,15 +117,15 @@ class CollisionChecker:
 
         An arm that touches the table, or itself, may move out: a pair in contact at the start may
         stay as deep as it began until it is free, and must not touch again afterwards by more than
-        half a millimetre; the same holds for a pair that is as near as that at the start. A stream
-        checks a path of two: the present posture, and where it would stop. Between the vectors,
+        half a millimetre; the same holds for a pair within that distance at the start. A stream
+        checks two vectors: the present posture, and where it would stop. Between the vectors,
         joints move straight; the path is sampled more finely where a contact is possible.
 
         Args:
             path: The joint vectors.
             load: Multiple of gravity that acts on the arm: more than 1 while it brakes.
             may_touch_again: Whether a pair in contact at the start may return to that depth, and
-                end there, except with a box: a recording of an arm that was laid down.
+                end there, except with a box, as in a recording of an arm that was laid down.
             rest: The posture (dof,) at rest before the first vector. No contact may get deeper than
                 there, because the half millimetres of many checks would add up.
             began_m: Distances (pairs,) [m], negative, at which the arm came into each contact; -inf
@@ -214,7 +214,7 @@ class CollisionChecker:
         return RigidBodies(self.body)
 
     def _allowed_of_capsules(self, near_m: Vector) -> Matrix:
-        """Return the allowed distances of capsules (2, pairs), sagging below, from the pairs'."""
+        """Return allowed distances (2, pairs) of capsules from those of pairs; row 1: sagging."""
         count = len(self.pairs)
         allowed_m = np.tile(near_m[:count] - self.overlap_m, (2, 1))
         if self.sag is not None:

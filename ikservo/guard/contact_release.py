@@ -20,7 +20,7 @@ _DISTANCES_M = (0.003, 0.02, 0.05)
 def nearest_free_posture(
     checker: CollisionChecker, q: Vector, lower: Vector, upper: Vector
 ) -> Vector | None:
-    """Find joints (dof,) near ``q`` (dof,) in which nothing touches, rad or m.
+    """Find joints (dof,) near ``q`` (dof,) at which nothing touches, rad or m.
 
     A joint outside its limits (dof,) may come back.
 
@@ -40,7 +40,7 @@ def nearest_free_posture(
 def _move_apart(
     checker: CollisionChecker, q: Vector, lower: Vector, upper: Vector, distance_m: float
 ) -> Vector | None:
-    """Find joints (dof,) near ``q`` in which all pairs have a distance; None if there are none.
+    """Find joints (dof,) near ``q`` at which all pairs have a distance; None if none exist.
 
     Each step maximises the gain in distance of all pairs that are too near while no other pair
     comes too near; it is a linear program in the joints (the non-penetration constraints of

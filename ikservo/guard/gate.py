@@ -105,7 +105,7 @@ class PassedGoals:
 
 
 class Gate:
-    """Lets commands to the servos pass that pass all checks, or refuses them as a whole.
+    """Passes commands to the servos that satisfy all checks; refuses others as a whole.
 
     A command is a goal tick for each of some joints. It passes if every goal is inside the joint's
     limits, none moves faster than its limit, and none leads the measured joint by more than its
@@ -159,7 +159,7 @@ class Gate:
             joint.update_measured(tick, time_s)
 
     def set_speeds(self, speeds: Sequence[float]) -> None:
-        """Set the joints' maximum speeds in the next motion, rad/s or m/s; a slow one leads less.
+        """Set the joints' top speeds in the next motion, rad/s or m/s; lower ones allow less lead.
 
         Raises:
             RefusedError: A speed is not above zero.
@@ -259,7 +259,7 @@ class Gate:
         return PassedGoals(inside, self._clock.now_s())
 
     def commit(self, passed: PassedGoals) -> None:
-        """Take goals that passed as sent: later goals start there."""
+        """Record that goals which passed were sent; later goals start there."""
         for joint, tick in self._commanded(passed.ticks):
             joint.goal = tick
         self._passed_s = passed.time_s

@@ -68,7 +68,7 @@ class JointGate:
         self.set_speed(driven.speed)
 
     def set_speed(self, speed: float) -> None:
-        """Set the maximum speed of the next motion, rad/s or m/s; a slower one has less lead."""
+        """Set the maximum speed of the next motion, rad/s or m/s; a lower one allows less lead."""
         self._max_lead = self.driven.max_lead_ticks(speed)
         unit_per_tick = self.driven.joint_map.unit_per_tick
         self._ticks_s = min(speed / unit_per_tick, self.driven.max_ticks_s)

@@ -173,7 +173,7 @@ class _ThresholdFault:
 
 @dataclass(slots=True)
 class _Heating:
-    """Rate of warming of a servo; sensors report whole degrees, so it is taken between changes."""
+    """Heating rate of a servo, measured between changes, because sensors report whole degrees."""
 
     degree_c: float = math.nan
     since_s: float = 0.0
@@ -244,7 +244,7 @@ class HealthMonitor:
         )
 
     def _hold_c(self, joint: str) -> float:
-        """Return the holding temperature: by the arm file, and below the servo's own protection."""
+        """Return the lower one of the arm file's holding limit and the servo's trip temperature."""
         hold_c = self._limits.hold_c
         # Lowering an overheated arm has no limit.
         return min(hold_c, self._trip_c.get(joint, hold_c)) if hold_c < math.inf else hold_c
@@ -365,7 +365,7 @@ def say_what_fell(
     caught: Sequence[str],
     silent: Sequence[str],
 ) -> ServoAlarmError | ServoSilentError:
-    """Return an error that ended a motion, which now says what has fallen and what holds.
+    """Return the error that ended a motion, extended by what has fallen and what holds.
 
     Args:
         error: The error.

@@ -18,8 +18,8 @@ class OverloadRule:
         time_s: Time after which it protects itself.
         output_per_rad: Fraction of the output per rad between goal and horn; 0 if unknown.
         torque_limit: Largest fraction of the output that its present limits allow.
-        full_a: Current of the blocked motor at full output, if its servo counts current; 0 if it
-            counts output.
+        full_a: Current of the blocked motor at full output, if the protection uses current; 0 if it
+            uses output.
     """
 
     output: float
@@ -114,7 +114,7 @@ class OverloadMonitor:
             state.load, state.load_s = load, time_s
 
     def observe_current(self, joint: str, current_a: float, time_s: float) -> None:
-        """Take a reading of the current, signed or absolute, of a servo that counts current."""
+        """Take a reading of the current, signed or absolute, if the servo's protection uses it."""
         rule = self.rules.get(joint)
         if rule is not None and rule.full_a:
             self.observe_load(joint, current_a / rule.full_a, time_s)

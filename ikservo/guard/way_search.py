@@ -2,7 +2,7 @@
 
 The compiled search (`ikservo.kernels.way_search`) checks samples. A path that it finds is
 shortened, and proven free before it is returned. If a proof fails, the motion is removed from its
-tree, sampling becomes finer, and the search continues. The same question has the same answer: each
+tree, sampling becomes finer, and the search continues. Results are reproducible, because each
 search begins with the same seed, and counts its effort in postures, not seconds.
 """
 
@@ -81,7 +81,7 @@ class WaySearch:
         tool: The constraint of the tool on the path; None if it is free.
         columns: The column and unit of each joint of the tool's chain (dof of the chain, 2).
         seed: The seed of the random numbers.
-        takes_time: Whether a path is shortened until the search is to end, unless it is nearly
+        takes_time: Whether to shorten a path until the search must end, unless it is nearly
             straight.
 
     Attributes:
@@ -130,7 +130,7 @@ class WaySearch:
 
         Args:
             most: The largest number of postures to check.
-            is_over: Returns whether the search is to end without a path; called often.
+            is_over: Returns whether the search must end, even without a path; called often.
 
         Returns:
             The postures (k, n) of the path; None if none was found yet, or the start or all goals
