@@ -37,7 +37,7 @@ def first_issue(issues: Sequence[ValidationIssue], path: Path) -> FileFormatErro
 
 
 def first_mistake(error: ValidationError) -> tuple[str, str]:
-    """Return the place of a message's first mistake, empty for all of it, and the reason."""
+    """Return the place of a message's first mistake, empty for the whole, and the reason."""
     first = error.errors(include_url=False, include_context=False, include_input=False)[0]
     return ".".join(map(str, first["loc"])), first["msg"]
 

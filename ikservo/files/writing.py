@@ -173,7 +173,7 @@ def _translating_os_errors(path: Path, *, changed: bool = False) -> Generator[No
 
 
 def _make_folders(folder: Path, mode: int, made: list[Path]) -> None:
-    """Create a folder and those above it; ``made`` gets them."""
+    """Create a folder and those above it; append the new ones to ``made``."""
     if folder.is_dir():
         return
     _make_folders(folder.parent, mode, made)
