@@ -66,7 +66,7 @@ class Choice:
         label: A few words on its effect; empty if it need not be offered.
         key: Its key on a terminal; empty if there is none.
         wait_s: The time without a change after which a script gives it; None if not yet.
-        joints: The joints of which one must be named after the word; empty if none.
+        joints: The joints, one of which must be named after the word; empty if none.
         joint: The joint that the key means; empty if there is none now.
     """
 
@@ -120,7 +120,7 @@ class Question:
     more: tuple[Choice, ...] = ()
 
     def offers(self, answer: str | None) -> bool:
-        """Check whether a word is one of the answers that mean yes or more."""
+        """Check whether a word is ``accept`` or one of the further answers."""
         return answer in (ACCEPT, *(choice.answer for choice in self.more))
 
 
@@ -192,7 +192,7 @@ EntryDialogue: TypeAlias = Generator[
 
 
 class ScriptedAnswers:
-    """Answers requests in sequence, each when its time has come.
+    """Answers requests in sequence, each once its waiting time is over.
 
     Args:
         entries: The answers in order; None gives the first choice of every request.
@@ -204,10 +204,10 @@ class ScriptedAnswers:
         self._since_s: float | None = None
 
     def next_answer(self, request: HandRequest) -> str | None:
-        """Return the next answer if its time has come.
+        """Return the next answer if its waiting time is over.
 
         Raises:
-            CalibrationError: Its time has not come for a minute in which nothing changed.
+            CalibrationError: Nothing changed for a minute, and no answer was due.
         """
         if self._since_s is None or request.progress != self._last:
             self._last, self._since_s = request.progress, request.at_s

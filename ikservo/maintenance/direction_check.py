@@ -1,7 +1,7 @@
 """Small test motions that confirm each joint and its direction.
 
 Ids, models and offsets can agree although two joints are exchanged, a sign is mirrored or the
-geometry is another arm's: a servo measures nothing but itself. Therefore the user's confirmation is
+geometry is another arm's, because a servo only measures itself. The user's confirmation is thus
 saved with a fingerprint of everything on which it depends, and repeated if that changes.
 """
 
@@ -55,7 +55,7 @@ class DirectionCheck:
 def plan_direction_check(arm: Arm, name: str) -> DirectionCheck:
     """Plan the test motion of a joint, within its limits and free of collisions.
 
-    If both directions are possible, it is the one with more distance to the limit.
+    If both directions are possible, the one with more distance to the limit is chosen.
     """
     joint, start = arm.model.joint(name), _measured_positions(arm)
     low, high = _range(arm, joint)
@@ -181,7 +181,7 @@ def _possible_travels(arm: Arm, joint: ModelJoint, horn_rad: float = _LIFT_RAD) 
 
 
 def _range(arm: Arm, joint: ModelJoint) -> tuple[float, float]:
-    """Return the limits of a joint inside the arm file's; beyond these it has end stops."""
+    """Return the limits of a joint, within those of the arm file; beyond these are end stops."""
     state, limits = arm.where()[joint.name], joint.limits
     return max(state.lower_rad, limits.lower.value), min(state.upper_rad, limits.upper.value)
 
