@@ -225,7 +225,7 @@ def straight_lines(
     """Return straight lines from a start (3,) through points (k, 3) [m], their corners rounded.
 
     The lines are left at the blend's distance from each point but the last, at most half of a line,
-    and the point is passed at at most 3/8 of that distance.
+    and the curve passes the point within 3/8 of that distance.
 
     Raises:
         BadValueError: A number is not finite, or a blend is not positive.

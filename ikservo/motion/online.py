@@ -79,7 +79,7 @@ class OnlineTrajectory:
 
     @property
     def settles_at_s(self) -> float:
-        """Time at which it is at rest at its goal, unless that changes."""
+        """Time at which it will be at rest at its goal, unless the goal changes."""
         since_s, move = self._pieces[-1]
         return since_s + move.duration_s
 

@@ -72,8 +72,8 @@ class BlendedPath:
     """Straight lines through points in n dimensions, with a blend instead of each corner.
 
     In a blend the slope changes from one line's direction to the other's by the polynomial
-    3x² - 2x³, so that slope and bend are continuous. The curve then passes each corner at no more
-    than 3/8 of the blend, stays inside the box of its points, and is never longer than the lines.
+    3x² - 2x³, so that slope and bend are continuous. The curve then passes each corner within 3/8
+    of the blend, stays inside the box of its points, and is never longer than the lines.
 
     Args:
         points: The points (k, n).

@@ -44,7 +44,7 @@ class _SpeedZone:
 
 
 class TimeScaling:
-    """Time scaling of a curve from rest to rest in short time.
+    """Nearly time-optimal scaling of a curve, from rest to rest.
 
     With s the distance, the joints do ``q̇ = q' ṡ``, ``q̈ = q'' ṡ² + q' s̈`` and
     ``q⃛ = q''' ṡ³ + 3 q'' ṡ s̈ + q' s⃛``. The curve is cut into zones; in each, bounds on its
@@ -113,7 +113,7 @@ class _PathAccelerationBounds:
     def make_zones(
         self, begin: float, end: float, derivatives: tuple[Vector, Vector, Vector]
     ) -> Iterator[_SpeedZone]:
-        """Yield the limits of a stretch for each fraction of what bends and twists allow."""
+        """Yield limits of a stretch for each share of acceleration and jerk that bends may use."""
         slope, bend, twist = derivatives
         fastest = min(self._top, _min_ratio(self._speeds, slope))
         by_bend = _min_ratio(self._accelerations, bend)
@@ -130,7 +130,7 @@ class _PathAccelerationBounds:
 
 
 def _min_ratio(limit: Vector, by: Vector) -> float:
-    """Compute the minimum of ``limit / by``, without values that do not move."""
+    """Compute the minimum of ``limit / by``, ignoring values that do not change."""
     pairs = zip(limit.tolist(), by.tolist(), strict=True)  # few: NumPy would take longer
     return min((a / b for a, b in pairs if b > a / _UNBOUNDED), default=_UNBOUNDED)
 
@@ -225,12 +225,12 @@ class PathTrajectory:
 
     @property
     def start(self) -> Vector:
-        """Its start (n,)."""
+        """Joints (n,) at its start."""
         return self._curve.at(0.0)[0]
 
     @property
     def goal(self) -> Vector:
-        """Its end (n,)."""
+        """Joints (n,) at its end."""
         return self._curve.at(self._curve.length)[0]
 
     @property
@@ -253,7 +253,7 @@ class JointWaypointTrajectory(PathTrajectory):
     """A motion of n joints from point to point that rests only at its end.
 
     Between two waypoints all joints are synchronised. Every joint passes each waypoint but the last
-    at at most 3/8 of the blend. No joint leaves the range of the waypoints.
+    within 3/8 of the blend. No joint leaves the range of the waypoints.
 
     Args:
         start: The start, at rest (n,), rad or m.
