@@ -255,7 +255,7 @@ def undo_calibration(path: Path) -> Calibration:
     Raises:
         FileFormatError: There is no previous one, or one of them is damaged.
         InputError: Registers in the servos differ between the two, and a file cannot restore them.
-        FileWriteError: They cannot be written.
+        FileWriteError: The files cannot be written.
     """
     backup = backup_path(path)
     before, now = read_calibration(backup), read_calibration(path)
