@@ -225,7 +225,7 @@ def own_chain(model: Model, calibration: Calibration) -> Chain:
 
 
 def bent_chain(model: Model, chain: Chain, calibration: Calibration) -> Chain:
-    """Return a chain that yields as the calibration says; the same chain if it is rigid."""
+    """Return a chain whose links bend as calibrated; the same chain if they are rigid."""
     if not any(joint.compliance or joint.play_deg for joint in calibration.joints):
         return chain
     bending = known_bending(model, chain, calibration)

@@ -256,7 +256,7 @@ class ArmContext:
         """Check the straight path of the jaws alone between two positions of the joints (n,).
 
         Capsules are thicker than jaws, and a limp arm has sunk onto its table and itself. Jaws have
-        little force and stop at obstacles, so they may come as near as that; contacts of the
+        little force and stop at obstacles, so small overlaps are allowed, and contacts of the
         standing arm do not forbid a motion of the jaws.
 
         Raises:

@@ -26,7 +26,7 @@ def limits_under_load(
     Args:
         chain: The arm, inside the limits of its goals.
         parameters: Its masses and drives.
-        joints: Joints along the path (k, dof), rad or m, in its order.
+        joints: Joints along the path (k, dof), rad or m, in the chain's order.
         friction: Whether to leave room for friction of moving joints, too, and not only weight.
 
     Returns:

@@ -55,17 +55,17 @@ class MotionPlan:
         time_limiting_joints: The joints that determine the duration, at their top speed or
             acceleration.
         near_limits: The joints that come close to a limit, the closest first.
-        target_m: The point it goes to (3,); None for a motion of joints.
+        target_m: The requested point (3,) of the tip; None for a motion of joints.
         solution: The solver's result; None for a motion of joints.
         orientation_error_rad: The largest angle between the tool and its requested orientation.
         orientation_requested: Whether an orientation of the tool was requested.
         orientation_change_rad: The angle between the tool's orientations at start and goal.
         speed_reduced: Whether it is slower than requested: the first motion with torque is slow.
         is_cartesian: Whether the tip goes along straight lines or arcs.
-        cartesian_s: Time for which it does, up to the end of the trajectory.
+        cartesian_s: Duration of these lines or arcs, which end the trajectory.
         tool_speed: The speed of the tip along them; None if none was requested.
         via_pose: The retract pose in between; empty if the path is direct.
-        around: The contact on the straight path that this one avoids; empty if there is none.
+        around: The contact on the straight path that this path avoids; empty if there is none.
         kept: The constraint of the tool, and how much of it is used, described.
         clearance_m: Smallest distance of the body on the path to itself, the table and the boxes;
             infinite if paths are not checked.

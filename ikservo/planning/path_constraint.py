@@ -194,17 +194,17 @@ class ConstrainedTool:
         return tuple(said[words] for words in dict.fromkeys(each.words for each in self._limits))
 
     def admit(self, ends: Matrix) -> None:
-        """Let ``keeps`` accept joints (n, dof) that are only just inside of the limits."""
+        """Let ``keeps`` accept joints (n, dof) that are only just inside the limits."""
         near = self.excess(ends)
         near = near[(near <= _BROKEN).all(axis=1)].max(axis=0, initial=-math.inf)
         self._allowed = np.maximum(self._allowed, near)
 
     def keeps(self, joints: Matrix) -> NDArray[np.bool_]:
-        """Check which joints (n, dof) are well inside of the limits (n,)."""
+        """Check which joints (n, dof) are well inside the limits (n,)."""
         return np.all(self.excess(joints) <= self._allowed, axis=1)
 
     def project(self, joints: Vector, target_m: Vector | None = None) -> Vector | None:
-        """Find joints (dof,) nearby that are well inside of the limits.
+        """Find joints (dof,) nearby that are well inside the limits.
 
         Args:
             joints: The joints (dof,) to start from.

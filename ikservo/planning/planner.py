@@ -285,7 +285,7 @@ class Planner:
     ) -> list[PointGoal]:
         """Solve all joints (n,) with the tip at a point (3,) [m] from many starts.
 
-        If ``tool`` is constrained, the solutions are inside of its limits.
+        If ``tool`` is constrained, the solutions are inside its limits.
 
         Returns:
             Distinct solutions: first the one found from ``start`` (n,), then by their distance;

@@ -114,7 +114,7 @@ class _MotionRequest:
         motion: The motion.
         start: The joints (n,) from which it starts, rad or m.
         allowed: The speed class in which it may run now.
-        arm: The arm among the things that were around it when the plan was requested.
+        arm: The arm with the surroundings that it had when the plan was requested.
     """
 
     motion: TipMotion | MoveJoints | LookAt
@@ -375,7 +375,7 @@ class PreflightPlanner:
         return clamp_pose("rest", rest, self._servos.driven_joints, start)
 
     def plan_from_held(self, motion: MotionValue[Any]) -> MotionPlan:
-        """Plan from where the arm holds: a limp arm may sink before its torque is on."""
+        """Plan from where the arm holds, because a limp arm may sink before its torque is on."""
         plan = self.plan(motion)
         if self._servos.torque.is_on:
             return plan
@@ -529,7 +529,7 @@ class PreflightPlanner:
     def _ways_out(self, request: _MotionRequest) -> Iterator[tuple[str, MotionPlan]]:
         """Yield motions out of a contact, and the retract poses where they end ("" for none).
 
-        The first one moves just as far as needed to touch nothing.
+        The first one moves only as far as needed to touch nothing.
         """
         start, allowed = request.start, request.allowed
         free = request.arm.nearest_free_joints(start)

@@ -315,7 +315,7 @@ class FollowResult:
         setpoints: The number of targets.
         unreached: The number of targets that were out of reach; the arm went as near as it could.
         refused: The number that the guard refused; the arm kept the previous one.
-        reason: Why the guard refused the last of them.
+        reason: Reason why the guard refused the last of them.
         ended: Reason of its end: the end of the stream, or a time-out.
         measured_rad: The joints at the end, corrected, rad or m by name.
         measured_tip_m: The tip at the end (3,), metres.

@@ -19,7 +19,7 @@ from ikservo.model.arm_model import Obstacle
 
 
 class Turn:
-    """The turn of two arms: one moves at a time, and neither waits for the other."""
+    """A lock shared by two arms: only one moves at a time, and neither waits for the other."""
 
     def __init__(self) -> None:
         self._lock = Lock()
@@ -27,7 +27,7 @@ class Turn:
         self._times = 0
 
     def is_of_other(self, arm: object) -> bool:
-        """Return whether the other arm is moving."""
+        """Check whether the other arm is moving."""
         return self._arm is not None and self._arm is not arm
 
     @contextmanager
@@ -72,7 +72,7 @@ class AnotherArm(Protocol):
 
     @property
     def turn(self) -> Turn:
-        """The turn of the two arms."""
+        """The lock that the two arms share."""
         ...
 
     def things(self, arm: object) -> Sequence[Obstacle]:

@@ -14,7 +14,7 @@ from ikservo.planning.context import ArmContext
 from ikservo.planning.path_constraint import ConstrainedTool
 
 BLENDS_RAD = (0.3, 0.1, 0.03, 0.01, 0.003)
-"""Distances before a corner at which joints may begin to turn, from the roundest path on [rad]."""
+"""Distances before a corner at which joints may begin to turn, the roundest path first [rad]."""
 
 MARGINS_M = (0.01, 0.003, 0.0003)
 """Distances that paths keep from everything, the largest first [m]."""
@@ -47,8 +47,8 @@ def ways_around(
         goals: The possible ends (m, n).
         load_factor: Multiple of gravity while the arm brakes.
         tool: The constraint of the tool on the path.
-        is_over: Returns whether the search is to end; called often.
-        takes_time: Whether a path is shortened until then.
+        is_over: Returns whether the search must end; called often.
+        takes_time: Whether a path is shortened until the search must end.
 
     Yields:
         Paths with smaller and smaller distances, until the search ends.
@@ -108,7 +108,7 @@ def ways_around(
 def postures_nearby(context: ArmContext, start: Vector, load_factor: float) -> Iterator[Vector]:
     """Yield joints (n,) without a contact, the nearest to ``start`` (n,) first.
 
-    Joints beside the chain keep their positions.
+    Joints outside the chain keep their positions.
     """
     checker = context.checked_collision
     if checker is None:
