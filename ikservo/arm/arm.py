@@ -43,10 +43,10 @@ class Arm(MotionMethods):
     ``on_exit`` is ``relax``: an arm never drops because a program ended.
 
     Motions (``move_to``, ``gripper``, …) block until the arm is at rest. With ``wait=False`` they
-    run in the background, after earlier ones, and return a ``RunningMotion`` with ``done``,
-    ``wait`` and ``cancel``; its ``wait`` returns the result and raises the errors. Closing the arm
-    cancels it. Each method makes a motion (``ikservo.planning.motions`` explains the
-    ``record`` and ``replay``, and the attribute ``camera``.
+    run in the background, after earlier ones, and return a ``RunningMotion``, whose ``wait``
+    returns the result or raises the error. Closing the arm cancels them. ``plan``, ``execute`` and
+    ``start`` take a motion as a value; ``ikservo.planning.motions`` explains all motions and
+    options. Apps add methods such as ``record`` and ``replay``, and the attribute ``camera``.
 
     Args:
         context: The parts of the arm.
@@ -317,7 +317,7 @@ class Arm(MotionMethods):
 
         Args:
             name: 1 to 64 of A-Z a-z 0-9 _ -; not a pose of the arm file.
-            until: Returns once the arm has been moved by hand; an arm that holds is relaxed before.
+            until: Returns once the arm has been moved by hand; an arm that holds is relaxed first.
                 If None, nothing is relaxed.
             hold: Whether torque is switched on afterwards.
 

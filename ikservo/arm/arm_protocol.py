@@ -42,9 +42,9 @@ class GoalStream(Protocol):
 
     Attributes:
         unreached: The number of setpoints that were out of reach; the arm went as near as it could.
-        refused: The number that the guard refused; the arm kept the setpoint before.
-        reason: Why the guard refused the last of them.
-        kept: The goal (n,) that the arm kept then, rad or m; None before, or if the arm is on
+        refused: The number that the guard refused; the arm kept the previous setpoint.
+        reason: Reason why the guard refused the last of them.
+        kept: The goal (n,) kept at the last refusal, rad or m; None before, or if the arm is on
             another machine.
     """
 

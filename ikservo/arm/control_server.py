@@ -106,9 +106,9 @@ class ControlServer:
             threading.Thread(target=self._serve_client, args=(connection,), daemon=True).start()
 
     def _make_room(self) -> bool:
-        """Take a place for a client, that of the oldest silent one if all are taken.
+        """Reserve a place for a client; if all are taken, drop the oldest silent client.
 
-        Clients that stall must not keep a stop out, which sends its line at once.
+        Stalled clients must not block a stop, whose client sends its line at once.
         """
         if self._free.acquire(blocking=False):
             return True

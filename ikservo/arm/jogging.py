@@ -142,10 +142,10 @@ def jog(arm: ArmParts, what: str, speed: float | None = None, *, wanted: KeepGoi
     Args:
         arm: The arm.
         what: A joint, or x, y, z, -x, -y, -z, up, down in the arm's base frame.
-        speed: rad/s of a joint (m/s of a slide) or m/s of the tip; negative the other way. The
-            arm file's slow speed, or 0.05 m/s, if None.
-        wanted: Called in every control cycle: True goes on, False brakes and holds, None
-            decides nothing; after 0.3 s of None the arm also brakes and holds.
+        speed: rad/s of a joint (m/s of a slide) or m/s of the tip; negative to reverse. None: the
+            arm file's slow speed, or 0.05 m/s for the tip.
+        wanted: Called in every control cycle: True continues, False brakes and holds, None decides
+            nothing; after 0.3 s of None the arm also brakes and holds.
 
     Returns:
         The final position and the reason: no longer requested, a limit, or the guard.

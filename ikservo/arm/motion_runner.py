@@ -339,8 +339,8 @@ class MotionRunner:
     def return_within_limits(self) -> None:
         """Move joints that are a little outside their limits back inside, slowly.
 
-        A limp arm sinks there. Online trajectories must start inside: the guard lets a joint come
-        back, and not a single tick out again.
+        A limp arm may sink there. Online trajectories must start inside, because the guard lets a
+        joint come back, but not move out again by a single tick.
 
         Raises:
             RefusedError: A joint is more than 5° outside at its horn, or the arm would touch

@@ -78,7 +78,7 @@ def open_bus(model: Model, port: str | None = None, *, retries: int = 2) -> Serv
 
 
 def disable_torque_unchecked(model: Model, port: str | None) -> None:
-    """Switch off every servo of an arm that cannot be opened; models and zeros are not checked.
+    """Switch off the torque of an arm that cannot be opened, without checking models and zeros.
 
     Raises:
         PortError: The port cannot be opened.
@@ -205,7 +205,7 @@ def open_own_arm(
 
 
 def _read_calibrated_arm(bus: ServoBus, model: Model, *, uncalibrated: bool) -> CalibratedArm:
-    """Check the servos on a bus and load their calibration, with explained errors."""
+    """Check the servos on a bus and load their calibration; errors get an explanation."""
     try:
         check_servo_models(bus)
         remember_port(model.name, bus.port.name)
@@ -319,7 +319,7 @@ def _make_compensator(
     driven_joints: Sequence[DrivenJoint],
     serial_number: str,
 ) -> GoalCompensator:
-    """Make the goal compensator; with masses only if the posture is known, identified first.
+    """Make the goal compensator; masses are used if zeros are known, preferably identified ones.
 
     Raises:
         FileFormatError: The arm's identification is malformed.

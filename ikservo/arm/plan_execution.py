@@ -92,7 +92,7 @@ def _run_around(
 ) -> ExecutedMotion:
     """Execute a motion by its plan; replan each time an obstacle comes into its path.
 
-    Its own stop for that is acknowledged. Any other stop, even in the meantime, ends the request.
+    The stop for replanning is acknowledged. Any other stop, even in the meantime, ends the request.
 
     Args:
         arm: The arm.
@@ -237,7 +237,7 @@ class _PathWatch:
 
 
 def _backlash_goals(context: ArmContext, plan: MotionPlan) -> Vector | None:
-    """Compute goals (n,) from which joints with known backlash approach their own from below.
+    """Compute goals (n,) from which joints with known backlash approach theirs from below.
 
     None for a line, which the tool must not leave, and if something is in the way.
     """

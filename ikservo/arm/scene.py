@@ -216,7 +216,7 @@ class Scene:
         """Add another arm of this program, and this arm to its scene.
 
         From then on only one of the two moves at a time, and avoids the other one. The other one
-        counts as standing where it was when the motion began, also if a person moves it by hand; a
+        counts as standing where it was when the motion began, even if a person moves it by hand; a
         closed arm stays where it was when it was closed.
 
         ``left.scene.add_arm(right, "right", at_m=(0.0, -0.4, 0.0))``

@@ -84,7 +84,7 @@ class ArmService:
     Attributes:
         arm: The arm that was given.
         clock: The clock that was given.
-        lease: Who controls the arm.
+        lease: The control lease of the arm.
     """
 
     def __init__(
@@ -212,7 +212,7 @@ class ArmService:
         )
 
     def lose(self, holder: Holder, text: str) -> bool:
-        """Take the lease, and stop the motion that runs under it; return whether it was held."""
+        """Withdraw a lease, and stop the motion that runs under it; return whether it was held."""
         if not self.lease.release(holder.lease):
             return False
         if self.lease.moving == holder:
@@ -226,7 +226,7 @@ class ArmService:
         self._on_lost()
 
     def watch_operator(self, closing: threading.Event) -> None:
-        """Take the lease from an operator who falls silent, until closing.
+        """Withdraw the lease of an operator who falls silent, until closing.
 
         The limit is the dead-man time-out during a motion, otherwise 3 s.
         """
@@ -241,7 +241,7 @@ class ArmService:
             closing.wait(min(max(left_s, 0.001), _WATCH_PERIOD_S))
 
     def close(self, text: str) -> None:
-        """Give control to nobody from now on, and stop an operator's motion; ``text`` says why."""
+        """Give nobody control from now on, and stop an operator's motion; ``text`` says why."""
         self.lease.close()
         self.end_motion(text)
 

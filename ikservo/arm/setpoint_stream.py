@@ -127,9 +127,9 @@ class SetpointStream:
 
     Attributes:
         unreached: The number of setpoints that were out of reach; the arm went as near as it could.
-        refused: The number that the guard refused; the arm kept the setpoint before.
-        reason: Why the guard refused the last of them.
-        kept: The goal (n,) that the arm kept then, rad or m; None before.
+        refused: The number that the guard refused; the arm kept the previous setpoint.
+        reason: Reason why the guard refused the last of them.
+        kept: The goal (n,) that the arm kept at the last refusal, rad or m; None before.
     """
 
     def __init__(self, arm: ArmParts, speed: str, rate_hz: float | None) -> None:
@@ -182,7 +182,7 @@ class SetpointStream:
         Args:
             setpoint: Positions by joint, or of all joints (n,) in the order of ``names``, rad or m;
                 a pose T_base_tip (4, 4); or a ``Target``, for a point
-                ``Target((0.25, 0.0, 0.15))``. Positions outside the limits mean the limit.
+                ``Target((0.25, 0.0, 0.15))``. Positions are clamped to the limits.
 
         Raises:
             BadValueError: The setpoint has none of these forms, or a number is not finite.
