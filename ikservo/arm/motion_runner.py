@@ -52,7 +52,7 @@ _STOP_TIMEOUT_S = 1.0
 _MAX_RETURN_RAD = math.radians(5.0)
 _RETURN_HINT = "Nothing was sent. Move it back by hand, or request that motion: ikservo pose home."
 
-_POLL_PERIOD_S = 0.02  # within it ``state`` in another thread notices a motion
+_POLL_PERIOD_S = 0.02  # time in which ``state`` in another thread notices a motion
 
 TrajectoryFactory = Callable[[Vector], Trajectory]
 """Makes a trajectory that starts where the joints are (n,), rad or m."""

@@ -14,7 +14,7 @@ from ikservo.model.scene_file import KeepOutShape, PlacedArm, capsule_shape, tur
 from ikservo.planning.context import ArmContext
 from ikservo.planning.surroundings import Turn, other_moves
 
-# Backlash and bent links, which its sensors do not show, and its drift while this arm moves.
+# Margin for backlash and bent links, which sensors do not show, and for drift during a motion.
 _ROOM_M = 0.02
 _ANSWER_S = 1.0  # reading an arm takes milliseconds, as do other uses of its lock
 

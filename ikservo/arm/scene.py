@@ -37,7 +37,7 @@ from ikservo.planning.surroundings import Turn
 _LARGEST_M = 0.5  # half the size of what a gripper holds, in each direction
 _NAME = "The name of the thing"
 _WAIT_S = 2.0  # enough for a reading to end, not for a motion
-_POLL_S = 0.02  # within it a change notices that a motion has begun
+_POLL_S = 0.02  # time in which a change notices that a motion has begun
 _others_lock = threading.RLock()  # both scenes name arms in reach of each other
 
 

@@ -22,7 +22,7 @@ from ikservo.ik import Target
 from ikservo.kinematics.arrays import Vector
 from ikservo.planning.reports import MotionProgress
 
-_POLL_PERIOD_S = 0.1  # within it a waiting sender notices the loop's end
+_POLL_PERIOD_S = 0.1  # time in which a waiting sender notices the loop's end
 
 
 class SetpointMailbox:

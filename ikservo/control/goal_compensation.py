@@ -23,7 +23,7 @@ _SAG_RAD = 0.01
 _MAX_STEP_S = 0.02  # a late cycle counts as at most this long: goals must not jump after a stall
 _DIRECTION_RAD = 0.0005  # at the horn: friction reverses over a multiple of this (Dahl 1968)
 _DIRECTION_S = 0.05  # least time in which friction reverses, because goals must not jump
-# While the reference of a horn rests, errors up to so many ticks are ignored: stiction would make
+# While the reference of a horn rests, errors up to this many ticks are ignored: stiction would make
 # the joint jump over its target repeatedly.
 _REST_TICKS = 4.5
 _AT_REST_RAD_S = 0.003  # at the horn: width of the transition to a reference that rests
@@ -228,7 +228,7 @@ class GoalCompensator:
         moving = np.abs(last.velocity) / (_AT_REST_RAD_S * self._per_horn_rad)
         left = _REST_TICKS * self._tick * np.maximum(1.0 - moving, 0.0)
         preloaded = False if self._preload is None else self._preload.joints
-        ahead = preloaded & (self._fade_share > 0.0)  # it was pushed there: friction is not smaller
+        ahead = preloaded & (self._fade_share > 0.0)  # it was preloaded: friction is not lower
         growing = np.where(self._clamped | self._is_load_bounded, 0.0, grow)
         self._feedback.update(
             error,

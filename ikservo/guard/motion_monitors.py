@@ -15,7 +15,7 @@ from ikservo.kinematics.arrays import Vector
 from ikservo.model.arm_model import HealthLimits
 from ikservo.registers import Alarm
 
-_MAX_CYCLES = 3  # in so many cycles in a row a joint must be behind to count as blocked
+_MAX_CYCLES = 3  # a joint that is behind in this many consecutive cycles is blocked
 # A lagging joint slows its motion down before its error comes this close to the maximum lead.
 _ERROR_FRACTION = 0.9
 

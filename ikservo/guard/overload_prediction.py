@@ -37,12 +37,12 @@ _NEAR = 0.92  # fraction of the limit at which overload begins
 _ENDED = 0.88  # fraction of the limit below which it ends
 # Output that has not exceeded the limit itself for this long stays below it, and trips no servo.
 _REACHED_S = 0.1
-_RELAX_LEFT_S = 1.0  # with so little time left a joint is relaxed
+_RELAX_LEFT_S = 1.0  # a joint with no more time left than this is relaxed
 _RELAXED_SHARE = 0.6  # fraction of the limit to which it is relaxed
 # A joint that its load barely keeps from starting is near its reference.
 _NEAR_REFERENCE_RAD = 0.045  # at the horn
 _STARTING_S = 0.3  # time that it gets
-_LOAD_AGE_S = 0.3  # for so long a reading of the load is valid
+_LOAD_AGE_S = 0.3  # a reading of the load is valid for this time
 
 
 @dataclass(slots=True)

@@ -10,7 +10,7 @@ from ikservo.kinematics import Chain
 from ikservo.kinematics.arrays import Matrix, Vector
 from ikservo.motion.path import OrientationInterpolation, ToolPath
 
-# So small that the third difference of points every half millimetre is not just noise.
+# Tight enough that third differences of points half a millimetre apart are not mere noise.
 _TIGHT = Tolerance(1e-7, 1e-6)
 _REACHED_M = 1e-6  # largest error of a point on the line
 # A joint that moves further passes a singularity or changes its branch.

@@ -22,8 +22,8 @@ Point = tuple[float, float, float]
 
 _UP = read_only(np.array([0.0, 0.0, 1.0]))
 _BROKEN = 1e-4  # rad or m: larger excess violates a constraint; solved joints are exact to 1e-5
-_UNSEEN = 1e-3  # rad or m: so much excess may go unnoticed between two samples of a path
-# Paths are searched this far inside of a constraint, so that their corners can be rounded.
+_UNSEEN = 1e-3  # rad or m: this much excess may go unnoticed between two samples of a path
+# Paths are searched this far inside a constraint, so that their corners can be rounded.
 _INSIDE_M = 0.002
 _INSIDE_RAD = math.radians(1.0)
 _INSIDE_FRACTION = 0.15  # of the width of a narrow constraint

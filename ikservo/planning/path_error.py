@@ -15,7 +15,7 @@ from ikservo.planning.planner import Planner
 # Time between two samples of the commanded path: 0.06 mm of a circle of 5 cm at 0.25 m/s.
 _STEP_S = 0.01
 _LAG_S = 1.0  # the joints lag behind their goals by less than this
-_LEAD_S = 0.1  # by less than this a reading is older than its goal
+_LEAD_S = 0.1  # a reading is older than its goal by less than this
 _CHUNK = 2000  # points at a time, to bound memory
 
 

@@ -71,7 +71,7 @@ _LONGEST_S = 3600.0
 # Top speed of the tip on a line; safety standards call 0.25 m/s reduced speed.
 _TIP_M_S = {"slow": 0.1, "normal": 0.25, "fast": 0.5}
 _STARTS = 24  # random starts to solve a point
-_MISSES = 4  # after so many failures without a success the others are left out
+_MISSES = 4  # after this many failures and no success the other starts are left out
 _SAME_GOAL = 0.05  # solutions that differ by less are the same, rad or m
 # Fraction of a blend at which a waypoint is passed; see ``BlendedPath``.
 _PASSED = 0.375

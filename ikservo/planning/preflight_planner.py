@@ -215,7 +215,7 @@ class PreflightPlanner:
         try:
             return self._check_clear(request, plan)
         except CollisionError as error:
-            next(self._plans_around(request, plan.goal, error), None)  # says it
+            next(self._plans_around(request, plan.goal, error), None)  # adds a hint
             raise
 
     def _plan_to_point(self, request: _MotionRequest, motion: MoveTo) -> MotionPlan:

@@ -15,7 +15,7 @@ _MIN_RAD_S = 16 * math.tau / 4096  # at the horn, not slower: stiction must be o
 # A servo may have less friction than known, by this fraction of both directions together.
 _FRICTION_MARGIN = 0.15
 # While the joint jumps its goal goes back: otherwise it would overshoot.
-_BRAKE_S = 0.05  # times the speed of the joint is how far the goal goes back
+_BRAKE_S = 0.05  # the goal goes back by this time multiplied by the joint's speed
 _BRAKE_FILTER_S = 0.02  # filter of that speed
 _MAX_BRAKE_TICKS = 4.0  # the goal goes back no further, or a fast swing would make it leap
 # A joint that swung in its backlash is corrected again once it rests, slower each time [rad/s at
