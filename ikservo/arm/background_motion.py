@@ -51,7 +51,7 @@ class Stoppable(Protocol):
 class RunningMotion(Generic[T]):
     """A motion that runs in a thread of its own; ``wait`` returns its report.
 
-    An error of the motion is raised by ``wait``, each time it is called. An ``async`` program may
+    ``wait`` raises the motion's error each time it is called. An ``async`` program may
     ``await`` the motion instead; cancelling the task then cancels the motion.
 
     Args:
@@ -260,7 +260,7 @@ class Background:
         Args:
             work: Plans and executes the motion, and returns its result.
             args: Its arguments.
-            kwargs: Its arguments.
+            kwargs: Its keyword arguments.
 
         Raises:
             RefusedError: The errors of ``turn``.

@@ -211,7 +211,7 @@ def _recording(recorder: PathRecorder, swings: MotionSwings, reporter: OnCycle |
 class _PathWatch:
     """Stops a motion before an obstacle that has come into the rest of its path.
 
-    Whenever the scene has changed, the rest is checked again, a piece in each cycle. The first
+    Whenever the scene has changed, the rest is checked again, one piece per cycle. The first
     piece is longer than the stopping distance of the arm.
 
     Args:

@@ -101,7 +101,7 @@ class CalibratedJoint(StrictModel):
 
 
 class CalibratedOrigin(StrictModel):
-    """The corrected origin of a joint: a link of another length."""
+    """The corrected origin of a joint, for a link of another length."""
 
     joint: Name = Field(description="a joint between base and tip")
     moved_mm: tuple[Move, Move, Move] = Field(strict=False, description=_MOVE)
@@ -292,7 +292,7 @@ def read_partial(path: Path) -> PartialCalibration | None:
 def shift_zeros(
     joints: Sequence[CalibratedJoint], maps: Sequence[JointMap], zeros: Vector
 ) -> tuple[CalibratedJoint, ...]:
-    """Return joints whose positions are larger by ``zeros`` (dof,) if they have a map."""
+    """Return joints with positions increased by ``zeros`` (dof,); those without a map stay."""
     shifts = {m.joint: float(z) for m, z in zip(maps, zeros, strict=True)}
     return tuple(_shift_joint(joint, shifts, maps) for joint in joints)
 

@@ -35,7 +35,7 @@ _Memory = Mapping[Annotated[str, Field(max_length=64)], int]
 
 
 class EepromChange(StrictModel):
-    """One servo: its old and its new raw numbers."""
+    """The change of one servo: its old and its new raw numbers."""
 
     id: int = Field(ge=0, le=252, description="a whole number from 0 to 252")
     old: _Memory = Field(description="register = raw number")
@@ -50,7 +50,7 @@ class Journal(StrictModel):
         old_text: Its old content; empty if there was none.
         new_text: Its new content.
         changes: The changes by servo, in the order of writing.
-        temporary: Whether the new numbers serve only a search of end stops, and are never kept.
+        temporary: Whether the new numbers only serve a search for end stops, and are never kept.
     """
 
     format: Literal[1] = Field(description="1")
@@ -130,7 +130,7 @@ def commit(
         path: The calibration file.
         text: Its new content; empty for no file; ignored if temporary.
         changes: The new registers of the servos.
-        temporary: Whether they serve only a search of end stops. The journal then stays until
+        temporary: Whether they only serve a search for end stops. The journal then stays until
             ``roll_back`` or the next ``commit``.
 
     Raises:
@@ -183,7 +183,7 @@ def progress(bus: ServoBus, journal: Journal) -> TransactionProgress:
 
 
 def recover(bus: ServoBus, journal_path: Path, *, calibrating: bool = False) -> str:
-    """Recover an interrupted transaction if that needs no servo to be written.
+    """Recover an interrupted transaction if no servo has to be written for that.
 
     A temporary one is undone if the servos are limp.
 
@@ -332,7 +332,7 @@ def _roll_back_after(
 
 
 def _lock_eeproms(bus: ServoBus, journal: Journal) -> None:
-    """Lock memories that a killed program may have left unlocked."""
+    """Lock EEPROMs that a killed program may have left unlocked."""
     for change in journal.changes:
         lock = bus.servos[change.id].table.eeprom_lock
         if lock and bus.read(change.id, lock, raw=True) == 0:

@@ -28,7 +28,7 @@ RELAX_HINT = "Switch torque off with: ikservo relax"
 class StopRequest:
     """A request to stop the arm: its reason and the number of requests.
 
-    Setting it is safe in signals and threads: a few assignments. The control loop checks it
+    Signals and threads may set it, because that is a few assignments. The control loop checks it
     in every cycle. A stop also ends earlier requests that have not begun to move: ``requested``
     marks the code that belongs to a request, ``check_request`` ends it.
 

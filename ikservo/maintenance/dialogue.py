@@ -155,7 +155,7 @@ class HandRequest:
         progress: Values that differ once the user has done something.
         missing: The error if nothing is done for a minute.
         readings: The joints to show while they are moved; None if there are none.
-        current: The name of the joint to move; empty if it is not a particular one.
+        current: The name of the joint to move; empty if it may be any joint.
         ticks: The unwrapped tick of each servo, by id.
         error: The reason why the last answer was refused, until the next; None if it was not.
     """

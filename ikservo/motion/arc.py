@@ -26,7 +26,7 @@ class ArcPath:
         center_m: The centre (3,), metres.
         start_m: The start (3,), metres.
         normal: The unit vector (3,) about which it turns, perpendicular to the radius.
-        angle_rad: The angle of the arc; negative for the other way round.
+        angle_rad: The angle of the arc; negative for the opposite direction.
 
     Attributes:
         radius_m: The radius.

@@ -1,4 +1,4 @@
-"""Positions and velocities of all joints at instants, and their table as CSV."""
+"""Sampled positions and velocities of all joints, and their export as CSV."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class SampledTrajectory:
     Attributes:
         names: The joints, in the order of the columns (n).
         units: ``rad`` or ``m`` for each joint.
-        times_s: The instants (k,), seconds since the start, growing.
+        times_s: The instants (k,), seconds since the start, increasing.
         positions: (k, n), rad or m.
         velocities: (k, n), rad/s or m/s.
     """

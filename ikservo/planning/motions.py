@@ -126,7 +126,7 @@ Replan = Annotated[bool, _flag("replan")]
 
 @dataclass(frozen=True)
 class MotionValue(Generic[R]):
-    """A motion whose result is an ``R``: the common part of all kinds.
+    """Base of all kinds of motions; ``R`` is the type of the result.
 
     Attributes:
         kind: The name of its kind in JSON and TOML, such as ``move_to``.

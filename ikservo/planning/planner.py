@@ -94,7 +94,7 @@ class PointGoal:
     stance: ToolOrientation
 
     def reached_by(self, plan: MotionPlan) -> MotionPlan:
-        """Return a plan that ends here with its target and the tool's orientation."""
+        """Return a plan that ends here, with its target and the tool's orientation set."""
         return _with_target(plan, self.target, self.solved, self.stance)
 
 
@@ -434,7 +434,7 @@ class Planner:
     def _solve_variation(
         self, target: Target, wanted: ToolOrientation, stance: ToolOrientation, q: Vector
     ) -> OrientationSolution | None:
-        """Solve for one orientation within those of ``stance``; None if there is no solution."""
+        """Solve for ``wanted``, an orientation that ``stance`` allows; None without a solution."""
         try:
             solved = solve_with_orientation(self._chain, self._tool, target, wanted, q)
             if wanted is not stance:

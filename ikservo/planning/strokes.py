@@ -68,7 +68,7 @@ def _check_reach(planner: Planner, drawing: Draw, at: Vector) -> None:
 
 @contextmanager
 def _at(place: str) -> Generator[None]:
-    """Add to an error at which place of the drawing it occurs."""
+    """Add the place in the drawing to an error."""
     try:
         yield
     except UnreachableError as error:
