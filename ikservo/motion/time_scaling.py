@@ -44,7 +44,7 @@ class _SpeedZone:
 
 
 class TimeScaling:
-    """Nearly time-optimal scaling of a curve, from rest to rest.
+    """Fast time scaling of a curve, from rest to rest.
 
     With s the distance, the joints do ``q̇ = q' ṡ``, ``q̈ = q'' ṡ² + q' s̈`` and
     ``q⃛ = q''' ṡ³ + 3 q'' ṡ s̈ + q' s⃛``. The curve is cut into zones; in each, bounds on its
