@@ -153,7 +153,7 @@ class ServoBus(RegisterAccess):
     def sync_write(
         self, ref: RegisterRef, values: Mapping[int, float], *, raw: bool = False
     ) -> None:
-        """Write a register of many servos with one packet; the protocols have no reply to it.
+        """Write a register of many servos with one packet, to which servos do not reply.
 
         Raises:
             RegisterAccessError: A register forbids its value; nothing was sent to any servo.
@@ -188,7 +188,7 @@ class ServoBus(RegisterAccess):
         return self._writings[key]
 
     def bulk_write(self, values: Mapping[int, Mapping[_Key, float]], *, raw: bool = False) -> None:
-        """Write each servo's own registers; the protocols have no reply to it.
+        """Write each servo's own registers, without replies from the servos.
 
         Neighbouring registers use one packet, and so do servos as far as the family allows.
 

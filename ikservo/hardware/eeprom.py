@@ -35,9 +35,9 @@ class RegisterDifference:
     """A register whose value differs from the expected one.
 
     Attributes:
-        found: Its present raw number.
-        expected: Its expected raw number.
-        expected: The raw number it should hold.
+        register: The register.
+        found: The raw number that it holds.
+        expected: The raw number that it should hold.
     """
 
     register: Register

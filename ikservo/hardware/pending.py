@@ -51,7 +51,7 @@ class LineHealth:
 
 
 class ByteRateCheck:
-    """Counts the bytes of a reply that can have arrived; more bytes are older than the request.
+    """Counts the reply bytes that can have arrived; any excess predates the request.
 
     Some lines are faster than their baud rate (a socket, a bridge, a pseudo-terminal). The limit
     therefore applies only after replies have met it for a while, and not after it has lost a reply.
@@ -137,16 +137,16 @@ class PendingReplies:
 
     @property
     def any_pending(self) -> bool:
-        """Whether a reply may be overdue; some that can no longer come count, too."""
+        """Whether a reply may be overdue; expired entries not yet removed also count."""
         return bool(self._pending)
 
     def pending_until_s(self, servo_ids: _Ids, now_s: float) -> float | None:
-        """Return the time until which a reply of any of them is pending, or None."""
+        """Return when the last pending reply of these servos expires; None if none is pending."""
         pending = (entry for servo_id in servo_ids for entry in self._pending_of(servo_id, now_s))
         return max((until_s for _, until_s in pending), default=None)
 
     def clear_from_s(self, servo_ids: _Ids, now_s: float, health: LineHealth) -> float:
-        """Return the time from which no older reply can come, neither overdue nor doubled."""
+        """Return the time after which no older reply, overdue or duplicated, can arrive."""
         pending_s = self.pending_until_s(servo_ids, now_s) or now_s
         if not health.degraded:
             return pending_s
@@ -256,7 +256,7 @@ _MAX_OWN_MISSES = 2  # consecutive timeouts that still count as a servo's fault
 
 
 class AdaptiveTimeout:
-    """Estimate from past replies how long to wait for one that may not come.
+    """Estimate from past replies how long to wait for a reply that may never come.
 
     USB adapters hold bytes back for 1 to 16 ms, each differently, so the wait starts long and
     shrinks to a multiple of the slowest recent reply. It grows again while no servo replies.

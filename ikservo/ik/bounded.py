@@ -135,7 +135,7 @@ class Search:
 
 
 _Key = tuple[bool, str | None, bytes, bytes, Options]
-"""Whether the orientation is free, the frame, its point, the axis with a direction, options."""
+"""Cache key: whether the orientation is free, frame, its point, axis with a direction, options."""
 
 
 class _Searches(threading.local):

@@ -99,7 +99,7 @@ def solutions(chain: Chain, target: Target, q0: ArrayLike | None = None) -> tupl
 
 
 def approximate_solutions(chain: Chain, target: Target, problem: AnalyticProblem) -> list[Vector]:
-    """Compute the solutions of the recognised structure, in no order.
+    """Compute the solutions of the recognised structure, in no particular order.
 
     They are exact solutions of the arm if the structure is exact.
     """
@@ -134,7 +134,7 @@ def _with_another_wrist(
 
 
 def rank_by_distance(found: Iterable[Vector], start: Vector) -> tuple[Vector, ...]:
-    """Compute the solutions (dof,) by distance to the start, each once."""
+    """Sort the solutions (dof,) by distance to the start, without duplicates."""
     kept: list[Vector] = []
     for q in sorted(found, key=lambda q: float((q - start) @ (q - start))):
         if not any(_is_same_solution(q, other) for other in kept):

@@ -30,7 +30,7 @@ def finite_vector(values: ArrayLike, size: int, what: str) -> Vector:
 
 
 def finite_vectors(values: ArrayLike, size: int, what: str) -> Vector:
-    """Compute one vector (size,) or many (n, size) as floats; see ``finite_array``."""
+    """Return one vector (size,) or many (n, size) as floats; see ``finite_array``."""
     array = as_floats(values, what, f"numbers of shape ({size},) or (n, {size})")
     if array.ndim not in (1, 2) or array.shape[-1] != size:
         raise BadValueError(what, f"of shape {array.shape}", f"shape ({size},) or (n, {size})")

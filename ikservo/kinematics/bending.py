@@ -61,7 +61,7 @@ class Bending:
 
     @staticmethod
     def side(torque: Vector) -> Vector:
-        """Return the side of its backlash to which a torque presses a joint, -1 to 1."""
+        """Return the side of the backlash, -1 to 1, to which a torque presses a joint."""
         return np.tanh(torque / _SIDE_NM)
 
     def derivatives(self, q_link: Matrix) -> tuple[Matrix, Matrix, Matrix]:

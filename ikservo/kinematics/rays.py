@@ -33,11 +33,11 @@ class Ray:
         freeze_arrays(self)
 
     def at(self, distance_m: float) -> Vector:
-        """Return the point (3,) at a distance along it."""
+        """Return the point (3,) at a distance along the ray."""
         return self.origin_m + distance_m * self.direction
 
     def intersect_plane(self, point_m: Vector, normal: Vector) -> Vector | None:
-        """Compute the intersection (3,) with a plane; None if it is not met."""
+        """Compute the intersection (3,) with a plane; None if the ray misses it."""
         slope = float(self.direction @ normal)
         if abs(slope) < _PARALLEL_TO_PLANE:
             return None
@@ -45,7 +45,7 @@ class Ray:
         return None if distance_m < 0.0 else self.at(distance_m)
 
     def distance_to_level_m(self, z_m: float) -> float:
-        """Return the distance to the level plane at z, metres; infinite if it is not met."""
+        """Return the distance to the level plane at z, metres; infinite if the ray misses it."""
         if abs(float(self.direction[2])) < _LEVEL:
             return math.inf
         distance_m = float((z_m - self.origin_m[2]) / self.direction[2])

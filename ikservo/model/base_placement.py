@@ -52,7 +52,7 @@ def parse_frame(text: str) -> Matrix:
 
 
 def turn_base(urdf: Urdf, T: Matrix) -> Urdf:
-    """Place the root of a tree, with everything on it, at a pose (4, 4) in its own frame."""
+    """Move the root of a tree, with everything on it, to a pose (4, 4) in its own frame."""
 
     def place_link(link: UrdfLink) -> UrdfLink:
         if link.name != urdf.root:

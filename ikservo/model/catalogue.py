@@ -57,7 +57,7 @@ def catalogue_name(path: Path) -> str | None:
 
 
 def _arm_folders() -> tuple[Path, ...]:
-    """Return the folders that contain one folder per arm; ours first, so that our names win."""
+    """Return the folders with one folder per arm; ours come first, so that our names win."""
     package = Path(__file__).absolute().parents[1]
     shipped = package / "_configs"
     return (shipped if shipped.is_dir() else package.parent / "configs", *_folders_of_others())

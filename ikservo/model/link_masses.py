@@ -18,7 +18,7 @@ _FEETECH_GAIN = 32  # the P gain by default
 
 
 def link_masses(model: Model, chain: Chain) -> list[LinkMass]:
-    """Return the masses and inertia of a chain's links; those without a mass are left out."""
+    """Return the masses and inertia of a chain's links; links without a mass are omitted."""
     return [
         LinkMass(link.name, link.mass_kg, np.array(link.com_m), _inertia_tensor(link))
         for link in model.urdf.links

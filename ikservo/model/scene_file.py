@@ -312,7 +312,7 @@ def scene_text(things: Sequence[Obstacle], arms: Sequence[PlacedArm] = ()) -> st
 
 
 def _rounded(value: object) -> object:
-    """Return metres, degrees or a direction without digits that no ruler shows."""
+    """Round metres, degrees or a direction to six decimals."""
     if isinstance(value, str):
         return value
     return np.round(np.array(value), 6).tolist()

@@ -26,7 +26,7 @@ class UrdfJointType(Enum):
 
     @property
     def is_movable(self) -> bool:
-        """Whether the joint has a coordinate at all."""
+        """Whether the joint has a coordinate."""
         return self is not UrdfJointType.FIXED
 
 

@@ -20,7 +20,7 @@ from ikservo.model.urdf_types import Triple
 _NUMBER = re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)([eE][+-]?\d+)?", re.ASCII)
 _MAX_NAME_CHARS = 128
 LARGEST_NUMBER = 1e6
-"""Largest number, in metres, radians, kilograms: products of larger ones overflow."""
+"""Largest number [m, rad, kg], because products of larger ones overflow."""
 
 
 @dataclass(slots=True)
@@ -57,7 +57,7 @@ class XmlElement:
         return child
 
     def text(self, attribute: str) -> str:
-        """Return an attribute that must be there."""
+        """Return a required attribute."""
         if attribute not in self.attributes:
             raise self.error(f"<{self.tag}> has no {attribute}", f'{attribute}="…"')
         return self.attributes[attribute]

@@ -105,7 +105,7 @@ class DynamixelX:
 
 
 class X330:
-    """Rows of the small servos: their current is in milliamperes."""
+    """Rows of the small servos, whose current is in milliamperes."""
 
     baud_rate              = Register(   8, 1,  UINT, NUMBER,       RW,  EEP,        0,        6)
     protocol_type          = Register(  13, 1,  UINT, NUMBER,       RW,  EEP,        2,       22)
@@ -184,7 +184,7 @@ class XC330T181(XC330T, X330, DynamixelX, ControlTable):
 
 
 class XL430:
-    """Rows of the 12 V servos without a current sensor: they report load instead."""
+    """Rows of the 12 V servos without a current sensor; they report load instead."""
 
     max_voltage_limit      = Register(  32, 2,  UINT, DECI_VOLT,    RW,  EEP,       60,      140)
     min_voltage_limit      = Register(  34, 2,  UINT, DECI_VOLT,    RW,  EEP,       60,      140)

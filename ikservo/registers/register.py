@@ -55,7 +55,7 @@ class TwosComplement:
         return word - (1 << 8 * size) if word >> 8 * size - 1 else word
 
     def span(self, size: int) -> tuple[int, int]:
-        """Compute the negative and the positive half of the span."""
+        """Return the lowest and the highest two's complement number."""
         half = 1 << 8 * size - 1
         return -half, half - 1
 
@@ -80,7 +80,7 @@ class SignMagnitude:
         return -magnitude if word >> self.bit & 1 else magnitude
 
     def span(self, size: int) -> tuple[int, int]:
-        """Compute the same magnitude in both directions; zero has two words."""
+        """Return a span that is symmetric about zero; zero itself has two words."""
         highest = (1 << self.bit) - 1
         return -highest, highest
 

@@ -38,7 +38,7 @@ class LinkTransforms:
 def _column_of_all(step: ChainJoint, chain: Chain, names: Sequence[str]) -> ChainJoint:
     """Return a joint that takes its value from the vector of all joints.
 
-    This includes a joint beside the path to the tip, which the chain itself holds still: a jaw.
+    This includes a joint beside the path to the tip, which the chain holds still, such as a jaw.
     """
     joint = step.joint
     if step.scale:

@@ -130,7 +130,7 @@ def _keep_going_check(machine: OpenArm, time_s: float | None) -> Generator[KeepG
 
 
 def _duration_check(machine: OpenArm, duration_s: float) -> KeepGoing:
-    """Return a check for a time that starts with the motion: torque comes on before it."""
+    """Return a check for a time that starts with the motion, after torque is switched on."""
     end_s = math.inf
 
     def keep_going() -> bool:
