@@ -21,8 +21,8 @@ class TouchedPoints:
     """Touches of a test; they are kept if the test is stopped.
 
     Attributes:
-        tips: Name and position (3,) of each touched point, and the position (3,) of the tip by the
-            measured joints; metres, base frame.
+        tips: Name and position (3,) of each touched point, and the position (3,) of the tip from
+            the measured joints; metres, base frame.
         stopped: Why the test ended early; None if it is complete.
     """
 

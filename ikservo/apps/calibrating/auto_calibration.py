@@ -75,8 +75,8 @@ def probe_end_stop(
         bus: Its servos.
         joint: The joint.
         end: Its goal, rad or m, beyond the stop that is searched for.
-        fraction: The fraction of its torque that the servo may use, 0 to 1; afterwards it may use
-            all of it.
+        fraction: The fraction of its torque that the servo may use, 0 to 1; full torque is
+            allowed again afterwards.
         on_positions: Called with the measured joints (n,) in every control cycle.
 
     Raises:
@@ -125,7 +125,7 @@ class _EndStopSearch:
         return self._trajectory
 
     def _slow_limits(self) -> list[KinematicLimits]:
-        """Return slow limits that still brake hard: the goal must not run past the stop."""
+        """Return slow limits with hard braking, so that the goal does not run past the stop."""
         planner = self._context.planner
         pairs = zip(planner.motion_limits("slow"), planner.motion_limits("normal"), strict=True)
         return [
@@ -177,7 +177,7 @@ class RangeEnd:
     Attributes:
         joint: The joint.
         start: The position from which the search starts: the middle of its range.
-        expected: Its position in the arm file.
+        expected: The position of this end in the arm file.
         past: The goal of the search, beyond the expected position.
     """
 
@@ -387,7 +387,7 @@ class AutoCalibration:
         self.partial_limits[subject.name] = Limits(subject.name, low, high, expected.unit)
 
     def _learn(self, subject: JointUnderCalibration) -> None:
-        """Let the postures for other joints use the measured range of a joint."""
+        """Tell the posture planner the measured range of a joint."""
         names = self.arm.model.chain.names
         ends = measure_joint(self.state, subject).range_inside_margin(0.0)
         if ends is not None and subject.name in names:

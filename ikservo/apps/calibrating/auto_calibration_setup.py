@@ -373,7 +373,7 @@ class MeasuredRanges:
     Attributes:
         path: The file.
         travels: The measured joints of the file; empty if it is missing or malformed.
-        written: When the file was written; empty if there is no file.
+        written: Time at which the file was written; empty if there is no file.
     """
 
     def __init__(self, loose: TorqueOffArm) -> None:
@@ -395,7 +395,7 @@ class MeasuredRanges:
         write_atomic(self.path, dump_partial(self._make_partial()))
 
     def remove_file(self) -> None:
-        """Remove the file: a calibration has been saved, or all joints are measured again.
+        """Remove the file, because a calibration was saved or all joints are measured again.
 
         Raises:
             FileWriteError: The file cannot be removed.

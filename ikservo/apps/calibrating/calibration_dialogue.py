@@ -1,6 +1,6 @@
 """The dialogue of a calibration by hand: torque off, pose, directions, sweep, review.
 
-Step 1 is the pose; then follow one step per joint for its direction, the sweep and the review. The
+Step 1 is the pose. One step per joint for its direction, the sweep and the review follow. The
 number of a skipped joint is left out, so that the other numbers do not change.
 """
 
@@ -72,7 +72,7 @@ class CalibrationOptions:
         margin_rad: Margin between each end stop and the limit, angle of the horn.
         continuous: Joints without end stops.
         skip: Joints that keep the arm file's range and sign.
-        joints: Joints to be calibrated again; none for all.
+        joints: Joints to be calibrated again; empty: all joints.
         user: Ranges set by the user, by joint.
         write_limits: Whether to write the limits into the servos; None to ask.
     """
@@ -119,7 +119,7 @@ def calibrate_by_hand(
     Args:
         limp_arm: The arm, torque off.
         options: The choices that were made beforehand.
-        base: The calibration of which some joints are replaced; None if all are new.
+        base: The calibration in which some joints are replaced; None if all are new.
 
     Raises:
         CalibrationError: A zero is implausible, and the user did not confirm the pose.
@@ -146,7 +146,7 @@ def switch_torque_off(limp_arm: TorqueOffArm) -> Dialogue[None]:
     """Switch torque off after the user has confirmed it.
 
     Raises:
-        FileWriteError: No calibration could be saved afterwards.
+        FileWriteError: A calibration could not be saved afterwards.
         IkservoError: Servos hold the arm, and the user did not confirm; nothing was changed.
     """
     for path in (limp_arm.path, limp_arm.journal_path):
@@ -207,7 +207,7 @@ def apply_answer(state: CalibrationState, text: str) -> CalibrationState:
     Raises:
         BadValueError: The text is not an answer.
         UnknownNameError: The arm has no joint of that name.
-        CalibrationError: Something is missing before it can be accepted.
+        CalibrationError: The answer cannot be accepted yet, because something is missing.
     """
     verb, _, joint = text.strip().partition(" ")
     steps = {
@@ -232,7 +232,7 @@ def read_script(path: Path) -> list[str]:
 
 
 def possible_answers(state: CalibrationState, at_s: float) -> HandRequest:
-    """Return the request of a state before the review, read at a time [s], without its text."""
+    """Return the request without text for a state, read at a time [s], before the review."""
     ranges = ((track.low, track.high) for track in state.tracks.values())
     current = state.current_joint
     if state.stage is CalibrationStage.REFERENCE_POSE:
@@ -260,7 +260,7 @@ def possible_answers(state: CalibrationState, at_s: float) -> HandRequest:
 
 
 def _sweep_choices(state: CalibrationState, issue: CalibrationError | None) -> tuple[Choice, ...]:
-    """Return the answers of a sweep; keys refer to the current joint, or to that of an issue."""
+    """Return the answers of a sweep; keys act on the current joint, or on that of an issue."""
     complete = all(range_complete(state, subject) for subject in state.subjects)
     wait_s = None if issue else _UNCHANGED_S if complete else _COMPLETE_AFTER_S
     joints = tuple(subject.name for subject in state.subjects)
@@ -326,7 +326,7 @@ def review(
         limp_arm: The arm.
         state: The calibration at its review.
         options: The choices that were made beforehand.
-        base: The calibration of which some joints are replaced; None if all are new.
+        base: The calibration in which some joints are replaced; None if all are new.
         more: Answers besides saving, for a page with buttons.
         may_have_sagged: See ``find_shifted_zeros``.
 

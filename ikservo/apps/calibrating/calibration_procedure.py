@@ -201,7 +201,7 @@ class CalibrationState:
         reasons: Reason why a program could not measure a joint, by joint.
         free: Joints that the user marked as having no stops.
         known_signs: Joints whose sign in the arm file is known to be right.
-        motor_driven: Whether the servos move the joints, not a hand.
+        motor_driven: Whether the servos, not the user, move the joints.
         direction_start: The tick from which the current joint must be moved.
         before: The state before the last input.
     """
@@ -262,7 +262,7 @@ class CalibrationState:
         return named[joint]
 
     def sign(self, subject: JointUnderCalibration) -> int:
-        """Return a joint's sign: as found, else the arm file's."""
+        """Return a joint's sign as found, or else the arm file's."""
         return self.signs.get(subject.name, subject.joint_map.sign)
 
     def is_measured(self, subject: JointUnderCalibration) -> bool:
@@ -270,7 +270,7 @@ class CalibrationState:
         return subject.name not in self.skipped and subject.known is None
 
     def position(self, subject: JointUnderCalibration, tick: float) -> float:
-        """Return a joint's position [rad or m] at a tick, after the reference pose."""
+        """Return a joint's position [rad or m] at a tick, once the reference pose is recorded."""
         placed = subject.with_mounting(self.sign(subject), self.reference_ticks[subject.servo_id])
         return placed.position(tick)
 
@@ -297,10 +297,10 @@ class CalibrationState:
         return replace(self, tracks=tracks)
 
     def accept(self) -> CalibrationState:
-        """Continue: take the pose, or end the sweep.
+        """Accept the reference pose, or end the sweep.
 
         Raises:
-            CalibrationError: Something is missing; the message names it, and the stage stays.
+            CalibrationError: Something is missing; the message names it. The stage does not change.
         """
         if self.stage is CalibrationStage.REFERENCE_POSE:
             return self._take_anchor()
@@ -380,7 +380,7 @@ class CalibrationState:
         )
 
     def _set_sign(self, subject: JointUnderCalibration, sign: int) -> CalibrationState:
-        """Set a joint's sign; if it is opposite to the arm file's, only the second time."""
+        """Set a joint's sign; a sign opposite to the arm file's must be found twice."""
         name = subject.name
         if sign != subject.joint_map.sign and name not in self.unconfirmed_signs:
             return self._remember_previous(
@@ -394,7 +394,7 @@ def _drop_joint(signs: Mapping[str, int], joint: str) -> dict[str, int]:
 
 
 def joint_readouts(state: CalibrationState) -> Iterator[JointReadout]:
-    """Yield the readout of each joint, after the reference pose."""
+    """Yield the readout of each joint, once the reference pose is recorded."""
     for subject in state.subjects:
         track = state.tracks[subject.servo_id]
         ends = sorted(state.position(subject, tick) for tick in (track.low, track.high))

@@ -64,7 +64,7 @@ class MeasuredJoint:
         """Return the intersection of recorded range, arm file and user's limits.
 
         Raises:
-            CalibrationError: It is empty; the message names the two ranges that do not overlap.
+            CalibrationError: The intersection is empty; the message names two disjoint ranges.
         """
         ends = self.range_inside_margin(margin_rad)
         if ends:
@@ -218,7 +218,7 @@ def _choose_offsets(
     homing: Homing,
     travel: TickRange,
 ) -> list[tuple[int, int]]:
-    """Choose the offset of each servo of a joint: shadows report the ticks of the first one."""
+    """Choose offsets with which the shadows of a joint report the ticks of its first servo."""
     rows = [(subject.servo_id, homing.offset)]
     reported = round(state.reference_ticks[subject.servo_id] - homing.shift)
     for shadow_id in subject.shadow_ids:

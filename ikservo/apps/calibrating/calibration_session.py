@@ -416,7 +416,7 @@ _USER_KEYS = ("user_lower_deg", "user_upper_deg", "user_lower_m", "user_upper_m"
 
 
 def base_calibration(loose: TorqueOffArm, joints: Collection[str]) -> Calibration:
-    """Load the calibration of which some joints are to be replaced.
+    """Load the calibration in which some joints are to be replaced.
 
     Raises:
         CalibrationError: There is no calibration, it is another arm's, or the servos of the joints
@@ -432,7 +432,7 @@ def base_calibration(loose: TorqueOffArm, joints: Collection[str]) -> Calibratio
 
 
 def merge_outcome(base: Calibration, outcome: CalibrationResult) -> CalibrationResult:
-    """Complete a result of some joints with the other joints, geometry and user limits before."""
+    """Add other joints, geometry and user limits of ``base`` to the result of some joints."""
     new = {joint.name: joint for joint in outcome.calibration.joints}
     joints = tuple(
         _with_user_range(new[old.name], old) if old.name in new else old for old in base.joints
@@ -442,7 +442,7 @@ def merge_outcome(base: Calibration, outcome: CalibrationResult) -> CalibrationR
 
 
 def find_replaced_zeros(base: Calibration, joints: Collection[str]) -> Iterator[str]:
-    """Yield a warning for each result that a new calibration of some joints replaces."""
+    """Yield a warning for each earlier result that is lost if some joints are calibrated again."""
     yield from find_lost_camera(base)
     if base.geometry:
         yield (

@@ -202,7 +202,7 @@ class LeastSquaresProblem:
         return values
 
     def residuals(self, x: Vector, kept: Mask) -> Vector:
-        """Compute the errors of the kept touches, then x against its prior, in deviations."""
+        """Compute errors of the kept touches, then of x from its prior, in standard deviations."""
         errors = self.tip_errors(self.values(x))[0][kept].ravel() / TOUCH_M
         return np.concatenate([errors, (x - self.start) / self.prior])
 
@@ -252,7 +252,7 @@ class CalibrationFit:
         scaled: Singular values, descending, of the Jacobian of the touches with respect to all
             estimated parameters, each scaled by its prior. Touches add information if a value is
             above 1.
-        kept: The touches (n,) that were used.
+        kept: Whether each touch (n,) was used.
         residuals_m: Distance of the tip from each point (n,), outliers included.
     """
 
@@ -310,7 +310,7 @@ def fit_robustly(
     """Fit the arm to most touches, without the outliers.
 
     Raises:
-        CalibrationError: More than a third of the touches contradict the others, or all do.
+        CalibrationError: More than a third of the touches contradict the others, or none fits.
     """
     problem = LeastSquaresProblem(chain, touches, extent)
     all_touches = np.ones(len(touches), dtype=np.bool_)

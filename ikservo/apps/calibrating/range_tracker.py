@@ -1,6 +1,6 @@
 """Range tracking of one joint: unwrapped ticks, standstill and end-stop detection.
 
-None of the three is reliable alone: a joint stands still because it has not started to move;
+No single sign of a stop is reliable: a joint stands still because it has not started to move;
 its load is high because it lifts something; it lags because the bus was busy. A stop is found only
 if the joint rests for a while, well behind its goal, with its servo near its maximum load.
 """

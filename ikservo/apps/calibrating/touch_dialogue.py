@@ -52,7 +52,7 @@ def touch_points(
     Args:
         limp_arm: The arm, torque off.
         state: The touch-off at its first point.
-        kept: Receives the touches as they are made; the dialogue then ends without evaluation.
+        kept: Receives the touches as they are made; if given, the dialogue ends without evaluation.
 
     Raises:
         BusError: The servos stopped replying.

@@ -190,5 +190,5 @@ class TouchOffState:
 
     @property
     def has_enough_touches(self) -> bool:
-        """Whether the touches could be reviewed."""
+        """Whether there are enough touches for a review."""
         return len(self.touches) >= MIN_TOUCHES

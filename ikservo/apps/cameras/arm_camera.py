@@ -108,7 +108,7 @@ class ArmCamera:
 
         Raises:
             CalibrationError: The arm has no calibrated camera, or the camera has moved since,
-                delivers no picture, or one of another size.
+                it delivers no picture, or the picture has another size.
             InputError: OpenCV is not installed, or there is no such camera.
         """
         size, camera = self.model().lens.size, known_camera(self._context, self._name)[0]
@@ -181,7 +181,7 @@ def camera_of(arm: OpenArm) -> ArmCamera:
 
 
 def camera_key(context: ArmContext) -> str:
-    """Return the adapter's serial number: it tells the cameras of arms of one name apart."""
+    """Return the adapter's serial number, which distinguishes arms of the same name."""
     return SIMULATED if context.zeros is ZeroSource.SIMULATED else context.serial_number
 
 

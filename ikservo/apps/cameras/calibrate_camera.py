@@ -96,12 +96,12 @@ def calibrate_by_camera(
 
 @contextmanager
 def _kept_at_failure(folder: Path, arm: str, *, chosen: bool) -> Generator[None]:
-    """Say how to go on if the calibration ends before its time.
+    """Tell the user how to go on if the calibration ends early.
 
     Args:
-        folder: The folder of the pictures; stays if they suffice for a calibration.
+        folder: The folder of the pictures; it is kept if they suffice for a calibration.
         arm: The name of the arm.
-        chosen: Whether the user named the folder, which then stays in any case.
+        chosen: Whether the user named the folder, which is then kept if it has a picture.
     """
     try:
         yield

@@ -43,8 +43,8 @@ class HandCalibration:
     """Watches an arm that the user moves by hand, and uses pictures of its board.
 
     A picture is used when arm and board are still, and a joint differs by 8° from every earlier
-    picture. The calibration ends with the requested number of pictures, or, once half of them are
-    there, when none has followed for a minute.
+    picture. The calibration ends with the requested number of pictures, or, once half of them
+    are taken, after a minute without another one.
 
     Args:
         arm: The arm; its torque is off.

@@ -55,7 +55,7 @@ PRINTED_COMPLIANCE = 0.05
 """Compliance of each joint of a printed arm, rad per N m; 0.05 to 0.1 were measured."""
 
 LEAST_SHARE = 0.5
-"""Least part of the requested pictures from which something is estimated."""
+"""Smallest fraction of the requested pictures that suffices for an estimate."""
 
 ESTIMATING = "Estimating the camera and the arm from the pictures; this takes some seconds."
 
@@ -82,7 +82,7 @@ class CameraResult:
         duration_s: Time from the first picture to the last, by the arm's clock.
         carried: The fraction of its weight that the arm carried itself while the user held it; None
             if the user did not, or if the compliance of its links is unknown.
-        sag_m: If that is unknown: the sag of the tip, root mean square, of an arm that carries
+        sag_m: If the compliance is unknown: root mean square sag of the tip of an arm that carries
             itself in these postures with ``PRINTED_COMPLIANCE``. Otherwise None.
     """
 
@@ -136,7 +136,7 @@ class ArmBefore:
         return cls(arm.model, calibration)
 
     def extents(self, name: str, *, by_hand: bool) -> Sequence[Extent]:
-        """Return what a camera of that name may determine; if there are others, its pose only.
+        """Return what a camera of that name may determine: only its pose if other cameras exist.
 
         The other cameras were calibrated with the arm's present zeros and compliances. A hand
         carries the arm's weight, so a calibration by hand does not show how links bend.
@@ -159,7 +159,7 @@ class ArmBefore:
 
 
 class BoardPictures:
-    """Views of a board on the gripper, with the joints that belong to each.
+    """Views of a board on the gripper, with the measured joints of each.
 
     Args:
         arm: The arm.
@@ -217,7 +217,7 @@ class BoardPictures:
             duration_s: Time from the first picture to the last.
             extents: The parameters that may be estimated.
             by_hand: Whether the user held the arm. Several fractions of its weight are then tried;
-                the one that best predicts pictures left out is used.
+                the one that best predicts left-out pictures is used.
 
         Raises:
             CalibrationError: The pictures do not suffice, or contradict each other.
@@ -416,7 +416,7 @@ def save_camera_result(
 ) -> Path:
     """Save the estimated arm and camera in the calibration.
 
-    A simulated arm has no calibration, so only its camera is saved. ``name`` is the camera's.
+    A simulated arm has no calibration, so only its camera is saved. ``name`` is that of the camera.
 
     Raises:
         FileWriteError: The disk is full or not writable; the old file is unchanged.

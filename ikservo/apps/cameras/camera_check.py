@@ -100,7 +100,7 @@ def remember_board(arm: Arm, source: PictureSource, board: Board, name: str = ""
 
     Raises:
         CalibrationError: The arm has no calibrated camera, or it has moved.
-        PictureError: The board is not seen, or still on the gripper.
+        PictureError: The board is not seen, or it is still on the gripper.
         FileWriteError: The place cannot be saved.
     """
     camera, known, name = known_camera(arm.context, name)
@@ -139,7 +139,7 @@ def compare_place(
         within_mm: See ``check_camera``.
 
     Raises:
-        CalibrationError: The board cannot be measured, or the picture is of another size.
+        CalibrationError: The board cannot be measured, or the picture has another size.
     """
     T_base_board = place.pose(T_base_tip)
     T_seen = _seen(model, place.board, view)

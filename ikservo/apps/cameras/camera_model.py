@@ -125,7 +125,7 @@ class CameraModel:
         return min([_WIDEST, *(_NEAR_FOLD * math.sqrt(each) for each in squares)])
 
     def _bent(self, flat: Matrix) -> Matrix:
-        """Return directions (…, 2) as a lens with distortion and a focal length of 1 sees them."""
+        """Apply the distortion of the lens, at a focal length of 1, to directions (…, 2)."""
         k1, k2, p1, p2, k3 = self.lens.distortion.tolist()
         beyond = np.maximum(np.linalg.norm(flat, axis=-1) / self.widest, 1.0)
         x, y = np.moveaxis(flat / beyond[..., None], -1, 0)

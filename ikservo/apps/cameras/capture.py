@@ -34,7 +34,7 @@ _GRAB, _READ = b"g", b"r"
 
 
 class Capture(Protocol):
-    """The used part of ``cv2.VideoCapture``."""
+    """The part of ``cv2.VideoCapture`` that is used here."""
 
     def isOpened(self) -> bool:  # noqa: N802  # OpenCV's name
         """Check whether pictures can be read."""
@@ -74,10 +74,10 @@ def open_capture(source: str) -> Capture:
 class AddressCapture:
     """A camera at an address, read by a process whose time and memory are bounded.
 
-    FFmpeg holds a picture in memory until it ends, and makes room for what a picture says it needs.
+    FFmpeg keeps a picture in memory until it is complete, and allocates the size that it states.
 
     Args:
-        source: The address. It may hold a password, so the command of the process does not.
+        source: The address. It may contain a password, so it is not on the command line.
     """
 
     def __init__(self, source: str) -> None:
@@ -129,7 +129,7 @@ class AddressCapture:
 
 
 def _silent_opencv() -> ModuleType:
-    """Return OpenCV, which prints nothing; neither does its FFmpeg."""
+    """Return OpenCV with the messages of OpenCV and FFmpeg switched off."""
     os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
     import cv2  # noqa: PLC0415  # from the extra `camera`
 
@@ -174,7 +174,7 @@ def _end_at_bounds(asked_s: list[float]) -> None:
 
 
 def _used_bytes() -> int:
-    """Return the memory of this process: now on Linux, at most on macOS, 0 on Windows."""
+    """Return the memory of this process: present on Linux, peak on macOS, 0 on Windows."""
     if sys.platform == "win32":
         return 0
     with contextlib.suppress(OSError):

@@ -67,7 +67,7 @@ class BoardSample:
         q: The measured joints (dof,), rad or m.
         T_camera_board: The board's pose (4, 4); its origin should be in the middle of the board.
         name: The name of the picture.
-        lens: The lens of the camera; None if its lens is known.
+        lens: Information on the lens of the camera; None if the lens is known.
     """
 
     q: Vector
@@ -101,7 +101,7 @@ class Extent(Enum):
 
 @dataclass(frozen=True, slots=True)
 class FittedParameter:
-    """One number of the arm.
+    """One parameter of the arm.
 
     Attributes:
         name: ``elbow_flex zero``, ``elbow_flex compliance``, ``elbow_flex half play``.
@@ -195,8 +195,8 @@ class CameraFit:
         kept: Whether each sample (n,) is not an outlier.
         covariance: The covariance of the six numbers of each pose, the scale, the lens, zeros,
             compliances and half plays.
-        asked: Whether each of these was requested.
-        free: Whether the samples determine it; otherwise it is unchanged.
+        asked: Whether each parameter of the covariance was requested.
+        free: Whether the samples determine each parameter; others are unchanged.
     """
 
     bending: Bending
@@ -376,7 +376,7 @@ def picture_information(fit: CameraFit, samples: Sequence[BoardSample]) -> tuple
 
 
 def _without_outliers(problem: _Problem, state: _State) -> tuple[_State, _Mask]:
-    """Return a fit to most samples, and which they are.
+    """Return a fit to most samples, and which samples (n,) it uses.
 
     Raises:
         CalibrationError: More than a third of the samples contradict the others.
@@ -538,7 +538,7 @@ class _Problem:
         return prior + np.einsum("nik,nil->kl", rows, rows), rows
 
     def squares(self, state: _State) -> Vector:
-        """Compute each sample's squared residual (n,) in units of the first deviations."""
+        """Compute each sample's squared residual (n,), whitened by the initial deviations."""
         e = self._linearise(state)[0]
         return np.sum((self._whiten(_START_SIGMA) @ e[:, :, None]) ** 2, axis=(1, 2))
 

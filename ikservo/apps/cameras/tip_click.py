@@ -314,7 +314,7 @@ def _next_posture(arm: Arm, model: CameraModel, joints: Vector) -> str:
 def _with_last_zero(
     arm: Arm, calibration: Calibration, q: Vector, moved: Vector, written: datetime
 ) -> Calibration:
-    """Return a calibration that measures joints (dof,) as moved; poses fixed to the tip stay."""
+    """Return a calibration that measures q (dof,) as moved; boards keep their pose in the base."""
     joints = shift_zeros(calibration.joints, chain_maps(arm.model, calibration), moved - q)
     T_moved_tip = np.linalg.inv(arm.chain.forward(moved)) @ arm.chain.forward(q)
     cameras: dict[str, CalibratedCamera] = {}

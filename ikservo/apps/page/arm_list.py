@@ -58,7 +58,7 @@ class ShowCamera(PageMessage):
 
 
 class StopArms(PageMessage):
-    """Stop one arm, or all of them without a name."""
+    """Stop one arm, or all arms if no name is given."""
 
     kind: Literal["stop_arms"]
     name: Name | None = None

@@ -417,7 +417,7 @@ class SessionController:
         self._arm_thread.request_job(SetTipZero(found))
 
     def _choose_camera(self, message: msg.ChooseCamera, _client: Client) -> None:
-        """Show another camera; clients whose camera is no longer a view see the first view."""
+        """Show another camera; clients whose view no longer exists see the first view."""
         if self._cameras is None:
             raise BadMessageError("This arm has no camera.")
         self._cameras.choose(message.camera)
@@ -512,7 +512,7 @@ class SessionController:
             self._stop_session()
 
     def _reset_for_arm(self) -> None:
-        """Start again with a reopened arm: its limits may have changed."""
+        """Start again with a reopened arm, because its limits may have changed."""
         self._arm = self._arm_thread.arm
         self.close()
         self._interaction = Interaction(self._arm, self._clock)

@@ -124,7 +124,7 @@ class ViewApp:
         """Open the arms and the address; an arm that cannot be opened does not affect the others.
 
         Raises:
-            IkservoError: None of the arms can be opened, or the address cannot.
+            IkservoError: None of the arms can be opened, or the address cannot be used.
         """
         with ExitStack() as stack:
             self._address = self._bind()

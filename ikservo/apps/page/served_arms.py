@@ -365,7 +365,7 @@ class ServedArms:
         """Forget a failed attempt at the same port.
 
         Raises:
-            BadMessageError: An arm is open there; simulated arms have a bus each.
+            BadMessageError: An arm is open at that port; simulated arms do not share a bus.
         """
         if other.place.port != place.port:
             return

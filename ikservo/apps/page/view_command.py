@@ -148,7 +148,7 @@ def command(
 def _bench_from_options(
     arms: Sequence[str] | None, connection: ServoConnection, camera: Sequence[str] | None
 ) -> tuple[str, Model | None]:
-    """Return the port of the servos, the only one if none is given, and their arm if it is given.
+    """Return the port of the servos, by default the only one, and their arm if it is given.
 
     Raises:
         NoPortError: There is no port, or more than one to choose from.
@@ -168,7 +168,7 @@ def _places_from_options(arms: Sequence[str], arm: str | None, port: str | None)
     """Return the arms to open, with their ports.
 
     Raises:
-        InputError: There is no such arm, or several arms have one port.
+        InputError: There is no such arm, or several arms share a port.
     """
     from ikservo.apps.page.served_arms import ArmAtPort  # noqa: PLC0415  # what --help does not need
 

@@ -140,8 +140,8 @@ class ArmServer:
     def _requested(self, request: ServiceRequest) -> AbstractContextManager[None]:
         """Return the context of a request that arrives now, whose motion a later stop ends.
 
-        A stop that was made while the request was on its way, or waited in its program, ends it,
-        too. A count of future stops would make it survive them.
+        A stop while the request was on its way, or waited in its program, also ends the motion.
+        The count is capped, because a larger one would let the motion survive later stops.
         """
         background, count = self._arm.background, request.stop_count
         present = background.stop_count

@@ -40,10 +40,10 @@ def keys_folder() -> Path:
 
 
 def client_certificate(endpoint: Endpoint) -> Certificate | None:
-    """Return the certificate of this machine for connections: of an operator, else of a watcher.
+    """Return this machine's certificate for connections: as operator, or else as watcher.
 
     Raises:
-        InputError: TLS needs one, and there is none.
+        InputError: TLS needs a certificate, and there is none.
     """
     if endpoint.protocol == "tcp":
         return None
@@ -58,7 +58,7 @@ def server_certificate(endpoint: Endpoint) -> Certificate | None:
     """Return the certificate with which an arm is served at an endpoint; None without TLS.
 
     Raises:
-        InputError: TLS needs one, and there is none.
+        InputError: TLS needs a certificate, and there is none.
     """
     if endpoint.protocol == "tcp":
         return None

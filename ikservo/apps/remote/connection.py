@@ -149,7 +149,7 @@ class Connection:
         """Return the result of a request that moves nothing.
 
         Raises:
-            IkservoError: The request failed there, or the connection is lost.
+            IkservoError: The request failed on the server, or the connection is lost.
         """
         key, request = keys.watch(self.address.name, service), self._request(arguments)
         return self._call_again(key, request)
@@ -174,7 +174,7 @@ class Connection:
         """Return the result of a quick request of the operator.
 
         Raises:
-            IkservoError: The request failed there, or the connection is lost.
+            IkservoError: The request failed on the server, or the connection is lost.
         """
         pending = self.start(service, stop_count=None, **arguments)
         while not pending.wait(_POLL_S):
@@ -197,7 +197,7 @@ class Connection:
 
         Raises:
             RefusedError: This machine's certificate is not an operator's.
-            IkservoError: The request failed there, or the connection is lost.
+            IkservoError: The request failed on the server, or the connection is lost.
         """
         self._require_open()
         key = keys.drive(self.address.name, service)
@@ -379,7 +379,7 @@ class Connection:
             raise PortError(f"{self.address} was closed.", "Open the arm again: open_arm().")
 
     def _call_again(self, key: str, request: bytes) -> object:
-        """Return the answer to a request that may come twice; ask again if the link was cut."""
+        """Return the answer to a request that may be repeated; ask again if the link was cut."""
         end_s = time.monotonic() + _QUICK_S
         while True:
             try:

@@ -4,7 +4,7 @@
 ``ikservo/NAME/watch/SERVICE``   requests that move nothing, allowed to watchers
 ``ikservo/NAME/stop``            a stop, allowed to watchers
 ``ikservo/NAME/drive/SERVICE``   requests of the operator
-``ikservo/NAME/setpoint``        signs of life and goals of the operator
+``ikservo/NAME/setpoint``        heartbeats and goals of the operator
 ``ikservo/NAME/operator/TOKEN``  liveliness token of the operator
 ``ikservo/NAME/server``          liveliness token of the server of the arm
 ``ikservo/NAME/news/TOPIC``      states, progress, streams, published by the server

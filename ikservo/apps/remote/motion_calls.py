@@ -48,7 +48,7 @@ class MotionCalls:
             return self.await_result(self.start(service, **arguments, **more), None)
 
     def start(self, service: str, **arguments: object) -> PendingCall:
-        """Send the request of a motion; any stop since the program made the request ends it."""
+        """Request a motion; any stop since the program asked for the motion ends it."""
         count = self.stop_request.marked_count
         return self._connection.start(service, stop_count=count, **arguments)
 
@@ -137,7 +137,7 @@ class RemoteStopRequest(StopRequest):
             self.count_here += 1
 
     def set(self, reason: StopReason, signal: int = 0) -> None:
-        """Request a stop there; do not wait until the arm rests."""
+        """Request a stop from that machine; do not wait until the arm rests."""
         self.count_stop(reason)
         self._connection.stop(reason.text, reason.kind.name, wait=False)
 

@@ -113,7 +113,7 @@ class RemoteTrajectory:
         return self._duration_s
 
     def state(self, time_s: float) -> TrajectoryPoint:
-        """Compute position, velocity and acceleration (n,): cubic between the samples."""
+        """Compute position, velocity and acceleration (n,) by cubics between the samples."""
         if self._samples is None:
             self._samples = self._fetch()
         positions, velocities = self._samples.positions, self._samples.velocities

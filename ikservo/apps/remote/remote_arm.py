@@ -130,7 +130,7 @@ class RemoteArm(MotionMethods):
         return cast("ArmState", self._connection.watch("last_state"))
 
     def health(self) -> Mapping[str, Any]:
-        """Return state, operator, stop and temperature of the arm, see ``ikservo fleet``."""
+        """Return state, operator, stop and temperature of the arm; see ``ikservo fleet``."""
         return cast("Mapping[str, Any]", self._connection.watch("health"))
 
     def close(self, on_exit: OnExit | None = None) -> None:
@@ -148,7 +148,7 @@ class RemoteArm(MotionMethods):
     # torque and stops
 
     def enable(self) -> None:
-        """Switch torque on, so that nothing moves; see ``Arm.enable``."""
+        """Switch torque on without motion; see ``Arm.enable``."""
         self._calls.run("enable", None)
 
     def relax(self, on_progress: OnProgress | None = None) -> JointMoveResult:

@@ -76,7 +76,7 @@ class SetpointInbox:
             return found[1]
 
     def wait(self) -> None:
-        """Wait until there is a new goal, the motion must end, or a time-out."""
+        """Wait for a new goal, the end of the motion, or a time-out."""
         with self._changed:
             self._changed.wait_for(lambda: self._goal is not None or not self.wanted, _POLL_S)
 
@@ -85,7 +85,7 @@ class SetpointInbox:
         return time.monotonic() - self._goal_s
 
     def keep_going(self) -> bool | None:
-        """Check whether to go on; None if there is no news."""
+        """Return whether to go on; None if the operator has sent nothing new."""
         with self._changed:
             if not self.wanted:
                 return False

@@ -39,8 +39,8 @@ class ServiceRequest(_NetworkMessage):
 
     Attributes:
         lease: The lease of control for the request; empty if none is needed.
-        number: The number of this request under the lease, growing; 0 without a lease.
-        sent_s: When it was sent, by the clock of the server.
+        number: The number of this request under the lease, increasing; 0 without a lease.
+        sent_s: Time of sending, by the clock of the server.
         stop_count: The number of stops of the arm when the motion was requested, maybe long before
             sending; None: the number at the arrival.
         arguments: The arguments of the service.
@@ -110,8 +110,8 @@ class Setpoint(_NetworkMessage):
 
     Attributes:
         lease: The operator's lease of control.
-        number: The number of this message under the lease, growing.
-        sent_s: When it was sent, by the clock of the server.
+        number: The number of this message under the lease, increasing.
+        sent_s: Time of sending, by the clock of the server.
         wanted: Whether a jog or the stream of goals continues; None: no news.
         positions: The goal: joint positions by name, rad or m.
         pose: Instead, the pose of the tip T_base_tip (4, 4).
@@ -132,8 +132,8 @@ class Announcement(_NetworkMessage):
     """A message that a served arm publishes: states, progress, state of a stream.
 
     Attributes:
-        number: A growing number.
-        sent_s: When it was sent, by the clock of the server.
+        number: A number that increases with each message.
+        sent_s: Time of sending, by the clock of the server.
         value: See ``encode_value``.
     """
 

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     import zenoh
 
 LINK_LEASE_S = 1.0
-"""Time without a sign of the other end after which a link is closed."""
+"""Time after which a link is closed if nothing arrives from the other end."""
 
 _CONNECT_TIMEOUT_S = 2.0
 
@@ -160,7 +160,7 @@ def who_asks() -> str:
 
 
 def _common_settings() -> dict[str, object]:
-    """Return settings of both ends, which neither search nor announce anything."""
+    """Return the settings of both ends, in which discovery is switched off."""
     return {
         "mode": "peer",
         "scouting/multicast/enabled": False,
@@ -218,7 +218,7 @@ def _opened(settings: Mapping[str, object], what: str, hint: str) -> Generator[z
 
 
 def _why_unreachable(settings: Mapping[str, object]) -> tuple[str, str] | None:
-    """Return why the only endpoint is unreachable, and a hint; None if Zenoh knows more.
+    """Return why the only endpoint is unreachable, and a hint; None if no cause is found.
 
     Zenoh reports the same timeout for a missing host, a closed port, and TLS at only one end.
     """

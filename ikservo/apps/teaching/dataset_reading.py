@@ -31,7 +31,7 @@ class Episode:
 
     Attributes:
         number: Its number in the data set.
-        times_s: Times (k,) of the frames, growing.
+        times_s: Times (k,) of the frames, increasing.
         values: The values of the joints (k, n), in LeRobot's units.
     """
 

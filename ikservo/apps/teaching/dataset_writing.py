@@ -39,7 +39,7 @@ def write_dataset(
     Each recording is sampled at ``fps``. The action of a frame is the joints of the next frame.
 
     Args:
-        folder: The folder of the data set; must not exist, or be empty.
+        folder: The folder of the data set; it must be new or empty.
         model: The arm of all recordings.
         recordings: The recordings, at least one.
         fps: Frames per second; None: as in the first recording.
@@ -47,7 +47,7 @@ def write_dataset(
 
     Raises:
         InputError: pyarrow is not installed, or the folder is not empty.
-        FileFormatError: A recording is another arm's.
+        FileFormatError: A recording is of another arm.
         FileWriteError: A file cannot be written; no files are kept.
     """
     require_pyarrow()

@@ -25,7 +25,7 @@ from ikservo.motion import TrajectoryPoint
 from ikservo.planning.context import ArmContext
 
 ANCHOR_RAD = 0.01
-"""Angle of a horn from its anchor at which the anchor follows: some ticks above noise."""
+"""Angle of a horn from its anchor at which the anchor follows: a few ticks above noise."""
 
 # If gravity loads a joint less than its dry friction, its anchor follows so closely that friction
 # alone holds it when the hand lets go, but not closer than noise: a rotor that springs back would
@@ -79,7 +79,7 @@ class HandGuiding:
         return TrajectoryPoint.at_rest(np.where(self._moved_by_hand, goals, self._goals))
 
     def _follow(self, measured: Vector, elapsed_s: float) -> None:
-        """Move the anchors towards joints (n,) that are further off than the tolerance."""
+        """Move the anchors towards joints (n,) that deviate by more than the tolerance."""
         weight = np.full_like(measured, np.inf)
         weight[list(self._feed_forward.columns)] = self._feed_forward.weight(measured)
         tolerance = np.where(weight < _UNLOADED, self._unloaded_tolerance, self._tolerance)
@@ -88,13 +88,13 @@ class HandGuiding:
         self._anchor = self._anchor + np.clip(target - self._anchor, -step, step)
 
     def _lead(self) -> Vector:
-        """Compute the leads (n,) of goals over anchors with which servos carry the links."""
+        """Compute the leads (n,) of goals over anchors that make servos carry the links."""
         at_rest = TrajectoryPoint.at_rest(self._anchor)
         return self._feed_forward.offsets(at_rest, np.zeros_like(self._anchor))
 
 
 def guide_by_hand(arm: Arm, until: Callable[[], bool]) -> dict[str, float]:
-    """Carry the arm's weight while a hand moves it; then it holds.
+    """Carry the arm's weight while a hand moves the arm, which then holds.
 
     Args:
         arm: The arm; its torque is switched on. Its gripper holds.

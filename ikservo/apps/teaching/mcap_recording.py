@@ -203,7 +203,7 @@ class McapFile:
 
 
 class _NamingTheFile:
-    """Converts an error of the system to one that names the file."""
+    """Converts a system error to an error that names the file."""
 
     def __init__(self, target: RecordingFile) -> None:
         self._target = target

@@ -30,7 +30,7 @@ _MAX_RECORD_BYTES = 64 * 1024 * 1024
 
 
 def import_mcap() -> Any:  # noqa: ANN401  # a module
-    """Return the module that writes MCAP; without it, raise with what to install."""
+    """Return the module that writes MCAP; if it is missing, say what to install."""
     try:
         import mcap.writer  # noqa: PLC0415  # from an extra
     except ImportError:
@@ -80,7 +80,7 @@ def read_records(path: Path, wanted: Container[int] = ()) -> Iterator[Any]:
 
 
 class _BoundedReads:
-    """A file that reads at most a record at once, whatever a length in it says."""
+    """A file that refuses reads longer than the largest record, if a stated length is wrong."""
 
     def __init__(self, file: BinaryIO) -> None:
         self._file = file

@@ -66,7 +66,7 @@ ACTIONS = ("pose", "tip_m", "joints", "gripper", "wait_s", "recording", "motion"
 """Actions of steps; each step has one. ``joints`` are given by ``deg`` and ``m``."""
 
 MAX_STEPS = 1000
-"""The most steps of a program."""
+"""Largest number of steps in a program."""
 
 _POINT = "[x, y, z] in metres"
 
@@ -138,7 +138,7 @@ class ProgramStep(StrictModel):
         """Return the motion of the step.
 
         Args:
-            model: The arm, which knows the prismatic joints.
+            model: The arm, which tells prismatic joints from revolute ones.
             speed: The speed class, for a motion that has one.
 
         Raises:

@@ -60,7 +60,7 @@ class StepResult:
 
 
 class ProgramRun:
-    """A program on an arm: check it, then run all of it, from a step on, or step by step.
+    """A program on an arm: check it, then run it whole, from a given step, or stepwise.
 
     Args:
         arm: The arm.
@@ -114,7 +114,7 @@ class ProgramRun:
             yield StepCheck(index + 1, step, error)
 
     def run(self, first: int = 1, on_progress: OnProgress | None = None) -> Iterator[StepResult]:
-        """Run the steps, one per value that is taken from the iterator.
+        """Run the steps, one for each result that the caller takes from the iterator.
 
         Args:
             first: The step to begin with, from 1; repetitions begin with the first step.

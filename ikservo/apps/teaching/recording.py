@@ -250,10 +250,10 @@ class RecordingFile:
 
     @contextlib.contextmanager
     def removing_on_error(self) -> Generator[None]:
-        """Remove the file if its first bytes cannot be written: it holds no sample.
+        """Remove the file if its first bytes cannot be written, because it holds no sample.
 
         Raises:
-            FileWriteError: They cannot be written; the message names no incomplete recording.
+            FileWriteError: The bytes cannot be written; the message names no incomplete recording.
         """
         try:
             yield
@@ -268,7 +268,7 @@ class RecordingFile:
 
 
 def os_error_text(error: OSError | ValueError) -> str:
-    """Return the system's text of an error, or its own."""
+    """Return the system's message for an error, or else the text of the error."""
     return (error.strerror if isinstance(error, OSError) else "") or str(error)
 
 
@@ -347,7 +347,7 @@ def _parse_header(path: Path, line: str) -> RecordingHeader:
 
 
 def check_header(path: Path, where: str, row: Mapping[str, object]) -> RecordingHeader:
-    """Check the header in arm, joints, units and period_s.
+    """Check arm, joints, units and period_s of the header.
 
     Raises:
         FileFormatError: A value is missing, or cannot be used.

@@ -45,7 +45,7 @@ class RecordedTrajectory:
     """The motion through recorded samples, from rest at the first to rest at the last.
 
     Args:
-        times_s: Times (k,) of the samples, growing.
+        times_s: Times (k,) of the samples, increasing.
         joints: The joints (k, n) at these times, rad or m.
         limits: The kinematic limits of each joint; a faster recording is slowed down as a whole.
         lower: The lower limits (n,).
@@ -162,10 +162,10 @@ _MAX_FALL_S = 3.0
 
 
 def position_at_rest(arm: ArmParts) -> Vector:
-    """Return where a motion would start (n,), rad or m; waits for a limp arm that falls.
+    """Return the joints (n,), rad or m, where a motion would start, once a limp arm lies still.
 
-    A recording may come back only to what the arm touches at its start. A limp arm, such as a
-    simulated one that has just been opened, does not touch it before it lies.
+    During a replay the arm may touch only what it touches at the start. A limp arm, such as a
+    simulated one that has just been opened, touches that only after it has come to rest.
     """
     context, start = arm.context, arm.runner.start_position()
     if context.servos.torque.is_on:
@@ -199,9 +199,9 @@ def _load(
 
 
 def _explain_contact(context: ArmContext, error: CollisionError, path: Matrix) -> None:
-    """Say in a refusal whether an arm that rests on something may replay the path (k, n).
+    """Add a hint if the path (k, n) is allowed for an arm that lies at one of its ends.
 
-    What it touches there, it may touch again.
+    Contacts at the start of a replay are allowed throughout the path.
     """
     for place, lying in (("beginning", path[0]), ("end", path[-1])):
         try:

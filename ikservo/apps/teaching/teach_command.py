@@ -125,7 +125,7 @@ def _float(machine: OpenArm, name: str, duration: float | None, *, yes: bool) ->
 
 @contextmanager
 def _end_check(machine: OpenArm, duration: float | None) -> Generator[Callable[[], bool]]:
-    """Yield a function that returns whether Enter was pressed, or a time is over."""
+    """Yield a function that returns whether Enter was pressed or the duration is over."""
     if duration is None:
         with read_keys() as keys:
             yield lambda: bool(set(keys()) & {"\n", "\r"})

@@ -275,7 +275,7 @@ class Drag:
     """Converts pointer, wheel and key events into commands.
 
     Args:
-        chain: The arm, inside its own limits.
+        chain: The arm, with its own limits.
         picker: Finds its links.
         objects: Finds the objects of the scene, in the base frame; None for none.
 
@@ -364,7 +364,7 @@ class Drag:
         return None
 
     def release(self, pointer: int = 0) -> None:
-        """End the drag; the last command stays. After a click, the next selects what is behind."""
+        """End the drag; the last command stays. After a click, another selects what is behind."""
         if pointer != self._pointer:
             return
         self._grabbed = None

@@ -23,7 +23,7 @@ class DragTarget:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ToolPoseTarget:
-    """Move the tool to a pose, its position first.
+    """Move the tool to a pose; its position has priority over its orientation.
 
     Attributes:
         position_m: Position (3,) of the tip, base frame.

@@ -53,7 +53,7 @@ class DragSolution:
     Attributes:
         q: Joints (dof,), inside the limits.
         marker: The target and how near the goal comes to it; None without a target.
-        settled: Whether solving the same command again leads no further.
+        settled: Whether solving the same command again brings no further progress.
         text: Progress of a chosen method; empty for ``auto``.
     """
 
@@ -67,7 +67,7 @@ class DragSolver:
     """Solves drag commands; the joints beyond a grabbed link stay as they are.
 
     Args:
-        chain: The arm, inside its own limits.
+        chain: The arm, with its own limits.
 
     Attributes:
         method: ``auto``, or one of ``ikservo.ik.METHODS``.
@@ -98,7 +98,7 @@ class DragSolver:
         return self._solve_pull(command, start)
 
     def _solve_pose(self, command: ToolPoseTarget, start: Vector) -> DragSolution:
-        """Find the joints for a pose of the tool, at most one frame's step further."""
+        """Find the joints for a pose of the tool, at most one frame's step from the start."""
         found, marker = self._tool_solver.track(command, start)
         q, is_limited = self._limit_step(start, found)
         settled = not is_limited and _max_joint_distance(found, start) < _AT_REST_RAD
@@ -112,7 +112,7 @@ class DragSolver:
         return self._chain.clip(q)
 
     def _solve_pull(self, command: DragTarget, start: Vector) -> DragSolution:
-        """Find the joints for a dragged point, at most one frame's step further."""
+        """Find the joints for a dragged point, at most one frame's step from the start."""
         if self.method != AUTO and not command.is_click:
             return self._iterate_method(command, start)
         found = self._track_target(command, start)

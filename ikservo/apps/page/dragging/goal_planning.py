@@ -117,7 +117,7 @@ class PlannedPath:
     Attributes:
         request: The request; its goal differs if the target is reached in another posture.
         plan: The plan.
-        postures: The joints of the chain (dof,), and all by name, at even times along it.
+        postures: The chain's joints (dof,), and all joints by name, at equal time steps.
         is_straight: Whether the joints go straight to the goal.
         refusal: Why the goal is refused.
         number: A unique number.
@@ -216,7 +216,7 @@ class GoalPlanner:
     def update(self, request: PlanRequest | None, now_s: float) -> None:
         """Plan the present request unless that was done, and drop an obsolete one.
 
-        During a drag the path to a goal just before is kept until the next one is planned.
+        During a drag the path to the previous goal is kept until the next one is planned.
         """
         if self._collect_result(request):
             return

@@ -52,7 +52,7 @@ class Interaction:
     """Turns input messages into the goal of all joints; without a goal the arm holds.
 
     Args:
-        arm: The arm to move, inside its own limits.
+        arm: The arm to move, with its own limits.
         clock: Dates the messages.
 
     Attributes:

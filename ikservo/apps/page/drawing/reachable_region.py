@@ -130,7 +130,7 @@ class ReachableRegionCache:
     """Computes one region at a time in the background; callers poll ``get``.
 
     Args:
-        chain: The arm inside its own limits.
+        chain: The arm, with its own limits.
     """
 
     def __init__(self, chain: Chain) -> None:

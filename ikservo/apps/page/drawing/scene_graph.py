@@ -49,7 +49,7 @@ class SceneGraph:
 
     Args:
         model: The arm.
-        chain: Its joints inside its own, calibrated limits.
+        chain: Its joints, with its own, calibrated limits.
         extent: The space it can occupy.
 
     Attributes:

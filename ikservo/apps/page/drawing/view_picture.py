@@ -30,7 +30,7 @@ class SceneState:
         region: The reachable region of the shown plane, if it is available.
         hover: The link under the pointer.
         grabbed: The link that is being dragged.
-        behind: Whether the hovered link was selected behind others: its outline is drawn on top.
+        behind: Whether the hovered link was selected behind others; its outline is then on top.
         picked: The object of the scene under the pointer.
         refused_pair: The pair that the goal would touch, if the guard refuses it; may be empty.
             None for a goal that is not refused.

@@ -298,7 +298,7 @@ class SetTorque(PageMessage):
 
 
 class ShowPlots(PageMessage):
-    """Choose what the page plots; no quantities close its plots.
+    """Choose what the page plots; an empty choice closes its plots.
 
     Attributes:
         stopped: Show the seconds before the last stop instead of the present.
@@ -352,7 +352,7 @@ class WriteRegister(PageMessage):
 class CalibrationAnswer(PageMessage):
     """User input of a calibration; ``start`` starts it and ``cancel`` ends it.
 
-    ``number`` is the screen on which the answer was given; on another screen it is ignored.
+    ``number`` is the screen on which the answer was given; an answer to another one is ignored.
     """
 
     kind: Literal["calibration"]

@@ -23,7 +23,7 @@ class AddStep(PageMessage):
     Attributes:
         what: The present joints, the joints of the shown target, a named pose, a recording, the
             gripper, or a wait.
-        path: The path to the present pose or the target: of the joints, or with the tip on a line.
+        path: The path to the present pose or the target: a joint motion, or a line of the tip.
         pose: The name of a named pose.
         recording: The name of a recording in the folder of the programs.
         wait_s: The duration of a wait.
@@ -72,7 +72,7 @@ class SetProgram(PageMessage):
 
 
 class ProgramFile(PageMessage):
-    """Begin a new program, load one, or save it; ``overwrite`` replaces the file of another."""
+    """Begin a new program, load one, or save it; ``overwrite`` replaces another program."""
 
     kind: Literal["program_file"]
     action: Literal["new", "load", "save"]

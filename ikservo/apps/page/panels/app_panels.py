@@ -66,7 +66,7 @@ class AppPanels:
         self._updated_s = -math.inf
 
     def frames(self, client: Client) -> list[Frame]:
-        """Return the panels if a client does not know them as they are."""
+        """Return the panels, if they have changed since they were sent to a client."""
         now_s = self._clock.now_s()
         if self._places and now_s - self._updated_s >= _PERIOD_S:
             self._updated_s = now_s

@@ -45,7 +45,7 @@ class PlotFeed:
         self._plots: dict[int, _Plot] = {}
 
     def choose(self, client_id: int, message: ShowPlots, history: History) -> None:
-        """Change what a page plots; no quantities close its plots.
+        """Change what a page plots; an empty choice closes its plots.
 
         Raises:
             BadMessageError: There is no such joint, or nothing has stopped the arm yet.

@@ -142,7 +142,7 @@ class NewArmPanel:
             self._line.send(answer)
 
     def stop_servos(self) -> None:
-        """End the dialogue if it may be moving a servo: its torque is switched off."""
+        """End the dialogue if it may be moving a servo; the servo's torque is switched off."""
         if self._has_servos and self.is_running:
             self._close_line()
             self._ended = _Ended(error="Stopped; torque of its servos is off. Nothing was written.")

@@ -24,8 +24,8 @@ class PageCameras:
     Args:
         clock: Dates the pictures.
         sources: The sources that ``VideoSource`` reads, and ``sim``.
-        name: The name of the camera of each arm; empty for none. Without sources it is read from
-            the camera with which the arm was calibrated.
+        name: The name of the camera of each arm; empty for none. Without sources, pictures
+            come from the camera with which the arm was calibrated.
 
     Raises:
         InputError: There is no such device or file.

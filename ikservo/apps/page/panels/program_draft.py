@@ -53,7 +53,7 @@ class ProgramFolder:
         """Return the file name of a recording.
 
         Raises:
-            UnknownNameError: There is no program of that name.
+            UnknownNameError: There is no recording of that name.
         """
         names = self.recordings()
         if name not in names:

@@ -66,11 +66,11 @@ class WorkOnServo(PageMessage):
     """Search the port, or act on one of its servos.
 
     Attributes:
-        names: The registers to plot; empty: those of the motion.
+        names: The registers to plot; empty: the registers of the motion.
         text: The backup to restore.
         address: The new id and baud rate.
         gains: The raw numbers to try, by register.
-        step_deg: The motion of the joint with them.
+        step_deg: The step of the joint with these gains, degrees.
     """
 
     kind: Literal["work_on_servo"]
@@ -141,7 +141,7 @@ class ServoBench:
 
     Args:
         port: The port, as its owner named it.
-        model: The arm of the servos; every servo that replies on the line if None.
+        model: The arm of the servos; None: every servo that replies on the line.
         downloads: Hands out backups.
     """
 

@@ -177,7 +177,7 @@ class ThingsPanel:
         return {**place, "radius_m": half_m}
 
     def _free_place(self, joints: Vector) -> Vector:
-        """Find a place (3,) for a new thing in front of the arm: a free one, or the freest."""
+        """Find a place (3,) for a new thing in front of the arm: free, or with most clearance."""
         extent = arm_extent(self._arm.model)
         low_m = self._arm.model.floor_m or 0.0
         reach_m = float(np.abs(extent.box_m[:, :2] - extent.pivot_m[:2]).max())

@@ -127,13 +127,13 @@ class VideoSource:
 
     @property
     def is_late(self) -> bool:
-        """Whether a picture is overdue that may still come, because the camera has not failed."""
+        """Whether a picture is overdue but may still come, because the camera has not failed."""
         waited_s = self._clock.now_s() - max(self._read_s, self._watched_s)
         return bool(self._watchers) and not self._error and _OLD_S <= waited_s < _LOST_S
 
     @property
     def is_fresh(self) -> bool:
-        """Whether a page shows a picture that is not old."""
+        """Whether the newest picture is recent."""
         return self._picture is not None and self._clock.now_s() - self._read_s < _OLD_S
 
     async def stream(self) -> AsyncGenerator[bytes]:

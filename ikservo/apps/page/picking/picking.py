@@ -98,7 +98,7 @@ class Picker:
 
 @cache
 def _square_offsets(side_px: float) -> Matrix:
-    """Compute offsets (k, 2) all over a square, its middle included, at most a pixel apart."""
+    """Compute a grid of offsets (k, 2) over a square, with its middle, at most a pixel apart."""
     count = max(math.ceil(0.5 * side_px), 1)
     line_px = 0.5 * side_px * np.arange(-count, count + 1) / count
     return np.stack(np.meshgrid(line_px, line_px), axis=-1).reshape(-1, 2)
@@ -199,7 +199,7 @@ class HitTester:
     def joint_at(
         self, at: Vector, context: PointerContext, found: PickCandidate | None
     ) -> JointDial | None:
-        """Compute the joint whose hub is under the pointer, else the one that moves the link."""
+        """Find the joint whose hub is under the pointer, or else the joint that moves the link."""
         poses, q = self.poses(context), context.arms[0]
         hubs_m = np.array([dial.hub(poses, q) for dial in self._dials.values()])
         away_px = np.hypot(*(context.camera.project(hubs_m)[0] - at).T)
@@ -223,7 +223,7 @@ def _is_beside_pointer(found: PickCandidate) -> bool:
 
 
 def _drop_coincident_arms(arms: Sequence[Vector]) -> list[Vector]:
-    """Compute the arms without those that coincide with an earlier one."""
+    """Return the arms without those that coincide with an earlier one."""
     kept = list[Vector]()
     for q in arms:
         if not any(float(np.abs(q - other).max()) < _SAME_RAD for other in kept):

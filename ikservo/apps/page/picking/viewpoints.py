@@ -205,7 +205,7 @@ def make_camera(extent: ArmExtent, view: Viewpoint, viewport: Viewport, yaw_rad:
 def _frame_view(
     extent: ArmExtent, view: Viewpoint, yaw_rad: float
 ) -> tuple[Matrix, Vector, Vector]:
-    """Return R_world_view of an orthographic view, the centre (3,) and size (2,) it shows."""
+    """Return R_world_view of an orthographic view, and its centre (3,) and size (2,)."""
     if view.name == "side":
         T = extent.plane(yaw_rad)
         low, high = extent.own_m

@@ -204,7 +204,7 @@ class PostureAnalyser:
     """Runs one analysis at a time in the background; callers poll ``get``.
 
     Args:
-        chain: The arm inside its own limits.
+        chain: The arm, with its own limits.
         visibility: Computes which links are visible.
         clock: Tells when the conditioning is computed again.
     """

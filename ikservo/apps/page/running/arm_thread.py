@@ -365,7 +365,7 @@ class ArmThread:
         self.log_message(f"Torque of {joint} switched {'on' if on else 'off'} from the page.", "")
 
     def _log_lost_torque(self, before: tuple[JointState, ...]) -> None:
-        """Log servos that lost torque since the reading before without a command."""
+        """Log servos that lost torque without a command since the previous reading."""
         pairs = zip(before, self.snapshot.states, strict=True)
         lost = [now for then, now in pairs if then.torque and not now.torque]
         for names, alarms in describe_alarms(lost):

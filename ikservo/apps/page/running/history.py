@@ -162,7 +162,7 @@ class History:
         )
 
     def _with_error(self, stored: Table) -> Table:
-        """Return samples with the column ``error`` behind goal and position."""
+        """Return samples with the column ``error`` after goal and position."""
         count = len(self._scale)
         goal, position = stored[:, :count], stored[:, count : 2 * count]
         return np.hstack((goal, position, goal - position, stored[:, 2 * count :]))

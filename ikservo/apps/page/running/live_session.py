@@ -65,7 +65,7 @@ class LiveSession:
         return self._last_goal
 
     def _is_goal_withdrawn(self, command: ArmCommand) -> bool:
-        """Check whether the goal was withdrawn: the arm brakes and holds there."""
+        """Check whether the goal was withdrawn; the arm then brakes and holds."""
         self._had_goal = self._had_goal or command.goal is not None
         return self._had_goal and command.goal is None
 

@@ -26,8 +26,8 @@ class PlayState:
         phase: The present phase; ``bad`` after a check that found an impossible step.
         step: Number of the present or next step; None before the start.
         repetition: The repetition of the whole program, from 1.
-        reason: The reason why it was stopped there.
-        problems: Reasons why steps are impossible, by number; ``step`` is the first of them.
+        reason: The reason why it was stopped at this step.
+        problems: Reasons why steps are impossible, by number; ``step`` is the first such step.
     """
 
     phase: Phase = "idle"
@@ -84,7 +84,7 @@ class ProgramPlay:
         """Check the steps, then run them.
 
         Raises:
-            IkservoError: A step failed, or the arm was stopped in it; it holds there.
+            IkservoError: A step failed, or the arm was stopped during it; the arm holds.
         """
         run = ProgramRun(arm, self._program, self._folder, arm.poses, observer.on_idle)
         try:
@@ -95,7 +95,7 @@ class ProgramPlay:
             raise
 
     def _check(self, run: ProgramRun, observer: JobObserver) -> bool:
-        """Check whether every step is possible; the state names all that are not."""
+        """Check whether every step is possible; the state names all impossible steps."""
         count = 1 if self._action == "step" else None
         problems: dict[int, str] = {}  # by index, because repetitions check again
         try:

@@ -22,7 +22,7 @@ class RecordArm:
         folder: The folder for a new file with an unused name.
 
     Attributes:
-        path: The complete file; None before that.
+        path: The file; None until it is complete.
     """
 
     title = "Recording"

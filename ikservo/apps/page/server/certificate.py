@@ -51,7 +51,7 @@ class PageCertificate:
 
 
 def load_or_make_certificate(address: str, folder: Path | None = None) -> PageCertificate:
-    """Load the stored certificate; make it in the first call.
+    """Load the stored certificate; make it at the first call.
 
     A browser that has accepted it once knows it again by its fingerprint, so it is kept even when
     the machine's address changes.

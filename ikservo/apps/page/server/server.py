@@ -425,7 +425,7 @@ def serve_in_thread(app: Starlette, address: BoundAddress) -> Generator[str]:
 class _PromptServer(uvicorn.Server):
     """Server that drops a client which does not finish its TLS handshake soon.
 
-    The client counts as a connection only after that, and asyncio alone waits for a minute.
+    A client counts as a connection only after that, and asyncio by default waits for a minute.
     """
 
     async def startup(self, sockets: list[socket.socket] | None = None) -> None:

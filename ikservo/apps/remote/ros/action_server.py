@@ -70,7 +70,7 @@ class ActionGoal:
 
 
 class Executor(Protocol):
-    """Executes goals; ends each of them by ``ActionServer.finish``."""
+    """Executes goals; ends each of them with ``ActionServer.finish``."""
 
     def start(self, goal: ActionGoal, message: Any, /) -> Any:  # noqa: ANN401  # generated classes
         """Start executing a goal; return None, or the result of a refused goal."""

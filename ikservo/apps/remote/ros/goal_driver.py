@@ -169,7 +169,7 @@ class GoalDriver:
             return self._task
 
     def _follow(self, stream: GoalStream) -> None:
-        """Send setpoints until the newest goal has ended and the arm is still, or none is left."""
+        """Send setpoints until the newest goal has ended and the arm rests, or there is no goal."""
         followed, arrival = None, _Arrival()
         due_s = began_s = time.monotonic()
         while (task := self._take()) is not None:
@@ -190,7 +190,7 @@ class GoalDriver:
             time.sleep(max(0.0, due_s - time.monotonic()))
 
     def _take(self) -> _Task | None:
-        """Take the newest goal; if there is one, the arm did not rest at the earlier goals."""
+        """Take the newest goal; if there is one, report the earlier goals that it interrupts."""
         with self._changed:
             task, before = self._task, []
             if task is not None:
@@ -222,7 +222,7 @@ def _text_of(error: Exception) -> str:
 
 
 def _is_running(stream: GoalStream, elapsed_s: float) -> bool:
-    """Check whether the control loop is running; before that, torque comes on."""
+    """Check whether the control loop runs; torque is switched on before it starts."""
     if elapsed_s > _START_S:
         return True
     progress: object = getattr(stream, "progress", stream)  # unknown for an arm on another machine
@@ -237,7 +237,7 @@ class _Arrival:
         self._still, self._moved = StillnessDetector(_STILL_S, _STILL_RAD), False
 
     def reached(self, now_s: float, positions: Vector) -> bool:
-        """Check whether no joint has moved for a while, or it takes too long."""
+        """Check whether no joint has moved for a while, or the time for it is over."""
         self._began_s = now_s if self._began_s is None else self._began_s
         self._still = self._still.add_joints(now_s, positions.tolist())
         self._moved = self._moved or self._still.has_moved()

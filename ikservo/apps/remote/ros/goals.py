@@ -66,7 +66,7 @@ class TrajectoryGoal:
 
     Args:
         names: The joints (m).
-        times_s: Times (k,) from the start, growing from 0.
+        times_s: Times (k,) from the start, increasing from 0.
         positions: Positions (k, m), rad or m.
         velocities: Velocities (k, m), or None.
         start_s: The time of the start.

@@ -242,7 +242,7 @@ class _Worker:
 
 
 class _Publisher:
-    """Publishes messages of one topic, numbered and dated."""
+    """Publishes messages of one topic, numbered and time-stamped."""
 
     def __init__(self, publisher: Any) -> None:  # noqa: ANN401  # plain or advanced
         self._publisher, self._gid, self._sequence = publisher, os.urandom(16), 0

@@ -1,6 +1,6 @@
 """The action FollowJointTrajectory: a joint trajectory with tolerances, and its result.
 
-Tolerances are for positions, rad or m: above 0 as given, 0: the default, below 0: no tolerance.
+Tolerances of positions, rad or m: above 0: as given; 0: the default; below 0: any deviation.
 """
 
 from __future__ import annotations
@@ -159,7 +159,7 @@ def _check_stamp(stamp: Any) -> None:  # noqa: ANN401
 
 
 def _tolerances(rows: Sequence[Any], usual: Mapping[str, float]) -> dict[str, float]:
-    """Compute the largest deviation of each joint, rad or m.
+    """Compute the largest allowed deviation of each joint, rad or m.
 
     Raises:
         BadValueError: A tolerance is not a number.
