@@ -31,7 +31,7 @@ RequestHandler = Callable[[Request], object]
 """Executes a request and returns the result, JSON values; called in threads of its own."""
 
 _MAX_CLIENTS = 16
-_MAX_WAITING = 12  # clients that wait for the arm; the other places are for stops
+_MAX_READING = 12  # clients that wait for the state of the arm; the other places are for stops
 _REQUEST_TIMEOUT_S = 1.0  # a client that takes longer for its one line is disconnected
 
 
@@ -64,7 +64,7 @@ class ControlServer:
     def __init__(self, listening: ListeningSocket, handler: RequestHandler) -> None:
         self._listening, self._handler = listening, handler
         self._free = threading.BoundedSemaphore(_MAX_CLIENTS)
-        self._may_wait = threading.BoundedSemaphore(_MAX_WAITING)
+        self._may_read = threading.BoundedSemaphore(_MAX_READING)
         self._silent: deque[socket.socket] = deque()  # clients without a request, oldest first
         self._closing = False
         self._thread = threading.Thread(
@@ -140,14 +140,14 @@ class ControlServer:
             return {"error": error_fields(error)}
 
     def _execute(self, request: Request) -> object:
-        if request.do is ControlCommand.STOP:
+        if request.do is not ControlCommand.WHERE:
             return self._handler(request)
-        if not self._may_wait.acquire(blocking=False):
-            raise RefusedError("Too many programs wait for this arm.", "Try again.")
+        if not self._may_read.acquire(blocking=False):
+            raise RefusedError("Too many programs wait for the state of this arm.", "Try again.")
         try:
             return self._handler(request)
         finally:
-            self._may_wait.release()
+            self._may_read.release()
 
 
 def _receive_line(connection: socket.socket) -> bytes:

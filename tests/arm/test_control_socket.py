@@ -233,25 +233,25 @@ def test_stop_gets_through_more_silent_callers_than_are_served(device, owner):
         connection.close()
 
 
-def test_only_stop_gets_through_many_waiting_callers(device, kind):
+def test_stop_gets_through_many_callers_that_wait_for_state(device, kind):
     entered, leave = threading.Semaphore(0), threading.Event()
 
-    def wait_unless_stopped(request):
-        if request.do is ControlCommand.STOP:
-            return {"done": "stop"}
+    def wait_for_state(request):
+        if request.do is not ControlCommand.WHERE:
+            return {"done": request.do.value}
         entered.release()
         leave.wait(20)
         return {}
 
-    listener = serve(device, wait_unless_stopped)
+    listener = serve(device, wait_for_state)
     with ThreadPoolExecutor(12) as pool:
         calls = [pool.submit(send_command, device, ControlCommand.WHERE, 20.0) for _ in range(12)]
         for _ in calls:
             assert entered.acquire(timeout=20)
-        for refused in (ControlCommand.WHERE, ControlCommand.RELAX):
-            with pytest.raises(RefusedError, match="Too many programs wait for this arm"):
-                send_command(device, refused)
-        assert send_command(device, ControlCommand.STOP) == {"done": "stop"}
+        with pytest.raises(RefusedError, match="Too many programs wait for the state"):
+            send_command(device, ControlCommand.WHERE)
+        for command in (ControlCommand.WHO, ControlCommand.STOP, ControlCommand.RELAX):
+            assert send_command(device, command) == {"done": command.value}
         leave.set()
         assert [call.result() for call in calls] == [{}] * 12
     listener.close()
