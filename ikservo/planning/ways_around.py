@@ -19,9 +19,8 @@ BLENDS_RAD = (0.3, 0.1, 0.03, 0.01, 0.003)
 MARGINS_M = (0.01, 0.003, 0.0003)
 """Distances that paths keep from everything, the largest first [m]."""
 
-# Postures to check for a distance before the next one; doubles in each round. Where the largest
-# distance can be kept, a path is mostly found soon.
-_EFFORTS = (500, 1000, 1000)
+_EFFORT = 1000  # postures to check for a distance before the next one; doubles in each round
+_WIDE_EFFORT = 500  # the same for the largest distance: if it can be kept, a path is found soon
 _WIDE_ROUNDS = 2  # from the round after these on, the largest distance is left out
 
 _TRIED = 20000  # postures around a contact
@@ -92,7 +91,8 @@ def ways_around(
 
     searches = dict[float, WaySearch]()
     for n in count():
-        for margin_m, effort in list(zip(MARGINS_M, _EFFORTS, strict=True))[n >= _WIDE_ROUNDS :]:
+        for margin_m in MARGINS_M if n < _WIDE_ROUNDS else MARGINS_M[1:]:
+            effort = _WIDE_EFFORT if margin_m == MARGINS_M[0] else _EFFORT
             search = searches[margin_m] = searches.get(margin_m) or search_at(margin_m)
             way = search.find(effort * 2**n, lambda: stop.is_request_over() or is_over())
             stop.check_request()
