@@ -21,7 +21,7 @@ from ikservo.errors import FileFormatError, IkservoError
 BACKUP_SUFFIX = ".bak"
 _PROBE_BYTES = 64 * 1024  # more than a calibration and its journal
 _NEW_FILE = os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0)
-_UNCHANGED = "The existing file is unchanged"
+_UNCHANGED = "No existing file was changed"
 
 
 class FileWriteError(IkservoError, OSError):

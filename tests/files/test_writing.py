@@ -108,7 +108,7 @@ def test_error_at_every_call_tells_whether_the_file_changed(path, monkeypatch, n
             write_atomic(path, NEW, keep_old=True)
         restore_calls(monkeypatch)
         assert path.read_text() == (NEW if caught.value.changed else OLD)
-        assert ("is unchanged" in caught.value.hint) is not caught.value.changed
+        assert ("No existing file was changed" in caught.value.hint) is not caught.value.changed
         assert {p.name for p in path.parent.iterdir()} <= {"so101.toml", "so101.toml.bak"}
         write_atomic(path, OLD)
 
