@@ -148,8 +148,10 @@ def read_pictures(folder: Path, arm: str, joints: Sequence[str]) -> SavedPicture
         index = PictureIndex.model_validate(tables)
     except ValidationError as error:
         raise first_issue(validation_issues(error, PictureIndex), path) from None
-    if index.arm != arm or index.joints != tuple(joints):
-        raise FileFormatError(path, "arm", f"is {index.arm}, or its joints differ", arm)
+    if index.arm != arm:
+        raise FileFormatError(path, "arm", f"is {index.arm}", arm)
+    if index.joints != tuple(joints):
+        raise FileFormatError(path, "joints", "differ from those of the arm", ", ".join(joints))
     if any(len(saved.joints_rad) != len(joints) for saved in index.pictures):
         raise FileFormatError(path, "pictures", "has too few or too many joints", f"{len(joints)}")
     path = folder / _CALIBRATION
