@@ -19,8 +19,8 @@ BRAKE_S = 0.25
 
 _MAX_STEP_S = 0.02  # up to this gap a late cycle advances the motion by the elapsed time
 _LATE_S = 0.025  # delay of a cycle that counts as late
-# Excess of late cycles over good ones that is too much: 10 s or more. Until then the motion only
-# slows down, since no cycle advances it by more than the step above.
+# Largest excess of late cycles over good ones; late cycles alone take 6 s or more. Until then the
+# motion only slows down, because no cycle advances it by more than ``_MAX_STEP_S``.
 _LATE_CYCLES = 250
 
 

@@ -116,7 +116,7 @@ class ServedView:
 class HoldingView(ViewApp):
     """A view of an arm that holds when it is opened, like one in use.
 
-    Its simulator runs in real time: on a busy machine the limp arm would fall before torque is on.
+    Its simulator runs in real time, in which a limp arm falls before its torque is on.
     """
 
     def __init__(self, *args, calibrated=True, **options):

@@ -240,9 +240,9 @@ def fit_loop(windows: SteadyWindows, prior: JointPrior) -> LoopFit:
 def mean_duties(windows: SteadyWindows, loops: Sequence[LoopFit]) -> SteadyWindows:
     """Return windows with their mean duties over time, which balance friction and load.
 
-    Servos are read between two goals. There the D gain brakes the joint. At each new goal it
-    drives the joint by as much, but too shortly to be read; the error also falls between goals.
-    If that makes the duties noisy, duties computed from the leads are used.
+    Servos are read between two goals. There the D gain brakes the joint. At each new goal it drives
+    the joint by as much, for too short a time to be read; the error also falls between goals. If it
+    makes the duties noisy, duties computed from the leads are used.
 
     Args:
         windows: The windows that were read.

@@ -106,7 +106,7 @@ def benchmark_bus(
             raise_on_duplicate_ids(bus)
         bench = _Benchmark(bus, meter, [joint.servo.id for joint in model.joints])
         return [
-            bench.measure(what, names, cycles, on_cycle or _ignore_progress)
+            bench.measure(what, names, cycles, on_cycle or (lambda _, __: None))
             for what, names in _TASKS.items()
         ]
 
@@ -173,10 +173,6 @@ class _Benchmark:
         families = {self._bus.servos[i].table.family for i in self._ids}
         header = b"\xff\xff\xfd\x00" if families == {Family.DYNAMIXEL_2} else b"\xff\xff"
         return received.count(header) * mean_s
-
-
-def _ignore_progress(_: str, __: int) -> None:
-    """Ignore progress."""
 
 
 def _sorted_quantile(ascending: Sequence[float], quantile: float) -> float:

@@ -23,7 +23,8 @@ export class Markings {
     this.region = new THREE.Group();
     this.region.matrixAutoUpdate = false;
     this.things = new THREE.Group();
-    [this.thingColour, this.touchedColour] = [new THREE.Color(), new THREE.Color()];
+    this.thingColour = new THREE.Color();
+    this.touchedColour = new THREE.Color();
     this.root.add(this.dots, this.region, this.things);
     this.table = graph.floor === null ? [] : this.createTable(graph);
     this.root.add(...this.table);
