@@ -24,15 +24,14 @@ from ikservo.kinematics.arrays import (
     finite_vector,
     read_only,
 )
-from ikservo.kinematics.chain import Chain
 from ikservo.kinematics.dynamics import Dynamics
 
-# Effect on the torques, relative to the largest, below which a parameter has none. On the arms of
-# the catalogue, at rest or at 0.3 rad/s and more, relevant ones have more than 5e-4, and rounded
-# angles in a file (1.5708) make less than 3e-6 of the others.
+# A parameter whose effect on the torques is a smaller fraction of the largest effect has none. On
+# the arms of the catalogue, at rest or at 0.3 rad/s and more, relevant parameters have more than
+# 5e-4; rounded angles in a file (1.5708) give others less than 3e-6.
 _TOLERANCE = 3e-5
 _ROUNDING = 1e-12  # fraction of the largest effect
-_MOTIONS = 200
+_MOTIONS = 200  # random motions to evaluate
 
 TYPICAL_PARAMETERS = read_only([1.0, *[0.1] * 3, *[0.01] * 6])
 """Size of the ten parameters of a body per kg, if it is about 0.1 m long."""
@@ -102,7 +101,9 @@ def base_parameters(
     speed = _at_least_zero(speed_rad_s, "The speed")
     acceleration = _at_least_zero(acceleration_rad_s2, "The acceleration")
     random, chain = np.random.default_rng(seed), dynamics.chain
-    low, high = _finite_limits(chain)
+    # A continuous joint moves by a full turn.
+    low = np.where(np.isfinite(chain.lower_rad), chain.lower_rad, -np.pi)
+    high = np.where(np.isfinite(chain.upper_rad), chain.upper_rad, np.pi)
     shape = (_MOTIONS, chain.dof)
     q = random.uniform(low, high, shape)
     qd = random.uniform(-speed, speed, shape)
@@ -123,7 +124,7 @@ def independent_columns(
     columns, for friction or a scale of the current, may follow those of the inertia.
 
     Args:
-        regressor: (m, p), one row per torque.
+        regressor: The regressor (m, p), one row per torque.
         typical: Size of each parameter (p,), so that effects on the torques can be compared.
         tolerance: Effect that a column must add to earlier ones, in proportion to the largest
             effect of all. Torques of the reduced regressor are exact to this.
@@ -156,12 +157,6 @@ def _select_columns(Y: Matrix, least: float) -> IntVector:
             columns.append(column)
             basis = np.vstack([basis, rest / length])
     return np.array(columns, dtype=np.int64)
-
-
-def _finite_limits(chain: Chain) -> tuple[Vector, Vector]:
-    """Compute the limits (dof,) of each side, a full turn for continuous joints."""
-    low, high = chain.lower_rad, chain.upper_rad
-    return np.where(np.isfinite(low), low, -np.pi), np.where(np.isfinite(high), high, np.pi)
 
 
 def _at_least_zero(value: float, what: str) -> float:

@@ -1,7 +1,7 @@
 """Deflection behind the joint sensors of an arm: compliance and backlash, under gravity.
 
 A sensor on a servo's shaft does not see the horn, the screws and the printed link behind it. They
-turn by ``compliance * torque``, and across their backlash, to the side to which gravity pulls. The
+turn by ``compliance * torque``, and across their backlash to the side to which gravity pulls. The
 torque is that of the links' posture, so the links' joints solve ``q_link = q - compliance g(q_link)
 - half_play side(g(q_link))``; the inverse is explicit.
 """
@@ -16,13 +16,13 @@ from numpy.typing import ArrayLike
 from ikservo.kinematics.arrays import Matrix, Vector, freeze_arrays
 from ikservo.kinematics.dynamics import Dynamics
 
-# A torque that presses a joint to one side of its backlash; below it the side is uncertain.
+# This torque presses a joint to one side of its backlash; below it the side is uncertain.
 _SIDE_NM = 0.05
 # Each step multiplies the error by compliance times stiffness of gravity, a tenth or less for most
 # arms. Half steps help arms for which it is more than one.
-_STEPS = 80  # at most
-_WHOLE_STEPS = 8  # further ones are half steps
-_ENOUGH_RAD = 1e-9  # a smaller change ends them
+_STEPS = 80  # maximum number of steps
+_WHOLE_STEPS = 8  # number of whole steps; further ones are half steps
+_ENOUGH_RAD = 1e-9  # a smaller change ends the steps
 _DERIVATIVE_RAD = 1e-4  # step for the stiffness of gravity
 
 
@@ -44,7 +44,7 @@ class Bending:
         freeze_arrays(self)
 
     def deflection(self, q_link: ArrayLike) -> Vector:
-        """Compute the rotation of the links by gravity from their own joints (dof,) or (n, dof)."""
+        """Compute the rotation of the links by gravity at their own joints (dof,) or (n, dof)."""
         torque = self.dynamics.gravity_torques(q_link)
         return -self.compliance * torque - self.half_play * self.side(torque)
 

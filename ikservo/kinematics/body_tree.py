@@ -7,7 +7,7 @@ first axis of all arrays is the body, parents first, the second one the sample.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -30,15 +30,16 @@ class BodyTree:
         links: For each link of the chain, its body (BASE if it does not move) and its pose
             T_body_link (4, 4).
         parents: The body that each one is attached to, or BASE.
-        carries: (n, n), 1 if body i is body j, or is carried by it.
-        gears: (n, dof); the values of the joints are ``gears @ q + shifts``, followers included.
-        shifts: (n, 1), rad or m.
-        slides: (n, 1), whether each joint is prismatic.
-        poses_still: (n, 1, 4, 4), the part of T_parent_body that does not depend on q.
-        poses_sine: (n, 1, 4, 4), the part that is multiplied by the sine of the value, or by the
-            value itself for a prismatic joint.
-        poses_cosine: (n, 1, 4, 4), the part that is multiplied by the cosine.
-        body_twists: (n, 1, 4, 4), twist of each joint in its body's frame.
+        carries: 1 if body j is body i or carries it, else 0 (n, n).
+        gears: Multipliers (n, dof); the values of the joints, followers included, are ``gears @ q +
+            shifts``.
+        shifts: Offsets of the values (n, 1), rad or m.
+        slides: Whether each joint is prismatic (n, 1).
+        poses_still: The part of T_parent_body that does not depend on q (n, 1, 4, 4).
+        poses_sine: The part that is multiplied by the sine of the value, or by the value itself for
+            a prismatic joint (n, 1, 4, 4).
+        poses_cosine: The part that is multiplied by the cosine (n, 1, 4, 4).
+        body_twists: The twist of each joint in its body's frame (n, 1, 4, 4).
     """
 
     names: tuple[str, ...]
@@ -55,16 +56,20 @@ class BodyTree:
 
     @classmethod
     def of(cls, chain: Chain) -> BodyTree:
-        """Make the bodies of a chain."""
+        """Make the body tree of a chain."""
         links, joints = _place_links(chain)
         steps, parents = [joint.step for joint in joints], tuple(joint.parent for joint in joints)
         twists = np.array([step.twist_matrix for step in steps])
         T = np.array([joint.T_parent_joint for joint in joints])
+        carries = np.eye(len(parents))
+        for body, parent in enumerate(parents):
+            if parent != BASE:
+                carries[body] += carries[parent]
         return cls(
             names=tuple(step.joint.child for step in steps),
             links=links,
             parents=parents,
-            carries=_carries(parents),
+            carries=read_only(carries),
             gears=read_only([step.scale * np.eye(chain.dof)[step.column] for step in steps]),
             shifts=read_only([[step.shift] for step in steps]),
             slides=np.array([[step.joint.kind is JointType.PRISMATIC] for step in steps]),
@@ -120,7 +125,7 @@ class _MovingJoint(NamedTuple):
 
 
 def _place_links(chain: Chain) -> tuple[dict[str, tuple[int, Matrix]], list[_MovingJoint]]:
-    """Compute the body of each link and its pose in it, and the joint of each body."""
+    """Compute each link's body and its pose in that body, and the joint of each body."""
     links: dict[str, tuple[int, Matrix]] = {chain.base: (BASE, read_only(np.eye(4)))}
     joints: list[_MovingJoint] = []
     for link in chain.frames[1:]:
@@ -133,12 +138,3 @@ def _place_links(chain: Chain) -> tuple[dict[str, tuple[int, Matrix]], list[_Mov
         else:
             links[link] = parent, read_only(T_parent_joint @ step.motion_at(step.shift))
     return links, joints
-
-
-def _carries(parents: Sequence[int]) -> Matrix:
-    """Return (n, n): row i is 1 at body i and at all bodies that carry it."""
-    rows = np.eye(len(parents))
-    for body, parent in enumerate(parents):
-        if parent != BASE:
-            rows[body] += rows[parent]
-    return read_only(rows)

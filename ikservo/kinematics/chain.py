@@ -41,7 +41,7 @@ class Chain:
     has limits that also keep its followers inside theirs.
 
     An arm that yields behind its joints' sensors has ``link_joints``: poses are then those of its
-    links, for joints as the sensors see them. ``jacobian`` is that of the links' joints.
+    links, for joints as the sensors see them; ``jacobian`` refers to the links' joints.
 
     Attributes:
         base: The root link; its coordinates are world coordinates.
@@ -123,8 +123,8 @@ class Chain:
         """Return the same chain inside other limits, (dof,) each, rad or m.
 
         Raises:
-            BadValueError: A limit is not a number or is above its upper limit, a shape is wrong, or
-                a joint that was limited would have no limit.
+            BadValueError: A limit is not a number, a lower limit is above the upper one, a shape is
+                wrong, or a joint that was limited would have no limit.
         """
         low = self._check_limits(lower, self.lower_rad, "lower limits")
         high = self._check_limits(upper, self.upper_rad, "upper limits")
@@ -169,7 +169,7 @@ class Chain:
         return replace(self, _paths={**self._paths, name: path})
 
     def with_origins(self, origins: Mapping[str, Matrix]) -> Chain:
-        """Compute the same chain with some joints moved: ``T_parent_joint`` (4, 4) by joint.
+        """Return the same chain with other origins ``T_parent_joint`` (4, 4) of some joints.
 
         Raises:
             UnknownNameError: The arm has no joint of such a name.
@@ -198,7 +198,7 @@ class Chain:
         return clipped
 
     def mid_range(self) -> Vector:
-        """Return (dof,) the middle of every range; zero for continuous joints."""
+        """Return the middle of every range (dof,); zero for continuous joints."""
         bounded = np.isfinite(self.lower_rad) & np.isfinite(self.upper_rad)
         middle = np.zeros(self.dof)
         middle[bounded] = 0.5 * (self.lower_rad[bounded] + self.upper_rad[bounded])
@@ -287,7 +287,7 @@ class Chain:
         return joints if self.link_joints is None else self.link_joints(joints)
 
     def _check_limits(self, limits: ArrayLike, present: Vector, what: str) -> Vector:
-        """Check limits (dof,); those of a continuous joint may stay infinite."""
+        """Check limits (dof,); the limits of a continuous joint may stay infinite."""
         array = as_floats(limits, what, f"numbers of shape ({self.dof},)")
         if array.shape == present.shape:
             open_ended = np.isinf(present) & (array == present)

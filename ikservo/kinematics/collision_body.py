@@ -16,7 +16,7 @@ from ikservo.kinematics.chain import Chain
 from ikservo.kinematics.joints import ChainJoint, JointType
 from ikservo.kinematics.packed import PackedBody, pack_capsules, pack_links
 
-# An arm is never exactly in a named pose.
+# Margin [m], because an arm is never exactly in a named pose.
 _MARGIN_M = 0.004
 
 
@@ -63,7 +63,7 @@ class LinkTravelBounds:
         """
         reach_m, points_m = np.zeros(self._chain.dof), self._points_m.get(link, np.zeros((1, 3)))
         length_m = float(np.linalg.norm(points_m, axis=1).max())
-        is_known = True  # whether positions in the present frame are known
+        is_known = True  # whether the points are known in the present frame
         for step, leads_out in [
             *((step, False) for step in reversed(inwards)), *((step, True) for step in outwards)
         ]:  # fmt: skip
@@ -99,7 +99,7 @@ class PairDistances:
     """Distances of pairs of things in several postures.
 
     Attributes:
-        pairs: The pairs: a link, and another link or the name of a thing.
+        pairs: The names of each pair: a link, and another link or a thing.
         gap_m: Distances of their surfaces (n, pairs), metres; negative if they overlap.
     """
 
@@ -114,12 +114,12 @@ class CollisionBody:
     """The capsules of all links, and the pairs of links that may come near each other.
 
     Links that are joined to each other touch by design and are left out. Capsules are thicker than
-    what they cover: for pairs that overlap in a posture known to be free, the distance in it counts
-    as zero.
+    the parts that they cover: if a pair overlaps in a posture known to be free, its distance there
+    counts as zero.
 
     Args:
         chain: The arm; ``q`` (dof,) places its links.
-        capsules: Any number for each link.
+        capsules: The capsules; a link may have any number of them.
         postures: Joint vectors (dof,) that are known to be free of collision.
     """
 
@@ -130,7 +130,11 @@ class CollisionBody:
         self._capsules = sorted(capsules, key=lambda capsule: capsule.link)
         self._radii_m = np.array([capsule.radius_m for capsule in self._capsules])
         self._links = list(dict.fromkeys(capsule.link for capsule in self._capsules))
-        moving = {link: _moving_joints(chain, link) for link in self._links}
+        moving: dict[str, frozenset[str]] = {}
+        for link in self._links:
+            joints = [step.joint for step in chain.joints_to(link)]
+            moving[link] = frozenset(j.name for j in joints if j.kind is not JointType.FIXED)
+        # One moving joint between two links means that it joins them.
         pairs = itertools.combinations(self._links, 2)
         self.pairs = tuple((a, b) for a, b in pairs if len(moving[a] ^ moving[b]) > 1)
         self._ones, self._others, self._first = self._capsule_pairs()
@@ -237,9 +241,3 @@ class CollisionBody:
                 ones.append(i)
                 others.append(j)
         return ones, others, first
-
-
-def _moving_joints(chain: Chain, link: str) -> frozenset[str]:
-    """Return the moving joints between the base and a link; links beside it differ by one."""
-    joints = [step.joint for step in chain.joints_to(link)]
-    return frozenset(joint.name for joint in joints if joint.kind is not JointType.FIXED)

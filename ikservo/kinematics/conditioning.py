@@ -1,7 +1,7 @@
 """Manipulability and the distance to the nearest singularity, lengths and angles kept apart.
 
 Singular values of a Jacobian with rows in both metres and radians mean nothing. Here the linear
-rows are evaluated first, then the angular rows for joint motions that leave the point at rest: the
+rows are evaluated first, then the angular rows for joint motions that leave the point at rest. The
 arm loses a direction of its pose exactly if one of the two is zero.
 """
 
@@ -25,15 +25,15 @@ def manipulability(J: Matrix) -> Vector:
     rows for positions ``J[..., :3, :]`` [m³], all six for poses.
 
     Source: T. Yoshikawa, Manipulability of Robotic Mechanisms, IJRR 4(2), 1985. With fewer
-    joints than rows, the product of the singular values.
+    joints than rows it is the product of the singular values.
     """
     return np.prod(np.linalg.svd(J, compute_uv=False), axis=-1)
 
 
 def distance_to_limits(chain: Chain, q: ArrayLike) -> Vector:
-    """Return (dof,) or (n, dof): the distance of each joint to its nearer limit, rad or m.
+    """Return the distance (dof,) or (n, dof) of each joint to its nearer limit, rad or m.
 
-    Negative outside, infinite for a continuous joint.
+    It is negative outside, and infinite for a continuous joint.
     """
     joints = np.asarray(q, dtype=np.float64)
     return np.minimum(joints - chain.lower_rad, chain.upper_rad - joints)
@@ -43,7 +43,7 @@ def distance_to_limits(chain: Chain, q: ArrayLike) -> Vector:
 _RANK = 1e-9
 _SAMPLES = 5
 _STEPS = 40
-_FRACTIONS = 0.5 ** np.arange(6)  # fractions of Newton's step to try
+_FRACTIONS = 0.5 ** np.arange(6)  # fractions of Newton's step that are tried
 _ZERO = 1e-6  # a posture with a singular value below this is singular, m/rad or rad/rad
 _DIFFERENCE_RAD = 1e-6
 _MAX_STEP_RAD = 0.3
@@ -141,15 +141,15 @@ def nearest_singularity(
     """Search near joints (dof,) for a singular posture of a point.
 
     Newton's steps reduce the smallest singular value to zero inside the limits, from the posture
-    and from some around it. The result is certainly singular, but another one may be nearer; None
-    if none is found.
+    and from some around it. The result is certainly singular, but another singular posture may be
+    nearer. It is None if no singular posture is found.
 
     Args:
         chain: The arm.
         q: The start (dof,), rad or m; joints outside the limits are clipped to them first.
         frame: Name of a link; the tip if None.
         offset_m: A point (3,) in that link's coordinates, metres; its origin if None.
-        rotation: Whether postures also count in which the link loses a rotation with the point at
+        rotation: Whether a posture also counts if the link loses a rotation with the point at
             rest.
 
     Raises:
@@ -157,7 +157,9 @@ def nearest_singularity(
         UnknownNameError: There is no link named ``frame``.
     """
     start = chain.clip(finite_vector(q, chain.dof, "q"))
-    starts = _start_postures(chain, start)
+    # The posture, and with each joint moved either way (2 dof + 1, dof).
+    aside = _START_OFFSET_RAD * np.eye(chain.dof)
+    starts = chain.clip(np.vstack([start[None], start + aside, start - aside]))
     measures = _singularity_measures(chain, frame, offset_m, rotation)
     ends = np.vstack([np.zeros((0, chain.dof)), *(_find_zeros(chain, starts, m) for m in measures)])
     if not len(ends):
@@ -186,15 +188,8 @@ def _singularity_measures(
     return measures
 
 
-def _start_postures(chain: Chain, q: Vector) -> Matrix:
-    """Compute the start postures (2 dof + 1, dof): q, and with one joint moved either way."""
-    aside = _START_OFFSET_RAD * np.eye(chain.dof)
-    starts: Matrix = chain.clip(np.vstack([q[None], q + aside, q - aside]))
-    return starts
-
-
 def _find_zeros(chain: Chain, q: Matrix, measure: Measure) -> Matrix:
-    """Find the zeros (n, dof) of a measure found by searches from joints (m, dof)."""
+    """Find zeros (n, dof) of a measure by searches from joints (m, dof)."""
     values = measure(q)
     ends: list[Matrix] = []
     for _ in range(_STEPS):
@@ -211,7 +206,11 @@ def _newton_step(
     chain: Chain, q: Matrix, values: Vector, measure: Measure
 ) -> tuple[Matrix, Vector]:
     """Take Newton's step, or its half, quarter, … that lowers the measure most."""
-    slope = _measure_gradient(chain, q, values, measure)
+    aside = _DIFFERENCE_RAD * np.eye(chain.dof)
+    beside = measure((q[:, None] + aside).reshape(q.size, chain.dof)).reshape(q.shape)
+    slope = (beside - values[:, None]) / _DIFFERENCE_RAD
+    downhill = chain.clip(q - np.copysign(_DIFFERENCE_RAD, slope))
+    slope = np.where(downhill == q, 0.0, slope)  # a joint at a limit does not move outside
     size2 = np.maximum(np.sum(slope * slope, axis=1), _MIN_DERIVATIVE)
     step = -(values / size2)[:, None] * slope
     max_step_rad = np.maximum(np.linalg.norm(step, np.inf, axis=1), _MAX_STEP_RAD)
@@ -220,15 +219,6 @@ def _newton_step(
     values_after = measure(candidates).reshape(len(_FRACTIONS), len(q))
     best = np.argmin(values_after, axis=0) * len(q) + np.arange(len(q))
     return candidates[best], values_after.ravel()[best]
-
-
-def _measure_gradient(chain: Chain, q: Matrix, values: Vector, measure: Measure) -> Matrix:
-    """Compute the derivative (n, dof); 0 for joints at a limit that would move outside."""
-    aside = _DIFFERENCE_RAD * np.eye(chain.dof)
-    beside = measure((q[:, None] + aside).reshape(q.size, chain.dof)).reshape(q.shape)
-    slope = (beside - values[:, None]) / _DIFFERENCE_RAD
-    downhill = chain.clip(q - np.copysign(_DIFFERENCE_RAD, slope))
-    return np.where(downhill == q, 0.0, slope)
 
 
 def _linear_singular_values(J: Matrix) -> Vector:
@@ -248,7 +238,7 @@ def _singular_values(matrices: Matrix) -> Matrix:
 
 
 def ordinary_postures(dof: int) -> Matrix:
-    """Compute a few postures (n, dof) that are singular for no arm.
+    """Return a few postures (n, dof) that are not singular for any arm.
 
     Each joint is at another whole number of radians, which is never a fraction of a revolution.
     """

@@ -58,7 +58,7 @@ class Dynamics:
 
     Attributes:
         chain: The joints of q; a payload is fixed to its tip.
-        parameters: Ten for each of ``bodies`` (10 bodies,), in its frame: ``inertia.PARAMETERS``.
+        parameters: Ten parameters of each body (10 bodies,), in its frame: ``inertia.PARAMETERS``.
         gravity_m_s2: The acceleration of a falling body (3,), in the base frame.
     """
 
@@ -111,7 +111,7 @@ class Dynamics:
         return self._tree.names
 
     def with_gravity(self, gravity_m_s2: ArrayLike) -> Dynamics:
-        """Compute the same arm under another gravity (3,), base frame.
+        """Return the same arm under another gravity (3,), base frame.
 
         Raises:
             BadValueError: The gravity is not a vector (3,) of finite numbers.
@@ -158,7 +158,7 @@ class Dynamics:
         """Compute the torques g(q) that hold the arm at rest.
 
         Args:
-            q: (dof,) or (n, dof).
+            q: Joints (dof,) or (n, dof).
 
         Returns:
             g, shaped as q.
@@ -177,7 +177,7 @@ class Dynamics:
         """Compute the torques that give the joints an acceleration (recursive Newton-Euler).
 
         Args:
-            q: (dof,) or (n, dof).
+            q: Joints (dof,) or (n, dof).
             qd: The rates, shaped as q.
             qdd: The accelerations, shaped as q.
 
@@ -195,10 +195,10 @@ class Dynamics:
         return self._generalized(torques, q)
 
     def inertia_matrix(self, q: ArrayLike) -> Matrix:
-        """Return M(q), by the composite bodies' inertia (Featherstone 2008, section 6.2).
+        """Return the inertia matrix M(q) (Featherstone 2008, section 6.2).
 
         Args:
-            q: (dof,) or (n, dof).
+            q: Joints (dof,) or (n, dof).
 
         Returns:
             M (dof, dof) or (n, dof, dof), symmetric: kg m² (kg m, kg for prismatic joints).
@@ -217,7 +217,7 @@ class Dynamics:
         return M if q.ndim == 2 else M[0]
 
     def regressor(self, q: ArrayLike, qd: ArrayLike, qdd: ArrayLike) -> Matrix:
-        """Return Y with ``inverse_dynamics(q, qd, qdd) = Y @ parameters``.
+        """Return the regressor Y with ``inverse_dynamics(q, qd, qdd) = Y @ parameters``.
 
         ``tau_i = Σ_k tr(D_iᵀ A_k T_k P_k T_kᵀ)`` is linear in the matrices P_k, and these in the
         parameters (Atkeson, An, Hollerbach, "Estimation of inertial parameters of manipulator
@@ -225,7 +225,7 @@ class Dynamics:
         Robots", 2002, chapter 12).
 
         Args:
-            q: (dof,) or (n, dof).
+            q: Joints (dof,) or (n, dof).
             qd: The rates, shaped as q.
             qdd: The accelerations, shaped as q.
 

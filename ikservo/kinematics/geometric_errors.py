@@ -1,6 +1,6 @@
 """Geometric errors of a chain and their Jacobian, for kinematic calibration.
 
-No two arms are equal to a millimetre: printed links, screws with backlash, a base that is
+No two arms are equal to a millimetre, because links are printed, screws have backlash and bases are
 slightly tilted. ``GeometricErrors`` contains these errors; ``apply_geometric_errors`` builds the
 chain of such an arm.
 """
@@ -29,7 +29,7 @@ class GeometricErrors:
 
     Attributes:
         base_m: Position of the described base (3,), metres, world coordinates.
-        base_rad: Its rotation: a rotation vector (3,).
+        base_rad: Rotation vector (3,) of the described base.
         origins_m: Translation of a joint's origin against its description (3,), metres, in its
             parent's coordinates; the fixed joint before the tip is for the tool.
     """
@@ -65,7 +65,7 @@ def apply_geometric_errors(chain: Chain, geometry: GeometricErrors) -> Chain:
 def identifiable_origins(chain: Chain) -> tuple[str, ...]:
     """Return the joints with identifiable origins: all moving ones but the first.
 
-    The fixed joint at the end of the path to the tip, if any, comes last: it places the tool.
+    The fixed joint at the end of the path to the tip, if any, comes last; it places the tool.
     """
     moving = [step for step in chain.joints_to() if step.scale]
     names = [after.joint.name for _, after in pairwise(moving)]
@@ -91,21 +91,15 @@ def calibration_jacobian(
     own = apply_geometric_errors(chain, geometry)
     T, jacobian = own.forward_and_jacobian(q)
     tips: Matrix = T[:, :3, 3]
-    rotations = _parent_rotations(own, q, origins)
+    # An origin moves the tip in the coordinates of its joint's parent link.
+    parents = {step.joint.name: step.joint.parent for step in own.joints_to()}
+    links = own.link_poses(q)
+    origin_columns = [links[parents[name]][:, :3, :3] for name in origins]
     eye = np.broadcast_to(np.eye(3), (len(q), 3, 3))
-    # Derivatives of points (n, 3) by the base's rotation vector (n, 3, 3),
-    arms_m = tips - geometry.base_m
+    # The derivative by the base's rotation vector uses the left Jacobian of small rotations.
     W = skew(geometry.base_rad)
-    left_jacobian = (
-        np.eye(3) + W / 2.0 + W @ W / 6.0 + W @ W @ W / 24.0
-    )  # valid for small rotations of the base
+    left_jacobian = np.eye(3) + W / 2.0 + W @ W / 6.0 + W @ W @ W / 24.0
+    arms_m = tips - geometry.base_m
     rotation_columns = np.array([-skew(arm) @ left_jacobian for arm in arms_m])
-    columns = [jacobian[:, :3, :], eye, rotation_columns, *(rotations[name] for name in origins)]
+    columns = [jacobian[:, :3, :], eye, rotation_columns, *origin_columns]
     return tips, np.concatenate(columns, axis=2)
-
-
-def _parent_rotations(chain: Chain, q: Matrix, names: Sequence[str]) -> dict[str, Matrix]:
-    """Return the rotation (n, 3, 3) of each joint's parent link."""
-    parents = {step.joint.name: step.joint.parent for step in chain.joints_to()}
-    links = chain.link_poses(q)
-    return {name: links[parents[name]][:, :3, :3] for name in names}

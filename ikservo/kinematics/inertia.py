@@ -1,8 +1,8 @@
 """Mass and inertia of links, and the ten parameters of a rigid body.
 
 The parameters of a body are its mass m [kg], its first moments ``h = m c`` [kg m] and the tensor I
-[kg m²] about the origin of its frame, not about the centre of mass c: forces are linear in these
-(Atkeson, An, Hollerbach 1986). The pseudo-inertia matrix holds the same numbers::
+[kg m²] about the origin of its frame, not about the centre of mass c, because forces are linear in
+these (Atkeson, An, Hollerbach 1986). The pseudo-inertia matrix holds the same numbers::
 
     P = ∫ [x; 1] [x; 1]ᵀ dm = [[½ tr(I) 1 - I, h], [hᵀ, m]]
 
@@ -35,8 +35,8 @@ class LinkMass:
         link: The link.
         mass_kg: Its mass, zero or more.
         centre_m: Its centre of mass (3,) in the link's frame.
-        inertia_kg_m2: Its inertia tensor (3, 3) about the centre of mass, in the link's axes; that
-            of a point mass if not given.
+        inertia_kg_m2: Its inertia tensor (3, 3) about the centre of mass, in the link's axes; by
+            default zero, as for a point mass.
 
     Raises:
         BadValueError: A mass is below zero, a number is not finite, a shape is wrong, or a tensor

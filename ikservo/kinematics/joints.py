@@ -109,7 +109,7 @@ class ChainJoint:
         return ChainJoint(self.joint, 0, 0.0, value).motion(_ORIGIN)
 
     def jacobian_column(self, T_world_joint: Matrix, point_m: Vector) -> Vector:
-        """Return (6,) or (n, 6): the motion of a point per unit of the joint's value."""
+        """Return the motion (6,) or (n, 6) of a point per unit of the joint's value."""
         axis = T_world_joint[..., :3, :3] @ self.joint.axis
         if self.joint.kind is JointType.PRISMATIC:
             return np.concatenate([axis, np.zeros_like(axis)], axis=-1)
@@ -136,11 +136,12 @@ def joints_to_each_link(joints: Sequence[Joint], base: str) -> dict[str, tuple[J
 def make_chain_joint(
     joint: Joint, columns: Mapping[str, int], by_name: Mapping[str, Joint]
 ) -> ChainJoint:
-    """Make the joint with the entry of q that moves it, through mimics; no entry if it is held."""
+    """Make the joint with the entry of q that moves it, through mimics; a held joint has none."""
     leader, scale, shift = _resolve_mimic(joint, by_name)
     if leader.name in columns:
         return ChainJoint(joint, columns[leader.name], scale, shift)
-    return ChainJoint(joint, 0, 0.0, scale * _clamp_zero(leader) + shift)
+    held = min(max(0.0, leader.lower), leader.upper)
+    return ChainJoint(joint, 0, 0.0, scale * held + shift)
 
 
 def effective_limits(moving: Sequence[Joint], joints: Sequence[Joint]) -> list[tuple[float, float]]:
@@ -167,7 +168,7 @@ def effective_limits(moving: Sequence[Joint], joints: Sequence[Joint]) -> list[t
 
 
 def _resolve_mimic(joint: Joint, by_name: Mapping[str, Joint]) -> tuple[Joint, float, float]:
-    """Compute the leading joint, and scale and shift: ``value = scale * its value + shift``."""
+    """Return the leading joint, and scale and shift in ``value = scale * its value + shift``."""
     scale, shift, leader = 1.0, 0.0, joint
     for _ in by_name:
         if leader.mimic is None:
@@ -178,10 +179,6 @@ def _resolve_mimic(joint: Joint, by_name: Mapping[str, Joint]) -> tuple[Joint, f
         scale *= leader.mimic.multiplier
         leader = by_name[leader.mimic.joint]
     return leader, scale, shift
-
-
-def _clamp_zero(joint: Joint) -> float:
-    return min(max(0.0, joint.lower), joint.upper)
 
 
 def _cross_product(a: Vector, b: Vector) -> Vector:

@@ -1,8 +1,8 @@
 """Chains and collision bodies as flat arrays for the compiled kernels.
 
 Row 0 is a header, followed by one row per moving joint, one for the tool, one per limit. Fixed
-joints are folded into their neighbours, and every joint frame is rotated so that its axis is z: a
-rotation then mixes just two columns of the pose.
+joints are folded into their neighbours, and every joint frame is rotated so that its axis is z,
+because a rotation then mixes just two columns of the pose.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ IS_ALIGNED               = 16            # joint and tool: 1 if R is exactly the
 LOWER, UPPER, FULL_TURN  = 0, 1, 2       # limit: the range; 1 if every direction is inside it
 # fmt: on
 
-# Ranges from -3.14 to 3.14 in files mean full revolutions.
+# A range from -3.14 to 3.14 in a file means a full revolution.
 _FULL_TURN_RAD = 2.0 * math.pi - 1e-2
 
 
@@ -40,7 +40,7 @@ def pack_chain(
     offset_m: Vector | None = None,
     tool_axis: Vector | None = None,
 ) -> Matrix:
-    """Compute the joints to a point of a link as one array (2 + joints + dof, WIDTH).
+    """Pack the joints to a point of a link into one array (2 + joints + dof, WIDTH).
 
     Args:
         chain: The arm.
@@ -60,7 +60,10 @@ def pack_chain(
         rest = rest @ make_pose(np.zeros(3), rotation_z_to(tool_axis))
     header = np.zeros(WIDTH)
     header[STEPS], header[DOF] = len(rows), chain.dof
-    header[FIRST_INDEPENDENT] = bool(rows) and _is_first_revolute(chain, rows[0])
+    if rows:
+        first = rows[0]
+        plain = first[IS_REVOLUTE] == 1.0 and first[SCALE] == 1.0 and first[SHIFT] == 0.0
+        header[FIRST_INDEPENDENT] = bool(plain) and not _has_mimics(chain, int(first[COLUMN]))
     return np.array([header, *rows, _flatten_pose(rest), *_limit_rows(chain)])
 
 
@@ -89,11 +92,6 @@ def _joint_rows(path: tuple[ChainJoint, ...]) -> tuple[list[Vector], Matrix]:
         rows.append(row)
         rest = make_pose(np.zeros(3), align.T)
     return rows, rest
-
-
-def _is_first_revolute(chain: Chain, first: Vector) -> bool:
-    plain = first[IS_REVOLUTE] == 1.0 and first[SCALE] == 1.0 and first[SHIFT] == 0.0
-    return bool(plain) and not _has_mimics(chain, int(first[COLUMN]))
 
 
 def _flatten_pose(T: Matrix) -> Vector:
@@ -169,14 +167,22 @@ class PackedBody:
 
 
 def pack_links(chain: Chain) -> tuple[tuple[str, ...], Matrix]:
-    """Compute the names of all links, parents first, and a row for each (links, 20)."""
+    """Return the names of all links, parents first, and a row for each (links, 20)."""
     names = chain.frames
     rows = np.zeros((len(names), LINK_WIDTH))
     for row, name in zip(rows, names, strict=True):
         path = chain.joints_to(name)
         row[PARENT] = names.index(path[-1].joint.parent) if path else -1
-        if path:
-            _fill_link_row(row, path[-1])
+        if not path:
+            continue
+        step, joint = path[-1], path[-1].joint
+        row[ORIGIN : ORIGIN + 9] = joint.origin[:3, :3].ravel()
+        row[LINK_POSE : LINK_POSE + 3] = joint.origin[:3, 3]
+        if joint.kind is JointType.FIXED:
+            continue
+        row[AXIS : AXIS + 3] = joint.axis
+        row[IS_PRISMATIC] = joint.kind is JointType.PRISMATIC
+        row[MIMIC_COLUMN], row[MIMIC_SCALE], row[MIMIC_OFFSET] = step.column, step.scale, step.shift
     return names, rows
 
 
@@ -184,14 +190,3 @@ def pack_capsules(capsules: Sequence[Capsule], links: Sequence[str]) -> Matrix:
     """Compute a row for each capsule (n, 8)."""
     rows = [[*c.start_m, *c.end_m, c.radius_m, links.index(c.link)] for c in capsules]
     return np.array(rows, dtype=np.float64).reshape(len(rows), CAPSULE_WIDTH)
-
-
-def _fill_link_row(row: Matrix, step: ChainJoint) -> None:
-    joint = step.joint
-    row[ORIGIN : ORIGIN + 9] = joint.origin[:3, :3].ravel()
-    row[LINK_POSE : LINK_POSE + 3] = joint.origin[:3, 3]
-    if joint.kind is JointType.FIXED:
-        return
-    row[AXIS : AXIS + 3] = joint.axis
-    row[IS_PRISMATIC] = joint.kind is JointType.PRISMATIC
-    row[MIMIC_COLUMN], row[MIMIC_SCALE], row[MIMIC_OFFSET] = step.column, step.scale, step.shift

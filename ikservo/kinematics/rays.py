@@ -12,9 +12,9 @@ from ikservo.kinematics.packed import IS_CYLINDER, ROUNDING
 
 _LEVEL = 1e-3  # a ray this level has no reliable point on a level plane
 _PARALLEL_TO_PLANE = 1e-9  # a ray with this slope meets no plane
-_PARALLEL = 1e-12  # least slope that is divided by
+_PARALLEL = 1e-12  # smallest slope to divide by
 _TOUCHES_M = 1e-7  # a ray this near to a shape has met it
-_MOST_STEPS = 500  # along a ray
+_MOST_STEPS = 500  # maximum number of steps along a ray
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -52,7 +52,7 @@ class Ray:
         return distance_m if distance_m > 0.0 else math.inf
 
     def distance_to_box_m(self, R: Matrix, centre_m: Vector, half_m: Vector) -> float:
-        """Return the distance to a box, metres; infinite if it is not met, or from inside.
+        """Return the distance to a box, metres; infinite if the ray misses it or starts inside.
 
         Args:
             R: Its axes as columns (3, 3).
@@ -61,16 +61,16 @@ class Ray:
         """
         origin, along = (self.origin_m - centre_m) @ R, self.direction @ R
         along = np.where(np.abs(along) < _PARALLEL, _PARALLEL, along)
-        one, other = (-half_m - origin) / along, (half_m - origin) / along
-        enter_m = float(np.minimum(one, other).max())
-        leave_m = float(np.maximum(one, other).min())
+        first, second = (-half_m - origin) / along, (half_m - origin) / along
+        enter_m = float(np.minimum(first, second).max())
+        leave_m = float(np.maximum(first, second).min())
         return enter_m if 0.0 < enter_m <= leave_m else math.inf
 
     def distance_to_thing_m(self, row: Vector) -> float:
-        """Return the distance to a box, cylinder or ball, metres; infinite if it is not met.
+        """Return the distance to a box, cylinder or ball, metres; infinite if the ray misses it.
 
-        It steps by the distance to the thing, which no step passes (sphere tracing), from where it
-        enters the bounding box; a ray from inside the thing meets nothing.
+        From the point where the ray enters the bounding box, each step is as long as the distance
+        to the thing, which no step can pass (sphere tracing). A ray from inside misses it.
 
         Args:
             row: The thing (17,); see ``kinematics.packed``.

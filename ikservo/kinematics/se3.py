@@ -30,7 +30,11 @@ def exp_so3(w_rad: ArrayLike) -> Matrix:
     """Compute the rotation (3, 3) about the vector ``w_rad`` (3,) by its length (Rodrigues)."""
     w = np.asarray(w_rad, dtype=np.float64)
     theta = math.sqrt(float(w @ w))
-    a, b = _rodrigues(theta)
+    # a = sin(θ)/θ and b = (1 - cos θ)/θ²
+    a, b = 1.0 - theta * theta / 6.0, 0.5  # times θ² the next term is below rounding
+    if theta >= _SMALL_RAD:
+        half = math.sin(0.5 * theta) / (0.5 * theta)
+        a, b = math.sin(theta) / theta, 0.5 * half * half
     W = skew(w)
     return np.eye(3) + a * W + b * (W @ W)
 
@@ -43,7 +47,7 @@ def log_so3(R: ArrayLike) -> Vector:
     cos = 0.5 * (float(np.trace(R)) - 1.0)
     theta = math.atan2(sin, cos)
     if math.pi - theta < _NEAR_PI_RAD:
-        # Compute the axis of a rotation by pi: the largest column of (R + Rᵀ)/2 - cos θ I
+        # The axis of a rotation by pi is the largest column of (R + Rᵀ)/2 - cos θ I.
         S = 0.5 * (R + R.T) - cos * np.eye(3)
         column = S[:, int(np.argmax(np.diag(S)))]
         axis = column / math.sqrt(float(column @ column))
@@ -74,14 +78,6 @@ def rotation_rpy(roll_rad: float, pitch_rad: float, yaw_rad: float) -> Matrix:
             [-sp, cp * sr, cp * cr],
         ]
     )
-
-
-def _rodrigues(theta: float) -> tuple[float, float]:
-    """Return sin(θ)/θ and (1 - cos θ)/θ², also at zero."""
-    if theta < _SMALL_RAD:
-        return 1.0 - theta * theta / 6.0, 0.5  # times θ² the next term is below rounding
-    half = math.sin(0.5 * theta) / (0.5 * theta)
-    return math.sin(theta) / theta, 0.5 * half * half
 
 
 def quaternion_to_matrix(quaternion: ArrayLike) -> Matrix:

@@ -114,7 +114,7 @@ class ControlTable:
             turn first; empty for a family without such a register.
         fine_speed_bit: Bit of the register ``phase`` that makes a count of speed 1 tick/s instead
             of 50; 0 if the unit is fixed.
-        bulk_read: Protocol 1.0 only: the model supports the instruction.
+        bulk_read: Whether the model supports bulk read; only used for protocol 1.0.
         missing: Register names that the model does not have.
         lacks: Rows of its series that the model does not have, by their vendor's names.
         non_idempotent: Raw writes that must not be repeated after a lost reply, as (name, number).

@@ -140,7 +140,7 @@ class XL330M077(X330, DynamixelX, ControlTable):
 
 
 class XC330M288(X330, DynamixelX, ControlTable):
-    """The XL330's case with a coreless motor and metal gears; its current is the supply's."""
+    """The XL330's case with a coreless motor and metal gears; it reports the supply current."""
 
     model_name = "XC330-M288"
     number = 1240
@@ -199,7 +199,7 @@ class XL430W250(XL430, DynamixelX, ControlTable):
 
 
 class DualXL430W250(XL430, DynamixelX, ControlTable):
-    """Two XL430 in one case: one id and table per shaft."""
+    """Two XL430 in one case, with one id and one table per shaft."""
 
     model_name = "2XL430-W250"
     number = 1090
@@ -228,7 +228,7 @@ class XC430W150(XC430, XL430, DynamixelX, ControlTable):
 
 
 class DualXC430W250(XC430, XL430, DynamixelX, ControlTable):
-    """Two XC430 in one case: one id and table per shaft."""
+    """Two XC430 in one case, with one id and one table per shaft."""
 
     model_name = "2XC430-W250"
     number = 1160

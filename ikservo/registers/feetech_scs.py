@@ -125,7 +125,7 @@ class SCS15(FeetechSCS, ControlTable):
 class SCS225(FeetechSCS, ControlTable):
     """Servo of the second series: 25 kg·cm at 7.4 V, 1024 steps over 300 degrees, current.
 
-    The units of its currents and the direction of its offset are not known: ikservo uses neither.
+    The units of its currents and the direction of its offset are not known; ikservo uses neither.
     """
 
     model_name = "SCS225"

@@ -104,7 +104,7 @@ class FeetechSTS:
     target_position       = Register(  67, 2,  SIGN15, TICK_4096,  RO,    RAM)
     present_current       = Register(  69, 2,  UINT,   MA_6_5,     RO,    RAM)
 
-    # The vendor's own settings, behind the RAM; also stored without power
+    # The vendor's own settings, at addresses after the RAM; they also survive loss of power
     moving_threshold      = Register(  80, 1,  UINT,   NUMBER,     RW,    EEP,       0,   254)
     dts                   = Register(  81, 1,  UINT,   MS_1,       RW,    EEP,       0,   254)
     speed_unit            = Register(  82, 1,  UINT,   NUMBER,     RW,    EEP,       0,   254)

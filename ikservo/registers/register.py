@@ -21,7 +21,7 @@ class Codec(Protocol):
         ...
 
     def span(self, size: int) -> tuple[int, int]:
-        """Return the lowest and the highest number a word of ``size`` bytes can encode."""
+        """Return the lowest and the highest number that a word of ``size`` bytes can encode."""
         ...
 
 
@@ -62,10 +62,10 @@ class TwosComplement:
 
 @dataclass(frozen=True, slots=True)
 class SignMagnitude:
-    """Feetech: one bit is the direction, the bits below it are the size of the number.
+    """Feetech: one bit is the direction, the bits below it are the magnitude.
 
     Attributes:
-        bit: The direction bit; which one it is differs from register to register.
+        bit: The number of the direction bit; it differs from register to register.
     """
 
     bit: int
@@ -106,7 +106,7 @@ class Area(Enum):
 class Register:
     """A row of the datasheet's control table.
 
-    Three notations of one content: ``bytes`` as on the line, ``raw`` the signed integer of the
+    Its content has three notations: ``bytes`` as on the line, ``raw`` the signed integer of the
     datasheet (ticks, tenths of a volt), ``value`` the quantity in the register's unit. Each row
     equals only itself.
 
