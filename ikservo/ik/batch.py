@@ -78,7 +78,7 @@ def solve_batch(
     offset_m: ArrayLike | None = None,
     options: Options | None = None,
 ) -> BatchResult:
-    """Solve m targets with ``bounded``, each from its own start; the order does not matter.
+    """Solve m targets with ``bounded``, each from its own start; their order does not matter.
 
     An arm that sags under its weight is solved as if it were rigid.
 
@@ -86,10 +86,10 @@ def solve_batch(
         chain: The arm, or its model, its name, or the path of its file.
         targets: Points (m, 3) in metres, or poses T_world_tool (m, 4, 4).
         q0s: Starts (m, dof), or one for all (dof,). None as in ``solve``: ``initial_joints()`` of a
-            model, the middle of the ranges of a chain.
+            model, or the middle of the ranges of a chain.
         workers: The number of threads; None uses the number of cores.
-        kind: The part of the poses that counts, ``position``, ``direction`` or ``pose``; None:
-            ``pose``.
+        kind: The part of the poses that counts: ``position``, ``direction`` or ``pose``; None
+            means ``pose``.
         tool_axis: The axis (3,) in the frame's coordinates for ``direction``.
         frame: The link to move there; the tip if None.
         offset_m: The point (3,) of that link, metres; its origin if None.
@@ -100,7 +100,8 @@ def solve_batch(
         UnknownNameError: There is no such kind or frame.
     """
     chain, q0s = chain_and_start(chain, q0s)
-    _check_workers(workers)
+    if workers is not None:
+        check_count("workers", workers)
     options = Options() if options is None else options
     check_options(options)
     questions, kind_code = _problem_rows(targets, kind, normalise(tool_axis, "tool_axis"))
@@ -164,11 +165,6 @@ def _check_positions(points_m: Matrix) -> Matrix:
     if points_m.size and float(np.abs(points_m).max()) > MAX_POSITION_M:
         raise BadValueError("A target", f"{np.abs(points_m).max():g} m away", "within 1 km")
     return points_m
-
-
-def _check_workers(workers: int | None) -> None:
-    if workers is not None:
-        check_count("workers", workers)
 
 
 def _start_rows(chain: Chain, q0s: ArrayLike | None, count: int) -> Matrix:

@@ -1,7 +1,7 @@
-"""The production solver's Python side: prepare, run the kernel, read its result.
+"""The Python side of the production solver: prepare, run the kernel, read its result.
 
 Minimises ``|E(q)|²`` by Gauss-Newton and Newton steps with an active set, from the start and, if
-that fails, from a fixed table of further starting points. The arithmetic is in ``kernel``.
+that fails, from a fixed table of further starting points. The arithmetic is in ``kernels``.
 """
 
 from __future__ import annotations
@@ -45,25 +45,23 @@ def unpack_result(
     numbers: list[float] = row.tolist()
     tail, nearest = numbers[2 * n :], 2 * n + REACHED_POINT
     reached = tail[REACHED] == 1.0
+    binding: tuple[ActiveLimit, ...] = ()
+    if not reached:
+        binding = tuple(
+            ActiveLimit(name, "lower" if side < 0.0 else "upper")
+            for name, side in zip(chain.names, numbers[n : 2 * n], strict=True)
+            if side
+        )
     return Result(
         row[:n],
         reached,
         tail[POSITION_ERROR],
         tail[ROTATION_ERROR],
-        () if reached else _active_limits(chain, numbers[n : 2 * n]),
+        binding,
         int(tail[ITERATIONS]),
         row[nearest : nearest + 3],
         method,
         trace,
-    )
-
-
-def _active_limits(chain: Chain, held: list[float]) -> tuple[ActiveLimit, ...]:
-    """Return the limits that were active at the end of the search."""
-    return tuple(
-        ActiveLimit(name, "lower" if side < 0.0 else "upper")
-        for name, side in zip(chain.names, held, strict=True)
-        if side
     )
 
 
@@ -75,8 +73,8 @@ def bounded(
 ) -> Result:
     """Search from q0, then from the points of ``first``, then from a fixed table.
 
-    The first solution ends the search; if q0 leads to none, it is the nearest to q0 of the first
-    few. Without a solution the result is the closest over all starting points.
+    The first solution ends the search; if q0 leads to none, the result is the nearest to q0 of the
+    first few solutions. Without a solution it is the closest over all starting points.
     """
     if first or options.trace:
         return Search(chain, target, options, first).solve(chain, target, q0)
@@ -86,7 +84,7 @@ def bounded(
 class Search:
     """The search for one kind of target: kernel and arrays, for one thread.
 
-    It must not contain the chain, its key in the cache, because neither would ever be freed.
+    It must not hold the chain, its key in the cache, because neither would then ever be freed.
 
     Args:
         chain: The arm.
@@ -123,19 +121,18 @@ class Search:
         for joint in self._idle:
             stays = joint.resting_position(self._start.item(joint.column))
             self._answer[joint.column] = self._trace[:, joint.column] = stays
-        trace = self._read_trace(chain, q0) if self.options.trace else ()
+        trace: tuple[Vector, ...] = ()
+        if self.options.trace:  # the start, then the iterates of the attempt that led to the result
+            count = int(self._answer[2 * chain.dof + TRACE_LENGTH_OUT])
+            steps = [chain.clip(row) for row in self._trace[_TRACED // 2 :][:count]]
+            start = chain.clip(q0)
+            begins_at_start = bool(steps) and np.array_equal(steps[0], start)
+            trace = (start, *(steps[1:] if begins_at_start else steps))
         return unpack_result(chain, self._answer, "bounded", trace)
-
-    def _read_trace(self, chain: Chain, q0: Vector) -> tuple[Vector, ...]:
-        """Read the start, then the iterates of the attempt that led to the result."""
-        count = int(self._answer[2 * chain.dof + TRACE_LENGTH_OUT])
-        steps = [chain.clip(row) for row in self._trace[_TRACED // 2 :][:count]]
-        start = chain.clip(q0)
-        return (start, *(steps[1:] if steps and np.array_equal(steps[0], start) else steps))
 
 
 _Key = tuple[bool, str | None, bytes, bytes, Options]
-"""Cache key: whether the orientation is free, frame, its point, axis with a direction, options."""
+"""Cache key: whether the orientation is free, frame, point, axis for a direction, options."""
 
 
 class _Searches(threading.local):

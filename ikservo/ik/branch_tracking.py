@@ -48,13 +48,13 @@ if TYPE_CHECKING:
     from ikservo.ik.droop import Droop
 
 PoseKernel = Callable[[ArrayLike, ArrayLike], int]
-"""Pose (4, 4) and start (dof,): see ``kernel.single``."""
+"""Takes pose (4, 4) and start (dof,); see ``kernels.single``."""
 
 _FLOAT64 = np.dtype(np.float64)
 # A start this close to the last result continues its path.
 _SAME_RAD = 0.01
-# This far from a straight pose the bending side is unambiguous, and redundant joints are moved
-# back, too, because at their limits they would block later.
+# This far from a straight pose it is clear to which side the arm bends. Redundant joints are also
+# moved back by up to this, because at their limits they would block later.
 _MIN_BEND_RAD = 0.3
 
 
@@ -105,13 +105,13 @@ class Solver:
 
     Args:
         chain: The arm, or its model, its name, or the path of its file.
-        kind: The part of the pose that counts: its position, also the direction of the tool axis,
-            or the whole pose.
+        kind: The part of the pose that counts: the position, the position and the direction of the
+            tool axis, or the whole pose.
         tool_axis: The axis (3,) in the frame's coordinates for "direction".
         frame: The link to move there; the tip if None.
         offset_m: The point (3,) of that link, metres; its origin if None.
-        tolerance: The largest errors that count as reached.
-        options: Search limits and priorities; its own tolerance is not used.
+        tolerance: The largest errors that count as reached; not used if ``options`` are given.
+        options: Tolerance, search limits and priorities.
 
     Raises:
         BadValueError: An axis or offset is invalid, or the arm is missing.
@@ -141,13 +141,11 @@ class Solver:
         ready = pack_problem(chain.rigid, frame, offset, axis, options.restarts)
         self._droop: Droop | None = None
         if chain.link_joints is not None:
-            from ikservo.ik.droop import Droop  # noqa: PLC0415  # of few arms
+            from ikservo.ik.droop import Droop  # noqa: PLC0415  # few arms need it
 
             self._droop = Droop(chain, frame, offset_m)
-        self._idle, self._worker = (
-            ready.idle[self._kind],
-            SolverBuffers(chain.dof, options.restarts),
-        )
+        self._idle = ready.idle[self._kind]
+        self._worker = SolverBuffers(chain.dof, options.restarts)
         self._worker.answer[:] = np.nan
         self._joints = self._worker.answer[0, : chain.dof]
         self._solve = self._bound_kernel(ready, options)
@@ -250,7 +248,8 @@ class Solver:
         reached = bool(status & IS_REACHED)
         if out is None:
             return self._joints.copy(), reached
-        self._check_out(out)
+        if type(out) is not np.ndarray or out.shape != self._shape or out.dtype != _FLOAT64:
+            raise BadValueError("out", f"{out!r}", f"an array of floats of shape {self._shape}")
         out[:] = self._joints
         return out, reached
 
@@ -276,8 +275,3 @@ class Solver:
             raise BadValueError("q0", start.tolist(), "radians and metres, at most 1e6")
         check_position(finite_array(T, (4, 4), "T_world_tool")[:3, 3], "The target position")
         raise BadValueError("The rotation of T_world_tool", "invalid", "R Rᵀ = 1 and det R = 1")
-
-    def _check_out(self, out: Vector) -> None:
-        """Raise BadValueError if the joints cannot be written to it."""
-        if type(out) is not np.ndarray or out.shape != self._shape or out.dtype != _FLOAT64:
-            raise BadValueError("out", f"{out!r}", f"an array of floats of shape {self._shape}")

@@ -20,7 +20,7 @@ from ikservo.kinematics.arrays import Vector
 
 MAX_STEP = math.radians(5.0)
 """Maximum motion of a joint in one sweep, because the last joints would otherwise curl up before
-the first have moved; a prismatic joint may move as many metres (87 mm)."""
+the first have moved; a prismatic joint may move the same number of metres (87 mm)."""
 
 _MAX_ITERATIONS = 1000
 # A joint whose lever times distance [m²] is this small has no effect, and must not rotate.
@@ -33,7 +33,11 @@ def ccd(chain: Chain, target: Target, q0: Vector, options: Options) -> Result:
 
     def sweep(current: Linearisation) -> Linearisation:
         for joint in reversed(range(chain.dof)):
-            current = _move_joint(task, current, joint)
+            step = np.zeros(chain.dof)
+            step[joint] = _best_joint_step(chain, current, joint)
+            # On a circle or a line this is downhill; not always if other joints follow this one.
+            if step[joint]:
+                current = backtrack(task, current, step)
         return current
 
     return iterate("ccd", sweep, task, q0, options, _MAX_ITERATIONS)
@@ -64,30 +68,19 @@ def best_translation(E: Vector, v: Vector) -> float:
 
 
 def clamp_angle_to_range(angle_rad: float, low_rad: float, high_rad: float) -> float:
-    """Return the angle of an arc, at most a revolution, that is nearest on the circle."""
+    """Return the angle in a range of at most one revolution that is nearest on the circle."""
     if low_rad <= angle_rad <= high_rad:
         return angle_rad
     return max(low_rad, high_rad, key=lambda end: math.cos(end - angle_rad))
 
 
-def _move_joint(task: ResidualFunction, current: Linearisation, joint: int) -> Linearisation:
-    """Move one joint to its best position, inside its limits and the step limit."""
-    step = np.zeros(task.chain.dof)
-    step[joint] = _best_joint_step(task.chain, current, joint)
-    # On a circle or a line this is downhill; not always if other joints follow this one.
-    return backtrack(task, current, step) if step[joint] else current
-
-
 def _best_joint_step(chain: Chain, current: Linearisation, joint: int) -> float:
+    """Compute the step of one joint to its best position, inside its limits and the step limit."""
     q, v, axis = float(current.q[joint]), current.J[:, joint], current.axes[:, joint]
     low = max(float(chain.lower_rad[joint]) - q, -MAX_STEP)
     high = min(float(chain.upper_rad[joint]) - q, MAX_STEP)
     rate = math.sqrt(float(axis @ axis))  # 1, unless a joint that follows carries the tip
     if rate == 0.0:
         return min(max(best_translation(current.E, v), low), high)
-    return (
-        clamp_angle_to_range(
-            best_rotation(current.E, v / rate, axis / rate), low * rate, high * rate
-        )
-        / rate
-    )
+    angle = best_rotation(current.E, v / rate, axis / rate)
+    return clamp_angle_to_range(angle, low * rate, high * rate) / rate

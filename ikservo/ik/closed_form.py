@@ -34,7 +34,11 @@ def refine_newton(chain: Chain, target: Target, q: Vector) -> Vector | None:
         E, rows = target.position - T[:3, 3], J[:3]
         if not target.only_position:
             E = np.concatenate([E, target.orientation_error(T[:3, :3])])
-            rows = np.vstack([rows, _rotation_rows(J[3:], T, target)])
+            rotations = J[3:]
+            if target.rotation is None:  # rotations about a direction do not change it
+                axis = T[:3, :3] @ target.axis
+                rotations = rotations - np.outer(axis, axis @ rotations)
+            rows = np.vstack([rows, rotations])
         if float(np.abs(E).max()) < _CONVERGED:
             return q
         q = _newton_update(chain, q, rows, E)
@@ -50,14 +54,6 @@ def _newton_update(chain: Chain, q: Vector, J: Matrix, E: Vector) -> Vector:
         if not leaving.any():
             return moved
         free &= ~leaving
-
-
-def _rotation_rows(angular: Matrix, T: Matrix, target: Target) -> Matrix:
-    """Compute the rows that rotate the tool; for a direction without rotations about it."""
-    if target.rotation is not None:
-        return angular
-    axis = T[:3, :3] @ target.axis
-    return angular - np.outer(axis, axis @ angular)
 
 
 # Two solutions this close [rad] are the same, found with different rounding.
@@ -123,7 +119,7 @@ def _with_another_wrist(
 ) -> Iterator[tuple[Candidate, ...]]:
     """Yield the candidates of six joints when the wrist does not stay as at the start.
 
-    First the forearm's roll at zero makes three parallel links, then a few wrists are tried.
+    The forearm's roll at zero, which makes three parallel links, comes first; then a few wrists.
     """
     arm, start = problem.arm, problem.start
     if arm.with_wrist_locked:
@@ -188,11 +184,11 @@ def direction_intervals(
 def closest_solution(
     chain: Chain, target: Target, q0: ArrayLike | None = None
 ) -> tuple[Vector, ...]:
-    """Find joints (dof,) that come closest to an unreachable target, if that is known.
+    """Find joints (dof,) that come closest to an unreachable target, if they are known.
 
-    Known in closed form are the nearest point of a planar arm, and the nearest direction of an
-    arm whose wrist cannot help: it meets the point, and rotates the tool as far as the limits
-    allow. The best is among the returned joints; all are inside the limits.
+    The closed form gives the nearest point of a planar arm, and the nearest direction of an arm
+    whose wrist cannot help, which meets the point and rotates the tool as far as the limits allow.
+    The best joints are among the returned ones; all are inside the limits.
     """
     arm, start = recognise_structure(chain, target.frame), initial_joints(chain, q0)
     if arm is None or not arm.is_exact:
@@ -201,22 +197,14 @@ def closest_solution(
     if arm.yaw is None:
         in_plane = [candidate.q for candidate in problem.planar_candidates(0.0, 0.0, bend=True)]
         return rank_by_distance(in_plane, start) or _nearest_stretched(problem, 0.0)
-    if target.only_position or len(arm.wrist) > 1 or _has_redundancy(problem):
+    if target.only_position or len(arm.wrist) > 1:
+        return ()
+    # Roll or yaw may be able to trade the point against the direction.
+    amplitudes = [problem.tip.amplitude, *(aim.tool.amplitude for aim in problem.aims)]
+    yaws = problem.point.angles_at_normal(problem.tip.normal_part(problem.start_roll))
+    if yaws is None or max(amplitudes) > NO_FREEDOM:
         return ()
     return rank_by_distance((candidate.q for candidate in solve_position(problem)), start)
-
-
-def _has_redundancy(problem: AnalyticProblem) -> bool:
-    """Check whether roll or yaw can trade the point against the direction."""
-    amplitudes = [aim.tool.amplitude for aim in problem.aims]
-    on_yaw_axis = (
-        problem.point.angles_at_normal(problem.tip.normal_part(problem.start_roll)) is None
-    )
-    return (
-        on_yaw_axis
-        or max(amplitudes, default=0.0) > NO_FREEDOM
-        or problem.tip.amplitude > NO_FREEDOM
-    )
 
 
 def analytic_seeds(chain: Chain, target: Target, q0: ArrayLike | None = None) -> tuple[Vector, ...]:

@@ -1,9 +1,9 @@
-"""The problem a closed form solves: target, axis constraints, remaining freedom.
+"""The problem that a closed form solves: target, axis constraints, remaining freedom.
 
 Undoing the yaw φ brings the target point M and the target directions d to the arm's plane; the
 roll ψ moves the tool point w and the tool axes a. Planar joints rotate the part along the plane by
-α and keep the part across. So a solution is ``M(φ) = w(ψ)`` and ``d(φ) = a(ψ)`` across, and a
-planar problem along.
+α and keep the part across. A solution therefore satisfies ``M(φ) = w(ψ)`` and ``d(φ) = a(ψ)``
+across the plane, and a planar problem along it.
 """
 
 from __future__ import annotations
@@ -49,9 +49,13 @@ class AxisConstraint:
 
 def axis_constraints(target: Target, arm: ArmStructure, tool: Matrix) -> tuple[AxisConstraint, ...]:
     """Return the axis constraints of a target; ``tool`` is the pose (4, 4) at yaw and roll zero."""
+    pairs: list[tuple[Vector, Vector]] = []
+    if target.rotation is not None:
+        pairs += zip(tool[:3, :3].T, target.rotation.T, strict=True)
+    if target.target_axis is not None:
+        pairs.append((tool[:3, :3] @ target.axis, target.target_axis))
     return tuple(
-        AxisConstraint(arm.yaw_back.trace_vector(d), arm.roll.trace_vector(a))
-        for a, d in _axis_pairs(target, tool)
+        AxisConstraint(arm.yaw_back.trace_vector(d), arm.roll.trace_vector(a)) for a, d in pairs
     )
 
 
@@ -62,15 +66,7 @@ def tool_at_zero(arm: ArmStructure, target: Target) -> Matrix:
     return arm.tool @ make_pose(target.offset_m)
 
 
-def _axis_pairs(target: Target, tool: Matrix) -> Iterator[tuple[Vector, Vector]]:
-    """Yield each constrained tool axis, base frame at zero, and its target direction."""
-    if target.rotation is not None:
-        yield from zip(tool[:3, :3].T, target.rotation.T, strict=True)
-    if target.target_axis is not None:
-        yield tool[:3, :3] @ target.axis, target.target_axis
-
-
-# A direction that is this nearly across the plane has no usable angle in it.
+# A direction whose part along the plane is this small has no usable angle in it.
 _NO_ANGLE = 1e-9
 
 
@@ -89,7 +85,7 @@ class AnalyticProblem:
     Attributes:
         arm: The structure of the arm.
         start: The start (dof,), anywhere.
-        held: The start inside the limits: joints that do not matter stay there.
+        held: The start inside the limits, where joints that do not matter stay.
         point: The circle of the target point about the yaw axis.
         tip: The circle of the tool point about the roll axis.
         aims: The axis constraints: none, one for a direction, three for an orientation.
@@ -190,9 +186,9 @@ class AnalyticProblem:
 def make_problem(
     chain: Chain, arm: ArmStructure, target: Target, q0: Vector, wrist_rad: Sequence[float] = ()
 ) -> AnalyticProblem:
-    """Make the target in the circles of the arm; wrist joints behind the roll are held.
+    """Express a target in the circles of the arm; wrist joints behind the roll are held.
 
-    They keep the start's angles; the first of them may be given by ``wrist_rad``.
+    The held joints keep the start's angles; ``wrist_rad`` replaces those of the first wrist joints.
     """
     held = chain.clip(q0)
     for joint, angle in zip(arm.wrist, wrist_rad, strict=False):

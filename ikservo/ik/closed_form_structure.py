@@ -126,20 +126,28 @@ class ArmStructure:
         return " + ".join(parts)
 
 
-# Axes that are parallel within this angle count as parallel, and lines that pass this close as
-# meeting: wide enough for rounded angles of published URDFs and for calibrated arms.
+# Axes that are parallel within this angle count as parallel, and lines that pass this close count
+# as meeting. Both are wide enough for rounded angles of published URDFs and for calibrated arms.
 _NEARLY_PARALLEL_RAD = 1e-3
 _NEARLY_MEETING_M = 1e-4
 _SAME_POSE = 1e-9
 
 
 def recognise_structure(chain: Chain, frame: str | None = None) -> ArmStructure | None:
-    """Return the structure of the arm that moves a frame (the tip if None), or None."""
+    """Return the structure of the arm that moves a frame (the tip if None); None if unknown."""
     chain = chain.rigid
     cached = _structure_cache.setdefault(chain, {})
-    if frame not in cached:
-        cached[frame] = _recognise_chain(chain, frame)
-    return cached[frame]
+    if frame in cached:
+        return cached[frame]
+    joints = _revolute_axes(chain, frame)
+    tool = chain.forward(np.zeros(chain.dof), frame)
+    found: ArmStructure | None = None
+    if joints is not None and _matches_chain(joints, tool, chain, frame):
+        found = _assemble_structure(joints, tool)
+        if found is not None:
+            found = replace(found, with_wrist_locked=_with_locked_wrist_joint(found, joints))
+    cached[frame] = found
+    return found
 
 
 _structure_cache: WeakKeyDictionary[Chain, dict[str | None, ArmStructure | None]] = (
@@ -147,30 +155,23 @@ _structure_cache: WeakKeyDictionary[Chain, dict[str | None, ArmStructure | None]
 )
 
 
-def _recognise_chain(chain: Chain, frame: str | None) -> ArmStructure | None:
-    joints = _revolute_axes(chain, frame)
-    tool = chain.forward(np.zeros(chain.dof), frame)
-    if joints is None or not _matches_chain(joints, tool, chain, frame):
-        return None
-    found = _assemble_structure(joints, tool)
-    return (
-        None
-        if found is None
-        else replace(found, with_wrist_locked=_with_locked_wrist_joint(found, joints))
-    )
-
-
 def _assemble_structure(joints: tuple[RevoluteAxis, ...], tool: Matrix) -> ArmStructure | None:
-    """Return yaw, parallel links and wrist of the joints, or None if not in that order."""
+    """Return yaw, parallel links and wrist of the joints; None if they are not in that order."""
     if len(joints) < 2:
         return None
     first = 0 if _are_parallel(joints[0], joints[1]) else 1
-    count = _parallel_run(joints[first:])
+    others = (i for i in range(first, len(joints)) if not _are_parallel(joints[first], joints[i]))
+    count = next(others, len(joints)) - first
     yaw, parallel, wrist = joints[:first], joints[first : first + count], joints[first + count :]
     if count not in (2, 3) or (wrist and not yaw):
         return None
     plane, tilt = _fit_plane(parallel)
     centre, gap_m = _meeting_point(wrist)
+    orient: EulerAngles | None = None
+    if centre is not None:  # the last three rotations: the plane's and two, or three of the wrist
+        axes = [plane.frame[2]] if count == 3 else []
+        axes += [joint.axis for joint in wrist]
+        orient = EulerAngles(*axes) if len(axes) == 3 else None
     return ArmStructure(
         yaw=yaw[0] if yaw else None,
         plane=plane,
@@ -184,7 +185,7 @@ def _assemble_structure(joints: tuple[RevoluteAxis, ...], tool: Matrix) -> ArmSt
         roll=AxisRotation(plane.frame, wrist[0].axis, wrist[0].point)
         if wrist
         else AxisRotation(plane.frame),
-        orient=_orienting_joints(plane, wrist) if centre is not None else None,
+        orient=orient,
     )
 
 
@@ -199,17 +200,6 @@ def _with_locked_wrist_joint(
     if straight is None or not straight.is_exact or len(straight.plane.pivots) != 3:
         return None
     return replace(straight, locked_joint=roll.column) if roll.lower <= 0.0 <= roll.upper else None
-
-
-def _orienting_joints(plane: PlanarSubchain, wrist: tuple[RevoluteAxis, ...]) -> EulerAngles | None:
-    """Return the three last rotations that orient the tool about the wrist's centre.
-
-    Two links leave them to a wrist of three joints; three links give the first of them.
-    """
-    axes = [joint.axis for joint in wrist]
-    if len(plane.pivots) == 3:
-        axes.insert(0, plane.frame[2])
-    return EulerAngles(*axes) if len(axes) == 3 else None
 
 
 def _revolute_axes(chain: Chain, frame: str | None) -> tuple[RevoluteAxis, ...] | None:
@@ -247,12 +237,6 @@ def _are_parallel(a: RevoluteAxis, b: RevoluteAxis) -> bool:
     return float(np.sqrt(sine @ sine)) < _NEARLY_PARALLEL_RAD
 
 
-def _parallel_run(joints: tuple[RevoluteAxis, ...]) -> int:
-    """Count the joints from the first on that are parallel to it."""
-    different = (i for i, joint in enumerate(joints) if not _are_parallel(joints[0], joint))
-    return next(different, len(joints))
-
-
 def _fit_plane(joints: tuple[RevoluteAxis, ...]) -> tuple[PlanarSubchain, float]:
     """Find the plane across parallel joints, and the largest deviation from parallel [rad]."""
     n = joints[0].axis
@@ -264,13 +248,10 @@ def _fit_plane(joints: tuple[RevoluteAxis, ...]) -> tuple[PlanarSubchain, float]
         columns=tuple(joint.column for joint in joints),
         signs=signs,
         limits=tuple(
-            _signed_limits(joint, sign) for joint, sign in zip(joints, signs, strict=True)
+            (t.lower, t.upper) if sign > 0 else (-t.upper, -t.lower)
+            for sign, t in zip(signs, joints, strict=True)
         ),
     ), max(float(np.abs(s * t.axis - n).max()) for s, t in zip(signs, joints, strict=True))
-
-
-def _signed_limits(joint: RevoluteAxis, sign: int) -> tuple[float, float]:
-    return (joint.lower, joint.upper) if sign > 0 else (-joint.upper, -joint.lower)
 
 
 def _meeting_point(joints: tuple[RevoluteAxis, ...]) -> tuple[Vector | None, float]:

@@ -1,8 +1,8 @@
-"""Targets for an arm that sags under its weight: raised by the sag of the tip at the target.
+"""Targets for an arm that sags under its weight, raised by the sag of the tip at the target.
 
 Kernels solve rigid arms. A rigid arm must go to the target's pose minus the difference between the
-real links and the rigid ones. From one solution to the next this difference changes by a tenth, and
-after a few solutions no longer.
+real links and the rigid ones. This difference changes by a tenth from one solution to the next, and
+no longer after a few solutions.
 """
 
 from __future__ import annotations
@@ -73,5 +73,5 @@ class Droop:
         return replace(target, position_m=position)
 
     def lowered(self, point_m: Vector) -> Vector:
-        """Compute this arm's point when that of a rigid arm is at ``point_m`` (3,)."""
+        """Compute the point of this arm if that of a rigid arm is at ``point_m`` (3,)."""
         return point_m + self._moved

@@ -1,11 +1,11 @@
 """Jacobian methods: pseudo-inverse and transpose, and their step rules.
 
-Close to a solution this is Newton's method and each step doubles the digits. Steps are not
-checked: the error may grow meanwhile, and at the edge of the reach the joints may oscillate by
-the 2° they are allowed. The result is the best iterate.
+Close to a solution the pseudo-inverse is Newton's method and each step doubles the digits. Its
+steps are not checked: the error may grow meanwhile, and at the edge of the reach the joints may
+oscillate by the 2° that they are allowed. The result is the best iterate.
 
 A force F at the tip and the torques τ of compliant joints do the same virtual work,
-``Fᵀ J dq = τᵀ dq``, hence ``τ = Jᵀ F``. With E as force, ``Δ = α Jᵀ E`` is steepest descent on
+``Fᵀ J dq = τᵀ dq``, hence ``τ = Jᵀ F``. With E as the force, ``Δ = α Jᵀ E`` is steepest descent on
 ``|E|²``. It is cheap, never ends further from the target than it began, and slow, because it moves
 all joints as if they had the same lever.
 """
@@ -27,7 +27,7 @@ from ikservo.kinematics.arrays import Matrix, Vector
 from ikservo.kinematics.se3 import skew
 
 ORIENTATION_LEVER_M = 0.1
-"""Metres that weigh as much as one radian, about half of a small arm."""
+"""Metres that weigh as much as one radian, about half the length of a small arm."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -48,7 +48,7 @@ class Linearisation:
 
     @property
     def cost(self) -> float:
-        """Return ``|E|²`` [m²], which every method minimises."""
+        """The squared error ``|E|²`` [m²], which every method minimises."""
         return float(self.E @ self.E)
 
 
@@ -62,7 +62,15 @@ class ResidualFunction:
 
     def __init__(self, chain: Chain, target: Target) -> None:
         self.chain, self.target = chain, target
-        self._axes_tool, target_axes = _watched_axes(target)
+        # The watched axes (k, 3) in the tool's coordinates, and their target directions.
+        self._axes_tool = target_axes = np.zeros((0, 3))
+        if target.rotation is not None:
+            # A small rotation moves two of three axes, so the weight is divided between them.
+            weight_m = ORIENTATION_LEVER_M / math.sqrt(2.0)
+            self._axes_tool, target_axes = weight_m * np.eye(3), weight_m * target.rotation.T
+        elif target.target_axis is not None:
+            self._axes_tool = ORIENTATION_LEVER_M * target.axis[None, :]
+            target_axes = ORIENTATION_LEVER_M * target.target_axis[None, :]
         self._M = np.concatenate([target.position, target_axes.ravel()])
 
     def linearise(self, q: Vector) -> Linearisation:
@@ -76,33 +84,17 @@ class ResidualFunction:
     def is_met(self, current: Linearisation, tolerance: Tolerance) -> bool:
         """Check whether the residual is at most half the tolerance.
 
-        Half, so that rounding before the result is returned does not turn it into a miss.
+        The other half is for rounding before the result is returned.
         """
-        gap_m, rotation_rad = (
-            _vector_length(current.E[:3]),
-            _vector_length(current.E[3:]) / ORIENTATION_LEVER_M,
-        )
-        return (
-            gap_m <= 0.5 * tolerance.position_m and rotation_rad <= 0.5 * tolerance.orientation_rad
-        )
+        gap_m = _vector_length(current.E[:3])
+        rotation_rad = _vector_length(current.E[3:]) / ORIENTATION_LEVER_M
+        half_m, half_rad = 0.5 * tolerance.position_m, 0.5 * tolerance.orientation_rad
+        return gap_m <= half_m and rotation_rad <= half_rad
 
 
 def active_limits(chain: Chain, q: Vector, tau: Vector) -> NDArray[np.bool_]:
-    """Compute the joints (dof,) at a limit that tau (dof,) pulls against it."""
+    """Find the joints (dof,) at a limit against which tau (dof,) pulls them."""
     return ((q <= chain.lower_rad) & (tau < 0.0)) | ((q >= chain.upper_rad) & (tau > 0.0))
-
-
-def _watched_axes(target: Target) -> tuple[Matrix, Matrix]:
-    """Compute the axes (k, 3), in the tool's coordinates, and their target directions."""
-    if target.rotation is not None:
-        # A small rotation moves two of three axes, so the weight is divided between them.
-        weight_m = ORIENTATION_LEVER_M / math.sqrt(2.0)
-        return weight_m * np.eye(3), weight_m * target.rotation.T
-    if target.target_axis is not None:
-        return ORIENTATION_LEVER_M * target.axis[None, :], ORIENTATION_LEVER_M * target.target_axis[
-            None, :
-        ]
-    return np.zeros((0, 3)), np.zeros((0, 3))
 
 
 def _vector_length(v: Vector) -> float:
@@ -110,14 +102,14 @@ def _vector_length(v: Vector) -> float:
 
 
 MAX_STEP_RAD = math.radians(2.0)
-"""The maximum step of a joint: 2°, and for a prismatic joint as many metres (35 mm)."""
+"""The maximum step of a joint: 2°, or the same number of metres (35 mm) if it is prismatic."""
 
 # A step this small moves the tool by less than a nanometre.
 _STEP_END = 1e-9
-# An iteration that gains less in so many steps has stalled.
+# An iteration that gains less in this many steps has stalled.
 _MAX_STALLED_STEPS = 50
-_PROGRESS = 0.999  # fraction of the error that must not remain
-_PROGRESS_M = 1e-6  # or decrease of the error
+_PROGRESS = 0.999  # fraction to which the error must fall
+_PROGRESS_M = 1e-6  # or the length by which it must fall
 # A step halved this many times is lost in the rounding of the error.
 _HALVINGS = 40
 
@@ -151,9 +143,9 @@ def iterate(
     *,
     until_rest: bool = False,
 ) -> Result:
-    """Step from ``q0`` until the target is met, nothing moves any more, or the limit is reached.
+    """Step from ``q0`` until the target is met, nothing moves any more, or the steps are used up.
 
-    It uses one start without restarts: if it stalls, the search ends. The best iterate is returned.
+    There is one start and no restart, so the search ends if it stalls. It returns the best iterate.
 
     Args:
         method: The method's name, for the result.
@@ -210,8 +202,9 @@ class _Iteration:
 EPSILON = 5e-3
 """Singular values below this fraction of the largest count as zero.
 
-About the radial singular value one degree before the arm is stretched. With less it would oscillate
-through the stretched pose, 2° back and forth, forever; with more it would stop early.
+It is about the radial singular value one degree before the arm is stretched. With less, the
+iteration would oscillate through the stretched pose, 2° back and forth, forever; with more, it
+would stop early.
 """
 
 _PINV_MAX_ITERATIONS = 500
@@ -263,7 +256,7 @@ def nullspace_step(J: Matrix, E: Vector, C: Vector) -> Vector:
 
 
 def limited_step(current: Linearisation, chain: Chain, C: Vector) -> Vector:
-    """Compute the step (dof,): no joint over 2°, none beyond its limits.
+    """Compute the step (dof,), which moves no joint by more than 2° or beyond its limits.
 
     The step of a joint that would leave its range ends on the limit. Its column is removed, and
     the others are solved again for the remaining error, until no joint leaves. A joint at its

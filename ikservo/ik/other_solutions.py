@@ -1,8 +1,8 @@
 """Other solutions of a target: their number or family, and the one nearest to the start.
 
-A search converges to the solution to which its steps lead; on six joints it is the nearest one in
-about two of three cases. The closed form has every solution; without it, searches from around the
-start find most of the near ones.
+A search converges to the solution to which its steps lead; with six joints this is the nearest
+solution in about two of three cases. The closed form has every solution; without it, searches that
+begin around the start find most of the near solutions.
 """
 
 from __future__ import annotations
@@ -28,16 +28,16 @@ _RANK = 1e-7  # at any posture
 _SINGULAR = 1e-6  # at a solution
 # To test whether a solution has neighbours, the joints leave it and are solved again nearby; an
 # isolated solution pulls them back.
-_OFFSET_RAD = 0.02  # by this much they leave it, rad or m
-_STEPS = 10  # to solve them again
-_MIN_OFFSET_FRACTION = 0.5  # of the offset must remain at a neighbour
+_OFFSET_RAD = 0.02  # distance by which they leave it, rad or m
+_STEPS = 10  # steps to solve them again
+_MIN_OFFSET_FRACTION = 0.5  # fraction of the offset that remains at a neighbour
 _REVOLUTION_RAD = 2.0 * np.pi
 _SAME_RAD = 1e-4  # joints of one solution differ by less, rad or m
 
 # Distances from the start that differ by less [rad] are equal.
 _SAME_LENGTH_RAD = 1e-6
 _START_OFFSET_RAD = 1.0  # offset of single joints for another search
-_NEARBY_STEPS = 20  # of such a search: one that has not converged by then rarely does
+_NEARBY_STEPS = 20  # steps of such a search; if it has not converged by then, it rarely does
 
 
 def solution_set(
@@ -55,65 +55,36 @@ def solution_set(
     current = task.linearise(q)
     if not task.is_met(current, Tolerance(2 * tolerance.position_m, 2 * tolerance.orientation_rad)):
         return SolutionSet("none", 0)
-    moving = _moving_joints(chain, target)
-    freedom = len(moving) - _usual_rank(task, moving)
+    idle = problem_for_target(chain, target).idle[target_kind_of(target)]
+    idle_columns = {joint.column for joint in idle}
+    moving = [column for column in range(chain.dof) if column not in idle_columns]
+    jacobians = [task.linearise(each).J[:, moving] for each in ordinary_postures(chain.dof)]
+    usual_rank = max(_numerical_rank(each, _RANK) for each in jacobians)
     J = current.J[:, moving]
-    null_directions = _null_space(J)
-    if len(null_directions) and any(
+    # The directions (k, n) in which joints move without moving the target point.
+    null_directions = np.linalg.svd(J)[2][_numerical_rank(J, _SINGULAR) :]
+    is_known = recognise_structure(chain, target.frame) is not None
+    if any(
         _continues_along(task, tolerance, q, moving, direction)
         for direction in (*null_directions, *-null_directions)
     ):
-        free = max(freedom, 1)
-        directions = (
-            direction_intervals(chain, target, q) if _is_planar_3r(chain, target, free) else ()
-        )
+        free = max(len(moving) - usual_rank, 1)
+        is_planar_3r = target.only_position and free == 1 and is_known
+        directions = direction_intervals(chain, target, q) if is_planar_3r else ()
         return SolutionSet("family", len(directions) or None, free, directions)
-    return _count_isolated(chain, target, q)
-
-
-def _count_isolated(chain: Chain, target: Target, q: Vector) -> SolutionSet:
-    """Count the solutions of a target that has no family of them."""
-    if recognise_structure(chain, target.frame) is None:
+    known = solutions(chain, target, q) if is_known else ()
+    if not known:
         return SolutionSet("unknown")
-    known = solutions(chain, target, q)
-    if not any(
-        _is_same_solution(other, q) for other in known
-    ):  # the closed form does not give all of them
-        return SolutionSet("several" if known else "unknown")
+    apart = np.array(known) - q
+    apart -= _REVOLUTION_RAD * np.round(apart / _REVOLUTION_RAD)
+    if not (np.abs(apart).max(axis=1) < _SAME_RAD).any():
+        return SolutionSet("several")  # the closed form does not give all of them
     return SolutionSet("one" if len(known) == 1 else "several", len(known))
-
-
-def _moving_joints(chain: Chain, target: Target) -> list[int]:
-    idle = {
-        joint.column for joint in problem_for_target(chain, target).idle[target_kind_of(target)]
-    }
-    return [column for column in range(chain.dof) if column not in idle]
-
-
-def _usual_rank(task: ResidualFunction, moving: list[int]) -> int:
-    """Return the number of task directions that the joints have in general."""
-    postures = ordinary_postures(task.chain.dof)
-    ranks = [_numerical_rank(task.linearise(q).J[:, moving], _RANK) for q in postures]
-    return max(ranks)
 
 
 def _numerical_rank(J: Matrix, tolerance_ratio: float) -> int:
     values = np.linalg.svd(J, compute_uv=False)
     return int((values > tolerance_ratio * values.max(initial=0.0)).sum())
-
-
-def _null_space(J: Matrix) -> Matrix:
-    """Compute the directions (k, n) in which joints move without moving the target point."""
-    _, _, Vt = np.linalg.svd(J)
-    return Vt[_numerical_rank(J, _SINGULAR) :]
-
-
-def _is_planar_3r(chain: Chain, target: Target, freedom: int) -> bool:
-    return (
-        target.only_position
-        and freedom == 1
-        and recognise_structure(chain, target.frame) is not None
-    )
 
 
 def _continues_along(
@@ -138,12 +109,6 @@ def _continues_along(
     )
 
 
-def _is_same_solution(a: Vector, b: Vector) -> bool:
-    apart = a - b
-    apart -= _REVOLUTION_RAD * np.round(apart / _REVOLUTION_RAD)
-    return float(np.abs(apart).max()) < _SAME_RAD
-
-
 def nearest_solution(
     chain: Chain, target: Target, q0: Vector, options: Options, found: Result
 ) -> Result:
@@ -158,22 +123,26 @@ def nearest_solution(
     """
     idle = problem_for_target(chain, target).idle[target_kind_of(target)]
     best, distance_rad = found, _joint_distance_rad(found.q, q0)
-    for q in _other_solutions(chain, target, q0, options):
+    exact = recognise_structure(chain, target.frame) is not None
+    others: Iterable[Vector] = (
+        solutions(chain, target, q0)[:1] if exact else _solutions_around(chain, target, q0, options)
+    )
+    for q in others:
         for joint in idle:
             q[joint.column] = joint.resting_position(float(q0[joint.column]))
         if _joint_distance_rad(q, q0) < distance_rad - _SAME_LENGTH_RAD:
-            other = _make_result(chain, target, q0, q, options, found)
+            other = evaluate(
+                chain,
+                target,
+                q,
+                options.tolerance,
+                method="closed_form" if exact else found.method,
+                iterations=0 if exact else found.iterations,
+                trace=(chain.clip(q0), q) if options.trace else (),
+            )
             if other.reached:
                 best, distance_rad = other, _joint_distance_rad(q, q0)
     return best
-
-
-def _other_solutions(
-    chain: Chain, target: Target, q0: Vector, options: Options
-) -> Iterable[Vector]:
-    if recognise_structure(chain, target.frame) is not None:
-        return solutions(chain, target, q0)[:1]
-    return _solutions_around(chain, target, q0, options)
 
 
 def _solutions_around(chain: Chain, target: Target, q0: Vector, options: Options) -> Matrix:
@@ -181,7 +150,14 @@ def _solutions_around(chain: Chain, target: Target, q0: Vector, options: Options
     aside = _START_OFFSET_RAD * np.eye(chain.dof)
     starts = np.ascontiguousarray(chain.clip(np.vstack([q0 + aside, q0 - aside])))
     kind, ready = target_kind_of(target), problem_for_target(chain, target)
-    settings = pack_settings(kind, chain.dof, _single_start_options(options))
+    single_start = Options(
+        options.tolerance,
+        restarts=1,
+        max_iterations=_NEARBY_STEPS,
+        position_first=options.position_first,
+        turn_weight_m_rad=options.turn_weight_m_rad,
+    )
+    settings = pack_settings(kind, chain.dof, single_start)
     worker = SolverBuffers(chain.dof, 1, questions=len(starts))
     worker.question[:] = target.packed.ravel()
     search = load_kernel()
@@ -198,32 +174,6 @@ def _solutions_around(chain: Chain, target: Target, q0: Vector, options: Options
     )
     reached = worker.answer[:, 2 * chain.dof + REACHED] == 1.0
     return worker.answer[reached, : chain.dof]
-
-
-def _single_start_options(options: Options) -> Options:
-    return Options(
-        options.tolerance,
-        restarts=1,
-        max_iterations=_NEARBY_STEPS,
-        position_first=options.position_first,
-        turn_weight_m_rad=options.turn_weight_m_rad,
-    )
-
-
-def _make_result(
-    chain: Chain, target: Target, q0: Vector, q: Vector, options: Options, found: Result
-) -> Result:
-    """Make the result of joints (dof,) that the search itself did not find."""
-    exact = recognise_structure(chain, target.frame) is not None
-    return evaluate(
-        chain,
-        target,
-        q,
-        options.tolerance,
-        method="closed_form" if exact else found.method,
-        iterations=0 if exact else found.iterations,
-        trace=(chain.clip(q0), q) if options.trace else (),
-    )
 
 
 def _joint_distance_rad(q: Vector, q0: Vector) -> float:

@@ -1,11 +1,11 @@
 """Planar chains with two or three joints, and the intervals of their tool direction.
 
 Points of the plane are complex numbers, so that a rotation by θ is a factor e^{iθ}. A link ``l`` is
-the vector to the next joint, or to the tip, while all joints are zero: it may be bent, as the
+the vector to the next joint, or to the tip, while all joints are zero; it may be bent, as the
 upper arm of most real arms is. The tip is at ``e^{iθ1} (l1 + e^{iθ2} (l2 + e^{iθ3} l3))``.
 
-With the direction free, the solutions of a point are intervals. Their ends are known in closed
-form: there the two first links are stretched or folded, or a joint is at a limit, which leaves
+If the direction is free, the solutions of a point are intervals. Their ends are known in closed
+form: there the first two links are stretched or folded, or a joint is at a limit, which leaves
 two links. Between neighbouring ends nothing changes, so that one sample in the middle is enough.
 
 Along an arc the joints move through the null space of the planar arm: the tip stays, the last
@@ -13,7 +13,7 @@ link rotates. Steps along it towards the start have one free parameter.
 
 At the nearest point every joint is at a limit or cannot help: its pivot, the tip and the target
 point are on one line. Each joint is therefore at its lower limit, at its upper one, or free, and
-the free ones stretch or fold the links along the line: a handful of candidates, all exact.
+the free ones stretch or fold the links along the line. This gives a few candidates, all exact.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from ikservo.ik.subproblems import FULL_TURN_RAD, clamped_acos, nearest_equivale
 Angles = tuple[float, ...]
 Limits = Sequence[tuple[float, float]]
 
-# A link shorter than this [m] has no length: its joint does not move the tip.
+# A link shorter than this [m] counts as having no length: its joint does not move the tip.
 _NO_LENGTH_M = 1e-9
 
 
@@ -49,7 +49,7 @@ def solve_planar_2r(l1: complex, l2: complex, m: complex) -> tuple[Angles, ...]:
     ``cos φ2 = (d² - L1² - L2²) / (2 L1 L2)`` and
     ``φ1 = arg m - atan2(L2 sin φ2, L1 + L2 cos φ2)``,
     measured from straight links: φ1 = θ1 + arg l1, φ2 = θ2 + arg l2 - arg l1. The first elbow has
-    φ2 >= 0, the second φ2 <= 0; on the boundary of the annulus they are one.
+    φ2 >= 0, the second φ2 <= 0; on the boundary of the annulus they are the same.
     """
     L1, L2, d = abs(l1), abs(l2), abs(m)
     if min(L1, L2) < _NO_LENGTH_M:
@@ -70,8 +70,8 @@ def solve_planar_3r(
 ) -> tuple[Angles, ...]:
     """Find both elbows (θ1, θ2, θ3) that bring the tip to ``m`` with the last link at α.
 
-    Three links have one parameter more than two, the direction of the last link: it puts the third
-    joint at ``m - e^{iα} l3``, and θ3 = α - θ1 - θ2.
+    Three links have one more parameter than two: the direction of the last link, which puts the
+    third joint at ``m - e^{iα} l3``, and θ3 = α - θ1 - θ2.
     """
     wrist = m - cmath.rect(1.0, alpha_rad) * l3
     return tuple((a, b, alpha_rad - a - b) for a, b in solve_planar_2r(l1, l2, wrist))
@@ -88,7 +88,7 @@ def within_limits(angles: Angles, limits: Limits, start: Angles) -> Angles | Non
     return tuple(inside)
 
 
-# Ends of an arc are computed, not exact: a choice stays this far inside [rad].
+# The computed ends of an arc are not exact, so that a direction is chosen this far inside [rad].
 _MARGIN_RAD = 1e-9
 _ANYWHERE = (0.0, 0.0, 0.0)
 
@@ -131,7 +131,7 @@ def nearest_direction(
 ) -> Iterator[Angles]:
     """Yield, for each elbow and each arc, the angles whose direction is nearest the target α.
 
-    If an elbow can have the target direction itself, only that one is yielded for it.
+    If an elbow allows the target direction itself, only those angles are yielded for it.
     """
     direct = elbow_solutions(links, limits, m, alpha_rad, start)
     yield from (angles for angles in direct if angles is not None)
@@ -176,29 +176,21 @@ def _open_arcs(
     ends: list[float], at_end: list[bool], after: list[bool]
 ) -> tuple[DirectionArc, ...]:
     """Find the open pieces of the circle, and the open ends between closed pieces."""
-    alone = (
-        DirectionArc(end, end)
-        for i, end in enumerate(ends)
-        if at_end[i] and not (after[i] or after[i - 1])
-    )
-    return (*_join_arcs(ends, after), *alone)
-
-
-def _join_arcs(ends: list[float], after: list[bool]) -> Iterator[DirectionArc]:
-    """Join neighbouring open pieces of the circle into arcs."""
-    count = len(ends)
     if all(after):
-        yield DirectionArc(ends[0], ends[0] + FULL_TURN_RAD)
-        return
+        return (DirectionArc(ends[0], ends[0] + FULL_TURN_RAD),)
+    count, arcs = len(ends), list[DirectionArc]()
     for first in range(count):
         if not after[first] or after[first - 1]:
-            continue
+            continue  # no arc begins here
         last = first
         while after[last % count]:
             last += 1
-        yield DirectionArc(
-            ends[first], ends[last % count] + (FULL_TURN_RAD if last >= count else 0.0)
-        )
+        beyond = FULL_TURN_RAD if last >= count else 0.0
+        arcs.append(DirectionArc(ends[first], ends[last % count] + beyond))
+    for i, end in enumerate(ends):
+        if at_end[i] and not (after[i] or after[i - 1]):
+            arcs.append(DirectionArc(end, end))
+    return tuple(arcs)
 
 
 def _possible_ends(links: Sequence[complex], limits: Limits, m: complex) -> Iterator[float]:
@@ -206,23 +198,16 @@ def _possible_ends(links: Sequence[complex], limits: Limits, m: complex) -> Iter
     l1, l2, l3 = links
     stretched, folded = abs(l1) + abs(l2), abs(abs(l1) - abs(l2))
     bent = (abs(l1 + cmath.rect(1.0, b) * l2) for b in limits[1] if math.isfinite(b))
-    for reach in (stretched, folded, *bent):
-        yield from _third_joint_at(reach, l3, m)
+    d, L3, middle = abs(m), abs(l3), cmath.phase(m) - cmath.phase(l3)
+    for reach in (stretched, folded, *bent) if d * L3 else ():
+        # The directions that put the third joint at this distance from the first.
+        spread = clamped_acos((d * d + L3 * L3 - reach * reach) / (2.0 * d * L3))
+        yield from () if spread is None else (middle + spread, middle - spread)
     for a in filter(math.isfinite, limits[0]):
         elbow = m * cmath.rect(1.0, -a) - l1
         yield from (a + b + c for b, c in solve_planar_2r(l2, l3, elbow))
     for c in filter(math.isfinite, limits[2]):
         yield from (a + b + c for a, b in solve_planar_2r(l1, l2 + cmath.rect(1.0, c) * l3, m))
-
-
-def _third_joint_at(reach: float, l3: complex, m: complex) -> tuple[float, ...]:
-    """Compute the directions that put the third joint at a distance from the first."""
-    d, L3 = abs(m), abs(l3)
-    if d * L3 == 0.0:
-        return ()
-    spread = clamped_acos((d * d + L3 * L3 - reach * reach) / (2.0 * d * L3))
-    middle = cmath.phase(m) - cmath.phase(l3)
-    return () if spread is None else (middle + spread, middle - spread)
 
 
 def _allowed_elbows(
@@ -294,7 +279,7 @@ def _nearest_on_arc(
 def _step_towards(links: Sequence[complex], angles: Angles, start: Angles) -> float:
     """Compute the change of α that brings the angles nearest the start, to first order.
 
-    The rotated links v1, v2, v3 close with the target point; keeping it, the angles change
+    The rotated links v1, v2, v3 end at the target point. To keep it there, the angles change
     along ``t = (v2×v3, -v1×v3 - v2×v3, v1×v2 + v1×v3)``, and α with the sum of t, v1×v2.
     """
     heading, v = 1.0 + 0j, list[complex]()
@@ -329,16 +314,12 @@ def nearest_planar_angles(
     """
     candidates = (
         within_limits(angles, limits, start)
-        for held in product(*(_fixed_positions(limit) for limit in limits))
+        # Each joint is free (None) or at one of its limits.
+        for held in product(*((None, *filter(math.isfinite, limit)) for limit in limits))
         for angles in _aligned_angles(links, held, m)
     )
     found = [angles for angles in candidates if angles is not None]
     return tuple(sorted(found, key=lambda angles: abs(planar_tip(links, angles) - m)))
-
-
-def _fixed_positions(limit: tuple[float, float]) -> tuple[float | None, ...]:
-    """Compute the possible positions of a joint: free (None), or at one of its limits."""
-    return (None, *filter(math.isfinite, limit))
 
 
 def _aligned_angles(
@@ -349,14 +330,17 @@ def _aligned_angles(
     anchor, rest = pieces[0], pieces[1:]
     line = cmath.phase(m - anchor)
     for flips in product((0.0, math.pi), repeat=len(rest)):
-        headings = [line + flip - cmath.phase(p) for flip, p in zip(flips, rest, strict=True)]
-        yield _complete_angles(held, headings)
+        headings = (line + flip - cmath.phase(p) for flip, p in zip(flips, rest, strict=True))
+        angles: list[float] = []
+        for angle in held:  # a free joint rotates the piece behind it to its heading
+            angles.append(next(headings) - sum(angles) if angle is None else angle)
+        yield tuple(angles)
 
 
 def _rigid_pieces(links: Sequence[complex], held: Sequence[float | None]) -> list[complex]:
     """Return the vectors between free joints, each in the coordinates of the joint before it.
 
-    The first piece is held by limits alone, in the coordinates of the base.
+    The first piece has only joints at limits; it is in the coordinates of the base.
     """
     pieces, rotation_rad = [0j], 0.0
     for link, angle in zip(links, held, strict=True):
@@ -367,12 +351,3 @@ def _rigid_pieces(links: Sequence[complex], held: Sequence[float | None]) -> lis
             rotation_rad += angle
         pieces[-1] += cmath.rect(1.0, rotation_rad) * link
     return pieces
-
-
-def _complete_angles(held: Sequence[float | None], headings: Sequence[float]) -> Angles:
-    """Return all angles, the free ones from the headings [rad, base] behind them."""
-    angles: list[float] = []
-    coming = iter(headings)
-    for angle in held:
-        angles.append(next(coming) - sum(angles) if angle is None else angle)
-    return tuple(angles)

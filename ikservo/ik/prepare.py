@@ -58,7 +58,7 @@ def prepare_seeds(
         q: Starting points inside the limits (m, dof).
         frame: The link to move to the target.
         offset_m: The point on that link.
-        R_frame_tool: R_frame_tool (3, 3).
+        R_frame_tool: The rotation (3, 3) from tool to frame coordinates.
         swinging: Whether the search may rotate the first joint to bring the tool nearest.
     """
     n, first = chain.dof, int(arm[1, COLUMN])
@@ -88,42 +88,32 @@ def _half_range(lower_rad: float, upper_rad: float) -> tuple[float, float]:
 
 
 def seeds(chain: Chain, count: int) -> Matrix:
-    """Return (count, dof) joint vectors inside the limits: the middle, then an even filling.
+    """Return joint vectors (count, dof) inside the limits: the middle, then an even filling.
 
     The sequence is the same every time, so that results are reproducible.
     """
-    low, high = _sampling_limits(chain)
+    low, high = chain.lower_rad.copy(), chain.upper_rad.copy()
+    # A range of more than a revolution is filled in the revolution nearest to zero.
+    wide = (high - low > math.tau) & [kind is not JointType.PRISMATIC for kind in chain.kinds]
+    wide |= ~np.isfinite(low) | ~np.isfinite(high)
+    first = np.clip(-math.pi, low[wide], high[wide] - math.tau)
+    low[wide], high[wide] = first, first + math.tau
     points = chain.clip(low + (high - low) * quasi_random_points(count, chain.dof))
     points[:1] = chain.mid_range()
     return points
 
 
-def _sampling_limits(chain: Chain) -> tuple[Vector, Vector]:
-    """Compute the limits (dof,) of each side; of a larger range, the revolution nearest to zero."""
-    low, high = chain.lower_rad.copy(), chain.upper_rad.copy()
-    wide = (high - low > math.tau) & [kind is not JointType.PRISMATIC for kind in chain.kinds]
-    wide |= ~np.isfinite(low) | ~np.isfinite(high)
-    first = np.clip(-math.pi, low[wide], high[wide] - math.tau)
-    low[wide], high[wide] = first, first + math.tau
-    return low, high
-
-
 def quasi_random_points(count: int, dimensions: int) -> Matrix:
     """Return points (count, dimensions) that fill the unit cube evenly, without clusters.
 
-    The R-sequence of M. Roberts, The unreasonable effectiveness of quasirandom sequences, 2018:
-    point i is ``frac(½ + i / φ^j)`` in dimension j, where ``φ^(dimensions + 1) = φ + 1``.
+    This is the R-sequence of M. Roberts, The unreasonable effectiveness of quasirandom sequences,
+    2018: point i is ``frac(½ + i / φ^j)`` in dimension j, where ``φ^(dimensions + 1) = φ + 1``.
     """
-    steps: Vector = _generalised_golden_ratio(dimensions) ** -np.arange(1.0, dimensions + 1)
-    return (0.5 + np.outer(np.arange(count), steps)) % 1.0
-
-
-def _generalised_golden_ratio(dimensions: int) -> float:
-    """Return φ: the golden ratio for one dimension, and its generalisation for more."""
-    root = 2.0
+    phi = 2.0  # becomes the golden ratio for one dimension, and its generalisation for more
     for _ in range(64):
-        root = (1.0 + root) ** (1.0 / (dimensions + 1))
-    return root
+        phi = (1.0 + phi) ** (1.0 / (dimensions + 1))
+    steps: Vector = phi ** -np.arange(1.0, dimensions + 1)
+    return (0.5 + np.outer(np.arange(count), steps)) % 1.0
 
 
 TargetKindName = Literal["position", "direction", "pose"]
@@ -178,13 +168,13 @@ def load_kernel() -> Callable[..., int]:
 
 
 class SolverBuffers:
-    """The work arrays of one solve at a time; one object per thread.
+    """The work arrays of one solve at a time; each thread needs its own.
 
     Attributes:
-        question: (m, 12) target position, then rotation row by row.
-        start: (m, dof) start joints.
-        answer: (m, 2 dof + 9), see ``kernel.layout``.
-        trace: (t, dof) iterates.
+        question: Target positions, then rotations row by row (m, 12).
+        start: Start joints (m, dof).
+        answer: Results (m, 2 dof + 9), see ``kernels.layout``.
+        trace: Iterates (t, dof).
     """
 
     def __init__(self, dof: int, restarts: int, questions: int = 1, traced: int = 0) -> None:
@@ -196,8 +186,8 @@ class SolverBuffers:
         self.trace: Matrix = np.zeros((traced, dof))
 
 
-# A joint that moves the point or rotates its axis by less [m/rad] has no effect: the tip of an arm
-# with a calibrated roll is further from that axis.
+# A joint that moves the point or rotates its axis by less [m/rad] has no effect. The tip of an arm
+# with a calibrated roll is further than this from the roll axis.
 _NOTHING = 1e-9
 
 
@@ -218,7 +208,7 @@ class IdleJoint:
     period: float
 
     def resting_position(self, start: float) -> float:
-        """Compute the start, or the equivalent or nearest value inside the limits."""
+        """Return the start, or the equivalent or nearest position inside the limits."""
         if start > self.upper and math.isfinite(self.period):
             equivalent = start - self.period * math.ceil((start - self.upper) / self.period)
             return equivalent if equivalent >= self.lower else self.upper
@@ -236,7 +226,7 @@ def idle_joints(
     *,
     orientation: bool,
 ) -> tuple[IdleJoint, ...]:
-    """Compute the joints that move neither the point nor its target orientation.
+    """Find the joints that move neither the point nor its target orientation.
 
     Args:
         chain: The arm.
@@ -252,7 +242,12 @@ def idle_joints(
     elif axis is not None:
         pointing = (T[:, :3, :3] @ axis)[:, :, None]
         moving |= _moving_joints(np.cross(J[:, 3:], pointing, axis=1))
-    return tuple(_make_idle_joint(chain, int(i)) for i in np.flatnonzero(~moving))
+    idle: list[IdleJoint] = []
+    for column in np.flatnonzero(~moving).tolist():
+        period = math.inf if chain.kinds[column] is JointType.PRISMATIC else math.tau
+        lower, upper = float(chain.lower_rad[column]), float(chain.upper_rad[column])
+        idle.append(IdleJoint(column, lower, upper, period))
+    return tuple(idle)
 
 
 def _moving_joints(rows: Vector) -> NDArray[np.bool_]:
@@ -260,17 +255,11 @@ def _moving_joints(rows: Vector) -> NDArray[np.bool_]:
     return np.abs(rows).max(axis=(0, 1)) > _NOTHING
 
 
-def _make_idle_joint(chain: Chain, column: int) -> IdleJoint:
-    slides = chain.kinds[column] is JointType.PRISMATIC
-    lower, upper = float(chain.lower_rad[column]), float(chain.upper_rad[column])
-    return IdleJoint(column, lower, upper, math.inf if slides else math.tau)
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class PackedProblem:
     """An arm and one point of it, packed for the kernels.
 
-    It must not contain the chain, its key in the cache, because neither would ever be freed.
+    It must not hold the chain, its key in the cache, because neither would then ever be freed.
 
     Attributes:
         arm: The packed chain.
@@ -286,7 +275,7 @@ class PackedProblem:
     idle: Mapping[TargetKind, tuple[IdleJoint, ...]]
 
     def make_seeds(self, chain: Chain, q: Matrix, *, swinging: bool = True) -> Matrix:
-        """Make joints (m, dof) as seeds (dof + SEED_SIZE, m), see ``kernel.layout``."""
+        """Make joints (m, dof) as seeds (dof + SEED_SIZE, m), see ``kernels.layout``."""
         R_frame_tool = np.eye(3) if self.tool_axis is None else rotation_z_to(self.tool_axis)
         return prepare_seeds(
             chain, self.arm, q, self.frame, self.offset_m, R_frame_tool, swinging=swinging
@@ -309,7 +298,12 @@ def pack_problem(
         while len(kept) >= _MAX_PREPARED:
             kept.pop(next(iter(kept)), None)
         arm, none = pack_chain(chain, frame, offset_m, tool_axis), np.zeros((0, 0))
-        idle = _find_idle_joints(chain, frame, offset_m, tool_axis)
+        point = chain, frame, offset_m
+        idle = {
+            TargetKind.POSITION: idle_joints(*point, None, orientation=False),
+            TargetKind.DIRECTION: idle_joints(*point, tool_axis, orientation=False),
+            TargetKind.POSE: idle_joints(*point, None, orientation=True),
+        }
         ready = kept[key] = PackedProblem(frame, offset_m, tool_axis, arm, none, idle)
     if ready.seeds.shape[1] < restarts - 1:
         more = ready.make_seeds(chain, seeds(chain, restarts - 1))
@@ -317,18 +311,8 @@ def pack_problem(
     return ready
 
 
-def _find_idle_joints(
-    chain: Chain, frame: str | None, offset_m: Vector | None, tool_axis: Vector | None
-) -> Mapping[TargetKind, tuple[IdleJoint, ...]]:
-    return {
-        TargetKind.POSITION: idle_joints(chain, frame, offset_m, None, orientation=False),
-        TargetKind.DIRECTION: idle_joints(chain, frame, offset_m, tool_axis, orientation=False),
-        TargetKind.POSE: idle_joints(chain, frame, offset_m, None, orientation=True),
-    }
-
-
 def pack_settings(kind: TargetKind, dof: int, options: Options) -> Vector:
-    """Compute the settings of a search as the kernels read them, see ``kernel.layout``."""
+    """Compute the settings of a search as the kernels read them, see ``kernels.layout``."""
     tolerance = options.tolerance
     return np.array(
         [

@@ -45,7 +45,7 @@ def chain_and_start(arm: ArmLike, q0: ArrayLike | None = None) -> tuple[Chain, A
         return arm, q0
     model: object = arm
     if isinstance(arm, str | Path):
-        from ikservo.model import load_model  # noqa: PLC0415  # pydantic, which a chain needs not
+        from ikservo.model import load_model  # noqa: PLC0415  # pydantic is slow to import
 
         model = load_model(arm)
     if not isinstance(model, Model):
@@ -83,7 +83,7 @@ class Target:
     axis: Vector = field(init=False, repr=False)
     packed: Matrix = field(init=False, repr=False)
 
-    # Written out, because the one that dataclasses generate for a frozen class is three times
+    # Written out, because the method that dataclasses generate for a frozen class is three times
     # slower.
     def __init__(
         self,
@@ -96,7 +96,9 @@ class Target:
     ) -> None:
         if direction is not None and orientation is not None:
             raise BadValueError("The target", "over-determined", "a direction or an orientation")
-        _check_frame(frame)
+        if frame is not None and not isinstance(cast("object", frame), str):
+            expected = "the name of a link, or None for the tip"
+            raise BadValueError("The frame", shown(frame), expected)
         if offset_m is not None:
             check_position(offset_m, "offset_m")
         fields = self.__dict__
@@ -146,21 +148,14 @@ def _rotation_between(a: Vector, b: Vector) -> Vector:
     normal = np.cross(a, b)
     sin, cos = math.sqrt(float(normal @ normal)), float(a @ b)
     if sin < 1e-12:
-        # Parallel: nothing to do. Opposite: all axes across a are equally short.
-        return np.zeros(3) if cos > 0 else math.pi * _perpendicular_vector(a)
+        if cos > 0:
+            return np.zeros(3)
+        # The vectors are opposite: half a turn about any axis across a is equally short.
+        helper = np.zeros(3)
+        helper[int(np.argmin(np.abs(a)))] = 1.0
+        return math.pi * normalise(np.cross(a, helper), "axis")
     rotation: Vector = normal * (math.atan2(sin, cos) / sin)
     return rotation
-
-
-def _perpendicular_vector(a: Vector) -> Vector:
-    helper = np.zeros(3)
-    helper[int(np.argmin(np.abs(a)))] = 1.0
-    return normalise(np.cross(a, helper), "axis")
-
-
-def _check_frame(frame: object) -> None:
-    if frame is not None and not isinstance(frame, str):
-        raise BadValueError("The frame", shown(frame), "the name of a link, or None for the tip")
 
 
 def check_position(v: ArrayLike, what: str) -> Vector:
@@ -209,7 +204,7 @@ DEFAULT_RESTARTS = 400
 """Default maximum number of starting points of a search."""
 
 _FULL_POSE_DOF = 6
-# More starting points than this are a mistake: their table would fill the memory.
+# More starting points than this are a mistake, because their table would fill the memory.
 _MAX_COUNT = 1_000_000
 
 
@@ -256,7 +251,7 @@ class Options:
         position_first: Whether the position is met exactly and the orientation as well as possible
             after that, instead of weighing both; None: if the arm has fewer than six joints.
         turn_weight_m_rad: Position error in metres that weighs like a radian (``bounded``).
-        track: One start, never past a limit, never to another branch (``bounded``).
+        track: Whether to use one start, and never to leave its branch or a limit (``bounded``).
         nearest: Whether to search for the solution nearest the start if there are several
             (``auto``); otherwise the first one found is returned.
     """

@@ -75,7 +75,7 @@ class SolutionSet:
 
 
 class SolvedProblem(NamedTuple):
-    """The arm and the target of a result, with which other solutions are found."""
+    """The arm and the target of a result, for finding other solutions."""
 
     chain: Chain
     target: Target
@@ -84,7 +84,7 @@ class SolvedProblem(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Result:
-    """A solution, or the closest that the limits allow.
+    """A solution, or the closest joints that the limits allow.
 
     Attributes:
         q: Joint vector (dof,), rad or m, always inside the limits.
@@ -110,7 +110,7 @@ class Result:
     trace: tuple[Vector, ...] = ()
     question: SolvedProblem | None = field(default=None, repr=False)
 
-    # Written out, because the one that dataclasses generate for a frozen class takes twice as long.
+    # Written out, because the method that dataclasses generate takes twice as long.
     def __init__(
         self,
         q: Vector,
@@ -150,7 +150,7 @@ class Result:
 
     @property
     def solutions(self) -> SolutionSet:
-        """Number or family of solutions, computed when read, in some ms."""
+        """Number or family of solutions, computed when read, in a few milliseconds."""
         if not self.reached:
             return SolutionSet("none", 0)
         if self.question is None:
@@ -214,7 +214,7 @@ def evaluate(
 
 
 def is_closer(a: Result, b: Result, tolerance: Tolerance) -> bool:
-    """Check whether a is the better result: by position first, then by orientation."""
+    """Check whether a is the better result, by position first, then by orientation."""
     return _rank_result(a, tolerance) < _rank_result(b, tolerance)
 
 
@@ -223,7 +223,7 @@ def _rank_result(result: Result, tolerance: Tolerance) -> tuple[float, float]:
 
 
 def _binding_limits(chain: Chain, q: Vector, gradient: Vector) -> tuple[ActiveLimit, ...]:
-    """Return the joints at a limit that the error pulls further."""
+    """Return the limits against which the error pulls joints."""
     found: list[ActiveLimit] = []
     for i, name in enumerate(chain.names):
         if q[i] <= chain.lower_rad[i] and gradient[i] < 0:

@@ -21,12 +21,12 @@ _REACHED_RAD = 1e-4
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Sight:
-    """Joints with which an axis of the tip points at a point, or as nearly as was found.
+    """Joints that point an axis of the tip at a point, or as nearly at it as was found.
 
     Attributes:
         q: The joints (dof,), rad or m.
         error_rad: The angle between the axis and the direction to the point.
-        binding: The limits at which joints are.
+        binding: The limits that keep the axis from pointing there.
         reached: Whether the axis points there.
     """
 
@@ -44,10 +44,10 @@ class Sight:
 
 
 def solve_sight(chain: Chain, point_m: ArrayLike, q0: ArrayLike, axis: ArrayLike) -> Sight:
-    """Find joints inside the limits, near ``q0``, with which the tip's axis points at a point.
+    """Find joints inside the limits, near ``q0``, that point the tip's axis at a point.
 
-    The line of sight acts as one more joint, which slides along the axis: the arm reaches the point
-    with its end.
+    The line of sight acts as one more joint, which slides along the axis; the arm reaches the point
+    with the end of this joint.
 
     Args:
         chain: The arm.
@@ -61,25 +61,18 @@ def solve_sight(chain: Chain, point_m: ArrayLike, q0: ArrayLike, axis: ArrayLike
     point = check_position(point_m, "The point to look at")
     ahead = normalise(axis, "The axis to look along")
     start = finite_vector(q0, chain.dof, "q0")
-    farthest_m = float(np.linalg.norm(point)) + _length_m(chain)
+    # The largest distance of the tip from the base, including joints that slide.
+    bones_m = sum(float(np.linalg.norm(step.joint.origin[:3, 3])) for step in chain.joints_to())
+    slides = [kind is JointType.PRISMATIC for kind in chain.kinds]
+    ends = np.maximum(np.abs(chain.lower_rad), np.abs(chain.upper_rad))
+    reach_m = bones_m + float(ends[slides].sum())
+    farthest_m = float(np.linalg.norm(point)) + reach_m
     distance_m = float(np.linalg.norm(point - chain.forward(start)[:3, 3]))
     seeing = chain.with_slide(ahead, _NEAREST_M, max(farthest_m, 2.0 * _NEAREST_M))
     found = solve(seeing, point, np.append(start, min(max(distance_m, _NEAREST_M), farthest_m)))
     q = found.q[:-1]
     binding = tuple(limit for limit in found.binding if limit.joint in chain.names)
-    return Sight(q, _angle_off(chain, q, point, ahead), binding)
-
-
-def _length_m(chain: Chain) -> float:
-    """Compute the largest distance of the tip from the base, including joints that slide."""
-    bones_m = sum(float(np.linalg.norm(step.joint.origin[:3, 3])) for step in chain.joints_to())
-    slides = [kind is JointType.PRISMATIC for kind in chain.kinds]
-    ends = np.maximum(np.abs(chain.lower_rad), np.abs(chain.upper_rad))
-    return bones_m + float(ends[slides].sum())
-
-
-def _angle_off(chain: Chain, q: Vector, point: Vector, ahead: Vector) -> float:
-    """Compute the angle between the axis and the direction from the tip to a point."""
     T = chain.forward(q)
-    axis, towards = T[:3, :3] @ ahead, point - T[:3, 3]
-    return math.atan2(float(np.linalg.norm(np.cross(axis, towards))), float(axis @ towards))
+    pointing, towards = T[:3, :3] @ ahead, point - T[:3, 3]
+    sine = float(np.linalg.norm(np.cross(pointing, towards)))
+    return Sight(q, math.atan2(sine, float(pointing @ towards)), binding)

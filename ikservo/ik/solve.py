@@ -44,10 +44,10 @@ _MODULES = {
 def auto(chain: Chain, target: Target, q0: Vector, options: Options) -> Result:
     """Run ``bounded``, which is compiled; if it fails, also try the closed form.
 
-    Its solution is replaced by one nearer to the start, if one is known or found.
+    The solution is replaced by one nearer to the start if such a solution is known or found. With a
+    posture, ``pseudo_inverse`` continues from the solution.
 
-    A search that may not restart or leave its branch uses ``bounded`` alone. With a posture
-    ``pseudo_inverse`` continues from the solution.
+    A search that may not restart or leave its branch uses ``bounded`` alone.
     """
     found = bounded(chain, target, q0, options)
     if found.reached and options.posture is not None and not options.track:
@@ -110,9 +110,9 @@ def solve(
         chain: The arm, or its model, its name, or the path of its file; its limits are never left,
             not even by one ulp.
         target: The target, or a point (3,) for the tip, metres.
-        q0: The start (dof,), rad or m; may be outside the limits. If None, ``initial_joints()`` of
-            the model, as ``ikservo solve`` begins; the middle of the ranges of a chain, which has
-            no poses.
+        q0: The start (dof,), rad or m; may be outside the limits. None: ``initial_joints()`` of
+            the model, where ``ikservo solve`` begins, or the middle of the ranges of a chain, which
+            has no poses.
         method: ``auto`` or one of ``METHODS``.
         tolerance: The largest errors that count as reached.
         restarts: Maximum number of starting points, the given one first.
@@ -123,10 +123,10 @@ def solve(
         position_first: Whether the position is met exactly and the orientation as well as possible
             after that, instead of weighing both; None: if the arm has fewer than six joints.
         turn_weight_m_rad: Position error in metres that weighs like a radian (``bounded``).
-        track: Follow a path: one start at ``q0``, never to another branch (``bounded``).
+        track: Follow a path, with one start at ``q0`` and never to another branch (``bounded``).
         nearest: Search for the solution nearest to ``q0`` if there are several (``auto``): in
             closed form if the arm has one, otherwise from some starts around ``q0``. ``False``
-            takes the first one found, in a twentieth of the time.
+            takes the first solution found, in a twentieth of the time.
 
     Returns:
         The solution, or the nearest posture that was found and its active limits.
@@ -162,7 +162,7 @@ def solve(
     run, rigid = get_method(method), chain.rigid
     result = run(rigid, target, start, options)
     if chain.link_joints is not None:
-        target, result = _aim_higher(chain, target, options, run, result)
+        target, result = _solve_drooping(chain, target, options, run, result)
     return result.attach_question(SolvedProblem(rigid, target, _find_solutions))
 
 
@@ -172,11 +172,11 @@ def _find_solutions(chain: Chain, target: Target, q: Vector) -> SolutionSet:
     return solution_set(chain, target, q)
 
 
-def _aim_higher(
+def _solve_drooping(
     chain: Chain, target: Target, options: Options, run: Method, result: Result
 ) -> tuple[Target, Result]:
     """Return the target to give to a rigid arm, and the solution for it."""
-    from ikservo.ik.droop import Droop  # noqa: PLC0415  # of few arms
+    from ikservo.ik.droop import Droop  # noqa: PLC0415  # few arms need it
 
     droop, aimed, asked = Droop(chain, target.frame, target.offset_m), target, options
     for _ in range(droop.max_steps):

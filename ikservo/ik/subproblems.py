@@ -41,7 +41,7 @@ def wrap_angle(angle_rad: float) -> float:
 
 
 def clamped_acos(cosine: float) -> float | None:
-    """Compute acos, also if rounding has moved it just past ±1; None if there is no angle."""
+    """Compute acos, even if rounding has moved it just past ±1; None if there is no angle."""
     if not abs(cosine) <= 1.0 + _EDGE:
         return None
     return math.acos(min(max(cosine, -1.0), 1.0))
@@ -142,7 +142,7 @@ class AxisRotation:
 
 
 def plane_frame(n: Vector) -> Matrix:
-    """Return rows e1, e2, n; e1 is as near as possible to x, or to z if n is x."""
+    """Return the rows e1, e2, n; e1 is as near as possible to x, or to z if n is near x."""
     forward = np.array([0.0, 0.0, 1.0] if abs(n[0]) > 0.9 else [1.0, 0.0, 0.0])
     e1 = forward - n * float(forward @ n)
     e1 /= np.sqrt(e1 @ e1)
@@ -156,7 +156,7 @@ def _make_trace(rows: Vector) -> CircleTrace:
 
 # Circles this small [m or 1] give an arm no usable freedom.
 NO_FREEDOM = 1e-6
-# Published axes are rounded to about 1e-5 rad: straight down stays straight down for every yaw.
+# Published axes are rounded to about 1e-5 rad; a direction that a yaw changes less does not change.
 ROUNDED = 1e-5
 # A root of the quartic may be this far off the unit circle if two roots nearly agree.
 _BESIDE_CIRCLE = 1e-3
@@ -176,25 +176,23 @@ def solve_yaw_roll(
     roll_matters = max(w.amplitude, a.amplitude) > NO_FREEDOM
     direction_matters = max(d.amplitude, a.amplitude) > ROUNDED
     if not roll_matters or not direction_matters:
-        yield from _solve_with_fixed_roll(M, w, d, a, held_rad)
+        phi, psi = held_rad
+        angles = M.angles_at_normal(w.normal_part(psi))
+        if angles is None:  # the point is on the yaw axis, so that only the direction decides
+            angles = d.angles_at_normal(a.normal_part(psi))
+        yield from ((angle, psi) for angle in ((phi,) if angles is None else angles))
         return
     found: list[tuple[float, float]] = []
     for psi in _quartic_rolls(M, w, d, a):
-        for phi in _yaws_for_roll(M, w, d, a, psi):
+        if d.amplitude > M.amplitude:  # the stronger of the two equations gives the yaws
+            yaws = d.angles_at_normal(a.normal_part(psi))
+        else:
+            yaws = M.angles_at_normal(w.normal_part(psi))
+        for phi in yaws or ():
             pair = refine_angle_pair(M, w, d, a, phi, psi)
             if pair is not None and not any(_is_same_pair(pair, other) for other in found):
                 found.append(pair)
     yield from found
-
-
-def _solve_with_fixed_roll(
-    M: CircleTrace, w: CircleTrace, d: CircleTrace, a: CircleTrace, held_rad: tuple[float, float]
-) -> Iterator[tuple[float, float]]:
-    phi, psi = held_rad
-    angles = M.angles_at_normal(w.normal_part(psi))
-    if angles is None:  # the point is on the axis of yaw: only the direction decides
-        angles = d.angles_at_normal(a.normal_part(psi))
-    yield from ((angle, psi) for angle in ((phi,) if angles is None else angles))
 
 
 def _quartic_rolls(
@@ -217,15 +215,6 @@ def _quartic_rolls(
             yield cmath.phase(complex(y))
 
 
-def _yaws_for_roll(
-    M: CircleTrace, w: CircleTrace, d: CircleTrace, a: CircleTrace, psi: float
-) -> tuple[float, ...]:
-    """Return the yaws that the stronger of the two equations gives for a roll."""
-    if d.amplitude > M.amplitude:
-        return d.angles_at_normal(a.normal_part(psi)) or ()
-    return M.angles_at_normal(w.normal_part(psi)) or ()
-
-
 def refine_angle_pair(
     M: CircleTrace, w: CircleTrace, d: CircleTrace, a: CircleTrace, phi: float, psi: float
 ) -> tuple[float, float] | None:
@@ -243,8 +232,8 @@ def refine_angle_pair(
     return None
 
 
-def _is_same_pair(one: tuple[float, float], other: tuple[float, float]) -> bool:
-    return all(abs(wrap_angle(p - q)) < _ONE_PAIR for p, q in zip(one, other, strict=True))
+def _is_same_pair(first: tuple[float, float], second: tuple[float, float]) -> bool:
+    return all(abs(wrap_angle(p - q)) < _ONE_PAIR for p, q in zip(first, second, strict=True))
 
 
 # A vector this close to its axis of rotation has no angle about it.
@@ -270,14 +259,10 @@ class EulerAngles:
         for beta in self._c_by_b.angles_at_normal(float(Rc[2])) or ():
             before = self._c_by_b.in_plane_part(beta)
             if abs(before) < _NO_EULER_ANGLE:
-                yield near_alpha_rad, beta, self._last(R, near_alpha_rad, beta)
+                # Rc(γ) = Rb(β)⁻¹ Ra(α)⁻¹ R rotates a vector across c by γ.
+                undone = exp_so3(-beta * self._b) @ exp_so3(-near_alpha_rad * self._a) @ R
+                e1, e2, _ = self._across_c @ (undone @ self._across_c[0])
+                yield near_alpha_rad, beta, float(np.arctan2(e2, e1))
                 continue
             alpha = cmath.phase(complex(Rc[0], Rc[1]) / before)
             yield alpha, beta, cmath.phase(self._a_by_b.in_plane_part(beta) / complex(Ra[0], Ra[1]))
-
-    def _last(self, R: Matrix, alpha: float, beta: float) -> float:
-        """Return γ: the angle by which Rc(γ) = Rb(β)⁻¹ Ra(α)⁻¹ R rotates a vector across c."""
-        u = self._across_c[0]
-        rotated = exp_so3(-beta * self._b) @ exp_so3(-alpha * self._a) @ R @ u
-        e1, e2, _ = self._across_c @ rotated
-        return float(np.arctan2(e2, e1))

@@ -62,7 +62,7 @@ class Workspace:
     def contains(self, point_m: ArrayLike) -> bool:
         """Check whether a point (3,) of the base frame is in a reachable cell.
 
-        A point further than half a cell from the plane of a slice is in none of its cells.
+        A point further than half a cell from the plane of a slice is outside all of its cells.
         """
         return bool(self.contains_many([finite_vector(point_m, 3, "point_m")])[0])
 
@@ -107,10 +107,10 @@ Clear = Callable[[Matrix], NDArray[np.bool_]]
 
 _SLICE_CELL_M = 0.005  # size of a cell of a plane
 _VOLUME_CELL_M = 0.025  # size of a cell of the volume
-_SAMPLES = 2**16  # postures that find most of the cells
+_SAMPLES = 2**16  # number of postures that find most of the cells
 # The start comes from a neighbouring cell; a few others get around limits.
 _SLICE_RESTARTS = 8
-_VOLUME_RESTARTS = 2  # a volume has so many cells on its border, each with several neighbours
+_VOLUME_RESTARTS = 2  # fewer, because a volume has many border cells with several neighbours each
 _NEIGHBOURS = np.array([[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]])
 
 

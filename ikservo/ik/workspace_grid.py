@@ -120,7 +120,10 @@ def boundary_polygons(mask: NDArray[np.bool_]) -> tuple[Matrix, ...]:
     edges = _border_edges(mask)
     loops: list[Matrix] = []
     while edges:
-        loops.append(_drop_collinear_corners(_take_loop(edges)))
+        corners = np.array(_take_loop(edges), dtype=np.float64)
+        ahead = np.roll(corners, -1, axis=0) - corners
+        behind = corners - np.roll(corners, 1, axis=0)
+        loops.append(corners[(ahead != behind).any(axis=1)])
     return tuple(loops)
 
 
@@ -149,18 +152,12 @@ def _take_loop(edges: dict[Corner, list[Corner]]) -> list[Corner]:
     return loop
 
 
-def _drop_collinear_corners(loop: list[Corner]) -> Matrix:
-    corners = np.array(loop, dtype=np.float64)
-    is_corner = (np.roll(corners, -1, axis=0) - corners) != (corners - np.roll(corners, 1, axis=0))
-    return corners[is_corner.any(axis=1)]
-
-
 # A tool slightly off its arm's middle must not rotate the plane of the arm.
 _YAW_STEP_RAD = math.radians(15)
 
 
 def side_plane(chain: Chain, home: ArrayLike, yaw_rad: float | None = None) -> Matrix:
-    """Return the arm's own vertical plane, through its first axis.
+    """Return the vertical plane of the arm, through its first axis.
 
     Args:
         chain: The arm.
@@ -175,7 +172,7 @@ def side_plane(chain: Chain, home: ArrayLike, yaw_rad: float | None = None) -> M
 
 
 def front_plane(chain: Chain, home: ArrayLike, yaw_rad: float | None = None) -> Matrix:
-    """Compute the vertical plane through the first axis across the arm: u left, v up."""
+    """Return the vertical plane through the first axis, across the arm: u left, v up."""
     pivot, forward_rad = _first_axis(chain, home)
     return _vertical_plane(pivot, (forward_rad if yaw_rad is None else yaw_rad) + math.pi / 2)
 

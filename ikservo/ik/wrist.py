@@ -1,8 +1,8 @@
 """Closed forms for a full pose: wrist angles and reach.
 
-The wrist's centre does not move with the rotations that meet in it: it determines the joints
-before them, and the remaining orientation determines the rotations. Arms have either two parallel
-links and a wrist of three joints, or three parallel links and a wrist of two.
+The wrist's centre does not move with the rotations that meet in it, so that it determines the
+joints before them; the remaining orientation determines the rotations. Arms have either two
+parallel links and a wrist of three joints, or three parallel links and a wrist of two.
 """
 
 from __future__ import annotations
@@ -11,17 +11,14 @@ import math
 from collections.abc import Iterator
 from dataclasses import replace
 
-import numpy as np
-
 from ikservo.ik.closed_form_problem import AnalyticProblem, Candidate, tool_at_zero
-from ikservo.ik.closed_form_structure import ArmStructure
 from ikservo.ik.planar import Angles, solve_planar_2r, solve_planar_3r, within_limits
 from ikservo.ik.problem import Target
 from ikservo.ik.subproblems import EulerAngles, solve_yaw_roll
 from ikservo.kinematics.arrays import Matrix, Vector
 from ikservo.kinematics.se3 import exp_so3
 
-# A target direction leaves the rotation about it free: this many are tried, the nearest first.
+# A target direction leaves the rotation about it free; this many are tried, the nearest first.
 _ROTATIONS_ABOUT_AXIS = 24
 
 
@@ -36,10 +33,16 @@ def solve_pose(problem: AnalyticProblem, target: Target, R: Matrix) -> Iterator[
     at_centre = replace(
         problem, point=arm.yaw_back.trace_point(centre_target), tip=arm.roll.trace_point(arm.centre)
     )
+    limits = [(joint.lower, joint.upper) for joint in arm.wrist]
+    wrist_start = tuple(float(problem.start[joint.column]) for joint in arm.wrist)
+    planar_start = arm.plane.angles(problem.start)
     for yaw in at_centre.yaws(at_centre.tip.normal_part(0.0)):
-        remaining = _inverse_yaw(arm, yaw) @ rotation
+        remaining = exp_so3(-yaw * arm.yaw.axis) @ rotation if arm.yaw else rotation
         for angles, wrist in _planar_and_wrist_angles(at_centre, arm.orient, yaw, remaining):
-            yield from _joints_within_limits(at_centre, yaw, angles, wrist)
+            planar = within_limits(angles, arm.plane.limits, planar_start)
+            held = within_limits(wrist, limits, wrist_start)
+            if planar is not None and held is not None:
+                yield at_centre.joints(yaw, planar, held)
 
 
 def _planar_and_wrist_angles(
@@ -58,23 +61,6 @@ def _planar_and_wrist_angles(
         remaining = exp_so3(-sum(angles) * plane.frame[2]) @ R
         near = float(problem.start[problem.arm.wrist[0].column])
         yield from ((angles, wrist) for wrist in orient(remaining, near))
-
-
-def _joints_within_limits(
-    problem: AnalyticProblem, yaw: float, angles: Angles, wrist: Angles
-) -> Iterator[Vector]:
-    plane, joints = problem.arm.plane, problem.arm.wrist
-    planar = within_limits(angles, plane.limits, plane.angles(problem.start))
-    limits = [(joint.lower, joint.upper) for joint in joints]
-    held = within_limits(
-        wrist, limits, tuple(float(problem.start[joint.column]) for joint in joints)
-    )
-    if planar is not None and held is not None:
-        yield problem.joints(yaw, planar, held)
-
-
-def _inverse_yaw(arm: ArmStructure, yaw: float) -> Matrix:
-    return exp_so3(-yaw * arm.yaw.axis) if arm.yaw else np.eye(3)
 
 
 def candidate_orientations(target: Target, R_start: Matrix) -> Iterator[Matrix]:
@@ -102,14 +88,17 @@ def solve_position(problem: AnalyticProblem) -> tuple[Candidate, ...]:
     The tool is rotated as near to the aims as the point allows. A roll that cannot meet the point
     is replaced by the first of a few others that can.
     """
-    for roll in (problem.start_roll, *_alternative_rolls(problem)):
-        if found := tuple(_candidates_with_roll(problem, roll)):
-            return found
+    others = problem.arm.wrist[0].sample_range(_ROLLS) if problem.arm.wrist else ()
+    for roll in (problem.start_roll, *others):
+        yaws = problem.yaws(problem.tip.normal_part(roll))
+        found = [c for yaw in yaws for c in problem.planar_candidates(yaw, roll, bend=True)]
+        if found:
+            return tuple(found)
     return ()
 
 
 def solve_direction(problem: AnalyticProblem) -> Iterator[Candidate]:
-    """Yield the joints that meet the point across and the aims as well as possible.
+    """Yield the joints that meet the point, and the aims as well as possible.
 
     Without a roll, or with one that moves nothing, point and aims are over-determined: the error of
     the candidates shows whether they happen to agree.
@@ -121,13 +110,3 @@ def solve_direction(problem: AnalyticProblem) -> Iterator[Candidate]:
         yaw, roll = problem.yaw_within_limits(phi), problem.roll_within_limits(psi)
         if yaw is not None and roll is not None:
             yield from problem.planar_candidates(yaw, roll, bend=False)
-
-
-def _candidates_with_roll(problem: AnalyticProblem, roll: float) -> Iterator[Candidate]:
-    for yaw in problem.yaws(problem.tip.normal_part(roll)):
-        yield from problem.planar_candidates(yaw, roll, bend=True)
-
-
-def _alternative_rolls(problem: AnalyticProblem) -> Iterator[float]:
-    if problem.arm.wrist:
-        yield from problem.arm.wrist[0].sample_range(_ROLLS)
