@@ -15,7 +15,6 @@ from ikservo.hardware.register_access import RegisterAccess
 from ikservo.hardware.register_batches import (
     ReadPlan,
     RegisterRef,
-    ReplyLayout,
     WriteTarget,
     batch_write,
     batches,
@@ -28,7 +27,7 @@ from ikservo.hardware.serial_ports import line_hint
 from ikservo.hardware.servo import Readings, ServoSpec
 from ikservo.registers import Family, Register, RegisterName
 
-_MAX_CACHED_PLANS = 64  # more than repeats in a program; bounds the memory
+_MAX_CACHED_PLANS = 64  # more than a program repeats; limits the memory
 
 _Key = TypeVar("_Key", bound=RegisterRef)
 
@@ -36,8 +35,8 @@ _Key = TypeVar("_Key", bound=RegisterRef)
 class ServoBus(RegisterAccess):
     """Read and write registers of the servos on one port.
 
-    Registers may come from any table, or be a ``RegisterName``, which means each servo's own
-    register of that name, so that one call serves a line with several models. Values are in the
+    A register may come from any table, or be a ``RegisterName``, which means each servo's own
+    register of that name; so one call serves a line with several models. Values are in the
     register's unit; ``raw=True`` uses its integer, for positions the tick.
 
     Programs may use it without an arm; ``bulk_write``, ``broadcast_ping``, ``reg_write`` and
@@ -129,8 +128,14 @@ class ServoBus(RegisterAccess):
             data, missing = self._requester.request_many(step)
             errors |= missing
             for servo_id, block in data.items():
-                values[servo_id] |= self._decode_reply(
-                    servo_id, block, step.layouts[servo_id], raw=raw
+                layout = step.layouts[servo_id]
+                numbers = layout.decode_raw(block)
+                for key, register in layout.state_registers.items():
+                    self._track_state(self.servos[servo_id], register, numbers[key])
+                values[servo_id] |= (
+                    numbers
+                    if raw
+                    else {key: r.to_value(numbers[key]) for key, r in layout.registers.items()}
                 )
         for servo_id in errors:
             del values[servo_id]
@@ -138,17 +143,6 @@ class ServoBus(RegisterAccess):
         hint = line_hint(self.port.name, hint) if hint else ""
         alarms = {i: found for i in values if (found := self._requester.alarms.get(i))}
         return Readings(values, errors, alarms, hint)
-
-    def _decode_reply(
-        self, servo_id: int, block: bytes, layout: ReplyLayout, *, raw: bool
-    ) -> Mapping[RegisterRef, float]:
-        """Decode the values of a reply; update the known torque state and alarms."""
-        numbers = layout.decode_raw(block)
-        for key, register in layout.state_registers.items():
-            self._track_state(self.servos[servo_id], register, numbers[key])
-        if raw:
-            return numbers
-        return {key: r.to_value(numbers[key]) for key, r in layout.registers.items()}
 
     def sync_write(
         self, ref: RegisterRef, values: Mapping[int, float], *, raw: bool = False
@@ -158,10 +152,21 @@ class ServoBus(RegisterAccess):
         Raises:
             RegisterAccessError: A register forbids its value; nothing was sent to any servo.
         """
-        cells = self._write_targets(tuple(values), ref)
+        key = (tuple(values), ref)
+        if key not in self._writings:
+            if len(self._writings) >= _MAX_CACHED_PLANS:
+                self._writings.clear()
+            self._writings[key] = plan_writes(map(self._require_servo, values), ref)
+        cells = self._writings[key]
         batch: dict[tuple[Family, int, int], dict[int, bytes]] = defaultdict(dict)
         for cell, value in zip(cells, values.values(), strict=True):
-            batch[cell.place][cell.servo.id] = self._encode_cell(cell, value, raw=raw)
+            lower, upper = cell.register.range
+            # The short branch is for the goals of every cycle.
+            if raw and cell.plain and type(value) is int and lower <= value <= upper:
+                data = cell.register.encode(value)
+            else:
+                data = self._check_write(cell.servo, cell.register, value, raw=raw)
+            batch[cell.place][cell.servo.id] = data
         for cell in cells:
             self._check_goal(cell.servo, cell.register, batch[cell.place][cell.servo.id])
         batch_write(self._requester.drivers, batch)
@@ -169,23 +174,6 @@ class ServoBus(RegisterAccess):
             if cell.tracks_state:
                 data = batch[cell.place][cell.servo.id]
                 self._track_state(cell.servo, cell.register, cell.register.decode(data))
-
-    def _encode_cell(self, cell: WriteTarget, value: float, *, raw: bool) -> bytes:
-        """Encode the bytes of a value; the short branch is for the goals of every cycle."""
-        register = cell.register
-        if raw and cell.plain and type(value) is int:
-            lower, upper = register.range
-            if lower <= value <= upper:
-                return register.encode(value)
-        return self._check_write(cell.servo, register, value, raw=raw)
-
-    def _write_targets(self, ids: tuple[int, ...], ref: RegisterRef) -> Sequence[WriteTarget]:
-        key = (ids, ref)
-        if key not in self._writings:
-            if len(self._writings) >= _MAX_CACHED_PLANS:
-                self._writings.clear()
-            self._writings[key] = plan_writes(map(self._require_servo, ids), ref)
-        return self._writings[key]
 
     def bulk_write(self, values: Mapping[int, Mapping[_Key, float]], *, raw: bool = False) -> None:
         """Write each servo's own registers, without replies from the servos.
@@ -215,7 +203,7 @@ class ServoBus(RegisterAccess):
                 self._track_state(self.servos[servo_id], register, register.decode(data))
 
     def broadcast_ping(self, family: Family, highest_id: int | None = None) -> BroadcastPingResult:
-        """Ping all servos of a family on the bus, also unknown ones.
+        """Ping all servos of a family on the bus, including unknown ones.
 
         Args:
             family: The protocol family.
@@ -254,9 +242,8 @@ class ServoBus(RegisterAccess):
         """
         reconnect(self.port, serial_number, within_s)
         self._torque_on.clear()
-        self.sync_read(
-            self.servos, RegisterName.TORQUE_ENABLE
-        )  # the servos may have been without power
+        # The servos may have been without power, so that their torque is off now.
+        self.sync_read(self.servos, RegisterName.TORQUE_ENABLE)
 
     def close(self) -> None:
         """Stop listening for stops, and close the port."""

@@ -21,9 +21,9 @@ DUPLICATE_ID_HINT = (
     "Several servos may share one id. Give each its own, one at a time: ikservo setup ARM"
 )
 
-_PINGS = 6  # of each id; replies of two servos overlap by chance
+_PINGS = 6  # pings of each id, because two servos' replies overlap only by chance
 _SAMPLES = 24  # pings of an id that is checked more closely
-_ODD_FAULTS = 8  # faults among the samples that prove two servos
+_ODD_FAULTS = 8  # this many faults among the samples prove two servos
 
 
 def raise_explained(bus: ServoBus, error: IkservoError) -> None:
@@ -82,20 +82,18 @@ def find_duplicate_ids(bus: ServoBus) -> list[ServoSpec]:
     Raises:
         PortLostError: The port is lost.
     """
-    duplicates: list[int] = []
+    duplicates: set[int] = set()
     for framing in FRAMINGS:
         ids = [i for i, servo in bus.servos.items() if servo.table.family in framing.families]
-        duplicates += _duplicate_ids(bus.port, framing, ids) if ids else ()
+        if not ids:
+            continue
+        unused_id = next(i for i in framing.ids if i not in ids)  # its reply is an echo
+        pings = ping_ids(bus.port, framing, [unused_id, *(_PINGS * ids)])
+        for servo_id in ids:
+            odd = pings.junk or len(pings.frames.get(servo_id, ())) > _PINGS
+            if odd and _is_duplicate_id(bus.port, framing, servo_id, echoes=pings.echoes):
+                duplicates.add(servo_id)
     return [servo for servo in bus.servos.values() if servo.id in duplicates]
-
-
-def _duplicate_ids(port: Port, framing: Framing, ids: Collection[int]) -> Iterator[int]:
-    unused_id = next(i for i in framing.ids if i not in ids)  # a reply for an unused id is an echo
-    pings = ping_ids(port, framing, [unused_id, *(_PINGS * [*ids])])
-    for servo_id in ids:
-        odd = pings.junk or len(pings.frames.get(servo_id, ())) > _PINGS
-        if odd and _is_duplicate_id(port, framing, servo_id, echoes=pings.echoes):
-            yield servo_id
 
 
 def _is_duplicate_id(port: Port, framing: Framing, servo_id: int, *, echoes: bool) -> bool:
@@ -104,7 +102,7 @@ def _is_duplicate_id(port: Port, framing: Framing, servo_id: int, *, echoes: boo
     return surplus >= _ODD_FAULTS or bool(pings.junk and surplus <= -_ODD_FAULTS)
 
 
-_NO_REPLY = 251  # an unused id: only an adapter that echoes returns something for it
+_NO_REPLY = 251  # an unused id: only an adapter that echoes returns bytes for it
 _NEW_IDS = (1,)  # factory ids
 _MAX_FOUND = 3  # servos checked closely; more would not change the message
 
@@ -136,36 +134,26 @@ def find_unexpected_servos(
 
 def _responding_servos(port: Port, rate: int, ids: Iterable[int]) -> Iterator[FoundServo]:
     """Yield the servos of given ids that reply at a rate, in either framing."""
-    if not _is_set(port, rate):
-        return
-    for framing in FRAMINGS:
-        if rate in framing.baud_rates:
-            yield from _responding_in_framing(port, framing, sorted(ids))
-
-
-def _responding_in_framing(
-    port: Port, framing: Framing, ids: Sequence[int]
-) -> Iterator[FoundServo]:
-    pings = ping_ids(port, framing, [*ids, _NO_REPLY])
-    for servo_id in sorted(pings.suspects | pings.frames.keys() - {_NO_REPLY})[:_MAX_FOUND]:
-        found = identify(port, framing, servo_id, echoes=pings.echoes)
-        if found:
-            yield found
-
-
-def _is_set(port: Port, rate: int) -> bool:
     try:
-        return port.setBaudRate(rate)
+        port.setBaudRate(rate)
     except PortLostError:
         raise
-    except PortError:  # the adapter cannot make this rate
-        return False
+    except PortError:  # the adapter does not support this rate
+        return
+    for framing in FRAMINGS:
+        if rate not in framing.baud_rates:
+            continue
+        pings = ping_ids(port, framing, [*sorted(ids), _NO_REPLY])
+        for servo_id in sorted(pings.suspects | pings.frames.keys() - {_NO_REPLY})[:_MAX_FOUND]:
+            found = identify(port, framing, servo_id, echoes=pings.echoes)
+            if found:
+                yield found
 
 
 def _format_hint(found: Sequence[FoundServo], silent: Sequence[ServoSpec], rate: int) -> str:
     framings = {framing_of(servo.table.family).name for servo in silent}
-    if not framings.intersection(one.protocol for one in found):
+    if not framings.intersection(servo.protocol for servo in found):
         return "If this is another arm, choose it with --arm. List all servos: ikservo scan"
-    if all(one.baud_rate != rate for one in found):
+    if all(servo.baud_rate != rate for servo in found):
         return "Set this rate: ikservo setup ARM. If this is another arm, choose it with --arm."
     return "Give each its own id: ikservo setup ARM. If this is another arm, choose it with --arm."

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable
 from pathlib import Path
 
 from ikservo.errors import InputError, NoPortError
 from ikservo.hardware.port_names import remember_serial_number, remembered_serial_number
-from ikservo.hardware.serial_ports import SerialAdapter, find_adapter, list_adapters
+from ikservo.hardware.serial_ports import find_adapter, list_adapters
 
 _VARIABLE = "IKSERVO_PORT"
 _SIMULATED = "sim"
@@ -41,9 +40,10 @@ def choose_port(name: str | None, arm: str = "") -> str:
     if named:
         return named
     found = list_adapters()
-    own = _find_remembered_adapter(arm, found) if arm else None
+    serial_number = remembered_serial_number(arm) if arm else ""
+    own = [a for a in found if serial_number and a.serial_number == serial_number]
     if own or len(found) == 1:
-        return (own or found[0]).device
+        return (own or found)[0].device
     why = "several adapters are plugged in" if found else ""
     raise NoPortError("", [adapter.device for adapter in found], why)
 
@@ -65,7 +65,7 @@ def simulated_port_url(name: str, arm_file: Path | None) -> str:
 
     Args:
         name: The port.
-        arm_file: The arm on it.
+        arm_file: The file of the arm on it.
 
     Raises:
         InputError: A bus is to be simulated, but no arm is named, or the options are invalid.
@@ -81,10 +81,3 @@ def simulated_port_url(name: str, arm_file: Path | None) -> str:
             "Use --port sim, or sim:?seed=3, and name the arm with --arm.",
         )
     return f"{_SIMULATED}:{arm_file.resolve()}{'?' if options else ''}{options}"
-
-
-def _find_remembered_adapter(arm: str, found: Iterable[SerialAdapter]) -> SerialAdapter | None:
-    serial_number = remembered_serial_number(arm)
-    if not serial_number:
-        return None
-    return next((adapter for adapter in found if adapter.serial_number == serial_number), None)

@@ -9,7 +9,8 @@
     [eeprom]
     homing_offset = -100
 
-The first copy is never overwritten: it holds the servo's values before any change by ikservo.
+The first copy is never overwritten, because it holds the servo's values before any change by
+ikservo.
 """
 
 from __future__ import annotations
@@ -54,7 +55,7 @@ def eeprom_registers(table: type[ControlTable]) -> list[Register]:
 
 
 def read_eeprom(bus: ServoBus, servo_id: int) -> dict[str, int]:
-    """Read every EEPROM register of a servo by name, raw: a backup.
+    """Read the raw number of every EEPROM register of a servo, by name.
 
     Raises:
         BusError: The servo does not reply.
@@ -67,7 +68,7 @@ def read_eeprom(bus: ServoBus, servo_id: int) -> dict[str, int]:
 def register_differences(
     bus: ServoBus, servo_id: int, expected: Mapping[RegisterRef, int]
 ) -> list[RegisterDifference]:
-    """Return the registers whose raw numbers differ from the wanted ones.
+    """Return the registers whose raw numbers differ from the expected ones.
 
     Raises:
         BusError: The servo does not reply.
@@ -86,8 +87,8 @@ def update_eeprom(
     """Write EEPROM registers that differ from the given raw numbers; return the changes.
 
     Nothing is written if all are equal already, because EEPROM wears out. Afterwards every number
-    is read back and the memory is locked, also after a failure, and if an earlier run was killed
-    before it locked it.
+    is read back. The memory is locked at the end, even after a failure, or if an earlier run was
+    killed while it was unlocked.
 
     Raises:
         RegisterAccessError: A register is not in EEPROM, forbids its number, or torque is on.
@@ -108,7 +109,14 @@ def update_eeprom(
         with _unlocked_eeprom(bus, servo_id):
             for change in changes:
                 bus.write(servo_id, change.register, change.expected, raw=True)
-            _verify_registers(bus, servo_id, expected)
+            for wrong in register_differences(bus, servo_id, expected):
+                raise ServoRejectedError(
+                    f"holds {wrong.register} = {wrong.found} after {wrong.expected} was written",
+                    "Its EEPROM may be worn out or locked.",
+                    servo=str(servo),
+                    servo_id=servo_id,
+                    port=bus.port.name,
+                )
     else:
         lock_eeprom(bus, servo_id)
     return changes
@@ -152,17 +160,6 @@ def lock_eeprom(bus: ServoBus, servo_id: int) -> None:
     lock = bus.servos[servo_id].table.eeprom_lock
     if lock is not None and bus.read(servo_id, lock, raw=True) == 0:
         bus.write(servo_id, lock, 1, raw=True)
-
-
-def _verify_registers(bus: ServoBus, servo_id: int, expected: Mapping[RegisterRef, int]) -> None:
-    for changed in register_differences(bus, servo_id, expected):
-        raise ServoRejectedError(
-            f"holds {changed.register} = {changed.found} after {changed.expected} was written",
-            "Its EEPROM may be worn out or locked.",
-            servo=str(bus.servos[servo_id]),
-            servo_id=servo_id,
-            port=bus.port.name,
-        )
 
 
 _FORMAT = 1
@@ -270,15 +267,13 @@ def parse_backup(path: Path, text: str) -> Backup:
         raise FileFormatError(path, "model", f"is {model!r}", f"one of {', '.join(MODELS)}")
     if type(servo_id) is not int or not 0 <= servo_id <= _HIGHEST_ID:
         raise FileFormatError(path, "id", f"is {servo_id!r}", f"an integer from 0 to {_HIGHEST_ID}")
-    return Backup(
-        path,
-        MODELS[model],
-        servo_id,
-        _checked(path, MODELS[model], cast("dict[str, object]", rows)),
-    )
+    eeprom = _check_eeprom(path, MODELS[model], cast("dict[str, object]", rows))
+    return Backup(path, MODELS[model], servo_id, eeprom)
 
 
-def _checked(path: Path, table: type[ControlTable], rows: Mapping[str, object]) -> dict[str, int]:
+def _check_eeprom(
+    path: Path, table: type[ControlTable], rows: Mapping[str, object]
+) -> dict[str, int]:
     """Return the numbers of a copy, which must be the model's whole EEPROM."""
     registers = eeprom_registers(table)
     names = {register.name for register in registers}
@@ -291,17 +286,12 @@ def _checked(path: Path, table: type[ControlTable], rows: Mapping[str, object]) 
     eeprom: dict[str, int] = {}
     for register in registers:
         number = rows[register.name]
-        if type(number) is not int or not _fits(register, number):
+        lower, upper = register.codec.span(register.size)  # some of these cannot be written
+        if type(number) is not int or not lower <= number <= upper:
             where = f"eeprom.{register}"
             raise FileFormatError(path, where, f"is {number!r}", "a number that the register holds")
         eeprom[register.name] = number
     return eeprom
-
-
-def _fits(register: Register, number: int) -> bool:
-    """Check whether a register can hold a number; some stored numbers are not allowed in writes."""
-    lower, upper = register.codec.span(register.size)
-    return lower <= number <= upper
 
 
 def firmware_version(bus: ServoBus, servo_id: int) -> str:

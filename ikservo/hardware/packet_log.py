@@ -39,10 +39,10 @@ class LoggedBytes:
     """Bytes that a port sent or received at once.
 
     Attributes:
-        time_s: Seconds since the beginning of 1970; in a simulation, since that of its clock.
+        time_s: Seconds since the beginning of 1970; in a simulation, the time of its clock.
         sent: Whether they were sent; otherwise they were received.
         data: The bytes.
-        opening: Counts the openings of ports in the file, from 1.
+        opening: Number of the port's opening in the file, from 1.
     """
 
     time_s: float

@@ -24,7 +24,7 @@ _MARGIN_BYTES = 1.03  # clocks of servos and adapters differ by this much at mos
 
 
 class LineHealth:
-    """Health of the line: healthy after a number of clean requests; any anomaly resets it.
+    """Health of the line: healthy after a number of clean requests, which each anomaly raises.
 
     Args:
         clean_requests: The number of clean requests until the line counts as healthy.
@@ -54,7 +54,7 @@ class ByteRateCheck:
     """Counts the reply bytes that can have arrived; any excess predates the request.
 
     Some lines are faster than their baud rate (a socket, a bridge, a pseudo-terminal). The limit
-    therefore applies only after replies have met it for a while, and not after it has lost a reply.
+    therefore applies only after replies have met it for a while, until it has cost a reply.
     """
 
     def __init__(self) -> None:
@@ -194,7 +194,7 @@ class PendingReplies:
         health: LineHealth,
         size_of: Callable[[int], int] = int,
     ) -> MemoryRange | None:
-        """Return the smallest window around a span whose reply length differs from all pending.
+        """Return the smallest window around a span with a reply length that is not pending.
 
         Args:
             servo_ids: The servos that will reply.
@@ -284,7 +284,7 @@ class AdaptiveTimeout:
         return min(learned_s * factor, self.max_s)
 
     def on_reply(self, overhead_s: float) -> None:
-        """Record by how much a reply exceeded its time on the wire."""
+        """Record how much longer a reply took than its time on the wire."""
         self._timeouts = 0
         self._learned += 1
         if self._learned % _HISTORY_LENGTH == 0:
@@ -302,5 +302,5 @@ class AdaptiveTimeout:
         self._timeouts = max(self._timeouts + 1, _MAX_OWN_MISSES + 2 if many else 0)
 
     def use_maximum(self) -> None:
-        """Use the longest timeout for the next reply: for the last retry of a single servo."""
+        """Use the longest timeout for the next reply, the last retry of a single servo."""
         self._timeouts = _MAX_OWN_MISSES + _MAX_DOUBLINGS

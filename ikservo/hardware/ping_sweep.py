@@ -103,10 +103,10 @@ class _Protocol2Framing:
         return self._codec.scan(data, (3,), final=final)
 
 
-_USB_FRAME_S = 0.001  # packets may leave the adapter closer together by this
+_USB_FRAME_S = 0.001  # packets may leave the adapter this much closer together
 _ECHO_ERROR = 1  # a ping of protocol 1 parses as a reply with this error byte
 _ADAPTER_DELAY_S = 0.040  # adapters keep bytes for up to 16 ms, busy machines for longer
-_QUIET_S = 3  # pings of one id without a reply before giving up
+_QUIET_PINGS = 3  # pings of one id without a reply before giving up
 _RECENT_PINGS = 20  # pings whose replies an adapter may hold back
 _READ_CHUNK_BYTES = 4096  # bytes; more than arrive in any slot
 
@@ -157,24 +157,18 @@ def ping_ids(
         port.clearPort()
         for count, servo_id in enumerate(ids, start=1):
             port.writePort(receiver.ping_packet(servo_id))
-            receiver.feed(_receive_until_slot_end(port, framing, one_by_one=one_by_one))
+            first = b""
+            if one_by_one:
+                first = port.read_until(1, port.clock.now_s() + _ADAPTER_DELAY_S)
+            slot_end_s = port.clock.now_s() + ping_slot_s(port, framing)
+            receiver.feed(first + port.read_until(_READ_CHUNK_BYTES, slot_end_s))
             if on_ping:
                 on_ping(count)
-            if one_by_one and count == _QUIET_S and not receiver.has_received:
+            if one_by_one and count == _QUIET_PINGS and not receiver.has_received:
                 break
         tail_s = 0.0 if one_by_one else _ADAPTER_DELAY_S
         receiver.feed(port.read_until(_READ_CHUNK_BYTES, port.clock.now_s() + tail_s), final=True)
     return receiver.make_results(ids, echoes)
-
-
-def _receive_until_slot_end(port: Port, framing: Framing, *, one_by_one: bool) -> bytes:
-    """Return the bytes received until the next ping may be sent."""
-    first = b""
-    if one_by_one:
-        first = port.read_until(1, port.clock.now_s() + _ADAPTER_DELAY_S)
-    return first + port.read_until(
-        _READ_CHUNK_BYTES, port.clock.now_s() + ping_slot_s(port, framing)
-    )
 
 
 def ping_slot_s(port: Port, framing: Framing) -> float:
@@ -214,22 +208,18 @@ class _ScanReceiver:
             self._results.suspects.update(self._recent_ids)
 
     def make_results(self, ids: list[int], echoes: bool | None) -> PingResults:
-        """Make the replies, without our own echoes."""
+        """Return the replies without the echoes of our own pings."""
         pinged, results = Counter(ids), self._results
-        results.echoes = self._echoes_own_pings(pinged) if echoes is None else echoes
-        if results.echoes:
+        if echoes is None:  # an adapter repeats every ping; a servo can only repeat its own
+            all_repeated = all(len(self._echo_frames(i)) >= pinged[i] for i in pinged)
+            echoes = len(pinged) > 1 and all_repeated
+        results.echoes = echoes
+        if echoes:
             for servo_id, count in pinged.items():
-                self._drop_echoes(servo_id, count)
+                for echo in self._echo_frames(servo_id)[:count]:
+                    results.frames[servo_id].remove(echo)
         results.frames = {i: rows for i, rows in results.frames.items() if rows and i in pinged}
         return results
-
-    def _echoes_own_pings(self, pinged: Counter[int]) -> bool:
-        """Check whether every ping is repeated by the adapter; a servo can only echo its own."""
-        return len(pinged) > 1 and all(len(self._echo_frames(i)) >= pinged[i] for i in pinged)
-
-    def _drop_echoes(self, servo_id: int, count: int) -> None:
-        for echo in self._echo_frames(servo_id)[:count]:
-            self._results.frames[servo_id].remove(echo)
 
     def _echo_frames(self, servo_id: int) -> list[StatusPacket]:
         frames = self._results.frames.get(servo_id, ())

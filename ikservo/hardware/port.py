@@ -1,4 +1,4 @@
-"""A serial port in the shape that both vendor SDKs expect: deadlines, flush, echo."""
+"""A serial port with the interface that both vendor SDKs expect: deadlines, flush, echo."""
 
 from __future__ import annotations
 
@@ -18,9 +18,8 @@ from ikservo.errors import PortError, PortLostError
 from ikservo.hardware.pending import AdaptiveTimeout, ByteRateCheck, LineHealth, PendingReplies
 from ikservo.hardware.transport import Transport, abandon_in_forked_children, open_transport
 
-# The camelCase names are the vendors': their packet handlers call them.
+# The camelCase names are the vendors', whose packet handlers call them.
 # ruff: noqa: N802
-
 
 _BITS_PER_BYTE = 10  # 8N1: start, eight data bits, stop
 
@@ -28,7 +27,7 @@ _BITS_PER_BYTE = 10  # 8N1: start, eight data bits, stop
 _REAL_S = (0.002, 0.040)
 _VIRTUAL_S = (0.001, 0.020)
 
-
+_UNPLUGGED = {errno.EIO, errno.ENXIO, errno.ENODEV, errno.EBADF}
 _PACKETS_VARIABLE = "IKSERVO_PACKETS"
 _BUSY_WAIT_S = 0.000_15  # wake up this much earlier: the kernel is late, clocks differ
 _MIN_SLEEP_S = 0.000_15  # shorter sleeps cost more than they save
@@ -47,7 +46,7 @@ _LINE_FAILS = _port_loss_exceptions()
 
 
 class SdkPort:
-    """Has the interface of the vendors' ``PortHandler``, on an open transport.
+    """The interface of the vendors' ``PortHandler`` on an open transport.
 
     Their packet handlers need all methods of that class: ``readPort`` and the packet timeouts exist
     only for them, because ``ReplyReader`` receives.
@@ -57,7 +56,7 @@ class SdkPort:
         self.connect(transport, name, baud_rate)
 
     def connect(self, transport: Transport, name: str, baud_rate: int) -> None:
-        """Use this transport from now on; reset measurements of another one."""
+        """Use this transport from now on; reset the measurements."""
         self.transport = transport
         self.name, self.baudrate = name, baud_rate
         virtual: Clock | None = getattr(transport, "clock", None)
@@ -98,7 +97,11 @@ class SdkPort:
         try:
             if left_s <= 0:
                 return self.transport.read(min(size, self.transport.in_waiting))
-            self._set_read_timeout(left_s)
+            # Setting a timeout may reconfigure the device, so it moves in steps of a tenth of a
+            # millisecond, and the same value is not set twice.
+            timeout_s = ceil(left_s * 10_000 - 1e-6) / 10_000
+            if self.transport.timeout != timeout_s:
+                self.transport.timeout = timeout_s
             return self.transport.read(size)
         except _LINE_FAILS as error:
             raise self._port_lost_error(error) from error
@@ -209,13 +212,6 @@ class SdkPort:
         """Check whether the expected packet is overdue."""
         return self.clock.now_s() > self._packet_deadline_s
 
-    def _set_read_timeout(self, left_s: float) -> None:
-        # Setting a timeout may reconfigure the device, so it moves in steps of a tenth of a
-        # millisecond, and the same value is not set twice.
-        timeout_s = ceil(left_s * 10_000 - 1e-6) / 10_000
-        if self.transport.timeout != timeout_s:
-            self.transport.timeout = timeout_s
-
     def _port_lost_error(self, error: Exception) -> PortError:
         """Return the error that names how the port was lost."""
         if not self.is_open:
@@ -225,15 +221,9 @@ class SdkPort:
                 f"{self.name} was opened before this process was forked, by its parent.",
                 "Open the port in the process that uses it, after the fork.",
             )
-        return PortLostError(self.name, _describe_loss(error))
-
-
-def _describe_loss(error: Exception) -> str:
-    """Describe why a port was lost; systems and pyserial report an unplugged device differently."""
-    code = next(iter(error.args), None)
-    if code in {errno.EIO, errno.ENXIO, errno.ENODEV, errno.EBADF} or "no data" in str(error):
-        return "device unplugged"
-    return str(error)
+        # Systems and pyserial report an unplugged device differently.
+        unplugged = next(iter(error.args), None) in _UNPLUGGED or "no data" in str(error)
+        return PortLostError(self.name, "device unplugged" if unplugged else str(error))
 
 
 class Port(SdkPort):
@@ -264,7 +254,7 @@ class Port(SdkPort):
         abandon_in_forked_children(self)
 
     def connect(self, transport: Transport, name: str, baud_rate: int) -> None:
-        """Use another transport from now on; reset measurements of the old one."""
+        """Use another transport from now on; reset the measurements of the old one."""
         super().connect(transport, name, baud_rate)
         self.byte_rate, self.health, self.pending = ByteRateCheck(), LineHealth(), PendingReplies()
         self.echoes: bool | None = None
@@ -364,7 +354,7 @@ class _ForeignTransport(_ClosedTransport):
 
 @dataclass(frozen=True, slots=True)
 class _Opening:
-    """Purpose for which a device was opened."""
+    """The arm and the servos for which a device is open."""
 
     device: str
     arm: str
@@ -401,7 +391,7 @@ def open_port(name: str, baud_rate: int, arm: str = "", servo_ids: Collection[in
     Raises:
         PortError: The port does not exist, is busy or may not be opened.
     """
-    if not name or ":" in name or not servo_ids:  # no name, a simulated bus, a network, or any id
+    if not name or ":" in name or not servo_ids:  # none, simulated, remote, or for any servo
         return Port(_open_line(name, baud_rate), name, baud_rate)
     own = _Opening(os.path.realpath(name), arm, frozenset(servo_ids))
     with _opening:
@@ -439,7 +429,7 @@ def _check_sharing(port: Port, baud_rate: int, own: _Opening, others: Iterable[_
     if port.baudrate != baud_rate:
         raise PortError(
             f"{port.name} is open at {port.baudrate} baud; {own.arm} needs {baud_rate}.",
-            "Servos on one adapter need one rate: ikservo setup sets it.",
+            "All servos on one adapter need the same rate; ikservo setup sets it.",
         )
     if any(other.arm == own.arm for other in others):
         raise PortError(

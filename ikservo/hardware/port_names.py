@@ -13,7 +13,6 @@ from __future__ import annotations
 import contextlib
 import json
 import tomllib
-from collections.abc import Mapping
 from typing import cast
 
 from ikservo.clock import Clock, RealClock
@@ -29,16 +28,20 @@ _FORMAT = 1
 
 
 def remembered_serial_number(arm: str) -> str:
-    """Return the serial number of the adapter on which an arm was last found, or nothing."""
+    """Return the serial number of the adapter on which an arm was last found; empty if unknown."""
     return _read_serial_numbers().get(arm, "")
 
 
 def remember_serial_number(arm: str, serial_number: str) -> None:
     """Remember an arm's adapter, unless the folder cannot be written."""
     known = _read_serial_numbers()
-    if serial_number and known.get(arm) != serial_number:
-        with contextlib.suppress(OSError):  # convenience only; must not stop an arm
-            _write_serial_numbers({**known, arm: serial_number})
+    if not serial_number or known.get(arm) == serial_number:
+        return
+    numbers = {**known, arm: serial_number}
+    rows = [f"{json.dumps(key)} = {json.dumps(number)}" for key, number in sorted(numbers.items())]
+    text = "\n".join([f"format = {_FORMAT}", "", "[serial_numbers]", *rows, ""])
+    with contextlib.suppress(OSError):  # convenience only; must not stop an arm
+        write_atomic(config_dir() / _FILE, text)
 
 
 def _read_serial_numbers() -> dict[str, str]:
@@ -53,15 +56,7 @@ def _read_serial_numbers() -> dict[str, str]:
     return {arm: number for arm, number in rows.items() if isinstance(number, str)}
 
 
-def _write_serial_numbers(numbers: Mapping[str, str]) -> None:
-    rows = [f"{json.dumps(arm)} = {json.dumps(number)}" for arm, number in sorted(numbers.items())]
-    text = "\n".join([f"format = {_FORMAT}", "", "[serial_numbers]", *rows, ""])
-    write_atomic(config_dir() / _FILE, text)
-
-
 _POLL_PERIOD_S = 0.1
-
-
 _SIMULATED = "sim"
 
 

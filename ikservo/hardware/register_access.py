@@ -58,7 +58,7 @@ class RegisterAccess:
 
     @property
     def clock(self) -> Clock:
-        """The clock of the line; virtual where the servos are simulated."""
+        """The clock of the line; virtual if the servos are simulated."""
         return self.port.clock
 
     @property
@@ -142,7 +142,7 @@ class RegisterAccess:
         self._track_state(servo, register, number)
 
     def write_until_power_off(self, servo_id: int, register: Register, raw: int) -> None:
-        """Write a register with immediate effect, also under torque, without storing it.
+        """Write a register with immediate effect, even under torque, without storing it.
 
         A Feetech servo accepts a number for its EEPROM while this is locked, and forgets it without
         power (memory tables, register ``lock``).
@@ -158,10 +158,8 @@ class RegisterAccess:
             return
         if lock is None or not self.read(servo_id, lock, raw=True):
             raise RegisterAccessError(str(servo), register.name, "it would be stored")
-        data, driver = (
-            encode_value(servo, register, raw, raw=True),
-            self._requester.driver_of(servo),
-        )
+        data = encode_value(servo, register, raw, raw=True)
+        driver = self._requester.driver_of(servo)
         self._requester.request(
             servo,
             f"write {register} = {raw}",
@@ -187,9 +185,10 @@ class RegisterAccess:
             lambda: driver.reg_write(servo_id, register.address, data),
             repeat=False,
         )
-        (self._prepared_goals.add if is_goal(servo, register) else self._prepared_goals.discard)(
-            servo_id
-        )  # a servo keeps only the last prepared write
+        if is_goal(servo, register):
+            self._prepared_goals.add(servo_id)
+        else:  # a servo keeps only the last prepared write
+            self._prepared_goals.discard(servo_id)
 
     def action(self) -> None:
         """Execute the prepared writes of all servos at the same time.

@@ -91,28 +91,22 @@ def encode_value(servo: ServoSpec, register: Register, value: float, *, raw: boo
     """
     if register.access is Access.RO:
         raise RegisterAccessError(str(servo), register.name, "it is read-only")
-    number = (
-        _to_raw_integer(servo, register, value) if raw else _require_count(servo, register, value)
-    )
+    if raw:
+        try:
+            number = operator.index(value)  # pyright: ignore[reportArgumentType] (checked here)
+        except TypeError:
+            message = f"The raw {register} of {servo}"
+            raise BadValueError(message, value, "an integer") from None
+    elif isfinite(value):
+        number = register.to_raw(value)
+    else:
+        raise RegisterAccessError(str(servo), register.name, f"{value} is not a number")
     lower, upper = register.range
     if not lower <= number <= upper:
         raise RegisterAccessError(
             str(servo), register.name, f"{number} is outside {lower} to {upper}"
         )
     return register.encode(number)
-
-
-def _to_raw_integer(servo: ServoSpec, register: Register, value: float) -> int:
-    try:
-        return operator.index(value)  # pyright: ignore[reportArgumentType] (checked here)
-    except TypeError:
-        raise BadValueError(f"The raw {register} of {servo}", value, "an integer") from None
-
-
-def _require_count(servo: ServoSpec, register: Register, value: float) -> int:
-    if not isfinite(value):
-        raise RegisterAccessError(str(servo), register.name, f"{value} is not a number")
-    return register.to_raw(value)
 
 
 _LETTERS = {1: "B", 2: "H", 4: "I"}
@@ -257,25 +251,20 @@ def plan_reads(refs: Mapping[ServoSpec, Sequence[RegisterRef]]) -> ReadPlan:
         for servo, keys in refs.items()
     }
     servos = {servo.id: servo for servo in refs}
-    runs_of_batches = batches({i: row.values() for i, row in own.items()}, MAX_GAP_BYTES)
-    return ReadPlan(tuple(servos), [_make_batch(servos, own, runs) for runs in runs_of_batches])
-
-
-def _make_batch(
-    servos: Mapping[int, ServoSpec],
-    own: Mapping[int, Mapping[RegisterRef, Register]],
-    runs: Mapping[int, Sequence[Register]],
-) -> ReadBatch:
-    first, description = next(iter(runs.values())), [servos[i] for i in runs]
-    spans = {i: _cached_range(run[0].address, run[-1].end) for i, run in runs.items()}
-    return ReadBatch(
-        servos=description,
-        spans=spans,
-        layouts={i: ReplyLayout(servos[i], own[i], run) for i, run in runs.items()},
-        description=f"read {', '.join(register.name for register in first)}",
-        is_static=all(register.steady for run in runs.values() for register in run),
-        groups=_group_by_family(description, spans),
-    )
+    planned: list[ReadBatch] = []
+    for runs in batches({i: row.values() for i, row in own.items()}, MAX_GAP_BYTES):
+        members, first = [servos[i] for i in runs], next(iter(runs.values()))
+        spans = {i: _cached_range(run[0].address, run[-1].end) for i, run in runs.items()}
+        batch = ReadBatch(
+            servos=members,
+            spans=spans,
+            layouts={i: ReplyLayout(servos[i], own[i], run) for i, run in runs.items()},
+            description=f"read {', '.join(register.name for register in first)}",
+            is_static=all(register.steady for run in runs.values() for register in run),
+            groups=_group_by_family(members, spans),
+        )
+        planned.append(batch)
+    return ReadPlan(tuple(servos), planned)
 
 
 @cache
@@ -296,8 +285,8 @@ def _group_by_family(
 def batch_read(driver: ProtocolDriver, spans: Mapping[int, MemoryRange]) -> dict[int, Reply]:
     """Read each servo's own range of memory.
 
-    One sync read if all ranges are equal, otherwise one bulk read if the family supports it,
-    otherwise a sync read for each range, or one servo after the other.
+    This takes one sync read if all ranges are equal, otherwise one bulk read if the family supports
+    it, otherwise a sync read for each range, or a read of one servo after the other.
     """
     first = next(iter(spans.values()))
     if driver.can_sync_read and all(s is first or s == first for s in spans.values()):

@@ -22,7 +22,7 @@ class SilenceBackoff:
     """Decides whether a servo in a group is read now.
 
     A servo that has lost three consecutive replies is read again every quarter of a second, until
-    it replies; in between its last fault is repeated.
+    it replies; in between, its last fault is repeated.
     """
 
     def __init__(self) -> None:
@@ -82,7 +82,7 @@ def make_driver(
 def silence_hint(
     chain: Iterable[ServoSpec], replying: Collection[int], silent: Collection[int]
 ) -> str:
-    """Return what to check, based on which servos reply.
+    """Return a hint on what to check, based on which servos reply.
 
     Args:
         chain: The servos in the order of the cable.
@@ -112,10 +112,9 @@ def silence_hint(
 
 
 def _describe_silent(servo_ids: Sequence[int]) -> str:
-    one = len(servo_ids) == 1
-    return (
-        f"Servo{'' if one else 's'} {_format_ids(servo_ids)} {'does' if one else 'do'} not answer"
-    )
+    if len(servo_ids) == 1:
+        return f"Servo {servo_ids[0]} does not answer"
+    return f"Servos {_format_ids(servo_ids)} do not answer"
 
 
 def _servo_label(servo: ServoSpec) -> str:
@@ -212,7 +211,11 @@ class Requester:
         """
         replies = self._request_all_confirmed(step)
         if any(isinstance(reply, ReplyFault) for reply in replies.values()):
-            replies |= self._retry_lost(step, replies)
+            retried = [s for s in step.servos if self._should_retry(s, replies[s.id])]
+            if retried and self.retries:
+                for servo in retried:
+                    self.statistics[servo.id].retried += 1
+                replies |= self._request_all_confirmed(step.restricted_to(retried))
         data: dict[int, bytes] = {}
         errors: dict[int, BusError] = {}
         for servo in step.servos:
@@ -222,15 +225,6 @@ class Requester:
             else:
                 data[servo.id] = reply.data
         return data, errors
-
-    def _retry_lost(self, step: ReadBatch, replies: Mapping[int, Reply]) -> dict[int, Reply]:
-        """Retry servos that did not reply and are not in back-off."""
-        retried = [servo for servo in step.servos if self._should_retry(servo, replies[servo.id])]
-        if not (retried and self.retries):
-            return {}
-        for servo in retried:
-            self.statistics[servo.id].retried += 1
-        return self._request_all_confirmed(step.restricted_to(retried))
 
     def make_error(self, servo: ServoSpec, fault: ReplyFault, request: str) -> BusError:
         """Make the error that names servo, request and fault."""
@@ -249,7 +243,7 @@ class Requester:
         )
 
     def _diagnose_silence(self) -> str:
-        """Return what to check, based on the latest replies of the other servos on the chain."""
+        """Return a hint based on the latest replies of the other servos on the chain."""
         requested = {i: counts for i, counts in self.statistics.items() if counts.requests}
         silent = [i for i, counts in requested.items() if counts.lost_in_a_row]
         replying = [i for i, counts in requested.items() if not counts.lost_in_a_row]
@@ -293,13 +287,28 @@ class Requester:
             return replies
         replying = [servo for servo in step.servos if isinstance(replies[servo.id], Status)]
         seconds = self._request_all_once(step.restricted_to(replying))
-        return replies | {i: _merge_readings(replies[i], second) for i, second in seconds.items()}
+        for servo_id, second in seconds.items():
+            first = replies[servo_id]
+            if (
+                isinstance(first, Status)
+                and isinstance(second, Status)
+                and first.data != second.data
+            ):
+                fault = ReplyFault(servo_id, FaultKind.GARBLED, "sent two different replies")
+                replies[servo_id] = fault
+            else:
+                replies[servo_id] = second
+        return replies
 
     def _request_all_once(self, step: ReadBatch) -> dict[int, Reply]:
-        replies: dict[int, Reply] = self._cached_faults(step) if self._backoff else {}
+        replies: dict[int, Reply] = {}
+        now_s = self.port.clock.now_s
+        if self._backoff:
+            at_s = now_s()
+            faults = {s.id: self._backoff.cached_fault(s.id, at_s) for s in step.servos}
+            replies |= {servo_id: fault for servo_id, fault in faults.items() if fault}
         if replies:
             step = step.restricted_to([servo for servo in step.servos if servo.id not in replies])
-        now_s = self.port.clock.now_s
         for family, spans in step.groups.items():
             started_s = now_s()
             received = batch_read(self.drivers[family], spans)
@@ -309,11 +318,6 @@ class Requester:
                 self._record_reply(servo_id, reply, took_s, blamed=blamed)
             replies |= received
         return replies
-
-    def _cached_faults(self, step: ReadBatch) -> dict[int, Reply]:
-        now_s = self.port.clock.now_s()
-        faults = {servo.id: self._backoff.cached_fault(servo.id, now_s) for servo in step.servos}
-        return {servo_id: fault for servo_id, fault in faults.items() if fault}
 
     def _should_retry(self, servo: ServoSpec, reply: Reply) -> bool:
         if not _is_lost(reply) or self._backoff.is_unresponsive(servo.id):
@@ -337,10 +341,3 @@ class Requester:
 
 def _is_lost(reply: Reply) -> bool:
     return isinstance(reply, ReplyFault) and reply.kind is not FaultKind.REFUSED
-
-
-def _merge_readings(first: Reply, second: Reply) -> Reply:
-    """Merge two readings of the same bytes if they are equal, else a fault."""
-    if isinstance(first, ReplyFault) or isinstance(second, ReplyFault) or first.data == second.data:
-        return second
-    return ReplyFault(first.servo_id, FaultKind.GARBLED, "sent two different replies")

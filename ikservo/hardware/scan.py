@@ -90,37 +90,26 @@ def _identify_model(port: Port, framing: Framing, found: FoundServo, data: bytes
     if head is None:
         return found
     tables = [table for table in MODELS.values() if table.family in framing.families]
+    guess: int | None = None
     for table in tables:
-        if _decode_identity(head, table) == (table.number, found.id):
-            return replace(found, model_number=table.number, table=table)
-    return replace(found, model_number=_guess_model_number(head, found.id, tables))
+        model, own_id = table.model_number, table.id
+        if own_id.decode(head[own_id.address : own_id.end]) != found.id:
+            continue  # the memory has another layout
+        number = model.decode(head[model.address : model.end])
+        if number == table.number:
+            return replace(found, model_number=number, table=table)
+        guess = number if guess is None else guess
+    return replace(found, model_number=guess)
 
 
 def _read_first_registers(port: Port, servo_id: int) -> bytes | None:
-    """Read the first registers; all families of protocol 1 are read in the same way."""
+    """Read the first registers, in the way that all families of protocol 1 share."""
     driver = make_driver(Family.FEETECH_STS, port)
     for _ in range(_READS):
         reply = driver.read(servo_id, 0, _HEAD_BYTES)
         if isinstance(reply, Status):
             return reply.data
     return None
-
-
-def _decode_identity(head: bytes, table: type[ControlTable]) -> tuple[int, int]:
-    """Decode model number and id if the memory has the layout of the table."""
-    model, own_id = table.model_number, table.id
-    return (
-        model.decode(head[model.address : model.end]),
-        own_id.decode(head[own_id.address : own_id.end]),
-    )
-
-
-def _guess_model_number(
-    head: bytes, servo_id: int, tables: Iterable[type[ControlTable]]
-) -> int | None:
-    """Guess an unknown model's number, by the family whose id register holds the id."""
-    readings = [_decode_identity(head, table) for table in tables]
-    return next((number for number, own_id in readings if own_id == servo_id), None)
 
 
 def _with_details(port: Port, found: FoundServo) -> FoundServo:
@@ -228,7 +217,7 @@ def scan(
 
 
 def scan_servo(port: Port, servo_id: int, rates: Iterable[int]) -> list[FoundServo]:
-    """Return the servo of one id, at the first rate at which it replies; empty if silent.
+    """Return the servo with an id, at the first rate at which it replies; empty if silent.
 
     Raises:
         PortLostError: The port is lost.
@@ -257,13 +246,9 @@ def scan_rate(
         raise
     except PortError:  # the adapter does not support this rate
         return []
-    supported = [framing for framing in framings if _supports_rate(framing, rate)]
+    is_known = any(rate in framing.baud_rates for framing in FRAMINGS)  # others may be tried, too
+    supported = [framing for framing in framings if rate in framing.baud_rates or not is_known]
     return [found for framing in supported for found in _scan_framing(port, framing, on_step)]
-
-
-def _supports_rate(framing: Framing, rate: int) -> bool:
-    """Check whether a framing may use a rate; rates that are in no table are allowed."""
-    return rate in framing.baud_rates or not any(rate in f.baud_rates for f in FRAMINGS)
 
 
 def _scan_framing(port: Port, framing: Framing, on_step: OnScanStep | None) -> Iterator[FoundServo]:

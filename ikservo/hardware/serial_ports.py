@@ -28,16 +28,10 @@ def process_using(device: str) -> str:
     """Return ``command (process 123)`` of a process that has the device open, or empty."""
     target = Path(device).resolve()
     for process in _PROCESSES.glob("[0-9]*"):
-        if _has_open(process, target):
-            return f"{_process_command(process)} (process {process.name})"
+        with contextlib.suppress(OSError):  # another user's process, or it has just ended
+            if any(link.readlink() == target for link in (process / "fd").iterdir()):
+                return f"{_process_command(process)} (process {process.name})"
     return ""
-
-
-def _has_open(process: Path, device: Path) -> bool:
-    try:
-        return any(link.readlink() == device for link in (process / "fd").iterdir())
-    except OSError:  # another user's process, or it has just ended
-        return False
 
 
 def _process_command(process: Path) -> str:
@@ -113,7 +107,9 @@ class AdapterEvent:
 
 def list_adapters() -> list[SerialAdapter]:
     """List the adapters that are plugged in, by device name."""
-    links = _list_by_id_links()
+    links: dict[str, str] = {}
+    with contextlib.suppress(OSError):  # no such folder: no adapter, or not Linux
+        links = {str(link.resolve()): str(link) for link in _BY_ID.iterdir()}
     found = [
         SerialAdapter(
             device=port.device,
@@ -159,20 +155,12 @@ def chip_name(vid: int, pid: int) -> str:
     return _CHIPS.get((vid, pid)) or _MAKERS.get(vid, "")
 
 
-def _list_by_id_links() -> dict[str, str]:
-    """List the by-id name of every device that has one."""
-    try:
-        return {str(link.resolve()): str(link) for link in _BY_ID.iterdir()}
-    except OSError:  # no such folder: no adapter, or not Linux
-        return {}
-
-
 RULES_FILE = "60-ikservo.rules"
 _FOLDERS = (Path("/etc/udev/rules.d"), Path("/usr/lib/udev/rules.d"), Path("/run/udev/rules.d"))
 
 
 def read_rules() -> str:
-    """Read the rules: ``tools/60-ikservo.rules`` of the source, which the wheel carries too."""
+    """Read the rules from ``tools/60-ikservo.rules``, in the source or as copied into the wheel."""
     package = Path(__file__).absolute().parents[1]
     shipped = package / "_rules"
     folder = shipped if shipped.is_dir() else package.parent / "tools"
@@ -185,7 +173,7 @@ def installed_rules() -> Path | None:
 
 
 def has_udev() -> bool:
-    """Check whether this system uses such rules at all."""
+    """Check whether this system uses udev rules at all."""
     return sys.platform == "linux"
 
 
@@ -206,7 +194,7 @@ def is_pseudo_terminal(port_name: str) -> bool:
 
 
 def line_hint(port_name: str, hint: str) -> str:
-    """Return a hint about plugs and cables; another hint for a pseudo-terminal, which has none."""
+    """Return a hint about plugs and cables, or another for a pseudo-terminal, which has none."""
     if not is_pseudo_terminal(port_name):
         return hint
     return (
@@ -243,8 +231,9 @@ def open_error(name: str, baud_rate: int, error: Exception) -> PortError:
         )
     if code == errno.ENOENT:
         return NoPortError(name, list_devices())
-    is_other = _system_error_number(error) in _NO_TERMINAL
-    why = "not a serial port" if is_other else _system_error_text(error)
+    inner = error.__context__ or error  # pyserial drops the system's number when it wraps an error
+    number = inner.errno if isinstance(inner, OSError) else next(iter(inner.args), None)
+    why = "not a serial port" if number in _NO_TERMINAL else _system_error_text(error)
     return NoPortError(name, list_devices(), why)
 
 
@@ -258,14 +247,8 @@ def _is_address(name: str) -> bool:
         return False
 
 
-def _system_error_number(error: BaseException) -> object:
-    """Return the system's number of an error; pyserial drops it when it wraps an error."""
-    inner = error.__context__ or error
-    return inner.errno if isinstance(inner, OSError) else next(iter(inner.args), None)
-
-
 def _system_error_text(error: BaseException) -> str:
-    """Return the system's error text, without what pyserial adds."""
+    """Return the system's error text, without pyserial's additions."""
     inner = error.__context__ or error
     if isinstance(inner, KeyError | TypeError):  # pyserial does not check the options of a URL
         return "an option of this address, or its value, is unknown"

@@ -130,21 +130,18 @@ class Readings(Generic[T_co]):
         """Return the values if every servo gave one.
 
         Raises:
-            BusError: One value is missing, or several; all missing ones are named.
+            BusError: Values are missing; all these servos are named.
         """
         if not self.errors:
             return self.values
         first, *others = self.errors.values()
         if not others:
             raise first
-        raise self._combine_errors(first)
-
-    def _combine_errors(self, first: BusError) -> BusError:
         kinds = {type(error) for error in self.errors.values()}
         kind = type(first) if len(kinds) == 1 else BusError
         names = ", ".join(error.servo for error in self.errors.values())
         found = "do not answer" if kind is ServoSilentError else "sent no usable reply"
-        return kind(
+        raise kind(
             found,
             self.hint,
             servo=names,

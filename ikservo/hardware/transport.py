@@ -92,15 +92,12 @@ class FileDescriptorPort:
         give_up_s = monotonic() + left_s
         data = b""
         while len(data) < size and select((self._port.fd,), (), (), left_s)[0]:
-            data += self._wait_readable(size - len(data))
+            chunk = os.read(self._port.fd, size - len(data))
+            if not chunk:
+                raise serial.SerialException("device unplugged")
+            data += chunk
             left_s = max(0.0, give_up_s - monotonic())
         return data
-
-    def _wait_readable(self, size: int) -> bytes:
-        chunk = os.read(self._port.fd, size)
-        if not chunk:
-            raise serial.SerialException("device unplugged")
-        return chunk
 
     def write(self, data: bytes, /) -> int:
         """Send bytes; pyserial waits if the line does not accept all at once."""
@@ -117,9 +114,9 @@ _MAX_LOCK_BYTES = 4096
 class PortLock:
     """A locked file that names the process that uses a device.
 
-    The kernel releases the lock when the process ends, however it ends; the file stays and does no
-    harm. All names of one device lead to one file. On a system without such locks (Windows) the
-    device can be opened only once anyway.
+    The kernel releases the lock when the process ends, however it ends; the file stays, which is
+    harmless. All names of one device lead to the same file. On a system without such locks
+    (Windows) the device can be opened only once anyway.
     """
 
     def __init__(self, descriptor: int | None = None) -> None:
@@ -147,10 +144,10 @@ def acquire_lock(device: str) -> PortLock:
     """Take the lock of a device; Windows itself lets one program at a time open a serial port.
 
     Raises:
-        PortBusyError: Another process, or another part of this one, has it; it is named.
+        PortBusyError: Another process, or another part of this one, holds it; it is named.
     """
     try:
-        import fcntl  # noqa: PLC0415  # there is none on Windows
+        import fcntl  # noqa: PLC0415  # not on Windows
     except ImportError:
         return PortLock()
 
@@ -165,7 +162,12 @@ def acquire_lock(device: str) -> PortLock:
         holder = os.pread(descriptor, _MAX_LOCK_BYTES, 0).decode(errors="replace").strip()
         os.close(descriptor)
         raise PortBusyError(device, holder) from None
-    _write_lock_holder(descriptor)
+    program, *arguments = sys.orig_argv
+    command = " ".join(" ".join([Path(program).name, *arguments]).split())[:_MAX_COMMAND_CHARS]
+    holder = f"{command} (process {os.getpid()})\n"
+    with contextlib.suppress(OSError):  # opened for reading only
+        os.ftruncate(descriptor, 0)
+        os.pwrite(descriptor, holder.encode(errors="replace"), 0)
     return PortLock(descriptor)
 
 
@@ -175,15 +177,6 @@ def _open_lock_file(path: Path) -> int | None:
         with contextlib.suppress(OSError):
             return os.open(path, flags | os.O_CLOEXEC | os.O_NOFOLLOW, 0o666)
     return None
-
-
-def _write_lock_holder(descriptor: int) -> None:
-    """Write this process into the lock file."""
-    program, *arguments = sys.orig_argv
-    command = " ".join(" ".join([Path(program).name, *arguments]).split())[:_MAX_COMMAND_CHARS]
-    with contextlib.suppress(OSError):  # opened for reading only
-        os.ftruncate(descriptor, 0)
-        os.pwrite(descriptor, f"{command} (process {os.getpid()})\n".encode(errors="replace"), 0)
 
 
 ENTRY_POINT_GROUP = "ikservo.ports"
@@ -300,8 +293,19 @@ def _open_serial(name: str, baud_rate: int) -> serial.Serial:
             write_timeout=None if "://" in name else _WRITE_TIMEOUT_S,
             exclusive=None if "://" in name else True,  # a URL's other end may not know of locks
         )
-    _lower_latency(port)
-    _disable_nagle(port)
+    # An FTDI adapter has a latency of 16 ms; 1 ms is possible. Others have no such setting.
+    set_low_latency = cast(
+        "Callable[[bool], None] | None", getattr(port, "set_low_latency_mode", None)
+    )
+    if set_low_latency:
+        with contextlib.suppress(ValueError, OSError, NotImplementedError):
+            set_low_latency(True)
+    # Without this, TCP delays a goal until the reply to the previous request is acknowledged, up to
+    # 40 ms later; pyserial sets it for ``rfc2217://`` only.
+    connection = vars(port).get("_socket")
+    if isinstance(connection, socket.socket):
+        with contextlib.suppress(OSError):
+            connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
     return cast("serial.Serial", port)
 
 
@@ -322,7 +326,9 @@ class _LockedTransport:
         if self._files:
             self.read, self.write = self._files.read, self._files.write
         if isinstance(port, rfc2217.Serial):
-            self.reset_input_buffer = self._drop_lock  # pyserial would wait for the server to agree
+            self.reset_input_buffer = (
+                self._drain_input
+            )  # pyserial would wait for the server to agree
         self.abandoned = False
         abandon_in_forked_children(self)
 
@@ -351,7 +357,7 @@ class _LockedTransport:
         else:
             vars(self._port)["_timeout"] = timeout_s
 
-    def _drop_lock(self) -> None:
+    def _drain_input(self) -> None:
         while waiting := self._port.in_waiting:
             self._port.read(waiting)
 
@@ -375,25 +381,3 @@ class _LockedTransport:
             if connection is not None:  # pyserial drops it if the other end closes first
                 connection.close()
             self._lock.release()
-
-
-def _lower_latency(port: serial.SerialBase) -> None:
-    """Set the latency of an FTDI adapter to 1 ms instead of 16 ms; others have no such setting."""
-    set_low_latency = cast(
-        "Callable[[bool], None] | None", getattr(port, "set_low_latency_mode", None)
-    )
-    if set_low_latency:
-        with contextlib.suppress(ValueError, OSError, NotImplementedError):
-            set_low_latency(True)
-
-
-def _disable_nagle(port: serial.SerialBase) -> None:
-    """Let a network port send each packet when it is written (TCP_NODELAY).
-
-    TCP would otherwise delay a goal until the reply to the previous request is acknowledged, up to
-    40 ms later; pyserial sets this for ``rfc2217://`` only.
-    """
-    connection = vars(port).get("_socket")
-    if isinstance(connection, socket.socket):
-        with contextlib.suppress(OSError):
-            connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)

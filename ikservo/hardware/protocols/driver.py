@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
-from ikservo.hardware.packets import MemoryRange, Reply, ScanResult, Status, StatusPacket
+from ikservo.hardware.packets import MemoryRange, Reply, ScanResult, Status
 from ikservo.hardware.protocols.transceiver import Transceiver
 
 _SLOT_BYTES = 14  # the longest ping reply
@@ -58,22 +58,16 @@ def broadcast_ping(
                 took_s = port.clock.now_s() - started_s
                 slot_s = min(slot_s, _MARGIN * took_s / (scan.frames[-1].servo_id + 1))
     scan = _scan_replies(exchange, raw, size, final=True)
-    return BroadcastPingResult(_collect_statuses(exchange, scan.frames, size), scan.junk)
+    replies: dict[int, tuple[Status, ...]] = {}
+    for frame in scan.frames:
+        reply = exchange.codec.interpret(frame, size)
+        if isinstance(reply, Status):
+            replies[reply.servo_id] = (*replies.get(reply.servo_id, ()), reply)
+    return BroadcastPingResult(replies, scan.junk)
 
 
 def _scan_replies(exchange: Transceiver, raw: bytearray, size: int, *, final: bool) -> ScanResult:
     return exchange.codec.scan(bytes(raw).removeprefix(exchange.port.sent), (size,), final=final)
-
-
-def _collect_statuses(
-    exchange: Transceiver, frames: Iterable[StatusPacket], size: int
-) -> dict[int, tuple[Status, ...]]:
-    replies: dict[int, tuple[Status, ...]] = {}
-    for frame in frames:
-        reply = exchange.codec.interpret(frame, size)
-        if isinstance(reply, Status):
-            replies[reply.servo_id] = (*replies.get(reply.servo_id, ()), reply)
-    return replies
 
 
 class ProtocolDriver(Protocol):
@@ -98,7 +92,7 @@ class ProtocolDriver(Protocol):
         ...
 
     def can_bulk_read(self, servo_ids: Iterable[int], /) -> bool:
-        """Whether one request can read different bytes of each of these servos."""
+        """Check whether one request can read different bytes of each of these servos."""
         ...
 
     @property
@@ -136,11 +130,11 @@ class ProtocolDriver(Protocol):
         ...
 
     def sync_write(self, address: int, data: Mapping[int, bytes]) -> None:
-        """Write to many servos with one packet; the protocols have no reply to it."""
+        """Write to many servos with one packet, to which they do not reply."""
         ...
 
     def bulk_write(self, rows: Mapping[int, tuple[int, bytes]]) -> None:
-        """Write to many servos with one packet, each at its own address; without a reply."""
+        """Write to many servos with one packet, each at its own address; they do not reply."""
         ...
 
     def reg_write(self, servo_id: int, address: int, data: bytes) -> Reply:

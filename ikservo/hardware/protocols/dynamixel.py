@@ -1,14 +1,14 @@
 """Dynamixel drivers for protocols 1.0 and 2.0, on the vendor's SDK.
 
 The SDK builds and sends every packet through ``txPacket``, which is the same in 3.7.31 and in
-4.1.0. Defects are numbered as in docs/sdk-defects.md (D11). Corrected on sending: byte stuffing,
-which the SDK computes and then discards (D1). Its reception is not used: it loses a byte of some
-stuffed replies (D2), returns the CRC as data when a servo refused (D3), and drops the alarms of
-servos in sync reads (D4, D5).
+4.1.0. Defects are numbered as in docs/sdk-defects.md (D11). Byte stuffing, which the SDK computes
+and then discards, is corrected on sending (D1). The SDK's reception is not used, because it loses a
+byte of some stuffed replies (D2), returns the CRC as data if a servo has refused (D3), and drops
+the alarms of servos in sync reads (D4, D5).
 
-Packets of protocol 1.0 go through ``Protocol1PacketHandler.txPacket``. Its reception has the same
-defects: it returns the checksum as data when a servo refused (D3), and waits by the wall clock,
-spinning (D7).
+Packets of protocol 1.0 go through ``Protocol1PacketHandler.txPacket``. The reception of this
+handler is not used either: it returns the checksum as data if a servo has refused (D3), and spins
+while it waits by the wall clock (D7).
 """
 
 from __future__ import annotations
@@ -47,16 +47,16 @@ _SYNC_READ, _SYNC_WRITE, _FAST_SYNC_READ = 0x82, 0x83, 0x8A
 _BULK_READ, _BULK_WRITE = 0x92, 0x93
 _REQUEST_INSTRUCTIONS = frozenset((_READ, _SYNC_READ, _FAST_SYNC_READ, _BULK_READ))
 _PING_SIZE = 3  # model number and firmware
-_FAST_FAILURES = 2  # consecutive; reasons: old firmware, a missing servo, a bad line
+_FAST_FAILURES = 2  # in succession; causes: old firmware, a missing servo, a bad line
 _RETRY_FAST_AFTER = 200  # readings after which fast sync read is tried again
 
 
 class DynamixelDriver:
-    """X-series servos and everything else that speaks protocol 2.0.
+    """Driver of X-series servos and all others that use protocol 2.0.
 
     Groups are read by fast sync read, which saves a third of the wire time, until it fails twice in
-    succession for the same servos (D5: a missing one suppresses all replies). Then, and whenever it
-    fails, they are read by sync read.
+    succession for the same servos (D5: a missing servo suppresses all replies). After that, and
+    whenever it fails, they are read by sync read.
     """
 
     can_sync_read = can_bulk_write = True
@@ -76,7 +76,7 @@ class DynamixelDriver:
             exchange.set_return_delay(return_delay_s)
 
     def can_bulk_read(self, servo_ids: Iterable[int]) -> bool:
-        """Whether one request can read different bytes of each of these servos."""
+        """Check whether one request can read different bytes of each of these servos."""
         return True
 
     def ping(self, servo_id: int) -> Reply:
@@ -107,32 +107,26 @@ class DynamixelDriver:
         """Read the same bytes of many servos; each has its own reply."""
         span, ids = MemoryRange(address, size), tuple(servo_ids)
         with self._port.lock:
-            self.already_retried = self._is_fast(ids)
-            replies = self._fast_sync_read(ids, span) if self._is_fast(ids) else {}
+            failures = self._fast_failures.get(ids, 0)
+            is_due = failures < _FAST_FAILURES or failures % _RETRY_FAST_AFTER == 0
+            self.already_retried = self._fast and len(ids) > 1 and is_due
+            replies = self._fast_sync_read(ids, span) if self.already_retried else {}
             if replies:
                 self._fast_failures.pop(ids, None)
                 self.already_retried = False
                 return replies
-            self._fast_failures[ids] = self._fast_failures.get(ids, 0) + 1
-            return self._plain_sync_read(ids, span)
-
-    def _is_fast(self, servo_ids: tuple[int, ...]) -> bool:
-        failures = self._fast_failures.get(servo_ids, 0)
-        worth_it = failures < _FAST_FAILURES or failures % _RETRY_FAST_AFTER == 0
-        return self._fast and len(servo_ids) > 1 and worth_it
-
-    def _plain_sync_read(self, servo_ids: tuple[int, ...], span: MemoryRange) -> dict[int, Reply]:
-        window = self.transceiver.choose_window(servo_ids, span)
-        parameters = _two_byte_words(window.address, window.size) + bytes(servo_ids)
-        replies = self.transceiver.transact(
-            lambda: self._send(BROADCAST_ID, _SYNC_READ, parameters),
-            dict.fromkeys(servo_ids, window.size),
-            window,
-        )
-        return {servo_id: span.extract(reply, window) for servo_id, reply in replies.items()}
+            self._fast_failures[ids] = failures + 1
+            window = self.transceiver.choose_window(ids, span)
+            parameters = _two_byte_words(window.address, window.size) + bytes(ids)
+            replies = self.transceiver.transact(
+                lambda: self._send(BROADCAST_ID, _SYNC_READ, parameters),
+                dict.fromkeys(ids, window.size),
+                window,
+            )
+            return {servo_id: span.extract(reply, window) for servo_id, reply in replies.items()}
 
     def _fast_sync_read(self, servo_ids: tuple[int, ...], span: MemoryRange) -> dict[int, Reply]:
-        """Compute every servo's reply, or nothing if fast sync read failed."""
+        """Return every servo's reply, or nothing if fast sync read failed."""
         count = len(servo_ids)
         window = self._combined.choose_window(
             (BROADCAST_ID,), span, lambda size: fast_sync_size(count, size)
@@ -253,7 +247,7 @@ class _Dynamixel1Codec(Protocol1Codec):
 
 
 class Dynamixel1Driver(Protocol1Driver):
-    """AX and MX servos; there is no sync read, and only MX support bulk read.
+    """Driver of AX and MX servos: none has sync read, and only MX servos have bulk read.
 
     Args:
         port: The port.
@@ -265,31 +259,30 @@ class Dynamixel1Driver(Protocol1Driver):
         self._bulk_ids = frozenset(bulk_ids)
 
     def can_bulk_read(self, servo_ids: Iterable[int]) -> bool:
-        """Whether one request can read different bytes of each of these servos."""
+        """Check whether one request can read different bytes of each of these servos."""
         return self._bulk_ids.issuperset(servo_ids)
 
     def sync_read(self, servo_ids: Sequence[int], address: int, size: int) -> dict[int, Reply]:
-        """Read the same bytes of many servos; those that support it with one bulk read."""
+        """Read the same bytes of many servos, with one bulk read for those that support it."""
         return self.bulk_read(dict.fromkeys(servo_ids, MemoryRange(address, size)))
 
     def bulk_read(self, spans: Mapping[int, MemoryRange]) -> dict[int, Reply]:
-        """Read different bytes of each servo; servos without bulk read one after the other."""
+        """Read different bytes of each servo; those without bulk read one after the other."""
         together = {i: span for i, span in spans.items() if i in self._bulk_ids}
         if len(together) < 2:
             return super().bulk_read(spans)
-        alone = {i: span for i, span in spans.items() if i not in together}
-        return self._bulk_read(together) | super().bulk_read(alone)
-
-    def _bulk_read(self, spans: Mapping[int, MemoryRange]) -> dict[int, Reply]:
         with self._port.lock:
-            windows = {i: self.transceiver.choose_window((i,), span) for i, span in spans.items()}
+            windows = {
+                i: self.transceiver.choose_window((i,), span) for i, span in together.items()
+            }
             rows = b"".join(bytes((w.size, i, w.address)) for i, w in windows.items())
             replies = self.transceiver.transact(
                 lambda: self._send(BROADCAST_ID, _BULK_READ_1, b"\0" + rows),
                 {i: window.size for i, window in windows.items()},
                 windows,
             )
-        return {i: spans[i].extract(reply, windows[i]) for i, reply in replies.items()}
+        found = {i: spans[i].extract(reply, windows[i]) for i, reply in replies.items()}
+        return found | super().bulk_read({i: s for i, s in spans.items() if i not in together})
 
     def factory_reset(self, servo_id: int) -> Reply:
         """Return a fault, because the servo would get id 1, which another servo may have."""
@@ -297,6 +290,6 @@ class Dynamixel1Driver(Protocol1Driver):
         return ReplyFault(servo_id, FaultKind.REFUSED, found)
 
     def reboot(self, servo_id: int) -> Reply:
-        """Restart one servo; its torque is off afterwards. Old AX do not support it."""
+        """Restart one servo; its torque is off afterwards. Old AX servos cannot do it."""
         self._port.pending.invalidate((servo_id,))
         return self._request_packet(servo_id, _REBOOT_1, b"")

@@ -1,9 +1,9 @@
 """Feetech driver, on the vendor's SDK.
 
-The SDK builds and sends every packet. Its reception is not used: it takes late, foreign and
-short packets for replies, stops at false headers and at error bytes above 0x7F, and gives up a
-whole sync read for one silent servo (docs/sdk-defects.md F1, F7, F13, F11, F18, F10). 16-bit values
-are packed by the registers, so the SDK's global byte order (F9) is never used.
+The SDK builds and sends every packet. Its reception is not used, because it takes late, foreign and
+short packets for replies, stops at false headers and at error bytes above 0x7F, and abandons a
+whole sync read if one servo is silent (docs/sdk-defects.md F1, F7, F13, F11, F18, F10). 16-bit
+values are packed by the registers, so the SDK's global byte order (F9) is never used.
 """
 
 from __future__ import annotations
@@ -34,8 +34,8 @@ _FACTORY_RESET, _SYNC_READ = 0x06, 0x82
 def _packet_sender() -> SendPacket:
     """Return the SDK's ``txPacket`` as a function of port and packet.
 
-    Two packages bring the module: in feetech-servo-sdk ``txPacket`` is given the port, in
-    ftservo-python-sdk the handler that it belongs to.
+    Two packages provide the module: in feetech-servo-sdk the port is passed to ``txPacket``, in
+    ftservo-python-sdk to the handler.
     """
     if "port" in signature(protocol_packet_handler.txPacket).parameters:
         return protocol_packet_handler().txPacket
@@ -43,7 +43,7 @@ def _packet_sender() -> SendPacket:
 
 
 class _FeetechCodec(Protocol1Codec):
-    """Feetech codec: the error byte is an alarm, the data beside it are valid."""
+    """Codec of Feetech servos: the error byte reports alarms; data beside it are valid."""
 
     def interpret(self, frame: StatusPacket, size: int) -> Reply | None:
         if len(frame.data) == size:
@@ -54,7 +54,7 @@ class _FeetechCodec(Protocol1Codec):
 
 
 class FeetechDriver(Protocol1Driver):
-    """STS, SMS and HLS servos; SCS servos with ``can_sync_read=False`` (F16)."""
+    """Driver of STS, SMS and HLS servos; of SCS servos with ``can_sync_read=False`` (F16)."""
 
     def __init__(self, port: Port, *, can_sync_read: bool = True) -> None:
         super().__init__(port, _packet_sender(), _FeetechCodec(COMM_TX_ERROR))
@@ -83,6 +83,6 @@ class FeetechDriver(Protocol1Driver):
         return self._request_packet(servo_id, _FACTORY_RESET, b"")
 
     def reboot(self, servo_id: int) -> Reply:
-        """Return a fault: this family has no such instruction."""
+        """Return a fault, because this family has no such instruction."""
         found = "does not support reboot; switch its power off and on instead"
         return ReplyFault(servo_id, FaultKind.REFUSED, found)

@@ -1,4 +1,4 @@
-"""Protocol 1.0 packets and the driver base of Feetech, MX and AX servos."""
+"""Packets of protocol 1.0, and the driver base of Feetech, MX and AX servos."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def parse_in_order(data: bytes, sizes: Mapping[int, int]) -> dict[int, Reply] | 
     at = 0
     for servo_id, size in sizes.items():
         end = at + size + 6
-        # The sum of everything after the header, including its inverse, has all bits set.
+        # The sum of all bytes after the header, with the checksum, has all bits set.
         if sum(data[at + 2 : end]) & 0xFF != 0xFF:
             return None
         if data[at : at + _DATA] != bytes((0xFF, 0xFF, servo_id, size + 2, 0)):
@@ -92,15 +92,15 @@ def _is_spliced(data: bytes, at: int, end: int, sizes: Collection[int]) -> bool:
     inner = data.find(_HEADER, at + 1, end + 1)
     while inner >= 0:
         length = _packet_length(data, inner)
-        if length is not None and _continues_behind(data, inner, length, end, sizes):
+        if (
+            length is not None
+            and length - packet_size(0) in sizes
+            and inner + length > end
+            and _has_valid_checksum(data, inner, length)
+        ):
             return True
         inner = data.find(_HEADER, inner + 1, end + 1)
     return False
-
-
-def _continues_behind(data: bytes, at: int, length: int, end: int, sizes: Collection[int]) -> bool:
-    expected = length - packet_size(0) in sizes and at + length > end
-    return expected and _has_valid_checksum(data, at, length)
 
 
 def _packet_length(data: bytes, at: int) -> int | None:
@@ -126,9 +126,8 @@ def _may_continue(data: bytes, at: int, sizes: Collection[int]) -> bool:
 
 _PING, _READ, _WRITE, _REG_WRITE, _ACTION = 0x01, 0x02, 0x03, 0x04, 0x05
 _SYNC_WRITE = 0x83
-_REQUEST_INSTRUCTIONS = frozenset(
-    (_READ, 0x82, 0x92)
-)  # read of one servo, and of many: sync read, bulk read
+_SYNC_READ, _BULK_READ = 0x82, 0x92
+_REQUEST_INSTRUCTIONS = frozenset((_READ, _SYNC_READ, _BULK_READ))
 _PING_SIZE = 0
 
 SendPacket = Callable[[Port, list[int]], int]
@@ -158,7 +157,7 @@ class Protocol1Codec:
 
 
 class Protocol1Driver:
-    """Instructions that both families support.
+    """Driver base with the instructions that both families support.
 
     Args:
         port: The port.
@@ -178,7 +177,7 @@ class Protocol1Driver:
         self.transceiver.set_return_delay(return_delay_s)
 
     def can_bulk_read(self, servo_ids: Iterable[int]) -> bool:
-        """Whether one request can read different bytes of each of these servos."""
+        """Check whether one request can read different bytes of each of these servos."""
         return False
 
     def ping(self, servo_id: int) -> Reply:

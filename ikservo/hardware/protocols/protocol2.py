@@ -1,7 +1,7 @@
 """Protocol 2.0 packets: CRC, byte stuffing, fast sync read.
 
-``FF FF FD 00 FE LEN 55 | ERR ID data CRC | ERR ID data CRC | …`` is, on the outside, one
-status packet of id 0xFE whose data hold the inner checksums; nothing in it is stuffed.
+The reply to a fast sync read, ``FF FF FD 00 FE LEN 55 | ERR ID data CRC | ERR ID data CRC | …``, is
+one status packet of id 0xFE whose data contain the inner checksums; nothing in it is stuffed.
 """
 
 from __future__ import annotations
@@ -18,28 +18,26 @@ from ikservo.hardware.vendor_modules import importing_from
 with importing_from("dynamixel-sdk", "dynamixel_sdk"):
     from dynamixel_sdk.protocol2_packet_handler import Protocol2PacketHandler
 
-_STUFFED_HEADER = b"\xff\xff\xfd"
-_MARK = 0xFD
+_UNSTUFFED, _STUFFED = b"\xff\xff\xfd", b"\xff\xff\xfd\xfd"
 
 
 def stuff(inside: bytes) -> bytes:
     """Insert an FD after each FF FF FD between the length field and the CRC."""
-    return inside.replace(_STUFFED_HEADER, _STUFFED_HEADER + bytes((_MARK,)))
+    return inside.replace(_UNSTUFFED, _STUFFED)
 
 
 def unstuff(inside: bytes) -> bytes:
-    """Remove the one FD after each FF FF FD.
+    """Remove the FD after each FF FF FD.
 
     The SDK's own ``removeStuffing`` searches FF FF FD FD in data that is not yet unstuffed and
     loses a byte of ``FF FF FD FF FD FD`` and similar data (docs/sdk-defects.md D2).
     """
-    return inside.replace(_STUFFED_HEADER + bytes((_MARK,)), _STUFFED_HEADER)
+    return inside.replace(_STUFFED, _UNSTUFFED)
 
 
 _HEADER = b"\xff\xff\xfd\x00"
 _LEN, _INSIDE = 5, 7  # offsets of the length field and the instruction
 _STATUS = 0x55
-_STUFFED = b"\xff\xff\xfd"
 MAX_PACKET_BYTES = 1024
 
 _ALERT = 0x80
@@ -68,7 +66,7 @@ _CRCS = tuple(map(_byte_crc, range(256)))
 
 @cache
 def _word_crc_table() -> Sequence[int]:
-    """Compute the CRC of every pair of bytes, for one lookup per pair; built when first needed."""
+    """Compute the CRC of every pair of bytes, for one lookup per pair, when it is first needed."""
     with_zero_behind = [(crc << 8 & 0xFF00) ^ _CRCS[crc >> 8] for crc in _CRCS]
     return array("H", [before ^ last for before in with_zero_behind for last in _CRCS])
 
@@ -109,8 +107,15 @@ class Protocol2Codec:
             if end > len(data) and not final and self._may_continue(data, at, sizes):
                 return ScanResult(tuple(frames), len(data) - at, junk)
             if at < end <= len(data) and self._crc_is_right(data[at:end]):
-                frames += self._status_frames(data[at:end])
-                at = end
+                packet, at = data[at:end], end
+                # An instruction, such as our own echo, is not a reply.
+                if (
+                    packet[_INSIDE] == _STATUS
+                    and packet[4] <= self.highest_id
+                    and len(packet) >= 11
+                ):
+                    inside = self._unstuff_body(packet[_INSIDE:-2])
+                    frames.append(StatusPacket(packet[4], inside[1], inside[2:]))
             else:
                 at, junk = at + 1, junk + 1
         return ScanResult(tuple(frames), 0, junk)
@@ -131,14 +136,14 @@ class Protocol2Codec:
     def _parse_plain_status(self, packet: bytes, servo_id: int, size: int) -> Status | None:
         """Parse the reply in a packet without stuffing and error; None for other packets."""
         expected = _HEADER + bytes((servo_id, size + 4 & 0xFF, size + 4 >> 8, _STATUS, 0))
-        if packet[: _INSIDE + 2] != expected or _STUFFED in packet[_INSIDE:]:
+        if packet[: _INSIDE + 2] != expected or _UNSTUFFED in packet[_INSIDE:]:
             return None
         if not self._crc_is_right(packet):
             return None
         return Status(servo_id, packet[_INSIDE + 2 : -2])
 
     def interpret(self, frame: StatusPacket, size: int) -> Reply | None:
-        """Interpret a frame: data with an alert, a refusal with its text, or None for no reply."""
+        """Interpret a frame as data with an alert or as a refusal; None if it is not the reply."""
         number, alert = frame.error & ~_ALERT, frame.error & _ALERT
         if number:
             kind = FaultKind.GARBLED if number == _CRC_ERROR else FaultKind.REFUSED
@@ -168,27 +173,19 @@ class Protocol2Codec:
             return False
         if len(start) >= _INSIDE:
             count = int.from_bytes(start[_LEN:_INSIDE], "little") - 4
-            if count != 0 and not any(size <= count <= _max_stuffed_size(size) for size in sizes):
+            # Stuffing adds at most one byte to every three, of which the header may begin before.
+            if count != 0 and not any(
+                size <= count <= size + (size + 1) // 3 + 1 for size in sizes
+            ):
                 return False
         return len(start) <= _INSIDE or start[_INSIDE] == _STATUS
-
-    def _status_frames(self, packet: bytes) -> list[StatusPacket]:
-        """Return the status frame of a packet; none for an instruction, such as our own echo."""
-        if packet[_INSIDE] != _STATUS or packet[4] > self.highest_id or len(packet) < 11:
-            return []
-        inside = self._unstuff_body(packet[_INSIDE:-2])
-        return [StatusPacket(packet[4], inside[1], inside[2:])]
 
     def _unstuff_body(self, inside: bytes) -> bytes:
         return unstuff(inside)
 
 
-def _max_stuffed_size(size: int) -> int:
-    return size + (size + 1) // 3 + 1
-
-
 class FastSyncCodec(Protocol2Codec):
-    """The one packet of a fast sync read: never stuffed; its error byte is the first servo's."""
+    """Codec of a fast sync read's packet: never stuffed, with the first servo's error byte."""
 
     highest_id = 0xFE
 
@@ -207,30 +204,25 @@ class FastSyncCodec(Protocol2Codec):
         return inside
 
 
-# The camelCase names are the SDK's: it calls them.
+# The camelCase names are the SDK's, which calls them.
 # ruff: noqa: N802
-
-
-_SDK_LENGTH_INDEX, _SDK_BODY_START = 5, 7  # offsets of the length field and the instruction
-
-
 class FixedPacketHandler(Protocol2PacketHandler):
     """The SDK's packet handler with correct stuffing (D1, D2)."""
 
     def addStuffing(self, packet: list[int]) -> list[int]:
         """Stuff in place: ``txPacket`` ignores the return value."""
-        inside = stuff(bytes(packet[_SDK_BODY_START:-2]))
-        packet[_SDK_LENGTH_INDEX:] = [*(len(inside) + 2).to_bytes(2, "little"), *inside, 0, 0]
+        inside = stuff(bytes(packet[_INSIDE:-2]))
+        packet[_LEN:] = [*(len(inside) + 2).to_bytes(2, "little"), *inside, 0, 0]
         return packet
 
     def removeStuffing(self, packet: list[int]) -> list[int]:
         """Unstuff in place."""
-        inside = unstuff(bytes(packet[_SDK_BODY_START:-2]))
-        packet[_SDK_LENGTH_INDEX:-2] = [*(len(inside) + 2).to_bytes(2, "little"), *inside]
+        inside = unstuff(bytes(packet[_INSIDE:-2]))
+        packet[_LEN:-2] = [*(len(inside) + 2).to_bytes(2, "little"), *inside]
         return packet
 
     def updateCRC(self, crc_accum: int, data_blk_ptr: Sequence[int], data_blk_size: int) -> int:
-        """Return the SDK's own CRC, for which it builds a table for each packet."""
+        """Return the CRC; the SDK would build a table for each packet."""
         return crc(crc_accum, data_blk_ptr, data_blk_size)
 
 
@@ -238,12 +230,12 @@ _OVERHEAD_BYTES = 4  # ERR, ID and CRC around each servo's data
 
 
 def fast_sync_size(count: int, size: int) -> int:
-    """Compute the data bytes of the combined packet: without its first ERR and its last CRC."""
+    """Compute the data bytes of the combined packet, without its first ERR and its last CRC."""
     return count * (size + _OVERHEAD_BYTES) - 3
 
 
 def split_fast_sync(data: bytes, servo_ids: Sequence[int], size: int) -> list[StatusPacket]:
-    """Split each servo's reply; return nothing if servos or their order differ from the request.
+    """Split the combined packet into replies; return none if servos or order are not as requested.
 
     Args:
         data: From the first ERR to the last data byte; one checksum covers all of it.

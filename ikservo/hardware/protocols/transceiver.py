@@ -54,23 +54,19 @@ class ReplyReader:
         if port.is_clean:
             port.sleep_until_due(self._expected)
         chunk = port.read_until(self._expected, due_s + port.reply_timeout.typical_s)
-        replies = self._parse_in_order(chunk)
-        return self._read_remaining(chunk, due_s) if replies is None else replies
-
-    def _parse_in_order(self, chunk: bytes) -> dict[int, Reply] | None:
-        """Parse the replies if nothing else came, which is the normal case."""
-        port = self._port
-        if len(chunk) != self._expected or port.echoes is not False or port.stale_bytes(len(chunk)):
-            return None
-        replies = self._codec.parse_in_order(chunk, self._sizes)
-        if replies is not None:
-            port.on_reply(chunk, reply_bytes=self._expected)
-            port.health.record(odd=False)
-        return replies
+        alone = len(chunk) == self._expected and port.echoes is False
+        if alone and not port.stale_bytes(len(chunk)):  # only the replies came, which is normal
+            replies = self._codec.parse_in_order(chunk, self._sizes)
+            if replies is not None:
+                port.on_reply(chunk, reply_bytes=self._expected)
+                port.health.record(odd=False)
+                return replies
+        return self._read_remaining(chunk, due_s)
 
     def _read_remaining(self, chunk: bytes, due_s: float) -> dict[int, Reply]:
         """Continue until all replies are complete, or no missing one can come any more."""
         port, timeout_s = self._port, self._port.reply_timeout.timeout_s
+        last, frame_size = next(reversed(self._sizes)), self._codec.frame_size
         deadline_s, limit_s = due_s + timeout_s, due_s + (1 + _MAX_WAITS) * timeout_s
         while True:
             fresh = bool(chunk) and self._add_chunk(chunk)
@@ -82,19 +78,14 @@ class ReplyReader:
                 self._port.health.record(odd=bool(odd))
                 return self._replies
             now_s = port.clock.now_s()
-            if self._last_slot_passed():
-                deadline_s = due_s
+            if last in self._replies and not port.pending.pending_until_s((last,), now_s):
+                deadline_s = due_s  # no earlier servo can still reply
             elif fresh and (now_s < deadline_s or len(self._sizes) > 1):
                 deadline_s = min(max(deadline_s, now_s + timeout_s), limit_s)
             if now_s >= deadline_s:
                 return self._finish_at_deadline()
-            chunk = port.read_some(self._missing_bytes(), deadline_s)
-
-    def _missing_bytes(self) -> int:
-        """Compute how many more bytes are needed, at least 1."""
-        frame_size = self._codec.frame_size
-        there = sum(frame_size(self._sizes[i]) for i in self._replies) + self._scan.pending
-        return max(self._expected - there, 1)
+            there = sum(frame_size(self._sizes[i]) for i in self._replies) + self._scan.pending
+            chunk = port.read_some(max(self._expected - there, 1), deadline_s)
 
     def _add_chunk(self, chunk: bytes) -> bool:
         """Add received bytes; return whether they can belong to this request's replies."""
@@ -105,28 +96,19 @@ class ReplyReader:
             self._stale += early
         return early <= 0
 
-    def _last_slot_passed(self) -> bool:
-        """Check whether the last servo has replied, so that no earlier one can still reply."""
-        last, now_s = next(reversed(self._sizes)), self._port.clock.now_s()
-        return last in self._replies and not self._port.pending.pending_until_s((last,), now_s)
-
     def _parse_received(self, *, final: bool) -> None:
         """Find frames and replies in all received bytes, after our own echo (F12)."""
-        raw = bytes(self._raw)
+        raw, sent = bytes(self._raw), self._port.sent
         if self._port.echoes is not False:
-            raw = self._strip_echo(raw, final=final)
+            # The reply to a ping may consist of the same bytes as the ping.
+            anywhere = self._port.echoes or any(self._sizes.values())
+            self._older = raw.find(sent) if anywhere else raw.startswith(sent) - 1
+            if self._older >= 0:
+                raw = raw[self._older + len(sent) :]
+            elif not final and sent.startswith(raw):
+                raw = b""  # the echo is not complete yet
         self._scan = self._scan_packets(raw, final=final) if raw else _NOTHING
         self._replies = self._interpret_frames(self._scan.frames, final=final)
-
-    def _strip_echo(self, raw: bytes, *, final: bool) -> bytes:
-        """Return the bytes after our own; bytes before them are older."""
-        sent = self._port.sent
-        # The reply to a ping may consist of the same bytes as the ping.
-        anywhere = self._port.echoes or any(self._sizes.values())
-        self._older = raw.find(sent) if anywhere else raw.startswith(sent) - 1
-        if self._older >= 0:
-            return raw[self._older + len(sent) :]
-        return b"" if not final and sent.startswith(raw) else raw
 
     def _scan_packets(self, raw: bytes, *, final: bool) -> ScanResult:
         return self._codec.scan(raw, self._sizes.values(), final=final)
@@ -160,18 +142,23 @@ class ReplyReader:
         return ReplyFault(first.servo_id, FaultKind.GARBLED, found, sent=self._port.sent)
 
     def _finish_at_deadline(self) -> dict[int, Reply]:
-        """Compute the replies and faults once the deadline has passed."""
+        """Return the replies and faults once the deadline has passed."""
         self._parse_received(final=True)
         if not self._replies:
             self._update_line_health()
         surplus = len(self._scan.frames) > len(self._replies)
         odd = self._stale or self._older > 0 or self._scan.junk or surplus
         self._port.health.record(odd=bool(odd))
+        kind, found = FaultKind.SILENT, "does not answer"
+        if self._scan.junk:
+            kind, found = FaultKind.GARBLED, "sent a damaged reply"
+        sent, received = self._port.sent, bytes(self._raw)
         missing = (servo_id for servo_id in self._sizes if servo_id not in self._replies)
-        return self._replies | {servo_id: self._fault_of(servo_id) for servo_id in missing}
+        faults = {i: ReplyFault(i, kind, found, sent=sent, received=received) for i in missing}
+        return self._replies | faults
 
     def _update_line_health(self) -> None:
-        """Update timeout and byte rate if no reply came; first check for an echo-like reply."""
+        """Update timeout and byte rate if no reply came; first look for a reply like an echo."""
         port = self._port
         if bytes(self._raw) == port.sent and port.echoes is None and not any(self._sizes.values()):
             # A reply may equal its request: a Feetech ping under a voltage alarm.
@@ -182,12 +169,6 @@ class ReplyReader:
                 port.reply_timeout.on_timeout(many=len(self._sizes) > 1)
             if self._stale:
                 port.byte_rate.reset()
-
-    def _fault_of(self, servo_id: int) -> ReplyFault:
-        junk = self._scan.junk
-        kind = FaultKind.GARBLED if junk else FaultKind.SILENT
-        found = "sent a damaged reply" if junk else "does not answer"
-        return ReplyFault(servo_id, kind, found, sent=self._port.sent, received=bytes(self._raw))
 
 
 _NO_REPLIES: Mapping[int, int] = {}
@@ -258,9 +239,19 @@ class Transceiver:
         with port.lock:
             try:
                 self.send(send)
-                return self._receive_replies(sizes, ranges) if sizes else {}
+                if not sizes:
+                    return {}
+                ambiguous = self._ambiguous_ids(sizes) if ranges is None else ()
+                delays_s = len(sizes) * self.return_delay_s
+                replies = ReplyReader(port, self.codec, sizes).read_replies(delays_s)
+                self._record_replies(replies, sizes, ranges)
             finally:
                 port.is_using = False
+        for servo_id in ambiguous:
+            reply = replies[servo_id]
+            if isinstance(reply, Status):
+                replies[servo_id] = replace(reply, ambiguous=True)
+        return replies
 
     def send(self, send: Callable[[], int]) -> None:
         """Send without waiting for a reply.
@@ -277,21 +268,8 @@ class Transceiver:
         if result != 0:
             raise PortLostError(self.port.name, "the packet was not sent completely")
 
-    def _receive_replies(
-        self, sizes: Mapping[int, int], ranges: Mapping[int, MemoryRange] | MemoryRange | None
-    ) -> dict[int, Reply]:
-        ambiguous = self._ambiguous_ids(sizes) if ranges is None else ()
-        delays_s = len(sizes) * self.return_delay_s
-        replies = ReplyReader(self.port, self.codec, sizes).read_replies(delays_s)
-        self._record_replies(replies, sizes, ranges)
-        for servo_id in ambiguous:
-            reply = replies[servo_id]
-            if isinstance(reply, Status):
-                replies[servo_id] = replace(reply, ambiguous=True)
-        return replies
-
     def _ambiguous_ids(self, sizes: Mapping[int, int]) -> list[int]:
-        """Compute the servos whose replies cannot be distinguished from older ones."""
+        """Return the servos whose replies cannot be distinguished from older ones."""
         port, now_s = self.port, self.port.clock.now_s()
         pending, health = port.pending, port.health
         if not health.suspect:
@@ -325,7 +303,7 @@ class Transceiver:
             pending.record_received(tuple(servo_ids), size, what, now_s)
 
 
-_MAX_CACHED = 64  # more than a program repeats; a faulty line must not fill memory
+_MAX_CACHED = 64  # more than a program repeats; a faulty line must not fill the memory
 _SHORT_WRITE = 1  # any code but 0; ``send`` raises PortLostError for it
 
 CacheKey = tuple[int, int, bytes]
@@ -333,7 +311,7 @@ CacheKey = tuple[int, int, bytes]
 
 
 class RepeatedPackets:
-    """Packets that the SDK has built once: packets without values, which a program repeats.
+    """Packets that the SDK has built once and a program repeats, because they carry no values.
 
     Args:
         port: The port.
