@@ -65,7 +65,7 @@ class Choice:
         answer: Its word, as used in a script.
         label: A few words on its effect; empty if it need not be offered.
         key: Its key on a terminal; empty if there is none.
-        wait_s: The time without a change after which a script gives it; None if not yet.
+        wait_s: The time without a change after which a script gives it; None if it cannot yet.
         joints: The joints, one of which must be named after the word; empty if none.
         joint: The joint that the key means; empty if there is none now.
     """
@@ -87,7 +87,7 @@ class Notice:
 
 @dataclass(frozen=True, slots=True)
 class Progress:
-    """A present activity; the next one replaces it."""
+    """The present activity; the next ``Progress`` replaces it."""
 
     text: str
 
@@ -157,7 +157,7 @@ class HandRequest:
         readings: The joints to show while they are moved; None if there are none.
         current: The name of the joint to move; empty if it may be any joint.
         ticks: The unwrapped tick of each servo, by id.
-        error: The reason why the last answer was refused, until the next; None if it was not.
+        error: The error that refused the last answer, until the next answer; None if accepted.
     """
 
     stage: str

@@ -27,7 +27,7 @@ CHECK_ANGLE_RAD = math.radians(5.0)
 
 _MIN_FOLLOW_FRACTION = 0.5  # fraction of the motion
 _MAX_OTHER_FRACTION = 0.3  # fraction of the motion; joints that move further are coupled
-# An arm that lies on the table drags its tool along: it is lifted first if less is free.
+# An arm that lies on the table drags its tool along, so it is lifted first if less is free.
 _CLEAR_M = 0.005
 _LIFT_RAD = 2.0 * CHECK_ANGLE_RAD
 # Clearance that a test motion needs, because an arm does not follow its goals exactly.
@@ -82,7 +82,7 @@ def plan_lift(arm: Arm) -> DirectionCheck | None:
 def check_clearance_m(arm: Arm, name: str) -> float:
     """Compute the clearance of the body during the test motion of a joint and back.
 
-    It is the smaller one of the clearances at the start and at the better of the two ends; negative
+    It is the smaller of the clearances at the start and at the better of the two ends; negative
     if the body would touch something.
     """
     return _test_clearance(arm, name)(_measured_positions(arm))
@@ -148,7 +148,15 @@ def run_direction_check(arm: Arm, motion: DirectionCheck) -> None:
         _move_joint(arm, motion.joint, before[motion.joint] + motion.travel)
         moved = _measured_positions(arm)
         _move_joint(arm, motion.joint, before[motion.joint])
-    _check_direction(arm, motion, {name: moved[name] - before[name] for name in before})
+    travels = {name: moved[name] - before[name] for name in before}
+    _check_followed(arm, motion, travels[motion.joint])
+    for name, travel in travels.items():
+        horn_rad = travel / arm.model.joint(name).travel_per_turn * math.tau
+        if name != motion.joint and abs(horn_rad) > _MAX_OTHER_FRACTION * CHECK_ANGLE_RAD:
+            raise CalibrationError(
+                f"{name} moved when only {motion.joint} was told to.",
+                "Check for two servos with one id, or joints that are mechanically coupled.",
+            )
 
 
 def _move_joint(arm: Arm, joint: str, position: float) -> None:
@@ -184,17 +192,6 @@ def _range(arm: Arm, joint: ModelJoint) -> tuple[float, float]:
     """Return the limits of a joint, within those of the arm file; beyond these are end stops."""
     state, limits = arm.where()[joint.name], joint.limits
     return max(state.lower_rad, limits.lower.value), min(state.upper_rad, limits.upper.value)
-
-
-def _check_direction(arm: Arm, motion: DirectionCheck, moved: Mapping[str, float]) -> None:
-    _check_followed(arm, motion, moved[motion.joint])
-    for name, travel in moved.items():
-        horn_rad = travel / arm.model.joint(name).travel_per_turn * math.tau
-        if name != motion.joint and abs(horn_rad) > _MAX_OTHER_FRACTION * CHECK_ANGLE_RAD:
-            raise CalibrationError(
-                f"{name} moved when only {motion.joint} was told to.",
-                "Check for two servos with one id, or joints that are mechanically coupled.",
-            )
 
 
 def _check_followed(arm: Arm, motion: DirectionCheck, moved: float) -> None:
@@ -244,7 +241,7 @@ def show_directions(
     Args:
         arm: The arm, torque on.
         names: The joints.
-        searching: Whether its end stops will be searched next; it then has no calibration.
+        searching: Whether the arm's end stops will be searched next; it then has no calibration.
 
     Raises:
         CalibrationError: A joint is not the expected one; torque stays on.

@@ -13,7 +13,7 @@ from ikservo.hardware.servo import ServoSpec
 from ikservo.hardware.torque import read_goal_range, torque_on
 from ikservo.registers import Alarm, Family, RegisterName
 
-_BOOT_S = 3.0  # the longest time until a servo replies again
+_BOOT_S = 3.0  # the longest time until a restarted servo replies again
 _BOOT_STEP_S = 0.05
 _REBOOTING = (Family.DYNAMIXEL_2,)  # families that keep an alarm until restart
 _NEEDS_REBOOT = "keeps its alarm until it restarts: support the arm, then ikservo recover --reboot"
@@ -27,7 +27,7 @@ class RecoveryResult:
         servo: The servo.
         before: Its alarms before.
         after: Its alarms afterwards.
-        action: The action, for the user.
+        action: The text for the user on what was done.
         torque: Whether its torque is on; None if it does not reply.
     """
 
@@ -64,7 +64,10 @@ def recover(bus: ServoBus, *, reboot: bool = False) -> list[RecoveryResult]:
     present: Mapping[int, int] = bus.sync_read(
         servo_ids, RegisterName.PRESENT_POSITION, raw=True
     ).values
-    ranges = _read_goal_ranges(bus, present)
+    ranges: dict[int, tuple[int, int]] = {}
+    for servo_id in present:
+        with suppress(BusError, RefusedError):
+            ranges[servo_id] = read_goal_range(bus, servo_id)
     # Outside its limits a servo would not stay at its position, but move to one of them.
     inside = {i: present[i] for i, (low, high) in ranges.items() if low <= present[i] <= high}
     if inside:
@@ -83,14 +86,10 @@ def _recover_servo(bus: ServoBus, servo: ServoSpec, *, reboot: bool) -> Recovery
         return RecoveryResult(servo, before, before, error.found, None)
     except ServoAlarmError as error:  # its supply is out of range: torque stays off
         action, after = f"torque stays off: {error.message}", (str(Alarm.VOLTAGE),)
-    return RecoveryResult(servo, before, after, action, _is_torque_on(bus, servo))
-
-
-def _is_torque_on(bus: ServoBus, servo: ServoSpec) -> bool | None:
-    try:
-        return bus.read(servo.id, RegisterName.TORQUE_ENABLE, raw=True) == 1
-    except BusError:
-        return None
+    torque: bool | None = None
+    with suppress(BusError):
+        torque = bus.read(servo.id, RegisterName.TORQUE_ENABLE, raw=True) == 1
+    return RecoveryResult(servo, before, after, action, torque)
 
 
 def _read_alarms(bus: ServoBus, servo: ServoSpec) -> tuple[str, ...]:
@@ -133,11 +132,3 @@ def wait_for_boot(bus: ServoBus, servo: ServoSpec) -> None:
                 raise
         else:
             return
-
-
-def _read_goal_ranges(bus: ServoBus, servo_ids: Iterable[int]) -> dict[int, tuple[int, int]]:
-    ranges: dict[int, tuple[int, int]] = {}
-    for servo_id in servo_ids:
-        with suppress(BusError, RefusedError):
-            ranges[servo_id] = read_goal_range(bus, servo_id)
-    return ranges
