@@ -108,15 +108,13 @@ def other_packages_have(group: str) -> bool:
 
 @cache
 def _entry_points_of_others() -> str:
-    return "\n".join(_read_entry_points())
-
-
-def _read_entry_points() -> Iterator[str]:
+    texts: list[str] = []
     for folder in filter(None, sys.path):
         for path in Path(folder).glob("*.dist-info/entry_points.txt"):
             if not path.parent.name.startswith("ikservo-"):
                 with contextlib.suppress(OSError, ValueError):
-                    yield path.read_text("utf-8")
+                    texts.append(path.read_text("utf-8"))
+    return "\n".join(texts)
 
 
 def _find_problem(app: object, others: Sequence[App]) -> str:

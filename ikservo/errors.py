@@ -239,6 +239,7 @@ class BusError(IkservoError):
     """
 
     exit_code = ExitCode.SILENT
+    _usual_hint = ""
 
     def __init__(
         self,
@@ -257,7 +258,7 @@ class BusError(IkservoError):
         place = f"{servo} on {port}" if servo and port else servo or port
         purpose = f" when asked to {request}" if request else ""
         subject = f"{place} " if place else ""
-        super().__init__(f"{subject}{found}{purpose}.", hint or self._hint())
+        super().__init__(f"{subject}{found}{purpose}.", hint or self._usual_hint)
 
     @property
     def detail(self) -> str:
@@ -270,22 +271,17 @@ class BusError(IkservoError):
     def __str__(self) -> str:
         return "\n".join(filter(None, (super().__str__(), self.detail)))
 
-    def _hint(self) -> str:
-        return ""
-
 
 class ServoSilentError(BusError, TimeoutError):
     """No status packet from a servo within the reply timeout."""
 
-    def _hint(self) -> str:
-        return "Check its power, the cable that leads to it, its id and the baud rate."
+    _usual_hint = "Check its power, the cable that leads to it, its id and the baud rate."
 
 
 class BadReplyError(BusError):
     """A status packet that cannot be the reply: checksum, length or id."""
 
-    def _hint(self) -> str:
-        return "Check for loose plugs, two servos with one id, and another program on the port."
+    _usual_hint = "Check for loose plugs, two servos with one id, and another program on the port."
 
 
 class ServoRejectedError(BusError):

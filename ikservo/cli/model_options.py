@@ -68,7 +68,12 @@ class PostureOptions:
         if len(poses) > 1:
             raise BadValueError("--prefer", f"given as {' and '.join(poses)}", "one pose")
         for name in poses:
-            q, weights = _pose_joints(model, chain, name), np.ones(chain.dof)
+            if name in chain.names:
+                raise InputError(f"--prefer {name} has no position.", f"Write --prefer {name}=30.")
+            if name not in model.poses:
+                raise UnknownNameError("pose", name, model.poses)
+            pose = model.pose(name)
+            q, weights = np.array([pose[joint] for joint in chain.names]), np.ones(chain.dof)
         for joint, text in _parse_pairs(chain, self.prefer, "--prefer", "elbow_flex=30"):
             slides = chain.kinds[joint] is JointType.PRISMATIC
             q[joint] = parse_length_m(text) if slides else parse_angle_rad(text)
@@ -143,15 +148,6 @@ def report_missing_freedom(chain: Chain, q: Vector, *, directed: bool) -> None:
     taken = int(np.linalg.matrix_rank(J[:3], _RANK_M)) + (2 if directed else 0)
     if taken >= chain.dof:
         print_status("The target leaves this arm no freedom: --prefer changes nothing.")
-
-
-def _pose_joints(model: Model, chain: Chain, name: str) -> Vector:
-    if name in chain.names:
-        raise InputError(f"--prefer {name} has no position.", f"Write --prefer {name}=30.")
-    if name not in model.poses:
-        raise UnknownNameError("pose", name, model.poses)
-    pose = model.pose(name)
-    return np.array([pose[joint] for joint in chain.names])
 
 
 def _parse_pairs(

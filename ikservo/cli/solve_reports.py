@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import sys
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -31,7 +31,7 @@ _SAMPLES, _FLAT_M = 64, 1e-6
 
 
 def explain_unreachable(chain: Chain, target: Target) -> str:
-    """Return as text why an arm cannot reach a point inside its joint limits."""
+    """Explain in words why an arm cannot reach a point inside its joint limits."""
     flat = _base_plane(chain)
     if flat is not None:
         axis, at_m = flat
@@ -106,7 +106,20 @@ def all_solutions(model: Model, target: Target, start: Vector) -> AnalyticSoluti
 def print_solutions(model: Model, found: AnalyticSolutions, *, json: bool) -> None:
     """Print one row per solution, and the freedom of the last link."""
     if json:
-        print_json("solutions", **_solution_fields(found))
+        print_json(
+            "solutions",
+            reached=any(result.reached for result in found.results),
+            structure=found.structure,
+            solutions=[
+                {
+                    "q_rad": result.q,
+                    "position_error_m": result.position_error_m,
+                    "orientation_error_rad": result.orientation_error_rad,
+                }
+                for result in found.results
+            ],
+            last_link_directions=list(found.freedom),
+        )
         return
     rows = [
         [str(i), *format_joints(model.chain, result.q), f"{result.position_error_m * 1000:.4f} mm"]
@@ -127,22 +140,6 @@ def format_joints(chain: Chain, q: Vector) -> Sequence[str]:
 def joint_units(chain: Chain) -> list[JointUnit]:
     """Return the unit of each joint's position."""
     return ["m" if kind is JointType.PRISMATIC else "rad" for kind in chain.kinds]
-
-
-def _solution_fields(found: AnalyticSolutions) -> dict[str, object]:
-    return {
-        "reached": any(result.reached for result in found.results),
-        "structure": found.structure,
-        "solutions": [
-            {
-                "q_rad": result.q,
-                "position_error_m": result.position_error_m,
-                "orientation_error_rad": result.orientation_error_rad,
-            }
-            for result in found.results
-        ],
-        "last_link_directions": list(found.freedom),
-    }
 
 
 def _format_freedom(free: DirectionInterval) -> str:
@@ -168,13 +165,14 @@ def print_result(
 ) -> None:
     """Print joints, error, active limits and conditioning of a solution.
 
-    With a force (3,) at the tip the resulting joint torques are printed, too.
+    With a force (3,) at the tip, the resulting joint torques are printed, too.
     """
     torques = None if force_n is None else joint_torques(model.chain, result.q, force_n)
     if json:
         print_json("solve", **_result_fields(model, result, torques))
         return
-    print_lines([*_result_lines(model, target, result), *_posture_lines(result)])
+    others = [f"solutions  {result.solutions}"] if result.reached else []
+    print_lines([*_result_lines(model, target, result), *others, *result_lines(result)])
     if torques is not None:
         print_lines(torque_lines(model.chain, torques))
 
@@ -196,12 +194,6 @@ def _result_fields(model: Model, result: Result, torques: Vector | None) -> dict
         "solutions": {"kind": found.kind, "count": found.count, "freedom": found.freedom},
         **result_fields(result),
     }
-
-
-def _posture_lines(result: Result) -> list[str]:
-    """Return lines on the number of solutions and on conditioning."""
-    others = [f"solutions  {result.solutions}"] if result.reached else []
-    return [*others, *result_lines(result)]
 
 
 def _result_lines(model: Model, target: Target, result: Result) -> list[str]:
@@ -295,19 +287,14 @@ def print_traces(chain: Chain, target: Target, results: Sequence[tuple[str, Resu
 
 
 def _run_method(chain: Chain, target: Target, start: Vector, method: str) -> MethodResult:
+    """Solve a target with a method, then measure the time that it takes."""
     result = solve(chain, target, start, method, trace=True)
-    return MethodResult(
-        method, result, _min_duration_s(lambda: solve(chain, target, start, method))
-    )
-
-
-def _min_duration_s(run: Callable[[], object]) -> float:
     taken_s: list[float] = []
     while len(taken_s) < _RUNS and sum(taken_s) < _ENOUGH_S:
         began_s = time.perf_counter()
-        run()
+        solve(chain, target, start, method)
         taken_s.append(time.perf_counter() - began_s)
-    return min(taken_s)
+    return MethodResult(method, result, min(taken_s))
 
 
 def _method_label(entry: MethodResult) -> str:

@@ -1,4 +1,4 @@
-"""Dialogues on a terminal: live joint ranges and single keys there, lines elsewhere, scripts."""
+"""Dialogues with a user at a terminal, who presses keys, or with a script of answers."""
 
 from __future__ import annotations
 
@@ -50,10 +50,10 @@ _REFRESH_STEPS = 4  # readings per screen update
 
 @dataclass(frozen=True, slots=True)
 class Operator:
-    """Who answers a dialogue: a user, a script, or nobody.
+    """The operator who answers a dialogue: a user, a script, or nobody.
 
     Attributes:
-        script: Answers the requests; None reads keys.
+        script: The answers to the requests; None reads keys.
         yes: Whether the user has agreed to everything beforehand.
         interactive: Whether the user may be asked.
     """
@@ -180,7 +180,7 @@ class _RequestScreen:
             print("\r\x1b[2K", end="", file=sys.stderr, flush=True)  # noqa: T201
 
     def overwrite(self, text: str) -> None:
-        """Show the present action in its own line, if stderr is a terminal."""
+        """Show the present action on its own line, if stderr is a terminal."""
         if sys.stderr.isatty():
             self._overwrites = True
             print(f"\r\x1b[2K{printable(text)} …", end="", file=sys.stderr, flush=True)  # noqa: T201
@@ -199,9 +199,8 @@ class _RequestScreen:
             self._draw(request, request.readings)
         else:
             self._print(request)
-        return self._script.next_answer(request) if self._script else self._answer_for_key(request)
-
-    def _answer_for_key(self, request: HandRequest) -> str | None:
+        if self._script:
+            return self._script.next_answer(request)
         pressed = self._keys()[:1].lower() if self._keys else ""
         key = "Enter" if pressed in ("\n", "\r") else pressed
         choice = next((each for each in request.choices if key and each.key == key), None)

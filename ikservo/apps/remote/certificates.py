@@ -51,7 +51,7 @@ def client_certificate(endpoint: Endpoint) -> Certificate | None:
         found = _find(role)
         if found is not None:
             return found
-    raise _missing("operator or watcher")
+    raise _missing("an operator or watcher")
 
 
 def server_certificate(endpoint: Endpoint) -> Certificate | None:
@@ -64,7 +64,7 @@ def server_certificate(endpoint: Endpoint) -> Certificate | None:
         return None
     found = _find("server")
     if found is None:
-        raise _missing("server")
+        raise _missing("a server")
     return found
 
 
@@ -78,9 +78,7 @@ def _find(role: str) -> Certificate | None:
 
 def _missing(role: str) -> InputError:
     return InputError(
-        f"There is no certificate of an {role} in {keys_folder()}.".replace(
-            "an server", "a server"
-        ),
+        f"There is no certificate of {role} in {keys_folder()}.",
         "Make them once with: ikservo net keys. Then copy the folder of this machine's role.",
     )
 

@@ -65,7 +65,13 @@ def open_server(
     if access is not None:
         config["access_control"] = access
     if certificate is not None:
-        config["transport/link/tls"] = _server_tls(certificate)
+        config["transport/link/tls"] = {
+            "root_ca_certificate": str(certificate.authority),
+            "listen_certificate": str(certificate.certificate),
+            "listen_private_key": str(certificate.key),
+            "enable_mtls": True,
+            "close_link_on_expiration": True,
+        }
     with _opened(config, f"Cannot listen at {listen}", "Choose another endpoint.") as session:
         yield session
 
@@ -114,7 +120,14 @@ def _client_settings(
         "connect/exit_on_failure": True,
     }
     if certificate is not None:
-        config["transport/link/tls"] = _client_tls(certificate)
+        config["transport/link/tls"] = {
+            "root_ca_certificate": str(certificate.authority),
+            "connect_certificate": str(certificate.certificate),
+            "connect_private_key": str(certificate.key),
+            "enable_mtls": True,
+            "verify_name_on_connect": True,
+            "close_link_on_expiration": True,
+        }
     return config
 
 
@@ -169,27 +182,6 @@ def _common_settings() -> dict[str, object]:
         "transport/link/tx/lease": int(1000 * LINK_LEASE_S),
         "transport/link/tx/keep_alive": 4,
         "transport/link/rx/max_message_size": 4 * 1024 * 1024,
-    }
-
-
-def _server_tls(own: Certificate) -> dict[str, object]:
-    return {
-        "root_ca_certificate": str(own.authority),
-        "listen_certificate": str(own.certificate),
-        "listen_private_key": str(own.key),
-        "enable_mtls": True,
-        "close_link_on_expiration": True,
-    }
-
-
-def _client_tls(own: Certificate) -> dict[str, object]:
-    return {
-        "root_ca_certificate": str(own.authority),
-        "connect_certificate": str(own.certificate),
-        "connect_private_key": str(own.key),
-        "enable_mtls": True,
-        "verify_name_on_connect": True,
-        "close_link_on_expiration": True,
     }
 
 

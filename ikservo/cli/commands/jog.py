@@ -95,16 +95,11 @@ def command(
     if report.ended == NO_LONGER_REQUESTED:
         report = replace(report, ended="key released" if duration is None else "time is up")
     print_fields("jog", report, _FIELDS, json=options.json)
-    if report.blocked:
-        print_status(f"Jog back with {_opposite(speed)}.")
-
-
-def _opposite(speed: str | None) -> str:
-    """Return the option for the other direction."""
-    if speed is None:
-        return "a negative --speed"
-    digits = speed.lstrip("-\N{MINUS SIGN}")  # see ``main``: negative numbers arrive with this sign
-    return f"--speed {digits if digits != speed else f'-{speed}'}"
+    if report.blocked and speed is None:
+        print_status("Jog back with a negative --speed.")
+    elif report.blocked and speed is not None:
+        digits = speed.lstrip("-\N{MINUS SIGN}")  # `main` has replaced the sign of a number
+        print_status(f"Jog back with --speed {digits if digits != speed else f'-{speed}'}.")
 
 
 def _parse_speed(machine: OpenArm, what: str, speed: str | None) -> float | None:

@@ -87,7 +87,9 @@ def command(
     if here is None:
         with open_from_options(connection, MotionOptions(uncalibrated=uncalibrated)) as machine:
             here = machine.where()
-    links = () if eye_m is None else _find_visible_links(model, here, eye_m)
+    links: tuple[Any, ...] = ()
+    if eye_m is not None:
+        links = find_part("where --visible-from")(model, here.positions, eye_m)
     if json:
         more = posture_fields(model.chain, _chain_joints(here, model))
         more |= {} if eye_m is None else {"visible_from": _visibility_fields(eye_m, links)}
@@ -96,13 +98,6 @@ def command(
     _print_arm_state(here, model)
     if eye_m is not None:
         _print_visibility(eye_m, links)
-
-
-def _find_visible_links(
-    model: Model, here: ArmState, eye_m: tuple[float, float, float]
-) -> tuple[Any, ...]:
-    visible_from = find_part("where --visible-from")
-    return visible_from(model, here.positions, eye_m)
 
 
 def _visibility_fields(
@@ -120,13 +115,13 @@ def _visibility_fields(
 
 
 def _print_visibility(eye_m: tuple[float, float, float], links: Sequence[Any]) -> None:
+    """Print the share of each link, a `LinkVisibility` of the page, that is seen from a point."""
     print_lines(["", f"seen from {format_point(eye_m)}"])
-    print_table(["link", "visible", "hidden by"], [_visibility_row(each) for each in links])
-
-
-def _visibility_row(link: Any) -> list[str]:  # noqa: ANN401  # a `LinkVisibility` of the page
-    visible = f"{link.visible_fraction:.0%}" if link.is_visible else "hidden"
-    return [link.link, visible, ", ".join(link.hidden_by)]
+    rows: list[list[str]] = []
+    for link in links:
+        visible = f"{link.visible_fraction:.0%}" if link.is_visible else "hidden"
+        rows.append([link.link, visible, ", ".join(link.hidden_by)])
+    print_table(["link", "visible", "hidden by"], rows)
 
 
 def _print_arm_state(here: ArmState, model: Model) -> None:
@@ -134,18 +129,14 @@ def _print_arm_state(here: ArmState, model: Model) -> None:
     print_lines([f"tip {format_point(here.tip_m)}", *posture, ""])
     columns = ["joint", "position", "lower", "upper", "°C", "V", "load", "torque"]
     print_table(columns, [_format_joint_row(state, model) for state in here.joints])
-    alarms = [f"alarm: {names}: {text}" for names, text in describe_alarms(here.joints)]
-    print_lines(["", *_limit_lines(here), *alarms], indent=4)
-
-
-def _limit_lines(here: ArmState) -> list[str]:
-    """Return the sources of the limits: each with its joints, or one source for all."""
     sources: dict[str, list[str]] = {}
     for state in here.joints:
         sources.setdefault(format_source(state.limit_from), []).append(state.name)
+    limits = [f"limits: {source} ({', '.join(joints)})" for source, joints in sources.items()]
     if len(sources) == 1:
-        return [f"limits: {next(iter(sources))}"]
-    return [f"limits: {source} ({', '.join(joints)})" for source, joints in sources.items()]
+        limits = [f"limits: {next(iter(sources))}"]
+    alarms = [f"alarm: {names}: {text}" for names, text in describe_alarms(here.joints)]
+    print_lines(["", *limits, *alarms], indent=4)
 
 
 def _chain_joints(here: ArmState, model: Model) -> Vector:
@@ -192,7 +183,10 @@ def watch_arm(
         json: Whether to print lines of JSON.
         clock: Measures the period; None uses the computer's clock, for simulated arms too.
     """
-    with _state_reader(model, port, uncalibrated=uncalibrated) as read_state, _suppressed_output():
+    with (
+        _state_reader(model, port, uncalibrated=uncalibrated) as read_state,
+        contextlib.suppress(KeyboardInterrupt),  # Ctrl-C is the way to end it
+    ):
         states = _poll_states(read_state, period_s, count, clock or RealClock())
         if json:
             for here in states:
@@ -226,12 +220,6 @@ def _read_from_owner(model: Model, port: str | None) -> ArmState:
     if here is None:
         raise IkservoError("The program that used the port has ended.", "Run the command again.")
     return here
-
-
-@contextmanager
-def _suppressed_output() -> Generator[None]:
-    with contextlib.suppress(KeyboardInterrupt):  # Ctrl-C is the way to end it
-        yield
 
 
 def _poll_states(

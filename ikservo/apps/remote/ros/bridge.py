@@ -91,7 +91,17 @@ class RosBridge:
     def __enter__(self) -> RosBridge:
         """Join the graph."""
         with ExitStack() as stack:
-            self._declare(stack)
+            node = RosNode(self._session, self._name, stack, self._warn, self._requested)
+            self._publishers = {topic: node.publisher(topic).publish for topic in OUTPUTS}
+            urdf = description_text(self._arm.model)
+            self._publish(self._messages.description(time.time_ns(), urdf))
+            takers = (self._take_trajectory, self._take_twist, self._take_pose)
+            for topic, take in zip(INPUTS, takers, strict=True):
+                node.subscribe(topic, take)
+            actions = (self._stop, self._hold, self._acknowledge)
+            for name, action in zip(SERVICES, actions, strict=True):
+                node.serve_trigger(name, action, always=action == self._stop)
+            TrajectoryAction(node, self._arm, self._driver, self._parse_trajectory)
             for run in (self._publish_states, self._watch_router):
                 thread = threading.Thread(
                     target=run, name=f"ikservo-ros-{run.__name__}", daemon=True
@@ -106,19 +116,6 @@ class RosBridge:
     def __exit__(self, *_: object) -> None:
         """Leave the graph; a running motion is braked, and the arm holds."""
         self._stack.close()
-
-    def _declare(self, stack: ExitStack) -> None:
-        node = RosNode(self._session, self._name, stack, self._warn, self._requested)
-        self._publishers = {topic: node.publisher(topic).publish for topic in OUTPUTS}
-        urdf = description_text(self._arm.model)
-        self._publish(self._messages.description(time.time_ns(), urdf))
-        takers = (self._take_trajectory, self._take_twist, self._take_pose)
-        for topic, take in zip(INPUTS, takers, strict=True):
-            node.subscribe(topic, take)
-        actions = (self._stop, self._hold, self._acknowledge)
-        for name, action in zip(SERVICES, actions, strict=True):
-            node.serve_trigger(name, action, always=action == self._stop)
-        TrajectoryAction(node, self._arm, self._driver, self._parse_trajectory)
 
     # what comes in
 
@@ -219,16 +216,16 @@ class RosBridge:
     def _watch_router(self) -> None:
         """Stop a motion if the router is lost, because nobody could stop it then."""
         while not self._closing.wait(_ROUTER_PERIOD_S):
-            if self._driver.is_moving and not self._has_router():
+            if not self._driver.is_moving:
+                continue
+            try:
+                has_router = bool(self._session.info.routers_zid())
+            except Exception:  # raised if the session is closed
+                has_router = False
+            if not has_router:
                 text = "The connection to the Zenoh router was lost; the arm holds its position."
                 self._request_stop(text)
                 self._warn(text)
-
-    def _has_router(self) -> bool:
-        try:
-            return bool(self._session.info.routers_zid())
-        except Exception:  # raised if the session is closed
-            return False
 
     def _warn(self, text: str) -> None:
         self._warning = text
@@ -245,7 +242,9 @@ class RosBridge:
             now_s, state = time.monotonic(), self._measure()
             with suppress(Exception):  # raised while the session is being closed
                 if state is not None:
-                    self._publish_state(state)
+                    now_ns, positions, self._joints = time.time_ns(), state.positions, state.joints
+                    self._publish(self._messages.joint_states(now_ns, positions))
+                    self._publish(self._messages.transforms(now_ns, positions))
                 if now_s >= health_s:
                     health_s = now_s + _DIAGNOSTICS_PERIOD_S
                     self._publish_health(state)
@@ -260,11 +259,6 @@ class RosBridge:
         except Exception as error:  # this thread must not end
             self._warning = f"The arm cannot be read: {type(error).__name__}: {error}"
         return None
-
-    def _publish_state(self, state: ArmState) -> None:
-        now_ns, positions, self._joints = time.time_ns(), state.positions, state.joints
-        self._publish(self._messages.joint_states(now_ns, positions))
-        self._publish(self._messages.transforms(now_ns, positions))
 
     def _publish_health(self, state: ArmState | None) -> None:
         joints = () if state is None else state.joints
