@@ -49,7 +49,7 @@ _ARM_AS_OPTION = frozenset(
 _ARM_AS_ARGUMENT = {"calibrate": 0, "setup": 0, "calibration": 1}
 """Index of the arm among the positional arguments of a command."""
 _BLAS_THREADS = ("OPENBLAS_NUM_THREADS", "GOTO_NUM_THREADS", "OMP_NUM_THREADS")
-"""Variables that OpenBLAS reads, in its order."""
+"""Environment variables that OpenBLAS reads, in this order."""
 _NO_PORT = frozenset(("arms", "ports", "sim", "solve", "workspace"))
 
 
@@ -138,7 +138,7 @@ class _Outcome:
 def console() -> NoReturn:
     """Run the command line of this process, and exit at once.
 
-    Everything is closed by then. A command that Ctrl-C has stopped ends by SIGINT.
+    By then, everything is closed. If Ctrl-C has stopped the command, the process ends by SIGINT.
     """
     # NumPy reads this when it loads. The threads of BLAS spin while they wait for each other: on
     # busy cores, decomposing a small matrix took a hundred times the processor time, and slowed
@@ -210,7 +210,7 @@ def _report_failure(error: BaseException, args: Sequence[str]) -> int:
     reason = next((e for e in chain if isinstance(e, IkservoError | KeyboardInterrupt)), None)
     if reason is not None:  # such as a full disk
         return _report_failure(reason, args)
-    if isinstance(error, BrokenPipeError):  # such as `| head`: the reader has what it wanted
+    if isinstance(error, BrokenPipeError):  # such as `| head`, which has read enough
         return ExitCode.FAILED
     return _report_error(f"The output could not be written: {error}.", "", ExitCode.FAILED)
 

@@ -85,7 +85,13 @@ class PostureOptions:
                     f"--weight {name}={text}: nothing is preferred for {name}.",
                     f"Give --prefer {name}=POSITION, or a pose, as well.",
                 )
-            weights[joint] = _parse_weight(chain.names[joint], text)
+            try:
+                weights[joint] = float(text)
+            except ValueError:
+                weights[joint] = math.nan
+            if not 0.0 <= weights[joint] < math.inf:
+                what = f"The weight of {chain.names[joint]}"
+                raise BadValueError(what, shown(text), "a number of at least 0")
         return Posture(q, weights) if weights.any() else None
 
 
@@ -147,7 +153,7 @@ def report_missing_freedom(chain: Chain, q: Vector, *, directed: bool) -> None:
     J = chain.jacobian(q)
     taken = int(np.linalg.matrix_rank(J[:3], _RANK_M)) + (2 if directed else 0)
     if taken >= chain.dof:
-        print_status("The target leaves this arm no freedom: --prefer changes nothing.")
+        print_status("The target leaves this arm no freedom, so --prefer changes nothing.")
 
 
 def _parse_pairs(
@@ -170,13 +176,3 @@ def _parse_pairs(
         named.add(name)
         pairs.append((chain.names.index(name), text))
     return pairs
-
-
-def _parse_weight(name: str, text: str) -> float:
-    try:
-        weight = float(text)
-    except ValueError:
-        weight = math.nan
-    if not 0.0 <= weight < math.inf:
-        raise BadValueError(f"The weight of {name}", shown(text), "a number of at least 0")
-    return weight

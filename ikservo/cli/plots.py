@@ -197,7 +197,16 @@ def plot_solution(
         start: Joints (dof,) at the start.
         solutions: Results with their names; those with a trace get a curve.
     """
-    poses = _plot_poses(model, start, solutions)
+    poses = [_PlotPose(*arm_polyline(model, start), "before", _START_STYLE, "-", 4.0)]
+    # Later lines are thinner, so that equal ones stay visible.
+    widths = [4.0] if len(solutions) == 1 else np.linspace(10.0, 2.0, len(solutions))
+    styles = line_styles([name for name, _ in solutions])
+    for (name, result), style, width in zip(solutions, styles, widths, strict=True):
+        angle_rad = result.orientation_error_rad
+        short = f"{result.position_error_m * 1000:.1f} mm"
+        short += f" and {math.degrees(angle_rad):.1f}°" if angle_rad else ""
+        label = name if result.reached else f"{name}, {short} short"
+        poses.append(_PlotPose(*arm_polyline(model, result.q), label, *style, float(width)))
     views = _plot_views(model, poses)
     columns = len(views) + any(result.trace for _, result in solutions)
     figure = new_figure(_PANEL_IN * columns, _PANEL_IN + _LEGEND_IN)
@@ -245,23 +254,6 @@ class _PlotView:
 
     def extent_m(self, poses: Sequence[_PlotPose], target_m: Vector) -> float:
         return float(np.ptp(self.project_points(poses, target_m), axis=0).max())
-
-
-def _plot_poses(
-    model: Model, start: Vector, solutions: Sequence[tuple[str, Result]]
-) -> list[_PlotPose]:
-    """Return start and solutions; later lines are thinner, so that equal ones stay visible."""
-    poses = [_PlotPose(*arm_polyline(model, start), "before", _START_STYLE, "-", 4.0)]
-    widths = [4.0] if len(solutions) == 1 else np.linspace(10.0, 2.0, len(solutions))
-    for (name, result), (colour, dashes), width in zip(
-        solutions, line_styles([name for name, _ in solutions]), widths, strict=True
-    ):
-        angle_rad = result.orientation_error_rad
-        short = f"{result.position_error_m * 1000:.1f} mm"
-        short += f" and {math.degrees(angle_rad):.1f}°" if angle_rad else ""
-        label = name if result.reached else f"{name}, {short} short"
-        poses.append(_PlotPose(*arm_polyline(model, result.q), label, colour, dashes, float(width)))
-    return poses
 
 
 def _plot_views(model: Model, poses: Sequence[_PlotPose]) -> list[_PlotView]:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import os
 import re
 import tomllib
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
@@ -18,7 +18,6 @@ from ikservo.cli.terminal import format_port, print_json, print_lines, print_sta
 from ikservo.errors import ExitCode, IkservoError, InputError
 from ikservo.serving.control_client import (
     StopAllResult,
-    StopResult,
     request_stop,
     request_stop_of,
     stop_own_programs,
@@ -127,7 +126,13 @@ def report_stop(found: StopAllResult, *, as_json: bool) -> int:
         ]
         print_json("stop", arms=found.stopped, errors=errors)
     else:
-        print_lines((line for one in found.stopped for line in _stop_lines(one)), indent=12)
+        for one in found.stopped:
+            was = "was moving; stopped" if one.moving else "was not moving"
+            if one.latched:
+                was += "; its program moves it again only once the stop is acknowledged there"
+            rows = {"torque on": one.held, "torque off": one.limp, "no answer": one.silent}
+            servos = [f"{label:10}  {', '.join(names)}" for label, names in rows.items() if names]
+            print_lines([f"{one.arm} on {format_port(one.port)} {was}", *servos], indent=12)
         for error in found.errors:
             print_status(f"Not confirmed to be stopped: {error.command_message}")
             print_status(error.command_hint)
@@ -170,14 +175,3 @@ def _stop_others() -> StopAllResult:
         first = pool.submit(stop_own)
         others = remote.stop_listed_machines()
         return StopAllResult.joined((first.result(), others))
-
-
-def _stop_lines(one: StopResult) -> Iterator[str]:
-    was = "was moving; stopped" if one.moving else "was not moving"
-    if one.latched:
-        was += "; its program moves it again only once the stop is acknowledged there"
-    yield f"{one.arm} on {format_port(one.port)} {was}"
-    rows = {"torque on": one.held, "torque off": one.limp, "no answer": one.silent}
-    for label, names in rows.items():
-        if names:
-            yield f"{label:10}  {', '.join(names)}"

@@ -26,7 +26,7 @@ from ikservo.planning.motions import MotionValue
 
 _KEY_TIMEOUT_S = 2.0  # to wait for a second Ctrl-C of a user
 _SIGNAL_TIMEOUT_S = 1.0  # to wait for a second signal of a script
-_SLOW_PLAN_S = 1.0  # after this time the user is told what takes long
+_SLOW_PLAN_S = 1.0  # after this time the user is told why planning takes long
 
 _REPEATABLE = (StopKind.CTRL_C, StopKind.TERMINATED)
 
@@ -226,5 +226,5 @@ def motion_progress_bar() -> Generator[Callable[[MotionProgress], None] | None]:
 def warn_uncompiled() -> None:
     """Warn, before goals are streamed, that the solver is slow because it is not compiled."""
     if not is_compiled():
-        print_status("The solver is not compiled: goals are late. Install a C compiler, then")
+        print_status("The solver is not compiled, so goals are late. Install a C compiler, then")
         print_status("reinstall ikservo; in a clone run: make build.")

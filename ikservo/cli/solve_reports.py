@@ -144,7 +144,7 @@ def joint_units(chain: Chain) -> list[JointUnit]:
 
 def _format_freedom(free: DirectionInterval) -> str:
     low, high = math.degrees(free.lower_rad), math.degrees(free.upper_rad)
-    elbow = "elbow-up" if free.elbow else "elbow-down"  # down bends counterclockwise after it
+    elbow = "elbow-up" if free.elbow else "elbow-down"  # elbow-down bends counterclockwise
     return (
         f"one-parameter family, {elbow}: last link {low:z.1f}° to {high:z.1f}° "
         f"(yaw {math.degrees(free.yaw_rad):z.1f}°)"
@@ -219,7 +219,7 @@ def _format_error_left(target: Target, result: Result, digits: int = 4) -> str:
     return f"{error_text} and {math.degrees(result.orientation_error_rad):.{digits}f}°"
 
 
-# The minimum of several runs, as long as they take less than this in total.
+# A method's time is the minimum of so many runs, or of fewer if they take this long in total.
 _RUNS, _ENOUGH_S = 5, 0.1
 
 
@@ -240,12 +240,18 @@ class MethodResult:
 
 def compare_methods(chain: Chain, target: Target, start: Vector) -> list[MethodResult]:
     """Run every method that supports the arm from the same start (dof,)."""
-    names = [
-        name
-        for name in METHODS
-        if name != "closed_form" or recognise_structure(chain, target.frame)
-    ]
-    return [_run_method(chain, target, start, name) for name in names]
+    entries: list[MethodResult] = []
+    for method in METHODS:
+        if method == "closed_form" and not recognise_structure(chain, target.frame):
+            continue
+        result = solve(chain, target, start, method, trace=True)
+        taken_s: list[float] = []
+        while len(taken_s) < _RUNS and sum(taken_s) < _ENOUGH_S:
+            began_s = time.perf_counter()
+            solve(chain, target, start, method)
+            taken_s.append(time.perf_counter() - began_s)
+        entries.append(MethodResult(method, result, min(taken_s)))
+    return entries
 
 
 def trace_errors(chain: Chain, target: Target, result: Result) -> list[tuple[float, float]]:
@@ -284,17 +290,6 @@ def print_traces(chain: Chain, target: Target, results: Sequence[tuple[str, Resu
                 position_error_m=gap_m,
                 orientation_error_rad=turn_rad,
             )
-
-
-def _run_method(chain: Chain, target: Target, start: Vector, method: str) -> MethodResult:
-    """Solve a target with a method, then measure the time that it takes."""
-    result = solve(chain, target, start, method, trace=True)
-    taken_s: list[float] = []
-    while len(taken_s) < _RUNS and sum(taken_s) < _ENOUGH_S:
-        began_s = time.perf_counter()
-        solve(chain, target, start, method)
-        taken_s.append(time.perf_counter() - began_s)
-    return MethodResult(method, result, min(taken_s))
 
 
 def _method_label(entry: MethodResult) -> str:

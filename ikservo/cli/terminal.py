@@ -1,7 +1,7 @@
 """Terminal output and input: JSON, tables, folded lines, progress bars, keys and prompts.
 
-A prompt discards input typed before it was printed: a key meant for an earlier prompt must not
-let an arm move or go limp. For the same reason no prompt has a default answer.
+A prompt discards input typed before it was printed, because a key meant for an earlier prompt must
+not let an arm move or go limp. For the same reason no prompt has a default answer.
 """
 
 from __future__ import annotations

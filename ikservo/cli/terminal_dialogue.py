@@ -108,7 +108,7 @@ class Operator:
                         answer = ACCEPT
 
     def ask(self, entry: Entry) -> str:
-        """Ask for a word or value until it is valid; its default if nobody can be asked.
+        """Ask for a word or value until it is valid; return the default if nobody can be asked.
 
         Raises:
             InputError: Nobody can be asked, and there is no default; the option is named.
@@ -152,7 +152,7 @@ class AnswerOptions:
     ] = False
 
     def operator(self, read_script: Callable[[Path], Sequence[str]]) -> Operator:
-        """Return who answers; ``read_script`` reads answers from a file."""
+        """Return the operator who answers; ``read_script`` reads answers from a file."""
         entries = None if self.from_script is None else read_script(self.from_script)
         return Operator.of(entries, yes=self.yes, no_input=self.no_input)
 
@@ -198,7 +198,16 @@ class _RequestScreen:
         if request.readings is not None and sys.stderr.isatty():
             self._draw(request, request.readings)
         else:
-            self._print(request)
+            if request.error is not self._error:
+                self._error = request.error
+                if request.error:
+                    print_status(request.error_text)
+            line = request.line
+            if self._script is None:
+                line += f"\n  {_key_help(request)}"
+            if line != self._line:
+                self._line = line
+                print_status(line)
         if self._script:
             return self._script.next_answer(request)
         pressed = self._keys()[:1].lower() if self._keys else ""
@@ -207,19 +216,6 @@ class _RequestScreen:
         if choice is None or (choice.joints and not choice.joint):
             return None
         return f"{choice.answer} {choice.joint}".strip()
-
-    def _print(self, request: HandRequest) -> None:
-        """Print the request once, and the reason if an answer was refused."""
-        if request.error is not self._error:
-            self._error = request.error
-            if request.error:
-                print_status(request.error_text)
-        line = request.line
-        if self._script is None:
-            line += f"\n  {_key_help(request)}"
-        if line != self._line:
-            self._line = line
-            print_status(line)
 
     def _draw(self, request: HandRequest, readings: tuple[JointReadout, ...]) -> None:
         """Draw a bar for each joint, and the keys below."""

@@ -216,7 +216,12 @@ class ArmServer:
             streamed = parse_arguments(STREAMED[service], request.arguments)
             self._inbox.begin(request.lease, request.number)
             with self.lease.motion(request.lease):
-                return self._run_streamed(service, streamed)
+                if service == "jog":
+                    jog = cast("Jog", streamed)
+                    return run_jog(self._arm, self._inbox, jog.what, jog.speed)
+                run = run_follow if service == "follow" else run_stream
+                speed = cast("AtSpeed", streamed).speed
+                return run(self._arm, self._inbox, speed, self.lease.timeout_s)
         if service not in MOTIONS:
             raise _unknown(service)
         options = parse_arguments(MOTIONS[service].arguments, request.arguments).given()
@@ -224,16 +229,6 @@ class ArmServer:
             options["on_progress"] = on_progress
         with self.lease.motion(request.lease):
             return MOTIONS[service].method(self._arm, **options)
-
-    def _run_streamed(self, service: str, given: object) -> object:
-        arm, inbox = self._arm, self._inbox
-        if service == "jog":
-            jog = cast("Jog", given)
-            return run_jog(arm, inbox, jog.what, jog.speed)
-        speed = cast("AtSpeed", given).speed
-        if service == "follow":
-            return run_follow(arm, inbox, speed, self.lease.timeout_s)
-        return run_stream(arm, inbox, speed, self.lease.timeout_s)
 
     # the lease
 

@@ -229,16 +229,28 @@ class Connection:
             RefusedError: Another program controls the arm, or this machine may not operate it.
         """
         with self._lock:
-            if not self._lease:
-                self._require_open()
-                key = keys.drive(self.address.name, "lease")
-                request = self._request({"operator": who_asks()})
-                answers = ask(self._session, key, request, _QUICK_S)
-                if not answers:
-                    raise self._not_allowed()
-                given = cast("Mapping[str, object]", result_of(answers[0][1]))
-                self._lease = str(given["lease"])
-                self._begin_lease(keys.operator_token(self._lease))
+            if self._lease:
+                return self._lease
+            self._require_open()
+            key = keys.drive(self.address.name, "lease")
+            request = self._request({"operator": who_asks()})
+            answers = ask(self._session, key, request, _QUICK_S)
+            if not answers:
+                raise self._not_allowed()
+            given = cast("Mapping[str, object]", result_of(answers[0][1]))
+            self._lease = str(given["lease"])
+            token = keys.operator(self.address.name, keys.operator_token(self._lease))
+            stack = ExitStack()
+            stack.enter_context(self._session.liveliness().declare_token(token))
+            ended = threading.Event()
+            threading.Thread(
+                target=self._send_signs_of_life,
+                args=(ended,),
+                name="ikservo-sign-of-life",
+                daemon=True,
+            ).start()
+            stack.callback(ended.set)
+            self._lease_stack = stack
             return self._lease
 
     def _not_allowed(self) -> RefusedError:
@@ -289,17 +301,6 @@ class Connection:
         key = keys.news(self.address.name, topic)
         with self._session.declare_subscriber(key, on_sample):
             yield
-
-    def _begin_lease(self, token: str) -> None:
-        key = keys.operator(self.address.name, token)
-        stack = ExitStack()
-        stack.enter_context(self._session.liveliness().declare_token(key))
-        ended = threading.Event()
-        threading.Thread(
-            target=self._send_signs_of_life, args=(ended,), name="ikservo-sign-of-life", daemon=True
-        ).start()
-        stack.callback(ended.set)
-        self._lease_stack = stack
 
     def _send_signs_of_life(self, ended: threading.Event) -> None:
         """Send heartbeats for as long as this program has the lease."""

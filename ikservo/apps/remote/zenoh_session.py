@@ -200,7 +200,13 @@ def _opened(settings: Mapping[str, object], what: str, hint: str) -> Generator[z
             config.insert_json5(key, json.dumps(value))  # pyright: ignore[reportUnknownMemberType]
         session = zenoh.open(config)
     except zenoh.ZError as error:
-        why, remedy = _why_unreachable(settings) or (_first_reason(str(error)), hint)
+        # The message of Zenoh is used without its source locations.
+        reason = str(error).partition(" at /")[0].strip().rstrip(".!")
+        if "Timeout" in reason:
+            reason = "it does not answer"
+        elif "in use" in reason:
+            reason = "the address is in use"
+        why, remedy = _why_unreachable(settings) or (reason, hint)
         raise PortError(f"{what}: {why}.", remedy) from None
     try:
         yield session
@@ -249,11 +255,3 @@ def _answers_tls(connection: socket.socket) -> bool:
     except OSError:  # it is silent, or closes at once
         return False
     return True
-
-
-def _first_reason(text: str) -> str:
-    """Return the message of a Zenoh error without its source locations."""
-    reason = text.partition(" at /")[0].strip().rstrip(".!")
-    if "Timeout" in reason:
-        return "it does not answer"
-    return "the address is in use" if "in use" in reason else reason

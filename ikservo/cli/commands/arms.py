@@ -26,7 +26,21 @@ def command(*, json: JsonOption = False) -> None:
         except FileFormatError as error:  # in another package; the other arms are still listed
             print_status(f"Warning: {error.command_message}")
     if json:
-        print_json("arms", arms=[_arm_metadata(model) for model in models])
+        arms = [
+            {
+                "name": model.name,
+                "title": model.title,
+                "joints": list(model.chain.names),
+                "servos": {servo.id: servo.model for servo in _all_servos(model)},
+                "poses": list(model.poses),
+                "family": model.family,
+                "baud_rate": model.baud_rate,
+                "base_frame": model.base_frame or _CONVENTION,
+                "path": str(model.path),
+            }
+            for model in models
+        ]
+        print_json("arms", arms=arms)
         return
     rows: list[list[str]] = []
     for model in models:
@@ -39,20 +53,6 @@ def command(*, json: JsonOption = False) -> None:
     frames[:0] = [[model.name, model.base_frame] for model in models if model.base_frame]
     print_lines([""])
     print_table(["name", "base frame"], frames)
-
-
-def _arm_metadata(model: Model) -> dict[str, object]:
-    return {
-        "name": model.name,
-        "title": model.title,
-        "joints": list(model.chain.names),
-        "servos": {servo.id: servo.model for servo in _all_servos(model)},
-        "poses": list(model.poses),
-        "family": model.family,
-        "baud_rate": model.baud_rate,
-        "base_frame": model.base_frame or _CONVENTION,
-        "path": str(model.path),
-    }
 
 
 def _all_servos(model: Model) -> list[ModelServo]:

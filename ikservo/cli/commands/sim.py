@@ -25,7 +25,7 @@ SimArguments = Annotated[list[str] | None, typer.Argument(metavar="[ARM] [OPTION
 
 
 def command(arguments: SimArguments = None) -> None:
-    """Serve a simulated arm on a pseudo-terminal; prints the port and runs until stopped.
+    """Serve a simulated arm on a pseudo-terminal: print the port, and run until stopped.
 
     ikservo sim so101
 

@@ -104,8 +104,8 @@ def command(
 
     ikservo solve 0.25 0.05 0.15 --arm so101 --compare --plot methods.svg
     """
-    _check_options(method, plot, everything=everything, comparison=comparison, trace=trace)
-    force_n = _force_n(force, single=not (everything or comparison or trace))
+    _check_options(method, plot, force, everything=everything, comparison=comparison, trace=trace)
+    force_n = None if force is None else np.array([parse_force_n(part) for part in force])
     posed = tool.keep or {tool.pitch_rad, tool.roll_rad, tool.within_rad} != {None}
     if posed and (everything or comparison or trace or tool_axis or method != "auto"):
         raise InputError(
@@ -156,7 +156,13 @@ def command(
 
 
 def _check_options(
-    method: str, plot: Path | None, *, everything: bool, comparison: bool, trace: bool
+    method: str,
+    plot: Path | None,
+    force: tuple[str, str, str] | None,
+    *,
+    everything: bool,
+    comparison: bool,
+    trace: bool,
 ) -> None:
     """Check for contradictory options and an unusable plot file, before any work is done."""
     if everything and (comparison or trace):
@@ -168,18 +174,11 @@ def _check_options(
         from ikservo.cli.plots import check_plot_file  # noqa: PLC0415  # rarely used, loads matplotlib
 
         check_plot_file(plot)
-
-
-def _force_n(force: tuple[str, str, str] | None, *, single: bool) -> Vector | None:
-    """Return the force (3,); it is allowed for a single solution only."""
-    if force is None:
-        return None
-    if not single:
+    if force is not None and (everything or comparison or trace):
         raise InputError(
             "--force shows the torques of one solution.",
             "Give it without --all, --compare and --trace.",
         )
-    return np.array([parse_force_n(part) for part in force])
 
 
 def _solve_with_orientation(

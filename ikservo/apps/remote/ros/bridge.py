@@ -24,7 +24,6 @@ from ikservo.apps.remote.ros.trajectory_action import TrajectoryAction
 from ikservo.apps.remote.ros.wire import NodeName
 from ikservo.arm import ArmState, JointState, OpenArm, StopKind, StopReason
 from ikservo.errors import BadValueError, IkservoError, RefusedError, shown
-from ikservo.kinematics.arrays import Matrix
 from ikservo.model.model_loading import description_text
 from ikservo.planning.reports import describe_torque
 from ikservo.ros_messages.arm_messages import (
@@ -150,7 +149,11 @@ class RosBridge:
         of_tool = self._is_of_tool(message.header.frame_id)
         now_s, goal = time.monotonic(), self._driver.goal
         is_new = not isinstance(goal, TwistGoal)
-        goal = goal if isinstance(goal, TwistGoal) else TwistGoal(self._tip_pose(), now_s)
+        if not isinstance(goal, TwistGoal):
+            state, index = self._arm.where(), self._arm.joint_index
+            goals = [joint.goal_rad for joint in state.joints]
+            known = state.positions_rad if None in goals else np.array(goals, dtype=np.float64)
+            goal = TwistGoal(self._arm.chain.forward(index.chain_joints(known)), now_s)
         linear, angular = (
             np.array([vector.x, vector.y, vector.z])
             for vector in (message.twist.linear, message.twist.angular)
@@ -175,13 +178,6 @@ class RosBridge:
         if frame not in ("", chain.base, chain.tip):
             raise BadValueError("The frame", shown(frame), f"{chain.base} or {chain.tip}")
         return frame == chain.tip
-
-    def _tip_pose(self) -> Matrix:
-        """Compute T_base_tip (4, 4) from the servos' goals, or else as measured."""
-        state, index = self._arm.where(), self._arm.joint_index
-        goals = [joint.goal_rad for joint in state.joints]
-        known = state.positions_rad if None in goals else np.array(goals, dtype=np.float64)
-        return self._arm.chain.forward(index.chain_joints(known))
 
     def _move(self, goal: MotionGoal) -> None:
         self._check_not_stopped()
@@ -247,7 +243,14 @@ class RosBridge:
                     self._publish(self._messages.transforms(now_ns, positions))
                 if now_s >= health_s:
                     health_s = now_s + _DIAGNOSTICS_PERIOD_S
-                    self._publish_health(state)
+                    joints = () if state is None else state.joints
+                    reason = self._arm.stop_reason
+                    stopped_for = "" if reason is None else reason.text
+                    self._publish(
+                        self._messages.diagnostics(
+                            time.time_ns(), joints, stopped_for, self._warning
+                        )
+                    )
             due_s = max(due_s + 1.0 / self._rate_hz, time.monotonic())
             self._closing.wait(due_s - time.monotonic())
 
@@ -259,12 +262,3 @@ class RosBridge:
         except Exception as error:  # this thread must not end
             self._warning = f"The arm cannot be read: {type(error).__name__}: {error}"
         return None
-
-    def _publish_health(self, state: ArmState | None) -> None:
-        joints = () if state is None else state.joints
-        reason = self._arm.stop_reason
-        self._publish(
-            self._messages.diagnostics(
-                time.time_ns(), joints, "" if reason is None else reason.text, self._warning
-            )
-        )
