@@ -73,13 +73,13 @@ def all_apps() -> tuple[App, ...]:
 
 
 def load_place(place: str) -> Any:  # noqa: ANN401  # whatever an app offers
-    """Import ``package.module:name``, and return what it names."""
+    """Import ``package.module:name``, and return the object of that name."""
     module, _, name = place.partition(":")
     return getattr(import_module(module), name)
 
 
 def offered_part(name: str) -> Any | None:  # noqa: ANN401  # whatever an app offers
-    """Return what an app offers to other apps' commands under a name; None if no app has it."""
+    """Return the part that an app offers to other apps' commands; None if no app offers it."""
     for app in all_apps():
         if name in app.parts:
             return load_place(app.parts[name])
@@ -87,7 +87,7 @@ def offered_part(name: str) -> Any | None:  # noqa: ANN401  # whatever an app of
 
 
 def find_part(name: str) -> Any:  # noqa: ANN401  # whatever an app offers
-    """Return what an app offers to other apps' commands under a name.
+    """Return the part that an app offers to other apps' commands under a name.
 
     Raises:
         InputError: No installed app offers it.
@@ -101,22 +101,20 @@ def find_part(name: str) -> Any:  # noqa: ANN401  # whatever an app offers
 def other_packages_have(group: str) -> bool:
     """Check whether another distribution has entry points of a group.
 
-    ``importlib.metadata`` is not used, because importing it takes longer than an arm brakes.
+    ``importlib.metadata`` is not used, because importing it takes longer than braking an arm.
     """
     return f"[{group}]" in _entry_points_of_others()
 
 
 @cache
 def _entry_points_of_others() -> str:
-    return "\n".join(_read_entry_points())
-
-
-def _read_entry_points() -> Iterator[str]:
+    texts: list[str] = []
     for folder in filter(None, sys.path):
         for path in Path(folder).glob("*.dist-info/entry_points.txt"):
             if not path.parent.name.startswith("ikservo-"):
                 with contextlib.suppress(OSError, ValueError):
-                    yield path.read_text("utf-8")
+                    texts.append(path.read_text("utf-8"))
+    return "\n".join(texts)
 
 
 def _find_problem(app: object, others: Sequence[App]) -> str:

@@ -23,7 +23,7 @@ _MIN_RATE_HZ, _MAX_RATE_HZ = 5.0, 1000.0  # a lower rate exceeds the dead-man ti
 
 
 def parse_all_positions(positions: object, names: Sequence[str]) -> dict[str, float]:
-    """Read joint positions by name, given by name or as an array of all joints (n,).
+    """Parse joint positions that are given by name or as an array of all joints (n,).
 
     Raises:
         BadValueError: ``positions`` is neither.
@@ -90,7 +90,7 @@ def parse_points(values: object) -> list[ArrayLike]:
 
 
 def parse_joint_positions(positions: object) -> dict[str, float]:
-    """Read joint positions as plain numbers by name.
+    """Parse joint positions as plain numbers by name.
 
     Raises:
         BadValueError: They are not a mapping of names to numbers.

@@ -56,7 +56,5 @@ class Rate:
             elapsed_s = self._clock.now_s() - start_s
             self.cycles += 1
             yield elapsed_s
-            index = self._next_cycle(index, self._clock.now_s() - start_s)
-
-    def _next_cycle(self, index: int, elapsed_s: float) -> int:
-        return max(index + 1, int(elapsed_s / self._period_s))
+            elapsed_s = self._clock.now_s() - start_s
+            index = max(index + 1, int(elapsed_s / self._period_s))

@@ -116,7 +116,7 @@ class IkservoError(Exception):
     Attributes:
         command_message: The event, in terms of the command line, one line.
         command_hint: The remedy, in terms of the command line; may be empty.
-        python_hint: The remedy for a program, if the command line has no such mistake.
+        python_hint: The remedy for a mistake that only a program can make; may be empty.
         exit_code: The exit code of the command line.
     """
 
@@ -189,7 +189,7 @@ class PortError(IkservoError, OSError):
 
 
 class NoPortError(PortError):
-    """There is no such port, or none was given or could be chosen; the existing ones are listed."""
+    """The port does not exist, or was not given and cannot be chosen; existing ports are listed."""
 
     def __init__(self, name: str, found: Iterable[str] = (), why: str = "") -> None:
         self.name, self.found, self.why = name, list(found), why
@@ -210,7 +210,7 @@ class PortBusyError(PortError):
         by = f" by {holder}" if holder else ""
         super().__init__(
             f"Port {name} is in use{by}.",
-            "End that program and try again. Two arms on one adapter are opened by one program.",
+            "End that program and try again. One program must open both arms of an adapter.",
         )
 
 
@@ -239,6 +239,7 @@ class BusError(IkservoError):
     """
 
     exit_code = ExitCode.SILENT
+    _usual_hint = ""
 
     def __init__(
         self,
@@ -257,7 +258,7 @@ class BusError(IkservoError):
         place = f"{servo} on {port}" if servo and port else servo or port
         purpose = f" when asked to {request}" if request else ""
         subject = f"{place} " if place else ""
-        super().__init__(f"{subject}{found}{purpose}.", hint or self._hint())
+        super().__init__(f"{subject}{found}{purpose}.", hint or self._usual_hint)
 
     @property
     def detail(self) -> str:
@@ -270,22 +271,17 @@ class BusError(IkservoError):
     def __str__(self) -> str:
         return "\n".join(filter(None, (super().__str__(), self.detail)))
 
-    def _hint(self) -> str:
-        return ""
-
 
 class ServoSilentError(BusError, TimeoutError):
     """No status packet from a servo within the reply timeout."""
 
-    def _hint(self) -> str:
-        return "Check its power, the cable that leads to it, its id and the baud rate."
+    _usual_hint = "Check its power, the cable that leads to it, its id and the baud rate."
 
 
 class BadReplyError(BusError):
     """A status packet that cannot be the reply: checksum, length or id."""
 
-    def _hint(self) -> str:
-        return "Check for loose plugs, two servos with one id, and another program on the port."
+    _usual_hint = "Check for loose plugs, two servos with one id, and another program on the port."
 
 
 class ServoRejectedError(BusError):
@@ -321,7 +317,7 @@ class CalibrationError(IkservoError):
 
 
 class PictureError(CalibrationError):
-    """A camera gives no picture, or a picture without the board: it cannot be used."""
+    """A camera gives no picture, or a picture that cannot be used because the board is missing."""
 
     exit_code = ExitCode.FAILED
 
@@ -442,7 +438,7 @@ class RefusedError(IkservoError):
 
 
 class BlockedError(RefusedError):
-    """A path cannot be taken, though another one perhaps can; nothing was sent.
+    """A path cannot be taken, though another path may be possible; nothing was sent.
 
     Attributes:
         cause: The obstacle, without its place on the path.

@@ -27,7 +27,7 @@ def built_in_commands() -> Mapping[str, Command]:
 
 @cache
 def all_commands() -> Mapping[str, Command]:
-    """Return the commands of all apps, including other distributions; see ``built_in_commands``.
+    """Return the commands of all apps, other distributions included; see ``built_in_commands``.
 
     Problems with an app of another distribution are reported on the terminal, once.
     """

@@ -31,24 +31,23 @@ class CheckedCommand(TyperCommand):
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:  # noqa: ANN401
         """Parse arguments and check their numbers."""
-        rest = self._parse_args(ctx, args)
-        for parameter in self.params:
-            _check_numbers(ctx, parameter, ctx.params.get(parameter.name))
-        return rest
-
-    def _parse_args(self, ctx: Any, args: list[str]) -> list[str]:  # noqa: ANN401
+        argument, arm = None, ""
         if any("--arm" in each.opts for each in self.params):
-            return super().parse_args(ctx, self._with_arm_as_option(ctx, args))
-        argument = next((each for each in self._arguments() if "ARM" in str(each.metavar)), None)
-        arm, rest = _split_arm_option(args) if argument is not None else ("", args)
-        extra = super().parse_args(ctx, rest)
+            args = self._with_arm_as_option(ctx, args)
+        else:
+            named = (each for each in self._arguments() if "ARM" in str(each.metavar))
+            argument = next(named, None)
+            arm, args = _split_arm_option(args) if argument is not None else ("", args)
+        rest = super().parse_args(ctx, args)
         if argument is not None and arm:
             source = ctx.get_parameter_source(argument.name)
             if source is not None and source.name == "COMMANDLINE" and argument.nargs == 1:
                 ctx.fail(f"The arm is given twice: {ctx.params[argument.name]} and --arm {arm}.")
-            named = ctx.params[argument.name] or ()
-            ctx.params[argument.name] = arm if argument.nargs == 1 else [arm, *named]
-        return extra
+            others = ctx.params[argument.name] or ()
+            ctx.params[argument.name] = arm if argument.nargs == 1 else [arm, *others]
+        for parameter in self.params:
+            _check_numbers(ctx, parameter, ctx.params.get(parameter.name))
+        return rest
 
     def _arguments(self) -> list[Any]:
         return [each for each in self.params if each.param_type_name == "argument"]

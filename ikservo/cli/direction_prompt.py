@@ -77,17 +77,13 @@ def check_directions(machine: Arm, joints: Sequence[str], *, yes: bool, json: bo
     """Run the test motion of some joints, all if none are named, and record all as confirmed."""
     motions = _check_each_joint(machine, joints, yes=yes)
     if json:
-        print_json("wiggle", joints=list(map(_motion_fields, motions)), confirmed=not yes)
+        moved = [
+            {"joint": m.joint, "displacement_rad": m.travel, "description": m.direction}
+            for m in motions
+        ]
+        print_json("wiggle", joints=moved, confirmed=not yes)
     else:
         print_lines([f"{motion.joint}: it moves {motion.direction}" for motion in motions])
-
-
-def _motion_fields(motion: DirectionCheck) -> dict[str, object]:
-    return {
-        "joint": motion.joint,
-        "displacement_rad": motion.travel,
-        "description": motion.direction,
-    }
 
 
 def _check_each_joint(machine: Arm, joints: Sequence[str], *, yes: bool) -> list[DirectionCheck]:

@@ -49,7 +49,7 @@ _ARM_AS_OPTION = frozenset(
 _ARM_AS_ARGUMENT = {"calibrate": 0, "setup": 0, "calibration": 1}
 """Index of the arm among the positional arguments of a command."""
 _BLAS_THREADS = ("OPENBLAS_NUM_THREADS", "GOTO_NUM_THREADS", "OMP_NUM_THREADS")
-"""Variables that OpenBLAS reads, in its order."""
+"""Environment variables that OpenBLAS reads, in this order."""
 _NO_PORT = frozenset(("arms", "ports", "sim", "solve", "workspace"))
 
 
@@ -116,9 +116,9 @@ def _option_value(name: str, args: Sequence[str]) -> str:
     return ""
 
 
+_COMPLETES = "_IKSERVO_COMPLETE"  # set by a shell that requests completions
 # A coordinate may be negative; an option is not a number. The typographic minus prevents the
 # option parser from confusing them, and the quantity parsers accept both.
-_COMPLETES = "_IKSERVO_COMPLETE"  # set by a shell that requests completions
 _NEGATIVE = re.compile(r"^-(?=\.?\d|inf|nan)", re.IGNORECASE)
 
 
@@ -138,26 +138,24 @@ class _Outcome:
 def console() -> NoReturn:
     """Run the command line of this process, and exit at once.
 
-    Everything is closed by then. A command that Ctrl-C has stopped ends by SIGINT.
+    By then, everything is closed. If Ctrl-C has stopped the command, the process ends by SIGINT.
     """
-    _limit_threads_of_blas()
+    # NumPy reads this when it loads. The threads of BLAS spin while they wait for each other: on
+    # busy cores, decomposing a small matrix took a hundred times the processor time, and slowed
+    # the control loop. The user may set another number of threads.
+    if not any(name in os.environ for name in _BLAS_THREADS):
+        os.environ[_BLAS_THREADS[0]] = "1"
     outcome = _run_and_report(sys.argv[1:])
     with contextlib.suppress(OSError, ValueError):
         sys.stdout.flush()
         sys.stderr.flush()
     if outcome.interrupted and sys.platform != "win32":
-        _end_by_sigint()
+        # A shell ends the loop or script around a command that was ended by SIGINT. A command that
+        # *exits* with 130 counts as having handled Ctrl-C itself, and the loop continues with the
+        # next motion. ``$?`` is 130 in both cases.
+        signal.signal(signal.SIGINT, signal.SIG_DFL)
+        signal.raise_signal(signal.SIGINT)
     os._exit(outcome.code)
-
-
-def _limit_threads_of_blas() -> None:
-    """Let BLAS use one thread, unless the user has set a number. NumPy reads it when it loads.
-
-    Its threads spin while they wait for each other. On busy cores, decomposing a small matrix took
-    a hundred times the processor time, and slowed the control loop.
-    """
-    if not any(name in os.environ for name in _BLAS_THREADS):
-        os.environ[_BLAS_THREADS[0]] = "1"
 
 
 def main(args: Sequence[str] | None = None) -> int:
@@ -178,29 +176,21 @@ def _run_and_report(args: Sequence[str]) -> _Outcome:
     _prepare_streams()
     with warnings.catch_warnings():
         warnings.showwarning = _print_warning
-        return _run_reporting_failures(args)
+        try:
+            code = _run_command([_NEGATIVE.sub("\N{MINUS SIGN}", arg) for arg in args])
+            sys.stdout.flush()  # here, where a full disk can still be reported
+            return _Outcome(code)
+        except (IkservoError, KeyboardInterrupt, SystemExit, OSError) as raised:
+            # typer turns a broken pipe into SystemExit.
+            cause = raised.__context__ if isinstance(raised, SystemExit) else None
+            error = cause if isinstance(cause, BrokenPipeError) else raised
+            code = _report_failure(error, args)
+            return _Outcome(code, code == ExitCode.STOPPED and _is_interrupt(error))
 
 
 def _print_warning(message: Warning | str, *_: object, **__: object) -> None:
     """Print a warning as a sentence, without the place in the code that gave it."""
     print_status(str(message))
-
-
-def _run_reporting_failures(args: list[str]) -> _Outcome:
-    try:
-        code = _run_command([_NEGATIVE.sub("\N{MINUS SIGN}", arg) for arg in args])
-        sys.stdout.flush()  # here, where a full disk can still be reported
-        return _Outcome(code)
-    except (IkservoError, KeyboardInterrupt, SystemExit, OSError) as raised:
-        error = _broken_pipe(raised) or raised
-        code = _report_failure(error, args)
-        return _Outcome(code, code == ExitCode.STOPPED and _is_interrupt(error))
-
-
-def _broken_pipe(error: BaseException) -> BrokenPipeError | None:
-    """Return the broken pipe that made typer raise ``SystemExit``; None for another error."""
-    cause = error.__context__ if isinstance(error, SystemExit) else None
-    return cause if isinstance(cause, BrokenPipeError) else None
 
 
 def _report_failure(error: BaseException, args: Sequence[str]) -> int:
@@ -220,7 +210,7 @@ def _report_failure(error: BaseException, args: Sequence[str]) -> int:
     reason = next((e for e in chain if isinstance(e, IkservoError | KeyboardInterrupt)), None)
     if reason is not None:  # such as a full disk
         return _report_failure(reason, args)
-    if isinstance(error, BrokenPipeError):  # such as `| head`: the reader has what it wanted
+    if isinstance(error, BrokenPipeError):  # such as `| head`, which has read enough
         return ExitCode.FAILED
     return _report_error(f"The output could not be written: {error}.", "", ExitCode.FAILED)
 
@@ -230,17 +220,6 @@ def _is_interrupt(error: BaseException) -> bool:
     chain = list(_error_chain(error))
     at_prompt = any(isinstance(each, EOFError) for each in chain)
     return not at_prompt and any(isinstance(each, KeyboardInterrupt) for each in chain)
-
-
-def _end_by_sigint() -> None:
-    """End this process by SIGINT, as if it had not been caught.
-
-    A shell ends the loop or script around a command that was ended by SIGINT. One that *exits* with
-    130 counts as having handled Ctrl-C itself, and the loop continues with the next motion. ``$?``
-    is 130 in both cases.
-    """
-    signal.signal(signal.SIGINT, signal.SIG_DFL)
-    signal.raise_signal(signal.SIGINT)
 
 
 def _prepare_streams() -> None:
@@ -279,19 +258,15 @@ def _run_command(args: list[str]) -> int:
         explain = getattr(error, "format_message", None)
         if explain is None:
             raise
-        return _report_usage(error, str(explain()), as_json="--json" in args)
+        message = str(explain()).replace("\N{MINUS SIGN}", "-").strip()
+        if not message:  # no arguments: the help has been printed
+            return ExitCode.USAGE
+        path = getattr(getattr(error, "ctx", None), "command_path", "ikservo")
+        hint = f"Try: {path} --help"
+        return _report_error(message, hint, ExitCode.USAGE, as_json="--json" in args)
     if code == ExitCode.STOPPED:  # newer versions of typer return this code for Ctrl-C
         raise KeyboardInterrupt
     return int(code or 0)
-
-
-def _report_usage(error: Exception, message: str, *, as_json: bool) -> int:
-    context = getattr(error, "ctx", None)
-    path = getattr(context, "command_path", "ikservo")
-    message = message.replace("\N{MINUS SIGN}", "-").strip()
-    if not message:  # no arguments: the help has been printed
-        return ExitCode.USAGE
-    return _report_error(message, f"Try: {path} --help", ExitCode.USAGE, as_json=as_json)
 
 
 def _error_chain(error: BaseException | None) -> Iterator[BaseException]:

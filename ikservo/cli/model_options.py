@@ -68,7 +68,12 @@ class PostureOptions:
         if len(poses) > 1:
             raise BadValueError("--prefer", f"given as {' and '.join(poses)}", "one pose")
         for name in poses:
-            q, weights = _pose_joints(model, chain, name), np.ones(chain.dof)
+            if name in chain.names:
+                raise InputError(f"--prefer {name} has no position.", f"Write --prefer {name}=30.")
+            if name not in model.poses:
+                raise UnknownNameError("pose", name, model.poses)
+            pose = model.pose(name)
+            q, weights = np.array([pose[joint] for joint in chain.names]), np.ones(chain.dof)
         for joint, text in _parse_pairs(chain, self.prefer, "--prefer", "elbow_flex=30"):
             slides = chain.kinds[joint] is JointType.PRISMATIC
             q[joint] = parse_length_m(text) if slides else parse_angle_rad(text)
@@ -80,7 +85,13 @@ class PostureOptions:
                     f"--weight {name}={text}: nothing is preferred for {name}.",
                     f"Give --prefer {name}=POSITION, or a pose, as well.",
                 )
-            weights[joint] = _parse_weight(chain.names[joint], text)
+            try:
+                weights[joint] = float(text)
+            except ValueError:
+                weights[joint] = math.nan
+            if not 0.0 <= weights[joint] < math.inf:
+                what = f"The weight of {chain.names[joint]}"
+                raise BadValueError(what, shown(text), "a number of at least 0")
         return Posture(q, weights) if weights.any() else None
 
 
@@ -142,16 +153,7 @@ def report_missing_freedom(chain: Chain, q: Vector, *, directed: bool) -> None:
     J = chain.jacobian(q)
     taken = int(np.linalg.matrix_rank(J[:3], _RANK_M)) + (2 if directed else 0)
     if taken >= chain.dof:
-        print_status("The target leaves this arm no freedom: --prefer changes nothing.")
-
-
-def _pose_joints(model: Model, chain: Chain, name: str) -> Vector:
-    if name in chain.names:
-        raise InputError(f"--prefer {name} has no position.", f"Write --prefer {name}=30.")
-    if name not in model.poses:
-        raise UnknownNameError("pose", name, model.poses)
-    pose = model.pose(name)
-    return np.array([pose[joint] for joint in chain.names])
+        print_status("The target leaves this arm no freedom, so --prefer changes nothing.")
 
 
 def _parse_pairs(
@@ -174,13 +176,3 @@ def _parse_pairs(
         named.add(name)
         pairs.append((chain.names.index(name), text))
     return pairs
-
-
-def _parse_weight(name: str, text: str) -> float:
-    try:
-        weight = float(text)
-    except ValueError:
-        weight = math.nan
-    if not 0.0 <= weight < math.inf:
-        raise BadValueError(f"The weight of {name}", shown(text), "a number of at least 0")
-    return weight

@@ -240,7 +240,7 @@ class PathOptions:
             "--upright",
             parser=parse_angle_rad,
             metavar="DEG",
-            help="Largest tilt during the motion of what now points up in the gripper: a cup.",
+            help="Largest tilt during the motion of a thing that is upright now, such as a cup.",
         ),
     ] = None
     keep_axis: Annotated[
@@ -272,7 +272,7 @@ class PathOptions:
         """Return the constraints on the tool during the motion.
 
         Raises:
-            BadValueError: A corner is not below the other, or a number out of its range.
+            BadValueError: A corner is not below the other, or a number is out of its range.
         """
         from ikservo.planning.path_constraint import PathConstraint  # noqa: PLC0415  # as above
 
@@ -294,7 +294,7 @@ class PathOptions:
 def _halves(option: str, text: str) -> tuple[str, str]:
     first, colon, second = text.partition(":")
     if not colon:
-        raise typer.BadParameter(f"{option} has two parts with a colon between, not {text!r}.")
+        raise typer.BadParameter(f"{option} needs two parts separated by a colon, not {text!r}.")
     return first, second
 
 

@@ -117,10 +117,6 @@ def label_length_axes(axes: Axes, across: str, up: str) -> None:
     axes.set_axisbelow(True)
 
 
-# matplotlib leaves the types of its keywords open.
-# pyright: reportUnknownMemberType=false
-
-
 # Smaller values are drawn at this one, because the axis is logarithmic.
 _FLOOR = 1e-6
 # The tolerance line is drawn only if a curve comes within this factor of it.
@@ -165,7 +161,9 @@ def _draw_curves(
         axes.plot(len(shown) - 1, shown[-1], "o", color=colour, markersize=6.0)
     axes.set_yscale("log")
     if min(float(curve.min()) for curve in curves) < _NEAR_FACTOR * tolerance:
-        _draw_tolerance(axes, tolerance)
+        axes.axhline(tolerance, color="#6b6b6b", linewidth=1.0)
+        axes.annotate("reached", (0.02, tolerance), xycoords=("axes fraction", "data"), va="top",
+                      xytext=(0, -3), textcoords="offset points", color="#6b6b6b")  # fmt: skip
     else:  # over a few decades plain numbers are easier to read
         axes.yaxis.set_major_formatter(_format_number)
         axes.yaxis.set_minor_formatter(_format_number)
@@ -179,17 +177,6 @@ def _draw_curves(
 
 def _format_number(number: float, _place: float | None) -> str:
     return f"{number:g}"
-
-
-def _draw_tolerance(axes: Axes, tolerance: float) -> None:
-    """Draw the line below which a target counts as reached."""
-    axes.axhline(tolerance, color="#6b6b6b", linewidth=1.0)
-    axes.annotate("reached", (0.02, tolerance), xycoords=("axes fraction", "data"), va="top",
-                  xytext=(0, -3), textcoords="offset points", color="#6b6b6b")  # fmt: skip
-
-
-# matplotlib leaves the types of its keywords open.
-# pyright: reportUnknownMemberType=false
 
 
 _START_STYLE, _JOINT, _GROUND = "#9a9a9a", "#303030", "#6b6b6b"
@@ -210,7 +197,16 @@ def plot_solution(
         start: Joints (dof,) at the start.
         solutions: Results with their names; those with a trace get a curve.
     """
-    poses = _plot_poses(model, start, solutions)
+    poses = [_PlotPose(*arm_polyline(model, start), "before", _START_STYLE, "-", 4.0)]
+    # Later lines are thinner, so that equal ones stay visible.
+    widths = [4.0] if len(solutions) == 1 else np.linspace(10.0, 2.0, len(solutions))
+    styles = line_styles([name for name, _ in solutions])
+    for (name, result), style, width in zip(solutions, styles, widths, strict=True):
+        angle_rad = result.orientation_error_rad
+        short = f"{result.position_error_m * 1000:.1f} mm"
+        short += f" and {math.degrees(angle_rad):.1f}°" if angle_rad else ""
+        label = name if result.reached else f"{name}, {short} short"
+        poses.append(_PlotPose(*arm_polyline(model, result.q), label, *style, float(width)))
     views = _plot_views(model, poses)
     columns = len(views) + any(result.trace for _, result in solutions)
     figure = new_figure(_PANEL_IN * columns, _PANEL_IN + _LEGEND_IN)
@@ -260,32 +256,15 @@ class _PlotView:
         return float(np.ptp(self.project_points(poses, target_m), axis=0).max())
 
 
-def _plot_poses(
-    model: Model, start: Vector, solutions: Sequence[tuple[str, Result]]
-) -> list[_PlotPose]:
-    """Return start and solutions; later lines are thinner, so that equal ones stay visible."""
-    poses = [_PlotPose(*arm_polyline(model, start), "before", _START_STYLE, "-", 4.0)]
-    widths = [4.0] if len(solutions) == 1 else np.linspace(10.0, 2.0, len(solutions))
-    for (name, result), (colour, dashes), width in zip(
-        solutions, line_styles([name for name, _ in solutions]), widths, strict=True
-    ):
-        label = name if result.reached else f"{name}, {_result_label(result)} short"
-        poses.append(_PlotPose(*arm_polyline(model, result.q), label, colour, dashes, float(width)))
-    return poses
-
-
-def _result_label(result: Result) -> str:
-    distance, angle_rad = f"{result.position_error_m * 1000:.1f} mm", result.orientation_error_rad
-    return f"{distance} and {math.degrees(angle_rad):.1f}°" if angle_rad else distance
-
-
 def _plot_views(model: Model, poses: Sequence[_PlotPose]) -> list[_PlotView]:
     """Return the side view, in the plane that rotates with the arm, and the top view."""
     top = _PlotView("From above", "x", "y", lambda points, _: points[:, :2])
     heights = np.concatenate([pose.line[1:, 2] for pose in poses])
     if float(np.ptp(heights)) < _FLAT_M:
         return [top]
-    centre = _base_axis(model, poses[0])
+    # The first joint's axis meets the ground at the centre, if it is vertical.
+    axis = model.chain.jacobian(np.zeros(model.chain.dof))[3:, 0]
+    centre = poses[0].joints[0, :2] if abs(axis[2]) > 0.99 else np.zeros(2)
 
     def into_arm_plane(points: Matrix, tip: Vector) -> Matrix:
         offset = tip[:2] - centre
@@ -299,12 +278,6 @@ def _plot_views(model: Model, poses: Sequence[_PlotPose]) -> list[_PlotView]:
         ),
         top,
     ]
-
-
-def _base_axis(model: Model, pose: _PlotPose) -> Vector:
-    """Return the ground point (2,) of the first joint's axis; the origin if it is not vertical."""
-    axis = model.chain.jacobian(np.zeros(model.chain.dof))[3:, 0]
-    return pose.joints[0, :2] if abs(axis[2]) > 0.99 else np.zeros(2)
 
 
 def _draw_view(
@@ -346,12 +319,18 @@ def plot_workspace(
     Raises:
         InputError: The file cannot be written.
     """
+    from matplotlib.patches import PathPatch  # noqa: PLC0415
+    from matplotlib.path import Path as Shape  # noqa: PLC0415
+
     views = [2] if region.is_slice else [2, 1, 0]
     figure = new_figure(6.0 * len(views), 6.0)
     arm_m, _ = arm_polyline(model, home)
     for place, normal in enumerate(views):
         axes = figure.add_subplot(1, len(views), place + 1)
-        _draw_reach(axes, region, normal)
+        loops = [np.vstack([loop, loop[:1]]) for loop in region.outline(normal)]
+        if loops:
+            outline = Shape.make_compound_path(*(Shape(loop, closed=False) for loop in loops))
+            axes.add_patch(PathPatch(outline, facecolor=_FILL, edgecolor=_EDGE, linewidth=1.0))
         joints_m = np.delete(region.grid.to_grid(arm_m), normal, axis=1)
         axes.plot(*joints_m.T, "o-", color=_ARM, linewidth=3.0, markersize=5.0)
         if point_m is not None:
@@ -370,14 +349,3 @@ def axis_names(region: Workspace) -> tuple[str, str, str]:
         names[int(column.argmax())] if column.max() > 1 - 1e-9 else "out" for column in directions.T
     )
     return u, v, w
-
-
-def _draw_reach(axes: Axes, region: Workspace, normal: int) -> None:
-    from matplotlib.patches import PathPatch  # noqa: PLC0415
-    from matplotlib.path import Path as Shape  # noqa: PLC0415
-
-    loops = [np.vstack([loop, loop[:1]]) for loop in region.outline(normal)]
-    shapes = [Shape(loop, closed=False) for loop in loops]
-    if shapes:
-        outline = Shape.make_compound_path(*shapes)
-        axes.add_patch(PathPatch(outline, facecolor=_FILL, edgecolor=_EDGE, linewidth=1.0))

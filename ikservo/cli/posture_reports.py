@@ -72,18 +72,15 @@ def _conditioning_lines(found: Conditioning, singular: Singularity | None) -> li
         return []
     fastest, slowest = 1000.0 * found.moves_m_rad[0], 1000.0 * found.slowest_m_rad
     power = {1: "", 2: "²", 3: "³"}[len(found.moves_m_rad)]
+    place = "none found inside the limits"
+    if singular is not None:
+        away = f"{math.degrees(singular.distance_rad):.1f}° away ({singular.joint} turns most)"
+        place = "here" if math.degrees(singular.distance_rad) < 0.05 else away
     return [
         f"tip speed  {slowest:.0f} to {fastest:.0f} mm/rad by direction "
         f"(manipulability {found.manipulability:.2g} m{power})",
-        f"singular posture  {_format_distance(singular)}",
+        f"singular posture  {place}",
     ]
-
-
-def _format_distance(singular: Singularity | None) -> str:
-    if singular is None:
-        return "none found inside the limits"
-    degrees = math.degrees(singular.distance_rad)
-    return "here" if degrees < 0.05 else f"{degrees:.1f}° away ({singular.joint} turns most)"
 
 
 def _conditioning_fields(found: Conditioning, singular: Singularity | None) -> dict[str, object]:

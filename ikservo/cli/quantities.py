@@ -30,7 +30,10 @@ def parse_length_m(text: str | float) -> float:
 
 
 def parse_coordinate_m(text: str | float) -> float:
-    """Parse metres like ``parse_length_m``; the arm's reach later reveals millimetres."""
+    """Parse metres like ``parse_length_m``, but accept large numbers without a unit.
+
+    If they are millimetres, the point is out of reach, and the user is asked about that.
+    """
     return _parse_quantity(str(text), _METRES, "a length like 0.25, 250mm or 25cm")
 
 
@@ -53,7 +56,7 @@ def parse_time_s(text: str | float) -> float:
 
 
 def parse_tool_speed_m_s(text: str) -> float:
-    """Read m/s above 0 from ``50``, ``50mm/s``, ``5cm/s`` or ``0.05m/s``."""
+    """Parse m/s above 0 from ``50``, ``50mm/s``, ``5cm/s`` or ``0.05m/s``."""
     speed_m_s = _parse_quantity(
         text.strip().removesuffix("/s"), _TOOL_SPEEDS, "a speed like 50, 50mm/s or 0.05m/s"
     )

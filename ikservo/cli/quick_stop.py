@@ -1,4 +1,4 @@
-"""``ikservo stop`` without the modules of other commands, which load more slowly than it brakes.
+"""``ikservo stop`` without the modules of other commands: loading them takes longer than braking.
 
 Nothing here imports typer, NumPy, pydantic or pyserial if a program of the user, or of another
 machine, answers.
@@ -9,7 +9,7 @@ from __future__ import annotations
 import os
 import re
 import tomllib
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
@@ -18,7 +18,6 @@ from ikservo.cli.terminal import format_port, print_json, print_lines, print_sta
 from ikservo.errors import ExitCode, IkservoError, InputError
 from ikservo.serving.control_client import (
     StopAllResult,
-    StopResult,
     request_stop,
     request_stop_of,
     stop_own_programs,
@@ -99,7 +98,12 @@ def stop_every_arm() -> StopAllResult:
     """
     with ThreadPoolExecutor(1) as pool:  # an arm without a reply must not delay the others
         own = pool.submit(stop_own_programs)
-        found = [_stop_others()] if _others_may_be_open() else []
+        # A machine is listed, or an arm is served here, perhaps by another user.
+        remote = offered_part("stop")
+        others_may_be_open = ":" in os.environ.get("IKSERVO_PORT", "") or (
+            remote is not None and remote.may_find_arms()
+        )
+        found = [_stop_others()] if others_may_be_open else []
         found.insert(0, own.result())
     if not found[0].stopped and len(found) == 1:
         found.append(_stop_others())
@@ -116,9 +120,19 @@ def stop_every_arm() -> StopAllResult:
 def report_stop(found: StopAllResult, *, as_json: bool) -> int:
     """Print which arms were stopped and which were not, and return the exit code."""
     if as_json:
-        print_json("stop", arms=found.stopped, errors=[_error_fields(e) for e in found.errors])
+        errors = [
+            {"error": e.command_message, "hint": e.command_hint, "exit_code": int(e.exit_code)}
+            for e in found.errors
+        ]
+        print_json("stop", arms=found.stopped, errors=errors)
     else:
-        print_lines((line for one in found.stopped for line in _stop_lines(one)), indent=12)
+        for one in found.stopped:
+            was = "was moving; stopped" if one.moving else "was not moving"
+            if one.latched:
+                was += "; its program moves it again only once the stop is acknowledged there"
+            rows = {"torque on": one.held, "torque off": one.limp, "no answer": one.silent}
+            servos = [f"{label:10}  {', '.join(names)}" for label, names in rows.items() if names]
+            print_lines([f"{one.arm} on {format_port(one.port)} {was}", *servos], indent=12)
         for error in found.errors:
             print_status(f"Not confirmed to be stopped: {error.command_message}")
             print_status(error.command_hint)
@@ -141,13 +155,6 @@ def _read_options(args: Sequence[str]) -> Mapping[str, str] | None:
     return options
 
 
-def _others_may_be_open() -> bool:
-    """Check whether a machine is listed, or an arm is served here, perhaps by another user."""
-    remote = offered_part("stop")
-    on_other_machine = ":" in os.environ.get("IKSERVO_PORT", "")
-    return on_other_machine or (remote is not None and remote.may_find_arms())
-
-
 def _stop_others() -> StopAllResult:
     own, remote = os.environ.get("IKSERVO_PORT", ""), offered_part("stop")
     is_own = remote is not None and own.startswith(f"{remote.scheme}:")
@@ -168,22 +175,3 @@ def _stop_others() -> StopAllResult:
         first = pool.submit(stop_own)
         others = remote.stop_listed_machines()
         return StopAllResult.joined((first.result(), others))
-
-
-def _error_fields(error: IkservoError) -> dict[str, object]:
-    return {
-        "error": error.command_message,
-        "hint": error.command_hint,
-        "exit_code": int(error.exit_code),
-    }
-
-
-def _stop_lines(one: StopResult) -> Iterator[str]:
-    was = "was moving; stopped" if one.moving else "was not moving"
-    if one.latched:
-        was += "; its program moves it again only once the stop is acknowledged there"
-    yield f"{one.arm} on {format_port(one.port)} {was}"
-    rows = {"torque on": one.held, "torque off": one.limp, "no answer": one.silent}
-    for label, names in rows.items():
-        if names:
-            yield f"{label:10}  {', '.join(names)}"

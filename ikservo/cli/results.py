@@ -35,7 +35,11 @@ class Field(Generic[Record]):
     def texts(self, record: Record) -> list[str]:
         """Return the text of each line."""
         if self.text is None:
-            return [_format_value(self.json_value(record))]
+            value = self.json_value(record)
+            value = getattr(value, "tolist", lambda: value)()  # NumPy has its own bool
+            if isinstance(value, bool):
+                return ["yes" if value else "no"]
+            return ["" if value is None else str(value)]
         text = self.text(record)
         return [text] if isinstance(text, str) else text
 
@@ -113,10 +117,3 @@ def _shown(fields: Fields[Record], order: str) -> Fields[Record]:
         return [field for field in fields if field.label]
     by_key = {field.key: field for field in fields}
     return [by_key[key] for key in order.split()]
-
-
-def _format_value(value: object) -> str:
-    value = getattr(value, "tolist", lambda: value)()  # NumPy has its own bool
-    if isinstance(value, bool):
-        return "yes" if value else "no"
-    return "" if value is None else str(value)

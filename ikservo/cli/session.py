@@ -26,7 +26,7 @@ from ikservo.planning.motions import MotionValue
 
 _KEY_TIMEOUT_S = 2.0  # to wait for a second Ctrl-C of a user
 _SIGNAL_TIMEOUT_S = 1.0  # to wait for a second signal of a script
-_SLOW_PLAN_S = 1.0  # after this time the user is told what takes long
+_SLOW_PLAN_S = 1.0  # after this time the user is told why planning takes long
 
 _REPEATABLE = (StopKind.CTRL_C, StopKind.TERMINATED)
 
@@ -52,7 +52,13 @@ def second_interrupt_lowers(machine: OpenArm, clock: Clock | None = None) -> Gen
             and reason.kind in _REPEATABLE
             and _is_interrupted_again(machine, clock or RealClock())
         ):
-            raise StoppedError(_lower_arm(machine)) from None
+            print_status("Lowering the arm to its rest pose, then torque off. Ctrl-C stops it.")
+            machine.acknowledge()
+            report = machine.relax()
+            outcome = "Stopped; the arm was lowered and torque is off."
+            if not report.reached:
+                outcome = " ".join(("Stopped; torque is off.", *report.binding))
+            raise StoppedError(outcome) from None
         if isinstance(error, StoppedError) or reason is None:
             raise
         raise StoppedError(reason.text, RELAX_HINT) from None
@@ -74,26 +80,26 @@ def _is_interrupted_again(machine: OpenArm, clock: Clock) -> bool:
     return False
 
 
-def _lower_arm(machine: OpenArm) -> str:
-    """Lower the arm, switch torque off, and return a sentence about the result."""
-    print_status("Lowering the arm to its rest pose, then torque off. Ctrl-C stops it.")
-    machine.acknowledge()
-    report = machine.relax()
-    if report.reached:
-        return "Stopped; the arm was lowered and torque is off."
-    return " ".join(("Stopped; torque is off.", *report.binding))
-
-
 @contextmanager
 def open_from_options(
     connection: ArmConnection, options: MotionOptions | None = None, scene: Path | None = None
 ) -> Generator[OpenArm]:
-    """Open the arm of a command with the things of a scene; it keeps holding afterwards."""
+    """Open the arm of a command with the things of a scene; it keeps its position afterwards.
+
+    Raises:
+        InputError: Another arm of the scene has no port.
+    """
     options = options or MotionOptions()
     model, other_arms = model_from_option(connection.arm, options.tip), ()
     if scene is not None:
         model, other_arms = with_scene_and_arms(model, scene)
-        _require_ports(scene, other_arms)
+        for each in other_arms:
+            if not each.port:
+                raise InputError(
+                    f"{scene} does not name the port of {each.name}.",
+                    'Add it to its table, as in: port = "/dev/ttyUSB1". Arms on one page need no '
+                    "port.",
+                )
     with (
         open_arm(
             model,
@@ -117,26 +123,12 @@ def open_from_options(
             yield machine
 
 
-def _require_ports(scene: Path, arms: Sequence[PlacedArm]) -> None:
-    """Check that the other arms of a scene file can be opened.
-
-    Raises:
-        InputError: An arm has no port.
-    """
-    for each in arms:
-        if not each.port:
-            raise InputError(
-                f"{scene} does not name the port of {each.name}.",
-                'Add it to its table, as in: port = "/dev/ttyUSB1". Arms on one page need no port.',
-            )
-
-
 @contextmanager
 def _opened_beside(machine: OpenArm, placed: Sequence[PlacedArm]) -> Generator[None]:
     """Open the other arms of a scene; they are only measured, and their positions avoided.
 
     Raises:
-        RefusedError: The command's arm is on another machine, or another one cannot be measured.
+        RefusedError: The command's arm is on another machine, or another arm cannot be measured.
     """
     with ExitStack() as opened:
         for each in placed:
@@ -234,5 +226,5 @@ def motion_progress_bar() -> Generator[Callable[[MotionProgress], None] | None]:
 def warn_uncompiled() -> None:
     """Warn, before goals are streamed, that the solver is slow because it is not compiled."""
     if not is_compiled():
-        print_status("The solver is not compiled: goals are late. Install a C compiler, then")
+        print_status("The solver is not compiled, so goals are late. Install a C compiler, then")
         print_status("reinstall ikservo; in a clone run: make build.")

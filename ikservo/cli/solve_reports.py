@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import sys
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -31,7 +31,7 @@ _SAMPLES, _FLAT_M = 64, 1e-6
 
 
 def explain_unreachable(chain: Chain, target: Target) -> str:
-    """Return as text why an arm cannot reach a point inside its joint limits."""
+    """Explain in words why an arm cannot reach a point inside its joint limits."""
     flat = _base_plane(chain)
     if flat is not None:
         axis, at_m = flat
@@ -106,7 +106,20 @@ def all_solutions(model: Model, target: Target, start: Vector) -> AnalyticSoluti
 def print_solutions(model: Model, found: AnalyticSolutions, *, json: bool) -> None:
     """Print one row per solution, and the freedom of the last link."""
     if json:
-        print_json("solutions", **_solution_fields(found))
+        print_json(
+            "solutions",
+            reached=any(result.reached for result in found.results),
+            structure=found.structure,
+            solutions=[
+                {
+                    "q_rad": result.q,
+                    "position_error_m": result.position_error_m,
+                    "orientation_error_rad": result.orientation_error_rad,
+                }
+                for result in found.results
+            ],
+            last_link_directions=list(found.freedom),
+        )
         return
     rows = [
         [str(i), *format_joints(model.chain, result.q), f"{result.position_error_m * 1000:.4f} mm"]
@@ -129,25 +142,9 @@ def joint_units(chain: Chain) -> list[JointUnit]:
     return ["m" if kind is JointType.PRISMATIC else "rad" for kind in chain.kinds]
 
 
-def _solution_fields(found: AnalyticSolutions) -> dict[str, object]:
-    return {
-        "reached": any(result.reached for result in found.results),
-        "structure": found.structure,
-        "solutions": [
-            {
-                "q_rad": result.q,
-                "position_error_m": result.position_error_m,
-                "orientation_error_rad": result.orientation_error_rad,
-            }
-            for result in found.results
-        ],
-        "last_link_directions": list(found.freedom),
-    }
-
-
 def _format_freedom(free: DirectionInterval) -> str:
     low, high = math.degrees(free.lower_rad), math.degrees(free.upper_rad)
-    elbow = "elbow-up" if free.elbow else "elbow-down"  # down bends counterclockwise after it
+    elbow = "elbow-up" if free.elbow else "elbow-down"  # elbow-down bends counterclockwise
     return (
         f"one-parameter family, {elbow}: last link {low:z.1f}° to {high:z.1f}° "
         f"(yaw {math.degrees(free.yaw_rad):z.1f}°)"
@@ -168,13 +165,14 @@ def print_result(
 ) -> None:
     """Print joints, error, active limits and conditioning of a solution.
 
-    With a force (3,) at the tip the resulting joint torques are printed, too.
+    With a force (3,) at the tip, the resulting joint torques are printed, too.
     """
     torques = None if force_n is None else joint_torques(model.chain, result.q, force_n)
     if json:
         print_json("solve", **_result_fields(model, result, torques))
         return
-    print_lines([*_result_lines(model, target, result), *_posture_lines(result)])
+    others = [f"solutions  {result.solutions}"] if result.reached else []
+    print_lines([*_result_lines(model, target, result), *others, *result_lines(result)])
     if torques is not None:
         print_lines(torque_lines(model.chain, torques))
 
@@ -196,12 +194,6 @@ def _result_fields(model: Model, result: Result, torques: Vector | None) -> dict
         "solutions": {"kind": found.kind, "count": found.count, "freedom": found.freedom},
         **result_fields(result),
     }
-
-
-def _posture_lines(result: Result) -> list[str]:
-    """Return lines on the number of solutions and on conditioning."""
-    others = [f"solutions  {result.solutions}"] if result.reached else []
-    return [*others, *result_lines(result)]
 
 
 def _result_lines(model: Model, target: Target, result: Result) -> list[str]:
@@ -227,7 +219,7 @@ def _format_error_left(target: Target, result: Result, digits: int = 4) -> str:
     return f"{error_text} and {math.degrees(result.orientation_error_rad):.{digits}f}°"
 
 
-# The minimum of several runs, as long as they take less than this in total.
+# A method's time is the minimum of so many runs, or of fewer if they take this long in total.
 _RUNS, _ENOUGH_S = 5, 0.1
 
 
@@ -248,12 +240,18 @@ class MethodResult:
 
 def compare_methods(chain: Chain, target: Target, start: Vector) -> list[MethodResult]:
     """Run every method that supports the arm from the same start (dof,)."""
-    names = [
-        name
-        for name in METHODS
-        if name != "closed_form" or recognise_structure(chain, target.frame)
-    ]
-    return [_run_method(chain, target, start, name) for name in names]
+    entries: list[MethodResult] = []
+    for method in METHODS:
+        if method == "closed_form" and not recognise_structure(chain, target.frame):
+            continue
+        result = solve(chain, target, start, method, trace=True)
+        taken_s: list[float] = []
+        while len(taken_s) < _RUNS and sum(taken_s) < _ENOUGH_S:
+            began_s = time.perf_counter()
+            solve(chain, target, start, method)
+            taken_s.append(time.perf_counter() - began_s)
+        entries.append(MethodResult(method, result, min(taken_s)))
+    return entries
 
 
 def trace_errors(chain: Chain, target: Target, result: Result) -> list[tuple[float, float]]:
@@ -292,22 +290,6 @@ def print_traces(chain: Chain, target: Target, results: Sequence[tuple[str, Resu
                 position_error_m=gap_m,
                 orientation_error_rad=turn_rad,
             )
-
-
-def _run_method(chain: Chain, target: Target, start: Vector, method: str) -> MethodResult:
-    result = solve(chain, target, start, method, trace=True)
-    return MethodResult(
-        method, result, _min_duration_s(lambda: solve(chain, target, start, method))
-    )
-
-
-def _min_duration_s(run: Callable[[], object]) -> float:
-    taken_s: list[float] = []
-    while len(taken_s) < _RUNS and sum(taken_s) < _ENOUGH_S:
-        began_s = time.perf_counter()
-        run()
-        taken_s.append(time.perf_counter() - began_s)
-    return min(taken_s)
 
 
 def _method_label(entry: MethodResult) -> str:

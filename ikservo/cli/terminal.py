@@ -1,7 +1,7 @@
 """Terminal output and input: JSON, tables, folded lines, progress bars, keys and prompts.
 
-A prompt discards input typed before it was printed: a key meant for an earlier prompt must not
-let an arm move or go limp. For the same reason no prompt has a default answer.
+A prompt discards input typed before it was printed, because a key meant for an earlier prompt must
+not let an arm move or go limp. For the same reason no prompt has a default answer.
 """
 
 from __future__ import annotations
@@ -49,12 +49,6 @@ def terminal_width(stream: TextIO) -> int | None:
         return shutil.get_terminal_size().columns
 
 
-def _printable_json(value: object) -> str:
-    """Encode a value as JSON that is safe on a terminal and readable."""
-    text = json.dumps(value, default=_to_json_value, ensure_ascii=False)
-    return CONTROL.sub(lambda found: f"\\u{ord(found[0]):04x}", text)
-
-
 def fold_for_stream(text: str, stream: TextIO = sys.stderr, indent: int = 0) -> str:
     """Return printable text, folded if the stream is a terminal; see `fold`."""
     text, width = printable(text), terminal_width(stream)
@@ -91,7 +85,10 @@ def _split_words(text: str, width: int) -> Iterator[str]:
     words = re.findall(r"\S+(?:\s+(?=\s))?", text)
     at = 0
     while at < len(words):
-        end = _end_of_command(words, at)
+        end = at + 1
+        if _COMMAND.match(words[at].lstrip("('") + " "):
+            ends = (i + 1 for i in range(at, len(words)) if words[i].rstrip().endswith(_ENDS))
+            end = next(ends, len(words))
         chunk = " ".join(words[at:end])
         if len(chunk) > width:
             chunk, end = words[at], at + 1
@@ -99,22 +96,15 @@ def _split_words(text: str, width: int) -> Iterator[str]:
         at = end
 
 
-def _end_of_command(words: list[str], start: int) -> int:
-    """Return the end index of a command that starts at ``start``; of one word if there is none."""
-    if not _COMMAND.match(words[start].lstrip("('") + " "):
-        return start + 1
-    for at in range(start, len(words)):
-        if words[at].rstrip().endswith(_ENDS):
-            return at + 1
-    return len(words)
-
-
 def print_json(schema: str, **fields: object) -> None:
     """Print one JSON object on stdout; ``schema`` is its name, such as ``move``.
 
-    It is flushed: a program at the other end of a pipe may wait for it while the command runs.
+    Control characters are escaped, because a terminal would obey them. The output is flushed,
+    because a program at the other end of a pipe may wait for it while the command runs.
     """
-    print(_printable_json({"schema": f"ikservo/{schema}/1", **fields}), flush=True)  # noqa: T201
+    named = {"schema": f"ikservo/{schema}/1", **fields}
+    text = json.dumps(named, default=_to_json_value, ensure_ascii=False)
+    print(CONTROL.sub(lambda found: f"\\u{ord(found[0]):04x}", text), flush=True)  # noqa: T201
 
 
 def print_lines(lines: Iterable[str], indent: int = 0) -> None:
@@ -247,13 +237,14 @@ _ESCAPE_SEQUENCE = re.compile("\x1b(\\[[0-?]*[ -/]*[@-~]|O.|.)?", re.DOTALL)
 def read_keys() -> Generator[Keys]:
     """Yield a function that returns the keys pressed since its last call.
 
-    Input typed before is discarded, as is unread input at the end, when the terminal is restored.
+    Input typed before that is discarded. At the end the terminal is restored, and unread input is
+    discarded, too.
     """
     if sys.platform == "win32":
         _windows_keys()
         yield _windows_keys
         return
-    import termios  # noqa: PLC0415  # there is none on Windows
+    import termios  # noqa: PLC0415  # not available on Windows
     import tty  # noqa: PLC0415
 
     before = termios.tcgetattr(sys.stdin)
@@ -267,7 +258,7 @@ def read_keys() -> Generator[Keys]:
 def _posix_keys() -> str:
     import select  # noqa: PLC0415
 
-    # Read from the descriptor itself: `sys.stdin` would read ahead and hide keys from `select`.
+    # Not from `sys.stdin`, which would read ahead and hide keys from `select`.
     descriptor = sys.stdin.fileno()
     if not select.select([descriptor], [], [], 0)[0]:
         return ""
@@ -276,7 +267,7 @@ def _posix_keys() -> str:
 
 
 def _windows_keys() -> str:
-    import msvcrt  # noqa: PLC0415  # there is none elsewhere
+    import msvcrt  # noqa: PLC0415  # available on Windows only
 
     typed = ""
     while msvcrt.kbhit():  # pyright: ignore[reportUnknownMemberType, reportAttributeAccessIssue]
@@ -337,7 +328,7 @@ def _discard_input() -> None:
         while msvcrt.kbhit():  # pyright: ignore[reportUnknownMemberType, reportAttributeAccessIssue]
             msvcrt.getwch()  # pyright: ignore[reportUnknownMemberType, reportAttributeAccessIssue]
         return
-    import termios  # noqa: PLC0415  # there is none on Windows
+    import termios  # noqa: PLC0415  # not available on Windows
 
     with contextlib.suppress(termios.error):  # a closed terminal has no input
         termios.tcflush(sys.stdin, termios.TCIFLUSH)
@@ -347,7 +338,7 @@ def _read_line() -> str:
     """Read a line with its end; empty at the end of the input."""
     if sys.platform == "win32":
         return sys.stdin.readline()
-    # Read from the descriptor itself: `sys.stdin` would keep a second typed line for later.
+    # Not from `sys.stdin`, which would keep a second typed line for later.
     typed = b""
     while not typed.endswith(b"\n"):
         more = os.read(sys.stdin.fileno(), _MAX_ANSWER_BYTES)

@@ -1,4 +1,4 @@
-"""Dialogues on a terminal: live joint ranges and single keys there, lines elsewhere, scripts."""
+"""Dialogues with a user at a terminal, who presses keys, or with a script of answers."""
 
 from __future__ import annotations
 
@@ -50,10 +50,10 @@ _REFRESH_STEPS = 4  # readings per screen update
 
 @dataclass(frozen=True, slots=True)
 class Operator:
-    """Who answers a dialogue: a user, a script, or nobody.
+    """The operator who answers a dialogue: a user, a script, or nobody.
 
     Attributes:
-        script: Answers the requests; None reads keys.
+        script: The answers to the requests; None reads keys.
         yes: Whether the user has agreed to everything beforehand.
         interactive: Whether the user may be asked.
     """
@@ -108,7 +108,7 @@ class Operator:
                         answer = ACCEPT
 
     def ask(self, entry: Entry) -> str:
-        """Ask for a word or value until it is valid; its default if nobody can be asked.
+        """Ask for a word or value until it is valid; return the default if nobody can be asked.
 
         Raises:
             InputError: Nobody can be asked, and there is no default; the option is named.
@@ -152,7 +152,7 @@ class AnswerOptions:
     ] = False
 
     def operator(self, read_script: Callable[[Path], Sequence[str]]) -> Operator:
-        """Return who answers; ``read_script`` reads answers from a file."""
+        """Return the operator who answers; ``read_script`` reads answers from a file."""
         entries = None if self.from_script is None else read_script(self.from_script)
         return Operator.of(entries, yes=self.yes, no_input=self.no_input)
 
@@ -180,7 +180,7 @@ class _RequestScreen:
             print("\r\x1b[2K", end="", file=sys.stderr, flush=True)  # noqa: T201
 
     def overwrite(self, text: str) -> None:
-        """Show the present action in its own line, if stderr is a terminal."""
+        """Show the present action on its own line, if stderr is a terminal."""
         if sys.stderr.isatty():
             self._overwrites = True
             print(f"\r\x1b[2K{printable(text)} …", end="", file=sys.stderr, flush=True)  # noqa: T201
@@ -198,29 +198,24 @@ class _RequestScreen:
         if request.readings is not None and sys.stderr.isatty():
             self._draw(request, request.readings)
         else:
-            self._print(request)
-        return self._script.next_answer(request) if self._script else self._answer_for_key(request)
-
-    def _answer_for_key(self, request: HandRequest) -> str | None:
+            if request.error is not self._error:
+                self._error = request.error
+                if request.error:
+                    print_status(request.error_text)
+            line = request.line
+            if self._script is None:
+                line += f"\n  {_key_help(request)}"
+            if line != self._line:
+                self._line = line
+                print_status(line)
+        if self._script:
+            return self._script.next_answer(request)
         pressed = self._keys()[:1].lower() if self._keys else ""
         key = "Enter" if pressed in ("\n", "\r") else pressed
         choice = next((each for each in request.choices if key and each.key == key), None)
         if choice is None or (choice.joints and not choice.joint):
             return None
         return f"{choice.answer} {choice.joint}".strip()
-
-    def _print(self, request: HandRequest) -> None:
-        """Print the request once, and the reason if an answer was refused."""
-        if request.error is not self._error:
-            self._error = request.error
-            if request.error:
-                print_status(request.error_text)
-        line = request.line
-        if self._script is None:
-            line += f"\n  {_key_help(request)}"
-        if line != self._line:
-            self._line = line
-            print_status(line)
 
     def _draw(self, request: HandRequest, readings: tuple[JointReadout, ...]) -> None:
         """Draw a bar for each joint, and the keys below."""

@@ -86,9 +86,13 @@ class ArmMessages:
                 "geometry_msgs/msg/TransformStamped",
                 header=_header(time_ns, parent),
                 child_frame_id=child,
-                transform=_transform(at_m, q),
+                transform=make(
+                    "geometry_msgs/msg/Transform",
+                    translation=make("geometry_msgs/msg/Vector3", x=x, y=y, z=z),
+                    rotation=make("geometry_msgs/msg/Quaternion", x=qx, y=qy, z=qz, w=qw),
+                ),
             )
-            for (parent, child), at_m, q in zip(
+            for (parent, child), (x, y, z), (qx, qy, qz, qw) in zip(
                 self._transforms.links, T[:, :3, 3].tolist(), turned, strict=True
             )
         ]
@@ -123,7 +127,11 @@ class ArmMessages:
         )  # fmt: skip
 
     def _servo_status(self, state: JointState) -> object:
-        level, text = self._judge(state)
+        level, text = _OK, "ok"
+        if state.alarms:
+            level, text = _ERROR, f"alarm: {', '.join(state.alarms)}"
+        elif state.temperature_c >= self._model.health.warn_c:
+            level, text = _WARN, f"{state.temperature_c:g} °C"
         values = {
             "temperature [°C]": f"{state.temperature_c:g}",
             "voltage [V]": f"{state.voltage_v:g}",
@@ -135,13 +143,6 @@ class ArmMessages:
             values["current [A]"] = f"{state.current_a:g}"
         hardware = f"servo {self._servo_ids.get(state.name, '')}".rstrip()
         return self._status(f"{self._model.name}: {state.name}", hardware, level, text, values)
-
-    def _judge(self, state: JointState) -> tuple[int, str]:
-        if state.alarms:
-            return _ERROR, f"alarm: {', '.join(state.alarms)}"
-        if state.temperature_c >= self._model.health.warn_c:
-            return _WARN, f"{state.temperature_c:g} °C"
-        return _OK, "ok"
 
     def _status(
         self, name: str, hardware: str, level: int, text: str, values: Mapping[str, str]
@@ -162,14 +163,6 @@ def _header(time_ns: int, frame: str = "") -> Any:  # noqa: ANN401  # a generate
         "builtin_interfaces/msg/Time", sec=time_ns // 1_000_000_000, nanosec=time_ns % 1_000_000_000
     )
     return make("std_msgs/msg/Header", stamp=stamp, frame_id=frame)
-
-
-def _transform(at_m: Sequence[float], q: Sequence[float]) -> object:
-    return make(
-        "geometry_msgs/msg/Transform",
-        translation=make("geometry_msgs/msg/Vector3", **dict(zip("xyz", at_m, strict=True))),
-        rotation=make("geometry_msgs/msg/Quaternion", **dict(zip("xyzw", q, strict=True))),
-    )
 
 
 def _on_off(on: bool) -> str:

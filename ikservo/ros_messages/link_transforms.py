@@ -54,8 +54,8 @@ def _column_of_all(step: ChainJoint, chain: Chain, names: Sequence[str]) -> Chai
 def quaternions(R: Matrix) -> Matrix:
     """Return x, y, z, w (k, 4) of rotations (k, 3, 3), w >= 0.
 
-    The eigenvector to the largest eigenvalue of a symmetric matrix of the elements of R: exact for
-    every angle.
+    It is the eigenvector of the largest eigenvalue of a symmetric matrix that is built from the
+    elements of R, and is exact for every angle.
 
     Source: I. Y. Bar-Itzhack, New method for extracting the quaternion from a rotation matrix,
     J. Guidance, Control, and Dynamics 23 (2000).

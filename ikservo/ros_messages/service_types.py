@@ -1,7 +1,7 @@
 """Types of ROS 2 Jazzy that rosbags does not know: services, and the action of trajectories.
 
-For its hash a service is described as a message of request, response and event; an action as two
-services and a message that contain the goal's id.
+For its hash, a service is described as a message of request, response and event, and an action as
+two services and a message that contain the goal's id.
 """
 
 from __future__ import annotations
@@ -85,26 +85,21 @@ def service_types(node: type[Nodetype]) -> Typesdict:
     """Return the types, as rosbags describes them."""
     messages = dict(_MESSAGES)
     for name, (request, response) in _SERVICES.items():
-        messages |= _parts_of_service(name, request, response)
+        messages[f"{name}_Request"], messages[f"{name}_Response"] = request, response
+        messages[f"{name}_Event"] = {
+            "info": EVENT_INFO,
+            "request": f"{name}_Request[<=1]",
+            "response": f"{name}_Response[<=1]",
+        }
+        messages[name] = {
+            "request_message": f"{name}_Request",
+            "response_message": f"{name}_Response",
+            "event_message": f"{name}_Event",
+        }
     return {
         name: ([], [(field, _describe(node, kind)) for field, kind in fields.items()])
         for name, fields in messages.items()
     }
-
-
-def _parts_of_service(name: str, request: Fields, response: Fields) -> Mapping[str, Fields]:
-    parts = {f"{name}_Request": request, f"{name}_Response": response}
-    event = {
-        "info": EVENT_INFO,
-        "request": f"{name}_Request[<=1]",
-        "response": f"{name}_Response[<=1]",
-    }
-    whole = {
-        "request_message": f"{name}_Request",
-        "response_message": f"{name}_Response",
-        "event_message": f"{name}_Event",
-    }
-    return {**parts, f"{name}_Event": event, name: whole}
 
 
 def _describe(node: type[Nodetype], kind: str) -> FieldDesc:

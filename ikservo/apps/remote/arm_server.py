@@ -56,7 +56,7 @@ class ArmServer:
     """Serves an open arm in a Zenoh session, in threads of its own, until it is closed.
 
     Motions run one at a time. If the operator of a running motion is silent for 0.3 s, or the
-    connection is lost, the arm brakes, holds, and stays stopped until that is acknowledged.
+    connection is lost, the arm brakes, holds, and stays stopped until the stop is acknowledged.
 
     Args:
         session: The session; the caller closes it after the server.
@@ -91,8 +91,33 @@ class ArmServer:
 
     def __enter__(self) -> ArmServer:
         """Start serving."""
+        session, name = self._session, self.name
         with ExitStack() as stack:
-            self._start(stack)
+            for topic in ("state", "progress"):
+                self._news[topic] = stack.enter_context(
+                    session.declare_publisher(keys.news(name, topic), express=True)
+                )
+            for key, answer in (
+                (keys.stop(name), self._answer_stop),
+                (keys.watch(name, "*"), self._answer_watch),
+                (keys.drive(name, "*"), self._answer_drive),
+            ):
+                queue = stack.enter_context(
+                    RequestQueue(key, answer, self.check, self._requested, _QUICK)
+                )
+                stack.enter_context(session.declare_queryable(key, queue))
+            setpoints, operators = keys.setpoint(name), keys.operator(name, "*")
+            liveliness = session.liveliness()
+            stack.enter_context(session.declare_subscriber(setpoints, self._on_setpoint))
+            stack.enter_context(liveliness.declare_token(keys.server(name)))
+            stack.enter_context(liveliness.declare_subscriber(operators, self._on_operator))
+            for thread_name, run in (
+                ("operator", lambda: self.service.watch_operator(self._closing)),
+                ("states", self._publish_states),
+            ):
+                thread = threading.Thread(target=run, name=f"ikservo-{thread_name}", daemon=True)
+                thread.start()
+                stack.callback(thread.join, 2.0)
             self._stack = stack.pop_all()
         return self
 
@@ -106,34 +131,6 @@ class ArmServer:
         self._closing.set()
         self.service.close("The program that serves the arm was ended.")
         self._stack.close()
-
-    def _start(self, stack: ExitStack) -> None:
-        session, name = self._session, self.name
-        for topic in ("state", "progress"):
-            self._news[topic] = stack.enter_context(
-                session.declare_publisher(keys.news(name, topic), express=True)
-            )
-        for key, answer in (
-            (keys.stop(name), self._answer_stop),
-            (keys.watch(name, "*"), self._answer_watch),
-            (keys.drive(name, "*"), self._answer_drive),
-        ):
-            queue = stack.enter_context(
-                RequestQueue(key, answer, self.check, self._requested, _QUICK)
-            )
-            stack.enter_context(session.declare_queryable(key, queue))
-        setpoints = keys.setpoint(name)
-        stack.enter_context(session.declare_subscriber(setpoints, self._on_setpoint))
-        stack.enter_context(session.liveliness().declare_token(keys.server(name)))
-        operators = keys.operator(name, "*")
-        stack.enter_context(session.liveliness().declare_subscriber(operators, self._on_operator))
-        for thread_name, run in (
-            ("operator", lambda: self.service.watch_operator(self._closing)),
-            ("states", self._publish_states),
-        ):
-            thread = threading.Thread(target=run, name=f"ikservo-{thread_name}", daemon=True)
-            thread.start()
-            stack.callback(thread.join, 2.0)
 
     # requests
 
@@ -207,14 +204,24 @@ class ArmServer:
         progress = bool(request.arguments.pop("progress", False))
         on_progress = self._publish_progress() if progress else None
         if service in ("move", "execute"):
-            moved = self._motion_or_plan(service, request)
+            moved: Any
+            if service == "move":
+                moved = cast("OfMotion", parse_arguments(OfMotion, request.arguments)).parse()
+            else:
+                of_plan = cast("OfPlan", parse_arguments(OfPlan, request.arguments))
+                moved = self._plans.get(of_plan.plan)
             with self.lease.motion(request.lease):
                 return self._arm.execute(moved, on_progress)
         if service in STREAMED:
             streamed = parse_arguments(STREAMED[service], request.arguments)
             self._inbox.begin(request.lease, request.number)
             with self.lease.motion(request.lease):
-                return self._run_streamed(service, streamed)
+                if service == "jog":
+                    jog = cast("Jog", streamed)
+                    return run_jog(self._arm, self._inbox, jog.what, jog.speed)
+                run = run_follow if service == "follow" else run_stream
+                speed = cast("AtSpeed", streamed).speed
+                return run(self._arm, self._inbox, speed, self.lease.timeout_s)
         if service not in MOTIONS:
             raise _unknown(service)
         options = parse_arguments(MOTIONS[service].arguments, request.arguments).given()
@@ -222,21 +229,6 @@ class ArmServer:
             options["on_progress"] = on_progress
         with self.lease.motion(request.lease):
             return MOTIONS[service].method(self._arm, **options)
-
-    def _motion_or_plan(self, service: str, request: ServiceRequest) -> Any:  # noqa: ANN401
-        if service == "move":
-            return cast("OfMotion", parse_arguments(OfMotion, request.arguments)).parse()
-        return self._plans.get(cast("OfPlan", parse_arguments(OfPlan, request.arguments)).plan)
-
-    def _run_streamed(self, service: str, given: object) -> object:
-        arm, inbox = self._arm, self._inbox
-        if service == "jog":
-            jog = cast("Jog", given)
-            return run_jog(arm, inbox, jog.what, jog.speed)
-        speed = cast("AtSpeed", given).speed
-        if service == "follow":
-            return run_follow(arm, inbox, speed, self.lease.timeout_s)
-        return run_stream(arm, inbox, speed, self.lease.timeout_s)
 
     # the lease
 
@@ -269,7 +261,7 @@ class ArmServer:
         publisher = cast("zenoh.Publisher", self._news["state"])
         due_s = self._clock.now_s()
         while not self._closing.is_set():
-            with suppress(Exception):  # the health names silent servos
+            with suppress(Exception):  # silent servos are reported by the service "health"
                 status: object = publisher.matching_status  # an object, despite its stub
                 if bool(getattr(status, "matching", status)):
                     self._publish("state", self._arm.where())

@@ -51,7 +51,7 @@ def client_certificate(endpoint: Endpoint) -> Certificate | None:
         found = _find(role)
         if found is not None:
             return found
-    raise _missing("operator or watcher")
+    raise _missing("an operator or watcher")
 
 
 def server_certificate(endpoint: Endpoint) -> Certificate | None:
@@ -64,7 +64,7 @@ def server_certificate(endpoint: Endpoint) -> Certificate | None:
         return None
     found = _find("server")
     if found is None:
-        raise _missing("server")
+        raise _missing("a server")
     return found
 
 
@@ -78,9 +78,7 @@ def _find(role: str) -> Certificate | None:
 
 def _missing(role: str) -> InputError:
     return InputError(
-        f"There is no certificate of an {role} in {keys_folder()}.".replace(
-            "an server", "a server"
-        ),
+        f"There is no certificate of {role} in {keys_folder()}.",
         "Make them once with: ikservo net keys. Then copy the folder of this machine's role.",
     )
 
@@ -156,9 +154,14 @@ def _sign(
     builder = builder.add_extension(_key_usage(signs=False), critical=True)
     usage = ExtendedKeyUsageOID.SERVER_AUTH if names else ExtendedKeyUsageOID.CLIENT_AUTH
     builder = builder.add_extension(x509.ExtendedKeyUsage([usage]), critical=False)
-    if names:
-        listed = x509.SubjectAlternativeName([_general_name(name) for name in dict.fromkeys(names)])
-        builder = builder.add_extension(listed, critical=False)
+    listed: list[x509.GeneralName] = []
+    for name in dict.fromkeys(names):
+        try:
+            listed.append(x509.IPAddress(ipaddress.ip_address(name)))
+        except ValueError:
+            listed.append(x509.DNSName(name))
+    if listed:
+        builder = builder.add_extension(x509.SubjectAlternativeName(listed), critical=False)
     return _Signed(_signed(builder, authority.key), key)
 
 
@@ -188,15 +191,6 @@ def _name(text: str) -> x509.Name:
     from cryptography.x509.oid import NameOID  # noqa: PLC0415
 
     return x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, text)])
-
-
-def _general_name(name: str) -> x509.GeneralName:
-    from cryptography import x509  # noqa: PLC0415
-
-    try:
-        return x509.IPAddress(ipaddress.ip_address(name))
-    except ValueError:
-        return x509.DNSName(name)
 
 
 def _key_usage(*, signs: bool) -> x509.KeyUsage:

@@ -46,7 +46,7 @@ _SCHEMA = "ikservo/net/1"
 
 
 def lost_connection(address: str) -> PortLostError:
-    """Return the error for a request to another machine without an answer."""
+    """Return the error for a request that another machine has not answered."""
     error = PortLostError(address, "no answer")
     error.command_hint = "Is that machine on and reachable, and `ikservo serve` running there?"
     return error
@@ -129,7 +129,12 @@ class Connection:
             self._setpoints = stack.enter_context(
                 self._session.declare_publisher(setpoints, express=True)
             )
-            self._check_served()
+            served = served_names(self._session, _QUICK_S)
+            if address.name not in served:
+                raise PortError(
+                    f"No arm named {address.name!r} is served at {address.endpoint}.",
+                    f"Served there: {', '.join(served) or 'none'}.",
+                )
             self._compare_clocks()
             self._stack = stack.pop_all()
 
@@ -221,27 +226,32 @@ class Connection:
         """Return the lease of control; get it if this program has none.
 
         Raises:
-            RefusedError: Another program controls the arm.
-        """
-        with self._lock:
-            if not self._lease:
-                given = self._ask_for_lease()
-                self._lease = str(given["lease"])
-                self._begin_lease(keys.operator_token(self._lease))
-            return self._lease
-
-    def _ask_for_lease(self) -> Mapping[str, object]:
-        """Ask for the lease and the server's time.
-
-        Raises:
             RefusedError: Another program controls the arm, or this machine may not operate it.
         """
-        key = keys.drive(self.address.name, "lease")
-        self._require_open()
-        answers = ask(self._session, key, self._request({"operator": who_asks()}), _QUICK_S)
-        if not answers:
-            raise self._not_allowed()
-        return cast("Mapping[str, object]", result_of(answers[0][1]))
+        with self._lock:
+            if self._lease:
+                return self._lease
+            self._require_open()
+            key = keys.drive(self.address.name, "lease")
+            request = self._request({"operator": who_asks()})
+            answers = ask(self._session, key, request, _QUICK_S)
+            if not answers:
+                raise self._not_allowed()
+            given = cast("Mapping[str, object]", result_of(answers[0][1]))
+            self._lease = str(given["lease"])
+            token = keys.operator(self.address.name, keys.operator_token(self._lease))
+            stack = ExitStack()
+            stack.enter_context(self._session.liveliness().declare_token(token))
+            ended = threading.Event()
+            threading.Thread(
+                target=self._send_signs_of_life,
+                args=(ended,),
+                name="ikservo-sign-of-life",
+                daemon=True,
+            ).start()
+            stack.callback(ended.set)
+            self._lease_stack = stack
+            return self._lease
 
     def _not_allowed(self) -> RefusedError:
         """Return the error for a request that the other end refuses.
@@ -252,7 +262,7 @@ class Connection:
         self.watch("clock")
         return RefusedError(
             f"{self.address} does not let this machine drive it.",
-            "With the certificate of a watcher an arm can be watched and stopped only.",
+            "With a watcher's certificate, an arm can only be watched and stopped.",
         )
 
     def release(self) -> None:
@@ -275,7 +285,8 @@ class Connection:
     def subscribed(self, topic: str, on_value: Callable[[object], None]) -> Generator[None]:
         """Call a function with each value of a topic, in a thread of Zenoh, within the block.
 
-        Values older than the dead-man timeout, repeated or overtaken ones are dropped, like goals.
+        Values that are older than the dead-man timeout, repeated or overtaken are dropped, as goals
+        are.
         """
         newest = 0
 
@@ -290,17 +301,6 @@ class Connection:
         key = keys.news(self.address.name, topic)
         with self._session.declare_subscriber(key, on_sample):
             yield
-
-    def _begin_lease(self, token: str) -> None:
-        key = keys.operator(self.address.name, token)
-        stack = ExitStack()
-        stack.enter_context(self._session.liveliness().declare_token(key))
-        ended = threading.Event()
-        threading.Thread(
-            target=self._send_signs_of_life, args=(ended,), name="ikservo-sign-of-life", daemon=True
-        ).start()
-        stack.callback(ended.set)
-        self._lease_stack = stack
 
     def _send_signs_of_life(self, ended: threading.Event) -> None:
         """Send heartbeats for as long as this program has the lease."""
@@ -331,21 +331,12 @@ class Connection:
         if trip_s > _MAX_ROUND_TRIP_S:
             raise PortError(
                 f"{self.address} answers after {trip_s:.2f} s, too late to control an arm.",
-                f"At most {_MAX_ROUND_TRIP_S:g} s are allowed: use a faster network.",
+                f"At most {_MAX_ROUND_TRIP_S:g} s are allowed. Use a faster network.",
             )
         self._offset_s, self._synced_s = offset_s, time.monotonic()
 
     def _server_now_s(self) -> float:
         return time.monotonic() + self._offset_s
-
-    def _check_served(self) -> None:
-        names = served_names(self._session, _QUICK_S)
-        if self.address.name not in names:
-            listing = ", ".join(names) or "none"
-            raise PortError(
-                f"No arm named {self.address.name!r} is served at {self.address.endpoint}.",
-                f"Served there: {listing}.",
-            )
 
     def _request(
         self,
@@ -383,15 +374,12 @@ class Connection:
         end_s = time.monotonic() + _QUICK_S
         while True:
             try:
-                return self._call(key, request)
+                self._require_open()
+                answers = ask(self._session, key, request, _QUICK_S)
+                if not answers:
+                    raise lost_connection(str(self.address))
+                return result_of(answers[0][1])
             except PortLostError:
                 if time.monotonic() > end_s or not self.is_open:
                     raise
                 time.sleep(_POLL_S)
-
-    def _call(self, key: str, request: bytes) -> object:
-        self._require_open()
-        answers = ask(self._session, key, request, _QUICK_S)
-        if not answers:
-            raise lost_connection(str(self.address))
-        return result_of(answers[0][1])

@@ -12,13 +12,13 @@ import typer
 from rich.live import Live
 from rich.table import Table
 
-from ikservo.apps.remote.address import Endpoint, parse_host
+from ikservo.apps.remote.address import parse_host
 from ikservo.apps.remote.fleet import FleetArm, read_fleet
 from ikservo.apps.remote.zenoh_network import fleet_hosts
 from ikservo.cli.options import CountOption, JsonOption
 from ikservo.cli.quantities import parse_time_s
 from ikservo.cli.terminal import open_console, print_json, print_table
-from ikservo.clock import Clock, RealClock
+from ikservo.clock import RealClock
 from ikservo.errors import PortError
 
 Hosts = Annotated[
@@ -54,33 +54,27 @@ def command(
     IKSERVO_FLEET=lab-pi,desk-pi ikservo fleet
     """
     endpoints = fleet_hosts(hosts or []) or [parse_host("127.0.0.1")]
-    times = count if watch else 1
-    with contextlib.suppress(KeyboardInterrupt):
-        _show(endpoints, times, period, RealClock(), json=json)
-
-
-def _show(
-    hosts: list[Endpoint], times: int | None, period_s: float, clock: Clock, *, json: bool
-) -> None:
-    console = open_console()
-    watched = console.is_terminal and times != 1
-    live = Live(console=console, auto_refresh=False) if watched else None
+    times, clock = count if watch else 1, RealClock()
     arms: list[FleetArm] = []
-    with live or contextlib.nullcontext():
-        for number in itertools.count(1):
-            arms = read_fleet(hosts)
-            if json:
-                print_json("fleet", arms=arms)
-                sys.stdout.flush()
-            elif live is not None:
-                live.update(_table(arms), refresh=True)
-            else:
-                print_table(_COLUMNS, map(_row, arms))
-            if number == times:
-                break
-            clock.sleep_until(clock.now_s() + period_s)
-    if times == 1 and not any(arm.arm for arm in arms):
-        raise PortError("No arm can be reached.", "Is `ikservo serve` running there?")
+    with contextlib.suppress(KeyboardInterrupt):
+        console = open_console()
+        watched = console.is_terminal and times != 1
+        live = Live(console=console, auto_refresh=False) if watched else None
+        with live or contextlib.nullcontext():
+            for number in itertools.count(1):
+                arms = read_fleet(endpoints)
+                if json:
+                    print_json("fleet", arms=arms)
+                    sys.stdout.flush()
+                elif live is not None:
+                    live.update(_table(arms), refresh=True)
+                else:
+                    print_table(_COLUMNS, map(_row, arms))
+                if number == times:
+                    break
+                clock.sleep_until(clock.now_s() + period)
+        if times == 1 and not any(arm.arm for arm in arms):
+            raise PortError("No arm can be reached.", "Is `ikservo serve` running there?")
 
 
 def _table(arms: Iterable[FleetArm]) -> Table:

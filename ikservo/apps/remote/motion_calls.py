@@ -73,7 +73,13 @@ class MotionCalls:
                     go_on()
             self._raise_failure()
         except BaseException as error:
-            self._stop_after(error, pending)
+            reason = StopReason(StopKind.CTRL_C, "Stopped by Ctrl-C.")
+            if isinstance(error, Exception):
+                why = error.message if isinstance(error, IkservoError) else str(error)
+                text = f"The program failed: {why or type(error).__name__}"
+                reason = StopReason(StopKind.FAULT, text)
+            self.stop_request.set(reason)
+            pending.wait(_STOP_TIMEOUT_S)
             raise
         return pending.result()
 
@@ -102,13 +108,6 @@ class MotionCalls:
     def _raise_failure(self) -> None:
         if self._failures:
             raise self._failures[0]
-
-    def _stop_after(self, error: BaseException, pending: PendingCall) -> None:
-        signal = not isinstance(error, Exception)
-        kind = StopKind.CTRL_C if signal else StopKind.FAULT
-        text = "Stopped by Ctrl-C." if signal else _failure_text(error)
-        self.stop_request.set(StopReason(kind, text))
-        pending.wait(_STOP_TIMEOUT_S)
 
 
 class RemoteStopRequest(StopRequest):
@@ -140,8 +139,3 @@ class RemoteStopRequest(StopRequest):
         """Request a stop from that machine; do not wait until the arm rests."""
         self.count_stop(reason)
         self._connection.stop(reason.text, reason.kind.name, wait=False)
-
-
-def _failure_text(error: BaseException) -> str:
-    why = error.message if isinstance(error, IkservoError) else str(error)
-    return f"The program failed: {why or type(error).__name__}"

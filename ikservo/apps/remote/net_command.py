@@ -44,7 +44,7 @@ def keys(
 
 
 def acknowledge(*, port: PortOption = None, json: JsonOption = False) -> None:
-    """Acknowledge a stop of an arm on another machine: it may move again; nothing moves yet.
+    """Acknowledge a stop of an arm on another machine; it may move again, but nothing moves yet.
 
     ikservo net acknowledge --port zenoh:desk@lab-pi
     """

@@ -45,7 +45,7 @@ class PathSamples:
 
 
 class PlanRegistry:
-    """The latest plans of an arm, by an id; older plans are forgotten."""
+    """The latest plans of an arm, by id; older plans are forgotten."""
 
     def __init__(self) -> None:
         self._plans: OrderedDict[str, MotionPlan] = OrderedDict()
@@ -73,7 +73,7 @@ class PlanRegistry:
         """
         if name not in self._plans:
             raise RefusedError(
-                "That plan is no longer kept there.", "Nothing was sent. Plan again."
+                "The server no longer keeps that plan.", "Nothing was sent. Plan again."
             )
         return self._plans[name]
 

@@ -36,7 +36,7 @@ from ikservo.arm.motion_methods import MotionMethods
 from ikservo.arm.target_tracking import CartesianOrJointTarget, parse_target
 from ikservo.clock import Clock, RealClock
 from ikservo.control.stop_requests import REQUEST_HINT, STOPPED_AFTER_REQUEST
-from ikservo.errors import BadValueError, IkservoError, PortError, RefusedError, StoppedError, shown
+from ikservo.errors import BadValueError, PortError, RefusedError, StoppedError, shown
 from ikservo.kinematics import JointIndex
 from ikservo.kinematics.arrays import Vector
 from ikservo.model import Model
@@ -165,7 +165,10 @@ class RemoteArm(MotionMethods):
         Raises:
             RefusedError: Always.
         """
-        raise self._not_here(f"Opening the port again, within {within_s:g} s,")
+        raise RefusedError(
+            f"Opening the port again, within {within_s:g} s, works only on the arm's computer.",
+            f"Run it on {self._connection.address.endpoint.host}.",
+        )
 
     def return_within_limits(self) -> None:
         """Move joints that are a little outside their limits back inside, slowly."""
@@ -300,7 +303,3 @@ class RemoteArm(MotionMethods):
             until()
         taught = self._calls.run("teach", None, name=name, hold=hold)
         return dict(cast("Mapping[str, float]", taught))
-
-    def _not_here(self, what: str) -> IkservoError:
-        host = self._connection.address.endpoint.host
-        return RefusedError(f"{what} works only on the arm's computer.", f"Run it on {host}.")

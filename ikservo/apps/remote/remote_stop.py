@@ -54,16 +54,6 @@ def stop_address(address: str) -> StopResult:
 
 def stop_listed_machines() -> StopAllResult:
     """Stop every arm on the machines of ``IKSERVO_FLEET``, and those served on this one."""
-    hosts, errors = _machines_to_stop()
-    stopped = StopAllResult.joined(
-        StopAllResult(errors=(found,)) if isinstance(found, IkservoError) else found
-        for found in on_each_host(hosts, stop_machine)
-    )
-    return StopAllResult(stopped.stopped, (*errors, *stopped.errors))
-
-
-def _machines_to_stop() -> tuple[list[Endpoint], list[IkservoError]]:
-    """Return all machines that can be asked to stop, and errors for names that are not valid."""
     hosts: list[Endpoint] = []
     errors: list[IkservoError] = []
     for text in os.environ.get(FLEET_VARIABLE, "").replace(",", " ").split():
@@ -74,7 +64,11 @@ def _machines_to_stop() -> tuple[list[Endpoint], list[IkservoError]]:
     own = parse_host("127.0.0.1")
     if own not in hosts and listens(own):
         hosts.append(own)
-    return hosts, errors
+    stopped = StopAllResult.joined(
+        StopAllResult(errors=(found,)) if isinstance(found, IkservoError) else found
+        for found in on_each_host(hosts, stop_machine)
+    )
+    return StopAllResult(stopped.stopped, (*errors, *stopped.errors))
 
 
 def stop_machine(host: Endpoint, name: str = "*") -> StopAllResult:

@@ -63,9 +63,10 @@ class RemoteStream:
     def __exit__(self, kind: object, error: object, trace: object) -> None:
         """Brake and hold; raise the stream's error, unless the block raised one itself."""
         pending = self._require_pending()
-        ended = pending.done
-        if not ended:
-            self._end(pending)
+        end_s = time.monotonic() + _CLOSE_TIMEOUT_S
+        while not pending.done and time.monotonic() < end_s:  # the server drops later goals
+            self._connection.send_setpoint(wanted=False)
+            pending.wait(_END_PERIOD_S)
         if error is None:
             self._take_counts(pending)
 
@@ -98,14 +99,6 @@ class RemoteStream:
             self._due_s = max(self._due_s + self._period_s, self._arm.clock.now_s())
             self._arm.clock.sleep_until(self._due_s)
 
-    def _end(self, pending: PendingCall) -> None:
-        """Announce the end of the stream until it is confirmed; later goals are dropped."""
-        end_s = time.monotonic() + _CLOSE_TIMEOUT_S
-        while time.monotonic() < end_s:
-            self._connection.send_setpoint(wanted=False)
-            if pending.wait(_END_PERIOD_S):
-                return
-
     def _take_counts(self, pending: PendingCall) -> None:
         counts = cast("Mapping[str, Any]", pending.result())
         self.unreached, self.refused = int(counts["unreached"]), int(counts["refused"])
@@ -127,7 +120,7 @@ def goal_fields(goal: Target | Mapping[str, float] | Matrix) -> dict[str, object
 def next_items(
     clock: Clock, targets: Iterable[CartesianOrJointTarget | None], period_s: float
 ) -> Generator[tuple[CartesianOrJointTarget | None, bool]]:
-    """Yield an item and whether the stream has ended, once per period; repeat the end for ever."""
+    """Yield an item and whether the stream has ended, once per period; repeat the end forever."""
     items = iter(targets)
     for _ in Rate(clock, period_s):
         try:

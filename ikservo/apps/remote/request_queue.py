@@ -63,7 +63,12 @@ class RequestQueue:
         """Check a request and queue it."""
         service = str(query.key_expr).rpartition("/")[2]
         try:
-            request = self._read(query, service)
+            data = b"" if query.payload is None else query.payload.to_bytes()
+            request = decode(ServiceRequest, data, MAX_REQUEST_BYTES)
+            if self._driving:
+                if str(query.key_expr) != self._key.replace("*", service) or "*" in service:
+                    raise InputError("A request drives one arm.", "Nothing was sent. Name the arm.")
+                self._check(request, service)
             if not self._free.acquire(blocking=False):
                 raise RefusedError("The arm has too many requests.", "Nothing was sent. Try again.")
         except IkservoError as error:
@@ -73,16 +78,6 @@ class RequestQueue:
         pool = self._single if waits else self._several
         with suppress(RuntimeError):  # raised while the queue is being closed
             pool.submit(self._work, query, service, request, self._requested(request))
-
-    def _read(self, query: zenoh.Query, service: str) -> ServiceRequest:
-        payload = query.payload
-        data = b"" if payload is None else payload.to_bytes()
-        request = decode(ServiceRequest, data, MAX_REQUEST_BYTES)
-        if self._driving:
-            if str(query.key_expr) != self._key.replace("*", service) or "*" in service:
-                raise InputError("A request drives one arm.", "Nothing was sent. Name the arm.")
-            self._check(request, service)
-        return request
 
     def _work(
         self,

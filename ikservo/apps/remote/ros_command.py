@@ -59,37 +59,24 @@ def command(
 
     ros2 topic echo /joint_states           where RMW_IMPLEMENTATION=rmw_zenoh_cpp
     """
-    endpoint, place = parse_host(_with_port(router)), check_namespace(namespace)
-    number = _domain(domain)
+    text = router if "/" in router else f"tcp/{router}"
+    if not text.rpartition(":")[2].isdecimal():
+        text += f":{_ROUTER_PORT}"
+    endpoint, place = parse_host(text), check_namespace(namespace)
+    if domain is None:
+        text = os.environ.get(_DOMAIN_VARIABLE, "").strip() or "0"
+        if not text.isdecimal() or int(text) > MAX_DOMAIN:
+            raise BadValueError(_DOMAIN_VARIABLE, shown(text), f"0 to {MAX_DOMAIN}")
+        domain = int(text)
     with (
         open_router_client(endpoint, client_certificate(endpoint)) as session,
         open_from_options(connection, options) as machine,
     ):
         check_directions_once(machine, options)
-        bridge = RosBridge(session, machine, number, place, rate, speed, print_status)
+        bridge = RosBridge(session, machine, domain, place, rate, speed, print_status)
         with ended_by_signal() as wait, bridge:
-            _announce(machine, endpoint, number, place, json=options.json)
+            _announce(machine, endpoint, domain, place, json=options.json)
             wait()
-
-
-def _with_port(router: str) -> str:
-    """Return an endpoint, completed with the default protocol and port of ROS 2 routers."""
-    text = router if "/" in router else f"tcp/{router}"
-    return text if text.rpartition(":")[2].isdecimal() else f"{text}:{_ROUTER_PORT}"
-
-
-def _domain(given: int | None) -> int:
-    """Return the domain of ROS 2.
-
-    Raises:
-        BadValueError: The variable is not a valid domain.
-    """
-    if given is not None:
-        return given
-    text = os.environ.get(_DOMAIN_VARIABLE, "").strip() or "0"
-    if not text.isdecimal() or int(text) > MAX_DOMAIN:
-        raise BadValueError(_DOMAIN_VARIABLE, shown(text), f"0 to {MAX_DOMAIN}")
-    return int(text)
 
 
 def _announce(

@@ -45,14 +45,18 @@ class SetpointInbox:
         Raises:
             BadValueError: Its target is not valid.
         """
-        goal = _goal_of(setpoint)
+        goal: CartesianOrJointTarget | None = setpoint.positions
+        if setpoint.target is not None:
+            goal = setpoint.target.target()
+        elif setpoint.pose is not None:
+            goal = finite_array(setpoint.pose, (4, 4), "The setpoint")
         with self._changed:
             if goal is not None:
                 self._goal = (setpoint, goal)
-            if setpoint.wanted is not None:
-                self._go_on, self._end = (
-                    (setpoint, self._end) if setpoint.wanted else (self._go_on, setpoint)
-                )
+            if setpoint.wanted:
+                self._go_on = setpoint
+            elif setpoint.wanted is not None:
+                self._end = setpoint
             self._changed.notify_all()
 
     def close(self) -> None:
@@ -96,14 +100,6 @@ class SetpointInbox:
         """Check whether a setpoint was sent after the request of the running motion."""
         lease, number = self._begun
         return setpoint is not None and setpoint.lease == lease and setpoint.number > number
-
-
-def _goal_of(setpoint: Setpoint) -> CartesianOrJointTarget | None:
-    if setpoint.target is not None:
-        return setpoint.target.target()
-    if setpoint.pose is not None:
-        return finite_array(setpoint.pose, (4, 4), "The setpoint")
-    return setpoint.positions
 
 
 class _Pace:

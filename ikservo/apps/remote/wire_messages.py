@@ -201,7 +201,7 @@ def result_of(data: bytes) -> object:
 
 
 def arguments_of(values: Mapping[str, object]) -> dict[str, JsonValue]:
-    """Return arguments of a service as JSON values: arrays as lists.
+    """Return arguments of a service as JSON values, with arrays as lists.
 
     Raises:
         InputError: A value is not a number, text, list or mapping of these.

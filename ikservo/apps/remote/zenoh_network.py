@@ -64,8 +64,5 @@ def fleet_hosts(given: tuple[str, ...] | list[str]) -> list[Endpoint]:
     Raises:
         BadValueError: An entry is not ``HOST[:PORT]``.
     """
-    return [parse_host(host) for host in list(given) or _listed_hosts()]
-
-
-def _listed_hosts() -> list[str]:
-    return os.environ.get(FLEET_VARIABLE, "").replace(",", " ").split()
+    listed = os.environ.get(FLEET_VARIABLE, "").replace(",", " ").split()
+    return [parse_host(host) for host in list(given) or listed]

@@ -65,7 +65,13 @@ def open_server(
     if access is not None:
         config["access_control"] = access
     if certificate is not None:
-        config["transport/link/tls"] = _server_tls(certificate)
+        config["transport/link/tls"] = {
+            "root_ca_certificate": str(certificate.authority),
+            "listen_certificate": str(certificate.certificate),
+            "listen_private_key": str(certificate.key),
+            "enable_mtls": True,
+            "close_link_on_expiration": True,
+        }
     with _opened(config, f"Cannot listen at {listen}", "Choose another endpoint.") as session:
         yield session
 
@@ -114,7 +120,14 @@ def _client_settings(
         "connect/exit_on_failure": True,
     }
     if certificate is not None:
-        config["transport/link/tls"] = _client_tls(certificate)
+        config["transport/link/tls"] = {
+            "root_ca_certificate": str(certificate.authority),
+            "connect_certificate": str(certificate.certificate),
+            "connect_private_key": str(certificate.key),
+            "enable_mtls": True,
+            "verify_name_on_connect": True,
+            "close_link_on_expiration": True,
+        }
     return config
 
 
@@ -172,27 +185,6 @@ def _common_settings() -> dict[str, object]:
     }
 
 
-def _server_tls(own: Certificate) -> dict[str, object]:
-    return {
-        "root_ca_certificate": str(own.authority),
-        "listen_certificate": str(own.certificate),
-        "listen_private_key": str(own.key),
-        "enable_mtls": True,
-        "close_link_on_expiration": True,
-    }
-
-
-def _client_tls(own: Certificate) -> dict[str, object]:
-    return {
-        "root_ca_certificate": str(own.authority),
-        "connect_certificate": str(own.certificate),
-        "connect_private_key": str(own.key),
-        "enable_mtls": True,
-        "verify_name_on_connect": True,
-        "close_link_on_expiration": True,
-    }
-
-
 @contextmanager
 def _opened(settings: Mapping[str, object], what: str, hint: str) -> Generator[zenoh.Session]:
     try:
@@ -208,7 +200,13 @@ def _opened(settings: Mapping[str, object], what: str, hint: str) -> Generator[z
             config.insert_json5(key, json.dumps(value))  # pyright: ignore[reportUnknownMemberType]
         session = zenoh.open(config)
     except zenoh.ZError as error:
-        why, remedy = _why_unreachable(settings) or (_first_reason(str(error)), hint)
+        # The message of Zenoh is used without its source locations.
+        reason = str(error).partition(" at /")[0].strip().rstrip(".!")
+        if "Timeout" in reason:
+            reason = "it does not answer"
+        elif "in use" in reason:
+            reason = "the address is in use"
+        why, remedy = _why_unreachable(settings) or (reason, hint)
         raise PortError(f"{what}: {why}.", remedy) from None
     try:
         yield session
@@ -257,11 +255,3 @@ def _answers_tls(connection: socket.socket) -> bool:
     except OSError:  # it is silent, or closes at once
         return False
     return True
-
-
-def _first_reason(text: str) -> str:
-    """Return the message of a Zenoh error without its source locations."""
-    reason = text.partition(" at /")[0].strip().rstrip(".!")
-    if "Timeout" in reason:
-        return "it does not answer"
-    return "the address is in use" if "in use" in reason else reason

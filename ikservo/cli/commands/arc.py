@@ -84,9 +84,15 @@ def command(
 
     ikservo arc --center 0.2,0,0.15 --normal z --angle -180
     """
+    via_m = None if via is None else parse_point_m(via)
+    end_m = None
+    if x is not None:
+        if y is None or z is None:
+            raise typer.BadParameter("The end of the arc needs X Y Z.")
+        end_m = (x, y, z)
     motion = MoveArc(
-        None if via is None else parse_point_m(via),
-        _end_of(x, y, z),
+        via_m,
+        end_m,
         full_circle=full_circle,
         center_m=None if center is None else parse_point_m(center),
         normal=parse_axis(normal),
@@ -99,16 +105,3 @@ def command(
     with open_from_options(connection, options, path.scene) as machine:
         report = make_tip_motion(machine, machine.plan(motion), options)
     print_move_report(report, json=options.json)
-
-
-def _end_of(*coordinates: float | None) -> tuple[float, float, float] | None:
-    """Return the end (3,) [m]; None if it is not given.
-
-    Raises: typer.BadParameter: Only a part of the arc is given.
-    """
-    x, y, z = coordinates
-    if x is not None and y is not None and z is not None:
-        return (x, y, z)
-    if x is None:
-        return None
-    raise typer.BadParameter("The end of the arc needs X Y Z.")

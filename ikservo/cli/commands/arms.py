@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections import Counter
 
 from ikservo.cli.options import JsonOption
 from ikservo.cli.terminal import print_json, print_lines, print_status, print_table
@@ -19,55 +19,40 @@ def command(*, json: JsonOption = False) -> None:
 
     ikservo arms new mine --from robot.urdf        makes the folder of a new arm
     """
-    models = list(_readable_models())
+    models: list[Model] = []
+    for name in arm_names():
+        try:
+            models.append(load_model(name))
+        except FileFormatError as error:  # in another package; the other arms are still listed
+            print_status(f"Warning: {error.command_message}")
     if json:
-        print_json("arms", arms=[_arm_metadata(model) for model in models])
-        return
-    rows = [
-        [
-            model.name,
-            model.title,
-            str(model.chain.dof),
-            _format_servos(model),
-            ", ".join(model.poses),
+        arms = [
+            {
+                "name": model.name,
+                "title": model.title,
+                "joints": list(model.chain.names),
+                "servos": {servo.id: servo.model for servo in _all_servos(model)},
+                "poses": list(model.poses),
+                "family": model.family,
+                "baud_rate": model.baud_rate,
+                "base_frame": model.base_frame or _CONVENTION,
+                "path": str(model.path),
+            }
+            for model in models
         ]
-        for model in models
-    ]
+        print_json("arms", arms=arms)
+        return
+    rows: list[list[str]] = []
+    for model in models:
+        counts = Counter(servo.model for servo in _all_servos(model))
+        servos = ", ".join(f"{count} {name}" for name, count in counts.items())
+        joints, poses = str(model.chain.dof), ", ".join(model.poses)
+        rows.append([model.name, model.title, joints, servos, poses])
     print_table(["name", "arm", "joints", "servos", "poses"], rows)
     frames = [["all others", _CONVENTION]]
     frames[:0] = [[model.name, model.base_frame] for model in models if model.base_frame]
     print_lines([""])
     print_table(["name", "base frame"], frames)
-
-
-def _readable_models() -> Iterator[Model]:
-    """Yield all arms; an arm of another package with damaged files is named and left out."""
-    for name in arm_names():
-        try:
-            yield load_model(name)
-        except FileFormatError as error:
-            print_status(f"Warning: {error.command_message}")
-
-
-def _arm_metadata(model: Model) -> dict[str, object]:
-    return {
-        "name": model.name,
-        "title": model.title,
-        "joints": list(model.chain.names),
-        "servos": {servo.id: servo.model for servo in _all_servos(model)},
-        "poses": list(model.poses),
-        "family": model.family,
-        "baud_rate": model.baud_rate,
-        "base_frame": model.base_frame or _CONVENTION,
-        "path": str(model.path),
-    }
-
-
-def _format_servos(model: Model) -> str:
-    counts: dict[str, int] = {}
-    for servo in _all_servos(model):
-        counts[servo.model] = counts.get(servo.model, 0) + 1
-    return ", ".join(f"{count} {name}" for name, count in counts.items())
 
 
 def _all_servos(model: Model) -> list[ModelServo]:

@@ -83,7 +83,12 @@ def command(
             "Cannot read keys: input is not a terminal.", "Add --duration, as in --duration 1."
         )
     with open_from_options(connection, options, scene) as machine:
-        requested_speed = _parse_speed(machine, what, speed)
+        requested_speed = None
+        if speed is not None:
+            slides = what in JOG_DIRECTIONS
+            if what in machine.joint_names:
+                slides = machine.model.joint(what).joint_map.unit == "m"
+            requested_speed = parse_length_m(speed) if slides else parse_angle_rad(speed)
         warn_uncompiled()
         if duration is not None:  # without a duration, the held key is the confirmation
             print_status(f"{machine.model.title} on {format_port(machine.port_name)}: "
@@ -95,25 +100,11 @@ def command(
     if report.ended == NO_LONGER_REQUESTED:
         report = replace(report, ended="key released" if duration is None else "time is up")
     print_fields("jog", report, _FIELDS, json=options.json)
-    if report.blocked:
-        print_status(f"Jog back with {_opposite(speed)}.")
-
-
-def _opposite(speed: str | None) -> str:
-    """Return the option for the other direction."""
-    if speed is None:
-        return "a negative --speed"
-    digits = speed.lstrip("-\N{MINUS SIGN}")  # see ``main``: negative numbers arrive with this sign
-    return f"--speed {digits if digits != speed else f'-{speed}'}"
-
-
-def _parse_speed(machine: OpenArm, what: str, speed: str | None) -> float | None:
-    if speed is None:
-        return None
-    slides = what in JOG_DIRECTIONS and what not in machine.joint_names
-    if not slides and what in machine.joint_names:
-        slides = machine.model.joint(what).joint_map.unit == "m"
-    return parse_length_m(speed) if slides else parse_angle_rad(speed)
+    if report.blocked and speed is None:
+        print_status("Jog back with a negative --speed.")
+    elif report.blocked and speed is not None:
+        digits = speed.lstrip("-\N{MINUS SIGN}")  # `main` has replaced the sign of a number
+        print_status(f"Jog back with --speed {digits if digits != speed else f'-{speed}'}.")
 
 
 @contextmanager

@@ -10,7 +10,7 @@ import typer
 from ikservo.cli.options import JsonOption
 from ikservo.cli.results import Field, Fields, json_values, print_records
 from ikservo.cli.terminal import print_json, print_lines, print_status
-from ikservo.hardware.serial_ports import AdapterEvent, SerialAdapter, list_adapters, watch_adapters
+from ikservo.hardware.serial_ports import SerialAdapter, list_adapters, watch_adapters
 
 Watch = Annotated[
     bool, typer.Option("--watch", help="Report adapters as they are plugged in or unplugged.")
@@ -37,7 +37,12 @@ def command(*, watch: Watch = False, events: Events = None, json: JsonOption = F
     print_status(f"Here now: {', '.join(adapter.device for adapter in found) or 'none'}.")
     print_status("Plug in or unplug an adapter; Ctrl-C ends.")
     for change in islice(watch_adapters(), events):
-        _print_event(change, json=json)
+        adapter = change.adapter
+        if json:
+            print_json("ports-event", event=change.event, port=json_values(adapter, _FIELDS))
+        else:
+            named = f"  {adapter.by_id}" if adapter.by_id else ""
+            print_lines([f"{change.event:9}  {adapter.device}  {adapter.chip}{named}"])
 
 
 _FIELDS: Fields[SerialAdapter] = (
@@ -49,12 +54,3 @@ _FIELDS: Fields[SerialAdapter] = (
     Field("holder", "used by", lambda adapter: adapter.used_by or "-", lambda a: a.used_by),
 )
 _COLUMNS = "device chip usb serial_number holder by_id"
-
-
-def _print_event(change: AdapterEvent, *, json: bool) -> None:
-    adapter = change.adapter
-    if json:
-        print_json("ports-event", event=change.event, port=json_values(adapter, _FIELDS))
-    else:
-        named = f"  {adapter.by_id}" if adapter.by_id else ""
-        print_lines([f"{change.event:9}  {adapter.device}  {adapter.chip}{named}"])

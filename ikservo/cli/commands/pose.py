@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import Annotated
 
 import typer
@@ -72,34 +71,25 @@ def _list_poses(connection: ArmConnection, *, json: bool) -> None:
             model.name: PoseLibrary(model, remembered_serial_number(model.name))
             for model in map(load_model, arm_names())
         }
-        _print_all_poses(libraries, json=json)
+        if json:
+            found = [
+                {"name": name, "poses": library.all_poses(), "taught": sorted(library.user_poses())}
+                for name, library in libraries.items()
+            ]
+            print_json("poses-of-arms", arms=found)
+        else:
+            rows = [[name, ", ".join(library.all_poses())] for name, library in libraries.items()]
+            print_table(["arm", "poses"], rows)
     elif find_network(connection.port):
         with open_from_options(connection) as machine:
             _print_poses(machine.poses, json=json)
     else:
-        _print_poses(_pose_library(connection), json=json)
-
-
-def _print_all_poses(libraries: Mapping[str, PoseLibrary], *, json: bool) -> None:
-    if json:
-        found = [
-            {"name": name, "poses": library.all_poses(), "taught": sorted(library.user_poses())}
-            for name, library in libraries.items()
-        ]
-        print_json("poses-of-arms", arms=found)
-        return
-    rows = [[name, ", ".join(library.all_poses())] for name, library in libraries.items()]
-    print_table(["arm", "poses"], rows)
-
-
-def _pose_library(connection: ArmConnection) -> PoseLibrary:
-    """Return the poses of an arm; without a port the poses taught on its most recent adapter."""
-    model = model_from_option(connection.arm)
-    try:
-        serial_number = serial_number_of(resolve_port(model, connection.port))
-    except NoPortError:
-        serial_number = remembered_serial_number(model.name)
-    return PoseLibrary(model, serial_number)
+        model = model_from_option(connection.arm)
+        try:
+            serial_number = serial_number_of(resolve_port(model, connection.port))
+        except NoPortError:  # the poses taught on its most recent adapter are listed
+            serial_number = remembered_serial_number(model.name)
+        _print_poses(PoseLibrary(model, serial_number), json=json)
 
 
 def _print_poses(poses: PoseLibrary, *, json: bool) -> None:

@@ -36,28 +36,23 @@ def command(
     """
     model = model_from_option(connection.arm)
     with open_bus(model, connection.port) as bus:
-        if reboot and not yes:
-            _confirm_recovery(bus.port.name)
+        if reboot and not yes and not bus.port.name.startswith("sim:"):
+            if not sys.stdin.isatty():
+                raise InputError(
+                    "Cannot ask: input is not a terminal.",
+                    "To restart servos without being asked, add --yes.",
+                )
+            if not confirm("Torque goes off while servos restart. Is the arm supported?"):
+                raise IkservoError(
+                    "Cancelled; nothing was restarted.",
+                    "To go on without being asked, add --yes.",
+                )
         done = recover(bus, reboot=reboot)
     _print_recoveries(done, json=json)
     if any(one.torque is None for one in done):
         raise typer.Exit(ExitCode.SILENT)
     if not all(one.healthy for one in done):
         raise typer.Exit(ExitCode.ALARM)
-
-
-def _confirm_recovery(port: str) -> None:
-    if port.startswith("sim:"):
-        return
-    if not sys.stdin.isatty():
-        raise InputError(
-            "Cannot ask: input is not a terminal.",
-            "To restart servos without being asked, add --yes.",
-        )
-    if not confirm("Torque goes off while servos restart. Is the arm supported?"):
-        raise IkservoError(
-            "Cancelled; nothing was restarted.", "To go on without being asked, add --yes."
-        )
 
 
 _FIELDS: Fields[RecoveryResult] = (

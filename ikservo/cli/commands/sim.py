@@ -25,7 +25,7 @@ SimArguments = Annotated[list[str] | None, typer.Argument(metavar="[ARM] [OPTION
 
 
 def command(arguments: SimArguments = None) -> None:
-    """Serve a simulated arm on a pseudo-terminal; prints the port and runs until stopped.
+    """Serve a simulated arm on a pseudo-terminal: print the port, and run until stopped.
 
     ikservo sim so101
 
@@ -35,15 +35,12 @@ def command(arguments: SimArguments = None) -> None:
     if not args[0].startswith("-"):
         model = load_model(args[0])
         args = [str(model.path.resolve()), *_with_identified(model.name, args[1:])]
-    raise typer.Exit(_served(_load_server(), args))
-
-
-def _served(serve: Callable[[list[str]], int], args: list[str]) -> int:
-    """Return the exit code of the simulator, which also exits after printing its help."""
+    serve = _load_server()
     try:
-        return serve(args)
-    except SystemExit as end:
-        return end.code if isinstance(end.code, int) else 0
+        code = serve(args)
+    except SystemExit as end:  # the simulator has printed its help
+        code = end.code if isinstance(end.code, int) else 0
+    raise typer.Exit(code)
 
 
 def _with_identified(name: str, args: list[str]) -> list[str]:

@@ -21,8 +21,11 @@ from ikservo.cli.quantities import parse_axis, parse_force_n
 from ikservo.cli.solve_reports import (
     all_solutions,
     ask_about_millimetres,
+    compare_methods,
+    print_comparison,
     print_result,
     print_solutions,
+    print_traces,
 )
 from ikservo.cli.terminal import print_status
 from ikservo.errors import ExitCode, InputError
@@ -101,8 +104,8 @@ def command(
 
     ikservo solve 0.25 0.05 0.15 --arm so101 --compare --plot methods.svg
     """
-    _check_options(method, plot, everything=everything, comparison=comparison, trace=trace)
-    force_n = _force_n(force, single=not (everything or comparison or trace))
+    _check_options(method, plot, force, everything=everything, comparison=comparison, trace=trace)
+    force_n = None if force is None else np.array([parse_force_n(part) for part in force])
     posed = tool.keep or {tool.pitch_rad, tool.roll_rad, tool.within_rad} != {None}
     if posed and (everything or comparison or trace or tool_axis or method != "auto"):
         raise InputError(
@@ -120,42 +123,46 @@ def command(
     orientation = tool.orientation() if posed else None
     model = calibrated_model_from_option(arm, tip)
     posture = preferred.posture(model, model.chain)
-    target, start = (
-        _make_target((x, y, z), model, tool.direction, tool_axis),
-        model.initial_joints(),
-    )
+    # A direction applies to the tool's axis, unless another axis is given.
+    axis = tool_frame(model).approach_axis if tool_axis is None else parse_axis(tool_axis)
+    direction = None if tool.direction is None else parse_axis(tool.direction)
+    target, start = Target((x, y, z), direction=direction, tool_axis=axis), model.initial_joints()
     if everything:
         results = _print_all(model, target, start, json=json)
     elif comparison:
         results = _print_comparison(model, target, start, trace=trace, json=json)
     else:
         keep_trace = trace or plot is not None
-        result = (
-            _solve_with_orientation(model, target, orientation, start)
-            if orientation
-            else solve(
-                model.chain,
-                target,
-                start,
-                method,
-                trace=keep_trace,
-                posture=posture,
-                nearest=nearest,
-            )
-        )
+        if orientation:
+            result = _solve_with_orientation(model, target, orientation, start)
+        else:
+            result = solve(model.chain, target, start, method, trace=keep_trace, posture=posture,
+                           nearest=nearest)  # fmt: skip
         results = [(result.method, result)]
         if posture is not None:
             report_missing_freedom(model.chain, result.q, directed=tool.direction is not None)
-        _print_one(model, target, result, force_n, trace=trace, json=json)
+        if trace:
+            print_traces(model.chain, target, results)
+        else:
+            print_result(model, target, result, force_n=force_n, json=json)
     if plot is not None:
-        _plot_results(plot, model, target, start, results)
+        from ikservo.cli.plots import plot_solution  # noqa: PLC0415  # rarely used
+
+        plot_solution(plot, model, target, start, results)
+        print_status(f"Picture: {plot}")
     if not any(result.reached for _, result in results):
         ask_about_millimetres(model.chain, (x, y, z), "solve {}")
         raise typer.Exit(ExitCode.UNREACHABLE)
 
 
 def _check_options(
-    method: str, plot: Path | None, *, everything: bool, comparison: bool, trace: bool
+    method: str,
+    plot: Path | None,
+    force: tuple[str, str, str] | None,
+    *,
+    everything: bool,
+    comparison: bool,
+    trace: bool,
 ) -> None:
     """Check for contradictory options and an unusable plot file, before any work is done."""
     if everything and (comparison or trace):
@@ -167,27 +174,11 @@ def _check_options(
         from ikservo.cli.plots import check_plot_file  # noqa: PLC0415  # rarely used, loads matplotlib
 
         check_plot_file(plot)
-
-
-def _force_n(force: tuple[str, str, str] | None, *, single: bool) -> Vector | None:
-    """Return the force (3,); it is allowed for a single solution only."""
-    if force is None:
-        return None
-    if not single:
+    if force is not None and (everything or comparison or trace):
         raise InputError(
             "--force shows the torques of one solution.",
             "Give it without --all, --compare and --trace.",
         )
-    return np.array([parse_force_n(part) for part in force])
-
-
-def _make_target(
-    position_m: tuple[float, float, float], model: Model, direction: str | None, axis: str | None
-) -> Target:
-    """Make the target; its direction applies to the tool's axis unless another is given."""
-    tool_axis = tool_frame(model).approach_axis if axis is None else parse_axis(axis)
-    direction_vector = None if direction is None else parse_axis(direction)
-    return Target(position_m, direction=direction_vector, tool_axis=tool_axis)
 
 
 def _solve_with_orientation(
@@ -217,8 +208,6 @@ def _print_all(
 def _print_comparison(
     model: Model, target: Target, start: Vector, *, trace: bool, json: bool
 ) -> list[tuple[str, Result]]:
-    from ikservo.cli.solve_reports import compare_methods, print_comparison, print_traces  # noqa: PLC0415
-
     entries = compare_methods(model.chain, target, start)
     results = [(e.method, e.result) for e in entries if e.method == e.result.method]
     if trace:
@@ -226,29 +215,3 @@ def _print_comparison(
     else:
         print_comparison(model, entries, target, json=json)
     return results
-
-
-def _print_one(
-    model: Model,
-    target: Target,
-    result: Result,
-    force_n: Vector | None,
-    *,
-    trace: bool,
-    json: bool,
-) -> None:
-    if trace:
-        from ikservo.cli.solve_reports import print_traces  # noqa: PLC0415
-
-        print_traces(model.chain, target, [(result.method, result)])
-    else:
-        print_result(model, target, result, force_n=force_n, json=json)
-
-
-def _plot_results(
-    file: Path, model: Model, target: Target, start: Vector, results: list[tuple[str, Result]]
-) -> None:
-    from ikservo.cli.plots import plot_solution  # noqa: PLC0415  # matplotlib takes a second
-
-    plot_solution(file, model, target, start, results)
-    print_status(f"Picture: {file}")

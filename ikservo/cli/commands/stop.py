@@ -11,7 +11,7 @@ from ikservo.arm.other_process import stop_arm
 from ikservo.cli.model_options import model_from_option
 from ikservo.cli.options import ArmConnection, JsonOption
 from ikservo.cli.quick_stop import report_stop, stop_every_arm
-from ikservo.serving.control_client import StopAllResult, StopResult
+from ikservo.serving.control_client import StopAllResult
 
 All = Annotated[
     bool, typer.Option("--all", help="Stop every arm of your programs and of IKSERVO_FLEET.")
@@ -33,14 +33,14 @@ def command(
 
     ikservo stop
     """
-    one = not every and bool(connection.arm or connection.port)
-    found = StopAllResult((_stop_one(connection),)) if one else stop_every_arm()
+    if every or not (connection.arm or connection.port):
+        found = stop_every_arm()
+    else:
+        network_address = find_network(connection.port)
+        if network_address is None:
+            one = stop_arm(model_from_option(connection.arm), connection.port)
+        else:
+            network, address = network_address  # the program at the address knows its arm
+            one = network.stop_arm(address)
+        found = StopAllResult((one,))
     raise typer.Exit(report_stop(found, as_json=json))
-
-
-def _stop_one(connection: ArmConnection) -> StopResult:
-    """Stop one arm; the program at an address knows its arm."""
-    network_address = find_network(connection.port)
-    if network_address is not None:
-        return network_address[0].stop_arm(network_address[1])
-    return stop_arm(model_from_option(connection.arm), connection.port)

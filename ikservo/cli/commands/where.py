@@ -87,7 +87,9 @@ def command(
     if here is None:
         with open_from_options(connection, MotionOptions(uncalibrated=uncalibrated)) as machine:
             here = machine.where()
-    links = () if eye_m is None else _find_visible_links(model, here, eye_m)
+    links: tuple[Any, ...] = ()  # each a `LinkVisibility` of the page
+    if eye_m is not None:
+        links = find_part("where --visible-from")(model, here.positions, eye_m)
     if json:
         more = posture_fields(model.chain, _chain_joints(here, model))
         more |= {} if eye_m is None else {"visible_from": _visibility_fields(eye_m, links)}
@@ -95,14 +97,12 @@ def command(
         return
     _print_arm_state(here, model)
     if eye_m is not None:
-        _print_visibility(eye_m, links)
-
-
-def _find_visible_links(
-    model: Model, here: ArmState, eye_m: tuple[float, float, float]
-) -> tuple[Any, ...]:
-    visible_from = find_part("where --visible-from")
-    return visible_from(model, here.positions, eye_m)
+        print_lines(["", f"seen from {format_point(eye_m)}"])
+        rows: list[list[str]] = []
+        for link in links:
+            visible = f"{link.visible_fraction:.0%}" if link.is_visible else "hidden"
+            rows.append([link.link, visible, ", ".join(link.hidden_by)])
+        print_table(["link", "visible", "hidden by"], rows)
 
 
 def _visibility_fields(
@@ -119,50 +119,36 @@ def _visibility_fields(
     return {"eye_m": eye_m, "links": listed}
 
 
-def _print_visibility(eye_m: tuple[float, float, float], links: Sequence[Any]) -> None:
-    print_lines(["", f"seen from {format_point(eye_m)}"])
-    print_table(["link", "visible", "hidden by"], [_visibility_row(each) for each in links])
-
-
-def _visibility_row(link: Any) -> list[str]:  # noqa: ANN401  # a `LinkVisibility` of the page
-    visible = f"{link.visible_fraction:.0%}" if link.is_visible else "hidden"
-    return [link.link, visible, ", ".join(link.hidden_by)]
-
-
 def _print_arm_state(here: ArmState, model: Model) -> None:
     posture = posture_lines(model.chain, _chain_joints(here, model))
     print_lines([f"tip {format_point(here.tip_m)}", *posture, ""])
-    columns = ["joint", "position", "lower", "upper", "°C", "V", "load", "torque"]
-    print_table(columns, [_format_joint_row(state, model) for state in here.joints])
-    alarms = [f"alarm: {names}: {text}" for names, text in describe_alarms(here.joints)]
-    print_lines(["", *_limit_lines(here), *alarms], indent=4)
-
-
-def _limit_lines(here: ArmState) -> list[str]:
-    """Return the sources of the limits: each with its joints, or one source for all."""
+    rows: list[list[str]] = []
     sources: dict[str, list[str]] = {}
     for state in here.joints:
+        positions = (state.position_rad, state.lower_rad, state.upper_rad)
+        rows.append(
+            [
+                state.name,
+                *map(model.joint(state.name).joint_map.format, positions),
+                f"{state.temperature_c:.0f}",
+                f"{state.voltage_v:.1f}",
+                "" if state.load_percent is None else f"{state.load_percent:z.0f} %",
+                "on" if state.torque else "off",
+            ]
+        )
         sources.setdefault(format_source(state.limit_from), []).append(state.name)
+    columns = ["joint", "position", "lower", "upper", "°C", "V", "load", "torque"]
+    print_table(columns, rows)
+    limits = [f"limits: {source} ({', '.join(joints)})" for source, joints in sources.items()]
     if len(sources) == 1:
-        return [f"limits: {next(iter(sources))}"]
-    return [f"limits: {source} ({', '.join(joints)})" for source, joints in sources.items()]
+        limits = [f"limits: {next(iter(sources))}"]
+    alarms = [f"alarm: {names}: {text}" for names, text in describe_alarms(here.joints)]
+    print_lines(["", *limits, *alarms], indent=4)
 
 
 def _chain_joints(here: ArmState, model: Model) -> Vector:
     """Return the measured joints (dof,) of the chain, without the gripper."""
     return np.array([here[name].position_rad for name in model.chain.names])
-
-
-def _format_joint_row(state: JointState, model: Model) -> list[str]:
-    format_value = model.joint(state.name).joint_map.format
-    return [
-        state.name,
-        *(format_value(value) for value in (state.position_rad, state.lower_rad, state.upper_rad)),
-        f"{state.temperature_c:.0f}",
-        f"{state.voltage_v:.1f}",
-        "" if state.load_percent is None else f"{state.load_percent:z.0f} %",
-        "on" if state.torque else "off",
-    ]
 
 
 # Widths in characters: of the bar between the limits, and of the other columns.
@@ -192,7 +178,10 @@ def watch_arm(
         json: Whether to print lines of JSON.
         clock: Measures the period; None uses the computer's clock, for simulated arms too.
     """
-    with _state_reader(model, port, uncalibrated=uncalibrated) as read_state, _suppressed_output():
+    with (
+        _state_reader(model, port, uncalibrated=uncalibrated) as read_state,
+        contextlib.suppress(KeyboardInterrupt),  # Ctrl-C is the way to end it
+    ):
         states = _poll_states(read_state, period_s, count, clock or RealClock())
         if json:
             for here in states:
@@ -228,12 +217,6 @@ def _read_from_owner(model: Model, port: str | None) -> ArmState:
     return here
 
 
-@contextmanager
-def _suppressed_output() -> Generator[None]:
-    with contextlib.suppress(KeyboardInterrupt):  # Ctrl-C is the way to end it
-        yield
-
-
 def _poll_states(
     read_state: ReadState, period_s: float, count: int | None, clock: Clock
 ) -> Iterator[ArmState]:
@@ -252,25 +235,22 @@ def _render_screen(here: ArmState, model: Model, width: int) -> Group:
         table.add_column(column, justify="right" if numeric else "left", no_wrap=True)
     length = min(max(width - _OTHER_COLUMNS_CHARS, _MIN_BAR_CHARS), _MAX_BAR_CHARS)
     for state in here.joints:
-        row = _watch_row(state, model, length)
-        table.add_row(*row, *([Text(", ".join(state.alarms), "red")] if alarms else []))
+        joint_map = model.joint(state.name).joint_map
+        format_value, colour = joint_map.format, limit_colour(state, joint_map.unit)
+        bar = position_bar(state.position_rad, state.lower_rad, state.upper_rad, length)
+        table.add_row(
+            state.name,
+            Text(format_value(state.position_rad), colour),
+            format_value(state.lower_rad),
+            Text(bar, colour),
+            format_value(state.upper_rad),
+            Text(f"{state.temperature_c:.0f}", heat_colour(state.temperature_c, model.health)),
+            f"{state.voltage_v:.1f}",
+            "" if state.load_percent is None else f"{state.load_percent:z.0f} %",
+            "on" if state.torque else "off",
+            *([Text(", ".join(state.alarms), "red")] if alarms else []),
+        )
     return Group(f"tip {format_point(here.tip_m)}", "", table)
-
-
-def _watch_row(state: JointState, model: Model, length: int) -> list[Text | str]:
-    joint_map = model.joint(state.name).joint_map
-    format_value, colour = joint_map.format, limit_colour(state, joint_map.unit)
-    return [
-        state.name,
-        Text(format_value(state.position_rad), colour),
-        format_value(state.lower_rad),
-        Text(position_bar(state.position_rad, state.lower_rad, state.upper_rad, length), colour),
-        format_value(state.upper_rad),
-        Text(f"{state.temperature_c:.0f}", heat_colour(state.temperature_c, model.health)),
-        f"{state.voltage_v:.1f}",
-        "" if state.load_percent is None else f"{state.load_percent:z.0f} %",
-        "on" if state.torque else "off",
-    ]
 
 
 def heat_colour(temperature_c: float, limits: HealthLimits) -> str:

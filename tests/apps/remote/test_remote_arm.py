@@ -112,7 +112,7 @@ def test_server_keeps_only_32_latest_plans(served):
         for _ in range(40):
             arm.plan_joints({"gripper": 0.2})
         assert len(served.server._plans) == 32
-        with pytest.raises(RefusedError, match="no longer kept"):
+        with pytest.raises(RefusedError, match="no longer keeps"):
             arm.execute(first)
 
 

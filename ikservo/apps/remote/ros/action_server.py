@@ -129,23 +129,23 @@ class ActionServer:
     def _answer_goal(self, request: Any, respond: Respond) -> None:  # noqa: ANN401
         goal = ActionGoal(request.goal_id.uuid.tobytes(), time.time_ns())
         with self._lock:
-            known = goal.id in self._goals
-            if not known:
+            refused = goal.id in self._goals
+            if not refused:
                 self._goals[goal.id] = goal
-                self._forget_old()
-        refused = known or self._is_refused(goal, request.goal)
+                ended = [each.id for each in self._goals.values() if each.status.is_final]
+                for old in ended[:-_MAX_ENDED]:
+                    del self._goals[old]
+        if not refused:
+            refusal = self._executor.start(goal, request.goal)
+            refused = refusal is not None
+            if refused:
+                goal.accepted = False
+                self.finish(goal, GoalStatus.ABORTED, refusal)
+            else:
+                with self._lock:
+                    self._say_status()
         stamp = time_message(goal.time_ns)
         respond(make(f"{self._kind}_SendGoal_Response", accepted=not refused, stamp=stamp))
-
-    def _is_refused(self, goal: ActionGoal, message: Any) -> bool:  # noqa: ANN401
-        refusal = self._executor.start(goal, message)
-        if refusal is not None:
-            goal.accepted = False
-            self.finish(goal, GoalStatus.ABORTED, refusal)
-            return True
-        with self._lock:
-            self._say_status()
-        return False
 
     def _answer_result(self, request: Any, respond: Respond) -> None:  # noqa: ANN401
         with self._lock:
@@ -162,9 +162,15 @@ class ActionServer:
 
     def _answer_cancel(self, request: Any, respond: Respond) -> None:  # noqa: ANN401
         stamp = request.goal_info.stamp
-        wanted, until_ns = request.goal_info.goal_id.uuid.tobytes(), _nanoseconds(stamp)
+        wanted = request.goal_info.goal_id.uuid.tobytes()
+        until_ns = int(stamp.sec) * _NS + int(stamp.nanosec)
+        every = wanted == _ANY_GOAL and until_ns == 0
         with self._lock:
-            chosen = [goal for goal in self._goals.values() if _is_meant(goal, wanted, until_ns)]
+            chosen = [
+                goal
+                for goal in self._goals.values()
+                if every or goal.id == wanted or 0 < goal.time_ns <= until_ns
+            ]
             running = [goal for goal in chosen if not goal.status.is_final]
             for goal in running:
                 goal.status = GoalStatus.CANCELING
@@ -177,11 +183,6 @@ class ActionServer:
         rows = [_info(goal) for goal in running]
         respond(make(f"{CANCEL_GOAL}_Response", return_code=int(code), goals_canceling=rows))
 
-    def _forget_old(self) -> None:
-        ended = [goal.id for goal in self._goals.values() if goal.status.is_final]
-        for old in ended[:-_MAX_ENDED]:
-            del self._goals[old]
-
     def _say_status(self) -> None:
         rows = [
             make("action_msgs/msg/GoalStatus", goal_info=_info(goal), status=int(goal.status))
@@ -190,13 +191,6 @@ class ActionServer:
         ]
         data = encode(_STATUS, make(_STATUS, status_list=rows))
         self._publish_status(RosMessage(self._status_topic, time.time_ns(), data))
-
-
-def _is_meant(goal: ActionGoal, wanted: bytes, until_ns: int) -> bool:
-    """Check whether a cancel request selects a goal: by id, by time, or all goals."""
-    if wanted == _ANY_GOAL and until_ns == 0:
-        return True
-    return goal.id == wanted or 0 < goal.time_ns <= until_ns
 
 
 def _uuid(number: bytes) -> Any:  # noqa: ANN401
@@ -211,7 +205,3 @@ def _info(goal: ActionGoal) -> Any:  # noqa: ANN401
 def time_message(time_ns: int) -> Any:  # noqa: ANN401
     """Return a time, nanoseconds since 1970, as a message."""
     return make("builtin_interfaces/msg/Time", sec=time_ns // _NS, nanosec=time_ns % _NS)
-
-
-def _nanoseconds(stamp: Any) -> int:  # noqa: ANN401
-    return int(stamp.sec) * _NS + int(stamp.nanosec)

@@ -24,7 +24,6 @@ from ikservo.apps.remote.ros.trajectory_action import TrajectoryAction
 from ikservo.apps.remote.ros.wire import NodeName
 from ikservo.arm import ArmState, JointState, OpenArm, StopKind, StopReason
 from ikservo.errors import BadValueError, IkservoError, RefusedError, shown
-from ikservo.kinematics.arrays import Matrix
 from ikservo.model.model_loading import description_text
 from ikservo.planning.reports import describe_torque
 from ikservo.ros_messages.arm_messages import (
@@ -91,7 +90,17 @@ class RosBridge:
     def __enter__(self) -> RosBridge:
         """Join the graph."""
         with ExitStack() as stack:
-            self._declare(stack)
+            node = RosNode(self._session, self._name, stack, self._warn, self._requested)
+            self._publishers = {topic: node.publisher(topic).publish for topic in OUTPUTS}
+            urdf = description_text(self._arm.model)
+            self._publish(self._messages.description(time.time_ns(), urdf))
+            takers = (self._take_trajectory, self._take_twist, self._take_pose)
+            for topic, take in zip(INPUTS, takers, strict=True):
+                node.subscribe(topic, take)
+            actions = (self._stop, self._hold, self._acknowledge)
+            for name, action in zip(SERVICES, actions, strict=True):
+                node.serve_trigger(name, action, always=action == self._stop)
+            TrajectoryAction(node, self._arm, self._driver, self._parse_trajectory)
             for run in (self._publish_states, self._watch_router):
                 thread = threading.Thread(
                     target=run, name=f"ikservo-ros-{run.__name__}", daemon=True
@@ -106,19 +115,6 @@ class RosBridge:
     def __exit__(self, *_: object) -> None:
         """Leave the graph; a running motion is braked, and the arm holds."""
         self._stack.close()
-
-    def _declare(self, stack: ExitStack) -> None:
-        node = RosNode(self._session, self._name, stack, self._warn, self._requested)
-        self._publishers = {topic: node.publisher(topic).publish for topic in OUTPUTS}
-        urdf = description_text(self._arm.model)
-        self._publish(self._messages.description(time.time_ns(), urdf))
-        takers = (self._take_trajectory, self._take_twist, self._take_pose)
-        for topic, take in zip(INPUTS, takers, strict=True):
-            node.subscribe(topic, take)
-        actions = (self._stop, self._hold, self._acknowledge)
-        for name, action in zip(SERVICES, actions, strict=True):
-            node.serve_trigger(name, action, always=action == self._stop)
-        TrajectoryAction(node, self._arm, self._driver, self._parse_trajectory)
 
     # what comes in
 
@@ -153,7 +149,11 @@ class RosBridge:
         of_tool = self._is_of_tool(message.header.frame_id)
         now_s, goal = time.monotonic(), self._driver.goal
         is_new = not isinstance(goal, TwistGoal)
-        goal = goal if isinstance(goal, TwistGoal) else TwistGoal(self._tip_pose(), now_s)
+        if not isinstance(goal, TwistGoal):
+            state, index = self._arm.where(), self._arm.joint_index
+            goals = [joint.goal_rad for joint in state.joints]
+            known = state.positions_rad if None in goals else np.array(goals, dtype=np.float64)
+            goal = TwistGoal(self._arm.chain.forward(index.chain_joints(known)), now_s)
         linear, angular = (
             np.array([vector.x, vector.y, vector.z])
             for vector in (message.twist.linear, message.twist.angular)
@@ -178,13 +178,6 @@ class RosBridge:
         if frame not in ("", chain.base, chain.tip):
             raise BadValueError("The frame", shown(frame), f"{chain.base} or {chain.tip}")
         return frame == chain.tip
-
-    def _tip_pose(self) -> Matrix:
-        """Compute T_base_tip (4, 4) from the servos' goals, or else as measured."""
-        state, index = self._arm.where(), self._arm.joint_index
-        goals = [joint.goal_rad for joint in state.joints]
-        known = state.positions_rad if None in goals else np.array(goals, dtype=np.float64)
-        return self._arm.chain.forward(index.chain_joints(known))
 
     def _move(self, goal: MotionGoal) -> None:
         self._check_not_stopped()
@@ -219,16 +212,16 @@ class RosBridge:
     def _watch_router(self) -> None:
         """Stop a motion if the router is lost, because nobody could stop it then."""
         while not self._closing.wait(_ROUTER_PERIOD_S):
-            if self._driver.is_moving and not self._has_router():
+            if not self._driver.is_moving:
+                continue
+            try:
+                has_router = bool(self._session.info.routers_zid())
+            except Exception:  # raised if the session is closed
+                has_router = False
+            if not has_router:
                 text = "The connection to the Zenoh router was lost; the arm holds its position."
                 self._request_stop(text)
                 self._warn(text)
-
-    def _has_router(self) -> bool:
-        try:
-            return bool(self._session.info.routers_zid())
-        except Exception:  # raised if the session is closed
-            return False
 
     def _warn(self, text: str) -> None:
         self._warning = text
@@ -245,10 +238,19 @@ class RosBridge:
             now_s, state = time.monotonic(), self._measure()
             with suppress(Exception):  # raised while the session is being closed
                 if state is not None:
-                    self._publish_state(state)
+                    now_ns, positions, self._joints = time.time_ns(), state.positions, state.joints
+                    self._publish(self._messages.joint_states(now_ns, positions))
+                    self._publish(self._messages.transforms(now_ns, positions))
                 if now_s >= health_s:
                     health_s = now_s + _DIAGNOSTICS_PERIOD_S
-                    self._publish_health(state)
+                    joints = () if state is None else state.joints
+                    reason = self._arm.stop_reason
+                    stopped_for = "" if reason is None else reason.text
+                    self._publish(
+                        self._messages.diagnostics(
+                            time.time_ns(), joints, stopped_for, self._warning
+                        )
+                    )
             due_s = max(due_s + 1.0 / self._rate_hz, time.monotonic())
             self._closing.wait(due_s - time.monotonic())
 
@@ -260,17 +262,3 @@ class RosBridge:
         except Exception as error:  # this thread must not end
             self._warning = f"The arm cannot be read: {type(error).__name__}: {error}"
         return None
-
-    def _publish_state(self, state: ArmState) -> None:
-        now_ns, positions, self._joints = time.time_ns(), state.positions, state.joints
-        self._publish(self._messages.joint_states(now_ns, positions))
-        self._publish(self._messages.transforms(now_ns, positions))
-
-    def _publish_health(self, state: ArmState | None) -> None:
-        joints = () if state is None else state.joints
-        reason = self._arm.stop_reason
-        self._publish(
-            self._messages.diagnostics(
-                time.time_ns(), joints, "" if reason is None else reason.text, self._warning
-            )
-        )

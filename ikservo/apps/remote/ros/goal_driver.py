@@ -136,21 +136,19 @@ class GoalDriver:
                 requested = self._arm.background.requested(task.stop_count)
                 with requested, self._arm.stream(speed=self._speed) as stream:
                     self._follow(stream)
-                why = _reason_of(stream)
+                why = stream.reason
+                if not why and stream.unreached:
+                    why = "The goal is out of reach; the arm went as near as it could."
             except Exception as error:  # this thread must go on, because it drives the arm
                 failed, why = True, _text_of(error)
                 self._replace(None)
             if why:
                 self._warn(why)
-            self._rest(why, failed=failed)
-
-    def _rest(self, why: str, *, failed: bool) -> None:
-        """Report ended goals; the arm is at rest."""
-        with self._changed:
-            ending, self._ending, self._busy = self._ending, [], False
-            self._changed.notify_all()
-        for task in ending:
-            self._report(task, GoalEnd.FAILED if failed else task.end, why)
+            with self._changed:  # the arm is at rest
+                ending, self._ending, self._busy = self._ending, [], False
+                self._changed.notify_all()
+            for ended in ending:
+                self._report(ended, GoalEnd.FAILED if failed else ended.end, why)
 
     def _report(self, task: _Task, end: GoalEnd, why: str = "") -> None:
         try:
@@ -174,7 +172,10 @@ class GoalDriver:
         due_s = began_s = time.monotonic()
         while (task := self._take()) is not None:
             goal, now_s, state = task.goal, time.monotonic(), self._arm.where()
-            if not _is_running(stream, now_s - began_s):
+            # There is no progress before the control loop runs, while torque is switched on, and
+            # never from an arm on another machine.
+            progress: object = getattr(stream, "progress", stream)
+            if progress is None and now_s - began_s <= _START_S:
                 goal.delay(now_s)
             if not task.observe(now_s, state.positions):
                 self._finish(task, GoalEnd.ENDED)
@@ -207,26 +208,10 @@ class GoalDriver:
                 self._replace(None)
 
 
-def _reason_of(stream: GoalStream) -> str:
-    if stream.reason:
-        return stream.reason
-    if stream.unreached:
-        return "The goal is out of reach; the arm went as near as it could."
-    return ""
-
-
 def _text_of(error: Exception) -> str:
     if isinstance(error, IkservoError):
         return error.message
     return f"The motion has failed: {type(error).__name__}: {error}"
-
-
-def _is_running(stream: GoalStream, elapsed_s: float) -> bool:
-    """Check whether the control loop runs; torque is switched on before it starts."""
-    if elapsed_s > _START_S:
-        return True
-    progress: object = getattr(stream, "progress", stream)  # unknown for an arm on another machine
-    return progress is not None
 
 
 class _Arrival:

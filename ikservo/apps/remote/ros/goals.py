@@ -146,7 +146,10 @@ def trajectory_goal(
             "The trajectory", f"{len(points)} points long", f"at most {_MAX_POINTS}"
         )
     times_s = np.array([p.time_from_start.sec + 1e-9 * p.time_from_start.nanosec for p in points])
-    _check_times(times_s)
+    if times_s[0] < 0.0 or not (np.diff(times_s) > 0.0).all() or times_s[-1] > _MAX_DURATION_S:
+        raise BadValueError(
+            "time_from_start", "not growing", f"growing from 0, at most {_MAX_DURATION_S:.0f} s"
+        )
     positions = _rows(points, "positions", len(names))
     has_velocities = all(len(point.velocities) for point in points)
     velocities = _rows(points, "velocities", len(names)) if has_velocities else None
@@ -159,13 +162,6 @@ def trajectory_goal(
         times_s, positions = np.array([0.0, 1e-3]), np.vstack([positions, positions])
         velocities = None
     return TrajectoryGoal(names, times_s, positions, velocities, now_s)
-
-
-def _check_times(times_s: Vector) -> None:
-    if times_s[0] < 0.0 or not (np.diff(times_s) > 0.0).all() or times_s[-1] > _MAX_DURATION_S:
-        raise BadValueError(
-            "time_from_start", "not growing", f"growing from 0, at most {_MAX_DURATION_S:.0f} s"
-        )
 
 
 def _rows(points: Sequence[Any], field: str, n: int) -> Matrix:

@@ -111,7 +111,10 @@ class TrajectoryAction:
         trajectory = message.trajectory
         names = tuple(trajectory.joint_names)
         _check_joints(names, message, self._arm.joint_names)
-        _check_stamp(trajectory.header.stamp)
+        try:
+            check_age(trajectory.header.stamp, time.time())
+        except RefusedError as error:
+            raise _OldError(error.command_message, error.command_hint) from None
         if not trajectory.points:
             raise InputError("The trajectory has no points.", "Nothing moved.")
         units = {joint.name: joint.joint_map.unit for joint in self._arm.model.joints}
@@ -119,7 +122,8 @@ class TrajectoryAction:
                  for name in names}  # fmt: skip
         at_end = _tolerances(message.goal_tolerance, usual)
         on_path = _tolerances(message.path_tolerance, dict.fromkeys(names, math.inf))
-        timeout_s = _seconds(message.goal_time_tolerance)
+        tolerance = message.goal_time_tolerance
+        timeout_s = float(tolerance.sec) + 1e-9 * float(tolerance.nanosec)
         return _Watch(self, goal, self._arm, self._parse(trajectory), on_path, at_end, timeout_s)
 
 
@@ -149,13 +153,6 @@ def _check_joints(names: Sequence[str], message: Any, known: Sequence[str]) -> N
             f"The joints of the goal cannot be used: {found}.",
             f"Expected each once: {', '.join(known)}.",
         )
-
-
-def _check_stamp(stamp: Any) -> None:  # noqa: ANN401
-    try:
-        check_age(stamp, time.time())
-    except RefusedError as error:
-        raise _OldError(error.command_message, error.command_hint) from None
 
 
 def _tolerances(rows: Sequence[Any], usual: Mapping[str, float]) -> dict[str, float]:
@@ -255,7 +252,13 @@ def _result(code: ErrorCode, text: str) -> Any:  # noqa: ANN401
 def _feedback(desired: Mapping[str, float], positions: Mapping[str, float]) -> Any:  # noqa: ANN401
     goal = np.array(list(desired.values()))
     actual = np.array([positions[name] for name in desired])
-    nowhere = {f"multi_dof_{part}": _no_point() for part in ("desired", "actual", "error")}
+    nowhere = {
+        f"multi_dof_{part}": make(
+            "trajectory_msgs/msg/MultiDOFJointTrajectoryPoint", transforms=[], velocities=[],
+            accelerations=[], time_from_start=_no_time(),
+        )
+        for part in ("desired", "actual", "error")
+    }  # fmt: skip
     header = make("std_msgs/msg/Header", stamp=time_message(time.time_ns()), frame_id="")
     return make(
         f"{FOLLOW}_Feedback", header=header, joint_names=list(desired), desired=_point(goal),
@@ -271,16 +274,5 @@ def _point(positions: Any) -> Any:  # noqa: ANN401
     )  # fmt: skip
 
 
-def _no_point() -> Any:  # noqa: ANN401
-    return make(
-        "trajectory_msgs/msg/MultiDOFJointTrajectoryPoint", transforms=[], velocities=[],
-        accelerations=[], time_from_start=_no_time(),
-    )  # fmt: skip
-
-
 def _no_time() -> Any:  # noqa: ANN401
     return make("builtin_interfaces/msg/Duration", sec=0, nanosec=0)
-
-
-def _seconds(duration: Any) -> float:  # noqa: ANN401
-    return float(duration.sec) + 1e-9 * float(duration.nanosec)
