@@ -45,7 +45,7 @@ def test_restore_takes_backup_and_keeps_damaged_calibration(path, run_cli):
     assert run_cli(f"where {AT}").code == 0
 
 
-def test_restore_does_not_wait_for_a_pipe_in_place_of_calibration(path, run_cli):
+def test_restore_does_not_wait_for_pipe_in_place_of_calibration(path, run_cli):
     path.unlink()
     os.mkfifo(path)
     done = run_cli(f"calibration restore {NAME} --port {PORT}")
