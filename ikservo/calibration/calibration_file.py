@@ -15,7 +15,7 @@ from ikservo.calibration.paths import calibration_path
 from ikservo.calibration.records import CalibratedJoint, CalibratedServo, Calibration
 from ikservo.calibration.servo_config import calibration_registers
 from ikservo.errors import FileFormatError, InputError
-from ikservo.files.reading import MAX_BYTES, parse_toml, quote, read_text
+from ikservo.files.reading import MAX_BYTES, parse_toml, quote, read_text, require_file
 from ikservo.files.validation import Location, ValidationIssue, first_issue, validation_issues
 from ikservo.files.writing import BACKUP_SUFFIX, strip_checksum, with_checksum, write_atomic
 from ikservo.registers import MODELS, Family
@@ -241,6 +241,7 @@ def restore_calibration(path: Path) -> Calibration:
         try:
             read_calibration(path)
         except FileFormatError:
+            require_file(path)
             damaged = path.read_bytes()[:MAX_BYTES].decode("utf-8", "replace")
             write_atomic(path.with_name(f"{path.name}.damaged"), damaged)
         else:

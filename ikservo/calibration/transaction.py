@@ -16,7 +16,7 @@ from typing import Annotated, Literal
 from pydantic import Field, ValidationError
 
 from ikservo.errors import CalibrationError, FileFormatError, IkservoError
-from ikservo.files.reading import MAX_BYTES, parse_toml, read_text
+from ikservo.files.reading import MAX_BYTES, parse_toml, read_text, require_file
 from ikservo.files.validation import StrictModel, first_issue, validation_issues
 from ikservo.files.writing import (
     FileWriteError,
@@ -137,11 +137,10 @@ def commit(
         CalibrationError: Writing failed and could not be undone; the message says how to continue.
         IkservoError: Writing failed; nothing is changed.
     """
-    old_text = path.read_text("utf-8") if path.exists() else ""
     journal = Journal(
         format=1,
         path=str(path),
-        old_text=old_text,
+        old_text=_text_of(path),
         new_text=text,
         changes=_join_changes(_find_interrupted(bus, journal_path), changes),
         temporary=temporary,
@@ -149,7 +148,7 @@ def commit(
     try:
         write_atomic(journal_path, dump_journal(journal))
         _write_servos(bus, journal)
-    except (IkservoError, KeyboardInterrupt) as error:
+    except (IkservoError, KeyboardInterrupt, SystemExit) as error:  # SIGTERM, too
         _roll_back_after(bus, journal, journal_path, error)
         raise
     if not temporary:
@@ -300,8 +299,17 @@ def _save_file(journal: Journal) -> None:
         return
     if not journal.new_text:
         remove_durably(path)
-    elif not path.exists() or path.read_text("utf-8") != journal.new_text:
+    elif _text_of(path) != journal.new_text:
         write_atomic(path, journal.new_text, keep_old=True)
+
+
+def _text_of(path: Path) -> str:
+    """Return the text of a file, empty if there is none; also that of a damaged one."""
+    if not path.exists():
+        return ""
+    require_file(path)
+    with path.open(encoding="utf-8", errors="replace") as file:
+        return file.read(MAX_BYTES)
 
 
 def _restore_servos(bus: ServoBus, journal: Journal) -> None:
@@ -316,7 +324,7 @@ def _restore_file(journal: Journal) -> None:
         return
     if not journal.old_text:
         remove_durably(path)
-    elif not path.exists() or path.read_text("utf-8") != journal.old_text:
+    elif _text_of(path) != journal.old_text:
         write_atomic(path, journal.old_text)
 
 

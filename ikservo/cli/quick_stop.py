@@ -80,7 +80,8 @@ def _name_of(arm: str) -> str:
     if path.is_dir():
         path /= "arm.toml"
     try:
-        if path.suffix != ".toml" or path.stat().st_size > _MAX_ARM_FILE_BYTES:
+        is_file = path.suffix == ".toml" and path.is_file()  # reading a pipe would wait
+        if not is_file or path.stat().st_size > _MAX_ARM_FILE_BYTES:
             return ""
         name: object = tomllib.loads(path.read_text("utf-8")).get("name")
     except (OSError, ValueError, RecursionError):  # the complete command says what is wrong

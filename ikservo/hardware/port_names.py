@@ -12,12 +12,11 @@ from __future__ import annotations
 
 import contextlib
 import json
-import tomllib
 from typing import cast
 
 from ikservo.clock import Clock, RealClock
-from ikservo.errors import PortError, PortLostError
-from ikservo.files.reading import config_dir
+from ikservo.errors import FileFormatError, PortError, PortLostError
+from ikservo.files.reading import config_dir, read_toml
 from ikservo.files.writing import write_atomic
 from ikservo.hardware.port import Port
 from ikservo.hardware.serial_ports import find_adapter, list_adapters
@@ -46,8 +45,8 @@ def remember_serial_number(arm: str, serial_number: str) -> None:
 
 def _read_serial_numbers() -> dict[str, str]:
     try:
-        tables = tomllib.loads((config_dir() / _FILE).read_text("utf-8"))
-    except (OSError, ValueError):  # missing or damaged: start empty
+        tables = read_toml(config_dir() / _FILE)
+    except FileFormatError:  # missing or damaged: start empty
         return {}
     found = tables.get("serial_numbers")
     if tables.get("format") != _FORMAT or not isinstance(found, dict):

@@ -35,8 +35,11 @@ def leave_mark(device: str = "", arm: str = "") -> None:
             if not any(_is_recent(at_s) for at_s in _read_mark(old)):
                 old.unlink(missing_ok=True)
         new = path.with_suffix(f".{os.getpid()}.new")
-        new.write_text(repr(time.monotonic()), "ascii")
-        new.replace(path)
+        try:
+            new.write_text(repr(time.monotonic()), "ascii")
+            new.replace(path)
+        finally:
+            new.unlink(missing_ok=True)  # left empty on a full disk
 
 
 def has_mark(device: str, arm: str) -> bool:

@@ -1,6 +1,8 @@
 """A stop reaches every program that can move an arm, even one that is still starting."""
 
 import ast
+import errno
+import os
 import subprocess
 import sys
 import tempfile
@@ -211,3 +213,15 @@ def test_stop_mark_from_before_restart_does_not_count(monkeypatch):
     monkeypatch.setattr(stop_marks.time, "monotonic", lambda: real() - 3600.0)
     monkeypatch.setattr(stop_marks, "_started_s", lambda: 0.0)
     assert not stop_marks.has_mark("/dev/ttyX", "so101")
+
+
+def test_stop_on_full_disk_leaves_no_unfinished_mark(monkeypatch, tmp_path):
+    monkeypatch.setenv("IKSERVO_HOME", str(tmp_path))
+
+    def fill_up(path, *_):
+        path.touch()
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(Path, "write_text", fill_up)
+    stop_marks.leave_mark()
+    assert list((tmp_path / "run").iterdir()) == []

@@ -15,7 +15,7 @@ from ikservo.calibration.transaction import (
     resume,
     roll_back,
 )
-from ikservo.errors import CalibrationError, IkservoError
+from ikservo.errors import CalibrationError, FileFormatError, IkservoError
 from ikservo.files.writing import FileWriteError, write_atomic
 from tests.calibration.mounted_arms import make_mounted_arm
 
@@ -118,6 +118,45 @@ def test_commit_with_lost_cable_leaves_a_complete_journal(interrupted, commit_ne
     with pytest.raises(CalibrationError, match=r"(?s)interrupted.*resume.*revert"):
         commit_new()
     assert read_journal(interrupted.journal_path) == interrupted.journal()
+
+
+@pytest.mark.parametrize("ending", [KeyboardInterrupt(), SystemExit(143)], ids=repr)
+def test_commit_ended_by_a_signal_restores_servos(interrupted, commit_new, monkeypatch, ending):
+    def end(*_, **__):
+        raise ending
+
+    monkeypatch.setattr("ikservo.calibration.transaction._save_file", end)
+    with pytest.raises(type(ending)):
+        commit_new()
+    assert (interrupted.held(), interrupted.path.read_text()) == ([OLD, OLD], OLD_TEXT)
+    assert interrupted.is_over()
+
+
+DAMAGED = "[old]\n\u00e4".encode()[:-1]  # cut in the middle of a letter
+
+
+def test_commit_replaces_calibration_that_is_not_utf8(interrupted, commit_new):
+    interrupted.path.write_bytes(DAMAGED)
+    commit_new()
+    assert (interrupted.held(), interrupted.path.read_text()) == ([NEW, NEW], NEW_TEXT)
+    assert interrupted.is_over()
+
+
+def test_failed_commit_keeps_calibration_that_is_not_utf8(interrupted, commit_new):
+    interrupted.path.write_bytes(DAMAGED)
+    interrupted.path.with_name("arm.toml.bak").mkdir()  # where the old file would be kept
+    with pytest.raises(FileWriteError):
+        commit_new()
+    assert (interrupted.held(), interrupted.path.read_bytes()) == ([OLD, OLD], DAMAGED)
+    assert interrupted.is_over()
+
+
+def test_commit_refuses_a_folder_in_place_of_the_calibration(interrupted, commit_new):
+    interrupted.path.unlink()
+    interrupted.path.mkdir()
+    with pytest.raises(FileFormatError, match="is a folder"):
+        commit_new()
+    assert (interrupted.held(), interrupted.is_over()) == ([OLD, OLD], True)
 
 
 # --- how far it came

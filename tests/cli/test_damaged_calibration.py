@@ -1,5 +1,7 @@
 """A damaged calibration is detected, and each command names the possible remedies."""
 
+import os
+
 import pytest
 
 from ikservo.calibration.calibration_file import read_calibration, save_calibration
@@ -41,6 +43,14 @@ def test_restore_takes_backup_and_keeps_damaged_calibration(path, run_cli):
     assert read_calibration(path).arm == NAME
     assert path.with_name(f"{path.name}.damaged").exists()
     assert run_cli(f"where {AT}").code == 0
+
+
+def test_restore_does_not_wait_for_pipe_in_place_of_calibration(path, run_cli):
+    path.unlink()
+    os.mkfifo(path)
+    done = run_cli(f"calibration restore {NAME} --port {PORT}")
+    assert done.code == 2
+    assert "is not a regular file" in done.err
 
 
 def test_restore_refuses_to_replace_a_sound_calibration(path, run_cli):

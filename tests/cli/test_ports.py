@@ -1,6 +1,7 @@
 """``ikservo ports``: connected adapters, changes, and the choice of a port."""
 
 import json
+import os
 
 import pytest
 
@@ -170,7 +171,8 @@ def test_port_without_serial_number_is_not_remembered(monkeypatch):
 
 
 @pytest.mark.parametrize(
-    "text", ["", "format = 2\n[serial_numbers]\nso101 = 'FT4THVXD'\n", "serial_numbers = [", "\0"]
+    "text",
+    ["", "format = 2\n[serial_numbers]\nso101 = 'FT4THVXD'\n", "a = [", "\0", "a = " + "[" * 9000],
 )
 def test_damaged_port_memory_is_ignored_and_replaced(monkeypatch, text):
     set_ports(monkeypatch, [FEETECH, U2D2])
@@ -180,6 +182,14 @@ def test_damaged_port_memory_is_ignored_and_replaced(monkeypatch, text):
         choose_port(None, "so101")
     remember_port("so101", "/dev/ttyUSB0")
     assert choose_port(None, "so101") == "/dev/ttyUSB0"
+
+
+def test_port_memory_that_is_a_pipe_is_ignored_without_waiting(monkeypatch):
+    set_ports(monkeypatch, [FEETECH, U2D2])
+    config_dir().mkdir(parents=True)
+    os.mkfifo(config_dir() / "ports.toml")
+    with pytest.raises(NoPortError):
+        choose_port(None, "so101")
 
 
 def test_port_is_chosen_although_memory_cannot_be_written(monkeypatch, tmp_path):

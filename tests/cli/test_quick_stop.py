@@ -1,6 +1,7 @@
 """``ikservo stop`` answers before the modules of the other commands could be loaded."""
 
 import json
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -9,6 +10,7 @@ import pytest
 
 from ikservo.arm.control_server import serve
 from ikservo.arm.result_json import encode_value
+from ikservo.cli.quick_stop import _name_of
 from ikservo.model import load_model
 from ikservo.serving.control_client import ControlCommand, StopResult
 
@@ -71,6 +73,11 @@ def test_stop_command_loads_no_large_module(device, args):
     report, modules = run_stop(*(arg.format(device=device) for arg in args))
     assert [arm["held"] for arm in report["arms"]] == [["gripper"]]
     assert not HEAVY & modules
+
+
+def test_stop_does_not_wait_for_a_pipe_in_place_of_arm_file(tmp_path):
+    os.mkfifo(tmp_path / "arm.toml")
+    assert _name_of(str(tmp_path)) == ""
 
 
 def test_stop_command_with_arm_stops_only_that_arm(device, tmp_path):
