@@ -18,19 +18,20 @@ from tests.sampling import leave_others_to_campaign
 # A busy machine may suspend a test at any place.
 settings.register_profile("suite", deadline=None)
 settings.load_profile("suite")
-# Dozens of tests start Python: they share its compiled files.
+# Dozens of tests start Python; they share its compiled files.
 sys.dont_write_bytecode = False
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 # Shells do not set it, and with it a command that does not flush what it prints looks right.
 os.environ.pop("PYTHONUNBUFFERED", None)
-# Files are saved so that they outlast a power cut: thousands of waits for a disk, none for memory.
+# Files are saved so that they survive a power cut. On a disk that takes thousands of waits, in
+# memory none.
 if os.access("/dev/shm", os.W_OK):
     os.environ.setdefault("PYTEST_DEBUG_TEMPROOT", "/dev/shm")
-# Threads of BLAS spin while they wait for each other: on busy cores a QR decomposition of 1200 x 60
+# Threads of BLAS spin while they wait for each other. On busy cores a QR decomposition of 1200 x 60
 # took a hundred times the processor time.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
-# A shell lets background programs ignore Ctrl-C, and nohup a closed terminal; so would the tests.
+# A shell lets background programs ignore Ctrl-C, and nohup a closed terminal. Tests must not.
 for name, usual in (("SIGINT", signal.default_int_handler), ("SIGHUP", signal.SIG_DFL)):
     if signal.getsignal(getattr(signal, name, signal.SIGINT)) is signal.SIG_IGN:
         signal.signal(getattr(signal, name), usual)
@@ -87,7 +88,8 @@ def pytest_collection_finish():
 
 
 def pytest_unconfigure():
-    gc.unfreeze()  # what is not collected at the end, ruckig tells as leaked, after the last line
+    # Ruckig reports objects that are not collected at the end as leaked, after the last line.
+    gc.unfreeze()
 
 
 @pytest.fixture(autouse=True, scope="session")

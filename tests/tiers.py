@@ -4,7 +4,8 @@ At every save: the pure layers, servos and the bus, each command, arms in motion
 one Dynamixel arm, and what is marked ``smoke``: the main screens in a browser, and the files of
 tests about one motion. The others are ``full``: by a mark, and here where a whole folder takes
 long, the case is another arm, or the test is in ``slow_tests.txt``, which
-``pytest -n auto --record-slow-tests`` writes. A path on the command line runs everything it names.
+``pytest -n auto --record-slow-tests`` writes. A path on the command line runs everything that it
+names.
 """
 
 import re

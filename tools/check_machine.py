@@ -1,6 +1,6 @@
-"""Say before an installation what it lacks on this machine; pip would say so after minutes.
+"""Say before an installation what this machine lacks; pip would say so after minutes.
 
-ruckig has no wheel for Linux on ARM (0.12.2 to 0.19.4), as of a Raspberry Pi: pip compiles it.
+ruckig (0.12.2 to 0.19.4) has no wheel for Linux on ARM, as on a Raspberry Pi, so pip compiles it.
 """
 
 from __future__ import annotations
@@ -28,8 +28,8 @@ def missing_text(machine: str, compiler: str | None, headers: Path) -> str:
     if not compiles or (compiler and (headers / "Python.h").exists()):
         return ""
     return (
-        "ruckig has no wheel for Linux on ARM: pip compiles it, with a C++ compiler and Python's "
-        "headers.\nInstall them: sudo apt install g++ python3-dev"
+        "ruckig has no wheel for Linux on ARM, so pip compiles it. That needs a C++ compiler and "
+        "Python's headers.\nInstall them: sudo apt install g++ python3-dev"
     )
 
 

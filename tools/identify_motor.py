@@ -9,8 +9,8 @@ the target and its duty law), stepped for all logs at once. Goals act when the b
 received them, which is later than they were logged: ``bench_timing.npz`` has each step and release
 of the STS logs, and gliding goals are 30 ms late.
 
-The search is differential evolution, not a descent: where a shaft sticks, and for how long, jumps
-with the parameters, and descents ended where they began.
+The search is differential evolution, because the place and the duration of sticking jump with the
+parameters, and descents ended where they began.
 """
 
 from __future__ import annotations
@@ -40,15 +40,15 @@ NOT_READ = -2047  # position of a row that the bench could not read
 FROZEN_ROWS, LEAP_TICKS = (
     20,
     40,
-)  # a reading that stands for so long and then leaps so far was stale
-PROTECTED_ERROR_RAD, PROTECTED_SHARE = 1.7, 0.25  # of the duty of an STS, from this distance
+)  # a reading that rests for so many rows and then leaps so far was stale
+PROTECTED_ERROR_RAD, PROTECTED_SHARE = 1.7, 0.25  # fraction of the duty from this error on
 RESIDUAL_SCALE_DEG = 1.15  # residuals beyond this weigh less
-HOLD_WEIGHT = 0.15  # of the errors while holding, beside those of all rows
+HOLD_WEIGHT = 0.15  # weight of the errors while holding, beside those of all rows
 MOST_HOLD_DEG = 5.0  # an error while holding weighs no more than this
-SETTLED_ROWS = 30  # at the end of a plateau
-STEP_ROW, STEP_BACK_ROW = 150, 400  # of the trajectory "brutal"
-SETS, GENERATIONS, SEED = 32, 45, 1  # of the search
-SPREAD, MOST_CHANGE = 0.15, 1.5  # of the first sets around the start, in logarithms
+SETTLED_ROWS = 30  # rows at the end of a plateau
+STEP_ROW, STEP_BACK_ROW = 150, 400  # steps of the trajectory "brutal"
+SETS, GENERATIONS, SEED = 32, 45, 1  # size and seed of the search
+SPREAD, MOST_CHANGE = 0.15, 1.5  # spread of the first sets and bound, in logarithms
 
 NAMES = (
     "torque_constant_nm_a", "resistance_ohm", "armature_kg_m2", "friction_nm", "viscous_nm_s",
@@ -65,7 +65,7 @@ class Firmware:
         duty_per_gain_rad: Duty for one unit of the P gain and one radian.
         startup_duty: Duty that is added in the direction of the error.
         ramp_rad_s: Speed of the target towards a new goal.
-        dead_zone_ticks: Errors up to this size count as none, larger ones by this less.
+        dead_zone_ticks: Errors up to this size count as zero, larger ones are reduced by it.
     """
 
     duty_per_gain_rad: float
@@ -79,14 +79,14 @@ class Logs:
     """Logs on one grid of time.
 
     Attributes:
-        name: Of each log.
+        name: Name of each log.
         trajectory: Kind of each log.
         p_gain: Gain register of each log.
         mass_kg: Point mass of each log.
-        length_m: From the shaft to the mass.
+        length_m: Distance from the shaft to the mass.
         supply_v: Median voltage of each log.
-        position_rad: Measured, shape (logs, rows); 0 hangs down.
-        goal_rad: As the servo received it, shape (logs, rows * SUBSTEPS).
+        position_rad: Measured positions, shape (logs, rows); 0 hangs down.
+        goal_rad: Goals as the servo received them, shape (logs, rows * SUBSTEPS).
         torque_on: Whether torque was on, 1 or 0, shape (logs, rows * SUBSTEPS).
     """
 
@@ -110,11 +110,11 @@ class Bench:
     """Servos to identify.
 
     Attributes:
-        firmware: What their firmware does.
+        firmware: Model of their firmware.
         read: Reads their logs from the folder.
-        start: Where the search starts, in the order of NAMES; what is infinite is not sought.
-        frictions: Shares of the load-dependent friction that a set of parameters is judged at: a
-            few logs alone would choose one that sticks in the right places by chance.
+        start: Start of the search, in the order of NAMES; infinite values are not changed.
+        frictions: Fractions of the load-dependent friction at which parameters are judged, because
+            a few logs alone would select a set that sticks in the right places by chance.
     """
 
     firmware: Firmware
@@ -230,8 +230,8 @@ def _interpolated(at_s: NDArray[Any], times_s: NDArray[Any], values: NDArray[Any
     return np.asarray(np.interp(at_s, times_s, values), dtype=np.float64)
 
 
-XL330_DELAY_S = 0.0  # of goals behind the log, and where the bench's pendulum hangs
-XL330_OFFSET_RAD = 0.0155
+XL330_DELAY_S = 0.0  # delay of goals after the log
+XL330_OFFSET_RAD = 0.0155  # position in which the pendulum of the bench hangs
 
 
 def read_bam(folder: Path) -> Logs:
@@ -267,7 +267,7 @@ def _logs_of(
 
 
 def split(logs: Logs) -> Mask:
-    """Return the logs to fit: a chessboard of masses, gains and lengths; the rest validates."""
+    """Return the logs to fit: a chessboard of masses, gains and lengths; the others validate."""
     places = [
         np.searchsorted(np.unique(of), of) for of in (logs.mass_kg, logs.p_gain, logs.length_m)
     ]
@@ -275,7 +275,7 @@ def split(logs: Logs) -> Mask:
 
 
 def fit(bench: Bench, logs: Logs) -> Array:
-    """Return the parameters that fit best, sought as logarithms around the start."""
+    """Return the parameters that fit best, searched as logarithms around the start."""
     start = np.array(bench.start)
     sought = np.isfinite(start)
     middle = np.log(start[sought])
@@ -291,7 +291,7 @@ def fit(bench: Bench, logs: Logs) -> Array:
         return np.mean([losses_of(values * near, bench.firmware, logs) for near in shares], axis=0)
 
     found = differential_evolution(
-        losses,  # pyright: ignore[reportArgumentType] - of all sets at once: the stubs do not know
+        losses,  # pyright: ignore[reportArgumentType] - the stubs lack vectorized
         Bounds(middle - MOST_CHANGE, middle + MOST_CHANGE), init=first, maxiter=GENERATIONS,
         tol=0.0, rng=SEED, polish=False, updating="deferred", vectorized=True,
     )  # fmt: skip
@@ -301,10 +301,10 @@ def fit(bench: Bench, logs: Logs) -> Array:
 
 
 def losses_of(values: Array, firmware: Firmware, logs: Logs) -> Array:
-    """Return what the search makes small, for parameter sets (sets, NAMES).
+    """Return the loss that the search minimises, for parameter sets (sets, NAMES).
 
-    A row's error counts by its square while small and by its size when large; what is left while
-    the servo holds counts besides.
+    A row's error counts by its square while small and by its size when large; the error that
+    remains while the servo holds counts in addition.
     """
     error_deg = np.degrees(np.abs(simulate(values, firmware, logs) - logs.position_rad))
     rows = np.sqrt(1.0 + (error_deg / RESIDUAL_SCALE_DEG) ** 2) - 1.0
@@ -349,7 +349,7 @@ WITHOUT: dict[str, dict[str, float]] = {
 
 
 def print_sensitivity(values: Array, firmware: Firmware, logs: Logs) -> None:
-    """Print the errors with one part of the model taken away and nothing fitted anew."""
+    """Print the errors with one part of the model removed and nothing fitted again."""
     for part, changes in WITHOUT.items():
         changed = values.copy()
         for name, value in changes.items():
@@ -388,7 +388,7 @@ BENCHES = {
 
 
 def identify(name: str, logs: Logs) -> None:
-    """Fit one servo and print what comes out."""
+    """Fit one servo and print the results."""
     bench = BENCHES[name]
     fitted = split(logs) if len(logs.name) > 100 else np.ones(len(logs.name), bool)
     found = fit(bench, logs.select(fitted))
@@ -397,17 +397,17 @@ def identify(name: str, logs: Logs) -> None:
         print(f"  {parameter:<22}{value:.5g}")
     print_errors("fitted", found, bench.firmware, logs.select(fitted))
     kept = logs
-    if not fitted.all():  # too few logs keep none aside
+    if not fitted.all():  # few logs are all fitted
         kept = logs.select(~fitted)
         print_errors("validation", found, bench.firmware, kept)
     print_sensitivity(found, bench.firmware, kept)
 
 
 def main() -> None:
-    """Identify the servos that are asked for."""
+    """Identify the requested servos."""
     parser = argparse.ArgumentParser(description="Identify servo motors from pendulum logs.")
     parser.add_argument("logs", type=Path, help="folder of the logs")
-    parser.add_argument("--servo", choices=tuple(BENCHES), help="only this one")
+    parser.add_argument("--servo", choices=tuple(BENCHES), help="only this servo")
     options = parser.parse_args()
     for name in (options.servo,) if options.servo else BENCHES:
         try:

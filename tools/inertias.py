@@ -37,7 +37,7 @@ SERVO_KG = {
 }
 # fmt: on
 
-ENTRIES = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))  # of the tensor, in URDF's order
+ENTRIES = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))  # entries of the tensor, in URDF's order
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,7 +74,7 @@ def is_stale(path: Path) -> bool:
 
 
 def rewritten(urdf: str) -> str:
-    """Return the text of an URDF with every ``<inertial>`` recomputed."""
+    """Return the text of a URDF with every ``<inertial>`` recomputed."""
     for link in ET.fromstring(urdf).iter("link"):
         if link.find("inertial") is not None:
             urdf = _with_inertial(urdf, link.attrib["name"], inertial_lines(link))

@@ -26,7 +26,7 @@ import ikservo
 SIGNALS = {"KILL": signal.SIGKILL, "INT": signal.SIGINT, "TERM": signal.SIGTERM,
            "HUP": signal.SIGHUP}  # fmt: skip
 MOST_TRAVEL, MOST_JUMP = 60, 2  # ticks
-REST_S = 0.7  # after which every joint is at rest
+REST_S = 0.7  # time after which every joint is at rest
 STOPPED = 130
 
 
@@ -38,12 +38,12 @@ class Tally:
         travels: The maximum remaining travel of a joint, each time, ticks, from a sample right
             before the signal.
         later: The same from a sample right after it: motion in between is in one of the two.
-        jumps: The furthest that a joint moved at the next start.
-        moving: How many signals reached a moving arm.
-        let_go: How often a servo had no torque afterwards.
-        failed: How often the next program could not start.
+        jumps: The largest distance that a joint moved at the next start.
+        moving: Number of signals that reached a moving arm.
+        let_go: Number of times that a servo had no torque afterwards.
+        failed: Number of times that the next program could not start.
         goals: Number of goals sent to the servos.
-        outside: How many of these were outside the servos' limits.
+        outside: Number of goals that were outside the servos' limits.
         codes: Exit codes of programs that could catch the signal.
     """
 
@@ -63,15 +63,15 @@ class Tally:
             f"{name}: {len(self.travels)} x SIG{signal_name}, {self.moving} in motion; travel "
             f"after it at most {max(self.travels)} ticks, "
             f"median {statistics.median(self.travels):.0f} "
-            f"(from a look right after it {max(self.later)}, {statistics.median(self.later):.0f}); "
+            f"(sampled right after it {max(self.later)}, {statistics.median(self.later):.0f}); "
             f"next start moved at most {max(self.jumps)} ticks, {self.failed} failed; "
-            f"let go {self.let_go} times; "
+            f"torque lost {self.let_go} times; "
             f"{self.outside} of {self.goals} goals outside limits; "
             f"exit codes {dict(Counter(self.codes))}"
         )
 
     def good(self, signal_name: str) -> bool:
-        """Whether the limit was kept; a program that can brake travels while it does."""
+        """Check whether the limit was kept; a program that can brake travels meanwhile."""
         short = signal_name != "KILL" or max(self.travels) <= MOST_TRAVEL
         return (
             short
@@ -106,8 +106,8 @@ def strike(arm: Served, number: int, dice: random.Random, tally: Tally) -> None:
 
 
 def run() -> int:
-    """Send signals to both families and print what became of them."""
-    parser = argparse.ArgumentParser(description="Signals to programs that move an arm")
+    """Send signals to both families and print the results."""
+    parser = argparse.ArgumentParser(description="Send signals to programs that move an arm")
     parser.add_argument("--kills", type=int, default=200)
     parser.add_argument("--signal", choices=SIGNALS, default="KILL")
     parser.add_argument("--arm", action="append", help="so101 and koch if not given")

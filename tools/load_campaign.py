@@ -1,6 +1,6 @@
 """Motions on a busy machine: a move, a line, a follow at 60 Hz and a search for the end stops.
 
-Run ``python tools/load_campaign.py --runs 20 --load 6``: so many busy processes run beside the
+Run ``python tools/load_campaign.py --runs 20 --load 6``: six busy processes run beside the
 simulator, which is served on a pseudo-terminal in real time, and beside the program that moves the
 arm. Each run is a program of its own, as a user starts it; it must end with exit code 0.
 """
@@ -104,7 +104,7 @@ def attempt(arm: Served, task: Task) -> int:
 
 @contextmanager
 def busy(count: int) -> Generator[None]:
-    """Keep so many processes busy until the block ends."""
+    """Keep a number of processes busy until the block ends."""
     words = [sys.executable, "-c", "while True: pass"]
     processes = [subprocess.Popen(words) for _ in range(count)]
     try:
@@ -116,7 +116,7 @@ def busy(count: int) -> Generator[None]:
 
 
 def campaign(name: str, runs: int, load: int, wanted: list[str]) -> bool:
-    """Run each task so many times; print how they ended, and return whether all ended well."""
+    """Run each task `runs` times; print how they ended, and return whether all ended well."""
     ikservo.load_model(name)  # loaded here, not in each forked child
     well = True
     with tempfile.TemporaryDirectory() as folder, served(name, Path(folder)) as arm, busy(load):
@@ -139,7 +139,7 @@ def _ended(arm: Served, task: Task) -> int:
 
 def run() -> int:
     """Run the tasks on both families."""
-    parser = argparse.ArgumentParser(description="Motions on a busy machine")
+    parser = argparse.ArgumentParser(description="Run motions on a busy machine")
     parser.add_argument("--runs", type=int, default=20)
     parser.add_argument("--load", type=int, default=6, help="busy processes")
     parser.add_argument("--arm", action="append", help="so101 and koch if not given")

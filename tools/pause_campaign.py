@@ -25,7 +25,7 @@ from served_arm import Served, apart, begun, forked, served, somewhere, start_an
 import ikservo
 
 ENDED_WELL, HELD_UP = 0, 8  # Dynamixels have stopped themselves; the motion is refused
-LONGEST_S, SLACK = 0.05, 1.2  # of a step; docs/faults.md
+LONGEST_S, SLACK = 0.05, 1.2  # longest time of a step, and a tolerance; see docs/faults.md
 
 
 @dataclass
@@ -33,9 +33,10 @@ class Pauses:
     """The results of the pauses of one arm.
 
     Attributes:
-        travels: How far a joint still moved while its program was suspended, each time, ticks.
+        travels: Distance that a joint still moved while its program was suspended, each time,
+            ticks.
         codes: Exit codes of the programs.
-        failed: How often the next program could not start.
+        failed: Number of times that the next program could not start.
     """
 
     travels: list[int] = field(default_factory=list[int])
@@ -88,7 +89,7 @@ def campaign(name: str, count: int, seed: int) -> bool:
 
 def run() -> int:
     """Suspend programs of both families."""
-    parser = argparse.ArgumentParser(description="Programs that are suspended while an arm moves")
+    parser = argparse.ArgumentParser(description="Suspend programs while an arm moves")
     parser.add_argument("--pauses", type=int, default=100)
     parser.add_argument("--arm", action="append", help="so101 and koch if not given")
     parser.add_argument("--seed", type=int, default=0)

@@ -49,7 +49,7 @@ class Served:
                 return json.loads(answer.readline())
 
     def audited(self) -> tuple[int, int, int]:
-        """Return goals, those outside the servos' limits, and the longest step; once it ended."""
+        """Return goals, goals outside the servos' limits, and the longest step, after the end."""
         servos = json.loads(self.audit.read_text())["servos"]
         outside = sum(servo["goals_outside_limits"] for servo in servos)
         longest = max(servo["largest_goal_step"] for servo in servos)
@@ -93,7 +93,7 @@ def forked(do: Callable[[], int], *, quiet: bool = True) -> int:
             for stream in (0, 1, 2):
                 os.dup2(null, stream)
         code = do()
-    except Exception:  # it would be lost: the process ends here
+    except Exception:  # it would be lost, because the process ends here
         traceback.print_exc()
     finally:
         os._exit(code)

@@ -1,7 +1,7 @@
-"""The edge of the core: what opening an arm imports, how full folders are, which names repeat.
+"""Figures of the structure: what opening an arm imports, how full folders are, repeated names.
 
 The bounds stand in ``pyproject.toml`` (``[tool.ikservo.structure]``); `style_figures.py --check`
-fails where the tree exceeds them.
+fails if the tree exceeds them.
 """
 
 from __future__ import annotations

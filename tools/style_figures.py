@@ -31,7 +31,7 @@ BESIDE = {"tests": ROOT / "tests", "tools": ROOT / "tools"}
 MAX_DEPTH = 2
 MAX_TEST_NAME = 60
 _WORD = re.compile(r"[A-Z]?[a-z]+|[A-Z]+(?![a-z])|\d+")
-# What others inherit from: the base classes of Python and pydantic, and that of apps' motions.
+# Base classes that others inherit from: those of Python and pydantic, and of apps' motions.
 _OUTSIDE = frozenset(
     {
         "OwnMotion",
@@ -57,12 +57,12 @@ class Definition:
 
     @property
     def name(self) -> str:
-        """Return its name without leading underscores."""
+        """The name without leading underscores."""
         return self.node.name.strip("_")
 
     @property
     def lines(self) -> int:
-        """Return how many lines its body has, docstring and blank lines aside."""
+        """The number of lines of the body, without docstring and blank lines."""
         body = self.node.body
         if isinstance(body[0], ast.Expr) and isinstance(body[0].value, ast.Constant):
             body = body[1:]
@@ -85,18 +85,18 @@ class Tree:
 
     @property
     def classes(self) -> list[Definition]:
-        """Return all classes."""
+        """All classes."""
         return list(self._definitions((ast.ClassDef,)))
 
     @property
     def functions(self) -> list[Definition]:
-        """Return all functions and methods but ``__dunder__`` ones."""
+        """All functions and methods except ``__dunder__`` ones."""
         found = self._definitions(_FUNCTIONS)
         return [each for each in found if not each.node.name.startswith("__")]
 
     @property
     def lengths(self) -> list[int]:
-        """Return the lines of each module that is no ``__init__``."""
+        """The number of lines of each module that is not an ``__init__``."""
         paths = [path for path in self.modules if path.name != "__init__.py"]
         return [len(path.read_text("utf-8").splitlines()) for path in paths]
 
@@ -245,7 +245,7 @@ def _used_names(module: ast.Module) -> Iterator[str]:
 
 
 def figures(tree: Tree) -> list[tuple[str, str]]:
-    """Return the rows of the table: what, and how much."""
+    """Return the rows of the table: names and figures."""
     lengths = tree.lengths
     bodies = [each.lines for each in tree.functions]
     packages = sum(path.name == "__init__.py" for path in tree.modules)

@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # A part of the suite with every direct dependency at the lowest version that pyproject.toml allows.
 # Needs uv; `make test-oldest` makes the environment .venv-oldest anew. Warnings of deprecations do
-# not count: they are those of old packages about newer ones.
+# not count, because old packages warn about newer ones.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 ENVIRONMENT=.venv-oldest

@@ -23,7 +23,7 @@ _DATA, _POWER, _USB = "#1565c0", "#c62828", "#555555"
 
 @dataclass(frozen=True, slots=True)
 class Wiring:
-    """What stands between the computer and the servos of an arm.
+    """The parts between the computer and the servos of an arm.
 
     Attributes:
         arm: Its name.

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from servosim.errors import SimulatorError
 
-GRACE = 1e-6  # fraction of a byte, because sums of byte times are not exact
+GRACE = 1e-6  # tolerance in bytes, because sums of byte times are not exact
 
 
 @dataclass(slots=True)
@@ -17,7 +17,7 @@ class _ByteBurst:
     data: bytes
 
     def arrived_count(self, now_s: float) -> int:
-        """Number of bytes that have arrived."""
+        """Count the bytes that have arrived by a time."""
         if self.byte_s <= 0.0:
             return len(self.data) if now_s >= self.start_s else 0
         whole, size = int((now_s - self.start_s) / self.byte_s + GRACE), len(self.data)
@@ -26,7 +26,7 @@ class _ByteBurst:
         return whole if whole > 0 else 0
 
     def arrival_time_s(self, count: int) -> float:
-        """Time at which the first ``count`` bytes have arrived."""
+        """Compute the time at which the first ``count`` bytes have arrived."""
         return self.start_s + count * self.byte_s
 
 
@@ -37,7 +37,7 @@ class ReceiveBuffer:
         self._bursts: list[_ByteBurst] = []
 
     def add(self, start_s: float, byte_s: float, data: bytes) -> None:
-        """Let ``data`` arrive from ``start_s`` on, one byte each ``byte_s``."""
+        """Schedule ``data`` to arrive from ``start_s`` on, one byte per ``byte_s`` seconds."""
         if data:
             place = len(self._bursts)
             while place and self._bursts[place - 1].start_s > start_s:
@@ -104,7 +104,7 @@ class AdapterOptions:
     """Delays of the adapter.
 
     Attributes:
-        echo: Whether the host receives its own bytes, as from adapters without echo cancellation.
+        echo: Whether the host receives its own bytes, as with adapters without echo cancellation.
         usb_frame_s: Packets travel only at multiples of this time (1 ms at full speed); 0 = none.
         latency_s: Time for which an unfilled packet waits in the chip (FTDI: 16 ms unless set); 0 =
             none.
@@ -117,7 +117,8 @@ class AdapterOptions:
     def __post_init__(self) -> None:
         for delay_s in (self.usb_frame_s, self.latency_s):
             if not 0.0 <= delay_s <= MAX_DELAY_S:
-                raise SimulatorError(f"an adapter delays by 0 to 1000 ms, not {delay_s * 1000} ms")
+                delay_ms = 1000 * delay_s
+                raise SimulatorError(f"the delay of an adapter is 0 to 1000 ms, not {delay_ms} ms")
 
 
 @dataclass(slots=True)

@@ -23,7 +23,7 @@ class ServoEntry:
         sign: Direction of growing ticks in the joint's coordinate.
         zero_tick: Reported tick at joint zero.
         transmission: Transmission between its horn and the joint.
-        eeprom: Register values by default.
+        eeprom: Register values that differ from the factory settings.
     """
 
     id: int
@@ -36,7 +36,7 @@ class ServoEntry:
 
 @dataclass(frozen=True, slots=True)
 class JointEntry:
-    """A joint and its servos, the leading one first; limits are None if they are the URDF's."""
+    """A joint and its servos, the leading servo first; limits of None are those of the URDF."""
 
     name: str
     servos: tuple[ServoEntry, ...]
@@ -53,7 +53,8 @@ class SimulatedArmFile:
         urdf: Its geometry and masses.
         family: Servo family of the bus.
         baud: Rate of the bus.
-        supply_v: Voltage of servos that exist for several; None uses that of the model's name.
+        supply_v: Supply voltage, which selects the variant of a servo model; None uses the variant
+            that the model's name says.
         joints: Joints from base to tip.
         poses: Joint coordinates [rad or m] by pose and joint.
         floor_m: Height of the table in the base frame.
@@ -79,7 +80,7 @@ def read_arm_file(path: Path, urdf: Path | str = "") -> SimulatedArmFile:
 
     Args:
         path: The file.
-        urdf: Replaces the geometry that the file names; empty keeps that.
+        urdf: A URDF that replaces the one in the file; empty uses the one in the file.
 
     Raises:
         ArmFileError: The file is missing, not TOML, or lacks a key.

@@ -21,7 +21,7 @@ from servosim.specimen import Specimen
 from servosim.surroundings import Cube, Surroundings
 from servosim.world import ExternalDynamics, PowerSupply, World
 
-STOP_MARGIN_RAD = math.radians(2.0)  # hard stops are this far beyond the URDF's limits
+STOP_MARGIN_RAD = math.radians(2.0)  # distance of hard stops beyond the URDF's limits
 STOP_MARGIN_M = 0.0005
 MAX_PLAY_DEG = 10.0
 
@@ -33,7 +33,7 @@ class BenchServo:
     Attributes:
         id: Its id on the bus.
         model: Its model in the datasheet.
-        baud: Its baud rate; None uses the common one.
+        baud: Its baud rate; None uses the common rate.
     """
 
     id: int
@@ -59,28 +59,28 @@ def make_arm_world(
         pose: The start pose.
         seed: The seed of one arm of the family (`family.FAMILY`); None for the nominal arm.
         physics: True for bodies and contacts from MuJoCo, with the masses of the URDF.
-        backlash_deg: Backlash of every servo's gears; None uses that of the arm.
+        backlash_deg: Backlash of every servo's gears; None uses the backlash of the arm.
         specimen: Masses, payload and motors that differ from those of the files.
         cubes: Cubes on the table, with ``physics`` only.
         has_board: Whether a simulated camera sees a board on the tip.
 
     Raises:
-        ArmFileError: There is no such pose, or a URDF without the joints or the tip.
-        SimulatorError: MuJoCo is not installed, the backlash is impossible, other masses are given
-            with MuJoCo, cubes without it, or a payload without a tip.
+        ArmFileError: There is no such pose, or the URDF lacks a joint or the tip.
+        SimulatorError: MuJoCo is not installed, the backlash is out of range, other masses are
+            given with MuJoCo, cubes without it, or a payload without a tip.
         UnknownModelError: A servo model has no table.
     """
     if pose not in arm.poses:
         raise ArmFileError(arm.path, f"poses.{pose}", f"no such pose; has: {', '.join(arm.poses)}")
     if backlash_deg is not None and not 0.0 <= backlash_deg <= MAX_PLAY_DEG:
-        raise SimulatorError(f"gears have backlash of 0 to {MAX_PLAY_DEG:g}°, not {backlash_deg}°")
+        raise SimulatorError(f"the backlash is 0 to {MAX_PLAY_DEG:g}°, not {backlash_deg}°")
     if cubes and not physics:
-        raise SimulatorError("cubes are bodies of MuJoCo; add physics=1")
+        raise SimulatorError("cubes need MuJoCo; add physics=1")
     specimen = specimen or Specimen()
     if physics and specimen.changes_masses:
-        raise SimulatorError("bodies of MuJoCo have the masses of the URDF and no payload")
+        raise SimulatorError("MuJoCo uses the masses of the URDF, without a payload")
     if physics and arm.base:
-        raise SimulatorError("bodies of MuJoCo stand as in the URDF: turn its base there")
+        raise SimulatorError("MuJoCo places the base as the URDF does; change its pose there")
     names = [joint.name for joint in arm.joints]
     member = None if seed is None else FamilyMember(seed)
     if member is not None and not physics:
@@ -132,16 +132,16 @@ def make_bench_world(
     seed: int = 0,
     protocol: int | None = None,
 ) -> World:
-    """Make servos on a bench, each driving nothing but itself.
+    """Make servos on a bench, which move no arm.
 
     Args:
         servos: The servos.
-        baud: The rate of servos without their own; None for the factory default.
+        baud: The rate of servos that have no rate of their own; None for the factory default.
         seed: The seed of their tolerances.
         protocol: 1 or 2 for Dynamixel X servos; None for the factory default.
 
     Raises:
-        SimulatorError: A servo does not have the rate or protocol.
+        SimulatorError: A servo does not support the rate or the protocol.
         UnknownModelError: A servo model has no table.
     """
     joints: list[SimulatedJoint] = []

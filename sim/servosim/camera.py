@@ -20,13 +20,13 @@ if TYPE_CHECKING:
     from servosim.stage import Stage
 
 PIXELS_PER_SQUARE = 40  # resolution of the board's picture
-MARGIN_PX, MARGIN_SHARE = 4.0, 0.1  # margin around its visible outline
+MARGIN_PX, MARGIN_SHARE = 4.0, 0.1  # around its visible outline: pixels, fraction of the outline
 IN_FRONT_M = 0.002  # smallest distance by which something hides the board
 BACKGROUND = 150.0  # grey value of the background
 
 
 def look_at(eye_m: Matrix, point_m: Matrix) -> Matrix:
-    """Return T_base_camera (4, 4) at an eye, z towards a point, x to the right, y down."""
+    """Return T_base_camera (4, 4) at an eye: z towards a point, x to the right, y down."""
     z = (point_m - eye_m) / np.linalg.norm(point_m - eye_m)
     x = np.cross(z, [0.0, 0.0, 1.0])
     x /= np.linalg.norm(x)
@@ -37,7 +37,7 @@ def look_at(eye_m: Matrix, point_m: Matrix) -> Matrix:
 
 @dataclass(frozen=True)
 class SimulatedView:
-    """A camera, and how a board is fixed to the tip.
+    """A camera, and the mounting of a board on the tip.
 
     Attributes:
         from_tip_m: The position of the camera relative to the first position of the tip (3,), base
@@ -45,11 +45,11 @@ class SimulatedView:
         aside_m: The distance of the board from the tip, towards the camera.
         tilt_rad: The first tilt of the board away from the camera.
         focal_px: The focal length of the lens.
-        off_centre_px: The point where its axis meets the picture, relative to the picture's centre,
-            right and down.
+        off_centre_px: The point where the optical axis meets the picture, relative to the picture's
+            centre, right and down.
         distortion: k1 and k2.
         size: Width and height of the pictures.
-        noise: Standard deviation of each pixel, of 255.
+        noise: Standard deviation of each pixel's value, which is 0 to 255.
     """
 
     from_tip_m: tuple[float, float, float] = (0.36, 0.14, 0.2)
@@ -116,7 +116,7 @@ class SimulatedCamera:
         self.hint = ""
 
     def set_stage(self) -> None:
-        """Also draw the arm, its table and cubes, if MuJoCo can; else ``hint`` says why not."""
+        """Also draw the arm, its table and cubes, if MuJoCo can; otherwise ``hint`` says why."""
         around = self._world.surroundings
         if around is None:
             return
@@ -181,12 +181,12 @@ class SimulatedCamera:
         return picture, far
 
     def _draw_board(self, picture: NDArray[np.float32], ahead_m: NDArray[np.float32]) -> None:
-        """Draw the board where nothing hides it: each ray meets its plane."""
+        """Draw the board where nothing hides it, by intersecting each ray with its plane."""
         import cv2  # noqa: PLC0415 - an extra
 
         T = self.T_camera_board()
         if T[:3, 3] @ T[:3, 2] <= 0.0:
-            return  # seen from its back
+            return  # the camera sees the back of the board
         part = self._part_with_board(T)
         rays = self._rays[part]
         along = rays @ T[:3, 2]

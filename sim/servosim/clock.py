@@ -7,20 +7,20 @@ from collections.abc import Callable
 from typing import Protocol
 
 MIN_SLEEP_S = 0.001
-# Virtual time catches up by at most this much: on a busy machine a displayed arm is slow, and
-# control cycles are not late because of the simulator.
+# Virtual time catches up by at most this much. On a busy machine a displayed arm then moves slowly,
+# but the simulator does not delay control cycles.
 MAX_DELAY_S = 0.02
 
 
 class Clock(Protocol):
-    """Monotonic seconds, and waiting for them."""
+    """A monotonic clock that can wait."""
 
     def now_s(self) -> float:
         """Return seconds since an arbitrary start; never runs backwards."""
         ...
 
     def sleep_until(self, deadline_s: float) -> None:
-        """Return once ``now_s()`` is at least ``deadline_s``."""
+        """Wait until ``now_s()`` is at least ``deadline_s``."""
         ...
 
 
@@ -41,7 +41,7 @@ class VirtualClock:
         return self._now_s
 
     def sleep_until(self, deadline_s: float) -> None:
-        """Jump to the deadline; no change if that has passed."""
+        """Jump to the deadline, unless it has passed."""
         if deadline_s <= self._now_s:
             return
         self._now_s = deadline_s

@@ -10,16 +10,17 @@ import numpy as np
 from servosim.mass_tree import MassTree, MimicDrive
 from servosim.urdf import BoxShape, Matrix, MovingJoint
 
-# Fraction of the impulse that ends an overlap, or its growth, in one interval: a soft contact.
+# Fractions of the impulses that would end an overlap, and its growth, in one interval. They make
+# the contact soft.
 _STIFFNESS, _DAMPING = 0.05, 1.0
-# Deeper than this the force does not increase, because the arm was placed there.
+# The force does not increase beyond this depth, because an arm so deep was placed there.
 _MAX_DEPTH_M = 0.006
-# Largest change of speed by a contact within an interval: contradictory contacts, in a posture in
-# which no arm can lie, would otherwise feed each other.
+# Largest change of speed by a contact within an interval. Contradictory contacts, in a posture in
+# which no arm can lie, would otherwise add energy to each other.
 _MAX_PUSH_M_S = 1.0
-# Limp joints can hardly end a contact this near to their axes: its force stays finite.
+# Limp joints can hardly end a contact this near to their axes. This lever keeps the force finite.
 _MIN_LEVER_M = 0.03
-_HELD = 1e9  # kg m², or kg: a joint that a servo holds
+_HELD = 1e9  # inertia of a joint that a servo holds: kg m², or kg
 _TABLE = -1
 _BASE = np.eye(4)[None]
 
@@ -30,8 +31,8 @@ class _ContactPatch:
 
     Attributes:
         point_m: Centre of the overlap (3,), base frame.
-        normal: Out of the second body (3,).
-        depth_m: Penetration of the first.
+        normal: Outward normal of the second body (3,).
+        depth_m: Penetration depth of the first body.
     """
 
     point_m: Matrix
@@ -58,9 +59,9 @@ class Contacts:
 
     Args:
         joints: The arm's moving joints.
-        driven: The driver of each of them.
+        driven: The driver of each of these joints.
         shapes: See `read_shapes`.
-        tree: Their frames.
+        tree: The tree that computes their frames.
         floor_m: Height of the table in the base frame; None if there is no table.
         postures: Positions of the driven joints, free of contact.
     """
@@ -105,7 +106,8 @@ class Contacts:
             velocities: Velocities of the driven joints [rad/s or m/s].
             mass: Mass matrix of the arm with its motors (n, n).
             free: The joints that no servo holds (n,); only these yield and are pushed.
-            loads: The other torques (forces) (n,): contacts bear them, however light the joints.
+            loads: The other torques (forces) (n,), which contacts support however light the joints
+                are.
             interval_s: Time until the next evaluation.
         """
         places, frames = self._world_frames(positions)
@@ -113,7 +115,7 @@ class Contacts:
         if not found:
             return list(loads)
         acting = np.array(loads)
-        # Joints that do not yield count as this heavy by themselves.
+        # Joints that do not yield get a huge inertia and no coupling to the others.
         held = np.where(free, 0.0, _HELD)
         light = np.linalg.inv(mass * np.outer(free, free) + np.diag(held))
         for contact, depth_m in found:
@@ -135,7 +137,7 @@ class Contacts:
     def _find_contacts(
         self, places: Matrix, frames: Matrix, count: int
     ) -> list[tuple[Matrix, float]]:
-        """Return, for each contact, its Jacobian by each driven joint, and its depth [m]."""
+        """Return the Jacobian by driven joint and the depth [m] of each contact."""
         touches = [(body, _TABLE, self._table_contact(places, body)) for body in self._on_table]
         touches += [
             (a, b, self._body_contact(places, rows)) for (a, b), rows in self._nearby_pairs(places)
@@ -149,7 +151,7 @@ class Contacts:
     def _contact_jacobian(
         self, frames: Matrix, touch: _ContactPatch, a: int, b: int, count: int
     ) -> Matrix:
-        """Compute the separating velocity of bodies a and b, for each driven joint."""
+        """Compute the velocity at which bodies a and b separate, per driven joint."""
         slope = [0.0] * count
         point_m, normal = touch.point_m.tolist(), touch.normal.tolist()
         for sign, end in ((1.0, a), (-1.0, b)):
@@ -210,7 +212,7 @@ class Contacts:
         return [(self._pairs[k], rows[pairs == k]) for k in np.unique(pairs).tolist()]
 
     def _set_pairs(self, pairs: Sequence[tuple[int, int]]) -> None:
-        """Select the pairs of bodies to check: points of the first in the second."""
+        """Set the pairs of bodies to check: points of the first in shapes of the second."""
         self._pairs = list(pairs)
         rows = [
             (i, j, k)
@@ -243,7 +245,10 @@ class Contacts:
 def _normal_velocity(
     frame: list[list[float]], point_m: list[float], normal: list[float], sliding: bool
 ) -> float:
-    """Compute the speed of a point along a normal per joint: plain numbers, as three are few."""
+    """Compute the speed of a point along a normal per speed of a joint.
+
+    Plain numbers, because arrays are slower for three of them.
+    """
     (_, _, x, at_x), (_, _, y, at_y), (_, _, z, at_z), _ = frame
     if not sliding:
         px, py, pz = point_m[0] - at_x, point_m[1] - at_y, point_m[2] - at_z

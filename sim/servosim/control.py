@@ -29,8 +29,8 @@ def trapezoid(
     Args:
         distance_rad: Signed distance to the goal.
         velocity_rad_s: Present velocity.
-        limit_rad_s: Cruising speed; 0 = none.
-        acceleration_rad_s2: Slope of both ramps; 0 = none: the velocity jumps.
+        limit_rad_s: Cruising speed; 0 = unlimited.
+        acceleration_rad_s2: Slope of both ramps; 0 = no ramps, the velocity jumps.
 
     Returns:
         The segments; none if the reference jumps to the goal.
@@ -153,7 +153,7 @@ class ProfileGenerator:
 
 
 class ControlMode(Enum):
-    """The controlled quantity of the firmware."""
+    """The quantity that the firmware controls."""
 
     POSITION = "position"
     VELOCITY = "velocity"
@@ -168,6 +168,7 @@ class DriveCommand:
 
     The position loop works as the datasheets draw it, on the bridge's duty (PWM, -1..1):
     `duty = kp e + ki ∫e dt + kd de/dt + startup_pwm sign(e) + kv v + ka a`, with
+    `e = reference - encoder` in whole ticks of the sensor, less the dead zone, and v, a of the
     reference. The stiffness at the output is therefore `kp` times the torque at full duty and the
     supply's voltage.
 
@@ -177,12 +178,12 @@ class DriveCommand:
 
     Attributes:
         torque_on: False opens the bridge: the shaft can be moved by hand.
-        mode: The controlled quantity.
+        mode: The quantity that the firmware controls.
         goal_rad: Goal of POSITION and CURRENT_POSITION.
         goal_velocity_rad_s: Goal of VELOCITY.
         goal_pwm: Goal of PWM, -1..1.
         goal_current_a: Goal of CURRENT; its size is the limit of CURRENT_POSITION.
-        velocity_limit_rad_s: The profile's cruising speed; 0 = none.
+        velocity_limit_rad_s: The profile's cruising speed; 0 = unlimited.
         acceleration_rad_s2: The profile's acceleration, also of VELOCITY; 0 = at once.
         profile_time_s: Time-based profile: from start to rest; 0 = use the two limits above.
         acceleration_time_s: Time-based profile: each ramp, at most half of profile_time_s.
@@ -194,7 +195,7 @@ class DriveCommand:
         velocity_ki: Velocity gain [1/rad].
         velocity_feed_forward: Duty per rad/s of the reference [s/rad].
         acceleration_feed_forward: Duty per rad/s² of the reference [s²/rad].
-        tick_rad: Resolution of the sensor; 0 = none.
+        tick_rad: Resolution of the sensor; 0 = infinite.
         dead_zone_rad: Errors up to this size count as zero, larger ones are reduced by it.
         startup_pwm: Duty added in the direction of an error outside the dead zone (Feetech's
             start-up force).
@@ -237,7 +238,7 @@ class DriveCommand:
 
 PROTECTED_SHARE = 0.25  # scope, motor uncoupled: 0.041 instead of 0.165 duty/(P rad) from 100°
 RELEASED: tuple[object, ...] = (None,)
-# Names of a module are found fast; a member of an Enum takes half a microsecond (Python 3.11).
+# A module's names are looked up fast; a member of an Enum takes half a microsecond (Python 3.11).
 POSITION, VELOCITY, PWM = ControlMode.POSITION, ControlMode.VELOCITY, ControlMode.PWM
 CURRENT, CURRENT_POSITION = ControlMode.CURRENT, ControlMode.CURRENT_POSITION
 PROFILED = (POSITION, CURRENT_POSITION)
@@ -261,7 +262,7 @@ class Controller:
         self.saturated = False
 
     def release(self, position_rad: float) -> None:
-        """Torque is off: follow the shaft and reset the state."""
+        """Follow the shaft and reset the state, because the torque is off."""
         if self._order is RELEASED:
             self.reference.position_rad = position_rad
             return
@@ -353,7 +354,7 @@ class Controller:
     def _started_duty(
         self, duty: float, drive: DriveCommand, error_rad: float, way_rad: float
     ) -> float:
-        """Add the start-up force, and protect the gears while the goal is very far."""
+        """Add the start-up force, and protect the gears while the goal is far away."""
         if drive.startup_pwm:
             duty += math.copysign(drive.startup_pwm, error_rad)
         elif drive.minimum_pwm and abs(duty) < drive.minimum_pwm:
@@ -384,15 +385,11 @@ class Controller:
             self._integral = self.derivative = 0.0
         self._order = order
         if drive.mode is VELOCITY:
-            self._plan_velocity(drive)
+            goal_rad_s = drive.goal_velocity_rad_s
+            pieces = ramp(self.reference.velocity_rad_s, goal_rad_s, drive.acceleration_rad_s2)
+            self.reference.follow(pieces, self.reference.position_rad, goal_rad_s)
         elif drive.mode in PROFILED:
             self.reference.follow(self._position_profile(drive), drive.goal_rad)
-
-    def _plan_velocity(self, drive: DriveCommand) -> None:
-        goal_rad_s = drive.goal_velocity_rad_s
-        now_rad_s = self.reference.velocity_rad_s
-        pieces = ramp(now_rad_s, goal_rad_s, drive.acceleration_rad_s2)
-        self.reference.follow(pieces, self.reference.position_rad, goal_rad_s)
 
     def _position_profile(self, drive: DriveCommand) -> list[ProfileSegment]:
         distance_rad = drive.goal_rad - self.reference.position_rad

@@ -1,4 +1,4 @@
-"""Joints that the masses of an arm couple: the velocities of all of them after a step."""
+"""Joints that are coupled by the masses of an arm: velocities of all joints after a step."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from servosim.urdf import Matrix
 
 MAX_SWEEPS = 30
 NO_HANDS: Mapping[int, Hand] = MappingProxyType({})
-EXACT_RAD_S = 2e-4  # largest change of a velocity by a sweep that ends the iteration
+EXACT_RAD_S = 2e-4  # the iteration ends when a sweep changes no velocity by more
 
 
 class CoupledJoints:
@@ -119,13 +119,13 @@ class CoupledJoints:
     ) -> tuple[JointStep, float]:
         """Compute the step of a joint that a hand holds, and the hand's torque on a horn at rest.
 
-        Its damping is taken implicitly, because a joint is light inside its backlash, unless the
-        hand is at its limit.
+        The hand's damping is taken implicitly, because a joint is light inside its backlash, unless
+        the hand is at its limit.
         """
         joint, _, motor = self._leads[k]
         share, slope = self._shares[k], joint.m_per_rad
         pull_nm = hand.resting * share
-        if math.isfinite(pull_nm):  # otherwise a push with full force
+        if math.isfinite(pull_nm):  # otherwise the hand pushes with full force
             step = motor.begin_motion(
                 STEP_S, pressed_nm, felt_nm + pull_nm, hand.damping * slope * share
             )

@@ -15,12 +15,12 @@ from servosim.mass_tree import LocalDynamics, MassTree, MimicDrive
 from servosim.specimen import Specimen
 from servosim.urdf import Matrix, MovingJoint, read_joints, read_link_frame, read_shapes
 
-NEAR_M = 1e-5  # a servo's tick moves the tip ten times as far
+NEAR_M = 1e-5  # near enough: a servo's tick moves the tip ten times as far
 ITERATIONS = 200
 DAMPING_M = 0.01  # damping of least squares: keeps steps short near singularities
 LONGEST_STEP = 0.2  # rad, or m: slopes are not valid further away
-BALANCE_STEPS = 6  # steps; each leaves a tenth of the error
-# Range of an expansion of the dynamics: the error of gravity grows with its square.
+BALANCE_STEPS = 6  # number of steps; each leaves a tenth of the error
+# Range in which an expansion of the dynamics is used. The error of gravity grows with its square.
 NEAR_RAD, NEAR_SLIDE_M = 0.03, 0.003
 
 
@@ -72,7 +72,7 @@ class Tip:
     def posture_at(self, point_m: Sequence[float], start: Sequence[float]) -> list[float]:
         """Return positions inside the limits with the tip at a point, near to those at the start.
 
-        If limits are in the way from the start, the search starts again in the middle of the
+        If limits block the search from the start, it begins again in the middle of the
         joints' ranges.
 
         Args:
@@ -89,8 +89,8 @@ class Tip:
                 return found.tolist()
             shortest_m = min(shortest_m, short_m)
         place = ", ".join(f"{x:.3f}" for x in point_m)
-        short = f"{1000 * shortest_m:.1f} mm short"
-        raise SimulatorError(f"the tip cannot be moved to ({place}) m: {short}")
+        short = f"it stays {1000 * shortest_m:.1f} mm short"
+        raise SimulatorError(f"the tip cannot be moved to ({place}) m; {short}")
 
     def _search(self, goal_m: Matrix, q: Matrix) -> tuple[Matrix, float]:
         """Search for positions by damped least squares; return them and the error of the tip.
@@ -119,7 +119,7 @@ class Tip:
         return T[:3, :3] @ self._offset_m + T[:3, 3]
 
     def _slopes(self, frames: Matrix) -> Matrix:
-        """Compute the derivative of the tip by each position (3, n)."""
+        """Compute the derivative of the tip with respect to each position (3, n)."""
         tip_m, J = self._origin_m(frames), np.zeros((3, len(self._lower)))
         for i in self._chain:
             driver, multiplier, _ = self._driven[i]
@@ -163,11 +163,11 @@ class Dynamics(Protocol):
         ...
 
     def load_nm(self, positions: Sequence[float], velocities: Sequence[float]) -> list[float]:
-        """Torque (force) on each joint, velocity forces included; positive forward."""
+        """Return the torque (force) on each joint, velocity forces included; positive forward."""
         ...
 
     def mass_matrix(self, positions: Sequence[float]) -> list[list[float]]:
-        """Joint forces of unit accelerations, without the motors [kg m², on sliding joints kg]."""
+        """Return the mass matrix, without the motors [kg m², on sliding joints kg]."""
         ...
 
 
@@ -239,7 +239,7 @@ class RigidArm:
         self._local: LocalDynamics | None = None
 
     def load_nm(self, positions: Sequence[float], velocities: Sequence[float]) -> list[float]:
-        """Torque (force) of gravity and of the velocities on each joint."""
+        """Return the torque (force) of gravity and of the velocities on each joint."""
         links = self.link_positions(positions)
         return self._near(links).load_at(np.array(links), np.array(velocities)).tolist()
 
@@ -257,7 +257,7 @@ class RigidArm:
         return links.tolist()
 
     def mass_matrix(self, positions: Sequence[float]) -> list[list[float]]:
-        """The mass matrix, without the motors."""
+        """Return the mass matrix, without the motors."""
         links = self.link_positions(positions)
         return self._near(links).mass_at(np.array(links)).tolist()
 

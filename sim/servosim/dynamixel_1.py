@@ -33,7 +33,7 @@ class Dynamixel1Protections(AlarmBits):
         self._overload_s = 0.0
 
     def clear_overload(self) -> None:
-        """Torque limit written: reset an overload."""
+        """Reset an overload after a write to the torque limit."""
         self.bits &= ~self._overload
         self._overload_s = 0.0
 
@@ -62,7 +62,7 @@ BAUDS_320 = {0: 9600.0, 1: 57600.0, 2: 115200.0, 3: 1e6}
 RPM_RAD_S = 2 * math.pi / 60
 SPEED_RAD_S = {"AX-12A": 0.111 * RPM_RAD_S, "MX-28": 0.114 * RPM_RAD_S, "XL-320": 0.111 * RPM_RAD_S}
 ACCELERATION_RAD_S2 = math.radians(8.583)
-SLOPE_RAD = math.radians(300.0 / 1024)  # one step of a compliance slope: full duty at its end
+SLOPE_RAD = math.radians(300.0 / 1024)  # step of a compliance slope; the duty is full at its end
 FULL = 1023  # maximum of torque limits and punch
 MULTI_TURN = 4095  # value of both angle limits
 
@@ -108,7 +108,7 @@ class Dynamixel1(Servo):
 
     @property
     def return_delay_s(self) -> float:
-        """Return delay register, 2 µs per step."""
+        """The return delay, from a register in steps of 2 µs."""
         return self.memory.get("return_delay_time") * 2e-6
 
     @property
@@ -118,7 +118,7 @@ class Dynamixel1(Servo):
 
     @property
     def alarm(self) -> int:
-        """The alarm bits of a status packet: protocol 2.0 has one for all causes."""
+        """The alarm bits of a status packet; protocol 2.0 has one bit for all causes."""
         return 0x80 if self.is_320 and self.watch.bits else self.watch.bits
 
     def check_write(self, address: int, data: bytes) -> InstructionError | None:
@@ -138,7 +138,7 @@ class Dynamixel1(Servo):
         return None
 
     def _is_goal_outside(self, row: SimulatedRegister, value: int) -> bool:
-        """Check whether a goal is outside the angle limits."""
+        """Check whether a value is a goal outside the angle limits, or would open the lock."""
         if row.name == "lock":
             return value == 0 and bool(self.memory.get("lock"))
         if row.name != "goal_position":
@@ -220,17 +220,15 @@ class Dynamixel1(Servo):
         if self.is_mx:
             drive.acceleration_rad_s2 = get("goal_acceleration") * ACCELERATION_RAD_S2
         drive.velocity_limit_rad_s = abs(speed_rad_s)
-        drive.mode = self._wheel_mode() if self.is_wheel_mode else ControlMode.POSITION
+        # The MX controls its wheel's speed, the AX only its voltage.
+        wheel = ControlMode.VELOCITY if self.is_mx else ControlMode.PWM
+        drive.mode = wheel if self.is_wheel_mode else ControlMode.POSITION
         drive.goal_velocity_rad_s = self.shaft.sign * speed_rad_s
         drive.goal_pwm = self.shaft.sign * get("moving_speed") / FULL
         drive.goal_rad = self.angle_at(get("goal_position"))
 
-    def _wheel_mode(self) -> ControlMode:
-        """The MX controls its wheel's speed, the AX only its voltage."""
-        return ControlMode.VELOCITY if self.is_mx else ControlMode.PWM
-
     def set_gains(self) -> None:
-        """Apply the gains in SI: a slope of n steps is the MX's P gain of 1024 / n."""
+        """Apply the gains in SI units; a slope of n steps equals an MX's P gain of 1024 / n."""
         drive, get = self.drive, self.memory.get
         drive.minimum_pwm = get("punch") / FULL
         drive.tick_rad = self.shaft.rad_per_tick
@@ -241,7 +239,9 @@ class Dynamixel1(Servo):
             drive.kd = unit * get("d_gain") * 4 / 1000
             return
         drive.dead_zone_rad = get("cw_compliance_margin") * SLOPE_RAD
-        drive.kp = 1.0 / (_slope_steps(get("cw_compliance_slope")) * SLOPE_RAD)
+        slope = get("cw_compliance_slope")  # the largest power of two up to it acts, at least 2
+        steps = max(2, 1 << slope.bit_length() - 1) if slope else 2
+        drive.kp = 1.0 / (steps * SLOPE_RAD)
 
     def set_limits(self) -> None:
         """Apply a write to the torque limit; after a shutdown it enables the motor again."""
@@ -279,8 +279,3 @@ class Dynamixel1(Servo):
             **dict.fromkeys(goals, self.set_goal),
             **dict.fromkeys(gains, self.set_gains),
         }
-
-
-def _slope_steps(slope: int) -> int:
-    """Compute the step of a slope: the largest power of two up to it, at least 2."""
-    return max(2, 1 << slope.bit_length() - 1) if slope else 2

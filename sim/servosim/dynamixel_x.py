@@ -20,7 +20,7 @@ CONTROL_HZ = 1000.0  # assumed rate of the position loop that the I and D gains 
 
 
 class DriveMapper:
-    """Applies one servo's registers to its drive, in SI.
+    """Applies one servo's registers to its drive, in SI units.
 
     Attributes:
         servo: The servo.
@@ -33,7 +33,7 @@ class DriveMapper:
         self.senses_current = "goal_current" in servo.table.by_name
         is_small = "pwm_slope" in servo.table.by_name
         self.current_unit_a = 0.001 if is_small else 0.00269
-        # Present PWM for an error, on pendulum logs of the XL330; assumed of the XC330.
+        # Measured as PWM per error in pendulum logs of the XL330; assumed for the XC330.
         self._p_divisor = 256 if is_small else 128
         self._profile = (0.0, 0.0, 0.0, 0.0)  # times, then limits, as the drive has them
 
@@ -74,7 +74,7 @@ class DriveMapper:
         self.update_profile()
 
     def set_gains(self) -> None:
-        """Apply the gains in SI: in the datasheets outputs are PWM steps and errors are ticks."""
+        """Apply the gains in SI units; datasheets give outputs in PWM steps, errors in ticks."""
         drive, get = self.servo.drive, self.servo.memory.get
         drive.kp = get("position_p_gain") / self._p_divisor * TICKS_PER_RAD / PWM_FULL
         drive.ki = get("position_i_gain") / 65536 * TICKS_PER_RAD * CONTROL_HZ / PWM_FULL
@@ -198,7 +198,7 @@ class SimulatedDynamixelX(Servo):
 
     @property
     def return_delay_s(self) -> float:
-        """Return delay register, 2 µs per step."""
+        """The return delay, from a register in steps of 2 µs."""
         return self.memory.image[self._delay_at] * 2e-6
 
     @property
@@ -214,7 +214,7 @@ class SimulatedDynamixelX(Servo):
 
     @property
     def alarm(self) -> int:
-        """The alarm bits of a status packet: protocol 2.0 has one for all causes."""
+        """The alarm bits of a status packet; protocol 2.0 has one bit for all causes."""
         bits = self.memory.image[self._error_at]
         if not bits:
             return 0
@@ -319,7 +319,7 @@ class SimulatedDynamixelX(Servo):
             self.set_torque()
 
     def set_mode(self) -> None:
-        """Apply a new operating mode: gains, profile and goals get defaults, single turn."""
+        """Apply a new operating mode: default gains, profile and goals, positions of one turn."""
         mode = self.memory.get("operating_mode")
         if mode == self.mode:
             return
@@ -340,7 +340,7 @@ class SimulatedDynamixelX(Servo):
         self.reset_goals_to_present()
 
     def set_torque(self) -> None:
-        """Apply a write to torque enable: position mode is single turn again."""
+        """Apply a write to torque enable; in position mode it starts at a single turn again."""
         on = bool(self.memory.get("torque_enable"))
         if on and not self.drive.torque_on and self.mode == 3:
             self.reset_turns()
@@ -366,7 +366,7 @@ class SimulatedDynamixelX(Servo):
         self.orders.set_goal()
 
     def hold_position(self) -> None:
-        """Stop the servo for the bus watchdog: no motion, no profile."""
+        """Stop the servo for the bus watchdog, without a profile."""
         for name in ("profile_velocity", "profile_acceleration", "goal_velocity"):
             self.memory.put(name, 0)
         self.orders.update_profile()

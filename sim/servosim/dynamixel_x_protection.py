@@ -101,7 +101,7 @@ class AccessRules:
         return None
 
     def _rows_at(self, address: int, length: int) -> _Rows | InstructionError:
-        """Return the registers of a range of bytes, or why it may not be written."""
+        """Return the registers of a range of bytes, or the reason why it may not be written."""
         rows = self._found.get((address, length))
         if rows is None:
             if not self.table.is_gapless(address, length):
@@ -188,7 +188,7 @@ class DynamixelXProtections:
         self.servo.received_s = self.servo.time_s
 
     def moving_status(self) -> int:
-        """Compute the moving status register: arrival, running profile and its kind, lag."""
+        """Compute the moving status register: arrival, profile and its kind, following error."""
         servo, motor = self.servo, self.servo.motor
         if self._current_mode() not in (3, 4, 5):
             return 0

@@ -6,11 +6,11 @@ from pathlib import Path
 
 
 class SimulatorError(ValueError):
-    """Base of errors in the set-up of a simulated bus: its input cannot be used."""
+    """Base class of errors in the set-up of a simulated bus, whose input cannot be used."""
 
 
 class ArmFileError(SimulatorError):
-    """An arm file that cannot be used: the place, the found and the expected value."""
+    """An error in an arm file: its place, and what was found there."""
 
     def __init__(self, path: Path, where: str, found: str) -> None:
         self.path, self.where, self.found = path, where, found
@@ -38,7 +38,7 @@ class UnknownModelError(SimulatorError, LookupError):
 
 
 class PortClosedError(OSError):
-    """The port was closed or unplugged; the text is the one of pyserial."""
+    """The port was closed or unplugged; the text is that of pyserial."""
 
     def __init__(self, message: str = "device disconnected") -> None:
         super().__init__(message)

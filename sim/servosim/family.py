@@ -23,7 +23,7 @@ FAMILY: Mapping[str, tuple[float, float]] = MappingProxyType(
         "d_gain_acts": (0.0, 1.0),
     }
 )
-"""Uniformly distributed ranges: of each joint and its servos; the last two of the arm.
+"""Ranges of uniform distributions, for each joint and its servos; the last two for the arm.
 
 Ranges without a unit are factors. The output's friction and damping are in addition at most a part
 of the servo's total (`parameters.in_an_arm`). The D gain of an STS acts in half of the arms,
@@ -44,8 +44,8 @@ class FamilyMember:
     seed: int
 
     def drawn(self, what: str, joint: str = "") -> float:
-        """Return a value of a joint, or of the arm: a key of `FAMILY`."""
-        chance = random.Random(f"{self.seed} {what} {joint}")  # noqa: S311 - a tolerance, no secret
+        """Return the value of a key of `FAMILY` for a joint, or for the arm."""
+        chance = random.Random(f"{self.seed} {what} {joint}")  # noqa: S311 - not a secret
         return chance.uniform(*FAMILY[what])
 
     @property

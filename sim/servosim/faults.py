@@ -42,12 +42,12 @@ class Fault:
         id: The servo concerned; None for all.
         at_s: Its start, in seconds of the simulation.
         for_s: Its duration.
-        count: Largest number of times (faults of replies and instructions).
-        probability: Chance each time (faults of replies and instructions).
+        count: Maximum number of occurrences (faults of replies and instructions).
+        probability: Probability of each occurrence (faults of replies and instructions).
         delay_s: The delay of a late reply.
         bytes: The length of the garbage, or of the rest of a short reply.
         bits: Bits that are flipped in a reply, or set in an alarm.
-        volts: The wrong supply.
+        volts: The wrong supply voltage.
         celsius: The temperature of an overheated servo.
         grip: Fraction of the torque that slipping gears transmit.
     """
@@ -85,7 +85,7 @@ class Fault:
         known = [field.name for field in fields(cls)]
         for key, value in table.items():
             if key not in known:
-                raise FaultError(f"a fault has no {key!r}; it has: {', '.join(known)}")
+                raise FaultError(f"a fault has no key {key!r}; known: {', '.join(known)}")
             if not isinstance(value, str if key == "kind" else (int, float)):
                 raise FaultError(f"{key} = {value!r} has the wrong kind")
         if "kind" not in table:
@@ -103,7 +103,7 @@ def read_faults(path: Path) -> list[Fault]:
         is_json = path.suffix == ".json"
         listed = parse_json(read_text(path)) if is_json else read_toml(path)["fault"]
     except KeyError as error:
-        raise FaultError(f"{path}: no [[fault]] in it") from error
+        raise FaultError(f"{path}: there is no [[fault]] in it") from error
     except (OSError, ValueError) as error:
         raise FaultError(f"{path}: {error}") from error
     try:
@@ -231,18 +231,18 @@ def _drop_torque(line: FaultyLine, fault: Fault) -> Undo:
 
 EVENTS: dict[str, Callable[[FaultyLine, Fault], Undo]] = {
     "unplug": _unplug_cable,  # the cable is pulled; plugged in again at the end
-    "brownout": _apply_brownout,  # no supply and no torque; at the end they boot with an empty RAM
+    "brownout": _apply_brownout,  # no supply and no torque; the servos boot at the end
     "reset": _reset_servos,  # the firmware restarts in mid-motion
     "alarm": _raise_alarm,  # `bits` of the error byte
     "hot": _overheat_servo,  # the servo is at `celsius`, and cools from there
     "stuck": _block_joint,  # the shaft does not move
     "slipping": _slip_joint,  # the gears transmit `grip` of the torque
     "voltage": _change_voltage,  # the supply gives `volts`
-    "torque_lost": _drop_torque,  # the bridge is off although the register reads on
+    "torque_lost": _drop_torque,  # the bridge is off although the register says on
 }
 
 
-Arrival = tuple[float, bytes]  # delay behind its due time [s], bytes
+Arrival = tuple[float, bytes]  # delay after the due time [s], bytes
 
 LOST = "lost"  # the host's instruction is not received
 
@@ -284,13 +284,13 @@ def _duplicate_reply(data: bytes, fault: Fault, _: Random) -> list[Arrival]:
 
 REPLY_FAULTS: dict[str, Callable[[bytes, Fault, Random], list[Arrival]]] = {
     "silent": _drop_reply,  # no reply at all
-    "late": _delay_reply,  # late by delay_s: it meets the next request
+    "late": _delay_reply,  # late by delay_s, so that it meets the next request
     "short": _shorten_reply,  # only the first `bytes`
     "flipped": _flip_bits,  # `bits` flipped bits, anywhere
     "checksum": _corrupt_checksum,  # the last byte is wrong
-    "garbage": _insert_garbage,  # `bytes` of it before the header
-    "truncated": _truncate_reply,  # ends anywhere
-    "duplicated": _duplicate_reply,  # the same again, delay_s later
+    "garbage": _insert_garbage,  # `bytes` of garbage before the header
+    "truncated": _truncate_reply,  # ends at a random byte
+    "duplicated": _duplicate_reply,  # sent again after delay_s
 }
 
 
@@ -342,7 +342,7 @@ class FaultScript:
 
     def loses_instruction(self, at_s: float) -> bool:
         """Check whether an instruction is not received."""
-        if not self._lost:  # asked for each frame on the line
+        if not self._lost:  # called for each frame on the line
             return False
         return any(running.is_triggered(at_s, self._random) for running in self._lost)
 

@@ -1,4 +1,4 @@
-"""Feetech firmware: clipping, lock, alarms, protections; the series in a part of it."""
+"""Feetech firmware: clipping, lock, alarms, protections; the series differ in a part of it."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ AT_REST_RAD_S = 0.1  # assumed: a shaft that moves faster than this is not block
 
 
 class FeetechProtections(AlarmBits):
-    """Protections of one servo; bits clear with their causes, an overload with a new torque."""
+    """Protections of one servo; bits clear with their causes, an overload with a new goal."""
 
     def __init__(self, servo: Servo) -> None:
         super().__init__()
@@ -46,7 +46,7 @@ class FeetechProtections(AlarmBits):
         self.servo.drive.torque_limit = self.torque_limit()
 
     def torque_limit(self) -> float:
-        """Compute the effective limit, 0..1: protective torque after an overload."""
+        """Compute the effective limit, 0..1; after an overload it is the protective torque."""
         get = self.servo.memory.get
         limit = min(1.0, get(self._limit_name) / 1000)
         return min(limit, get("protective_torque") / 100) if self.bits & OVERLOAD else limit
@@ -61,8 +61,9 @@ class FeetechProtections(AlarmBits):
             self._check_load(dt_s)
         if self._has_current:
             self._check_current(dt_s)
-        if self.bits:
-            self._disable_output()
+        if self.bits and self.is_unloaded and servo.drive.torque_on:
+            servo.memory.put("torque_enable", 0)
+            servo.cut_torque()
 
     def _check_load(self, dt_s: float) -> None:
         get, motor = self.servo.memory.get, self.servo.motor
@@ -87,20 +88,14 @@ class FeetechProtections(AlarmBits):
         if self._over_current_s > get("over_current_time") * 0.010:
             self.bits |= CURRENT
 
-    def _disable_output(self) -> None:
-        """Switch the output off for alarms that the unload condition names."""
-        if self.is_unloaded and self.servo.drive.torque_on:
-            self.servo.memory.put("torque_enable", 0)
-            self.servo.cut_torque()
-
 
 # fmt: off
 BAUDS = (1_000_000, 500_000, 250_000, 128_000, 115_200, 76_800, 57_600, 38_400,
          19_200, 14_400, 9_600, 4_800)
 # fmt: on
-DAMPING = 2  # value of torque_enable with which the motor brakes the shaft
+DAMPING = 2  # value of torque_enable that makes the motor brake the shaft
 PROTECTED_ERROR_RAD = 1.7  # goals further away get a quarter of the duty (scope)
-PHASE_ZERO_IS_MAX = 0x08  # bit with which goal speed 0 means the maximum
+PHASE_ZERO_IS_MAX = 0x08  # bit that makes goal speed 0 mean the maximum
 
 
 class FeetechSeries:
@@ -127,7 +122,7 @@ class FeetechSeries:
         return shaft
 
     def start(self) -> None:
-        """Set its own state from the memory after power-up."""
+        """Set the state of the series from the memory after power-up."""
 
     def present_tick(self) -> int:
         """Return the present position register's number."""
@@ -141,14 +136,14 @@ class FeetechSeries:
         """Make the present position the given number, if the series supports it."""
 
     def nearest_limit(self, goal: int, lower: int, upper: int) -> int:
-        """Find the limit that replaces a goal outside both."""
+        """Return the limit that replaces a goal outside of both."""
         return max(lower, min(upper, goal))
 
     def reset_turns(self) -> None:
         """Reduce the position to a single revolution, if the series counts several."""
 
     def refresh_goal(self) -> None:
-        """Apply the goal again where it depends on the present position."""
+        """Apply the goal again if it depends on the present position."""
 
     def apply_gains(self) -> None:
         """Apply gains that only this series has."""
@@ -166,7 +161,7 @@ class FeetechSeries:
         raise NotImplementedError
 
     def write_effects(self) -> dict[str, Callable[[], None]]:
-        """Return the functions to call after a write to registers, additional or replacing."""
+        """Return functions to call after writes to registers; they extend those of the family."""
         return {}
 
 
@@ -188,7 +183,7 @@ class Feetech(Servo):
     kept_by_recovery = ("id",)
     reboot_s = 0.8  # measured on an STS3215
     kp_per_gain = 0.163  # duty per radian and step of the P gain (pendulum logs, scope)
-    # Load registers of servos that held against friction read, in thousandths of the duty, P / 4
+    # Load registers of servos that held against friction showed (in thousandths of the duty) P / 4
     # per tick of the error beyond the dead zone, plus the start-up force.
     startup_per_unit = 0.001
     kd_per_gain = 0.001  # assumed [s/rad]
@@ -222,22 +217,22 @@ class Feetech(Servo):
 
     @property
     def return_delay_s(self) -> float:
-        """Return delay register, 2 µs per step; an HLS has none."""
+        """The return delay, from a register in steps of 2 µs; an HLS has none."""
         return self.memory.get("return_delay") * 2e-6 if self._delays else 0.0
 
     @property
     def status_level(self) -> int:
-        """Response level: 1 replies to everything, 0 only to pings and reads."""
+        """The response level: 1 replies to everything, 0 only to pings and reads."""
         return 2 if self.memory.get("response_level") else 1
 
     @property
     def alarm(self) -> int:
-        """Status register."""
+        """The status register."""
         return self.watch.bits
 
     @property
     def is_eeprom_unlocked(self) -> bool:
-        """Lock register: 0 lets EEPROM writes survive without power."""
+        """Whether the lock register is 0, so that EEPROM writes survive loss of power."""
         return self.memory.get("lock") == 0
 
     def check_write(self, address: int, data: bytes) -> InstructionError | None:

@@ -14,7 +14,7 @@ _FROM_EEPROM = {  # registers that an HLS copies into its RAM at power-up
     "goal_torque": "protection_current", "kp": "p_gain", "kd": "d_gain", "ki": "i_gain",
     "goal_speed": "max_speed_limit",
 }  # fmt: skip
-CALIBRATE = 128  # value of torque_enable with which the present position becomes tick 2048
+CALIBRATE = 128  # value of torque_enable that makes the present position tick 2048
 SPEED_LIMIT_STEPS = 50  # steps/s per unit of register 84, whatever the phase says
 STEP = 3  # operating mode in which goals are added up
 PHASE_FINE_SPEED, PHASE_TURNS = 0x04, 0x10
@@ -100,7 +100,7 @@ class StsSeries(FeetechSeries):
         self.set_phase()
 
     def refresh_goal(self) -> None:
-        """Apply the goal again: across the wrap-around the same number is another position."""
+        """Apply the goal again: beyond the wrap-around the same number is another position."""
         if self.drive.torque_on and self.memory.get("operating_mode") == 0:
             self.drive.goal_rad = self.angle_at(self.servo.clamped_goal())
 
@@ -144,7 +144,7 @@ class StsSeries(FeetechSeries):
             drive.goal_rad = self.angle_at(self.servo.clamped_goal())
 
     def _set_current(self, goal_torque: int) -> None:
-        """Apply the goal torque: the goal in current mode, otherwise the limit; 0 means none."""
+        """Apply the goal torque, as goal in current mode and as limit otherwise; 0 means none."""
         drive, current_a = self.drive, goal_torque * CURRENT_UNIT_A
         drive.goal_current_a = self.shaft.sign * current_a
         drive.current_limit_a = abs(current_a)
@@ -171,7 +171,7 @@ class StsSeries(FeetechSeries):
         self.set_goal()
 
     def nearest_limit(self, goal: int, lower: int, upper: int) -> int:
-        """Find the limit that is nearest on the circle of one turn."""
+        """Return the limit that is nearest on the circle of one turn."""
         return min(lower, upper, key=lambda limit: abs((goal - limit + 2048) % 4096 - 2048))
 
     def apply_gains(self) -> None:
@@ -192,7 +192,7 @@ class StsSeries(FeetechSeries):
         }
 
     def write_effects(self) -> dict[str, Callable[[], None]]:
-        """Return the functions to call after a write to registers, additional or replacing."""
+        """Return functions to call after writes to registers; they extend those of the family."""
         servo = self.servo
         return {
             "torque_enable": self.set_torque,

@@ -1,4 +1,4 @@
-"""Frames of both protocols, and their search in a stream of bytes."""
+"""Frames of both protocols, and readers that find them in a stream of bytes."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ class Frame:
         id: The addressed servo, or the servo that replies.
         instruction: The instruction byte; in a protocol 1 status, the error byte.
         params: The bytes after the instruction, without stuffing and checksum.
-        end: Bytes of the feed that completed the frame, counted from that feed's start.
+        end: Index after its last byte in the feed that completed it.
         raw: The frame as received.
     """
 
@@ -74,7 +74,7 @@ class FrameReader:
         del self._buffer[:start]
 
     def _take_frame(self, at: int, start: int, size: int, before: int, frames: list[Frame]) -> int:
-        """Append the frame at ``start`` if it is one; return where the search continues."""
+        """Append the frame at ``start`` if it is valid; return where the search continues."""
         self.junk_bytes += start - at
         if size > 0:
             frame = self._parse(bytes(self._buffer[start : start + size]), start + size - before)
@@ -128,7 +128,7 @@ class Dynamixel1Reader(FrameReader):
 
 HEADER = b"\xff\xff\xfd\x00"
 POLYNOMIAL = 0x8005  # CRC-16/BUYPASS, e-manual "protocol 2.0, CRC calculation"
-MAX_FRAME_BYTES = 1024  # LEN of a longer frame is taken for a false header
+MAX_FRAME_BYTES = 1024  # a header that announces more is taken for a false one
 
 
 def _crc_row(byte: int) -> int:
@@ -182,7 +182,7 @@ def encode2(id_: int, instruction: int, params: bytes = b"") -> bytes:
 
 @lru_cache(maxsize=1024)
 def _head(id_: int, length: int) -> tuple[bytes, int]:
-    """Compute a frame's first bytes and their CRC, because most frames of a bus begin alike."""
+    """Compute a frame's first bytes and their CRC; cached, as most frames begin alike."""
     head = HEADER + bytes((id_, length & 0xFF, length >> 8))
     return head, crc16(head)
 

@@ -31,7 +31,7 @@ SHOWN_S = 4 * SHOW_S  # twice, because an opposite sign must be confirmed
 SWEEP_S = 24.0
 ONE_WAY_S = 4.0  # time from one end of the travel to the other
 SHOWN_RAD = math.radians(25.0)
-SHOWN_FRACTION = 0.45  # largest fraction of the travel to show
+SHOWN_FRACTION = 0.45  # largest fraction of the travel by which to show a direction
 OPEN_TRAVEL_RAD = math.radians(300.0)  # travel of a joint without limits
 MAX_OVERSHOOT = 0.02  # fraction of the travel that the hand pushes beyond the stops
 
@@ -131,7 +131,7 @@ class CalibrationHands:
         return glide(here, pose, distance / RETURN_S) if distance else hold(pose)
 
     def _direction_path(self, name: str) -> Path:
-        """Move in the direction with the larger range from the pose and back, twice."""
+        """Return a path in the direction with the larger range from the pose and back, twice."""
         pose, (lower, upper) = self._pose[name], _joint_travel(self._world, name)
         distance = SHOWN_FRACTION * (upper - lower)
         if not self._world.joint(name).is_prismatic:
@@ -148,7 +148,7 @@ class CalibrationHands:
 
 
 def _sweep_path(position: float, lower: float, upper: float) -> Path:
-    """Push to the nearer end first: both are reached after one and a half travels."""
+    """Return a path to the nearer end first, so that 1.5 travels reach both ends."""
     more, ends = MAX_OVERSHOOT * (upper - lower), lower + upper
     start = max(lower, min(upper, position))
     speed = (upper - lower) / ONE_WAY_S

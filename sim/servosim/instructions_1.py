@@ -22,7 +22,7 @@ class ReplySlot(NamedTuple):
     """A place in the order of replies.
 
     Attributes:
-        replies: The replies in this place; more than one collide.
+        replies: The replies in this place; if there is more than one, they collide.
         size: Number of bytes for which the next slot waits if there is no reply.
         slot: A fixed place counted in packets from the instruction (broadcast ping), or None to
             follow the previous place.
@@ -51,7 +51,7 @@ def single_slot(replies: list[Reply]) -> list[ReplySlot]:
 PING, READ, WRITE, REG_WRITE, ACTION, RECOVERY = 1, 2, 3, 4, 5, 6
 REBOOT, BACKUP, RESET_TURNS, CALIBRATE = 0x08, 0x09, 0x0A, 0x0B
 SYNC_READ, SYNC_WRITE, BULK_READ = 0x82, 0x83, 0x92
-MAX_DATA_BYTES = 253  # largest data by the length byte of a status
+MAX_DATA_BYTES = 253  # most data that the length byte of a status allows
 
 _ERRORS = {
     InstructionError.LIMIT: 0x02,

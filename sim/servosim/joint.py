@@ -85,7 +85,7 @@ class CrankAndRod:
         return self._slide_position(self.zero_rad - horn_rad) - self._slide_position(self.zero_rad)
 
     def horn_rad(self, position: float) -> float:
-        """Compute the rotation of the horn; out of reach, the one with the slider nearest."""
+        """Compute the rotation of the horn; out of reach, that with the slider nearest."""
         x, r, rod = position + self._slide_position(self.zero_rad), self.radius_m, self.rod_m
         x = min(rod + r, max(rod - r, x))
         cosine = (x * x + r * r - rod * rod) / (2.0 * r * x)
@@ -105,12 +105,12 @@ class CrankAndRod:
 
 
 DIRECT = Ratio()
-"""The horn is the joint."""
+"""The transmission of a horn that sits on the joint itself."""
 
 
 Path = Callable[[float], tuple[float, float]]  # seconds since the grasp -> position, velocity
 
-HAND_SPEED = 1.0  # rad/s, or m/s / 10 on a prismatic joint: speed of a hand
+HAND_SPEED = 1.0  # speed of a hand [rad/s]; a tenth of it in m/s on a prismatic joint
 STIFFNESS_RAD_S = 150.0  # natural frequency of the grip; stable at steps of 2 ms
 
 
@@ -176,7 +176,7 @@ class Hand:
         """Set spring and damping for the next `dt_s` seconds.
 
         Args:
-            dt_s: Time that passes [s].
+            dt_s: Duration of the step [s].
             position: The position of the joint.
             inertia: The inertia of the joint with its motors.
         """
@@ -184,7 +184,7 @@ class Hand:
         goal, goal_velocity = self.path(self.time_s)
         self.damping = 2.0 * STIFFNESS_RAD_S * inertia
         if self.only and (goal - position) * self.only <= 0.0:
-            self.damping = 0.0  # the joint has not reached it
+            self.damping = 0.0  # the joint has not reached the obstacle
         self.resting = 0.0
         if self.damping:
             speed = STIFFNESS_RAD_S / 2.0 * (goal - position) + goal_velocity
@@ -202,7 +202,7 @@ STEP_S = 0.001
 
 @dataclass(frozen=True, slots=True)
 class SimulatedJoint:
-    """A joint and its servos, the leading one first.
+    """A joint and its servos, the leading servo first.
 
     Positions are joint coordinates (rad or m), loads torques or forces (N m or N).
 
@@ -218,36 +218,36 @@ class SimulatedJoint:
 
     @property
     def is_prismatic(self) -> bool:
-        """Whether it is prismatic."""
+        """Whether the joint is prismatic."""
         return self.transmission.is_prismatic
 
     @property
     def m_per_rad(self) -> float:
         """Joint motion per radian of the horn at this position: 1 without a transmission."""
-        if self.transmission is DIRECT:  # asked by each servo and step
+        if self.transmission is DIRECT:  # called for each servo in each step
             return 1.0
         return self.transmission.slope(self.servos[0].motor.position_rad)
 
     @property
     def position(self) -> float:
-        """Joint coordinate."""
+        """The joint coordinate."""
         horn_rad = self.servos[0].motor.position_rad
         return horn_rad if self.transmission is DIRECT else self.transmission.position(horn_rad)
 
     @property
     def velocity(self) -> float:
-        """Joint velocity."""
+        """The joint velocity."""
         return self.servos[0].motor.velocity_rad_s * self.m_per_rad
 
     @property
     def armature(self) -> float:
-        """Inertia of rotors and gears, felt at the joint."""
+        """The inertia of rotors and gears, as felt at the joint."""
         total = sum(servo.motor.parameters.armature_kg_m2 for servo in self.servos)
         return total / self.m_per_rad**2
 
     @property
     def felt_armature(self) -> float:
-        """Inertia that the servos add to the joint: in the backlash only the outputs'."""
+        """The inertia that the servos add to the joint; in the backlash only that of outputs."""
         if self.servos[0].motor.is_on_flank:
             return self.armature
         return len(self.servos) * OUTPUT_INERTIA_KG_M2 / self.m_per_rad**2
@@ -255,7 +255,7 @@ class SimulatedJoint:
     @property
     def is_free(self) -> bool:
         """Whether no servo holds it."""
-        if len(self.servos) == 1:  # asked very often while an arm moves
+        if len(self.servos) == 1:  # called very often while an arm moves
             return not self.servos[0].drive.torque_on
         return not any(servo.drive.torque_on for servo in self.servos)
 
@@ -275,7 +275,7 @@ class SimulatedJoint:
         return fmean(servo.press(STEP_S) for servo in self.servos)
 
     def finish_step(self, after_rad_s: float) -> None:
-        """Turn the servos, given the velocity of the leading one's shaft after the step."""
+        """Turn the servos, given the velocity of the leading shaft after the step."""
         for servo in self.servos:
             servo.motor.finish_step(STEP_S, servo.drive, after_rad_s)
         lead = self.servos[0].motor

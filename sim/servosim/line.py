@@ -98,7 +98,7 @@ class LineOptions:
     """Behaviour of the line.
 
     Attributes:
-        wire_time: Whether bytes take time at all.
+        wire_time: Whether the transmission of bytes takes time.
         gap_s: A pause between bytes after which a servo drops an unfinished frame.
         noise: Probability that a byte has one bit flipped.
         seed: The seed of all random events on the line.
@@ -113,7 +113,7 @@ class LineOptions:
 
     def __post_init__(self) -> None:
         if not 0.0 <= self.noise <= 1.0:
-            raise SimulatorError(f"noise is a chance from 0 to 1, not {self.noise}")
+            raise SimulatorError(f"noise is a probability from 0 to 1, not {self.noise}")
 
 
 @dataclass(slots=True)
@@ -176,7 +176,7 @@ class Line:
 
     @property
     def servos(self) -> dict[int, Servo]:
-        """The servos by id; if two have one id, the first."""
+        """The servos by id; if two have the same id, the first."""
         found: dict[int, Servo] = {}
         for servo in self.world.servos:
             found.setdefault(servo.id, servo)
@@ -203,20 +203,20 @@ class Line:
         return self._due[0][0] if self._due else None
 
     def set_baud(self, baud: int) -> None:
-        """Set the host's rate; servos at another rate receive noise and discard half a frame."""
+        """Set the host's rate; servos at another rate receive noise, no frames."""
         if baud != self.baud:
             self.baud = baud
             self._reset_partial_frames()
 
     def host_write(self, data: bytes, now_s: float) -> float:
-        """Put bytes on the line after those already there; return when the last has left."""
+        """Put bytes on the line after those already there; return when the last byte has left."""
         self.run_until(now_s)
         start_s = max(self.adapter.departure_s(now_s), self.host_end_s)
         if start_s - self.host_end_s > self.options.gap_s:
             self._reset_partial_frames()
         speech = _BusTransmission(start_s, self.byte_s, self._add_noise(data))
         self.host_end_s = speech.end_s
-        self._garble_overlapped(speech)
+        speech.garbled = any(_is_overlapping(reply, speech) for reply in self._replies)
         self._hosts = [s for s in self._hosts if s.end_s > now_s]
         self._hosts.append(speech)
         self.adapter.send_to_line(start_s, speech.byte_s, speech.data)
@@ -304,12 +304,6 @@ class Line:
                 host.garbled = speech.garbled = True
         if speech.garbled:
             speech.data = self.random.randbytes(len(speech.data))
-
-    def _garble_overlapped(self, speech: _BusTransmission) -> None:
-        """Garble a transmission of the host during a reply."""
-        for reply in self._replies:
-            if _is_overlapping(reply, speech):
-                speech.garbled = True
 
     def _add_noise(self, data: bytes) -> bytes:
         chance = self.options.noise

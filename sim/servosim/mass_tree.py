@@ -18,7 +18,7 @@ _CROSS[0, [7, 5]] = _CROSS[1, [2, 6]] = _CROSS[2, [3, 1]] = 1.0, -1.0
 
 
 class MimicDrive(NamedTuple):
-    """Driver of a joint: `q = multiplier * positions[driver] + offset`; driver -1: none."""
+    """The driver of a joint: `q = multiplier * positions[driver] + offset`; -1 is no driver."""
 
     driver: int
     multiplier: float
@@ -62,8 +62,8 @@ class LocalDynamics:
 class MassTree:
     """A tree of joints with masses, gravity along -z of its base.
 
-    With the motion `X_i` of joint i as a 4x4 twist in the base, a body at T of second moments P
-    (4x4, in its own frame) has the second moments `S = T P T'` in the base, and
+    With the motion `X_i` of joint i as a 4x4 twist in the base, a body at T with the second moments
+    P (4x4, in its own frame) has the second moments `S = T P T'` in the base, and
 
         M[i, j] = sum tr(X_i S X_j'),   christoffel[i, j, k] = sum tr(X_i S (X_j X_k)')
 

@@ -32,7 +32,7 @@ class ThermalModel:
 
 
 AT_REST_RAD_S = 1e-6  # a motion slower than this sticks
-AT_FLANK_RAD = 1e-12  # nearer than this is on the flank, because of rounding
+AT_FLANK_RAD = 1e-12  # an output nearer than this is on the flank; covers rounding
 STRIBECK_SPAN = 8.0  # above this multiple of its velocity Stribeck friction is zero
 # The output gear's and the horn's part of the armature, 10 g at a radius of gyration of 10 mm
 # (estimate): the mass that crosses the backlash when a joint carries nothing.
@@ -240,7 +240,7 @@ class Motor:
 
     @property
     def encoder_rad(self) -> float:
-        """The position sensor's angle: that of the output."""
+        """The position sensor's angle, which is that of the output."""
         return self.position_rad
 
     @property
@@ -272,7 +272,7 @@ class Motor:
         """Advance `dt_s` seconds (at most 2 ms) under an external torque and a supply voltage.
 
         Args:
-            dt_s: Time that passes [s].
+            dt_s: Duration of the step [s].
             load_nm: External torque on the shaft [N m]; positive is forward.
             drive: The firmware's commands.
             supply_v: Voltage at the servo's plug [V].
@@ -312,10 +312,10 @@ class Motor:
         """Compute the equations of velocities after the step: inertia, friction, backlash, stops.
 
         Args:
-            dt_s: Time that passes [s].
+            dt_s: Duration of the step [s].
             pressed_nm: Torque of the motor that reaches the gears [N m].
             load_nm: External torque, as far as known, including that of accelerations [N m].
-            held_nm_s: Decrease of that torque per speed of the output [N m s].
+            held_nm_s: Decrease of the external torque per speed of the output [N m s].
         """
         if self.stuck:
             self._alone_rad_s, self._behind_rad_s, self._ahead_rad_s = 0.0, -math.inf, math.inf

@@ -37,7 +37,7 @@ class MujocoBody:
         urdf_path: The arm; masses, limits and collision shapes are used, visual shapes are not.
         joint_names: The joints that servos move.
         motors: The motors on each joint, for their friction and inertia.
-        floor_m: Height of the floor in the base frame; None for no floor.
+        floor_m: Height of the floor in the base frame; None if there is no floor.
         stop_margins: The distance of the stops of each joint from its limits [rad or m].
         cubes: Cubes on the floor, which the arm can push and grip.
 
@@ -154,7 +154,7 @@ class MujocoBody:
         return not bool((np.abs(self._data.qvel[self._cube_speeds]) > AT_REST_M_S).any())
 
     def cube_poses(self) -> list[Array]:
-        """Return the poses of the cubes (4, 4), base frame, with the origin in their middles."""
+        """Return the poses of the cubes (4, 4), base frame, with the origins in their middles."""
         poses: list[Array] = []
         for k in self._cubes:
             T = np.eye(4)
@@ -164,7 +164,7 @@ class MujocoBody:
 
     @property
     def contacts(self) -> int:
-        """Present number of contacts."""
+        """The present number of contacts."""
         return int(self._data.ncon)
 
 

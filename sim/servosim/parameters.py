@@ -11,9 +11,10 @@ HEAT_J_GK = 0.8  # heat capacity between plastic and copper (estimate)
 # for an hour (SO-ARM100 issue 134). Scaled by the surface for other sizes.
 COOLING_K_W = 10.0
 # Friction on the output side of the backlash. Pendulums on bare servos swing across it at rest as
-# if nothing braked them there (tools/bench/limit_cycle.py): at most 0.003 N m on the STS3215, a
-# hundredth of its dry friction, fits. An arm adds a second bearing and cables. Their friction is
-# unknown, 0 to 0.05 N m and 0 to 0.01 N m s, and part of the total, which stays as fitted.
+# if nothing braked them there (tools/bench/limit_cycle.py). At most 0.003 N m agrees with that on
+# the STS3215, a hundredth of its dry friction. An arm adds a second bearing and cables. Their
+# friction is unknown (0 to 0.05 N m and 0 to 0.01 N m s) and part of the total, which stays as
+# fitted.
 BARE_SHARE = 0.01
 OUTPUT_FRICTION_NM, MOST_OF_FRICTION = 0.03, 0.75
 OUTPUT_VISCOUS_NM_S, MOST_OF_VISCOUS = 0.005, 0.5
@@ -40,7 +41,8 @@ class MotorParameters:
         gear_ratio: Revolutions of the motor per revolution of the shaft.
         backlash_rad: Free play of the gears, from one tooth face to the other.
         output_friction_nm: The part of the dry friction on the output side of the backlash.
-        output_viscous_nm_s: The same part of kv, which brakes the output inside the backlash.
+        output_viscous_nm_s: The corresponding part of kv, which brakes the output inside the
+            backlash.
         mass_kg: Mass of the whole servo.
         heat_capacity_j_k: Heat that warms the whole servo by one kelvin.
         thermal_resistance_k_w: Kelvin above ambient per watt, at rest.
@@ -68,22 +70,22 @@ class MotorParameters:
 
     @property
     def duty_torque_nm(self) -> float:
-        """Torque of the motor at the blocked shaft at full duty, without any limit."""
+        """The torque of the motor at the blocked shaft at full duty, without any limit."""
         return self.torque_constant_nm_a * self.nominal_v / self.resistance_ohm
 
     @property
     def stall_current_a(self) -> float:
-        """Current of the blocked shaft at full duty."""
+        """The current of the blocked shaft at full duty."""
         return min(self.nominal_v / self.resistance_ohm, self.current_limit_a)
 
     @property
     def stall_torque_nm(self) -> float:
-        """Torque of the motor at the blocked shaft at full duty, before friction."""
+        """The torque of the motor at the blocked shaft at full duty, before friction."""
         return self.torque_constant_nm_a * self.stall_current_a
 
     @property
     def no_load_speed_rad_s(self) -> float:
-        """Speed of the free shaft at full duty; with so little load kq does not matter."""
+        """The speed of the free shaft at full duty; with so little load kq does not matter."""
         kt, full_a = self.torque_constant_nm_a, self.nominal_v / self.resistance_ohm
         driven_nm = kt * full_a * (1.0 - self.load_friction) - self.friction_nm
         braked_nm_s = kt * kt / self.resistance_ohm * (1.0 - self.load_friction)
@@ -91,7 +93,7 @@ class MotorParameters:
 
     @property
     def static_friction_nm(self) -> float:
-        """Outer torque that starts to turn the resting, limp shaft."""
+        """The external torque that starts to turn the resting, limp shaft."""
         rest = 1.0 - self.load_friction - self.load_stribeck
         dry_nm = self.friction_nm + self.stribeck_nm
         # The smaller root of kq x^2 - rest x + dry = 0, in a form without cancellation.
@@ -213,7 +215,7 @@ PARAMETERS: dict[str, MotorParameters] = {
     #                              V     N m    rpm   armature  gears  play°    g
     "SCS0009":    _scaled(_GEAR,  6.0,  0.226, 100.0, 0.0007,  416.0, 0.50,  13.2),
     "HLS3606M":   _scaled(_GEAR,  6.0,  0.59,  111.0, 0.00079, 205.0, 0.50,  20.6),
-    "SCS225":     _scaled(_GEAR,  7.4,  2.45,   62.5, 0.0020,  200.0, 0.50,  56.0),  # most unknown
+    "SCS225":     _scaled(_GEAR,  7.4,  2.45,   62.5, 0.0020,  200.0, 0.50,  56.0),  # least known
     "SCS15":      _scaled(_GEAR,  6.0,  1.47,   62.5, 0.0020,  200.0, 0.50,  56.0),
     "XL330-M288": _M288,
     "XL330-M077": _scaled(_M288,  5.0,  0.215, 383.0, 0.00018,  77.5, 0.25,  18.0),

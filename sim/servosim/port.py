@@ -88,7 +88,7 @@ class _Query:
             raise SimulatorError(f"{key}={value} is not a number") from error
 
     def optional(self, key: str) -> float | None:
-        """Return a value as a number, None if it is missing."""
+        """Return a value as a number, or None if it is missing."""
         return self.number(key, 0.0) if self.text(key, "") else None
 
     def specimen(self) -> Specimen:
@@ -112,7 +112,7 @@ class _Query:
         )
 
     def check(self) -> None:
-        """Raise for keys that were not used."""
+        """Raise an error if the query has unknown keys."""
         unknown = sorted(set(self._values) - self._used_keys)
         if unknown:
             known = ", ".join(sorted(self._used_keys))
@@ -142,7 +142,7 @@ class SimulatedPort:
 
     @property
     def baudrate(self) -> int:
-        """Rate in bit/s; servos at another rate do not reply."""
+        """The rate in bit/s; servos at another rate do not reply."""
         return self.line.baud
 
     @baudrate.setter
@@ -151,7 +151,7 @@ class SimulatedPort:
 
     @property
     def in_waiting(self) -> int:
-        """Bytes that have arrived."""
+        """The number of bytes that have arrived."""
         self._check_open()
         waiting = self.line.inbox.count_arrived(self.clock.now_s())
         self._poll_adapter()

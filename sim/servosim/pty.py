@@ -29,7 +29,7 @@ def point_link(link: Path, port: Path) -> None:
     if link.is_symlink():
         link.unlink()
     elif link.exists():
-        raise SimulatorError(f"{link} is there already and is not a link; choose another name")
+        raise SimulatorError(f"{link} already exists and is not a link; choose another name")
     link.symlink_to(port)
 
 
@@ -60,7 +60,7 @@ def line_speed(fd: int) -> int | None:
     return _NAMED.get(speed, speed) or None
 
 
-SPIN_S = 100e-6  # the kernel wakes us about this late: the rest is waited for awake
+SPIN_S = 100e-6  # the kernel wakes us about this late, so the rest is a busy wait
 ACTIVE_STEP_S = 0.002  # a world in motion is kept up to date in small steps
 IDLE_STEP_S = 0.050
 NO_CLIENT_STEP_S = 0.010  # time between two polls for a client
@@ -120,7 +120,8 @@ class PtyBus:
         self._update_cable()
         due_s = self._next_due_s()
         ready = self._wait_for_events(due_s, also)
-        self._leave_out_hold_up()
+        late_s = self.now_s() - self.line.world.time_s - self._step_s()
+        self._start_s += max(0.0, late_s - MAX_LATE_S)
         if self._master in ready:
             self._receive_bytes()
         else:
@@ -138,11 +139,6 @@ class PtyBus:
 
     def _step_s(self) -> float:
         return IDLE_STEP_S if self.line.world.is_idle else ACTIVE_STEP_S
-
-    def _leave_out_hold_up(self) -> None:
-        """Leave all but a little of the server's delay out of the line's time."""
-        late_s = self.now_s() - self.line.world.time_s - self._step_s()
-        self._start_s += max(0.0, late_s - MAX_LATE_S)
 
     def _update_cable(self) -> None:
         """Follow a fault that pulls the cable and plugs it in again."""

@@ -46,7 +46,7 @@ class SimulatedRegister:
     """One row of a control table.
 
     Attributes:
-        address: Its first byte.
+        address: Address of its first byte.
         size: Number of bytes.
         name: The vendor's English name, snake_case.
         writable: Whether an instruction may write it.
@@ -114,7 +114,7 @@ class ServoTable:
 
     Attributes:
         model: The model's name.
-        family: The servos that it behaves like.
+        family: The servos that behave like it.
         number: The model number in its memory.
         firmware: The firmware version that the defaults belong to.
         registers: Rows in the order of their addresses.
@@ -206,7 +206,7 @@ class Memory:
         self._numbers[row.name] = self._getters[row.name]()
 
     def persist_value(self, name: str) -> None:
-        """Make a register's present number survive loss of power, lock or not."""
+        """Make a register's present number survive loss of power, whatever the lock."""
         self._persist_register(self.table.by_name[name])
 
     def write(self, address: int, data: bytes, *, persist: bool = True) -> None:
@@ -265,7 +265,9 @@ def _make_getter(image: bytearray, row: SimulatedRegister) -> Callable[[], int]:
     """Make a function that reads a register's number, fast for the common single byte."""
     if row.size == 1 and row.sign is Sign.NONE:
         return partial(image.__getitem__, row.address)
-    unpack = partial(Struct(_struct_format(row)).unpack_from, image, row.address)
+    letter = {1: "b", 2: "h", 4: "i"}[row.size]
+    form = ("<" if row.order == "little" else ">") + (letter if row.twos else letter.upper())
+    unpack = partial(Struct(form).unpack_from, image, row.address)
     sign_bit = row.sign_bit
 
     def plain() -> int:
@@ -278,8 +280,3 @@ def _make_getter(image: bytearray, row: SimulatedRegister) -> Callable[[], int]:
         return -magnitude if value & sign_bit else magnitude
 
     return signed if sign_bit else plain
-
-
-def _struct_format(row: SimulatedRegister) -> str:
-    letter = {1: "b", 2: "h", 4: "i"}[row.size]
-    return ("<" if row.order == "little" else ">") + (letter if row.twos else letter.upper())

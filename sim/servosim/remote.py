@@ -142,7 +142,7 @@ class RemoteControl:
         }
         name = request["do"]
         if name not in actions:
-            raise SimulatorError(f"cannot do {name!r}; can: {', '.join(actions)}")
+            raise SimulatorError(f"unknown request {name!r}; known: {', '.join(actions)}")
         return actions[name](request) or {}
 
     def _get_state(self, _: Request) -> Request:
@@ -196,7 +196,7 @@ class RemoteControl:
         self._line.faults.add(fault)
 
     def _start_event(self, request: Request) -> None:
-        """Start the fault of this name now; the keys are the fault's."""
+        """Start the fault of this name now; the keys of the request are those of the fault."""
         keys = {key: value for key, value in request.items() if key != "do"}
         self._add_fault({"fault": {"kind": request["do"], **keys}})
 
@@ -204,7 +204,7 @@ class RemoteControl:
         self._line.plugged = plugged
 
     def _set_servo_connected(self, request: Request, *, connected: bool) -> None:
-        """Connect or disconnect one servo, counted from 1 along the bus: line and supply."""
+        """Connect or disconnect line and supply of a servo, counted from 1 along the bus."""
         servos, place = self._line.world.servos, request["servo"]
         if not (isinstance(place, int) and 1 <= place <= len(servos)):
             raise SimulatorError(f"servo = {place!r} is not one of 1 to {len(servos)}")
@@ -221,7 +221,7 @@ class RemoteControl:
 def _listen_at(path: Path) -> socket.socket:
     """Return a socket listening at a path; an older socket is replaced, anything else is kept."""
     if path.exists() and not path.is_socket():
-        raise SimulatorError(f"{path} is there already and is not a socket; choose another name")
+        raise SimulatorError(f"{path} already exists and is not a socket; choose another name")
     path.unlink(missing_ok=True)
     server = socket.socket(socket.AF_UNIX)
     server.setblocking(False)

@@ -106,8 +106,8 @@ def _make_parser() -> argparse.ArgumentParser:
     add("--protocol", type=int, choices=(1, 2), help="protocol of --servo Dynamixel X servos")
     add("--baud", type=_parse_rate, help="baud rate of the servos (--servo: factory setting)")
     add("--urdf", type=Path, metavar="FILE", help="geometry of the arm (default: that of its file)")
-    add("--pose", help="pose of the arm to start at (rest)")
-    add("--seed", type=int, help="seed of random numbers and of the arm (nominal)")
+    add("--pose", help="start pose of the arm (rest)")
+    add("--seed", type=int, help="seed of random numbers and of the arm's tolerances (none)")
     add("--link", type=Path, help="symbolic link to the port, removed at exit")
     add("--faults", type=Path, metavar="FILE", help="faults to inject, TOML or JSON")
     add("--no-wire-time", dest="wire_time", action="store_false", help="bytes take no time")
@@ -130,7 +130,7 @@ def _make_parser() -> argparse.ArgumentParser:
     add("--audit", type=Path, metavar="FILE", help="write a report at exit, JSON")
     add("--control", type=Path, metavar="PATH", help="unix socket for commands, JSON lines")
     add("--echo", action="store_true", help="the host hears its own bytes")
-    add("--noise", type=float, default=0.0, help="chance of each byte to have a bit flipped (0)")
+    add("--noise", type=float, default=0.0, help="probability that a byte has a flipped bit (0)")
     add("--usb-frame-ms", type=float, default=0.0, metavar="MS", help="USB frame time (0)")
     add("--latency-ms", type=float, default=0.0, metavar="MS", help="FTDI latency timer (0)")
     return parser  # fmt: skip
@@ -157,7 +157,7 @@ def _parse_servos(text: str) -> list[BenchServo]:
 
 
 def _find_model(wanted: str) -> str | None:
-    """Find the model of a name, or the only one that starts with it: ax-12 means AX-12A."""
+    """Find the model with a name, or the only model whose name starts so: ax-12 is AX-12A."""
     models = {name.lower(): name for name in TABLES}
     if wanted.lower() in models:
         return models[wanted.lower()]
@@ -184,7 +184,7 @@ HEAD = (
 
 
 class StatusScreen:
-    """Writes to stdout; a terminal is kept up to date while something changes."""
+    """Writes the port to stdout; on a terminal also a table that is kept up to date."""
 
     def __init__(self, bus: PtyBus) -> None:
         self._bus = bus
@@ -209,21 +209,18 @@ class StatusScreen:
             self._write_text("\x1b[?25l")
 
     def refresh(self) -> None:
-        """Update the table, if there is one and it is time."""
+        """Update the table, if there is one and it is due."""
         now_s = self._bus.now_s()
         if not self._live or now_s < self._next_s:
             return
         self._next_s = now_s + REFRESH_S
-        lines = self._table_lines()
+        world = self._bus.line.world
+        rows = [servo_state(joint, servo) for joint in world.joints for servo in joint.servos]
+        lines = [HEAD, *(_format_servo_row(row) for row in rows)]
         if lines != self._shown:
             up = f"\x1b[{len(self._shown)}A" if self._shown else ""
             self._write_text(up + "".join(f"\x1b[2K{line}\n" for line in lines))
             self._shown = lines
-
-    def _table_lines(self) -> list[str]:
-        world = self._bus.line.world
-        rows = [servo_state(joint, servo) for joint in world.joints for servo in joint.servos]
-        return [HEAD, *(_format_servo_row(row) for row in rows)]
 
     def _write_text(self, text: str) -> None:
         with contextlib.suppress(OSError):  # servos keep running without the terminal
@@ -298,13 +295,14 @@ def build_line(options: ServerOptions) -> Line:
     if options.arm is not None:
         arm = read_arm_file(options.arm, options.urdf or "")
         arm = replace(arm, baud=options.baud or arm.baud)
+        own = Specimen() if options.parameters is None else read_specimen(options.parameters)
         world = make_arm_world(
             arm,
             options.pose or "rest",
             options.seed,
             physics=options.physics,
             backlash_deg=options.backlash_deg,
-            specimen=_specimen(options),
+            specimen=own.with_load(options.mass_scale, options.payload_g),
         )
         line = Line(world, arm.baud, line_options)
     else:
@@ -319,11 +317,6 @@ def build_line(options: ServerOptions) -> Line:
     if options.hand:
         add_hands(line, options.hand)
     return line
-
-
-def _specimen(options: ServerOptions) -> Specimen:
-    own = Specimen() if options.parameters is None else read_specimen(options.parameters)
-    return own.with_load(options.mass_scale, options.payload_g)
 
 
 def _attach_listeners(line: Line, options: ServerOptions, stack: contextlib.ExitStack) -> None:

@@ -109,8 +109,9 @@ class Servo:
         shaft: The mounting of the sensor on the joint.
         supply_v: Voltage at its plug.
         time_s: The simulated time of the firmware.
-        booting_until_s: While booting a servo neither receives nor replies.
-        replying_until_s: Until then instructions are lost, if the family has room for only one.
+        booting_until_s: End of booting, before which the servo neither receives nor replies.
+        replying_until_s: End of its reply, before which instructions are lost, if the family has
+            room for only one.
         received_s: Time of the last instruction packet.
         pending: A registered write that waits for its action.
         changed: Called when an instruction or a script has changed something.
@@ -162,7 +163,7 @@ class Servo:
 
     @property
     def id(self) -> int:
-        """Its bus id."""
+        """The bus id of the servo."""
         return self.memory.image[self._id_at]
 
     @property
@@ -172,7 +173,7 @@ class Servo:
 
     @property
     def return_delay_s(self) -> float:
-        """Time between an instruction's last byte and the first of its status."""
+        """The time from an instruction's last byte to the first byte of its status."""
         raise NotImplementedError
 
     @property
@@ -196,7 +197,9 @@ class Servo:
         """Read bytes of the memory, with measured registers updated."""
         plan = self._plans.get((address, length))
         if plan is None:
-            plan = self._plans[address, length] = self._live_registers_in(address, length)
+            rows = self.table.registers_in(address, length)
+            plan = tuple((row, self.live[row.name]) for row in rows if row.name in self.live)
+            self._plans[address, length] = plan
         for row, measure in plan:
             self.memory.put_row(row, measure())
         return self.memory.read(address, length)
@@ -343,10 +346,6 @@ class Servo:
             return False
         own = self.bauds.get(self.memory.image[self._baud_at], 0.0)
         return abs(own - baud) <= 0.03 * baud
-
-    def _live_registers_in(self, address: int, length: int) -> tuple[_Live, ...]:
-        rows = self.table.registers_in(address, length)
-        return tuple((row, self.live[row.name]) for row in rows if row.name in self.live)
 
 
 def _no_effect() -> None:

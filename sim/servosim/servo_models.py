@@ -40,7 +40,7 @@ def table_for(model: str) -> ServoTable:
     """Return the table of a model; case does not matter.
 
     Raises:
-        UnknownModelError: No table for such a model.
+        UnknownModelError: There is no table for the model.
     """
     for name, table in TABLES.items():
         if name.lower() == model.lower():
@@ -58,7 +58,7 @@ def make_servo(
     """Make a servo of a model, powered up, with factory settings.
 
     Raises:
-        UnknownModelError: No table for such a model.
+        UnknownModelError: There is no table for the model.
     """
     table = table_for(model)
     return _FIRMWARE[table.family](table, motor, shaft, delivered, seed)

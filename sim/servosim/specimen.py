@@ -59,7 +59,7 @@ class Specimen:
         for name, compliance in self.compliances.items():
             if not 0.0 <= compliance <= MAX_COMPLIANCE:
                 most = f"0 to {MAX_COMPLIANCE:g} rad per N m"
-                raise SimulatorError(f"{name} yields by {most}, not {compliance:g}")
+                raise SimulatorError(f"the compliance of {name} is {most}, not {compliance:g}")
         for scale in (self.mass_scale, *self.mass_scales.values()):
             if not 0.0 < scale <= MAX_SCALE:
                 raise SimulatorError(f"a mass is scaled by 0 to {MAX_SCALE:g}, not {scale:g}")
@@ -87,7 +87,7 @@ class Specimen:
         Args:
             joints: The joints in the order of the URDF, parents first. A body on a joint without
                 its own scale (the jaws) uses that of its parent.
-            tip: The moving joint behind which the tip is, and the tip's frame in its frame.
+            tip: The moving joint that carries the tip, and the tip's frame in that joint's frame.
 
         Raises:
             SimulatorError: There is a payload but no tip to hold it.
@@ -97,8 +97,10 @@ class Specimen:
         for joint in joints:
             above = scales[joint.parent] if joint.parent >= 0 else self.mass_scale
             own = self.mass_scales.get(joint.name)
-            scales.append(above if own is None else self.mass_scale * own)
-            scaled.append(replace(joint, body=_scale_mass(joint.body, scales[-1])))
+            scale, body = above if own is None else self.mass_scale * own, joint.body
+            scales.append(scale)
+            mass = Mass(scale * body.mass_kg, np.array(body.com_m), scale * body.inertia_kg_m2)
+            scaled.append(replace(joint, body=mass))
         if self.payload_kg:
             if tip is None or tip[0] < 0:
                 raise SimulatorError("the arm has no tip that moves and could hold a payload")
@@ -122,10 +124,6 @@ class Specimen:
             current_limit_a=most_nm / kt,
             **changed,
         )
-
-
-def _scale_mass(mass: Mass, scale: float) -> Mass:
-    return Mass(scale * mass.mass_kg, np.array(mass.com_m), scale * mass.inertia_kg_m2)
 
 
 def read_specimen(path: Path) -> Specimen:

@@ -211,9 +211,9 @@ def _open_context(width: int, height: int) -> mujoco.GLContext:
     """
     try:
         if sys.platform == "linux" and not os.environ.get("MUJOCO_GL"):
-            from mujoco.egl import GLContext  # noqa: PLC0415 - of this platform
+            from mujoco.egl import GLContext  # noqa: PLC0415 - only on Linux
         else:
-            from mujoco import GLContext  # noqa: PLC0415 - of the others
+            from mujoco import GLContext  # noqa: PLC0415 - on other systems
         return GLContext(width, height)
     except Exception as error:  # each library has its own errors
         raise SimulatorError(f"MuJoCo cannot draw here ({error})") from error

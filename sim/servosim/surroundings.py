@@ -26,9 +26,9 @@ class Cube:
     """A wooden cube, which initially stands on the table.
 
     Attributes:
-        colour: One of ``COLOURS``; no other cube has it.
-        x_m: Its middle, forward in the base frame.
-        y_m: Its middle, to the left.
+        colour: A key of ``COLOURS`` that no other cube has.
+        x_m: Position of its middle, forward in the base frame.
+        y_m: Position of its middle, to the left.
     """
 
     colour: str
@@ -37,7 +37,7 @@ class Cube:
 
     @property
     def name(self) -> str:
-        """Its name."""
+        """The name of the cube."""
         return f"{self.colour} cube"
 
 
@@ -70,7 +70,7 @@ def parse_cubes(text: str) -> tuple[Cube, ...]:
         except ValueError as error:
             raise SimulatorError(f"{part!r} is not a cube; try red@0.24,-0.06") from error
         if colour not in COLOURS:
-            raise SimulatorError(f"no cube is {colour!r}; known: {', '.join(COLOURS)}")
+            raise SimulatorError(f"no cube has the colour {colour!r}; known: {', '.join(COLOURS)}")
         if any(colour == other.colour for other in cubes):
             raise SimulatorError(f"there is only one {colour} cube")
         if not math.hypot(x_m, y_m) < _MAX_AWAY_M:  # also refuses NaN

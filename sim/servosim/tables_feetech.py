@@ -72,13 +72,9 @@ _SCS_ROWS: tuple[tuple[int, int, str, str, SimulatedArea, _ScsColumn, int, int, 
 # fmt: on
 
 
-def _scs_model_value(column: _ScsColumn, model: int) -> int | None:
-    return column if isinstance(column, int) else column[model]
-
-
 def _scs_registers(k: int) -> Iterator[SimulatedRegister]:
     for address, size, name, access, area, default, low, high, sign in _SCS_ROWS:
-        at_first = _scs_model_value(default, k)
+        at_first = default if isinstance(default, int) else default[k]
         if at_first is not None:
             yield SimulatedRegister(
                 address, size, name, access == "RW", area, at_first, low, high, sign, "big"
@@ -178,10 +174,6 @@ _STS_ROWS: tuple[tuple[int, int, str, str, SimulatedArea, _StsColumn, int, int, 
 # fmt: on
 
 
-def _sts_model_value(column: _StsColumn, model: int) -> int:
-    return column if isinstance(column, int) else column[model]
-
-
 def _make_sts_table(model: int) -> ServoTable:
     rows = tuple(
         SimulatedRegister(
@@ -190,7 +182,7 @@ def _make_sts_table(model: int) -> ServoTable:
             name,
             access == "RW",
             area,
-            _sts_model_value(default, model),
+            default if isinstance(default, int) else default[model],
             low,
             high,
             sign,

@@ -20,11 +20,11 @@ class ServoAudit:
     Attributes:
         id: Its id at the time of the report.
         model: The model of the servo.
-        goals: Goal positions written.
-        goals_outside_limits: The number of these outside the servo's own position limits.
+        goals: Number of goal positions written.
+        goals_outside_limits: Number of goals outside the servo's own position limits.
         largest_goal_step: Largest step between two successive goals.
         largest_goal_distance: Largest distance of a goal from the present position when written.
-        eeprom_writes: Registers of the EEPROM that were written permanently.
+        eeprom_writes: Number of permanent writes to registers of the EEPROM.
     """
 
     id: int
@@ -146,7 +146,7 @@ class TrafficLog:
 
     def close(self) -> None:
         """Close the file."""
-        with contextlib.suppress(OSError):  # that line was reported already
+        with contextlib.suppress(OSError):  # a line that cannot be written was already reported
             self._file.close()
 
     def _write_line(self, at_s: float, arrow: str, raw: bytes, meaning: str) -> None:

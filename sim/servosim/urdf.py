@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Iterator
 from dataclasses import dataclass, field
 from functools import lru_cache
 from math import copysign, cos, inf, sin
@@ -44,7 +43,7 @@ def read_numbers(
     return default if text is None else tuple(float(word) for word in text.split())
 
 
-SPACING_M, MOST_STEPS = 0.02, 50  # points on a surface, along an edge
+SPACING_M, MOST_STEPS = 0.02, 50  # spacing of points on a surface, most of them along an edge
 # A cylinder counts as the box whose square section has the same area; a sphere as the inner cube.
 SQUARE, CUBE = math.sqrt(math.pi) / 2.0, 1.0 / math.sqrt(3.0)
 
@@ -54,9 +53,9 @@ class BoxShape:
     """A box.
 
     Attributes:
-        body: Index of the moving joint behind which it is fixed, -1 at the base.
+        body: Index of the moving joint that carries it, -1 at the base.
         T: Its frame in that joint's frame; the origin is its centre.
-        half_m: Half its edges (3,).
+        half_m: Half the lengths of its edges (3,).
         points_m: Points on its surface (k, 3), in its own frame.
     """
 
@@ -71,7 +70,7 @@ def link_shapes(link: Element, body: int, T: Matrix) -> list[BoxShape]:
 
     Args:
         link: The element.
-        body: Index of the moving joint behind which it is fixed.
+        body: Index of the moving joint that carries it.
         T: The link's frame in that joint's frame.
     """
     found: list[BoxShape] = []
@@ -146,7 +145,7 @@ class MovingJoint:
         T_parent_joint: Its frame at zero, in the parent's frame.
         lower: Limit [rad or m]; -inf when continuous.
         upper: Limit [rad or m]; inf when continuous.
-        mimic: Joint that it copies; its own name if none.
+        mimic: Joint that it copies; its own name if it copies none.
         multiplier: `q = multiplier * q_mimic + offset`.
         offset: See multiplier.
         body: The body that it carries, up to the next moving joints.
@@ -185,7 +184,7 @@ def base_pose(words: str) -> Matrix:
         elif word in BASE_AXES:
             step[BASE_AXES[word], 3] = float(amount)
         else:
-            raise ValueError(f"a base cannot be placed by {word!r}")
+            raise ValueError(f"{word!r} does not place a base; try rotate 90 or raise 0.05")
         T = step @ T
     return T
 
@@ -194,29 +193,29 @@ def read_joints(path: Path, base: str = "") -> list[MovingJoint]:
     """Read the tree of moving joints, parents before children.
 
     Raises:
-        ArmFileError: The file is not a URDF that can be used.
+        ArmFileError: The file is not a usable URDF.
     """
     return list(_walk_tree(path, base).joints)
 
 
 def read_shapes(path: Path, base: str = "") -> list[BoxShape]:
-    """Read the collision shapes and the moving joint behind which each is, as `read_joints` counts.
+    """Read the collision shapes; their joints are indices into the list of `read_joints`.
 
     Raises:
         ArmFileError: The file is not a usable URDF, or one of its links has a collision mesh.
     """
     walk = _walk_tree(path, base)
     if walk.meshes:
-        why = "has a mesh to collide with; give boxes, cylinders or spheres"
+        why = "has a collision mesh; use boxes, cylinders or spheres"
         raise ArmFileError(path, f"link {walk.meshes[0]!r}", why)
     return list(walk.shapes)
 
 
 def read_link_frame(path: Path, link: str, base: str = "") -> tuple[int, Matrix]:
-    """Read the moving joint behind which a link is, as `read_joints` counts, and its frame there.
+    """Read which joint in the list of `read_joints` carries a link, and its frame there.
 
     Raises:
-        ArmFileError: The file is not a URDF that can be used, or has no such link.
+        ArmFileError: The file is not a usable URDF, or has no such link.
     """
     frames = _walk_tree(path, base).link_frames
     if link not in frames:
@@ -242,7 +241,7 @@ def _walk_tree(path: Path, base: str) -> _TreeWalk:
 
 @lru_cache(maxsize=8)
 def _walk_document(text: bytes, base: str) -> _TreeWalk:
-    """Walk a document once for its joints, shapes and tip; nobody changes the result."""
+    """Walk a document once for its joints, shapes and tip; callers do not change the result."""
     return _TreeWalk(ElementTree.fromstring(text), base_pose(base))
 
 
@@ -258,12 +257,10 @@ class _TreeWalk:
         self._children: dict[str, list[Element]] = {name: [] for name in self._links}
         for joint in robot.findall("joint"):
             self._children[_require_child(joint, "parent").attrib["link"]].append(joint)
-        for name in self._root_links(robot):
-            self._visit_link(name, -1, T_base)
-
-    def _root_links(self, robot: Element) -> Iterator[str]:
         hung = {_require_child(joint, "child").attrib["link"] for joint in robot.findall("joint")}
-        return (name for name in self._links if name not in hung)
+        for name in self._links:
+            if name not in hung:
+                self._visit_link(name, -1, T_base)
 
     def _visit_link(self, link: str, parent: int, T: Matrix) -> None:
         """Visit a link; `T` is its frame in the frame of the moving joint `parent`."""

@@ -37,7 +37,7 @@ class PowerSupply:
     standby_a: float = 0.0
 
     def voltage_v(self, motors: Iterable[Motor]) -> float:
-        """Voltage at the servos' plugs.
+        """Compute the voltage at the servos' plugs.
 
         A bridge draws the winding's current for its duty's fraction of the time; a motor that
         brakes feeds no current back (the servos have no such path).
@@ -97,11 +97,11 @@ class World:
     ``contacts`` act on joints without torque: a servo that holds does not feel them, and while a
     hand moves the arm the hand keeps it clear of its surroundings.
 
-    ``limits`` are the body's, by joint; ``tip`` is the arm's; it and ``surroundings`` are None for
-    servos without an arm.
+    ``limits`` are those of the body, by joint. ``tip`` is that of the arm; servos without an arm
+    have neither ``tip`` nor ``surroundings`` (None).
 
-    Nothing happens between two steps; ``advance_to`` makes as many as needed. A world in which
-    nothing moves or changes is idle: only temperature and protections are updated.
+    Nothing happens between two steps; ``advance_to`` makes as many steps as needed. A world in
+    which nothing moves or changes is idle: only temperature and protections are updated.
     """
 
     def __init__(
@@ -143,16 +143,16 @@ class World:
             servo.changed = self.leave_idle
         if self._mover is not None:
             self._mover.place([joint.position for joint in self.joints])
-        self.placed = [joint.position for joint in self.joints]  # before the arm sank or was moved
+        self.placed = [joint.position for joint in self.joints]  # where it was before it sank
 
     @property
     def time_s(self) -> float:
-        """Simulated time [s]."""
+        """The simulated time [s]."""
         return self.steps * STEP_S
 
     @property
     def is_idle(self) -> bool:
-        """Whether nothing moves and nothing is about to."""
+        """Whether nothing moves and nothing is about to move."""
         return self._still >= (AT_REST_STEPS if self._mover is None else DRIFT_CHECK_STEPS)
 
     def advance_to(self, time_s: float) -> None:
@@ -191,7 +191,7 @@ class World:
         self._still = 0
 
     def place(self, name: str, position: float) -> None:
-        """Set a joint's position, at rest, as if by hand."""
+        """Set a joint's position, at rest."""
         self.joint(name).place(position)
         self._coupled.come_to_rest()
         if self._mover is not None:

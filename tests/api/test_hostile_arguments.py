@@ -27,7 +27,7 @@ HOSTILE = [
 ]  # fmt: skip
 
 
-def test_shown_value_is_bounded_whatever_it_is():
+def test_text_of_any_value_in_a_message_has_at_most_201_letters():
     assert all(len(shown(value)) <= 201 for value in HOSTILE)
     assert shown(Angry()) == "a value of type Angry"
     assert shown(0.5) == "0.5"
@@ -68,7 +68,7 @@ def test_functions_refuse_hostile_values_in_short_sentences(index):
 
 
 @pytest.mark.parametrize("value", [np.zeros((2, 3)), "yes", 1, None])
-def test_flags_are_true_or_false(value, tmp_path):
+def test_flag_arguments_accept_only_true_or_false(value, tmp_path):
     with ikservo.open_arm("koch", port="sim:?pose=home") as arm:
         for call in (
             lambda: arm.teach("q", hold=value),

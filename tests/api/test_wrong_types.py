@@ -109,7 +109,7 @@ def test_joint_goals_take_numpy_numbers(limp):
     assert plan.goal[0] == pytest.approx(0.1, abs=1e-3)
 
 
-def test_array_moves_joints_in_order_of_where_names():
+def test_move_joints_takes_array_in_order_of_where_names():
     with ikservo.open_arm("so101", port="sim:?pose=home") as arm:
         here = arm.where()
         goal = here.positions_rad + np.array([0.1, 0.0, 0.0, 0.0, -0.1, 0.0])
@@ -148,7 +148,7 @@ def test_closing_arm_twice_is_allowed(closed):
     assert "closed" in repr(closed)
 
 
-def test_an_arm_with_a_wrong_way_to_close_stays_open():
+def test_close_with_unknown_word_leaves_the_arm_open():
     with ikservo.open_arm("so101", port="sim") as arm:
         with pytest.raises(ikservo.UnknownNameError, match="hold, relax"):
             arm.close("drop")

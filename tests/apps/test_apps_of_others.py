@@ -147,7 +147,7 @@ def test_broken_app_is_named_in_one_sentence_and_left_out(other, kind):
     assert (arms.returncode, arms.stderr) == (0, "")
 
 
-def test_arms_of_another_distribution_have_names(other):
+def test_arms_of_another_distribution_are_found_by_name(other):
     shelf = other / "their_arms"
     shutil.copytree(CONFIGS / "planar2", shelf / "their_planar")
     (shelf / "__init__.py").touch()

@@ -8,10 +8,10 @@ from tests.oracle import arm_file, pinocchio_model
 
 MAX_INTERVAL_S = 0.05  # no goal makes up for a longer pause
 READ_S = 0.002  # from the reading of six servos to the first goal: 1 ms (so101), 2 ms (koch)
-LOAD_LEAD_TICKS = 79  # how far a goal may lead a joint that carries a load
-# Of joints that need more for the payload of their arm: 0.14 and 0.19 rad.
+LOAD_LEAD_TICKS = 79  # largest lead of a goal at a joint that carries a load
+# Joints that need more for the payload of their arm: 0.14 and 0.19 rad.
 PAYLOAD_LEAD_TICKS = {("so101", "shoulder_lift"): 92, ("koch", "elbow_flex"): 124}
-TRAVEL_TICKS = 60  # how much further in motion
+TRAVEL_TICKS = 60  # additional lead in motion
 
 
 @dataclass

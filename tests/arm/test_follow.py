@@ -109,7 +109,7 @@ def test_stream_is_checked_against_its_start_pose(arm, monkeypatch):
     np.testing.assert_allclose(rests, [began] * len(rests), atol=0.01)
 
 
-def test_blocking_stream_counts_as_silence(arm):
+def test_follow_stream_that_blocks_counts_as_silent(arm):
     def stream():
         yield {"shoulder_pan": 1.0}
         servo_group(arm).clock.sleep_until(arm.clock.now_s() + 1.0)

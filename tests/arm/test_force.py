@@ -60,7 +60,7 @@ def test_model_without_torque_limit_register_is_refused(model):
         limit_torque(make_bus({1: model}), 1, 0.5)
 
 
-def test_hls_left_with_zero_goal_torque_can_move_again():
+def test_hls_with_zero_goal_torque_moves_again():
     bus = make_bus({1: "HLS3606M"})
     servo = bus.port.transport.line.servos[1]
     bus.write(1, servo_register(bus, "goal_torque"), 0, raw=True)

@@ -55,7 +55,7 @@ def test_control_predicates_and_properties_read_no_servo():
 
 
 @pytest.mark.parametrize("folder", ["control", "arm", "guard", "motion"])
-def test_functions_named_like_quantities_change_nothing(folder):
+def test_functions_named_like_quantities_assign_no_attribute(folder):
     asked = [
         (place, function)
         for place, function in functions(folder)

@@ -268,7 +268,7 @@ def test_swung_joint_is_corrected_twice_more_and_slower():
     assert joint.swings
 
 
-def test_drift_of_swung_joint_over_target_is_not_reversed():
+def test_joint_that_swung_and_creeps_past_target_is_not_reversed():
     joint = creep(goal=2004)
     swing_then_rest(joint, 1990, 0.0)
     goals = feed(joint, [*range(1990, 2005), *[2004] * 100], 2.0)

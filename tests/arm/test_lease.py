@@ -111,7 +111,7 @@ def test_taking_over_ends_the_previous_lease(lease):
     assert lease.holder.operator == "page 2"
 
 
-def test_lease_silence_is_ended_by_its_holder_only(lease, clock):
+def test_only_the_holder_of_a_lease_ends_its_silence(lease, clock):
     assert lease.is_silent  # nobody was heard yet
     held = lease.acquire("page 1").lease
     after(clock, 0.29)

@@ -68,7 +68,7 @@ def px100():
     return plan
 
 
-def test_line_without_such_path_is_refused_because_of_weight(px100):
+def test_line_whose_weight_needs_goals_beyond_limits_is_refused(px100):
     with pytest.raises(CartesianPathError, match=WEIGHT):
         px100(-2.109, 1.101)
 

@@ -35,6 +35,6 @@ def test_own_motion_refuses_field_of_wrong_type(fields):
         Wave(**fields)
 
 
-def test_field_type_without_check_is_named():
+def test_own_motion_names_field_whose_type_has_no_check():
     with pytest.raises(TypeError, match=r"Unchecked\.joints needs a type with a check"):
         Unchecked()

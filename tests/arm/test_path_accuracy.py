@@ -72,7 +72,7 @@ def test_stribeck_friction_does_not_make_lifting_joint_swing(monkeypatch):
 
 
 @pytest.mark.full
-def test_a_joint_lifts_the_payload_of_its_arm_file_at_slow():
+def test_joint_lifts_payload_of_its_arm_file_at_slow_speed():
     # the elbow of this Koch was taken for blocked: its goal led it by what lifts the empty arm
     payload_g = 1000.0 * ikservo.load_model("koch").payload_kg
     port = f"sim:?pose=home&backlash_deg=0.5&seed=1&payload_g={payload_g}"

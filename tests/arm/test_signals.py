@@ -46,7 +46,7 @@ def test_a_signal_brakes_the_arm_and_leaves_it_holding(arm, number, ends, words)
     assert abs(registers(arm, "present_position")[1] - 2048) < 600
 
 
-def test_arm_stands_within_300_ms_of_a_signal(arm):
+def test_arm_stands_still_within_300_ms_of_a_signal(arm):
     clock, times = clock_of(arm), []
 
     def watch(progress):

@@ -17,7 +17,7 @@ INSTALL = (
 )
 
 
-TIMEOUT_S = 300  # of a test: several waits, each as long as the ``TIMEOUT_S`` of an operator
+TIMEOUT_S = 300  # time of a test: several waits, each as long as the ``TIMEOUT_S`` of an operator
 
 
 def pytest_collection_modifyitems(items):
@@ -60,7 +60,7 @@ def chromium_path(tmp_path_factory):
 def browser(chromium_path):
     """Start Chromium for the tests of this folder.
 
-    Playwright leaves an event loop running: others would fail in ``asyncio.run`` if it stayed.
+    Playwright leaves an event loop running, with which other tests would fail in ``asyncio.run``.
     """
     with sync_playwright() as playwright:
         browser = playwright.chromium.launch(executable_path=chromium_path, args=["--no-sandbox"])

@@ -19,12 +19,12 @@ from ikservo.model.scene_file import with_scene
 from tests.arm.simulated import line_of, registers, true_joints, true_tip_m, without_zeros
 from tests.oracle import pinocchio_model
 
-TIMEOUT_S = 60.0  # a busy machine needs it; who waits for an event returns with the event
-REPEAT_S = 4.0  # between two presses: longer than until a page says that the first came too late
+TIMEOUT_S = 60.0  # for busy machines; waits for an event return with the event
+REPEAT_S = 4.0  # between two presses; longer than a page needs to say that the first came too late
 SHOWN = "Boolean(window.ikservo?.scene && window.ikservo.status)"
 LOOK_MS = 40  # between two looks at the servos
-STILL = 8  # looks: longer than an arm that sags waits before it lifts itself
-THERE = 4  # looks
+STILL = 8  # number of looks; longer than a sagging arm waits before it lifts itself
+THERE = 4  # number of looks
 AT_HOME_RAD = 0.012  # more than an arm sags when its torque comes on
 
 
@@ -193,7 +193,7 @@ class Operator:
         raise AssertionError(f"it never had its effect\n{self.status}")
 
     def type(self, selector, value, words):
-        """Type into a field until an expression, as of `wait_for`, is true."""
+        """Type into a field until an expression (see `wait_for`) is true."""
 
         def enter():
             self.page.fill(selector, value)

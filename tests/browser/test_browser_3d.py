@@ -281,7 +281,7 @@ def test_page_begins_in_2d_and_loads_no_3d_on_software_webgl(webgl_browser, shar
 
 
 @pytest.mark.parametrize("view", [{}], indirect=True)  # another page controls the shared one
-def test_3d_is_not_tried_until_live_is_off(webgl_browser, view):
+def test_3d_view_begins_only_once_live_is_off(webgl_browser, view):
     context = webgl_browser.new_context(viewport=SMALL)
     operator = Operator(context.new_page(), view, options="&draw=2d")
     operator.enable_live().page.click("#views button[value=orbit]")

@@ -21,7 +21,7 @@ from servosim.world import World
 load_model = cache(load_uncached_model)  # models are values, and there are hundreds of arms
 
 STRENGTH = 60.0  # N m or N: enough to hold any arm
-STOP_CLEARANCE = math.radians(6.0)  # between the pose and an end stop
+STOP_CLEARANCE = math.radians(6.0)  # smallest angle between the pose and an end stop
 
 
 @dataclass

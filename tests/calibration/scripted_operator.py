@@ -5,7 +5,7 @@ import math
 from tests.calibration.mounted_arms import Operator
 
 FIRST_S = 1.2  # the pose has been taken by then
-PART_S = 0.4  # of a motion one way
+PART_S = 0.4  # time of a motion in one direction
 EACH_S = 3 * PART_S + 0.1
 
 

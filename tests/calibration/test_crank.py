@@ -30,7 +30,7 @@ def test_upright_crank_moves_slide_by_its_radius_per_radian():
 
 
 @given(angles)
-def test_crank_tick_is_never_worth_more_than_map_says(angle):
+def test_crank_moves_at_most_unit_per_tick_of_its_joint_map(angle):
     joint_map = JointMap.cranked("gripper", 5, 1, 2048.0, 4096, CRANK)
     tick = 2048 + angle / joint_map.horn_rad_per_tick
     step = joint_map.position(tick + 1) - joint_map.position(tick)

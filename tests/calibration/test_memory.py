@@ -95,7 +95,7 @@ def test_calibration_registers_are_those_held_in_a_file(model):
     assert names == facts(model).registers.keys()
 
 
-def test_wanted_registers_equal_correct_ones():
+def test_wanted_registers_of_each_series_are_correct():
     assert wanted_of(facts()) == STS
     assert wanted_of(facts("XM430-W350")) == X
     assert wanted_of(facts("SCS15")) == SCS

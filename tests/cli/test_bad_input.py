@@ -32,7 +32,7 @@ SIM = "--arm so101 --port sim"
         ("move 0.2 0 0.1 --arm ../so101 --port sim", 2, "no arm or arm file named"),
         ("move 0.2 0 0.1 --arm so101 --port /dev/ttyNONE7", 3, "/dev/ttyNONE7"),
         ("where --arm so101 --port sim:?nonsense=1", 2, "has no option 'nonsense'; known: "),
-        ("where --arm so101 --port sim:?noise=2", 2, "noise is a chance from 0 to 1, not 2"),
+        ("where --arm so101 --port sim:?noise=2", 2, "noise is a probability from 0 to 1, not 2"),
         ("where --arm so101 --port sim:?pose=nowhere", 2, "no such pose; has: rest, home"),
         ("where --arm so101 --port sim:px100", 2, "name the arm with --arm"),
         ("move 0.2 0 0.1 --arm configs/so101/arm.urdf --port sim", 2, "which link is the tool"),

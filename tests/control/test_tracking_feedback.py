@@ -149,7 +149,7 @@ def test_feedback_does_not_drive_fast_swing_and_recovers(feedback, hz):
 @pytest.mark.parametrize(
     "errors", [swing(0.003, 10.0, 2.0), swing(0.01, 5.0, 4.0), [0.0, 0.03, 0.0, 0.0], [0.02, -0.02]]
 )
-def test_feedback_answers_noise_braked_swing_and_one_overshoot(feedback, errors):
+def test_feedback_stays_strong_after_swing_or_one_overshoot(feedback, errors):
     fed(feedback, errors)
     answer, fresh = strongest_answer(feedback, [0.005] * 20)
     assert answer == pytest.approx(fresh)

@@ -4,7 +4,7 @@ import os
 
 from ikservo.files import writing
 
-# Every call of a save that may fail, or that a power cut may precede.
+# Calls of a save that may fail, or that a power cut may precede.
 CALLS = ("open", "write", "fsync", "replace", "close", "unlink")
 
 

@@ -100,7 +100,7 @@ def test_power_cut_at_every_call_leaves_the_old_or_the_new_file(path, monkeypatc
 
 
 @pytest.mark.parametrize("number", [errno.ENOSPC, errno.EIO, errno.EROFS], ids=errno.errorcode.get)
-def test_error_at_every_call_tells_whether_the_file_changed(path, monkeypatch, number):
+def test_disk_error_at_any_call_says_whether_the_file_changed(path, monkeypatch, number):
     calls = calls_of_a_save(path, monkeypatch)
     for nth in range(1, calls + 1):
         patch_calls(monkeypatch, FailingCall(nth, number))

@@ -350,7 +350,7 @@ def test_plate_of_2_mm_in_path_of_arm_is_always_found():
             CollisionChecker(BODY, boxes=[thin]).check_path(np.linspace(left, right, 4))
 
 
-def test_distance_changes_by_no_more_than_stated_reach():
+def test_distance_changes_by_at_most_joint_step_times_reach():
     random = np.random.default_rng(5)
     for name in ("so101", "open_manipulator_x", "wx250s"):
         packed, space, chain = body(name).pack(), CollisionChecker(body(name)), model_of(name).chain

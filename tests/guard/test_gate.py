@@ -178,7 +178,7 @@ def test_repeated_goals_at_one_time_share_one_step():
     assert [goals[3] for goals in bus.sent] == [2149, 2150, 2150]
 
 
-def test_step_back_uses_up_time_too():
+def test_gate_counts_the_time_of_a_step_back():
     gate, bus, _ = make_gate_at(2048)
     gate.update_measured({"elbow": 1948}, 0.02)
     gate.send({"elbow": 2048 - 201})

@@ -71,7 +71,7 @@ def test_body_may_leave_plate_that_it_touches():
 
 
 @pytest.mark.parametrize("path_m", [[1.45, 2.5], [1.45, 1.5, 2.5], [1.45, 1.5, 1.45]])
-def test_body_in_plate_must_not_leave_through_it(path_m):
+def test_body_inside_plate_must_not_leave_on_the_other_side(path_m):
     with pytest.raises(RefusedError, match="ball would touch the plate"):
         check(path_m, plate(1.5))
 

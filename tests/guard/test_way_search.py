@@ -141,7 +141,7 @@ def test_compiled_path_search_equals_python_search(monkeypatch, name):
 
 
 @pytest.mark.parametrize("hit", range(3))
-def test_search_is_the_same_whatever_was_hit_last(hit):
+def test_path_search_does_not_depend_on_last_contact(hit):
     others = search(maze())
     others._state[others._kernel.HIT] = hit  # the numbers of its three links
     np.testing.assert_array_equal(others.find(20000), search(maze()).find(20000))

@@ -25,7 +25,8 @@ OTHERS = [(k, {"probability": 0.002}) for k in ("silent", "short", "garbage", "t
 SOON_DOUBLED = [("duplicated", {"probability": 0.01, "delay_s": s}) for s in (1e-4, 0.005)]
 EVERYTHING = [*LATE, *DOUBLED, *DAMAGED, *OTHERS]
 
-# What changes by itself cannot be read twice: second copies 50 ms and more behind are left out.
+# Values that change by themselves cannot be read twice, so second copies 50 ms and more behind are
+# left out.
 EVERYTHING_SOON = [*LATE, *SOON_DOUBLED, *DAMAGED, *OTHERS]
 
 _CHANGED_BY_READING = {"goal_position", "torque_enable", "lock"}
@@ -36,7 +37,7 @@ class Outcome:
     """Counts of a campaign's reads."""
 
     reads: int = 0
-    wrong: int = 0  # returned as good, and not what the register holds
+    wrong: int = 0  # returned as good, but different from the register
     lost: int = 0  # reported as an error
     retried: int = 0
 

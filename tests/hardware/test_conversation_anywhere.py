@@ -107,7 +107,7 @@ def test_telemetry_voltage_and_temperature_are_plausible(bus, ids):
         assert 0.0 < row[RegisterName.PRESENT_TEMPERATURE] < 80.0
 
 
-def test_absent_servo_costs_no_other_its_value(bus, ids):
+def test_absent_servo_does_not_affect_values_of_others(bus, ids):
     readings = bus.sync_read([*ids, ABSENT.id], RegisterName.PRESENT_POSITION)
     assert sorted(readings.values) == sorted(ids)
     assert isinstance(readings.errors[ABSENT.id], ServoSilentError)

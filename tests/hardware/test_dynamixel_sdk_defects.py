@@ -206,13 +206,13 @@ def test_noise_before_reply_is_skipped(dynamixel, line, noise):
     assert dynamixel.read(1, POSITION, raw=True) == 166
 
 
-def test_reply_with_wrong_crc_is_never_a_value(dynamixel, line):
+def test_reply_with_wrong_crc_is_a_bad_reply_error(dynamixel, line):
     line.expect(READ_POSITION, "FF FF FD 00 01 08 00 55 00 A7 00 00 00 8C C0")
     with pytest.raises(BadReplyError, match="damaged reply"):
         dynamixel.read(1, POSITION)
 
 
-def test_silent_servo_costs_no_other_its_sync_read_value(dynamixel, line):
+def test_silent_servo_does_not_affect_sync_read_values_of_others(dynamixel, line):
     line.expect(ASK_BOTH, SECOND_AT_2079)
     readings = dynamixel.sync_read([1, 2], RegisterName.PRESENT_POSITION, raw=True)
     assert readings.values == {2: 2079}

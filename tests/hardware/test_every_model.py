@@ -120,7 +120,7 @@ def test_eeprom_read_equals_servo_memory(bus):
     assert copy == {name: servo.read(name) for name in copy}
 
 
-def test_silent_servo_costs_no_other_its_value(bus):
+def test_silent_servo_does_not_affect_values_of_others(bus):
     add_faults(bus, ("silent", {"id": 1}))
     readings = bus.sync_read([1, 7], RegisterName.PRESENT_POSITION, raw=True)
     assert readings.values.keys() == {7}

@@ -45,7 +45,7 @@ def test_damaged_fast_sync_reply_is_read_again_by_sync_read(bus, line):
     assert read(bus).require_all() == TICKS
 
 
-def test_missing_servo_in_fast_sync_costs_no_other_its_value(bus, line):
+def test_missing_servo_in_fast_sync_does_not_affect_other_values(bus, line):
     line.expect(FAST, "FF FF FD 00 FE 19 00 55 00 03 A6 00 00 00 84 08")
     line.expect(SLOW, SLOW_3, SLOW_4)
     assert read(bus).values == {3: 166, 4: 1023}
@@ -70,7 +70,7 @@ def test_fast_sync_success_resets_failure_count(bus, line):
         assert read(bus).require_all() == TICKS
 
 
-def test_fast_sync_read_is_longer_while_a_reply_is_owed(bus, line):
+def test_fast_sync_read_is_longer_while_a_reply_is_pending(bus, line):
     line.expect(FAST).expect(SLOW, SLOW_3, SLOW_7, SLOW_4)
     line.expect("FF FF FD 00 FE 0A 00 8A 83 00 05 00 03 07 04 28 F5")
     line.expect(SLOW, SLOW_3, SLOW_7, SLOW_4)

@@ -351,13 +351,13 @@ class TestF18HighErrorBits:
         assert feetech.alarms[1] == {Alarm.UNKNOWN}
 
 
-def test_reply_with_wrong_checksum_is_never_a_value(feetech, line):
+def test_reply_with_wrong_checksum_is_a_bad_reply_error(feetech, line):
     line.expect(READ_POSITION, "FF FF 01 04 00 01 08 F2")
     with pytest.raises(BadReplyError, match="damaged reply"):
         feetech.read(1, POSITION)
 
 
-def test_two_different_replies_of_one_id_are_never_a_value(feetech, line):
+def test_two_different_replies_of_one_id_are_a_bad_reply_error(feetech, line):
     line.expect("FF FF FE 06 82 38 02 01 02 3C", AT_2048, AT_5, after_s=0.0005)
     readings = feetech.sync_read([1, 2], RegisterName.PRESENT_POSITION, raw=True)
     assert readings.values == {}

@@ -82,7 +82,7 @@ def test_late_write_reply_is_not_taken_for_next_write(bus, model):
     assert simulated_servos(bus)[1].read("goal_position") == 2000
 
 
-def test_unrepeatable_write_waits_until_no_reply_is_owed(feetech, line):
+def test_write_without_repeat_waits_for_pending_replies(feetech, line):
     line.expect("FF FF 01 04 03 28 01 CE")
     line.expect("FF FF 01 04 03 28 80 4F", reply(1))
     with pytest.raises(ServoSilentError):
@@ -182,7 +182,7 @@ histories = st.lists(st.tuples(spans, st.booleans(), st.floats(0.0, 0.05)), max_
 
 
 @given(history=histories, wanted=spans, is_degraded=st.booleans())
-def test_read_window_never_has_length_of_an_owed_reply(history, wanted, is_degraded):
+def test_read_window_never_has_length_of_a_pending_reply(history, wanted, is_degraded):
     late_replies, trust, now_s = PendingReplies(), LineHealth(clean_requests=0), 0.0
     if is_degraded:
         trust.record(odd=True)

@@ -31,7 +31,7 @@ def arm(name):
 
 
 def pantograph():
-    """Return an arm whose second joint undoes the turn of the first: its tip makes no circle."""
+    """Return an arm whose second joint undoes the turn of the first; its tip makes no circle."""
     return Chain.from_joints(
         [
             joint("lift", JointType.REVOLUTE, "base", "a", (0, 0, 0), (0, 0, 1),

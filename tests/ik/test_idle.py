@@ -77,7 +77,7 @@ def test_batch_keeps_joints_behind_frame():
     np.testing.assert_array_equal(found.q[:, count:], q0s[:, count:])
 
 
-def test_tool_roll_stays_unless_full_pose_is_wanted():
+def test_tool_roll_stays_unless_full_pose_is_requested():
     chain, rng = load_model("wx250s").chain, np.random.default_rng(4)
     q0, T = drawn(chain, rng), chain.forward(drawn(chain, rng))
     assert solve(chain, Target(T[:3, 3]), q0).q[5] == q0[5]

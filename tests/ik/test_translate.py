@@ -194,6 +194,6 @@ def test_unknown_decorator_of_called_function_is_refused(translate, translated):
         translated(body("return read(v)"), HEAD.replace("def read", "@cache\ndef read"))
 
 
-def test_function_of_another_package_is_refused(translate, translated):
+def test_translator_refuses_imported_function(translate, translated):
     with pytest.raises(translate.TranslationError, match=r"sqrt\(\) is not known"):
         translated(body("return sqrt(x)"), HEAD.replace("import math", "from math import sqrt"))

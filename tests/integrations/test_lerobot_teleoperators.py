@@ -46,7 +46,7 @@ def test_leader_with_torque_on_is_warned_about(plugin, caplog):
     assert "ikservo relax" in caplog.text
 
 
-def test_page_action_is_joints_of_its_simulated_arm(plugin, caplog):
+def test_lerobot_page_action_is_joints_of_its_simulated_arm(plugin, caplog):
     page = plugin.IkservoPage(plugin.IkservoPageConfig(id="a", http_port=0))
     page.connect()
     try:

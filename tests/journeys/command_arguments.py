@@ -14,15 +14,15 @@ from ikservo.model import load_model
 
 SERVERS = ("view", "sim", "serve", "ros")  # end by Ctrl-C alone
 BY_HAND = ("calibrate", "setup", "import")  # wait for an operator
-FILED = ("calibration", "export", "replay")  # work on a file that has to be there
+FILED = ("calibration", "export", "replay")  # work on a file that must exist
 
 _TESTED_APART = (
     "arms new", "net acknowledge", "calibration adopt", "calibration restore", "calibration undo",
     "calibration resume", "calibration revert", "servo read", "servo write", "servo reboot",
     "servo reset", "servo backup", "servo restore", "servo packets", "servo tune",
 )  # fmt: skip
-# The value of each option, where the command has it. Left out: options that need more hardware
-# or have tests of their own.
+# The value of each option, if the command has it. Options that need more hardware or have tests of
+# their own are left out.
 _OPTIONS = {
     "--arm": "{arm}",
     "--port": "{port}",
@@ -52,7 +52,7 @@ _ARGUMENTS = {
     "what": ["bus"],
     "hosts": ["127.0.0.1:9"],
 }
-_OWN = {  # where one name means something else
+_OWN = {  # commands in which a name means something else
     ("scan", "name"): [""],
     ("view", "arms"): [""],
     ("draw", "file"): ["{folder}/stroke.csv"],

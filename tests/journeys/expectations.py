@@ -16,7 +16,7 @@ PASSIVE = (  # methods that neither move the arm nor plan a motion, or disable i
     "acknowledge", "close", "disable_torque", "enable", "hold", "pose_within_limits", "record",
     "relax", "request_stop", "stop", "teach", "where",
 )  # fmt: skip
-# Those that say that torque comes on, or move the arm. All others leave a limp arm limp.
+# Commands that say that torque comes on, or move the arm. All others leave a limp arm limp.
 ENABLING = (
     *MOVING, *(name for name in methods() if "wait" in {each.name for each in parameters(name)}),
     "enable", "execute", "follow_arm", "follow_goals", "hold", "return_within_limits", "stream",
@@ -49,21 +49,21 @@ def allowed_command_codes(command, kind, posture, model):
     """Return the allowed exit codes of a command; all others are defects."""
     allowed = {0}
     if command in BY_HAND:
-        allowed = {2, 4, 6}  # no operator, and the exit code says what was missing
+        allowed = {2, 4, 6}  # there is no operator, and the exit code says what was missing
     if command == "calibrate" and kind == "sim":
         allowed |= {0}  # a hand of the simulator moves it
     if command == "fleet":
-        allowed = {3}  # no machine is there
+        allowed = {3}  # there is no machine
     if command in FILED and kind != "real, calibrated":
         allowed |= {6}
     if command in MOVING and kind == "real, uncalibrated" and _zeros_unknown(model):
         allowed |= {6}
     if command == "gripper" and kind == "real, uncalibrated" and _zeros_unknown(model):
-        allowed |= {1}  # the jaws stop at the arm's own base, that it believes to be elsewhere
+        allowed |= {1}  # the jaws stop at the arm's own base, which it believes to be elsewhere
     if command == "gripper" and model.gripper is None:
         allowed = {1, 2}
     if command == "relax" and posture not in STABLE:
-        allowed |= {1}  # torque off where it lies: its path to the rest pose is blocked
+        allowed |= {1}  # torque off where it lies, because its path to the rest pose is blocked
     elif command in MOVING:
         allowed |= _allowed_cartesian_codes(command, posture)
         allowed |= allowed_blocked_codes(posture, one_joint=command in ONE_JOINT)
@@ -89,14 +89,14 @@ def _allowed_cartesian_codes(what, posture):
     """Return the exit codes of a motion along a path that begins at the posture."""
     if what not in CARTESIAN:
         return set()
-    # From the posture the joints need not be able to follow the path. At rest the gripper lies on
+    # The joints may be unable to follow the path from the posture. At rest the gripper lies on
     # the table: a slanting path lifts it by less than the joints sag under the arm's weight, so it
     # would drag along the table for the first centimetre.
     return {7, 8} if posture == "rest, sunk" else {7}
 
 
 def allowed_blocked_codes(posture, *, one_joint):
-    """Return the exit code of a blocked motion where the posture allows one.
+    """Return the exit code of a blocked motion if the posture allows one.
 
     A limp arm falls from most postures onto itself or the table. From its rest pose every path is
     free; but one joint moved alone may press on the table.
@@ -128,7 +128,7 @@ def find_faults(command, bench, model, result, allowed, posture):
 
 
 def find_torque_faults(command, bench, posture):
-    """Yield where torque came on unannounced, or with a goal away from the joint."""
+    """Yield servos whose torque came on unannounced, or with a goal away from the joint."""
     if bench.watch.enablings and command not in ENABLING:
         yield f"switched torque on: {bench.watch.enablings}"
     if posture in STABLE:  # elsewhere it falls

@@ -13,11 +13,11 @@ from servosim import read_arm_file
 from servosim.assembly import make_arm_world
 from tests.oracle import arm_file
 
-SINKING_S = 3.0  # until a limp arm is at rest
+SINKING_S = 3.0  # time until a limp arm is at rest
 HANDS = 3  # random postures, as left by hand
 OUTSIDE = 0.05  # rad, or a fraction of a slide's range, beyond a limit: still before the hard stop
-MAX_TRIES = 100  # of the other joints where one is at its limit
-FREQUENT = ("rest, sunk", "pose home")  # the most frequent
+MAX_TRIES = 100  # tries for the other joints if one is at its limit
+FREQUENT = ("rest, sunk", "pose home")  # the most frequent postures
 
 
 @cache

@@ -19,7 +19,7 @@ import pyte
 IKSERVO = [sys.executable, "-c", "from ikservo.cli import console; console()"]
 CONTROLS = re.compile(r"\x1b\[[0-9;?]*[A-Za-z]|\x1b[()][A-Z0-9]|\x1b[=>]")
 ROWS = 50
-SOON_S = 40.0  # for a machine with other work
+SOON_S = 40.0  # long enough for a busy machine
 
 
 @dataclass
@@ -29,7 +29,7 @@ class Ended:
     Attributes:
         code: Its exit code; minus the signal that ended it.
         text: All that it printed, without colours and control sequences.
-        screen: The lines that are on the screen now.
+        screen: The lines that are on the screen at the end.
         long: The printed lines that are longer than the width of the screen.
     """
 
@@ -172,7 +172,7 @@ class Program:
         os.close(self._fd)
 
     def _printed(self):
-        """Yield printed lines; of a redrawn line, the last version; a path may be long."""
+        """Yield printed lines, the last version of a redrawn one; a path may be long."""
         for line in self.text.split("\n"):
             last = line.rstrip("\r").rpartition("\r")[2].rstrip()
             if not any(len(word) > self._columns // 2 for word in last.split()):

@@ -15,7 +15,7 @@ from ikservo.model.link_masses import link_masses
 from tests.kinematics.chains import crane_joints, joint
 from tests.oracle import ARMS, CONFIGS
 
-# Of a tensor Pinocchio stores xx xy yy xz yz zz, URDF xx xy xz yy yz zz.
+# Pinocchio stores a tensor as xx xy yy xz yz zz, URDF as xx xy xz yy yz zz.
 URDF_ORDER = [0, 1, 2, 3, 4, 5, 7, 6, 8, 9]
 
 

@@ -154,7 +154,7 @@ def test_shoulder_elbow_manipulability_equals_closed_form(q):
 
 
 @pytest.mark.parametrize("name", ["so101", "wx250s", "px100"])
-def test_rotations_at_rest_are_those_of_null_space(name):
+def test_conditioning_turns_equal_rotations_of_null_space(name):
     model = load_model(name)
     q = model.chain_pose("home") + 0.2
     J = model.chain.jacobian(q)

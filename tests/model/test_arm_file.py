@@ -28,7 +28,7 @@ def test_bus_has_family_and_baud_rate(arm: ArmFile) -> None:
     assert (arm.bus.family, arm.bus.baud) == ("dynamixel_2", 1_000_000)
 
 
-def test_speeds_have_their_jerk(arm: ArmFile) -> None:
+def test_speed_classes_of_arm_file_have_their_own_jerk(arm: ArmFile) -> None:
     speeds = arm.speeds
     assert (speeds.slow.deg_s3, speeds.normal.deg_s3, speeds.fast.deg_s3) == (600, 1200, 2400)
 

@@ -47,7 +47,7 @@ def test_continuous_joint_is_never_near_limit():
 
 
 @given(st.floats(-2, 2), st.floats(-1, 0), st.floats(0, 1), st.sampled_from(["rad", "m"]))
-def test_joint_at_limit_is_near_it_and_outside_is_at_it(position, lower, upper, unit):
+def test_joint_at_limit_counts_as_near_and_outside_as_at_limit(position, lower, upper, unit):
     joint = (position, lower, upper, unit)
     assert near_limit(*joint) or not at_limit(*joint)
     assert at_limit(*joint) or limit_distance(*joint[:3]) >= 0.0

@@ -135,7 +135,7 @@ def test_mimic_has_default_offset_zero(urdf: Urdf) -> None:
     assert joint(urdf, "other_finger").mimic == UrdfMimic("gripper", multiplier=-1, offset=0)
 
 
-def test_joint_knows_its_line(urdf: Urdf) -> None:
+def test_joint_of_urdf_has_its_line_number(urdf: Urdf) -> None:
     assert joint(urdf, "elbow").line == 10
 
 

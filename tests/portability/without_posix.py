@@ -37,7 +37,7 @@ OTHERS = (
 def remove_posix():
     """Remove everything that Windows lacks, from here on."""
     socket.socketpair = partial(socket.socketpair, socket.AF_UNIX)  # Windows has one of its own
-    sys.modules.update(dict.fromkeys(MODULES))  # None: there is no such module
+    sys.modules.update(dict.fromkeys(MODULES))  # None means that there is no such module
     for module, names in ((socket, ("AF_UNIX",)), (signal, (*SIGNALS, *SIGNAL_CALLS))):
         for name in names:
             if hasattr(module, name):

@@ -185,7 +185,7 @@ class TestFiles:
         ("text", "message"),
         [
             ("[[fault]]\nid = 3\n", "a fault needs a kind"),
-            ('[[fault]]\nkind = "late"\ndelay = 3\n', "a fault has no 'delay'"),
+            ('[[fault]]\nkind = "late"\ndelay = 3\n', "a fault has no key 'delay'"),
             ('[[fault]]\nkind = "late"\nid = "x"\n', "id = 'x' has the wrong kind"),
             ('[[fault]]\nkind = "short"\nbytes = 1.5\n', "bytes = 1.5 is not a whole number"),
             ('[[fault]]\nkind = "garbage"\nbytes = -1\n', "bytes = -1 is not between 0 and 4096"),

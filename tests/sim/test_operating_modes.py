@@ -207,7 +207,7 @@ class TestFeetechSts:
         run(port, 4)
         assert servo.read("present_position") == pytest.approx(7000, abs=3)
 
-    def test_stale_goal_is_driven_to_at_torque_on(self, make_port):
+    def test_sts_drives_to_its_old_goal_at_torque_on(self, make_port):
         port = make_port("STS3215")
         port.line.world.place("servo_1", 0.5)
         servo = port.line.servos[1]

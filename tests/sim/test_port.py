@@ -12,7 +12,7 @@ from servosim.errors import ArmFileError, PortClosedError, SimulatorError
 PING = bytes.fromhex("FFFF010201FB")
 
 
-def test_bytes_take_time_of_baud_rate(make_port):
+def test_transmission_time_follows_from_baud_rate(make_port):
     port = make_port("STS3215")
     port.write(PING)
     port.read(6)

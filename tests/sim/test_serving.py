@@ -220,7 +220,7 @@ class TestRemote:
         [
             ("nonsense", "Expecting value"),
             ("{}", "'do' is missing"),
-            ('{"do": "dance"}', "cannot do 'dance'; can: state, place"),
+            ('{"do": "dance"}', "unknown request 'dance'; known: state, place"),
             ('{"do": "place", "joint": "knee", "deg": 1}', "no joint is named 'knee'"),
             ('{"do": "place", "joint": "servo_1"}', "'m' is missing"),
             ('{"do": "fault", "fault": {"kind": "gremlin"}}', "no fault is named"),
@@ -411,14 +411,14 @@ def test_missing_arm_file_exits_2_with_message(tmp_path):
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        (["--link", "taken"], "taken is there already and is not a link"),
-        (["--control", "taken"], "taken is there already and is not a socket"),
+        (["--link", "taken"], "taken already exists and is not a link"),
+        (["--control", "taken"], "taken already exists and is not a socket"),
         (["--link", "nowhere/arm"], "nowhere/arm"),
         (["--log", "nowhere/log"], "nowhere/log"),
         (["--audit", "nowhere/audit"], "nowhere/audit"),
         (["--control", "nowhere/control"], "nowhere/control"),
-        (["--noise", "2"], "noise is a chance from 0 to 1"),
-        (["--latency-ms", "nan"], "an adapter delays by 0 to 1000 ms"),
+        (["--noise", "2"], "noise is a probability from 0 to 1"),
+        (["--latency-ms", "nan"], "the delay of an adapter is 0 to 1000 ms"),
     ],
 )
 def test_unusable_link_or_output_path_is_left_untouched(

@@ -132,7 +132,7 @@ def test_pushed_cube_moves_and_other_one_stays():
         ("physics=1&cubes=red", "is not a cube; try red@"),
         ("physics=1&cubes=red@0.2", "is not a cube"),
         ("physics=1&cubes=red@0.2,0,1", "is not a cube"),
-        ("physics=1&cubes=pink@0.2,0", "no cube is 'pink'; known: red"),
+        ("physics=1&cubes=pink@0.2,0", "no cube has the colour 'pink'; known: red"),
         ("physics=1&cubes=red@0.2,0;red@0.3,0", "only one red cube"),
         ("physics=1&cubes=red@nan,0", "within 2 m"),
         ("physics=1&cubes=red@5,0", "within 2 m"),

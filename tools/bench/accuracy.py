@@ -2,9 +2,10 @@
 
 Run ``python tools/bench/accuracy.py``; the tables go to docs/benchmarks.md. Simulated arms under
 gravity with backlash in every servo move to targets drawn from one seed, in virtual time. The
-reference are the joints' true positions inside the simulator, finer than any tick, and Pinocchio's
-forward kinematics; the error by the registers is given beside it. Plain rounding is the same
-planned motion, its last goals the nearest ticks, and two seconds to come to rest.
+reference is Pinocchio's forward kinematics of the joints' true positions inside the simulator,
+which are finer than any tick; the tables also have the error according to the registers. Plain
+rounding executes the same planned motion with the nearest ticks as last goals, then waits two
+seconds for rest.
 """
 
 from __future__ import annotations
@@ -38,12 +39,12 @@ class Trial:
     """One target, reached or not, with one method.
 
     Attributes:
-        true_m: From the target to the true tip.
-        read_m: From the target to the tip at the positions in the registers.
-        turned_rad: From the desired to the true orientation of the tool.
+        true_m: Distance from the target to the true tip.
+        read_m: Distance from the target to the tip at the positions in the registers.
+        turned_rad: Angle from the desired to the true orientation of the tool.
         hidden_m: Random error of the tip within the ticks of the joints.
-        stretch: Duration of the motion over the planned, which is ruckig's optimum.
-        settling_s: From the end of the motion to rest.
+        stretch: Ratio of the motion's duration to the planned one, which is ruckig's optimum.
+        settling_s: Time from the end of the motion to rest.
     """
 
     true_m: float
@@ -55,11 +56,11 @@ class Trial:
 
 
 class Judge:
-    """The truth about a simulated arm, out of the simulator and Pinocchio.
+    """Measures the true errors of a simulated arm by the simulator and Pinocchio.
 
     Args:
         arm: The arm, on a simulated bus.
-        seed: Of the chance in ``Trial.hidden_m``.
+        seed: Seed of the random errors in ``Trial.hidden_m``.
     """
 
     def __init__(self, arm: Arm, seed: int) -> None:
@@ -127,7 +128,7 @@ def _trials(name: str, options: argparse.Namespace, *, correct: bool) -> Iterato
 
 
 def _plans(arm: Arm, seed: int, speed: str) -> Iterator[MotionPlan]:
-    """Plan to points that the arm reaches without touching anything, without end."""
+    """Yield plans to random points that the arm reaches without contact, without end."""
     rng = np.random.default_rng(seed)
     while True:
         q = rng.uniform(arm.chain.lower_rad, arm.chain.upper_rad)
@@ -138,7 +139,7 @@ def _plans(arm: Arm, seed: int, speed: str) -> Iterator[MotionPlan]:
 
 
 def _corrected(arm: Arm, judge: Judge, plan: MotionPlan) -> Trial:
-    report = cast("MoveResult", arm.execute(plan))  # of a plan of the tip
+    report = cast("MoveResult", arm.execute(plan))  # the result of a plan of the tip
     return judge.trial(plan, report.motion_s / plan.duration_s, report.settling_s)
 
 
@@ -192,7 +193,7 @@ def _median(values: Iterable[float]) -> float:
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("arms", nargs="*", default=ARMS, help="names in the catalogue")
-    parser.add_argument("--count", type=int, default=500, help="targets an arm")
+    parser.add_argument("--count", type=int, default=500, help="targets per arm")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--speed", default="normal", help="slow, normal or fast")
     parser.add_argument("--backlash-deg", type=float, default=0.5, help="of every servo")

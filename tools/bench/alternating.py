@@ -1,10 +1,10 @@
-"""Our solver beside other versions and peers in one alternating run: the best round counts.
+"""Compare our solver with other versions and peers in alternating rounds; the best one counts.
 
     python tools/bench/alternating.py --versions numba=PYTHON --peers roboticstoolbox optik
 
 PYTHON is the interpreter of another version of ikservo; the table goes to docs/benchmarks.md. A
 round starts every solver once with the same targets, so that a slow minute of the machine affects
-all; of the rounds the least median, percentile and batch time are taken.
+all; the table has the smallest median, percentile and batch time of all rounds.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ _OURS = "ikservo"
 
 @dataclass
 class Contestant:
-    """A solver, and its best figures so far: [µs] by what is timed, solves a second, success."""
+    """A solver and its best figures so far: times [µs] by kind, solves per second, success."""
 
     name: str
     interpreter: Path
@@ -72,7 +72,7 @@ def _options() -> argparse.Namespace:
 
 
 def _contestants(options: argparse.Namespace) -> list[Contestant]:
-    """Return ours first, then the other versions, then the peers."""
+    """Return our solver, then the other versions, then the peers."""
     ours = _RUNNERS / "run_ikservo.py"
     found = [Contestant(_OURS, Path(sys.executable), ours)]
     for version in options.versions:
@@ -83,7 +83,7 @@ def _contestants(options: argparse.Namespace) -> list[Contestant]:
 
 
 def _ask(solver: Contestant, model: ikservo.Model, kind: str, request: dict[str, Any]) -> bool:
-    """Run one round of a solver and keep its best figures; False if it cannot do such targets."""
+    """Run one round of a solver and keep its best figures; False if it lacks such targets."""
     done = subprocess.run(
         [str(solver.interpreter), str(solver.runner)],
         input=json.dumps(request),
@@ -108,7 +108,7 @@ def _ask(solver: Contestant, model: ikservo.Model, kind: str, request: dict[str,
 
 
 def _print_rows(start: str, solvers: list[Contestant]) -> None:
-    """Print one row a solver; in brackets, how many times ours is as fast."""
+    """Print one row per solver; in brackets, how many times as fast ours is."""
     ours = solvers[0]
     for solver in solvers:
         cells: list[str] = []

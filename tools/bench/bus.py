@@ -1,4 +1,4 @@
-"""Reading six positions and writing six goals: ours, the vendors' SDKs and rustypot side by side.
+"""Time reading six positions and writing six goals: ikservo, the vendors' SDKs and rustypot.
 
 Run ``python tools/bench/bus.py``; the table goes to docs/benchmarks.md. Each line is served by
 ``ikservo sim`` behind a pseudo-terminal in real time, with wire time; peers alternate on it, so
@@ -33,11 +33,11 @@ class Bench:
     """A line and the peers measured on it.
 
     Attributes:
-        title: For the table.
-        model: All six servos.
+        title: Its title in the table.
+        model: Model of all six servos.
         family: Their protocol family, as in arm.toml.
-        baud: Of the line.
-        wire_bytes: Of the shortest request, replies and goals of the protocol.
+        baud: Baud rate of the line.
+        wire_bytes: Number of bytes of the protocol's shortest request, replies and goals.
         peers: Names in ``line_peers.py``.
     """
 
@@ -50,7 +50,7 @@ class Bench:
 
     @property
     def limit_hz(self) -> float:
-        """Return the cycles a second that the wire allows; return delays are 0."""
+        """The cycles per second that the wire allows; return delays are 0."""
         return self.baud / (self.wire_bytes * BITS_PER_BYTE)
 
 
@@ -64,7 +64,7 @@ class Result:
 
     @property
     def rate_hz(self) -> float:
-        """Return cycles a second, all rounds together."""
+        """The cycles per second over all rounds."""
         return len(self.took_s) / sum(self.took_s)
 
     def took(self, quantile: float) -> float:

@@ -1,4 +1,4 @@
-"""The load of many clients of the web page on the arm: the cycle time with and without them.
+"""Measure the effect of many page clients on the arm: cycle times with and without them.
 
 Run ``python tools/bench/crowd.py``; results belong in docs/benchmarks.md. The bus is simulated, in
 this process, at real speed; the clients are a process of their own. Each crowd is measured between
@@ -96,7 +96,7 @@ def cycles_ms(house: ServedArm, page: Page) -> list[float]:
 
 
 def p99(times: list[float]) -> float:
-    """Return what one in a hundred exceeds."""
+    """Return the value that one in a hundred exceeds."""
     return sorted(times)[int(0.99 * len(times))]
 
 

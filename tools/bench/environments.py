@@ -1,4 +1,4 @@
-"""One virtual environment a peer, made when it is first needed and kept for the next run."""
+"""One virtual environment per peer, made when it is first needed and kept for the next run."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ class Peer:
     """A solver to measure.
 
     Attributes:
-        name: What the table calls it.
+        name: Its name in the table.
         runner: Its file in ``peers/``.
-        requirements: What pip installs for it; nothing for our own, which runs where we do.
+        requirements: Packages that pip installs for it; none for ours, which runs in this Python.
     """
 
     name: str
@@ -47,11 +47,11 @@ PEERS = (
 
 
 class UnavailableError(Exception):
-    """A peer cannot be installed here; the message is pip's last word."""
+    """A peer cannot be installed here; the message is pip's last line."""
 
 
 def interpreter_for(peer: Peer) -> Path:
-    """Return the Python that has the peer, after installing it where that was not done before.
+    """Return the Python that has the peer; install the peer first if that is necessary.
 
     Raises:
         UnavailableError: pip cannot install it.
@@ -86,7 +86,7 @@ def _install(peer: Peer, folder: Path) -> None:
 
 def _last_line(text: str) -> str:
     lines = [line for line in text.splitlines() if line.strip()]
-    return lines[-1].strip()[:160] if lines else "pip failed without a word"
+    return lines[-1].strip()[:160] if lines else "pip failed without a message"
 
 
 def _python_in(folder: Path) -> Path:

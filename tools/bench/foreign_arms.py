@@ -1,10 +1,10 @@
-"""Arms that others have published: imported, moved in the simulator, judged by Pinocchio.
+"""Import arms that others have published, move them in the simulator, compare with Pinocchio.
 
     python tools/bench/foreign_arms.py LIST [NAME ...]
 
 A line of LIST is a name, the path of a description from LIST's folder, and options of
-``ikservo arms new``: what was not in the description. Arms are written to ``imported`` beside LIST.
-Pinocchio reads the description as it was published where it can, otherwise the arm that was made.
+``ikservo arms new``: facts that the description lacks. Arms are written to ``imported`` beside
+LIST. Pinocchio reads the published description if it can, otherwise the imported arm.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ MOVES, SPREAD = 3, 0.25
 
 
 def import_arm(name: str, source: Path, options: list[str], folder: Path) -> str:
-    """Make an arm's folder; returns what was wrong, empty if nothing was."""
+    """Import an arm into a folder; return the error, empty if there is none."""
     errors = io.StringIO()
     arguments = ["arms", "new", name, "--from", str(source), "--folder", str(folder), *options]
     with contextlib.redirect_stderr(errors), contextlib.redirect_stdout(io.StringIO()):
@@ -64,7 +64,7 @@ def judged_tip_m(source: Path, folder: Path, positions: dict[str, float]) -> tup
 
 
 def move_arm(source: Path, folder: Path) -> str:
-    """Move an arm in the simulator; returns a line about it."""
+    """Move an arm in the simulator; return a line of results."""
     model, rng = ikservo.load_model(folder), np.random.default_rng(3)
     home, reached, errors, whose, why = (
         model.chain_pose("home"), 0, list[float](), "", "",

@@ -1,4 +1,4 @@
-"""How our solver's time grows with the number of joints: planar chains, one metre long.
+"""Measure how our solver's time grows with the joints of planar chains, one metre long.
 
 Run ``python tools/bench/growth.py``; the table goes to docs/benchmarks.md.
 """
@@ -79,7 +79,7 @@ def _prepared(chain: ikservo.Chain) -> tuple[NDArray[np.float64], float]:
 
 
 def _tracked(chain: ikservo.Chain) -> float:
-    """Return the median time [µs] of steps along a path that keeps inside the limits."""
+    """Return the median time [µs] of steps along a path that stays inside the limits."""
     solver, start = ikservo.Solver(chain, "position"), _start(chain)
     path = chain.forward(np.linspace(start, 2.0 * start, _TARGETS))
     return float(np.median(_timed(lambda T: solver.track(T, start, start)[1], path)[0]))
@@ -99,7 +99,7 @@ def _timed(
     ask: Callable[[NDArray[np.float64]], bool], poses: NDArray[np.float64] | None = None
 ) -> tuple[NDArray[np.float64], float]:
     targets = _targets() if poses is None else poses
-    ask(targets[0])  # compiles, or loads what was compiled
+    ask(targets[0])  # compiles the kernels, or loads compiled ones
     times_s: list[float] = []
     hits: list[bool] = []
     ends_s = time.perf_counter() + _BUDGET_S
@@ -114,7 +114,7 @@ def _timed(
 
 
 def _start(chain: ikservo.Chain) -> NDArray[np.float64]:
-    """Return joints (dof,) that curl a little: straight is where every planar arm is singular."""
+    """Return slightly bent joints (dof,), because a straight planar arm is singular."""
     return np.full(chain.dof, 1.0 / chain.dof)
 
 

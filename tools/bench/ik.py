@@ -1,4 +1,4 @@
-"""Our inverse kinematics beside its peers: the same targets, the same clock, in one run.
+"""Compare our inverse kinematics with its peers: the same targets, the same clock, in one run.
 
 Run ``python tools/bench/ik.py``; the tables go to docs/benchmarks.md. Each peer gets a virtual
 environment of its own under build/bench-venvs, made by pip when it is first needed.
@@ -64,7 +64,7 @@ def _options() -> argparse.Namespace:
     parser.add_argument("--targets", type=int, default=1000, help="from home and from within 5°")
     parser.add_argument("--lines", type=int, default=3, help="of 1,000 points each")
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--budget", type=float, default=30.0, help="seconds a round at most")
+    parser.add_argument("--budget", type=float, default=30.0, help="most seconds per round")
     return parser.parse_args()
 
 

@@ -1,9 +1,9 @@
 """Jitter of streamed goals, with the bus on a pseudo-terminal and a core kept busy.
 
-Run ``python tools/bench/jitter.py``; the table goes to docs/benchmarks.md. It shows by how much
-control cycles begin too late, by how much the time between two goals differs from the cycle time,
-and how many cycles were missed, with ordinary and with real-time priority in turn. The latter needs
-root. The servos of an arm have processors of their own: then the simulator goes before the loop.
+Run ``python tools/bench/jitter.py``; the table goes to docs/benchmarks.md. It shows how late
+control cycles begin, how much the time between two goals differs from the cycle time, and how many
+cycles were missed, with ordinary and with real-time priority in turn. The latter needs root. Real
+servos have processors of their own, so the simulator then has priority over the loop.
 """
 
 from __future__ import annotations
@@ -60,7 +60,7 @@ def busy() -> None:
 
 @contextmanager
 def load(count: int) -> Generator[None]:
-    """Keep so many cores busy."""
+    """Keep a number of cores busy."""
     processes = [multiprocessing.Process(target=busy, daemon=True) for _ in range(count)]
     for process in processes:
         process.start()
@@ -89,13 +89,13 @@ def served(name: str) -> Generator[tuple[str, int]]:
 
 
 class DueTimes(RealClock):
-    """The machine's clock; notes for when each sleep was meant to end, and when it did."""
+    """The machine's clock; records when each sleep should have ended, and when it did."""
 
     def __init__(self) -> None:
         self.late_s: list[float] = []
 
     def sleep_until(self, deadline_s: float) -> None:
-        """Sleep, and note by how much too late it ended."""
+        """Sleep, and record how late it ended."""
         super().sleep_until(deadline_s)
         self.late_s.append(self.now_s() - deadline_s)
 
@@ -136,13 +136,13 @@ def words(title: str, timing: Timing, rate_hz: float) -> str:
     off_ms = 1000.0 * np.percentile(np.abs(gaps_s - cycle_s), [50, 99, 99.9])
     figures = [*late_ms, *off_ms]
     if timing.sent_s[-1] - timing.sent_s[0] < 0.98 * timing.duration_s:
-        title += ", given up as too busy"
+        title += ", stopped as the machine was too busy"
     return f"| {title} | {len(gaps_s) + 1} | {' | '.join(f'{x:.2f}' for x in figures)} | {missed} |"
 
 
 @contextmanager
 def real_time(priority: int, server_pid: int) -> Generator[None]:
-    """Let control loops have a priority, as if the user's limit allowed it, and the servos, too."""
+    """Give control loops a priority, as if the user's limit allowed it, and the servos, too."""
     before = control_real_time.allowed_priority
     control_real_time.allowed_priority = lambda: priority
     if priority:
@@ -155,7 +155,7 @@ def real_time(priority: int, server_pid: int) -> Generator[None]:
 
 def main() -> None:
     """Print the table."""
-    parser = argparse.ArgumentParser(description="How steady goals are streamed")
+    parser = argparse.ArgumentParser(description="Measure how steadily goals are streamed")
     parser.add_argument("--rate", type=float, default=200.0, help="Hz")
     parser.add_argument("--seconds", type=float, default=30.0)
     parser.add_argument("--arm", action="append", help="so101 and koch if not given")

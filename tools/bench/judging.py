@@ -1,4 +1,4 @@
-"""Scores of solutions: measured by forward kinematics, the same for every solver."""
+"""Score solutions by forward kinematics, in the same way for every solver."""
 
 from __future__ import annotations
 
@@ -17,20 +17,20 @@ __all__ = ["Flags", "Score", "solved", "worth"]
 Flags = NDArray[np.bool_]
 
 _POSITION_M, _ANGLE_RAD = 1e-4, 1e-3
-# Rounding of solvers in other units, not a violation.
+# Solvers in other units round the limits; this much is not a violation.
 _LIMIT_SLACK_RAD = 1e-9
 
 
 @dataclass(frozen=True)
 class Score:
-    """One solver, one round.
+    """The score of one solver in one round.
 
     Attributes:
         success: Fraction of the reachable targets that it reached.
-        median_us: Time of one call; p95_us and p99_us likewise.
+        median_us: Median time of one call; p95_us and p99_us are percentiles.
         largest_step_rad: Largest joint step between neighbouring targets of one line.
-        asked: Number of targets before its time was up.
-        targets: How many there were.
+        asked: Number of targets that it tried before its time was up.
+        targets: Number of targets.
     """
 
     success: float
@@ -43,7 +43,7 @@ class Score:
 
 
 def solved(chain: ikservo.Chain, kind: str, targets: dict[str, Any], found: list[Any]) -> Array:
-    """Return 1.0 for each target (n,) reached inside the limits, NaN where not tried."""
+    """Return 1.0 for each target (n,) reached inside the limits, NaN if it was not tried."""
     reached = np.full(len(targets["T"]), np.nan)
     for i, q in enumerate(found):
         reached[i] = q is not None and _right(chain, kind, np.array(targets["T"][i]), np.array(q))
@@ -86,7 +86,7 @@ def _angle_rad(kind: str, R: Array, wanted: Array) -> float:
 
 
 def _largest_step(starts: list[Any], found: list[Any], reached: Array) -> float:
-    """Return the largest step between two solutions that are both right and on one line."""
+    """Return the largest step between two neighbouring, correct solutions of a line."""
     largest = 0.0
     for i in range(1, len(found)):
         if starts[i] is None and reached[i] == 1.0 and reached[i - 1] == 1.0:

@@ -1,4 +1,4 @@
-"""Oscillation of unloaded servos at high gains: logs of real ones, and simulated ones.
+"""Compare the oscillation of unloaded servos at high gains: logs of real and simulated ones.
 
 Run ``python tools/bench/limit_cycle.py LOGS [--every N]`` with the folder of the logs that
 ``tools/identify_motor.py`` reads. After a step back to where the pendulum hangs, the logs are
@@ -59,7 +59,7 @@ def main() -> None:
     """Print a table for each model."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("logs", type=Path)
-    parser.add_argument("--every", type=int, default=1, metavar="N", help="only each N-th log")
+    parser.add_argument("--every", type=int, default=1, metavar="N", help="only every N-th log")
     options = parser.parse_args()
     for model in MODELS:
         logs = BENCHES[model].read(options.logs)

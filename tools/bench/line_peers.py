@@ -1,4 +1,4 @@
-"""One way to read six positions and write six goals, timed on a port: what ``bus.py`` runs.
+"""Time one peer that reads six positions and writes six goals on a port; ``bus.py`` runs this.
 
 ``python line_peers.py PEER PORT BAUD FAMILY CYCLES`` prints one JSON object: the duration of each
 cycle and the processor time of all of them. Only the standard library and the peer are imported.
@@ -26,7 +26,7 @@ Cycle = Callable[[], bool]
 
 
 def ikservo(port: str, baud: int, family: str) -> Cycle:
-    """Our own bus."""
+    """Use our own bus."""
     from ikservo.hardware import ServoBus, ServoSpec, open_port, torque_on
     from ikservo.registers import RegisterName, control_table
 
@@ -44,7 +44,7 @@ def ikservo(port: str, baud: int, family: str) -> Cycle:
 
 
 def ikservo_recorded(port: str, baud: int, family: str) -> Cycle:
-    """Our own bus, while every packet is recorded in a file."""
+    """Use our own bus, while every packet is recorded in a file."""
     folder = Path(tempfile.mkdtemp())
     atexit.register(shutil.rmtree, folder)
     os.environ["IKSERVO_PACKETS"] = str(folder / "packets.pcapng")
@@ -52,7 +52,7 @@ def ikservo_recorded(port: str, baud: int, family: str) -> Cycle:
 
 
 def rustypot(port: str, baud: int, family: str) -> Cycle:
-    """The Rust library with Python bindings."""
+    """Use the Rust library with Python bindings."""
     import rustypot
 
     feetech = family == "feetech_sts"
@@ -69,7 +69,7 @@ def rustypot(port: str, baud: int, family: str) -> Cycle:
 
 
 def scservo_sdk(port: str, baud: int, family: str) -> Cycle:
-    """Feetech's own SDK, unmodified."""
+    """Use Feetech's own SDK, unmodified."""
     import scservo_sdk as sdk
 
     handler, packets = sdk.PortHandler(port), sdk.PacketHandler(0)
@@ -81,13 +81,13 @@ def scservo_sdk(port: str, baud: int, family: str) -> Cycle:
 
 
 def dynamixel_sdk(port: str, baud: int, family: str) -> Cycle:
-    """ROBOTIS' own SDK as it comes."""
+    """Use ROBOTIS' own SDK, unmodified."""
     read, write = _dynamixel(port, baud)
     return _stock_cycle(read, write, 132, 4, read.txRxPacket)
 
 
 def dynamixel_sdk_fast(port: str, baud: int, family: str) -> Cycle:
-    """ROBOTIS' own SDK with fast sync read."""
+    """Use ROBOTIS' own SDK with fast sync read."""
     read, write = _dynamixel(port, baud)
     return _stock_cycle(read, write, 132, 4, read.fastSyncRead)
 

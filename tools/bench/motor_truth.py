@@ -1,4 +1,4 @@
-"""How near the simulated servos are to measured ones: pendulum logs replayed through the bus.
+"""Compare simulated with measured servos by replaying pendulum logs through the bus.
 
 Run ``python tools/bench/motor_truth.py LOGS [--every N] [--pictures FOLDER]`` with the folder of
 the logs that ``tools/identify_motor.py`` reads. Each log is one conversation: gains and goals are
@@ -37,11 +37,11 @@ Array = NDArray[np.float64]
 
 BAUD = 1_000_000
 RAD_PER_TICK = 2.0 * math.pi / 4096
-SETTLED_ROWS = 30  # at the end of a plateau
-# The bench's readings are unevenly late: from row to row the speed of an even motion seems to
+SETTLED_ROWS = 30  # rows at the end of a plateau
+# The bench's readings are unevenly late: from row to row the speed of a uniform motion seems to
 # alternate between 3.7 and 5.6 rad/s, in the same way every 40 ms.
 UNEVEN_ROWS = 4
-STEP_ROW, STEP_BACK_ROW = 150, 400  # of the trajectory "brutal"
+STEP_ROW, STEP_BACK_ROW = 150, 400  # steps of the trajectory "brutal"
 
 
 @dataclass(frozen=True)
@@ -121,10 +121,10 @@ def replay(model: str, logs: Logs, log: int, parameters: MotorParameters | None 
     """Return the positions [rad] that the simulated servo reports at the log's moments.
 
     Args:
-        model: Of the servo.
+        model: Model of the servo.
         logs: The logs.
-        log: Which of them.
-        parameters: Of the servo; those of the table without.
+        log: Index of the log to replay.
+        parameters: Parameters of the servo; None uses those of the table.
     """
     servo = BenchServo(model, logs, log, parameters or PARAMETERS[model])
     clock, start_s = servo.port.clock, 0.05
@@ -142,7 +142,7 @@ def replay(model: str, logs: Logs, log: int, parameters: MotorParameters | None 
         if held and not on[k]:
             servo.write("torque_enable", 0)
             held = False
-        # Not only once each record: that would be half a record later than the bench was.
+        # Not only once per record, which would be half a record later than on the bench.
         if held and goals[k] != was:
             was = int(goals[k])
             servo.write("goal_position", was)
@@ -151,7 +151,7 @@ def replay(model: str, logs: Logs, log: int, parameters: MotorParameters | None 
 
 @dataclass(frozen=True)
 class Figures:
-    """What a step or a sine says about a servo, once simulated and once measured."""
+    """Figures of a servo from a step or a sine; NaN if the trajectory does not show them."""
 
     hold_deg: float = math.nan
     rise_s: float = math.nan
@@ -160,11 +160,11 @@ class Figures:
 
 
 def figures_of(kind: str, goal_rad: Array, position_rad: Array) -> Figures:
-    """Return the figures that a trajectory of this kind has.
+    """Compute the figures that a trajectory of this kind shows.
 
     Args:
-        kind: Of the trajectory.
-        goal_rad: At the rows.
+        kind: Kind of the trajectory.
+        goal_rad: Goals at the rows.
         position_rad: Positions at the rows.
     """
     moved_rad = np.abs(position_rad[UNEVEN_ROWS:] - position_rad[:-UNEVEN_ROWS]).max()
@@ -218,7 +218,7 @@ def compare(model: str, logs: Logs, every: int) -> list[tuple[str, int, float, F
 
 
 def print_table(model: str, rows: list[tuple[str, int, float, Figures, Figures]]) -> None:
-    """Print medians for each trajectory and gain: simulated / measured (of the differences)."""
+    """Print medians for each trajectory and gain: simulated / measured (difference)."""
     print(f"\n| {model} | P | logs | error ° | hold ° sim / real | rise s | peak rad/s | lag s |")
     print("|---|---:|---:|---:|---:|---:|---:|---:|")
     for kind in sorted({row[0] for row in rows}):
@@ -267,8 +267,8 @@ def main() -> None:
     """Replay, print and draw."""
     parser = argparse.ArgumentParser(description="Replay pendulum logs on simulated servos.")
     parser.add_argument("logs", type=Path, help="folder of the logs")
-    parser.add_argument("--servo", choices=tuple(BENCHES), help="only this one")
-    parser.add_argument("--every", type=int, default=1, metavar="N", help="only each N-th log")
+    parser.add_argument("--servo", choices=tuple(BENCHES), help="only this servo")
+    parser.add_argument("--every", type=int, default=1, metavar="N", help="only every N-th log")
     parser.add_argument("--pictures", type=Path, metavar="FOLDER", help="draw into this folder")
     options = parser.parse_args()
     for model in (options.servo,) if options.servo else BENCHES:

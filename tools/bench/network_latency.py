@@ -1,4 +1,4 @@
-"""From an operator's goal to the servos, over the network and on the port; states of eight arms.
+"""Measure the delay of an operator's goals by network and port, and the states of eight arms.
 
 Run ``python tools/bench/network_latency.py``; results belong in docs/benchmarks.md. Servos, server
 and operator are processes of their own: the servos on a pseudo-terminal, Zenoh on loopback. A goal
@@ -37,16 +37,16 @@ from ikservo.arm.target_tracking import CartesianOrJointTarget, TargetTracker
 from ikservo.kinematics.arrays import Vector
 
 JOINT, SWING_RAD, PERIOD_S = "shoulder_pan", 0.3, 4.0
-ASKED_MEDIAN_MS, ASKED_P99_MS = 5.0, 20.0  # beside the local path
+ASKED_MEDIAN_MS, ASKED_P99_MS = 5.0, 20.0  # requested bounds of the delay added to the local path
 ARMS, STATES_HZ = 8, 50.0
 _SPAWN = multiprocessing.get_context("spawn")
 
 Times = dict[float, float]
-"""When each goal of ``JOINT`` [rad] was sent or had arrived [s, of the machine's clock]."""
+"""The time at which each goal of ``JOINT`` [rad] was sent or had arrived [s, machine's clock]."""
 
 
 def note_received() -> Times:
-    """Return a dictionary that gets the time at which each goal is in the process of the server."""
+    """Return a dictionary that collects the times at which goals reach the server's process."""
     received: Times = {}
     put = SetpointInbox.put
 
@@ -60,7 +60,7 @@ def note_received() -> Times:
 
 
 def note_arrivals(arm: Arm) -> Times:
-    """Return a dictionary that gets the time at which each goal is first obeyed on the bus."""
+    """Return a dictionary that collects the times at which goals are first obeyed on the bus."""
     arrived: Times = {}
     servos, taken = arm.context.servos, math.nan
     solve, send = TargetTracker.solve_joints, servos.send_goals
@@ -95,7 +95,7 @@ def stream_goals(arm: ikservo.OpenArm, seconds: float, rate_hz: float) -> Times:
 
 
 def serve(port: str, name: str, tcp_port: int, rate_hz: float, pipe: Pipe) -> None:
-    """Serve an arm until the other end of the pipe says so; then send what has arrived."""
+    """Serve an arm until a message comes from the pipe; then send the arrival times."""
     endpoint = Endpoint("tcp", "127.0.0.1", tcp_port)
     with (
         open_server(endpoint, None, None) as session,
@@ -116,7 +116,7 @@ def operate(address: str, seconds: float, rate_hz: float, pipe: Pipe) -> None:
 
 
 def watch(addresses: Sequence[tuple[str, int]], seconds: float, pipe: Pipe) -> None:
-    """Subscribe to the states of some arms; send ages and periods of what was received [s]."""
+    """Subscribe to the states of some arms; send what was received and when [s]."""
     received: list[tuple[str, float, float]] = []
 
     def receive(sample: Any) -> None:  # noqa: ANN401
@@ -147,14 +147,14 @@ def process(function: Any, *arguments: Any) -> Generator[Pipe]:  # noqa: ANN401
 
 
 def free_port() -> int:
-    """Return a TCP port that nobody listens at."""
+    """Return a TCP port at which nothing listens."""
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         return probe.getsockname()[1]
 
 
 def delays_ms(sent: Times, arrived: Times) -> list[float]:
-    """Return how long each goal took; those that a later one replaced in time are left out."""
+    """Return the delay of each goal, except goals that a later one replaced in time."""
     return [1000.0 * (arrived[goal] - at_s) for goal, at_s in sent.items() if goal in arrived]
 
 
@@ -219,7 +219,7 @@ def _nested(jobs: Sequence[tuple[Any, ...]]) -> Generator[list[Pipe]]:
 
 
 def part(values: Sequence[float], share: float) -> float:
-    """Return the value below which a share of them is."""
+    """Return the value below which a fraction of the values is."""
     ordered = sorted(values)
     return ordered[min(len(ordered) - 1, int(share * len(ordered)))]
 

@@ -1,12 +1,12 @@
-"""Path accuracy of straight lines: how far the true tip is from the commanded line on its way.
+"""Measure the path accuracy of straight lines: distances of the true tip from the line.
 
 Run ``python tools/bench/path_accuracy.py``; the table goes to docs/benchmarks.md. Simulated arms
-of a family (``servosim.family``), each with its own play, friction, masses and supply, move along
-random lines in virtual time. The judge are the joints inside the simulator, not the arm's
-readings: in each control cycle the distance of the tip from the commanded line, at the end of the
-trajectory its distance from the target, and that again after settling; and from one second after
-the end how far joints still move. ``--mass-scale`` and ``--payload-kg`` change the simulated body
-only: the program does not know. ``--supply-v 12`` is the so101 with servos of 12 V.
+of a family (``servosim.family``), each with its own backlash, friction, masses and supply, move
+along random lines in virtual time. The reference is the simulator's true joints, not the arm's
+readings. It measures the distance of the tip from the commanded line in each control cycle, its
+distance from the target at the end of the trajectory and after settling, and how far joints still
+move from one second after the end on. ``--mass-scale`` and ``--payload-kg`` change the simulated
+body only: the program does not know. ``--supply-v 12`` is the so101 with servos of 12 V.
 """
 
 from __future__ import annotations
@@ -37,27 +37,29 @@ ARMS = ("so101", "koch", "open_manipulator_x", "px100", "wx250s", "vx300s")
 SPEEDS = ("slow", "normal", "fast")
 SHORTEST_M, LONGEST_M = 0.05, 0.25
 ATTEMPTS = 60  # directions tried from one posture
-LOWEST_M = 0.05  # lines begin above it, or few directions are free
+LOWEST_M = 0.05  # lines begin above this height, as below it few directions are free
 SAMPLE_S = 0.01
-REST_S, WATCHED_S, STILL_TICKS = 1.0, 1.0, 2.0  # after the end; a joint that moves no further rests
+REST_S, WATCHED_S = 1.0, 1.0  # wait after the end, then watch for further motion
+STILL_TICKS = 2.0  # a joint that moves no further than this rests
 
 
 @dataclass
 class Trace:
-    """One line as the simulated joints went along it.
+    """One line and the motion of the simulated joints along it.
 
     Attributes:
         start_m: Start of the commanded line (3,).
         end_m: Its end.
-        duration_s: Of the planned trajectory.
+        duration_s: Duration of the planned trajectory.
         times_s: Time of the trajectory at each sample.
         tips_m: True tip at each sample, (3,) each.
-        overshoot_rad: How far a joint went past its target while it settled, at most; on lines
-            where the others make up for a joint that stays short, past where it came to rest.
-        settling_s: From the end of the trajectory to rest.
+        overshoot_rad: Largest angle by which a joint passed its target while it settled; on lines,
+            on which the others compensate a joint that stays short, by which it passed its position
+            at rest.
+        settling_s: Time from the end of the trajectory to rest.
         settled_m: The tip's distance from the target after settling.
-        moved_ticks: How far a joint still moves from one second after the end, at most.
-        failure: Why the motion was stopped; empty where it was not.
+        moved_ticks: Largest distance that a joint still moves from one second after the end on.
+        failure: Reason why the motion was stopped; empty if it was not.
     """
 
     start_m: Array
@@ -133,7 +135,7 @@ class Observer:
         return trace
 
     def _moved_ticks(self) -> float:
-        """Wait, then return how far the joint that moves furthest goes meanwhile."""
+        """Wait, then watch; return the largest distance that a joint moves meanwhile."""
         clock, seen = self._arm.context.port.clock, list[Array]()
         clock.sleep_until(clock.now_s() + REST_S)
         for _ in range(round(WATCHED_S / SAMPLE_S)):
@@ -152,7 +154,7 @@ class Observer:
             self._world.schedule(again_s, lambda: self._watch_arrival(trace, arrival))
 
     def _executed(self, plan: MotionPlan, sample: OnProgress) -> MoveResult:
-        return cast("MoveResult", self._arm.execute(plan, sample))  # of a plan of the tip
+        return cast("MoveResult", self._arm.execute(plan, sample))  # as for all tip plans
 
 
 def main() -> None:
@@ -185,7 +187,7 @@ def _traces(name: str, speed: str, options: argparse.Namespace) -> Iterator[Trac
 
 
 def next_line(arm: Arm, rng: np.random.Generator, speed: str) -> MotionPlan:
-    """Plan a line from where the arm is; from another place where none is free."""
+    """Plan a line from the present position, or from another one if no line is free there."""
     while True:
         for _ in range(ATTEMPTS):
             way_m = rng.uniform(SHORTEST_M, LONGEST_M) * _direction(rng)
@@ -193,7 +195,7 @@ def next_line(arm: Arm, rng: np.random.Generator, speed: str) -> MotionPlan:
                 plan = arm.plan_line(arm.where().tip_m + way_m, speed=speed)
             except IkservoError:
                 continue
-            if not plan.via_pose:  # a folded arm goes elsewhere first: that is no line from here
+            if not plan.via_pose:  # a folded arm first moves elsewhere
                 return plan
         move_away(arm, rng)
 
@@ -219,7 +221,7 @@ def _direction(rng: np.random.Generator) -> Array:
 
 
 def _supplied(known: Path, folder: Path, supply_v: float) -> Path:
-    """Return an arm file with another supply, by which an STS3215 has another motor."""
+    """Return an arm file with another supply, with which an STS3215 has another motor."""
     shutil.copytree(known.parent, folder)
     text = re.sub(r"(?m)^supply_v = [\d.]+", f"supply_v = {supply_v}", known.read_text())
     (folder / known.name).write_text(text)
@@ -291,13 +293,13 @@ def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("arms", nargs="*", default=ARMS, help="names in the catalogue")
     parser.add_argument("--specimens", type=int, default=50, help="arms of each family")
-    parser.add_argument("--count", type=int, default=2, help="lines of each of them, and speed")
+    parser.add_argument("--count", type=int, default=2, help="lines per arm and speed")
     parser.add_argument("--speeds", nargs="+", default=SPEEDS, choices=SPEEDS)
-    parser.add_argument("--seed", type=int, default=1, help="of the first of them")
-    parser.add_argument("--mass-scale", type=float, default=1.0, help="of the simulated links")
-    parser.add_argument("--payload-kg", type=float, default=0.0, help="at the simulated tip")
-    parser.add_argument("--supply-v", type=float, help="of the servos, which the program knows")
-    parser.add_argument("--after-s", type=float, default=0.0, help="judge the path from then on")
+    parser.add_argument("--seed", type=int, default=1, help="seed of the first arm")
+    parser.add_argument("--mass-scale", type=float, default=1.0, help="factor of simulated masses")
+    parser.add_argument("--payload-kg", type=float, default=0.0, help="mass at the simulated tip")
+    parser.add_argument("--supply-v", type=float, help="supply, known to the program")
+    parser.add_argument("--after-s", type=float, default=0.0, help="judge the path after this")
     return parser
 
 

@@ -1,4 +1,4 @@
-"""Ways around things: how many are found, how soon, and whether other programs find them free.
+"""Measure path planning: problems solved, times, and whether other programs find paths free.
 
     python tools/bench/planning.py panda FOLDER --urdf FILE     # MotionBenchMaker's problems
     python tools/bench/planning.py panda FOLDER --urdf FILE --by ikservo ompl sscbirrt  # in turn
@@ -56,10 +56,10 @@ Array = NDArray[np.float64]
 
 _SETTLED_MARGIN_M = 0.002
 _STEP_M = 0.001
-_MOST_S = 60.0  # other planners may take
+_MOST_S = 60.0  # time limit of other planners
 _WALK_RAD = 0.1
 _MOST = 1000000
-_ROUNDED_RAD = 1e-5  # files round the limits of joints that turn all around
+_ROUNDED_RAD = 1e-5  # rounding of the limits of joints with a full turn in files
 _ARMS = ("so101", "koch", "open_manipulator_x", "wx250s")
 
 
@@ -73,7 +73,7 @@ class Thing:
 
 @dataclass
 class Judged:
-    """How one problem ended: the time, the path, and who finds it free."""
+    """The result of one problem: the time, the path, and which checkers find it free."""
 
     seconds: float
     path: Array | None
@@ -133,7 +133,7 @@ class Coal:
         joints = [each.parentJoint for each in own]
         above = list(self._model.parents)
         for i, j in itertools.combinations(range(len(own)), 2):
-            # As in MuJoCo, what one joint connects, or none, is not compared.
+            # As in MuJoCo, links that one joint or none connects are not compared.
             a, b = joints[i], joints[j]
             if a not in (b, above[b]) and b != above[a] and (links[i], links[j]) not in ignored:
                 self._shapes.addCollisionPair(pin.CollisionPair(i, j))
@@ -204,8 +204,8 @@ def problems(folder: Path, urdf: Path, tip: str, every: int, by: list[str], judg
     yaml: Any = importlib.import_module("yaml")
     total = {each: list[Judged]() for each in by}
     touching, confirmed = 0, 0
-    # Without a fixed finger that mimics a fixed one, and without what is only seen: a link that has
-    # nothing else would count as that.
+    # Leave out a fixed finger that mimics a fixed one, and visual shapes, which would count as
+    # collision shapes of links that have no others.
     fixed = Path(tempfile.mkdtemp()) / "arm.urdf"
     unseen = r"<mimic[^>]*>(</mimic>)?|<visual>.*?</visual>"
     fixed.write_text(re.sub(unseen, "", urdf.read_text(), flags=re.DOTALL))
@@ -255,13 +255,13 @@ def problems(folder: Path, urdf: Path, tip: str, every: int, by: list[str], judg
             total[planner] += found[planner]
     for planner in by:
         report(f"all {planner}", total[planner])
-    print(f"left out, as an end touches something: {touching}, Coal confirms {confirmed}")
+    print(f"left out because an end touches something: {touching}, Coal confirms {confirmed}")
 
 
 def find_by_ikservo(
     space: ClearSpace, start: Array, goal: Array, lower: Array, upper: Array
 ) -> Array | None:
-    """Return postures (k, n) from a start to a goal; None where none was found."""
+    """Return postures (k, n) from a start to a goal; None if none was found."""
     return WaySearch(space, start, goal[None], lower, upper).find(_MOST)
 
 
@@ -289,7 +289,7 @@ def report(name: str, found: list[Judged]) -> None:
 
 
 class StandsAt:
-    """Where a motion would start: a posture of a held arm."""
+    """A held arm in the posture in which a motion would start."""
 
     def __init__(self, q: Array) -> None:
         self._q = q
@@ -307,13 +307,13 @@ class StandsAt:
 
 
 class Searches:
-    """Ways around, and the processor time that it took to find and prove them."""
+    """Paths around obstacles, and the processor time that it took to find and prove them."""
 
     def __init__(self) -> None:
         self._find, self.seconds = ways_around.ways_around, 0.0
 
     def __call__(self, *asked: Any, **options: Any) -> Iterator[Array]:  # noqa: ANN401
-        """Yield the ways of a search."""
+        """Yield the paths of a search."""
         ways = self._find(*asked, **options)
         while True:
             began = time.process_time()
@@ -329,12 +329,12 @@ def arms(names: list[str], scenes: int, upright_deg: float | None, seeds: int, b
 
     Args:
         names: The arms.
-        scenes: How many of each.
-        upright_deg: How far the tool may tilt on the way. Goals are then where steps that keep it
-            lead, boxes aside: an arm of five joints cannot turn over to others. Of those of a scene
-            the first one is taken to which there is no straight way.
-        seeds: How many ways the length is compared with, at the distances that are kept.
-        by: Whose planner is asked for ways that were not found, without a distance to things.
+        scenes: Number of scenes per arm.
+        upright_deg: Largest tilt of the tool on the path. Goals are then reached by steps that keep
+            it, without regard to the boxes, because an arm of five joints cannot turn over to
+            others. The first goal of a scene to which no straight path leads is taken.
+        seeds: Number of paths with which the length is compared, at the same distances from things.
+        by: The planner that is asked for paths that were not found, without a distance to things.
     """
     turned_rad = None if upright_deg is None else math.radians(upright_deg)
     within = PathConstraint(upright_rad=turned_rad)
@@ -379,11 +379,11 @@ def arms(names: list[str], scenes: int, upright_deg: float | None, seeds: int, b
         if ratios:
             middle, most = np.percentile(ratios, (50, 95))
             print(f"  length to best of {seeds}: median {middle:.2f}, p95 {most:.2f}", end="")
-            print(f", most {max(ratios):.2f}, {len(ratios)} ways")
+            print(f", most {max(ratios):.2f}, {len(ratios)} paths")
 
 
 def find_by_other(by: str, preflight: PreflightPlanner, motion: MoveJoints) -> str:
-    """Return what another planner finds where ours finds nothing."""
+    """Return the result of another planner if ours finds nothing."""
     paths = list[Array | None]()
 
     class Other(WaySearch):
@@ -402,16 +402,16 @@ def find_by_other(by: str, preflight: PreflightPlanner, motion: MoveJoints) -> s
     finally:
         ways_around.WaySearch, ways_around.MARGINS_M = own, kept
     found = any(path is not None for path in paths)
-    return f"{by} finds a way that touches something" if found else f"not by {by} either"
+    return f"{by} finds a path that touches something" if found else f"not by {by} either"
 
 
 def joint_length(plan: MotionPlan) -> float:
-    """Return the length of the joints' way, rad."""
+    """Return the length of the joints' path, rad."""
     return path_length(plan.sample(0.02).positions)
 
 
 def best_length(preflight: PreflightPlanner, motion: MoveJoints, seeds: int) -> float:
-    """Return the length of the shortest of the ways of some seeds, rad."""
+    """Return the length of the shortest of the paths of some seeds, rad."""
     lengths, own = list[float](), ways_around.WaySearch
     try:
         for seed in range(1, 1 + seeds):
@@ -426,7 +426,7 @@ def best_length(preflight: PreflightPlanner, motion: MoveJoints, seeds: int) -> 
 def free_ends(
     context: ArmContext, checker: CollisionChecker, chance: random.Random, within: PathConstraint
 ) -> Array | None:
-    """Return a start and goals (1 + k, n) that touch nothing, sagging or not; None where rare."""
+    """Return a start and goals (1 + k, n) that touch nothing, sagging or not; None if rare."""
     lower, upper = context.limits()
     postures = np.array([
         [chance.uniform(a, b) for a, b in zip(lower, upper, strict=True)] for _ in range(300)
@@ -453,7 +453,7 @@ def walk(
     postures: Array,
     chance: random.Random,
 ) -> Iterator[Array]:
-    """Yield postures (n,) to which short steps lead that keep a constraint from the first on."""
+    """Yield postures (n,), reached by short steps that keep a constraint from the first on."""
     q = start = index.chain_joints(postures[0])
     while True:
         for _ in range(20):
@@ -479,14 +479,14 @@ def random_box(chance: random.Random, number: int) -> KeepOutBox:
 
 
 def main() -> None:
-    """Run the part that was asked for."""
+    """Run the requested part."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("part", choices=["panda", "arms"])
     parser.add_argument("folder", type=Path, nargs="?")
     parser.add_argument("--urdf", type=Path)
     parser.add_argument("--tip", default="panda_hand", help="the last link of the chain")
     parser.add_argument("--unjudged", action="store_true", help="no check by Coal and MuJoCo")
-    parser.add_argument("--every", type=int, default=1, help="take each n-th problem")
+    parser.add_argument("--every", type=int, default=1, help="take every n-th problem")
     parser.add_argument("--by", choices=PLANNERS, nargs="+", default=["ikservo"])
     parser.add_argument("--scenes", type=int, default=200)
     parser.add_argument("--arms", nargs="+", default=_ARMS)

@@ -1,7 +1,7 @@
-"""Other planners on the same questions: OMPL as its manual calls it, and sscbirrt.
+"""Other planners for the same problems: OMPL, called as in its manual, and sscbirrt.
 
-Each looks at postures with our collision kernel, 0.05 rad apart, which is what sscbirrt has by
-default; nothing is claimed between them. Each shortens what it found with its own means.
+Both check postures with our collision kernel every 0.05 rad, the default of sscbirrt; nothing is
+checked between them. Both shorten their paths by methods of their own.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ _SEED = 1
 def find_by_ompl(
     space: ClearSpace, start: Array, goal: Array, lower: Array, upper: Array, most_s: float
 ) -> Array | None:
-    """Return postures (k, n) from a start to a goal by RRT-Connect; None where none was found."""
+    """Return postures (k, n) from a start to a goal by RRT-Connect; None if none was found."""
     ob: Any = importlib.import_module("ompl.base")
     og: Any = importlib.import_module("ompl.geometric")
     ou: Any = importlib.import_module("ompl.util")
@@ -63,7 +63,7 @@ def find_by_ompl(
 
 
 class _Postures:
-    """The robot and the checker that sscbirrt asks for."""
+    """The robot and the checker that sscbirrt requires."""
 
     def __init__(self, space: ClearSpace, lower: Array, upper: Array) -> None:
         self._space = space
@@ -74,14 +74,14 @@ class _Postures:
         return bool(self._space.contains(np.asarray(q)[None])[0])
 
     def forward_kinematics(self, q: Array) -> Array:
-        """Raise: no region is asked for."""
+        """Raise an error, because no region is requested."""
         raise NotImplementedError
 
 
 def find_by_sscbirrt(
     space: ClearSpace, start: Array, goal: Array, lower: Array, upper: Array, most_s: float
 ) -> Array | None:
-    """Return postures (k, n) from a start to a goal; None where none was found."""
+    """Return postures (k, n) from a start to a goal; None if none was found."""
     ss: Any = importlib.import_module("sscbirrt")
     postures = _Postures(space, lower, upper)
     settings = ss.CBiRRTConfig(timeout=most_s, edge_resolution=_RESOLUTION_RAD)

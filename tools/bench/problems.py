@@ -54,7 +54,7 @@ def rounds_of(
 ) -> dict[str, dict[str, Any]]:
     """Return targets (n, 4, 4) and starts by round: from home, from within 5°, along lines.
 
-    Lines of directions and poses need six joints: fewer cannot follow them.
+    Lines of directions and poses need six joints, because fewer cannot follow them.
     """
     chain, rng = model.chain, np.random.default_rng(seed)
     home = model.chain_pose("home")

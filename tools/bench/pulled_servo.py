@@ -1,9 +1,9 @@
-"""A held servo that is pulled both ways and let go: where simulated ones stay, beside real ones.
+"""Compare where simulated and real servos stay after they were pulled to both sides.
 
 Run ``python tools/bench/pulled_servo.py``. The stand holds a servo at a goal; elastic bands pull
-its horn to one side for half a second, slacken for a second, and then pull to the other. Compared
-is how far apart the positions are while it is pulled and after each release, with the
-registers of the stand. Its pull is not known well: 0.15 to 0.3 N m. Figures belong in
+its horn to one side for half a second, slacken for a second, and then pull to the other. The table
+has the distance between the positions while it is pulled, and after each release, beside that in
+the stand's registers. The pull is not known well: 0.15 to 0.3 N m. Figures belong in
 docs/servosim-truth.md.
 """
 
@@ -20,8 +20,8 @@ TICK_RAD = 2.0 * math.pi / 4096
 PULLS_NM = (0.15, 0.2, 0.25, 0.3)
 PULLED_S, RELEASED_S, RISE_S = 0.5, 1.0, 0.15
 HORN_KG_M2 = 1e-4  # a bar of 100 mm
-# Start-up force and dead zone of the stand's servos, as their load registers show, and the
-# positions apart that it reported [ticks]: while pulled, after release.
+# Start-up force and dead zone of the stand's servos, as their load registers show, and the reported
+# distances of the positions [ticks]: while pulled, after release.
 STAND = {
     "STS3215": (0.0, 1, 14.8, 7.0),
     "STS3215-C018": (0.0, 1, 14.8, 7.0),  # the stand's supply is not known
@@ -30,13 +30,13 @@ STAND = {
 
 
 def ticks_apart(model: str, startup: float, dead_ticks: int, pull_nm: float) -> tuple[float, float]:
-    """Return how many ticks the positions are apart, while pulled and after release.
+    """Return the distance of the positions [ticks], while pulled and after release.
 
     Args:
-        model: Of the servo.
+        model: Model of the servo.
         startup: Duty of its start-up force.
         dead_ticks: Its dead zone.
-        pull_nm: Of the bands.
+        pull_nm: Torque of the bands.
     """
     motor = Motor(PARAMETERS[model])
     motor.load_inertia_kg_m2 = HORN_KG_M2

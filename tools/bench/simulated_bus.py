@@ -1,4 +1,4 @@
-"""How fast the simulated bus is: cycles a second, overhead of a pseudo-terminal, idle load.
+"""Measure the simulated bus: cycles per second, overhead of a pseudo-terminal, idle load.
 
 Run ``python tools/bench/simulated_bus.py``; results belong in docs/benchmarks.md.
 """
@@ -62,7 +62,7 @@ def _used_s(pid: int) -> float:
 
 
 def cycles_per_second(arm: str) -> float:
-    """Drive six servos along a slow sine; return cycles for each second of processor time."""
+    """Drive six servos along a slow sine; return cycles per second of processor time."""
     port = servosim.open_port(f"sim:{CONFIGS / arm / 'arm.toml'}?pose=home")
     port.timeout = 0.02
     for servo in port.line.servos.values():

@@ -1,4 +1,4 @@
-"""How long whole commands take, against the start of Python itself, measured alternately.
+"""Compare the time of whole commands with the start of Python itself, in turn.
 
 Run ``python tools/bench/startup.py``; the table goes to docs/benchmarks.md.
 """

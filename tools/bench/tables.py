@@ -32,8 +32,8 @@ class Row:
     """One solver on one arm and kind of target.
 
     Attributes:
-        scores: By round.
-        batch_hz: Solves a second of its own batch call; None where it has none.
+        scores: Score by round.
+        batch_hz: Solves per second of its own batch call; None if it has none.
     """
 
     arm: str
@@ -54,7 +54,7 @@ def speed_table(rows: list[Row]) -> str:
 
 
 def missing_table(refusals: Iterable[tuple[str, str, str, str]]) -> str:
-    """Return what was not measured, and why: (solver, arm, kind, reason)."""
+    """Return a table of what was not measured, from (solver, arm, kind, reason)."""
     where: dict[tuple[str, str], list[str]] = {}
     for solver, arm, kind, reason in refusals:
         where.setdefault((solver, reason), []).append(f"{arm} {kind}")
@@ -90,7 +90,7 @@ def _ratio(ours: Row | None, name: str, score: Score) -> str:
 
 
 def _success(score: Score) -> str:
-    """Return per cent, rounded down; and of how many targets where the time was up before all."""
+    """Return per cent, rounded down, and the number of targets if the time was up early."""
     percent = f"{math.floor(score.success * 1000) / 10:g}"
     return percent if score.asked == score.targets else f"{percent} of {score.asked}"
 

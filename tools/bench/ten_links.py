@@ -1,4 +1,4 @@
-"""An arm file of ten links in a plane, for what must not grow with their number."""
+"""An arm file of ten links in a plane, to measure what must not grow with their number."""
 
 from __future__ import annotations
 

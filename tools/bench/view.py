@@ -1,4 +1,4 @@
-"""How quick the view is: pointer to bus, moves of a drag, frames a second with ten links; traffic.
+"""Measure the view: pointer to bus, moves of a drag, frames per second with ten links, traffic.
 
 Run ``python tools/bench/view.py [PART ...]``; results belong in docs/benchmarks.md. The bus is
 simulated, in this process, at real speed; the browser is the system's Chromium without a window.
@@ -54,10 +54,10 @@ def latencies_ms() -> list[float]:
 
 
 def grab(house: ServedArm, page: Page, x: float, y: float) -> None:
-    """Press until the arm has a goal: a busy machine may drop a message as too old.
+    """Press until the arm has a goal, because a busy machine may drop a message as too old.
 
     Raises:
-        TimeoutError: It has none in half a minute.
+        TimeoutError: It has no goal within half a minute.
     """
     deadline_s = time.monotonic() + 30.0
     while house.arm_thread.command.goal is None:
@@ -110,7 +110,7 @@ def arrivals_ms(speed: str, jerk_factor: float) -> tuple[list[float], list[float
     """Return the times from single pointer events to 2 ticks of their goals, of all joints.
 
     The events turn a joint by about 0.3 degrees.
-    The first list is of the positions where the joints should be, the second of the simulated
+    The first list is for the reference positions of the joints, the second for the simulated
     shafts; an event whose goal is not reached in a second counts as a second.
     """
     should: list[float] = []
@@ -167,7 +167,7 @@ def drag() -> tuple[int, int]:
 
 
 def traffic_kb_s(view: str, *, webgl: bool) -> tuple[float, float]:
-    """Return what one page receives of an arm at rest, and of one that it drags, kB/s."""
+    """Return the traffic to one page at rest and while it drags the arm, kB/s."""
     with served("so101", "home") as (house, page):
         page.say("viewport", w=900, h=700, dpr=1, view=view, webgl=webgl)
         page.live_for(2.0)
@@ -187,7 +187,7 @@ def traffic_kb_s(view: str, *, webgl: bool) -> tuple[float, float]:
 def page_share(view: str, *, webgl: bool) -> tuple[float, float, float]:
     """Return the share of a core that the page's thread takes at rest and dragging, in percent.
 
-    It is a thread of the process that streams the goals. The third number is the moves a second.
+    It is a thread of the process that streams the goals. The third number is the moves per second.
     """
     with served("so101", "home") as (house, page):
         page.say("viewport", w=900, h=700, dpr=1, view=view, webgl=webgl)
@@ -311,7 +311,7 @@ def print_drag() -> None:
 def print_frames() -> None:
     """Measure how many pictures the browser draws."""
     changed, refreshes = frames_per_second()
-    print(f"ten links, dragged: {changed:.1f} frames a second that differ, "
+    print(f"ten links, dragged: {changed:.1f} frames per second that differ, "
           f"of {refreshes:.1f} refreshes of the screen")  # fmt: skip
 
 
@@ -330,7 +330,7 @@ def print_shares() -> None:
     for name, (view, webgl) in VIEWS.items():
         idle, dragged, moves = page_share(view, webgl=webgl)
         print(f"the page's thread ({name}): {idle:.1f} % of a core at rest, {dragged:.1f} % "
-              f"dragging at {moves:.0f} moves a second")  # fmt: skip
+              f"dragging at {moves:.0f} moves per second")  # fmt: skip
 
 
 def print_first_picture() -> None:

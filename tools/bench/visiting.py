@@ -23,8 +23,8 @@ class Page:
     """A client of the page without a browser.
 
     Attributes:
-        url: Where the page is served.
-        received_bytes: What it has received.
+        url: Address of the page.
+        received_bytes: Number of received bytes.
     """
 
     def __init__(self, socket: ClientConnection, key: str, url: str) -> None:
@@ -56,7 +56,7 @@ class Page:
         self.say("pointer", phase=phase, x=x, y=y, button=0, pointer=1)
 
     def receive_for(self, seconds: float) -> None:
-        """Receive without a word; the next message says what was drawn."""
+        """Receive without sending; the next message confirms the last scene."""
         end_s = time.monotonic() + seconds
         with contextlib.suppress(TimeoutError):
             while True:

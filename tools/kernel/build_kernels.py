@@ -38,8 +38,9 @@ _MODULES = [
     "ikservo.kernels.free_path",
     "ikservo.kernels.way_search",
 ]
-# As Python computes: no fused products, no other order. Errors set no errno and no trap. A call of
-# memset or memcpy for five numbers takes longer than a loop (clang warns that it has no such flag).
+# The C code computes as Python does: no fused products, no other order. Errors set no errno and no
+# trap. A call of memset or memcpy for five numbers takes longer than a loop (clang warns that it
+# lacks such a flag).
 _UNIX = ["-O2", "-g0", "-ffp-contract=off", "-fno-math-errno", "-fno-trapping-math"]
 _UNIX += ["-fno-tree-loop-distribute-patterns"]
 _WINDOWS = ["/O2", "/fp:precise"]
@@ -47,12 +48,12 @@ _SANITIZE = ["-g", "-DCHECK_INDICES", "-fsanitize=address,undefined", "-fno-sani
 
 
 class BuildError(Exception):
-    """The module cannot be built, and IKSERVO_COMPILED=1 says that it must."""
+    """The module cannot be built, but IKSERVO_COMPILED=1 requires it."""
 
 
 @dataclass(frozen=True)
 class _Plan:
-    """What is compiled, and how."""
+    """Sources and options of one compilation."""
 
     kernels: Path
     flags: list[str]
@@ -61,17 +62,17 @@ class _Plan:
 
 
 def build(into: Path, *, sanitize: bool = False) -> Path | None:
-    """Build the module below a folder, unless it is there and from the same sources and tools.
+    """Build the module below a folder, unless it was built there from the same sources and tools.
 
     Args:
         into: The folder that holds the package.
         sanitize: Whether the module checks every index, and stops on undefined behaviour.
 
     Returns:
-        The module's path; None where there is no compiler, or it failed.
+        The module's path; None if there is no compiler, or it failed.
 
     Raises:
-        BuildError: As above, and IKSERVO_COMPILED=1.
+        BuildError: There is no compiler, or it failed, and IKSERVO_COMPILED=1.
         TranslationError: A kernel is not in the subset.
     """
     switch = os.environ.get(_SWITCH)
@@ -102,7 +103,7 @@ def _write_kernels(*, sanitize: bool) -> _Plan:
 
 
 def _exists(module: str) -> bool:
-    """Check whether a module is there: its app may have been deleted."""
+    """Check whether a module exists, because its app may have been deleted."""
     return (ROOT / module.replace(".", "/")).with_suffix(".py").is_file()
 
 
@@ -141,7 +142,7 @@ def _compile(plan: _Plan, into: Path) -> Path | None:
 
 
 def main() -> None:
-    """Build in place, and say what the kernels run as."""
+    """Build in place, and print how the kernels run."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--sanitize", action="store_true")
     given = parser.parse_args()

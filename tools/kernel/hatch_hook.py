@@ -1,4 +1,4 @@
-"""Hatchling's build hook: the wheel carries the compiled kernels, where there is a compiler."""
+"""Hatchling's build hook: the wheel carries the compiled kernels if there is a compiler."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ class KernelBuildHook(BuildHookInterface[Any]):
     """Compiles the kernels into the wheel; for an editable installation into the tree."""
 
     def initialize(self, version: str, build_data: dict[str, Any]) -> None:
-        """Add the module to the wheel, and say in the wheel's tag what it runs on."""
+        """Add the module to the wheel, and set the wheel's platform tag."""
         if version == "editable":
             build(ROOT)
             return

@@ -1,4 +1,4 @@
-"""Run ``solve_all`` as Python without NumPy: PyPy takes a tenth of CPython's time with it.
+"""Run ``solve_all`` as Python without NumPy, which PyPy runs in a tenth of CPython's time.
 
     pypy3 tools/kernel/run_without_numpy.py FOLDER < arguments > results
 
@@ -32,7 +32,7 @@ class Vector:
         self._items, self._first, self._size = items, first, size
 
     def __len__(self) -> int:
-        """Return how many there are."""
+        """Return the number of items."""
         return self._size
 
     def __getitem__(self, key: int | slice) -> float | Vector:
@@ -104,7 +104,7 @@ def _unchanged(function: Callable[..., object]) -> Callable[..., object]:
 
 
 def _constants(path: Path) -> dict[str, object]:
-    """Return what a module assigns; the rest of it needs NumPy."""
+    """Return the constants that a module assigns; the rest of it needs NumPy."""
     tree = ast.parse(path.read_text("utf-8"))
     tree.body = [each for each in tree.body if isinstance(each, ast.Assign)]
     found: dict[str, object] = {"math": math}
@@ -123,7 +123,8 @@ def _array(shape: Sequence[int], data: memoryview) -> tuple[Matrix | Vector, arr
 def main() -> None:
     """Read the arguments, run the kernel and write the results."""
     if sys.implementation.name == "pypy":
-        # By default some functions are too long to be compiled: half as fast.
+        # By default PyPy does not compile functions as long as some here, which takes twice the
+        # time.
         importlib.import_module("pypyjit").set_param("trace_limit=16000")
     shapes: list[list[int]] = json.loads(sys.stdin.buffer.readline())
     data, first = memoryview(sys.stdin.buffer.read()), 0

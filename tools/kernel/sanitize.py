@@ -36,7 +36,7 @@ def main() -> int:
     library = subprocess.check_output([compiler, "-print-file-name=libasan.so"], text=True).strip()
     environment = os.environ | {
         "LD_PRELOAD": library,
-        "ASAN_OPTIONS": "detect_leaks=0",  # Python keeps what it has to the end
+        "ASAN_OPTIONS": "detect_leaks=0",  # Python does not free everything at its end
         "PYTHONPATH": os.pathsep.join([str(_COPY), str(ROOT / "sim"), str(ROOT)]),
     }
     command = [sys.executable, "-P", "-m", "pytest", "-n", "0", *(sys.argv[1:] or _TESTS)]

@@ -14,7 +14,7 @@ Number = int | float
 
 
 class TranslationError(Exception):
-    """A kernel uses what is not in the subset."""
+    """A kernel uses something that is not in the subset."""
 
 
 @dataclass
@@ -28,7 +28,7 @@ class Module:
     origins: dict[str, tuple[str, str]] = field(default_factory=dict[str, tuple[str, str]])
 
     def refusal(self, node: ast.AST, what: str = "") -> TranslationError:
-        """Return the error that names a place."""
+        """Return the error with the place of a node."""
         line = getattr(node, "lineno", 0)
         return TranslationError(f"{self.path}:{line}: {what or ast.unparse(node) + ': not known'}")
 
@@ -54,14 +54,14 @@ class Sources:
         return self.modules[name]
 
     def constant(self, module: Module, name: str) -> Number | None:
-        """Return the value of a module's constant, maybe imported; None if it is none."""
+        """Return the value of a module's constant, maybe imported; None if it has none."""
         home, original = module.origins.get(name, ("", ""))
         if home and self._path(home).is_file():
             return self.constant(self.load(home), original)
         return module.constants.get(name)
 
     def home(self, module: Module, name: str, node: ast.AST) -> Module:
-        """Return the module where a function is defined that has the same name there."""
+        """Return the module that defines a function under the same name."""
         home = module
         while name in home.origins and self._path(home.origins[name][0]).is_file():
             home = self.load(home.origins[name][0])

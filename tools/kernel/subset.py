@@ -14,7 +14,7 @@ ARRAYS = {
 }  # fmt: skip
 C_TYPES = {name: name for name in (*ARRAYS, "FloatPair")}
 C_TYPES |= {"float": "double", "int": "int64_t", "bool": "bool", "None": "void"}
-# How many arguments a function of math takes.
+# Number of arguments of each function of math.
 MATH = {"sqrt": 1, "sin": 1, "cos": 1, "asin": 1, "acos": 1, "floor": 1, "ceil": 1}
 MATH |= {"atan2": 2, "copysign": 2}
 SIGNS: dict[type[ast.AST], str] = {

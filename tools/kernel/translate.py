@@ -31,7 +31,7 @@ class Program:
         self.c, self.table = list[str](), list[str]()
 
     def function(self, module: Module, name: str, node: ast.AST) -> Function:
-        """Return a function, which is translated if it was not yet."""
+        """Return a function; translate it first if it was not yet."""
         home = self.sources.home(module, name, node)
         key = (home.name, name)
         if key not in self.functions:
@@ -89,7 +89,7 @@ class Function:
                     raise module.refusal(node, f"@{ast.unparse(mark)} is not known")
         self.given = {each.arg: self._annotated(each.annotation) for each in node.args.args}
         self.returns, self.types = self._annotated(node.returns), self.given.copy()
-        # The parameter that an array is or is a part of; nothing for memory of the function.
+        # The parameter to which each array belongs; empty for memory of the function.
         self.behind = {name: name for name, kind in self.given.items() if kind in ARRAYS}
 
     def translate(self) -> None:
@@ -129,7 +129,7 @@ class Function:
         self.lines.append("    " * self.depth + line)
         self.depth += line.endswith("{")
 
-    def _statement(self, node: ast.stmt) -> None:  # noqa: PLR0912  # one case a kind
+    def _statement(self, node: ast.stmt) -> None:  # noqa: PLR0912  # one case per kind
         match node:
             case ast.Expr(ast.Constant(str())) if node is self.node.body[0]:
                 pass  # the docstring
@@ -186,7 +186,7 @@ class Function:
         self._emit("}")
 
     def _target(self, node: ast.expr, kind: str, source: ast.expr) -> str:
-        """Return what is assigned to, and note that it is."""
+        """Return the target of an assignment in C, and note that it is assigned."""
         if isinstance(node, ast.Subscript):
             item, wanted = self._item(node)
             if wanted not in NUMBERS or kind not in (wanted, "int"):
@@ -286,7 +286,7 @@ class Function:
 
     def _comparison(self, node: ast.Compare) -> str:
         sides = [self._expression(each) for each in (node.left, *node.comparators)]
-        # C evaluates what is in the middle twice.
+        # C evaluates the operand in the middle twice.
         plain = all(isinstance(each, ast.Name | ast.Constant) for each in node.comparators[:-1])
         parts: list[str] = []
         for (a, one), sign, (b, other) in zip(sides, node.ops, sides[1:], strict=False):
@@ -391,7 +391,7 @@ def translate(root: Path, modules: list[str]) -> tuple[str, list[Path], str]:
         modules: Their dotted names.
 
     Raises:
-        TranslationError: A kernel uses what is not in the subset; names the file and line.
+        TranslationError: A kernel uses something outside the subset; names the file and line.
     """
     program = Program(root)
     for name in modules:

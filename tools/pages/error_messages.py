@@ -16,7 +16,7 @@ from pages.markdown import table
 __all__ = ["ErrorMessage", "error_messages", "error_messages_page"]
 
 _SOURCES = Path(ikservo.__file__).parent
-_OPEN = "…"  # where a name, a number or a text is put in
+_OPEN = "…"  # stands for a name, a number or a text
 
 _INTRODUCTION = """# All error messages
 
@@ -31,7 +31,7 @@ A Python program gets the same text with methods instead of commands: `arm.relax
 
 @dataclass(frozen=True, slots=True)
 class ErrorMessage:
-    """A message as it stands in the sources, with ``…`` for what is put in."""
+    """A message as it stands in the sources, with ``…`` for inserted values."""
 
     kind: type[IkservoError]
     message: str

@@ -1,4 +1,4 @@
-"""What MkDocs calls when it builds the site: generated pages, and formulas as MathML."""
+"""Hooks that MkDocs calls when it builds the site: generated pages, and formulas as MathML."""
 
 from __future__ import annotations
 

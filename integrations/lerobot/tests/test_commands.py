@@ -44,7 +44,7 @@ def leading(arm):
     return ["--teleop.type=ikservo_leader", f"--teleop.port={arm.port}", "--teleop.id=blue"]
 
 
-def test_calibrate_runs_ours_and_writes_lerobots_file(tmp_path):
+def test_lerobot_calibrate_runs_ikservo_and_writes_lerobot_file(tmp_path):
     with served(tmp_path, "limp", "--hand", "calibrate", "--pose", "rest") as arm:
         run(tmp_path, "lerobot-calibrate", *robot(arm, "--robot.assume_yes=true"), timeout_s=400)
     assert list((tmp_path / "home" / "arms").glob("so101*.toml"))
@@ -202,7 +202,7 @@ print(json.dumps({"late": late, "load": os.getloadavg()[0], "processor_s": proce
 
 
 @pytest.mark.parametrize("mode", ["joint", "ee"])
-def test_a_policy_of_three_hundred_frames_leaves_most_of_each_frame_to_it(follower, mode):
+def test_lerobot_frame_takes_a_third_of_its_time_at_most(follower, mode):
     words = [os.sys.executable, "-c", WORK, str(follower.port), mode]
     done = subprocess.run(words, check=True, capture_output=True, text=True)
     report = json.loads(done.stdout)

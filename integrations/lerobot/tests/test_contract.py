@@ -28,7 +28,7 @@ def described(module, name):
 
 
 @pytest.mark.parametrize(("module", "name"), NAMES)
-def test_abstract_members_are_those_that_we_describe(module, name):
+def test_stubs_have_the_abstract_members_of_lerobot(module, name):
     real = getattr(importlib.import_module(module), name)
     ours = described(module, name)
     assert real.__abstractmethods__ == ours.__abstractmethods__
@@ -51,7 +51,7 @@ def test_lerobot_finds_all_three_types_by_the_name_of_the_distribution():
     assert {"ikservo_leader", "ikservo_page"} <= TeleoperatorConfig.get_known_choices().keys()
 
 
-def test_lerobots_factories_make_them():
+def test_lerobot_factories_make_robot_leader_and_page():
     from lerobot.robots import make_robot_from_config
     from lerobot.teleoperators import make_teleoperator_from_config
 

@@ -45,7 +45,7 @@ def pipeline():
     )
 
 
-def test_they_run_without_placo_and_the_tip_goes_where_it_is_sent(pipeline, monkeypatch):
+def test_lerobot_processors_without_placo_bring_tip_to_target(pipeline, monkeypatch):
     imported = builtins.__import__
 
     def without_placo(name, *args, **kwargs):

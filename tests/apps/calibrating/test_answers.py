@@ -121,7 +121,7 @@ def test_script_may_use_former_words_for_joints(tmp_path):
     assert read_script(path) == ["remeasure elbow", "continuous wrist", "continuous wrist"]
 
 
-def test_accept_without_effect_is_repeated_after_another_wait():
+def test_scripted_accept_without_effect_is_repeated_later():
     state, script = swept().state, ScriptedAnswers()
     answers = [answer_at(script, state, at_s) for at_s in (5.0, 6.01, 6.02, 6.5, 7.03)]
     assert answers == [None, "accept", None, None, "accept"]

@@ -37,7 +37,7 @@ def test_joint_is_complete_at_80_percent_and_free_after_turn(ticks, state):
     assert shown(Hand(subject()).rest().accept().move(ticks, step=1)).state is state
 
 
-def test_joint_measured_before_is_known():
+def test_meter_shows_joint_with_known_range_as_known():
     assert (
         shown(Hand(subject(known=TickRange(0, 2000))).rest().accept()).state is JointProgress.KNOWN
     )

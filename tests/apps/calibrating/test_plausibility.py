@@ -37,14 +37,14 @@ def test_zero_of_sliding_joint_may_be_off_by_4_mm(way, shift_m, reported):
 
 @pytest.mark.parametrize("way", [1, -1])
 @pytest.mark.parametrize(("shift_m", "reported"), [(0.0019, False), (0.0021, True)])
-def test_slide_of_same_width_may_be_off_by_2_mm(way, shift_m, reported):
+def test_slide_range_of_same_width_may_be_shifted_by_2_mm(way, shift_m, reported):
     ends = [round((way * shift_m + end) * TICKS_PER_M) for end in (-0.02, 0.02)]
     assert len(shifts_of(SLIDE, *ends)) == reported
 
 
 @pytest.mark.parametrize("way", [1, -1])
 @pytest.mark.parametrize(("shift_deg", "reported"), [(4.8, False), (5.2, True), (7.1, True)])
-def test_turn_of_same_width_may_be_off_by_5_degrees(way, shift_deg, reported):
+def test_joint_range_of_same_width_may_be_shifted_by_5_degrees(way, shift_deg, reported):
     ends = [round(way * shift_deg / 360 * TURN + end / math.tau * TURN) for end in (-1.5, 1.5)]
     found = [math.degrees(shift) for shift in shifts_of(subject(), *ends)]
     assert found == ([pytest.approx(-way * shift_deg, abs=0.1)] if reported else [])
@@ -72,7 +72,7 @@ def test_zero_of_unswept_joint_is_not_judged():
     assert [found.subject.name for found in find_shifted_zeros(hand.state)] == ["b"]
 
 
-def test_small_zero_shift_is_notice_by_hand_question_if_driven():
+def test_small_zero_shift_is_a_notice_or_a_question_if_driven():
     hand = Hand(subject(), start=0).rest().accept()
     ends = [round(7.0 / 360 * TURN + end / math.tau * TURN) for end in (-1.5, 1.5)]
     tracks = {1: replace(hand.state.tracks[1], low=ends[0], high=ends[1])}

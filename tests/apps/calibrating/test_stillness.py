@@ -95,7 +95,7 @@ def test_reading_ends_early_if_asked():
     assert still.variations() == [50.0]
 
 
-def test_window_of_no_time_compares_two_readings():
+def test_stillness_window_of_zero_length_compares_two_readings():
     still = StillnessDetector(0.0, 4, 2).add_joints(1.0, [0]).add_joints(2.0, [9])
     assert not still.is_at_rest()
     assert still.add_joints(2.0, [7]).is_at_rest()

@@ -152,7 +152,7 @@ def test_range_is_tracked_across_encoder_seam():
     assert (track.low, track.high) == (50 - 1000, 50 + 900)
 
 
-def test_the_sweep_does_not_end_before_every_joint_has_moved():
+def test_sweep_does_not_end_before_every_joint_has_moved():
     hand = Hand(subject("a", 1), subject("b", 2)).rest().accept().move(900, 1)
     with pytest.raises(CalibrationError, match="b has not been moved yet"):
         hand.accept()

@@ -153,7 +153,7 @@ def test_hand_carried_arms_with_known_compliance_are_accurate(monkeypatch, capsy
 @pytest.mark.campaign
 @pytest.mark.timeout(600)
 @pytest.mark.parametrize("share", [0.0, 1.0])
-def test_known_compliance_is_kept_whoever_carried_arm(monkeypatch, run_cli, share):
+def test_calibration_by_hand_keeps_known_compliance(monkeypatch, run_cli, share):
     arm, camera = hidden_arm(monkeypatch, "so101", 1)
     joints = save_compliances("so101", 1)
     person = Person(arm, camera)

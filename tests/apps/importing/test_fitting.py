@@ -92,7 +92,7 @@ def test_capsules_contain_flat_mesh(count):
 
 
 @pytest.mark.full
-def test_bracket_is_fitted_tighter_beside_servo_that_fills_it():
+def test_capsules_of_bracket_are_tighter_beside_fitted_servo():
     sides = [trimesh.creation.box((0.09, 0.004, 0.05)).apply_translation((0.0, y, 0.025))
              for y in (-0.035, 0.035)]  # fmt: skip
     holder = trimesh.util.concatenate([trimesh.creation.box((0.09, 0.07, 0.004)), *sides])

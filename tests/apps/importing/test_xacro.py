@@ -131,7 +131,7 @@ def test_xacro_argument_without_value_is_named_with_option(path):
 
 
 @needs_xacro
-def test_xacro_error_is_passed_on_in_its_words(path):
+def test_xacro_error_text_is_passed_on(path):
     path.write_text(MACROS.replace("${reach} 0 0", "${no_such_length} 0 0"))
     with pytest.raises(FileFormatError, match=r"xacro refuses it: .*no_such_length"):
         expand_xacro(path)

@@ -24,7 +24,7 @@ class Drive:
     slow: float = 0.02
     slow_load: float = 0.1
     slow_rad_s: float = 0.5
-    gain: float = 4.6  # duty for each rad
+    gain: float = 4.6  # duty per rad
     senses: bool = True
     rotor_kg_m2: float = 0.02
 

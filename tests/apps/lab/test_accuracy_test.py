@@ -60,7 +60,7 @@ def judge_markup(answer):
 
 
 @pytest.mark.campaign
-def test_accuracy_report_says_what_is_shorter_than_iso_9283(run_cli, folder):
+def test_accuracy_report_names_deviations_from_iso_9283(run_cli, folder):
     result = run_cli(f"test planar2 {SIM} --parts poses,drift --cycles 2 --drift 1s")
     assert result.code == 0
     assert re.search(r"^AP +P1 +\d+\.\d\d mm +2$", result.out, re.MULTILINE)

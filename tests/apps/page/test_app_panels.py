@@ -82,7 +82,7 @@ def test_refused_motion_of_panel_needs_no_stop(page, monkeypatch):
     assert thread.snapshot.stop_notice is None
 
 
-def test_button_that_panel_lacks_is_refused(page):
+def test_unknown_button_of_a_panel_is_refused(page):
     page.shown()
     with pytest.raises(BadMessageError, match="no button"):
         page.press("First", "Jump")

@@ -109,7 +109,7 @@ def test_an_implausible_zero_that_is_confirmed_is_saved(hidden):
     assert Path(screens["saved"]["lines"][0]).is_file()
 
 
-def test_answer_counts_only_on_screen_it_was_given_on(hidden):
+def test_calibration_answer_counts_only_for_its_own_screen(hidden):
     calibration = CalibrationDriver(load_model(hidden.name), "/dev/ttyBENCH", "home")
     script, reviewed, late = ScriptedAnswers(), 0, 0
     calibration.request_start()

@@ -466,7 +466,7 @@ def test_escape_and_space_end_drag_and_hold(key):
     assert not drag.is_busy
 
 
-def test_other_keys_do_nothing():
+def test_drag_ignores_keys_without_a_function():
     assert drag_of("so101").on_key("a", sight("so101", "side")) is None
 
 

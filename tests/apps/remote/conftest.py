@@ -45,7 +45,7 @@ class Served:
     Attributes:
         arm: The arm beside the server.
         server: The server.
-        address: For ``--port``.
+        address: Value for ``--port``.
     """
 
     def __init__(self, arm, server, endpoint):

@@ -73,7 +73,7 @@ def answer(pipe, server, arm, log, stops):
 
 
 def requested_stops(arm):
-    """Return a list that receives the time of every requested stop."""
+    """Return a list that collects the time of every requested stop."""
     times, request = [], arm.request_stop
 
     def note(reason):
@@ -85,7 +85,7 @@ def requested_stops(arm):
 
 
 def written_goals(arm):
-    """Return a list that receives the time and one servo's goal register at every packet."""
+    """Return a list that collects the time and one servo's goal register at every packet."""
     log, servo, transport = [], line_of(arm).servos[servo_id("so101", JOINT)], transport_of(arm)
     write = transport.write
 
@@ -101,7 +101,7 @@ def written_goals(arm):
 def operators(pipe):
     """Run each requested function of this module in a forked process; answer with its id."""
     signal.signal(signal.SIGCHLD, signal.SIG_IGN)
-    connection._MAX_ROUND_TRIP_S = 60.0  # of a busy machine
+    connection._MAX_ROUND_TRIP_S = 60.0  # on a busy machine
     with suppress(EOFError):
         while True:
             name, arguments = pipe.recv()
@@ -140,7 +140,7 @@ def move_upwards(address):
 
 
 def keep_messages(arm):
-    """Return a list that receives every message that the operator's program publishes."""
+    """Return a list that collects every message that the operator's program publishes."""
     old, publisher = [], arm._connection._setpoints
 
     class Kept:
@@ -168,7 +168,7 @@ def acknowledge_and_return(address, path):
     """Acknowledge, move to the start, and record whether the arm is there."""
     with ikservo.open_arm("so101", port=address) as arm:
         while True:
-            with suppress(IkservoError):  # a busy machine was not heard: once more
+            with suppress(IkservoError):  # a busy machine did not reply in time: try again
                 arm.acknowledge()
                 there = arm.move_joints({JOINT: LOW_RAD}, speed="fast").reached
                 break

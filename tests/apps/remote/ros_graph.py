@@ -39,7 +39,7 @@ class Graph:
 
     Attributes:
         arm: The simulated arm.
-        warnings: What the bridge has refused.
+        warnings: Messages that the bridge has refused.
     """
 
     def __init__(self, port, arm, session, warnings):

@@ -86,7 +86,7 @@ def test_unreachable_point_is_same_error_on_remote_arm(served):
     assert there.value.exit_code is here.value.exit_code
 
 
-def test_remote_plan_is_sampled_here_and_executed_there(served):
+def test_remote_plan_is_sampled_locally_and_executed_by_server(served):
     with served.open() as arm:
         plan = arm.plan_line(POINT_M)
         path = plan.sample(0.05)

@@ -48,7 +48,7 @@ def test_replay_passes_through_recorded_samples():
         assert np.abs(path - sample).max(axis=1).min() < 0.01
 
 
-def test_a_calm_recording_is_not_slowed_down():
+def test_recording_within_joint_limits_is_not_slowed_down():
     playback = RecordedTrajectory(TIMES_S, wave(0.3), PACES, *FREE)
     assert playback.slowdown == 1.0
     assert playback.duration_s == pytest.approx(TIMES_S[-1], abs=1.5)

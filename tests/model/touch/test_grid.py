@@ -21,7 +21,7 @@ def drawn():
     return {n: np.array([float(x), float(y)]) for n, (x, y) in zip(names, circles, strict=True)}
 
 
-def test_sheet_in_docs_is_what_tool_draws():
+def test_touch_sheet_in_docs_equals_the_drawing_of_the_tool():
     assert runpy.run_path(str(ROOT / "tools" / "touch_grid.py"))["drawing"]() == DRAWING
 
 
@@ -45,7 +45,7 @@ def test_sheet_columns_go_left_to_right_and_rows_away():
     np.testing.assert_allclose(at["C1"], (0.13, 0.0, 0.0), atol=1e-3)
 
 
-def test_every_other_cross_is_on_top_of_block():
+def test_every_second_cross_of_sheet_is_on_top_of_block():
     _, places = place_sheet(load_model("so101"), 0.1, 0.04)
     heights = [round(float(place.position_m[2]), 6) for place in places]
     assert heights == [0.0, 0.04] * 10

@@ -1,4 +1,4 @@
-"""Common to all runners: read a problem from stdin, time each solve, write results to stdout.
+"""Common parts of all runners: read a problem from stdin, time each solve, write results to stdout.
 
 A runner is started by the interpreter of its own virtual environment, so this file needs no more
 than NumPy. One JSON object comes in (a problem), one goes out: ``{"cannot": reason}``, or
@@ -35,11 +35,11 @@ __all__ = [
 Array = NDArray[np.float64]
 Kind = Literal["position", "direction", "pose"]
 Solve = Callable[[Array, Array], "Array | None"]
-"""T_world_tip (4, 4) and start (dof,): joints (dof,), or None where the solver gives up."""
+"""From T_world_tip (4, 4) and start (dof,) to joints (dof,), or None if the solver gives up."""
 Batch = Callable[[Array, Array], Array]
-"""Poses (n, 4, 4) and starts (n, dof): joints (n, dof), NaN where the solver gives up."""
+"""From poses (n, 4, 4) and starts (n, dof) to joints (n, dof), NaN if the solver gives up."""
 Tried = tuple[Array, bool]
-"""Where one descent ended, and whether that is a solution."""
+"""The end of one descent, and whether it is a solution."""
 
 _TRIES = 20
 _BATCH = 20_000
@@ -103,8 +103,8 @@ def serve(
     Args:
         distribution: The package whose version is reported.
         prepare: Makes the solver; not timed.
-        prepare_line: Makes the solver that follows a path, where the peer has another for that.
-        prepare_batch: Makes the solver of many targets at once, where the peer has one.
+        prepare_line: Makes the solver that follows a path, if the peer has a separate one.
+        prepare_batch: Makes the solver of many targets at once, if the peer has one.
     """
     out = os.fdopen(os.dup(1), "w")
     os.dup2(2, 1)  # output of libraries must not get into the result
@@ -128,7 +128,7 @@ def serve(
 
 
 def restarting(once: Callable[[Array, Array], Tried], problem: Problem) -> Solve:
-    """Return a solver that tries again from random joints where one descent does not arrive."""
+    """Return a solver that tries again from random joints if a descent does not arrive."""
     rng = np.random.default_rng(0)
 
     def solve(T: Array, q0: Array) -> Array | None:
@@ -174,7 +174,7 @@ def _run(solve: Solve, targets: dict[str, Any], budget_s: float) -> dict[str, An
 
 
 def _run_batch(batch: Batch, rounds: dict[str, Any]) -> dict[str, Any]:
-    """Solve the first round's targets over and over, as one call."""
+    """Solve the first round's targets repeatedly, with one call each time."""
     targets = next(iter(rounds.values()))
     poses, starts = np.array(targets["T"], dtype=float), np.array(targets["q0"], dtype=float)
     batch(poses, starts)

@@ -1,4 +1,4 @@
-"""EAIK: all solutions of a pose in closed form, of which the nearest inside the limits is taken."""
+"""EAIK: all solutions of a pose in closed form; the nearest one inside the limits counts."""
 
 # The package is not installed where types are checked, but in an environment of its own.
 # pyright: basic, reportMissingImports=false
@@ -13,7 +13,7 @@ from protocol import Array, CannotError, Problem, Solve, serve
 
 
 def prepare(problem: Problem) -> Solve:
-    """Give it the axes and their distances, which is what it reads out of a URDF."""
+    """Give EAIK the axes and their distances, which it reads from a URDF otherwise."""
     robot = _robot(problem)
     unturn = problem.tip_at_zero[:3, :3].T
 
@@ -26,7 +26,7 @@ def prepare(problem: Problem) -> Solve:
 
 
 def prepare_batch(problem: Problem):  # noqa: ANN201
-    """Let its own threads work."""
+    """Solve the batch with EAIK's own threads."""
     robot = _robot(problem)
     unturn = problem.tip_at_zero[:3, :3].T
 
@@ -45,7 +45,7 @@ def _robot(problem: Problem) -> HPRobot:
     points = np.vstack([problem.pivots, problem.tip_at_zero[:3, 3]])
     robot = HPRobot(problem.axes, np.vstack([points[:1], np.diff(points, axis=0)]))
     if not robot.hasKnownDecomposition():
-        raise CannotError("knows no decomposition of this arm")
+        raise CannotError("has no decomposition of this arm")
     return robot
 
 

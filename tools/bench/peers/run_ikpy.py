@@ -24,7 +24,7 @@ def prepare(problem: Problem) -> Solve:
     if mode == "direction":
         mode = _AXES.get(tuple(problem.tool_axis.astype(int)))
         if mode is None:
-            raise CannotError("directions only of x, y or z")
+            raise CannotError("only directions of x, y or z")
 
     def once(T: Array, q0: Array) -> Tried:
         start = np.zeros(len(active))

@@ -18,7 +18,7 @@ def prepare(problem: Problem) -> Solve:
 
 
 def prepare_line(problem: Problem) -> Solve:
-    """Follow paths without ever starting elsewhere."""
+    """Prepare a solver that follows paths without restarts."""
     solver = _solver(problem)
 
     def follow(T: Array, q0: Array) -> Array | None:
@@ -28,7 +28,7 @@ def prepare_line(problem: Problem) -> Solve:
 
 
 def prepare_batch(problem: Problem) -> Batch:
-    """Let it use all cores."""
+    """Solve the batch on all cores."""
     chain = ikservo.load_model(problem.urdf, problem.tip).chain
 
     def batch(poses: Array, starts: Array) -> Array:

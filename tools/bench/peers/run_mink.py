@@ -1,4 +1,4 @@
-"""mink: quadratic programs over MuJoCo's kinematics, repeated until the frame is there."""
+"""mink: quadratic programs over MuJoCo's kinematics, repeated until the frame arrives."""
 
 # The package is not installed where types are checked, but in an environment of its own.
 # pyright: basic, reportMissingImports=false, reportAttributeAccessIssue=false
@@ -16,7 +16,7 @@ _ITERATIONS = 30
 def prepare(problem: Problem) -> Solve:
     """Keep the tip as a body of its own; a direction is an orientation without its third axis."""
     if problem.kind == "direction" and tuple(problem.tool_axis) != (0, 0, 1):
-        raise CannotError("directions only of z")
+        raise CannotError("only directions of z")
     spec = mujoco.MjSpec.from_file(problem.urdf)
     spec.compiler.fusestatic = False
     model = spec.compile()

@@ -11,7 +11,7 @@ from protocol import Array, Problem, Solve, serve
 
 
 def prepare(problem: Problem) -> Solve:
-    """Weigh the orientation with zero for positions; one thread, which its authors call exact."""
+    """Give positions an orientation weight of zero; one thread, which the authors call exact."""
     problem.only("position", "pose")
     robot = Robot.from_urdf_file(problem.urdf, problem.base, problem.tip)
     robot.set_parallelism(1)

@@ -10,7 +10,7 @@ import pinocchio as pin
 from protocol import Array, Problem, Solve, Tried, restarting, serve
 
 _ITERATIONS = 30
-# Damped in proportion to the error (Chan): careful far off, quick near by.
+# Damping in proportion to the error (Chan): careful far from the target, fast near it.
 _DAMPING, _LEAST_DAMPING = 0.1, 1e-8
 
 

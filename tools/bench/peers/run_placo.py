@@ -1,4 +1,4 @@
-"""placo: quadratic programs over Pinocchio, repeated until the tip is there."""
+"""placo: quadratic programs over Pinocchio, repeated until the tip arrives."""
 
 # The package is not installed where types are checked, but in an environment of its own.
 # pyright: basic, reportMissingImports=false

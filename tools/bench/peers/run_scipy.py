@@ -13,7 +13,7 @@ from scipy.optimize import least_squares
 
 
 def prepare(problem: Problem) -> Solve:
-    """Give it the error and the Jacobian; its bounds are the joints' limits."""
+    """Give SciPy the error and the Jacobian; its bounds are the joints' limits."""
 
     def error(q: Array, T: Array) -> Array:
         return _error(problem, T, _forward(problem, q)[0])
@@ -59,7 +59,7 @@ def _turn(axis: Array, angle: float) -> Array:
 
 
 def _error(problem: Problem, T: Array, here: Array) -> Array:
-    """Return the gap (3,) and how far the columns of the rotation that matter are off."""
+    """Return the position error (3,) and the error of the compared columns of the rotation."""
     columns = _columns(problem)
     turn = (here[:3, :3] - T[:3, :3]) @ columns
     return np.concatenate([here[:3, 3] - T[:3, 3], turn.ravel()])

@@ -1,4 +1,4 @@
-"""ssik: every solution of a pose in closed form, of which the nearest to the start is taken."""
+"""ssik: every solution of a pose in closed form; the one nearest to the start counts."""
 
 # The package is not installed where types are checked, but in an environment of its own.
 # pyright: basic, reportMissingImports=false
@@ -11,7 +11,7 @@ from ssik import Manipulator
 
 
 def prepare(problem: Problem) -> Solve:
-    """Let it classify the arm; it supports arms of six and seven revolute joints."""
+    """Let ssik classify the arm; it supports arms of six and seven revolute joints."""
     problem.only("pose")
     try:
         arm = Manipulator.from_urdf(problem.urdf, base=problem.base, ee=problem.tip)
