@@ -1,1 +1,1 @@
-"""Small text files: checked reading, atomic writing."""
+"""Small text files: checked reading and atomic writing."""

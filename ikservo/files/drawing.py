@@ -25,10 +25,10 @@ Matrix = NDArray[np.float64]
 
 _MAX_BYTES = 4 * 1024 * 1024
 _MAX_POINTS = 20_000
-# A command and two numbers give at least one point, so that more of them make too many points; they
-# are counted before an SVG is read, once per use.
+# A command and two numbers give at least one point, so more of them would give too many points.
+# They are counted before an SVG is read, once per use.
 _MAX_NUMBERS, _MAX_ELEMENTS, _MAX_DEPTH = 3 * _MAX_POINTS + 100, 10_000, 64
-_MAX_CSS_CHARS = 40_000_000  # style sheets, which are read again for each element
+_MAX_CSS_CHARS = 40_000_000  # of style sheets, which are read again for each element
 _MAX_INHERITED = 2_000_000
 _NUMBERS = ("d", "points", "transform", "gradientTransform", "viewBox")
 _DIGITS = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?|[A-Za-z]")
@@ -46,7 +46,7 @@ class Drawing:
     """Strokes of a pen.
 
     Attributes:
-        strokes_m: Points (k, 3) of each stroke, metres; x forward and y left, as in the base frame.
+        strokes_m: Points (k, 3) of each stroke, metres: x forward and y left, as in the base frame.
         ignored: The parts of the file that are not drawn.
     """
 
@@ -98,7 +98,7 @@ def read_drawing(path: Path | str, unit: str | None = None) -> Drawing:
     """Read strokes from a file: SVG if its name ends in ``.svg``, otherwise CSV.
 
     A CSV has a point x, y or x, y, z in each line, and an empty line between two strokes. Its
-    numbers are metres, unless its header names millimetres (``x_mm,y_mm``) or ``unit`` says so.
+    numbers are metres, unless its header (``x_mm,y_mm``) or ``unit`` says millimetres.
 
     An SVG is drawn in its own size (its ``width`` and ``height``; a pixel is 1/96 inch), as seen
     from behind the arm: its right is the arm's right, its top is away from the arm. Its lower left
@@ -111,7 +111,7 @@ def read_drawing(path: Path | str, unit: str | None = None) -> Drawing:
     Raises:
         FileFormatError: The file is missing, empty, too large or malformed; the line is named.
         InputError: svgelements is not installed.
-        BadValueError: The unit is neither, or contradicts the file.
+        BadValueError: The unit is neither m nor mm, or contradicts the file.
     """
     file = parse_path(path)
     if unit is not None and (not isinstance(cast("object", unit), str) or unit not in _UNITS_M):
@@ -135,8 +135,13 @@ def _too_many_points(path: Path) -> FileFormatError:
 def _read_csv(path: Path, text: str, unit: str | None) -> Iterator[Matrix]:
     lines = [line.strip() for line in text.splitlines()]
     first = next(i for i, line in enumerate(lines) if line)
-    named = _header_unit(path, lines[first])
-    if named is not None:
+    columns_named = [_HEADER.fullmatch(name.strip()) for name in lines[first].split(",")]
+    named = ""
+    if all(columns_named):  # the first line is a header
+        units = {(match["unit"] or "").lower() for match in columns_named if match}
+        if len(units) > 1:
+            raise FileFormatError(path, "line 1", "mixes units", "one unit for all columns")
+        named = units.pop()
         lines[first] = ""
     if named and unit and named != unit:
         raise BadValueError(
@@ -157,18 +162,6 @@ def _read_csv(path: Path, text: str, unit: str | None) -> Iterator[Matrix]:
             stroke = []
     if not columns:
         raise FileFormatError(path, "", "has no points", "a point x, y or x, y, z in each line")
-
-
-def _header_unit(path: Path, line: str) -> str | None:
-    """Return the unit in a header, ``""`` if it names none; None if the line is not a header."""
-    names = [name.strip() for name in line.split(",")]
-    matches = [_HEADER.fullmatch(name) for name in names]
-    if not all(matches):
-        return None
-    units = {(match["unit"] or "").lower() for match in matches if match}
-    if len(units) > 1:
-        raise FileFormatError(path, "line 1", "mixes units", "one unit for all columns")
-    return units.pop()
 
 
 def _parse_row(path: Path, number: int, line: str, columns: int) -> list[float]:
@@ -263,7 +256,7 @@ class _SvgCost:
         self._depth = 0
 
     def of(self, element: ET.Element) -> tuple[int, int, int]:
-        """Return the element and number counts of an element, and the largest attribute count.
+        """Count the elements and numbers inside an element, and the most attributes to inherit.
 
         Raises:
             FileFormatError: A <use> contains itself, or elements are nested too deeply.
@@ -274,7 +267,11 @@ class _SvgCost:
         if self._depth > _MAX_DEPTH:
             found = "nests elements too deeply, or a <use> contains itself"
             raise FileFormatError(self._path, "", found, f"at most {_MAX_DEPTH} levels")
-        inside = [self.of(each) for each in (*element, *self._used_by(element))]
+        used: list[ET.Element] = []
+        if element.tag.rpartition("}")[2] == "use":
+            names = [value for key, value in element.items() if key.rpartition("}")[2] == "href"]
+            used = [self._by_id[n[1:]] for n in names if n[:1] == "#" and n[1:] in self._by_id]
+        inside = [self.of(each) for each in (*element, *used)]
         own = sum(len(_DIGITS.findall(element.get(name, ""))) for name in _NUMBERS)
         attributes = len(element.attrib) + element.get("style", "").count(";")
         self._depth -= 1
@@ -285,12 +282,6 @@ class _SvgCost:
         )
         self._costs[element] = cost
         return cost
-
-    def _used_by(self, element: ET.Element) -> list[ET.Element]:
-        if element.tag.rpartition("}")[2] != "use":
-            return []
-        names = [value for key, value in element.items() if key.rpartition("}")[2] == "href"]
-        return [self._by_id[n[1:]] for n in names if n[:1] == "#" and n[1:] in self._by_id]
 
 
 def _count_points(segment: PathSegment) -> int:
@@ -310,7 +301,7 @@ def _sample_segments(segments: Sequence[PathSegment]) -> Matrix:
 
 
 def _simplify(points: Matrix, tolerance: float) -> Matrix:
-    """Return the points (k, 3) that are needed to stay within a tolerance (Douglas and Peucker)."""
+    """Return the points (k, 3) that keep the line within a tolerance (Douglas and Peucker)."""
     keep = np.zeros(len(points), dtype=np.bool_)
     keep[[0, -1]] = True
     parts = [(0, len(points) - 1)]
@@ -318,17 +309,16 @@ def _simplify(points: Matrix, tolerance: float) -> Matrix:
         first, last = parts.pop()
         if last - first < 2:
             continue
-        distances = _segment_distances(points[first : last + 1])
+        gone = points[first : last + 1] - points[first]
+        along = gone[-1]
+        length2 = float(along @ along)
+        fractions = np.zeros(len(gone))
+        if length2 > 0.0:
+            fractions = np.clip(gone @ along / length2, 0.0, 1.0)
+        # Distances from the straight line between the first and the last point.
+        distances = np.linalg.norm(gone - np.outer(fractions, along), axis=1)
         worst = int(distances.argmax())
         if distances[worst] > tolerance:
             keep[first + worst] = True
             parts += [(first, first + worst), (first + worst, last)]
     return points[keep]
-
-
-def _segment_distances(points: Matrix) -> Matrix:
-    """Compute the distances (k,) of points from the segment between the first and last one."""
-    along, gone = points[-1] - points[0], points - points[0]
-    length2 = float(along @ along)
-    fraction = np.clip(gone @ along / length2, 0.0, 1.0) if length2 > 0.0 else np.zeros(len(gone))
-    return np.linalg.norm(gone - np.outer(fraction, along), axis=1)

@@ -17,9 +17,9 @@ _PUBLIC_QUERY = re.compile(
 def public_source(source: str) -> str:
     """Return the name of a source of pictures without passwords.
 
-    Every message, page and file uses this name for a source. It keeps scheme, host, port, path, and
-    the parts of the query that are known to be harmless; "…" replaces the rest. The public name of
-    a public name is the same.
+    All messages, pages and files use this name for a source. It keeps the scheme, host, port and
+    path, and the parts of the query that are known to be harmless; "…" replaces the rest. The
+    public name of a public name is the same name.
     """
     scheme, separator, rest = source.rpartition("://") if "://" in source else ("", "", source)
     if not separator:

@@ -1,4 +1,4 @@
-"""Read text, TOML and strict JSON files; errors name path and line."""
+"""Read text, TOML and strict JSON files; errors name the path and the line."""
 
 from __future__ import annotations
 
@@ -30,13 +30,17 @@ def parse_path(value: object) -> Path:
 
 
 def read_text(path: Path, limit_bytes: int) -> str:
-    """Read the text of a regular file in UTF-8, with or without byte order mark.
+    """Read the text of a regular file in UTF-8, with or without a byte order mark.
 
     Raises:
         FileFormatError: The file is missing, not a file, unreadable, too large, empty or not UTF-8.
     """
     require_file(path)
-    data = _read_at_most(path, limit_bytes)
+    try:
+        with path.open("rb") as file:
+            data = file.read(limit_bytes + 1)
+    except OSError as error:
+        raise FileFormatError(path, "", f"cannot be read ({error.strerror})") from error
     if len(data) > limit_bytes:
         raise FileFormatError(path, "", "is too large", f"at most {limit_bytes // 1024} KiB")
     if not data.strip():
@@ -50,12 +54,19 @@ def read_text(path: Path, limit_bytes: int) -> str:
 
 
 def require_file(path: Path) -> None:
-    """Refuse anything but a regular file: reading a pipe or a terminal would wait forever.
+    """Refuse anything but a regular file, because reading a pipe or a terminal may never end.
 
     Raises:
         FileFormatError: The file does not exist, is not a regular file, or cannot be accessed.
     """
-    mode = _file_mode(path)
+    try:
+        mode = path.stat().st_mode
+    except FileNotFoundError as error:
+        raise FileFormatError(path, "", "does not exist") from error
+    except OSError as error:
+        raise FileFormatError(path, "", f"cannot be read ({error.strerror})") from error
+    except ValueError as error:  # a null byte in the path
+        raise FileFormatError(path, "", "cannot be a path") from error
     if stat.S_ISDIR(mode):
         raise FileFormatError(path, "", "is a folder", "a file")
     if not stat.S_ISREG(mode):
@@ -63,7 +74,7 @@ def require_file(path: Path) -> None:
 
 
 def parse_json(text: str | bytes, parse_int: Callable[[str], int] | None = None) -> Any:  # noqa: ANN401
-    """Parse the value of a JSON text; a key that appears twice, NaN and Infinity are refused.
+    """Parse the value of a JSON text; refuse a key that appears twice, NaN and Infinity.
 
     Args:
         text: The text.
@@ -92,8 +103,8 @@ def _no_number(name: str) -> NoReturn:
 def path_inside(folder: Path, name: str) -> Path | None:
     """Return the resolved file of a relative name if it is under ``folder``, else None.
 
-    The spelling is checked first, so that no file outside is accessed; then symbolic links are
-    followed, so that no link leads outside. The file itself is not opened and may be missing.
+    The spelling is checked first, so that no file outside is accessed. Symbolic links are followed
+    then, so that no link leads outside. The file itself is not opened and may be missing.
     """
     if not name or len(name) > _MAX_NAME_CHARS or any(sign in name for sign in _OUTWARD):
         return None
@@ -103,25 +114,6 @@ def path_inside(folder: Path, name: str) -> Path | None:
     home = Path(os.path.realpath(folder))
     path = Path(os.path.realpath(home / relative))
     return path if path != home and path.is_relative_to(home) else None
-
-
-def _file_mode(path: Path) -> int:
-    try:
-        return path.stat().st_mode
-    except FileNotFoundError as error:
-        raise FileFormatError(path, "", "does not exist") from error
-    except OSError as error:
-        raise FileFormatError(path, "", f"cannot be read ({error.strerror})") from error
-    except ValueError as error:  # a null byte in the path
-        raise FileFormatError(path, "", "cannot be a path") from error
-
-
-def _read_at_most(path: Path, limit_bytes: int) -> bytes:
-    try:
-        with path.open("rb") as file:
-            return file.read(limit_bytes + 1)
-    except OSError as error:
-        raise FileFormatError(path, "", f"cannot be read ({error.strerror})") from error
 
 
 MAX_BYTES = 256 * 1024
@@ -145,30 +137,23 @@ def parse_toml(path: Path, text: str) -> dict[str, Any]:
     Raises:
         FileFormatError: The text is not TOML, or would be too expensive to parse.
     """
-    _check_dot_count(path, text)
-    try:
-        return tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        raise _located_error(path, str(error)) from error
-    except RecursionError as error:
-        raise FileFormatError(path, "", "tables are nested too deeply") from error
-    except ValueError as error:  # an integer of thousands of digits
-        raise FileFormatError(path, "", "holds a number that is too long") from error
-
-
-def _check_dot_count(path: Path, text: str) -> None:
     # tomllib's time and memory grow with the square of the dots in a key: 128 KiB take gigabytes.
     for number, line in enumerate(text.split("\n"), start=1):
         if line.count(".") > MAX_DOTS and not line.lstrip().startswith("#"):
             found = f"has {line.count('.')} decimal fractions or names with dots"
             expected = f"at most {MAX_DOTS} in a line; give a pose a line per joint: deg.NAME = 1.5"
             raise FileFormatError(path, f"line {number}", found, expected)
-
-
-def _located_error(path: Path, message: str) -> FileFormatError:
-    match = _PLACE.fullmatch(message)
-    reason, where = match.groups() if match else (message, "")
-    return FileFormatError(path, where, f"is not TOML: {reason.rstrip('.')}", "TOML 1.0")
+    try:
+        return tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        match = _PLACE.fullmatch(str(error))
+        reason, where = match.groups() if match else (str(error), "")
+        found = f"is not TOML: {reason.rstrip('.')}"
+        raise FileFormatError(path, where, found, "TOML 1.0") from error
+    except RecursionError as error:
+        raise FileFormatError(path, "", "tables are nested too deeply") from error
+    except ValueError as error:  # an integer of thousands of digits
+        raise FileFormatError(path, "", "holds a number that is too long") from error
 
 
 _MAX_QUOTED_CHARS = 60

@@ -37,33 +37,20 @@ def first_issue(issues: Sequence[ValidationIssue], path: Path) -> FileFormatErro
 
 
 def first_mistake(error: ValidationError) -> tuple[str, str]:
-    """Return the place of a message's first mistake, empty for the whole, and the reason."""
+    """Return the place of the first mistake (empty: the whole message), and the reason."""
     first = error.errors(include_url=False, include_context=False, include_input=False)[0]
     return ".".join(map(str, first["loc"])), first["msg"]
 
 
 def validation_issues(error: ValidationError, model: type[BaseModel]) -> list[ValidationIssue]:
-    """Return pydantic's errors, unknown keys first, because a misspelled key is also missing."""
+    """Convert pydantic's errors, unknown keys first, because a misspelled key is also missing."""
     details = error.errors(include_url=False, include_context=False)
     details.sort(key=lambda detail: detail["type"] != "extra_forbidden")
     issues = [_make_issue(detail, model) for detail in details]
     return list(dict.fromkeys(issues))  # a value fails once per allowed kind
 
 
-def _key_location(location: Location, model: type[BaseModel]) -> Location:
-    """Return a location without pydantic's names for the kinds of a union, such as ``float``."""
-    return tuple(
-        step
-        for i, step in enumerate(location)
-        if isinstance(step, int)
-        or step == "[key]"
-        or i == 0
-        or not _UNION_BRANCH.match(step)
-        or step in _resolve_location(location[:i], model)[0].model_fields
-    )
-
-
-# Names that pydantic adds to the place of a value that may be of several kinds.
+# Names that pydantic adds to the location of a value that may be of several kinds.
 _UNION_BRANCH = re.compile(
     r"(literal\[|constrained-|function-|lax-or-strict|json-or-python|tuple\[|list\[|dict\[|"
     r"(float|int|str|bool|none|is-instance)$)"
@@ -71,9 +58,23 @@ _UNION_BRANCH = re.compile(
 
 
 def _make_issue(detail: ErrorDetails, model: type[BaseModel]) -> ValidationIssue:
-    location, kind = _key_location(detail["loc"], model), detail["type"]
+    full, kind = detail["loc"], detail["type"]
+    # Leave out pydantic's names for the kinds of a union, such as "float".
+    location = tuple(
+        step
+        for i, step in enumerate(full)
+        if isinstance(step, int)
+        or step == "[key]"
+        or i == 0
+        or not _UNION_BRANCH.match(step)
+        or step in _resolve_location(full[:i], model)[0].model_fields
+    )
     if kind == "extra_forbidden":
-        return _unknown_key_issue(location, model)
+        known = list(_resolve_location(location[:-1], model)[0].model_fields)
+        close = difflib.get_close_matches(str(location[-1]), known, n=1)
+        listing = ", ".join(known)
+        expected = f"{close[0]} (known here: {listing})" if close else f"one of {listing}"
+        return ValidationIssue(location, "is not a known key", expected)
     message = detail["msg"].removeprefix("Value error, ").removesuffix(".")  # "." follows later
     if kind == "value_error" and message:  # of a whole table
         return ValidationIssue(location, message, "")
@@ -84,14 +85,6 @@ def _make_issue(detail: ErrorDetails, model: type[BaseModel]) -> ValidationIssue
         )
     found = "is missing" if kind == "missing" else f"is {_format_value(detail['input'])}"
     return ValidationIssue(location, found, expected)
-
-
-def _unknown_key_issue(location: Location, model: type[BaseModel]) -> ValidationIssue:
-    known = list(_resolve_location(location[:-1], model)[0].model_fields)
-    close = difflib.get_close_matches(str(location[-1]), known, n=1)
-    listing = ", ".join(known)
-    expected = f"{close[0]} (known here: {listing})" if close else f"one of {listing}"
-    return ValidationIssue(location, "is not a known key", expected)
 
 
 def _resolve_location(location: Location, model: type[BaseModel]) -> tuple[type[BaseModel], str]:
@@ -135,13 +128,14 @@ def _format_value(value: object) -> str:
 
 
 def format_key_path(location: Location) -> str:
-    """Return ``joints[2].servo.id``; keys that are not bare TOML keys are quoted."""
-    steps = [f"[{key}]" if isinstance(key, int) else f".{_format_key(key)}" for key in location]
+    """Format a location as ``joints[2].servo.id``; quote keys that are not bare TOML keys."""
+    steps: list[str] = []
+    for key in location:
+        if isinstance(key, int):
+            steps.append(f"[{key}]")
+        else:
+            steps.append(f".{key if _BARE_KEY.fullmatch(key) and len(key) <= 64 else quote(key)}")
     return "".join(steps).removeprefix(".")
-
-
-def _format_key(key: str) -> str:
-    return key if _BARE_KEY.fullmatch(key) and len(key) <= 64 else quote(key)
 
 
 class StrictModel(BaseModel):

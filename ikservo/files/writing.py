@@ -1,7 +1,7 @@
 """Write files atomically and durably, with a checksum line if needed.
 
-The first line is ``checksum = "sha256:…"`` over everything after it: a file that was cut short,
-mixed with another or changed by hand is refused before any of its values is used.
+The first line is ``checksum = "sha256:…"`` over everything after it, so that a file that was cut
+short, mixed with another one or changed by hand is refused before any of its values is used.
 """
 
 from __future__ import annotations
@@ -25,13 +25,13 @@ _UNCHANGED = "No existing file was changed"
 
 
 class FileWriteError(IkservoError, OSError):
-    """A file could not be written; the old content is unchanged, unless ``changed`` or ``kept``.
+    """A file could not be written. The old content is unchanged, except by ``changed`` or ``kept``.
 
     Attributes:
         path: The file.
         why: The system's error text.
-        changed: Whether the file is written, but its folder could not be synced.
-        kept: The content that remains instead of the old one; empty if that is unchanged.
+        changed: Whether the file was written, but its folder could not be synced.
+        kept: A clause that says what was kept or written; empty: no existing file was changed.
     """
 
     def __init__(self, path: Path, why: str, *, changed: bool = False, kept: str = "") -> None:
@@ -49,23 +49,30 @@ def write_atomic(
 ) -> None:
     """Replace a file atomically, or leave it unchanged.
 
-    The content is written to a temporary file in the same folder, synced, and renamed; last the
-    folder itself is synced, because the new name could otherwise be lost in a power cut.
+    The content is written to a temporary file in the same folder, synced, and renamed. Finally the
+    folder itself is synced, because a power cut could otherwise undo the renaming.
 
     Args:
         path: The file; its folder is created if needed.
         content: Its new content; text becomes UTF-8.
-        keep_old: Whether the present content is kept beside it with ``.bak``.
+        keep_old: Whether the old content is kept in a file beside it that ends in ``.bak``.
         private: Whether a new file is readable by its owner only. A replaced file keeps its
             permissions.
 
     Raises:
-        FileWriteError: The disk is full, read-only or broken; says whether the file is changed.
+        FileWriteError: The disk is full, read-only or broken; it says whether the file is changed.
     """
     data = content.encode("utf-8") if isinstance(content, str) else content
     with _translating_os_errors(path):
         path.parent.mkdir(parents=True, exist_ok=True)
-        _replace_file(path, data, keep_old, private)
+        name = _write_beside(path, data, private)
+        with _removed_if_it_fails(name):
+            if keep_old and path.exists():
+                old = _write_beside(path, path.read_bytes(), private)
+                with _removed_if_it_fails(old):
+                    os.replace(old, path.with_name(path.name + BACKUP_SUFFIX))  # noqa: PTH105
+                _sync_folder(path.parent)
+            os.replace(name, path)  # noqa: PTH105  # tests replace this call to cut the power
     with _translating_os_errors(path, changed=True):
         _sync_folder(path.parent)
 
@@ -73,7 +80,7 @@ def write_atomic(
 def write_all_atomic(files: Mapping[Path, bytes], *, private: bool = False) -> None:
     """Replace files that belong together, or leave all unchanged if there is no room for one.
 
-    All are first written next to their targets; a rename needs no room.
+    All are first written next to their targets. Renaming them needs no room.
 
     Args:
         files: The content of each file; its folder is created if needed.
@@ -115,7 +122,7 @@ def make_folder(folder: Path) -> None:
 
 
 def check_writable(folder: Path) -> None:
-    """Raise if a folder is not writable, before work whose result is to be stored there.
+    """Check that a folder is writable, before work whose result is to be stored there.
 
     Raises:
         FileWriteError: The disk is full, read-only or broken.
@@ -129,7 +136,7 @@ def remove_durably(path: Path) -> None:
     """Remove a file durably; a missing one is not an error.
 
     Raises:
-        FileWriteError: The file stays, or may come back after a power cut; the message says which.
+        FileWriteError: The file stays, or may come back after a power cut; the message says so.
     """
     with _translating_os_errors(path):
         path.unlink(missing_ok=True)
@@ -142,7 +149,7 @@ def remove_durably(path: Path) -> None:
 def exclusive_access(path: Path) -> Generator[None]:
     """Let one program at a time read a file and replace it; other programs wait.
 
-    The lock is on a file next to it, which stays, because replacing the file changes its inode.
+    The lock is on a file next to it, because replacing the file changes its inode. That file stays.
     On Windows there is no lock.
 
     Raises:
@@ -151,7 +158,7 @@ def exclusive_access(path: Path) -> Generator[None]:
     if find_spec("fcntl") is None:
         yield
         return
-    import fcntl  # noqa: PLC0415  # there is none on Windows
+    import fcntl  # noqa: PLC0415  # Windows has no such module
 
     make_folder(path.parent)
     with _translating_os_errors(path):
@@ -181,17 +188,6 @@ def _make_folders(folder: Path, mode: int, made: list[Path]) -> None:
     made.append(folder)
 
 
-def _replace_file(path: Path, data: bytes, keep_old: bool, private: bool) -> None:
-    name = _write_beside(path, data, private)
-    with _removed_if_it_fails(name):
-        if keep_old and path.exists():
-            old = _write_beside(path, path.read_bytes(), private)
-            with _removed_if_it_fails(old):
-                os.replace(old, path.with_name(path.name + BACKUP_SUFFIX))  # noqa: PTH105
-            _sync_folder(path.parent)
-        os.replace(name, path)  # noqa: PTH105  # tests replace this call to cut the power
-
-
 @contextlib.contextmanager
 def _removed_if_it_fails(name: str) -> Generator[None]:
     try:
@@ -210,21 +206,17 @@ def _write_beside(path: Path, data: bytes, private: bool) -> str:
         mode = stat.S_IMODE(path.stat().st_mode)
     handle = os.open(name, _NEW_FILE, mode)
     with _removed_if_it_fails(name):
-        if sys.platform != "win32" and not is_new:  # including bits that the umask has removed
+        if sys.platform != "win32" and not is_new:  # also the bits that the umask removed
             with contextlib.suppress(OSError):  # FAT and network disks keep no permissions
                 os.fchmod(handle, mode)
-        _write_out(handle, data)
+        try:
+            left = memoryview(data)
+            while left:
+                left = left[os.write(handle, left) :]
+            os.fsync(handle)
+        finally:
+            os.close(handle)
     return name
-
-
-def _write_out(handle: int, data: bytes) -> None:
-    try:
-        left = memoryview(data)
-        while left:
-            left = left[os.write(handle, left) :]
-        os.fsync(handle)
-    finally:
-        os.close(handle)
 
 
 def _sync_folder(folder: Path) -> None:
@@ -241,7 +233,7 @@ _CHECKSUM = 'checksum = "sha256:'
 
 
 def with_checksum(body: str) -> str:
-    """Add its checksum line to a body."""
+    """Return a body with its checksum line above it."""
     return f"{_first_line(body)}\n{body}"
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import difflib
 import itertools
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from pydantic import ValidationError
@@ -23,7 +23,6 @@ from ikservo.model.arm_schema import (
     ArmGripper,
     ArmHealth,
     ArmJoint,
-    ArmPose,
 )
 from ikservo.model.base_placement import parse_frame
 from ikservo.model.catalogue import catalogue_name
@@ -35,9 +34,19 @@ def arm_file_issues(arm: ArmFile) -> Iterator[ValidationIssue]:
     """Yield each inconsistency between values of an arm file, in the order of the file."""
     if not any(joint.role == "arm" for joint in arm.joints):
         yield ValidationIssue(("joints",), 'has no joint with role = "arm"', "at least one")
-    yield from _find_repeated(_joint_names(arm), "a unique name")
-    yield from _check_joint_order(arm)
-    yield from _find_repeated(_servo_ids(arm), "an id that is unique on the bus")
+    names = [(("joints", i, "name"), joint.name) for i, joint in enumerate(arm.joints)]
+    yield from _find_repeated(names, "a unique name")
+    roles = [joint.role for joint in arm.joints]
+    for i, role in enumerate(roles):
+        if role == "arm" and "gripper" in roles[:i]:
+            found = 'is "arm" after a gripper'
+            yield ValidationIssue(("joints", i, "role"), found, "the gripper last")
+    servo_ids: list[tuple[Location, str | int]] = []
+    for i, joint in enumerate(arm.joints):
+        servo_ids.append((("joints", i, "servo", "id"), joint.servo.id))
+        for k, shadow in enumerate(joint.shadows):
+            servo_ids.append((("joints", i, "shadows", k, "id"), shadow.id))
+    yield from _find_repeated(servo_ids, "an id that is unique on the bus")
     yield from _check_transmissions(arm)
     yield from _check_limits(arm)
     yield from _check_pose_joints(arm)
@@ -49,20 +58,8 @@ def arm_file_issues(arm: ArmFile) -> Iterator[ValidationIssue]:
     )
 
 
-def _joint_names(arm: ArmFile) -> Iterator[tuple[Location, str | int]]:
-    for i, joint in enumerate(arm.joints):
-        yield ("joints", i, "name"), joint.name
-
-
-def _servo_ids(arm: ArmFile) -> Iterator[tuple[Location, str | int]]:
-    for i, joint in enumerate(arm.joints):
-        yield ("joints", i, "servo", "id"), joint.servo.id
-        for k, shadow in enumerate(joint.shadows):
-            yield ("joints", i, "shadows", k, "id"), shadow.id
-
-
 def _find_repeated(
-    values: Iterator[tuple[Location, str | int]], expected: str
+    values: Sequence[tuple[Location, str | int]], expected: str
 ) -> Iterator[ValidationIssue]:
     first: dict[str | int, Location] = {}
     for location, value in values:
@@ -72,15 +69,6 @@ def _find_repeated(
                 location, f"is {shown}, the same as {format_key_path(first[value])}", expected
             )
         first.setdefault(value, location)
-
-
-def _check_joint_order(arm: ArmFile) -> Iterator[ValidationIssue]:
-    roles = [joint.role for joint in arm.joints]
-    for i, role in enumerate(roles):
-        if role == "arm" and "gripper" in roles[:i]:
-            yield ValidationIssue(
-                ("joints", i, "role"), 'is "arm" after a gripper', "the gripper last"
-            )
 
 
 def _check_transmissions(arm: ArmFile) -> Iterator[ValidationIssue]:
@@ -119,8 +107,24 @@ def _check_pose_joints(arm: ArmFile) -> Iterator[ValidationIssue]:
             yield ValidationIssue(("poses", name), "is missing", f"the poses {needed}")
     joints = {joint.name: joint for joint in arm.joints}
     for name, pose in arm.poses.items():
-        yield from _find_unknown_joints(("poses", name), pose, joints)
-        yield from _find_missing_joints(("poses", name), pose, joints)
+        for unit, values in (("deg", pose.deg), ("m", pose.m)):
+            for joint in values:
+                where = ("poses", name, unit, joint)
+                if joint not in joints:
+                    close = difflib.get_close_matches(joint, joints, n=1)
+                    listed = ", ".join(joints)
+                    expected = f"{close[0]} (joints: {listed})" if close else f"one of {listed}"
+                    yield ValidationIssue(where, "is not a joint", expected)
+                elif joints[joint].is_prismatic and unit == "deg":
+                    found = "is a joint that slides (its servo has m_per_turn)"
+                    yield ValidationIssue(where, found, "metres, under m")
+                elif not joints[joint].is_prismatic and unit == "m":
+                    found = "is a joint that turns (its servo has no m_per_turn)"
+                    yield ValidationIssue(where, found, "degrees, under deg")
+        missing = [joint for joint in joints if joint not in pose.deg and joint not in pose.m]
+        if missing:
+            found = f"leaves out {', '.join(missing)}"
+            yield ValidationIssue(("poses", name), found, "every joint once")
 
 
 def _check_health(health: ArmHealth) -> Iterator[ValidationIssue]:
@@ -150,79 +154,41 @@ def _check_gripper(gripper: ArmGripper, joints: Sequence[ArmJoint]) -> Iterator[
             yield ValidationIssue(
                 ("gripper", key), f"is set, but {joints[0].name} {motion}", expected_key
             )
-        elif pairs and not _is_monotonic(pairs):
+            continue
+        steps = [(b[0] - a[0], b[1] - a[1]) for a, b in itertools.pairwise(pairs)]
+        growing = all(first > 0 and second > 0 for first, second in steps)
+        falling = all(first > 0 > second for first, second in steps)
+        if pairs and not (steps and (growing or falling)):
             expected = "two or more pairs, both numbers growing or one growing and one falling"
             yield ValidationIssue(("gripper", key), "is not monotonic", expected)
 
 
-def _is_monotonic(pairs: Sequence[tuple[float, float]]) -> bool:
-    steps = [(b[0] - a[0], b[1] - a[1]) for a, b in itertools.pairwise(pairs)]
-    growing = all(first > 0 and second > 0 for first, second in steps)
-    return bool(steps) and (growing or all(first > 0 > second for first, second in steps))
-
-
-def _find_unknown_joints(
-    where: Location, pose: ArmPose, joints: Mapping[str, ArmJoint]
-) -> Iterator[ValidationIssue]:
-    for unit, values in (("deg", pose.deg), ("m", pose.m)):
-        for name in values:
-            if name not in joints:
-                yield ValidationIssue(
-                    (*where, unit, name), "is not a joint", _closest_joint_name(name, joints)
-                )
-            elif joints[name].is_prismatic != (unit == "m"):
-                yield ValidationIssue((*where, unit, name), *_alternative_unit(joints[name]))
-
-
-def _alternative_unit(joint: ArmJoint) -> tuple[str, str]:
-    if joint.is_prismatic:
-        return "is a joint that slides (its servo has m_per_turn)", "metres, under m"
-    return "is a joint that turns (its servo has no m_per_turn)", "degrees, under deg"
-
-
-def _find_missing_joints(
-    where: Location, pose: ArmPose, joints: Mapping[str, ArmJoint]
-) -> Iterator[ValidationIssue]:
-    missing = [name for name in joints if name not in pose.deg and name not in pose.m]
-    if missing:
-        yield ValidationIssue(where, f"leaves out {', '.join(missing)}", "every joint once")
-
-
-def _closest_joint_name(name: str, joints: Mapping[str, ArmJoint]) -> str:
-    close = difflib.get_close_matches(name, joints, n=1)
-    return f"{close[0]} (joints: {', '.join(joints)})" if close else f"one of {', '.join(joints)}"
-
-
 def read_arm_file(path: Path | str) -> ArmFile:
-    """Read and check an ``arm.toml``; the URDF it names is not opened.
+    """Read and check an ``arm.toml``; the URDF that it names is not opened.
 
     Raises:
         FileFormatError: ``where`` is the place in broken TOML, or the path of the key.
     """
     path = Path(path)
-    arm = _validate_arm_file(path, read_toml(path))
-    issues = [*_check_paths(path, arm), *arm_file_issues(arm)]
-    if issues:
-        raise first_issue(issues, path)
-    return arm
-
-
-def _validate_arm_file(path: Path, tables: Mapping[str, object]) -> ArmFile:
+    tables = read_toml(path)
     try:
-        return ArmFile.model_validate(tables, context={"folder": path.parent})
+        arm = ArmFile.model_validate(tables, context={"folder": path.parent})
     except ValidationError as error:
         raise first_issue(validation_issues(error, ArmFile), path) from None
-
-
-def _check_paths(path: Path, arm: ArmFile) -> Iterator[ValidationIssue]:
+    issues: list[ValidationIssue] = []
     folder = catalogue_name(path)
     if folder is not None and folder != arm.name:
-        yield ValidationIssue(
-            ("name",), f"is {quote(arm.name)}", f"{quote(folder)}, like its folder"
-        )
+        expected = f"{quote(folder)}, like its folder"
+        issues.append(ValidationIssue(("name",), f"is {quote(arm.name)}", expected))
     if path_inside(path.parent, arm.urdf) is None:
-        yield ValidationIssue(("urdf",), f"is {quote(arm.urdf)}", "a file in the arm's own folder")
+        expected = "a file in the arm's own folder"
+        issues.append(ValidationIssue(("urdf",), f"is {quote(arm.urdf)}", expected))
     try:
         parse_frame(arm.base or "rotate 0")
     except BadValueError as error:
-        yield ValidationIssue(("base",), f"is {quote(arm.base or '')}", error.expected)
+        found = f"is {quote(arm.base or '')}"
+        issues.append(ValidationIssue(("base",), found, error.expected))
+    issues += arm_file_issues(arm)
+    if issues:
+        raise first_issue(issues, path)
+    return arm

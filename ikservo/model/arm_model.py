@@ -21,7 +21,7 @@ from ikservo.registers import MODELS, Family
 
 _NEAR = {"rad": math.radians(5.0), "m": 0.005}
 _AT = {"rad": math.radians(0.3), "m": 0.0003}
-_NEAR_FRACTION = 1 / 20  # of a short range, or jaws would always be near a limit
+_NEAR_FRACTION = 1 / 20  # less of a short range, or jaws would always be near a limit
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,7 +72,7 @@ class HealthLimits:
         release_c: Temperature from which it moves to rest, if it can, and switches torque off.
         load_percent: Load, as a percentage of the maximum, that a servo may exceed for ``load_s``
             only.
-        load_s: Time for which a load above ``load_percent`` is not yet an overload.
+        load_s: Time from which a load above ``load_percent`` is an overload.
         low_v: Minimum supply, in addition to the servo's own limit.
         high_v: Maximum supply, in addition to the servo's own limit.
     """
@@ -95,9 +95,9 @@ class ModelServo:
     """A servo as the arm file describes it.
 
     Attributes:
-        id: Its bus id.
+        id: Its id on the bus.
         model: Its model name, see ``ikservo.registers.MODELS``.
-        eeprom: Raw register values it must hold.
+        eeprom: Raw values that its registers must hold.
     """
 
     id: int
@@ -117,9 +117,9 @@ class ModelJoint:
     Attributes:
         limits: The range in the arm file's URDF.
         joint_map: The conversion of ticks and positions, as in the arm file.
-        travel_per_turn: Maximum joint motion per revolution of the horn: rad, or metres.
+        travel_per_turn: Largest joint motion per revolution of the horn, rad or m.
         backlash: Free motion felt by hand while the servo holds, rad or m; 0 if not measured.
-        shadows: Servos that drive the same joint together with the first.
+        shadows: Further servos that drive the joint together with the first.
         zero_from: ``vendor`` if the maker fixes the zero, ``nominal`` if each arm differs.
     """
 
@@ -207,17 +207,17 @@ class Model:
         speeds: The speed classes by name: slow, normal, fast.
         family: The protocol family of its servos; None for a plain URDF.
         baud_rate: The rate of its bus, bit/s.
-        supply_v: The supply of servos that are sold for several voltages; None if the file does not
-            tell it.
-        path: The file it was loaded from.
+        supply_v: Supply voltage of servos that are sold for several voltages; None if the arm file
+            does not give it.
+        path: The file from which it was loaded.
         floor_m: Height of the table in the base frame; None if not given.
         keep_out: Further obstacles.
         health: The health limits of its servos.
-        auto_unsafe: Reason why it must not search for its own stops; empty if it may.
+        auto_unsafe: The reason why it must not search for its own stops; empty if it may.
         gripper: The gripper; None if it has none.
-        base_frame: The reason why the base frame differs from the convention of the catalogue;
-            empty if it does not: x forward, y left, z up, origin on the first axis at the mounting
-            surface.
+        base_frame: The reason why the base frame differs from the convention of the catalogue (x
+            forward, y left, z up, origin on the first axis at the mounting surface); empty if it
+            does not.
         payload_kg: The heaviest payload at the tool that its servos are to lift.
     """
 
@@ -247,7 +247,7 @@ class Model:
 
     @classmethod
     def from_geometry(cls, name: str, title: str, chain: Chain, urdf: Urdf, path: Path) -> Model:
-        """Make an arm of which only the geometry is known: no servos, poses or speeds."""
+        """Make an arm from its geometry only, without servos, poses or speeds."""
         return cls(name, title, chain, urdf, (), {}, {}, None, 0, path)
 
     def __repr__(self) -> str:
@@ -281,7 +281,7 @@ class Model:
         return _find_named("speed", name, self.speeds)
 
     def initial_joints(self) -> NDArray[np.float64]:
-        """Return joints (dof,) inside the limits from which a solution is searched.
+        """Return joints (dof,) inside the limits, from which the search for a solution starts.
 
         They are the pose ``home``, or the middle of the ranges if there is none.
         """

@@ -1,4 +1,4 @@
-"""The arms that ship with ikservo, and those of other distributions."""
+"""The catalogue: arms that ship with ikservo, and arms of other distributions."""
 
 from __future__ import annotations
 
@@ -30,9 +30,9 @@ def arm_names() -> list[str]:
 def find_arm(name_or_path: str | Path) -> Path:
     """Find the ``arm.toml`` or ``.urdf`` of a name or path.
 
-    A name is searched in the listing of the folders and never becomes part of a path unless it is
-    listed. A text with a separator or ending in .toml, .urdf, .xacro or .xml is a path, to such a
-    file or to a folder with an ``arm.toml``. Nothing is opened here.
+    A name becomes part of a path only if the listing of a catalogue folder has it. A text that has
+    a separator or ends in .toml, .urdf, .xacro or .xml is a path to such a file, or to a folder
+    with an ``arm.toml``. No file is opened.
 
     Raises:
         UnknownNameError: There is no such arm; the closest name is suggested.
@@ -40,7 +40,13 @@ def find_arm(name_or_path: str | Path) -> Path:
     is_text = isinstance(cast("object", name_or_path), str | Path)
     text = str(name_or_path) if is_text else shown(name_or_path, str)
     if isinstance(name_or_path, Path) or ("/" in text or "\\" in text or text.endswith(_SUFFIXES)):
-        return _find_at_path(text)
+        path = Path(text)
+        with suppress(OSError, ValueError):  # too long, a null byte, a folder without permission
+            if path.suffix in _SUFFIXES and path.is_file():
+                return path
+            if (path / ARM_FILE).is_file():
+                return path / ARM_FILE
+        raise UnknownNameError("arm or arm file", _shorten_text(text), arm_names())
     for shelf in _arm_folders():
         if _NAME.fullmatch(text) and text in _arm_names_in(shelf):
             return shelf / text / ARM_FILE
@@ -83,18 +89,6 @@ def _arm_names_in(shelf: Path) -> list[str]:
         return []
     names = [folder.name for folder in shelf.iterdir() if _NAME.fullmatch(folder.name)]
     return [name for name in names if (shelf / name / ARM_FILE).is_file()]
-
-
-def _find_at_path(text: str) -> Path:
-    path = Path(text)
-    try:
-        if path.suffix in _SUFFIXES and path.is_file():
-            return path
-        if (path / ARM_FILE).is_file():
-            return path / ARM_FILE
-    except (OSError, ValueError):  # too long, a null byte, a folder without permission
-        pass
-    raise UnknownNameError("arm or arm file", _shorten_text(text), arm_names())
 
 
 def _shorten_text(text: str) -> str:

@@ -8,7 +8,6 @@ from pathlib import Path
 import numpy as np
 
 from ikservo.errors import InputError
-from ikservo.kinematics import Chain
 from ikservo.kinematics.arrays import Vector
 from ikservo.kinematics.capsules import Capsule, segment_distance
 from ikservo.kinematics.collision_body import CollisionBody
@@ -28,45 +27,33 @@ def collision_body(model: Model) -> CollisionBody:
 def collision_body_with_gripper(model: Model) -> CollisionBody:
     """Return the body whose joint vectors end with the gripper's joint, if the arm has one.
 
-    In ``collision_body`` jaws are fixed: closed, or as near to that as zero is. Here they follow
-    the vector; jaws that are not connected behind the chain's last joint stay fixed.
+    In ``collision_body`` the jaws are fixed at zero, or as near to it as their range allows. Here
+    they follow the vector. Jaws that are not connected behind the chain's last joint stay fixed.
     """
-    chain, gripper = _chain_with_gripper(model), model.gripper
-    if chain is None or gripper is None:
+    gripper = model.gripper
+    if gripper is None:
+        return collision_body(model)
+    jaws = [joint.child for joint in model.urdf.joints if joint.name == gripper.joint]
+    chains = [build_chain(model.urdf, jaw) for jaw in jaws]
+    chain = next((each for each in chains if each.names[:-1] == model.chain.names), None)
+    if chain is None:
         return collision_body(model)
     poses = [np.array([pose[name] for name in chain.names]) for pose in model.poses.values()]
     closed = [np.append(q[:-1], gripper.closed) for q in poses]  # jaws may touch each other
     capsules = _require_capsules(model)
     body = CollisionBody(chain, capsules, poses + closed)
-    return CollisionBody(chain, capsules, poses + closed + _rest_opening(model, body))
-
-
-def _rest_opening(model: Model, body: CollisionBody) -> list[Vector]:
-    """Compute the postures with opening jaws in the rest pose, as far as they are free.
-
-    A limp arm sinks slightly out of its rest pose, and its jaws need the same clearance there.
-    """
-    gripper = model.gripper
-    if gripper is None or "rest" not in model.poses:
-        return []
-    rest = np.array([model.poses["rest"][name] for name in body.chain.names])
-    opening = [
-        np.append(rest[:-1], at) for at in np.linspace(gripper.closed, gripper.open, _JAW_SAMPLES)
-    ]
-    return opening if (body.link_distances(np.array(opening)).gap_m >= 0.0).all() else []
+    opening: list[Vector] = []
+    if "rest" in model.poses:
+        # A limp arm sinks a little out of its rest pose; there, too, its jaws need the clearance.
+        rest = np.array([model.poses["rest"][name] for name in chain.names])
+        spread = np.linspace(gripper.closed, gripper.open, _JAW_SAMPLES)
+        opening = [np.append(rest[:-1], at) for at in spread]
+        if not (body.link_distances(np.array(opening)).gap_m >= 0.0).all():
+            opening = []
+    return CollisionBody(chain, capsules, poses + closed + opening)
 
 
 _JAW_SAMPLES = 16
-
-
-def _chain_with_gripper(model: Model) -> Chain | None:
-    jaws = [joint.child for joint in model.urdf.joints
-            if model.gripper is not None and joint.name == model.gripper.joint]  # fmt: skip
-    for jaw in jaws:
-        chain = build_chain(model.urdf, jaw)
-        if chain.names[:-1] == model.chain.names:
-            return chain
-    return None
 
 
 def capsules_of(model: Model) -> list[Capsule]:
@@ -86,7 +73,7 @@ def capsules_of(model: Model) -> list[Capsule]:
 def _without_contained(capsules: list[Capsule]) -> list[Capsule]:
     """Remove capsules inside another capsule, such as the balls at the ends of a cylinder.
 
-    Capsules are convex, so that one contains another if it contains both its ends.
+    Capsules are convex, so one contains another if it contains both ends of it.
     """
     if len(capsules) < 2:
         return capsules
@@ -140,12 +127,7 @@ def bounding_capsules(link: str, shape: Shape) -> list[Capsule]:
         return [
             _axial_capsule(link, shape, np.array([0.0, 0.0, shape.length_m / 2]), shape.radius_m)
         ]
-    return _cover_box(link, shape)
-
-
-def _cover_box(link: str, box: Box) -> list[Capsule]:
-    """Cover a box by parallel capsules through the middles of strips about as wide as thick."""
-    half = np.array(box.size_m) / 2
+    half = np.array(shape.size_m) / 2
     thin, middle, long = np.argsort(half)
     strips = max(1, math.ceil(half[middle] / max(half[thin], 1e-6) - 0.25))
     strips = min(strips, _MAX_STRIPS)
@@ -156,7 +138,7 @@ def _cover_box(link: str, box: Box) -> list[Capsule]:
         aside, ahead = np.zeros(3), np.zeros(3)
         aside[middle] = (2 * i + 1) * strip - half[middle]
         ahead[long] = half[long]
-        capsules.append(_axial_capsule(link, box, ahead, radius_m, aside))
+        capsules.append(_axial_capsule(link, shape, ahead, radius_m, aside))
     return capsules
 
 
@@ -170,7 +152,7 @@ def _axial_capsule(
     radius_m: float,
     aside_m: Vector | None = None,
 ) -> Capsule:
-    """Return the capsule from -half to +half in a shape's own axes, as link coordinates."""
+    """Return the capsule from -half to +half along a shape's own axes, in link coordinates."""
     R, centre = rotation_rpy(*shape.rpy_rad), np.array(shape.xyz_m)
     middle = centre if aside_m is None else centre + R @ aside_m
     return Capsule(link, middle - R @ half_m, middle + R @ half_m, radius_m)

@@ -19,7 +19,7 @@ from ikservo.model.servo_torque import GearFriction, find_servo_torque
 def identified_parameters(
     model: Model, chain: Chain, identified: IdentifiedArm
 ) -> ArmParameters | None:
-    """Return the identified parameters of an arm; those of the tables if not identified.
+    """Return the identified parameters of an arm, or those of the tables for unidentified joints.
 
     Args:
         model: The masses and servos.
@@ -44,13 +44,13 @@ def identified_parameters(
 
 
 def body_joints(model: Model, dynamics: Dynamics) -> list[str]:
-    """Return the joint that carries each body."""
+    """Return the name of the joint that carries each body."""
     carried = {joint.child: joint.name for joint in model.urdf.joints}
     return [carried[body] for body in dynamics.bodies]
 
 
 def with_mass_scales(dynamics: Dynamics, scales: Sequence[float]) -> Dynamics:
-    """Return an arm whose bodies' masses are scaled by one factor each (bodies,)."""
+    """Return the dynamics with the mass of each body scaled by its factor (bodies,)."""
     per_body = len(dynamics.parameters) // len(dynamics.bodies)
     return dynamics.with_parameters(dynamics.parameters * np.repeat(scales, per_body))
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from math import exp, inf, tau
 
@@ -10,17 +9,17 @@ from ikservo.kinematics import Chain
 from ikservo.kinematics.dynamics import Dynamics
 from ikservo.model.arm_model import Model, ModelJoint
 from ikservo.model.link_masses import link_masses
-from ikservo.model.servo_torque import GearFriction, ServoTorque, find_servo_torque
+from ikservo.model.servo_torque import GearFriction, find_servo_torque
 
-# Transmission of a goal, and its wait for the servo's next loop.
+# Time to send a goal, and until the servo's next loop reads it.
 _DELAY_S = 0.0025
 
 
 @dataclass(frozen=True, slots=True)
 class JointDrive:
-    """The servos of one joint together, in the joint's coordinate.
+    """All servos of a joint as one drive, in the joint's coordinate.
 
-    Radians and N m, metres and N for a prismatic joint. Each figure can be replaced by an
+    Units are rad and N m, or m and N for a prismatic joint. Each figure can be replaced by an
     identified one (`dataclasses.replace`).
 
     Attributes:
@@ -95,20 +94,18 @@ def nominal_parameters(model: Model, chain: Chain) -> ArmParameters | None:
 
 
 def joint_drive(joint: ModelJoint, supply_v: float | None) -> JointDrive | None:
-    """Compute the drive of a joint from the tables of its servos; None if one is not known."""
+    """Compute the drive of a joint from the tables of its servos; None if a servo is unknown."""
     servos = (joint.servo, *joint.shadows)
     torques = [find_servo_torque(servo.model, supply_v) for servo in servos]
     known = [torque for torque in torques if torque is not None]
-    return _sum_at_joint(known, joint.travel_per_turn / tau) if len(known) == len(servos) else None
-
-
-def _sum_at_joint(servos: Sequence[ServoTorque], per_horn_rad: float) -> JointDrive:
-    """Return servos of one kind that share a joint as one drive in its coordinate."""
-    force, gears = len(servos) / per_horn_rad, servos[0].friction
+    if len(known) < len(servos):
+        return None
+    per_horn_rad, first = joint.travel_per_turn / tau, known[0]  # all servos are of one kind
+    force, gears = len(known) / per_horn_rad, first.friction
     return JointDrive(
-        stiffness_nm_rad=sum(servo.stiffness_nm_rad for servo in servos) / per_horn_rad**2,
-        damping_nm_s=sum(servo.damping_nm_s for servo in servos) / per_horn_rad**2,
-        armature_kg_m2=sum(servo.armature_kg_m2 for servo in servos) / per_horn_rad**2,
+        stiffness_nm_rad=sum(each.stiffness_nm_rad for each in known) / per_horn_rad**2,
+        damping_nm_s=sum(each.damping_nm_s for each in known) / per_horn_rad**2,
+        armature_kg_m2=sum(each.armature_kg_m2 for each in known) / per_horn_rad**2,
         friction=GearFriction(
             gears.coulomb_nm * force,
             gears.slow_nm * force,
@@ -117,7 +114,7 @@ def _sum_at_joint(servos: Sequence[ServoTorque], per_horn_rad: float) -> JointDr
             gears.slow_load,
             gears.square_per_nm / force,
         ),
-        startup_nm=force * servos[0].startup_duty * servos[0].full_duty_nm,
+        startup_nm=force * first.startup_duty * first.full_duty_nm,
         delay_s=_DELAY_S,
-        sustained_nm=force * servos[0].sustained_nm,
+        sustained_nm=force * first.sustained_nm,
     )

@@ -24,7 +24,7 @@ class LoadLag:
     """Lag of a servo's horn behind its goal under the load of the arm.
 
     Attributes:
-        lifting_rad: Lag while it lifts the arm; with a margin, at most what it can press for long.
+        lifting_rad: Lag while it lifts the arm, with a margin; at most the lag that it can sustain.
         sag_rad: Lag while it holds the arm, from the weight alone, without friction.
     """
 
@@ -44,7 +44,7 @@ def load_lags(model: Model, chain: Chain, payload_kg: float = 0.0) -> dict[str, 
         payload_kg: The heaviest mass at the tip; each joint lifts the arm with and without it.
 
     Returns:
-        Lags by joint; joints with unknown servos are left out; empty for an arm without masses.
+        Lags by joint, without joints whose servos are unknown; empty for an arm without masses.
     """
     parameters = nominal_parameters(model, chain)
     if parameters is None:
@@ -53,22 +53,20 @@ def load_lags(model: Model, chain: Chain, payload_kg: float = 0.0) -> dict[str, 
     postures = spread_postures(chain)
     heaviest = np.max([np.abs(body.gravity_torques(postures)).max(axis=0) for body in bodies], 0)
     per_horn_rad = {joint.name: joint.travel_per_turn / tau for joint in model.joints}
-    return {
-        name: _load_lag(drive, float(load_nm), per_horn_rad[name])
-        for name, drive, load_nm in zip(chain.names, parameters.drives, heaviest, strict=True)
-        if drive is not None
-    }
+    lags: dict[str, LoadLag] = {}
+    for name, drive, load in zip(chain.names, parameters.drives, heaviest, strict=True):
+        if drive is not None:
+            load_nm = float(load)
+            lifting = _MARGIN * lifting_torque_nm(drive.friction, load_nm) / drive.stiffness_nm_rad
+            lifting = min(lifting, sustained_lag(drive))
+            sag = load_nm / drive.stiffness_nm_rad
+            lags[name] = LoadLag(lifting / per_horn_rad[name], sag / per_horn_rad[name])
+    return lags
 
 
 def sustained_lag(drive: JointDrive) -> float:
     """Compute the largest lag of a joint, rad or m, at which its servos may press for long."""
     return drive.sustained_nm / drive.stiffness_nm_rad
-
-
-def _load_lag(drive: JointDrive, load_nm: float, per_horn_rad: float) -> LoadLag:
-    lifting = _MARGIN * lifting_torque_nm(drive.friction, load_nm) / drive.stiffness_nm_rad
-    sag = load_nm / drive.stiffness_nm_rad
-    return LoadLag(min(lifting, sustained_lag(drive)) / per_horn_rad, sag / per_horn_rad)
 
 
 def can_lift(servo: ServoTorque, load_nm: float) -> bool:

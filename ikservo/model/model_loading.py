@@ -1,4 +1,4 @@
-"""``load_model``: arm file and geometry description become a model and its chain."""
+"""Load the model of an arm from its arm file and its URDF."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from ikservo.model.arm_model import (
     ModelServo,
     SpeedClass,
 )
-from ikservo.model.arm_schema import ArmFile, ArmGripper, ArmHealth, ArmJoint, ArmPose, ArmSpeed
+from ikservo.model.arm_schema import ArmFile, ArmGripper, ArmJoint, ArmPose
 from ikservo.model.base_placement import parse_frame, turn_base
 from ikservo.model.catalogue import find_arm
 from ikservo.model.urdf import read_urdf, read_urdf_text
@@ -47,38 +47,39 @@ def build_chain(urdf: Urdf, tip: str) -> Chain:
         UnknownNameError: The URDF has no such link.
         InputError: No joint moves it.
     """
-    return Chain.from_joints([_chain_joint(joint) for joint in urdf.joints], urdf.root, tip)
-
-
-def _chain_joint(joint: UrdfJoint) -> Joint:
-    follows = joint.mimic
-    return Joint(
-        name=joint.name,
-        kind=_KINDS[joint.kind],
-        parent=joint.parent,
-        child=joint.child,
-        origin=make_pose(joint.xyz_m, rotation_rpy(*joint.rpy_rad)),
-        axis=np.array(joint.axis),
-        lower=joint.lower,
-        upper=joint.upper,
-        mimic=follows and Mimic(follows.joint, follows.multiplier, follows.offset),
-    )
+    joints = [
+        Joint(
+            name=joint.name,
+            kind=_KINDS[joint.kind],
+            parent=joint.parent,
+            child=joint.child,
+            origin=make_pose(joint.xyz_m, rotation_rpy(*joint.rpy_rad)),
+            axis=np.array(joint.axis),
+            lower=joint.lower,
+            upper=joint.upper,
+            mimic=joint.mimic
+            and Mimic(joint.mimic.joint, joint.mimic.multiplier, joint.mimic.offset),
+        )
+        for joint in urdf.joints
+    ]
+    return Chain.from_joints(joints, urdf.root, tip)
 
 
 MAX_LINKS, MAX_MOVING_JOINTS = 200, 100
-"""Limits of a description: matrices grow with the joints squared, those of masses with the cube.
+"""Largest numbers of links and moving joints of a description.
 
-Pairs of links that are checked for collisions grow with the square of its links, and the joints
-between the links of a pair add to that.
+Jacobians grow with the square of the joints, and the matrices of the masses with the cube. The
+pairs of links that are checked for collisions grow with the square of the links; each pair takes
+longer if there are more joints between its links.
 """
 
 
 def read_description(path: Path, folder: Path | None = None) -> Urdf:
-    """Read a URDF of a bounded size; other descriptions are converted once by ``arms new``.
+    """Read a URDF of limited size; other descriptions must be converted once by ``arms new``.
 
     Args:
         path: The file.
-        folder: The folder of its meshes; its own if None.
+        folder: The folder of its meshes; None: the folder of the file.
 
     Raises:
         FileFormatError: The file cannot be used; the place and the cause are named.
@@ -91,7 +92,7 @@ def read_description(path: Path, folder: Path | None = None) -> Urdf:
 
 
 def check_size(path: Path, urdf: Urdf) -> None:
-    """Raise if a tree is larger than any arm.
+    """Refuse a tree that is larger than any arm.
 
     Raises:
         FileFormatError: The tree is too large.
@@ -126,19 +127,17 @@ def load_model(arm: str | Path, tip: str | None = None) -> Model:
     Args:
         arm: A name in the catalogue, or a path to an ``arm.toml``, to a folder with one, or to
             a ``.urdf``.
-        tip: The link that is the tool; required for a plain URDF, else the arm file's.
+        tip: The link of the tool; None: that of the arm file. Required for a plain URDF.
 
     Raises:
-        UnknownNameError: There is no arm of that name; the closest one is suggested.
+        UnknownNameError: There is no arm of that name; the closest name is suggested.
         FileFormatError: A file cannot be used; the place and the expected value are named.
     """
     if tip is not None:
         parse_name("The tip", tip)
     path = find_arm(arm)
-    return _load_arm_model(path, tip) if path.suffix == ".toml" else _load_urdf_model(path, tip)
-
-
-def _load_urdf_model(path: Path, tip: str | None) -> Model:
+    if path.suffix == ".toml":
+        return _load_arm_model(path, tip)
     urdf = read_description(path)
     if tip is None:
         links = ", ".join(link.name for link in urdf.links)
@@ -151,12 +150,7 @@ def _load_urdf_model(path: Path, tip: str | None) -> Model:
 
 def _load_arm_model(path: Path, tip: str | None) -> Model:
     arm = read_arm_file(path)
-    urdf = read_description(arm.urdf_path, path.parent)
-    _check_contact_shapes(arm.urdf_path, urdf)
-    urdf = _with_own_limits(urdf, arm.joints)
-    if arm.base is not None:
-        urdf = turn_base(urdf, parse_frame(arm.base))
-    _check_tip(path, arm, urdf)
+    urdf = _read_tree(path, arm)
     joints = tuple(_make_model_joint(path, arm, i, urdf) for i in range(len(arm.joints)))
     _check_poses(path, joints, arm)
     return Model(
@@ -167,8 +161,8 @@ def _load_arm_model(path: Path, tip: str | None) -> Model:
         joints=joints,
         poses={name: _pose_positions(pose) for name, pose in arm.poses.items()},
         speeds={
-            name: _make_speed_class(getattr(arm.speeds, name))
-            for name in ("slow", "normal", "fast")
+            name: SpeedClass(*map(math.radians, (speed.deg_s, speed.deg_s2, speed.deg_s3)))
+            for name, speed in arm.speeds
         },
         family=Family(arm.bus.family),
         baud_rate=arm.bus.baud,
@@ -178,7 +172,7 @@ def _load_arm_model(path: Path, tip: str | None) -> Model:
         keep_out=tuple(
             KeepOutBox(box.name, box.low_m, box.high_m) for box in arm.surroundings.keep_out
         ),
-        health=_make_health_limits(arm.health),
+        health=HealthLimits(**{name: each for name, each in arm.health if each is not None}),
         auto_unsafe="" if arm.calibration.auto else arm.calibration.reason or "no reason given",
         gripper=_make_gripper(path, arm.gripper, joints),
         base_frame=arm.base_frame or "",
@@ -186,11 +180,20 @@ def _load_arm_model(path: Path, tip: str | None) -> Model:
     )
 
 
-def _with_own_limits(urdf: Urdf, entries: Sequence[ArmJoint]) -> Urdf:
-    """Return a tree whose joints have the limits of the arm file, if it gives any."""
+def _read_tree(path: Path, arm: ArmFile) -> Urdf:
+    """Read the tree of an arm, with the limits and the placement of its base in the arm file.
+
+    The shapes for contact must be simple, so that the simulator can use them.
+    """
+    urdf = read_description(arm.urdf_path, path.parent)
+    for link in urdf.links:
+        if any(isinstance(shape, Mesh) for shape in link.collisions or link.visuals):
+            found = f"link {link.name} has meshes for contact"
+            expected = f"boxes, cylinders and spheres; convert it: {import_command(arm.urdf_path)}"
+            raise FileFormatError(arm.urdf_path, f"line {link.line}", found, expected)
     own = {
         entry.name: entry.limits_m or tuple(math.radians(each) for each in entry.limits_deg or ())
-        for entry in entries
+        for entry in arm.joints
     }
     joints = list[UrdfJoint]()
     for joint in urdf.joints:
@@ -201,22 +204,13 @@ def _with_own_limits(urdf: Urdf, entries: Sequence[ArmJoint]) -> Urdf:
             joints.append(replace(joint, kind=kind, lower=limits[0], upper=limits[1]))
         else:
             joints.append(joint)
-    return replace(urdf, joints=tuple(joints))
-
-
-def _check_contact_shapes(path: Path, urdf: Urdf) -> None:
-    """Check that an arm's shapes for contact are simple, so that the simulator can use them."""
-    for link in urdf.links:
-        if any(isinstance(shape, Mesh) for shape in link.collisions or link.visuals):
-            found = f"link {link.name} has meshes for contact"
-            expected = f"boxes, cylinders and spheres; convert it: {import_command(path)}"
-            raise FileFormatError(path, f"line {link.line}", found, expected)
-
-
-def _check_tip(path: Path, arm: ArmFile, urdf: Urdf) -> None:
+    urdf = replace(urdf, joints=tuple(joints))
+    if arm.base is not None:
+        urdf = turn_base(urdf, parse_frame(arm.base))
     links = [link.name for link in urdf.links]
     if arm.tip not in links:
         raise FileFormatError(path, "tip", f'is "{arm.tip}"', f"a link: {', '.join(links)}")
+    return urdf
 
 
 def _make_model_joint(path: Path, arm: ArmFile, index: int, urdf: Urdf) -> ModelJoint:
@@ -229,7 +223,16 @@ def _make_model_joint(path: Path, arm: ArmFile, index: int, urdf: Urdf) -> Model
     if table.family != arm.bus.family:
         found = f'is "{entry.servo.model}", a {table.family} servo'
         raise FileFormatError(path, f"{where}.servo.model", found, f"a {arm.bus.family} servo")
-    joint_map = _make_joint_map(entry, table.ticks_per_turn)
+    servo = entry.servo
+    place = (entry.name, servo.id, servo.sign, servo.zero_tick, table.ticks_per_turn)
+    if servo.crank:
+        zero_rad = math.radians(servo.crank.zero_deg)
+        crank = Crank(servo.crank.radius_m, servo.crank.rod_m, zero_rad)
+        joint_map = JointMap.cranked(*place, crank)
+    elif servo.m_per_turn is None:
+        joint_map = JointMap.revolute(*place, servo.gear)
+    else:
+        joint_map = JointMap.prismatic(*place, servo.m_per_turn)
     return ModelJoint(
         name=entry.name,
         role=entry.role,
@@ -237,7 +240,7 @@ def _make_model_joint(path: Path, arm: ArmFile, index: int, urdf: Urdf) -> Model
         joint_map=joint_map,
         travel_per_turn=joint_map.unit_per_horn_rad * math.tau,
         backlash=joint_map.unit_per_horn_rad * math.radians(entry.backlash_deg),
-        servo=ModelServo(entry.servo.id, entry.servo.model, entry.servo.eeprom),
+        servo=ModelServo(servo.id, servo.model, servo.eeprom),
         shadows=tuple(ModelServo(s.id, s.model, s.eeprom) for s in entry.shadows),
         zero_from=entry.zero_from,
     )
@@ -250,7 +253,7 @@ def _find_control_table(path: Path, where: str, model: str) -> type[ControlTable
 
 
 def _check_poses(path: Path, joints: Sequence[ModelJoint], arm: ArmFile) -> None:
-    """Check that every pose is inside the limits."""
+    """Check that each pose is inside the limits."""
     limits = {joint.name: joint.limits for joint in joints}
     for pose, table in arm.poses.items():
         for name, position in _pose_positions(table).items():
@@ -283,30 +286,8 @@ def _find_moving_joint(path: Path, where: str, entry: ArmJoint, urdf: Urdf) -> U
     return joint
 
 
-def _make_joint_map(entry: ArmJoint, ticks_per_turn: float) -> JointMap:
-    servo = entry.servo
-    place = (entry.name, servo.id, servo.sign, servo.zero_tick, ticks_per_turn)
-    if servo.crank:
-        crank = Crank(servo.crank.radius_m, servo.crank.rod_m, math.radians(servo.crank.zero_deg))
-        return JointMap.cranked(*place, crank)
-    if servo.m_per_turn is None:
-        return JointMap.revolute(*place, servo.gear)
-    return JointMap.prismatic(*place, servo.m_per_turn)
-
-
 def _pose_positions(pose: ArmPose) -> dict[str, float]:
     return {name: math.radians(value) for name, value in pose.deg.items()} | dict(pose.m)
-
-
-def _make_speed_class(speed: ArmSpeed) -> SpeedClass:
-    return SpeedClass(
-        math.radians(speed.deg_s), math.radians(speed.deg_s2), math.radians(speed.deg_s3)
-    )
-
-
-def _make_health_limits(health: ArmHealth) -> HealthLimits:
-    values = {name: value for name, value in health if value is not None}
-    return HealthLimits(**values)
 
 
 def _make_gripper(path: Path, gripper: ArmGripper, joints: Sequence[ModelJoint]) -> Gripper | None:

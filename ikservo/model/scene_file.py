@@ -104,10 +104,10 @@ class PlacedArm:
     """The place of another arm on the same table.
 
     Attributes:
-        name: Name for messages; on the page that of the open arm.
-        at_m: Origin of its base frame (3,) in that of the arm of the scene, metres.
-        rpy_deg: Roll, pitch and yaw (3,) of its base frame there, degrees.
-        arm: The arm, by its name in the catalogue or its file; ``name`` if empty.
+        name: Name for messages; on the page, the name of the open arm.
+        at_m: Origin (3,) of its base frame in the base frame of the scene's arm, metres.
+        rpy_deg: Roll, pitch and yaw (3,) of its base frame in that frame, degrees.
+        arm: The arm's name in the catalogue, or its file; empty: ``name``.
         port: The port of the arm; empty if it is not given.
     """
 
@@ -119,7 +119,7 @@ class PlacedArm:
 
 
 def capsule_shape(name: str, capsule: Capsule, margin_m: float) -> KeepOutShape:
-    """Return a capsule, grown by a margin, as a thing: a rounded line."""
+    """Return a capsule that is enlarged by a margin, as a thing."""
     along = capsule.end_m - capsule.start_m
     length_m = float(np.linalg.norm(along))
     R = rotation_z_to(along / length_m) if length_m > 0.0 else np.eye(3)
@@ -266,7 +266,7 @@ def make_shape(kind: str, name: str, sizes: dict[str, Any]) -> KeepOutShape:
 def describe_thing(thing: Obstacle) -> tuple[str, dict[str, Any]]:
     """Return the kind of a thing, and the values that it has in a scene file, margins included.
 
-    The inverse of ``make_shape``; a shape with round edges is described by a box around it.
+    This is the inverse of ``make_shape``. A shape with round edges is described by a box around it.
     """
     R, centre, half = thing.row[:9].reshape(3, 3), thing.row[9:12], thing.row[12:15]
     grown = half + thing.row[ROUNDING]
@@ -289,7 +289,7 @@ def turned_deg(R: Matrix) -> tuple[float, float, float]:
     from scipy.spatial.transform import Rotation  # noqa: PLC0415  # takes longer than a command
 
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # at a pitch of 90° only one angle of two is determined
+        warnings.simplefilter("ignore")  # at a pitch of 90°, roll and yaw are not unique
         roll, pitch, yaw = Rotation.from_matrix(R).as_euler("xyz", degrees=True).tolist()
     return roll, pitch, yaw
 
@@ -303,19 +303,12 @@ def scene_text(things: Sequence[Obstacle], arms: Sequence[PlacedArm] = ()) -> st
         tables.append((each.name, "arm", given))
     for name, kind, sizes in tables:
         lines += [f"[[{kind}]]", f"name = {json.dumps(name, ensure_ascii=False)}"]
-        lines += [
-            f"{key} = {json.dumps(_rounded(value), ensure_ascii=False)}"
-            for key, value in sizes.items()
-        ]
+        for key, value in sizes.items():
+            # Metres, degrees and directions are rounded to six decimals.
+            rounded = value if isinstance(value, str) else np.round(np.array(value), 6).tolist()
+            lines.append(f"{key} = {json.dumps(rounded, ensure_ascii=False)}")
         lines.append("")
     return "\n".join(lines)
-
-
-def _rounded(value: object) -> object:
-    """Round metres, degrees or a direction to six decimals."""
-    if isinstance(value, str):
-        return value
-    return np.round(np.array(value), 6).tolist()
 
 
 def with_scene(model: Model, path: Path | str) -> Model:
@@ -332,7 +325,7 @@ def with_scene(model: Model, path: Path | str) -> Model:
 
 
 def with_scene_and_arms(model: Model, path: Path | str) -> tuple[Model, tuple[PlacedArm, ...]]:
-    """Return a model as ``with_scene`` does, and the places of the file's other arms.
+    """Return a model with the things of a scene file, and the places of the file's other arms.
 
     Raises:
         FileFormatError: The file cannot be read or is malformed.
@@ -350,7 +343,7 @@ def _check_names(
     """Check that no two things or arms have the same name.
 
     Raises:
-        FileFormatError: Two have the same name, or one has the name of a part of the arm.
+        FileFormatError: Two of them share a name, or one has the name of a part of the arm.
     """
     known = set(taken)
     for each in things:

@@ -1,4 +1,4 @@
-"""Torque of the servos at their horns: stiffness, damping, friction, and torque at full duty."""
+"""Torque of servos at their horns: stiffness, damping, friction, and torque at full duty."""
 
 from __future__ import annotations
 
@@ -10,17 +10,17 @@ from types import MappingProxyType
 
 @dataclass(frozen=True, slots=True)
 class GearFriction:
-    """Dry friction of a servo's gears: grows with their load, and is greater at low speed.
+    """Dry friction of a servo's gears, which grows with their load and is greater at low speed.
 
     ``|tau| <= coulomb + load g + square g^2 + exp(-|w| / slow_rad_s) (slow + slow_load g)`` with
-    the load g of the gears, the difference of the motor's and the outer torque: model m4 of
+    the load g of the gears, the difference of the motor's and the outer torque. This is model m4 of
     Duclusaud, Passault et al., "Extended Friction Models for the Physics Simulation of Servo
-    Actuators" (2024), and a part that grows with the square of the load.
+    Actuators" (2024), plus a part that grows with the square of the load.
 
     Attributes:
         coulomb_nm: Friction of the unloaded gears.
         slow_nm: The additional friction of a slow shaft.
-        slow_rad_s: Velocity at which that has fallen to 37 %.
+        slow_rad_s: Velocity at which the additional friction has fallen to 37 %.
         load: Friction per N m of load.
         slow_load: Additional friction of a slow shaft per N m of load.
         square_per_nm: Friction per square of the load.
@@ -41,8 +41,8 @@ class GearFriction:
     def static_load_nm(self, held_nm: float) -> float:
         """Compute the load g of the gears at which a resting shaft starts: held + friction under g.
 
-        It is the smaller root of ``square g^2 - (1 - load - slow_load) g + held + dry = 0``; if
-        there is none, the load at which friction comes nearest to it.
+        It is the smaller root of ``square g^2 - (1 - load - slow_load) g + held + dry = 0``. If
+        there is no real root, the square root in its formula is taken as zero.
 
         Args:
             held_nm: Load without friction: zero on a limp shaft, twice the outer torque if the
@@ -60,17 +60,17 @@ class ServoTorque:
 
     Attributes:
         stiffness_nm_rad: Torque per rad between goal and horn, at ``p_gain``.
-        p_gain: Register value of the P gain while an arm moves: the default, or as raised by
-            `control.servo_gains`.
+        p_gain: Register value of the P gain while an arm moves: the default, or the value to which
+            `control.servo_gains` raises it.
         full_duty_nm: Torque of the blocked motor at full duty, before friction.
         damping_nm_s: Torque of back-EMF and viscous friction per rad/s.
         armature_kg_m2: Inertia of rotor and gears.
         friction: The friction of the gears.
-        startup_duty: Duty that the firmware adds in the direction of an error, minus that of its
-            dead zone at ``p_gain``.
+        startup_duty: Duty that the firmware adds in the direction of an error, minus the duty of
+            its dead zone at ``p_gain``.
         sustained_duty: Duty at which a blocked servo may press for long, with a margin to its own
-            protection: 80 % by Feetech's registers; Dynamixel publishes none, and the simulator
-            uses 90 %.
+            protection, which acts at 80 % by Feetech's registers. Dynamixel publishes no value;
+            the simulator uses 90 %.
     """
 
     stiffness_nm_rad: float
@@ -84,7 +84,7 @@ class ServoTorque:
 
     @property
     def sustained_nm(self) -> float:
-        """Torque from an error at which a blocked servo may press for long."""
+        """Torque from an error that a blocked servo may keep for long."""
         return (self.sustained_duty - self.startup_duty) * self.full_duty_nm
 
     def full_current_a(self, nominal_v: float) -> float:
@@ -98,7 +98,7 @@ class ServoTorque:
 
     @property
     def friction_rad(self) -> float:
-        """Distance from its goal at which friction keeps a horn without load, rad."""
+        """Distance from the goal at which friction holds an unloaded horn, rad."""
         return self.static_friction_nm / self.stiffness_nm_rad
 
     @property
@@ -107,8 +107,7 @@ class ServoTorque:
         return self.static_friction_nm / self.full_duty_nm
 
 
-# Friction: coulomb and slow [N m], slow below [rad/s], per N m of load, the same for a slow shaft,
-# per square of the load.
+# Friction: coulomb and slow [N m], slow_rad_s, load, slow_load, square_per_nm.
 _STS3215 = GearFriction(0.0450, 0.0200, 0.218, 0.042, 0.027)
 _STS3215_12_V = GearFriction(0.1282, 0.0488, 0.135, 0.093, 0.097, 0.0187)
 _STS3250 = GearFriction(0.0445, 0.0239, 0.082, 0.068, 0.088, 0.0278)
@@ -127,7 +126,7 @@ _MX_28 = GearFriction(0.0256, 0.00996, 1.25, 0.0, 0.234)
 # STS3250 and XL330-M288 are fitted to logs of pendulums; others are scaled from those or from
 # published fits, see docs/servosim-truth.md. The STS3215 is sold for 7.4 V and for 12 V. HLS3606M
 # and SCS225 have no entry: neither the meaning of a P gain with a current loop nor the speed of the
-# SCS225 is published. They get no feed-forward and no predicted sag.
+# SCS225 is published. These get no feed-forward and no predicted sag.
 # fmt: off
 SERVO_TORQUES: Mapping[tuple[str, float | None], ServoTorque] = MappingProxyType(
     {   #                            N m/rad     P   N m    N m s    kg m²
@@ -190,8 +189,8 @@ def find_servo_torque(model: str, supply_v: float | None) -> ServoTorque | None:
 
     Args:
         model: The model of the servo.
-        supply_v: The supply in the arm file; None, or a supply without its own figures, means the
-            usual one.
+        supply_v: The supply voltage in the arm file. If it is None or has no figures of its own,
+            the usual voltage is meant.
     """
     return SERVO_TORQUES.get((model, supply_v)) or SERVO_TORQUES.get((model, None))
 
@@ -208,7 +207,7 @@ def nominal_supply_v(model: str, supply_v: float | None) -> float:
 
     Args:
         model: The model of the servo.
-        supply_v: The supply in the arm file, or None.
+        supply_v: The supply voltage in the arm file, or None.
     """
     if supply_v is not None and (model, supply_v) in SERVO_TORQUES:
         return supply_v

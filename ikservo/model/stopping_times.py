@@ -1,4 +1,4 @@
-"""Distance that joints continue after the last goal, divided by their speed, in seconds.
+"""Compute the distance that joints continue after the last goal, divided by their speed.
 
 The goal of a moving joint leads it, because a position servo gives torque only while its joint
 lags. When the program dies the joint still moves to its last goal, and swings past it if it has
@@ -18,7 +18,7 @@ from math import acos, exp, pi, sqrt
 import numpy as np
 
 from ikservo.kinematics import Chain
-from ikservo.model.arm_model import Model, ModelJoint
+from ikservo.model.arm_model import Model
 from ikservo.model.joint_drive import JointDrive, joint_drive, nominal_parameters
 from ikservo.model.load_lag import spread_postures
 from ikservo.model.servo_torque import GRIPPER_P_GAINS, find_servo_torque
@@ -29,42 +29,32 @@ _MARGIN = 1.15
 
 
 def stopping_times_s(model: Model, chain: Chain) -> dict[str, float]:
-    """Return for each joint the travel after its last goal, divided by its speed, in any posture.
+    """Return the travel of each joint after its last goal, divided by its speed, in any posture.
 
     Args:
         model: The masses and servos.
         chain: The joints, base to tip.
 
     Returns:
-        Seconds by joint, without joints whose servos' motors are unknown.
+        Seconds by joint, without joints whose servos are unknown.
     """
-    inertia = _greatest_inertia(model, chain)
-    drives = {joint.name: _drive_in_use(joint, model.supply_v) for joint in model.joints}
-    return {
-        name: _MARGIN * _stopping_time_s(drive, drive.armature_kg_m2 + inertia.get(name, 0.0))
-        for name, drive in drives.items()
-        if drive is not None
-    }
-
-
-def _drive_in_use(joint: ModelJoint, supply_v: float | None) -> JointDrive | None:
-    """Compute the drive of a joint at its P gain in an arm, or in its gripper."""
-    drive, model = joint_drive(joint, supply_v), joint.servo.model
-    torque = find_servo_torque(model, supply_v)
-    if drive is None or torque is None or joint.role != "gripper":
-        return drive
-    return drive.with_gain(GRIPPER_P_GAINS.get(model, torque.p_gain) / torque.p_gain)
-
-
-def _greatest_inertia(model: Model, chain: Chain) -> dict[str, float]:
-    """Compute the largest inertia that each joint moves with the payload, in any posture."""
+    greatest: dict[str, float] = {}  # inertia that a joint moves with the payload, any posture
     parameters = nominal_parameters(model, chain)
-    if parameters is None:
-        return {}
-    loaded = parameters.dynamics.with_payload(model.payload_kg)
-    matrices = loaded.inertia_matrix(spread_postures(chain))
-    greatest = np.diagonal(matrices, axis1=1, axis2=2).max(axis=0)
-    return dict(zip(chain.names, greatest.tolist(), strict=True))
+    if parameters is not None:
+        loaded = parameters.dynamics.with_payload(model.payload_kg)
+        matrices = loaded.inertia_matrix(spread_postures(chain))
+        most = np.diagonal(matrices, axis1=1, axis2=2).max(axis=0)
+        greatest = dict(zip(chain.names, most.tolist(), strict=True))
+    times_s: dict[str, float] = {}
+    for joint in model.joints:
+        drive, servo = joint_drive(joint, model.supply_v), joint.servo.model
+        torque = find_servo_torque(servo, model.supply_v)
+        if drive is not None and torque is not None and joint.role == "gripper":
+            drive = drive.with_gain(GRIPPER_P_GAINS.get(servo, torque.p_gain) / torque.p_gain)
+        if drive is not None:
+            inertia_kg_m2 = drive.armature_kg_m2 + greatest.get(joint.name, 0.0)
+            times_s[joint.name] = _MARGIN * _stopping_time_s(drive, inertia_kg_m2)
+    return times_s
 
 
 def _stopping_time_s(drive: JointDrive, inertia_kg_m2: float) -> float:

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ikservo.kinematics import Chain
 from ikservo.kinematics.arrays import Matrix, Vector, freeze_arrays
 from ikservo.model.arm_model import Model, ModelJoint
 
@@ -21,8 +20,8 @@ class ToolFrame:
     """The axes of a tool, in the coordinates of its tip.
 
     Attributes:
-        approach_axis: The tool axis (3,): from the wrist through the fingertips.
-        left: The axis (3,) that is horizontal, to the left, if the tool is not rolled.
+        approach_axis: The tool axis (3,), from the wrist through the fingertips.
+        left: The axis (3,) that points horizontally to the left if the tool is not rolled.
     """
 
     approach_axis: Vector
@@ -75,14 +74,21 @@ def direction_from_angles(heading_rad: float, pitch_rad: float) -> Vector:
 def tool_frame(model: Model) -> ToolFrame:
     """Return the axes of an arm's tool, computed from its geometry.
 
-    The tool axis is the axis of the tip's frame nearest to the vector from the last joint that
-    moves the tip to the tip; left is the other axis that is horizontal in the pose home.
+    The tool axis is the axis of the tip's frame that is nearest to the lever: the vector to the tip
+    from the last joint that moves it. Left is the other axis that is horizontal in the pose home.
     """
     chain = model.chain
     q = model.chain_pose("home") if "home" in model.poses else chain.mid_range()
     R = chain.forward(q)[:3, :3]
-    outward = R.T @ _lever_to_tip(chain, q)
-    ahead = _nearest_axis(outward)
+    J = chain.jacobian(q)
+    swinging = np.flatnonzero(np.linalg.norm(J[:3], axis=0) > _SWINGS_M_PER_RAD)
+    last = int(swinging[-1]) if len(swinging) else chain.dof - 1
+    axis, speed = J[3:, last], J[:3, last]
+    # The tip's speed about an axis is axis x lever, so speed x axis is the lever across the axis.
+    lever: Vector = np.cross(speed, axis)
+    outward = R.T @ (lever if float(np.linalg.norm(lever)) > 0.0 else speed)
+    ahead, strongest = np.zeros(3), int(np.argmax(np.abs(outward)))
+    ahead[strongest] = math.copysign(1.0, float(outward[strongest]))
     others = [axis for axis in np.eye(3) if abs(float(axis @ ahead)) < 0.5]
     left = min(others, key=lambda axis: abs(float((R @ axis)[2])))
     upside_down = float((R @ np.cross(ahead, left))[2]) < 0.0
@@ -92,24 +98,6 @@ def tool_frame(model: Model) -> ToolFrame:
 def _level_left(heading_rad: float) -> Vector:
     """Compute the horizontal direction (3,) to the left of a heading."""
     return np.array([-math.sin(heading_rad), math.cos(heading_rad), 0.0])
-
-
-def _lever_to_tip(chain: Chain, q: Vector) -> Vector:
-    """Compute the vector (3,) from the last joint that moves the tip to the tip, world axes."""
-    J = chain.jacobian(q)
-    swinging = np.flatnonzero(np.linalg.norm(J[:3], axis=0) > _SWINGS_M_PER_RAD)
-    last = int(swinging[-1]) if len(swinging) else chain.dof - 1
-    axis, speed = J[3:, last], J[:3, last]
-    # The tip's speed about an axis is axis x arm, so speed x axis is the arm across the axis.
-    arm: Vector = np.cross(speed, axis)
-    return arm if float(np.linalg.norm(arm)) > 0.0 else speed
-
-
-def _nearest_axis(v: Vector) -> Vector:
-    axis = np.zeros(3)
-    strongest = int(np.argmax(np.abs(v)))
-    axis[strongest] = math.copysign(1.0, float(v[strongest]))
-    return axis
 
 
 # A joint that moves the tip by less than this per radian rolls the tool.

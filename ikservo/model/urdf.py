@@ -1,11 +1,11 @@
-"""Read a URDF: links, joints, tree, mesh paths, common mistakes."""
+"""Read a URDF: its links, joints and mesh paths; check the tree, and warn of common mistakes."""
 
 from __future__ import annotations
 
 import contextlib
 import difflib
 import math
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -44,34 +44,36 @@ class _LimitTag(NamedTuple):
 
 
 def parse_joint(element: XmlElement) -> UrdfJoint:
-    """Parse one joint; whether its links and mimicked joint exist is checked with the tree."""
-    name, kind = element.name(), _read_kind(element)
+    """Parse one joint; `find_root` checks later that its links and the mimicked joint exist."""
+    name, text = element.name(), element.text("type")
+    kinds = {kind.value: kind for kind in UrdfJointType}
+    if text not in kinds:
+        found = f"joint {quote(name)} is of type {quote(text)}"
+        raise element.error(found, f"one of {', '.join(kinds)}")
+    kind = kinds[text]
     xyz_m, rpy_rad = parse_origin(element)
     limits = _read_limits(element, kind, name)
+    parent, child = (element.required(role).name("link") for role in ("parent", "child"))
+    axis = _read_axis(element, kind)
+    mimic, follows = element.optional("mimic"), None
+    if mimic is not None:
+        leader, multiplier = mimic.name("joint"), mimic.number("multiplier", 1.0)
+        follows = UrdfMimic(leader, multiplier, mimic.number("offset", 0.0))
     return UrdfJoint(
         name=name,
         kind=kind,
-        parent=element.required("parent").name("link"),
-        child=element.required("child").name("link"),
+        parent=parent,
+        child=child,
         xyz_m=xyz_m,
         rpy_rad=rpy_rad,
-        axis=_read_axis(element, kind),
+        axis=axis,
         lower=limits.lower,
         upper=limits.upper,
         effort=limits.effort,
         velocity=limits.velocity,
-        mimic=_read_mimic(element),
+        mimic=follows,
         line=element.line,
     )
-
-
-def _read_kind(element: XmlElement) -> UrdfJointType:
-    kinds = {kind.value: kind for kind in UrdfJointType}
-    text = element.text("type")
-    if text not in kinds:
-        found = f"joint {quote(element.name())} is of type {quote(text)}"
-        raise element.error(found, f"one of {', '.join(kinds)}")
-    return kinds[text]
 
 
 def _read_axis(element: XmlElement, kind: UrdfJointType) -> Triple:
@@ -121,46 +123,53 @@ def _parse_strength(limit: XmlElement, attribute: str) -> float:
     return value
 
 
-def _read_mimic(element: XmlElement) -> UrdfMimic | None:
-    mimic = element.optional("mimic")
-    if mimic is None:
-        return None
-    return UrdfMimic(
-        joint=mimic.name("joint"),
-        multiplier=mimic.number("multiplier", 1.0),
-        offset=mimic.number("offset", 0.0),
-    )
-
-
 _SHAPES = ("box", "cylinder", "sphere", "mesh")
 _NO_INERTIA = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
 FindMesh = Callable[[str], Path | None]
-"""Returns the file of a mesh's name; None if it cannot be used."""
+"""Function that returns the file of a mesh's name, or None if it cannot be used."""
 
 
 def parse_link(
     element: XmlElement, find_mesh: FindMesh, materials: Mapping[str, Triple] | None = None
 ) -> UrdfLink:
-    """Parse one link; its meshes are files, its materials may have colours."""
+    """Parse one link.
+
+    Args:
+        element: The ``<link>``.
+        find_mesh: Finds the files of its meshes.
+        materials: Colours of the robot's materials, by name.
+    """
     name = element.name()
     collisions = tuple(_read_shape(each, find_mesh) for each in element.child_elements("collision"))
     drawn = element.child_elements("visual")
     visuals = tuple(_read_shape(each, find_mesh) for each in drawn)
     colours = tuple(_find_colour(each, materials or {}) for each in drawn)
+    com_m = rpy_rad = (0.0, 0.0, 0.0)
+    mass_kg, inertia = 0.0, _NO_INERTIA
     inertial = element.optional("inertial")
-    zero = (0.0, 0.0, 0.0)
-    com_m, rpy_rad = (zero, zero) if inertial is None else parse_origin(inertial)
-    mass_kg = 0.0 if inertial is None else _read_mass(inertial)
-    inertia = _NO_INERTIA if inertial is None else _read_inertia(inertial)
+    if inertial is not None:
+        com_m, rpy_rad = parse_origin(inertial)
+        mass = inertial.required("mass")
+        mass_kg = mass.number("value")
+        if mass_kg < 0:
+            raise mass.error(f"a mass of {mass_kg:g} kg", "zero or more")
+        moments = inertial.optional("inertia")
+        if moments is not None:
+            ixx, ixy, ixz = (moments.number(key, 0.0) for key in ("ixx", "ixy", "ixz"))
+            iyy, iyz, izz = (moments.number(key, 0.0) for key in ("iyy", "iyz", "izz"))
+            inertia = ixx, ixy, ixz, iyy, iyz, izz
+            if min(ixx, iyy, izz) < 0:
+                found = f"an inertia of {min(ixx, iyy, izz):g} kg m²"
+                raise moments.error(found, "ixx, iyy and izz of zero or more")
     return UrdfLink(
         name, mass_kg, com_m, rpy_rad, inertia, collisions, visuals, element.line, colours
     )
 
 
 def _find_colour(visual: XmlElement, materials: Mapping[str, Triple]) -> Triple | None:
-    """Find the colour of a visual shape: of its own material, or of the named material."""
+    """Find the colour of a visual shape: that of its own material, or of the material it names."""
     for material in visual.child_elements("material"):
         named = materials.get(material.attributes.get("name", ""))
         return named if (own := _read_colour(material)) is None else own
@@ -168,40 +177,13 @@ def _find_colour(visual: XmlElement, materials: Mapping[str, Triple]) -> Triple 
 
 
 def _read_colour(material: XmlElement) -> Triple | None:
-    """Read red, green and blue; None if not usable, because nothing depends on a colour."""
+    """Read red, green and blue; return None if the text is not usable: a colour is not needed."""
     for colour in material.child_elements("color"):
         parts = colour.attributes.get("rgba", "").split()
         with contextlib.suppress(ValueError):
             r, g, b, _ = (min(max(float(part), 0.0), 1.0) for part in parts)
             return (r, g, b) if math.isfinite(r + g + b) else None
     return None
-
-
-def _find_materials(root: XmlElement) -> dict[str, Triple]:
-    """Find the colours of the robot's materials, by name."""
-    materials = root.child_elements("material")
-    found = {each.attributes.get("name", ""): _read_colour(each) for each in materials}
-    return {name: colour for name, colour in found.items() if colour is not None}
-
-
-def _read_mass(inertial: XmlElement) -> float:
-    mass = inertial.required("mass")
-    mass_kg = mass.number("value")
-    if mass_kg < 0:
-        raise mass.error(f"a mass of {mass_kg:g} kg", "zero or more")
-    return mass_kg
-
-
-def _read_inertia(inertial: XmlElement) -> tuple[float, float, float, float, float, float]:
-    inertia = inertial.optional("inertia")
-    if inertia is None:
-        return _NO_INERTIA
-    ixx, ixy, ixz = (inertia.number(key, 0.0) for key in ("ixx", "ixy", "ixz"))
-    iyy, iyz, izz = (inertia.number(key, 0.0) for key in ("iyy", "iyz", "izz"))
-    if min(ixx, iyy, izz) < 0:
-        found = f"an inertia of {min(ixx, iyy, izz):g} kg m²"
-        raise inertia.error(found, "ixx, iyy and izz of zero or more")
-    return ixx, ixy, ixz, iyy, iyz, izz
 
 
 def _read_shape(element: XmlElement, find_mesh: FindMesh) -> Shape:
@@ -243,7 +225,7 @@ _Part = UrdfLink | UrdfJoint
 
 
 def find_root(path: Path, links: Sequence[UrdfLink], joints: Sequence[UrdfJoint]) -> str:
-    """Find the name of the one link that is not a joint's child.
+    """Find the name of the only link that is not the child of a joint.
 
     Raises:
         FileFormatError: Names occur twice, links are missing, or the links are not one tree.
@@ -259,9 +241,20 @@ def find_root(path: Path, links: Sequence[UrdfLink], joints: Sequence[UrdfJoint]
             followed = quote(joint.mimic.joint)
             found = f"joint {quote(joint.name)} mimics {followed}, which cannot be mimicked"
             raise _tree_error(path, joint, found, "a joint that moves and mimics no other")
-    carriers = _parent_joints(path, joints)
+    carriers: dict[str, UrdfJoint] = {}
+    for joint in joints:
+        other = carriers.setdefault(joint.child, joint)
+        if other is not joint:
+            found = f"joint {quote(joint.name)} has the child {quote(joint.child)}"
+            already = f"which is already the child of {quote(other.name)} in line {other.line}"
+            raise _tree_error(path, joint, f"{found}, {already}", "one parent for each link")
     _check_acyclic(path, carriers)
-    return _require_single_root(path, [link for link in links if link.name not in carriers])
+    roots = [link for link in links if link.name not in carriers]
+    if len(roots) > 1:
+        both = f"neither link {quote(roots[0].name)} nor {quote(roots[1].name)}"
+        found = f"{both} is the child of a joint"
+        raise _tree_error(path, roots[1], found, "exactly one root link")
+    return roots[0].name
 
 
 def _tree_error(path: Path, part: _Part, found: str, expected: str) -> FileFormatError:
@@ -284,18 +277,11 @@ def _check_link_names(path: Path, names: Collection[str], joints: Sequence[UrdfJ
                 found = (
                     f"joint {quote(joint.name)} has the {role} {quote(link)}, which is not a link"
                 )
-                raise _tree_error(path, joint, found, _format_choices(link, names))
-
-
-def _parent_joints(path: Path, joints: Sequence[UrdfJoint]) -> Mapping[str, UrdfJoint]:
-    carriers: dict[str, UrdfJoint] = {}
-    for joint in joints:
-        other = carriers.setdefault(joint.child, joint)
-        if other is not joint:
-            found = f"joint {quote(joint.name)} has the child {quote(joint.child)}"
-            already = f"which is already the child of {quote(other.name)} in line {other.line}"
-            raise _tree_error(path, joint, f"{found}, {already}", "one parent for each link")
-    return carriers
+                close = difflib.get_close_matches(link, names, n=1)
+                expected = "the name of a <link>"
+                if close:
+                    expected += f", perhaps {quote(close[0])}"
+                raise _tree_error(path, joint, found, expected)
 
 
 def _check_acyclic(path: Path, carriers: Mapping[str, UrdfJoint]) -> None:
@@ -312,19 +298,6 @@ def _check_acyclic(path: Path, carriers: Mapping[str, UrdfJoint]) -> None:
         grounded.update(trail)
 
 
-def _require_single_root(path: Path, roots: Sequence[UrdfLink]) -> str:
-    if len(roots) > 1:
-        both = f"neither link {quote(roots[0].name)} nor {quote(roots[1].name)}"
-        found = f"{both} is the child of a joint"
-        raise _tree_error(path, roots[1], found, "exactly one root link")
-    return roots[0].name
-
-
-def _format_choices(name: str, names: Collection[str]) -> str:
-    close = difflib.get_close_matches(name, names, n=1)
-    return f"the name of a <link>, perhaps {quote(close[0])}" if close else "the name of a <link>"
-
-
 # A little more than a revolution, because some arms round 2*pi up.
 _FULL_TURN_RAD = 2 * math.pi + 1e-3
 
@@ -333,53 +306,47 @@ def lint_urdf(
     root: XmlElement, links: Sequence[UrdfLink], joints: Sequence[UrdfJoint]
 ) -> tuple[str, ...]:
     """Return one line for each thing that is allowed but probably a mistake."""
-    return (*_find_degree_limits(joints), *_find_ignored_limits(root), *_find_outside_meshes(links))
-
-
-def _find_degree_limits(joints: Sequence[UrdfJoint]) -> Iterator[str]:
+    found: list[str] = []
     for joint in joints:
         place = f"line {joint.line}: joint {quote(joint.name)}"
         for side, value in (("lower", joint.lower), ("upper", joint.upper)):
             if joint.kind is UrdfJointType.REVOLUTE and abs(value) > _FULL_TURN_RAD:
                 hint = _in_degrees_hint(value)
-                yield f"{place} has {side} {value:g} rad, more than a turn; {hint}"
+                found.append(f"{place} has {side} {value:g} rad, more than a turn; {hint}")
         for value in joint.rpy_rad:
             if abs(value) > _FULL_TURN_RAD:
-                yield f"{place} has {value:g} rad in its rpy; {_in_degrees_hint(value)}"
+                found.append(f"{place} has {value:g} rad in its rpy; {_in_degrees_hint(value)}")
+
+    for element in root.child_elements("joint"):
+        limit = element.optional("limit")
+        continuous = element.text("type") == UrdfJointType.CONTINUOUS.value
+        if continuous and limit and {"lower", "upper"} & limit.attributes.keys():
+            place = f"line {limit.line}: joint {quote(element.name())}"
+            keep = 'type="revolute" keeps them'
+            found.append(f"{place} is continuous and ignores its limits; {keep}")
+    shapes = [shape for link in links for shape in (*link.collisions, *link.visuals)]
+    outside = [shape for shape in shapes if isinstance(shape, Mesh) and shape.path is None]
+    if outside:
+        first = f"{len(outside)}, first {quote(outside[0].filename)}"
+        found.append(f"meshes outside the model's folder cannot be used: {first}")
+    return tuple(found)
 
 
 def _in_degrees_hint(value: float) -> str:
     return f"if these are degrees, write {math.radians(value):.6g}"
 
 
-def _find_ignored_limits(root: XmlElement) -> Iterator[str]:
-    for joint in root.child_elements("joint"):
-        limit = joint.optional("limit")
-        continuous = joint.text("type") == UrdfJointType.CONTINUOUS.value
-        if continuous and limit and {"lower", "upper"} & limit.attributes.keys():
-            place = f"line {limit.line}: joint {quote(joint.name())}"
-            yield f'{place} is continuous and ignores its limits; type="revolute" keeps them'
-
-
-def _find_outside_meshes(links: Sequence[UrdfLink]) -> Iterator[str]:
-    shapes = [shape for link in links for shape in (*link.collisions, *link.visuals)]
-    outside = [shape for shape in shapes if isinstance(shape, Mesh) and shape.path is None]
-    if outside:
-        first = quote(outside[0].filename)
-        yield f"meshes outside the model's folder cannot be used: {len(outside)}, first {first}"
-
-
-_XACRO = "xacro}"  # end of its namespace; files spell the rest differently
+_XACRO = "xacro}"  # end of the namespace; files spell its beginning differently
 
 
 def read_urdf(path: Path | str, folder: Path | None = None) -> Urdf:
     """Read the links, joints and simple shapes of a URDF; anything else in it is ignored.
 
-    Nothing but the file itself is opened: no meshes, no includes, no document types.
+    Only the file itself is opened: no meshes, no includes, no document types.
 
     Args:
         path: The file.
-        folder: The folder of its meshes; its own if None.
+        folder: The folder of its meshes; None: the folder of the file.
 
     Source: the URDF XML specification, http://wiki.ros.org/urdf/XML
 
@@ -399,14 +366,18 @@ def read_urdf(path: Path | str, folder: Path | None = None) -> Urdf:
 
 
 def urdf_from_xml(root: XmlElement, find_mesh: FindMesh) -> Urdf:
-    """Read the parts of a URDF from its outermost element.
+    """Read a URDF from its outermost element.
 
     Raises:
         FileFormatError: The element is not a usable URDF; ``where`` is the line.
     """
     if root.tag != "robot":
         raise root.error(f"the outermost element is <{root.tag}>", "<robot>, as in a URDF")
-    materials = _find_materials(root)
+    colours = {
+        each.attributes.get("name", ""): _read_colour(each)
+        for each in root.child_elements("material")
+    }
+    materials = {name: colour for name, colour in colours.items() if colour is not None}
     links = tuple(parse_link(each, find_mesh, materials) for each in root.child_elements("link"))
     joints = tuple(parse_joint(each) for each in root.child_elements("joint"))
     base = find_root(root.path, links, joints)

@@ -44,18 +44,18 @@ class UrdfJoint:
     """One ``<joint>``: the place of the child frame in the parent frame, and its motion there.
 
     Attributes:
-        name: Unique in the file.
+        name: Name, unique in the file.
         kind: The kind of motion.
         parent: Name of its parent link.
         child: Name of its child link.
         xyz_m: Origin of the child frame in the parent frame.
         rpy_rad: Orientation of the child frame, fixed axes: ``Rz(yaw) @ Ry(pitch) @ Rx(roll)``.
         axis: Unit vector in the child frame; (1, 0, 0), without meaning, on a fixed joint.
-        lower: Radians or metres; -inf when continuous, 0 when fixed.
-        upper: Radians or metres; +inf when continuous, 0 when fixed.
-        effort: N·m or N; +inf if the file gives none, or a negative one.
-        velocity: rad/s or m/s; +inf if the file gives none, or a negative one.
-        mimic: The joint it follows, if any.
+        lower: Lower limit, rad or m; -inf if continuous, 0 if fixed.
+        upper: Upper limit, rad or m; +inf if continuous, 0 if fixed.
+        effort: Largest torque or force, N m or N; +inf if the file gives none.
+        velocity: Largest speed, rad/s or m/s; +inf if the file gives none.
+        mimic: The joint that it follows; None if it follows no joint.
         line: The line at which the element starts in the file, from 1.
     """
 
@@ -138,7 +138,7 @@ class UrdfLink:
     """One ``<link>``: a rigid body with its mass and shapes, all in the link frame.
 
     Attributes:
-        name: Unique in the file.
+        name: Name, unique in the file.
         mass_kg: Mass; 0 if the file gives no ``<inertial>``.
         com_m: Centre of mass, which is also the origin of the inertia frame.
         inertia_rpy_rad: Orientation of the inertia frame, as in `UrdfJoint.rpy_rad`.
@@ -167,9 +167,9 @@ class Urdf:
 
     Attributes:
         name: The robot's name; empty if the file gives none.
-        links: In file order.
-        joints: In file order, which need not be the order of the tree.
-        root: Name of the one link that is not a joint's child.
+        links: The links, in file order.
+        joints: The joints, in file order, which need not be the order of the tree.
+        root: Name of the only link that is not the child of a joint.
         warnings: Things that are allowed but probably a mistake, one line each.
     """
 

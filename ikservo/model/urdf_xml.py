@@ -1,4 +1,4 @@
-"""The XML of a URDF, read safely: elements with line numbers, origins."""
+"""Read the XML of a URDF safely, with the line numbers of its elements."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ LARGEST_NUMBER = 1e6
 
 @dataclass(slots=True)
 class XmlElement:
-    """One XML element; its errors name the file and its line, ``text_chars`` is its text's size."""
+    """One XML element, whose errors name its file and line; ``text_chars`` is its text's length."""
 
     path: Path
     tag: str
@@ -110,7 +110,7 @@ class XmlElement:
 
 
 MAX_DEPTH = 64
-MAX_ELEMENTS = 50_000  # a large humanoid has a few thousand; keeps a hostile 4 MB under a second
+MAX_ELEMENTS = 50_000  # a large humanoid has a few thousand; 4 MB must not take over a second
 
 _PLAIN = "plain XML without <!DOCTYPE> and <!ENTITY>"
 
@@ -119,8 +119,8 @@ def parse_xml(path: Path, text: str) -> XmlElement:
     """Parse the outermost element of an XML text.
 
     Args:
-        path: The origin of the text, for the messages; nothing is read from there.
-        text: The whole document. A declared encoding is ignored, because it is already text.
+        path: The origin of the text, for messages; it is not read here.
+        text: The whole document. The encoding that it declares is ignored.
 
     Raises:
         FileFormatError: The text is not plain, well-formed XML; the line is named.
@@ -141,7 +141,7 @@ def parse_xml(path: Path, text: str) -> XmlElement:
 
 
 class _ElementBuilder:
-    """Called by the parser; builds elements and limits depth and size."""
+    """Builds elements for the parser, which calls it; limits their depth and number."""
 
     def __init__(self, path: Path) -> None:
         self.path = path

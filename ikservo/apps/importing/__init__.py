@@ -1,4 +1,4 @@
-"""Import of foreign descriptions: `ikservo arms new` converts them, `model` reads the result."""
+"""Import of foreign descriptions by `ikservo arms new`; the package `model` reads the result."""
 
 from ikservo.app import App, Command
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Annotated, TypeVar
 
@@ -126,9 +126,12 @@ def command(  # one parameter per option
     """
     of_descriptions: dict[str, object] = {"--file": file, "--package": package}
     of_descriptions |= {"--xacro-arg": xacro_arg, "--allow-xacro": allow_xacro}
-    if joint:
-        _refuse_given(of_descriptions, "--joint", "ikservo arms new NAME --from FILE")
-
+    ignored = [option for option, value in of_descriptions.items() if value and joint]
+    if ignored:
+        raise InputError(
+            f"{', '.join(ignored)} cannot be given with --joint.",
+            "Use: ikservo arms new NAME --from FILE",
+        )
     options = ImportOptions(
         base=base,
         tips=tuple(tip or ()),
@@ -152,21 +155,10 @@ def command(  # one parameter per option
         options,
         port,
     )
-    with exiting_on_signals():  # switches torque of a moved servo off
+    with exiting_on_signals():  # switches the torque of a moved servo off
         drafts = Operator.of(None, yes=False, no_input=json).run(draft_new_arm(new))
     written = [] if dry_run else write_drafts(drafts, folder)
     _print_drafts(drafts, written, folder, json=json)
-
-
-def _refuse_given(options: Mapping[str, object], beside: str, usage: str) -> None:
-    """Refuse options that would be ignored.
-
-    Raises:
-        InputError: Such an option is given.
-    """
-    given = [name for name, value in options.items() if value]
-    if given:
-        raise InputError(f"{', '.join(given)} cannot be given with {beside}.", f"Use: {usage}")
 
 
 _Value = TypeVar("_Value")
@@ -179,7 +171,7 @@ def _parse_pairs(
     example: str,
     sign: str = "=",
 ) -> Iterator[tuple[str, _Value]]:
-    """Parse options like ``NAME=VALUE``.
+    """Parse options such as ``NAME=VALUE``.
 
     Raises:
         BadValueError: A value does not have the form of the example.
@@ -209,7 +201,7 @@ def _parse_positive(text: str) -> float:
 
 
 def _parse_joints(texts: Sequence[str]) -> tuple[RulerJoint, ...]:
-    """Parse ``NAME=AXIS:METRES``, each name once."""
+    """Parse ``NAME=AXIS:METRES``; refuse a name that is given twice."""
     joints = tuple(parse_measured(text) for text in texts)
     names = [joint.name for joint in joints]
     for name in names:
@@ -219,7 +211,7 @@ def _parse_joints(texts: Sequence[str]) -> tuple[RulerJoint, ...]:
 
 
 def _parse_servos(texts: Sequence[str]) -> dict[str, tuple[DraftServo, ...]]:
-    """Parse ``JOINT=[-]ID[:MODEL]``; further servos of a joint drive it together."""
+    """Parse ``JOINT=[-]ID[:MODEL]``; several servos of a joint drive it together."""
     found: dict[str, tuple[DraftServo, ...]] = {}
     for name, servo in _parse_pairs("--servo", texts, _parse_servo, "elbow=3:STS3215 or elbow=-3"):
         if any(servo.id == other.id for servos in found.values() for other in servos):

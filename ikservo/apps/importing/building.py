@@ -41,23 +41,23 @@ from ikservo.registers import control_table
 _LIFTERS = (("STS3215", 7.4), ("STS3215", 12.0), ("STS3250", None), ("XM540-W270", None))
 """Servo models that may be assumed, the weakest first."""
 _MAX_SLIDE_M = 1.0  # assumed travel of a slide without limits, at most
-_MIN_FLOOR_M = -0.003
+_MIN_FLOOR_M = -0.003  # parts that reach less far below the base do not lower the table
 
 
 @dataclass(frozen=True, slots=True)
 class ImportOptions:
-    """Decisions of the user; missing ones are found and noted.
+    """Decisions of the user. Those that are missing are made by the import and noted.
 
     Attributes:
         base: The link at which the used part of the tree begins.
         tips: The links of the tools; one arm is made for each.
-        gripper: The joint of the jaws; empty for none.
+        gripper: The joint of the jaws; empty: no jaws; None: it is searched for.
         base_frame: The rotation and shift of the base frame, in words.
         limits: Ranges by joint, degrees or millimetres.
         servos: Servos by joint.
-        servo_model: The model of servos that are not named.
+        servo_model: The model of the servos for which none is given.
         m_per_turn: Metres per turn of the servo, by sliding joint.
-        baud: Bits per second; 0 for the usual rate of the family.
+        baud: Baud rate of the bus, bit/s; 0: the usual rate of the family.
     """
 
     base: str | None = None
@@ -119,7 +119,11 @@ def build_drafts(
             decisions=list(decisions),
             dropped=list(dropped),
         )
-        _shape_draft(draft, structure, options, shapes, taken, taken_ids)
+        own = [
+            each for each in (*structure.joints, structure.gripper) if each and each not in taken
+        ]
+        _shape_draft(draft, structure, options, shapes, own)
+        _add_servos(draft, structure.gripper, options, own, taken_ids)
         drafts.append(draft)
     return drafts
 
@@ -146,13 +150,11 @@ def _shape_draft(
     structure: Structure,
     options: ImportOptions,
     shapes: ShapeConversion,
-    taken: set[str],
-    taken_ids: set[int],
+    own: Sequence[str],
 ) -> None:
-    """Add joints, servos, limits and table to a draft."""
+    """Reduce a draft's tree to its own joints, with limits, and find the height of its table."""
     note = draft.decisions.append
-    own = [name for name in (*structure.joints, structure.gripper) if name and name not in taken]
-    shared = [name for name in structure.joints if name in taken]
+    shared = [name for name in structure.joints if name not in own]
     urdf, fixed = fix_joints(draft.urdf, own)
     if shared:
         note(f"{_listed(shared)}: the first arm drives it; here it is fixed.")
@@ -166,7 +168,14 @@ def _shape_draft(
             _limited(joint, options, note) if joint.name in own else joint for joint in urdf.joints
         ),
     )
-    urdf = replace(urdf, joints=tuple(_limited_as_leader(each, urdf) for each in urdf.joints))
+    limited = {joint.name: joint for joint in urdf.joints}
+    for joint in urdf.joints:
+        mimic, is_slide = joint.mimic, joint.kind is UrdfJointType.PRISMATIC
+        if mimic is not None and is_slide and not math.isfinite(joint.upper - joint.lower):
+            leader = next(each for each in urdf.joints if each.name == mimic.joint)
+            ends = sorted(mimic.multiplier * x + mimic.offset for x in (leader.lower, leader.upper))
+            limited[joint.name] = replace(joint, lower=ends[0], upper=ends[1])
+    urdf = replace(urdf, joints=tuple(limited.values()))
     low_m = _lowest_m(urdf, shapes)
     if low_m < _MIN_FLOOR_M:
         draft.floor_m = low_m
@@ -175,50 +184,45 @@ def _shape_draft(
     others = f"; others: {_listed(structure.other_tips)}" if structure.other_tips else ""
     note(f"The tip is the link {draft.tip}{others}.")
     note(f"The jaws are moved by {structure.gripper}." if structure.gripper else "No gripper.")
+
+
+def _add_servos(
+    draft: ArmDraft, gripper: str, options: ImportOptions, own: Sequence[str], taken_ids: set[int]
+) -> None:
+    """Add the joints with their servos: as given by the user, or one each with the next id."""
+    note = draft.decisions.append
     model, why = _servo_model(draft, options)
     if not options.servos:
         note(f"The servos are {model}{why}, and have ids from base to tip.")
-    weightless = _weightless(draft.urdf)
-    if weightless:
+    links = draft.urdf.links
+    weightless = [
+        link.name
+        for link in links
+        if link.name != draft.urdf.root and link.collisions and link.mass_kg <= 0.0
+    ]
+    if weightless and any(link.mass_kg > 0.0 for link in links):
         note(f"No mass is given for {_listed(weightless)}: servos and the rest pose are found as "
              "if they weighed nothing.")  # fmt: skip
     for name in own:
         body = draft.joint(name)
-        servos = _servos_of(name, model, options, taken_ids)
+        given = options.servos.get(name)
+        if given:
+            servos = tuple(replace(servo, model=servo.model or model) for servo in given)
+        else:
+            servo_id = next(i for i in range(1, 253) if i not in taken_ids)
+            taken_ids.add(servo_id)
+            servos = (DraftServo(servo_id, model),)
         slide = options.m_per_turn.get(name)
         if body.kind is UrdfJointType.PRISMATIC and slide is None:
             slide = guessed_m_per_turn(body)
             note(f"{name} slides; it is assumed that a turn of its servo moves it by "
                  f"{1000 * slide:.1f} mm (--m-per-turn {name}=METRES).")  # fmt: skip
-        draft.joints = (*draft.joints, DraftJoint(name, name == structure.gripper, servos, slide))
+        draft.joints = (*draft.joints, DraftJoint(name, name == gripper, servos, slide))
     draft.baud = options.baud
 
 
-def _weightless(urdf: Urdf) -> list[str]:
-    """Return moving links with a shape but no mass; empty if no link at all has a mass."""
-    if not any(link.mass_kg > 0.0 for link in urdf.links):
-        return []
-    return [
-        link.name
-        for link in urdf.links
-        if link.name != urdf.root and link.collisions and link.mass_kg <= 0.0
-    ]
-
-
-def _servos_of(
-    name: str, model: str, options: ImportOptions, taken_ids: set[int]
-) -> tuple[DraftServo, ...]:
-    """Return the servos of a joint: as given by the user, or one with the next id."""
-    given = options.servos.get(name)
-    if given:
-        return tuple(replace(servo, model=servo.model or model) for servo in given)
-    servo_id = next(i for i in range(1, 253) if i not in taken_ids)
-    taken_ids.add(servo_id)
-    return (DraftServo(servo_id, model),)
-
-
 def _limited(joint: UrdfJoint, options: ImportOptions, say: Callable[[str], None]) -> UrdfJoint:
-    """Set a joint's limits: the user's, or those of a servo if the joint has none."""
+    """Set the limits of a joint to the user's, or to those of a servo if it has none."""
     slides = joint.kind is UrdfJointType.PRISMATIC
     if joint.name in options.limits:
         given, unit = options.limits[joint.name], "mm" if slides else "°"
@@ -245,18 +249,8 @@ def _limited(joint: UrdfJoint, options: ImportOptions, say: Callable[[str], None
     return replace(joint, kind=kind, lower=low, upper=high)
 
 
-def _limited_as_leader(joint: UrdfJoint, urdf: Urdf) -> UrdfJoint:
-    """Derive the limits of a slide without limits from the joint that it follows."""
-    mimic, is_slide = joint.mimic, joint.kind is UrdfJointType.PRISMATIC
-    if mimic is None or not is_slide or math.isfinite(joint.upper - joint.lower):
-        return joint
-    leader = next(each for each in urdf.joints if each.name == mimic.joint)
-    low, high = sorted(mimic.multiplier * x + mimic.offset for x in (leader.lower, leader.upper))
-    return replace(joint, lower=low, upper=high)
-
-
 def _lowest_m(urdf: Urdf, shapes: ShapeConversion) -> float:
-    """Return the lowest point of the parts fixed to the base, in the base frame; 0 without any."""
+    """Return the height of the lowest part fixed to the base, in its frame; 0 without parts."""
     poses, lowest_m = {urdf.root: np.eye(4)}, list[float]()
     for _ in urdf.joints:  # each pass gets at least one level deeper
         for joint in urdf.joints:
@@ -271,7 +265,7 @@ def _lowest_m(urdf: Urdf, shapes: ShapeConversion) -> float:
 
 
 def _servo_model(draft: ArmDraft, options: ImportOptions) -> tuple[str, str]:
-    """Return the servo model, and why; leave out masses that no servo could lift."""
+    """Choose the servo model, and say why; drop the masses if no servo could lift them."""
     loads = _loads_nm(draft, options)
     choices = [(options.servo_model, None)] if options.servo_model else [*_LIFTERS]
     for model, supply_v in choices:

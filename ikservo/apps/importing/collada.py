@@ -1,4 +1,4 @@
-"""Size of the scene of a Collada file (DAE), computed before its instances are expanded."""
+"""Size of the scene in a Collada file (DAE), computed before its instances are expanded."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ _MAX_CHARS = 32 * 1024 * 1024  # with every instance expanded
 def check_collada(path: Path, place: str, data: bytes, max_elements: int) -> None:
     """Raise if the scene with all instances expanded is too large to be read.
 
-    A node may instance another node several times, which may do the same: thirty lines can make a
-    billion surfaces. Counts that a file states are compared with the size of its text.
+    A node may instance another node several times, and that node may do the same, so thirty lines
+    can make a billion surfaces.
 
     Args:
-        path: The origin of the data, for the messages.
-        place: The owner of the shape, for the messages.
+        path: The origin of the data, for messages.
+        place: The owner of the shape, for messages.
         data: The file.
         max_elements: The largest number of triangles and elements in the whole scene.
 
@@ -36,7 +36,7 @@ def check_collada(path: Path, place: str, data: bytes, max_elements: int) -> Non
 
 
 class _SceneSize:
-    """Adds up the elements, triangles and characters of a scene, each instance once."""
+    """Adds up the elements, triangles and characters of a scene, once per instance."""
 
     def __init__(self, path: Path, place: str, root: XmlElement) -> None:
         self._path, self._place, self._root = path, place, root
@@ -45,7 +45,7 @@ class _SceneSize:
         self._note_ids(root)
 
     def sum_up(self) -> tuple[int, int]:
-        """Return elements with triangles, and characters."""
+        """Return the numbers of elements (with triangles) and of characters."""
         scenes = [each for each in self._root.children if _tag(each) == "scene"]
         sizes = [self._size(scene, 0) for scene in scenes]
         return sum(size[0] for size in sizes), sum(size[1] for size in sizes)
@@ -62,24 +62,19 @@ class _SceneSize:
         if _tag(element) in _SURFACES:
             stated = element.attributes.get("count", "")
             elements += int(stated) if stated.isdecimal() and len(stated) < 10 else 0
-        if _tag(element).startswith("instance_"):
-            more = self._size_of(element.attributes.get("url", "").removeprefix("#"), level + 1)
+        name = element.attributes.get("url", "").removeprefix("#")
+        if _tag(element).startswith("instance_") and name and name in self._by_id:
+            if name not in self._known:
+                self._known[name] = None
+                self._known[name] = self._size(self._by_id[name], level + 1)
+            more = self._known[name]
+            if more is None:
+                raise self._error("it has a node that contains itself", "nodes without a cycle")
             elements, chars = elements + more[0], chars + more[1]
         for child in element.children:
             more = self._size(child, level + 1)
             elements, chars = elements + more[0], chars + more[1]
         return elements, chars
-
-    def _size_of(self, name: str, level: int) -> tuple[int, int]:
-        if not name or name not in self._by_id:
-            return 0, 0
-        if name not in self._known:
-            self._known[name] = None
-            self._known[name] = self._size(self._by_id[name], level)
-        found = self._known[name]
-        if found is None:
-            raise self._error("it has a node that contains itself", "nodes without a cycle")
-        return found
 
     def _error(self, found: str, expected: str) -> FileFormatError:
         return FileFormatError(self._path, self._place, found, expected)

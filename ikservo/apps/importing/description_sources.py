@@ -1,4 +1,4 @@
-"""Foreign descriptions as one tree of links and joints: URDF, xacro and MJCF."""
+"""Read foreign descriptions (URDF, xacro, MJCF) as one tree of links and joints."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def choose_description(source: Path, name: str | None = None) -> Path:
 
     Args:
         source: A file or folder.
-        name: The name, or the end of the path, of a file in the folder.
+        name: The name of a file in the folder, or the end of its path.
 
     Raises:
         InputError: There is no such file, or there are several; the message lists them.
@@ -141,31 +141,25 @@ def read_foreign(
         urdf = read_mjcf(path, min(homes, key=lambda each: len(each.parts)))
         description = Description(path, urdf, found, list(urdf.warnings))
     else:
-        description = _read_urdf(path, found, arguments, allow_xacro=allow_xacro)
-    check_size(path, description.urdf)
+        notes: list[str] = []
+        if runs_code(path):
+            if not allow_xacro:
+                raise InputError(
+                    f"{path} is a xacro: expanding it runs the Python expressions in it.",
+                    "If you trust the file and what it includes: --allow-xacro.",
+                )
+            text = expand_xacro(path, found, arguments)
+            notes.append("xacro expanded the macros of the description.")
+        else:
+            text = read_text(path, MAX_URDF_BYTES)
+        root = parse_xml(path, text)
+        if path.suffix == ".xacro" and not root.child_elements("link"):
+            raise FileFormatError(path, "", "it has macros only", "a file that calls them")
+        notes += _make_readable(root)
+        urdf = urdf_from_xml(root, found.find_mesh)
+        description = Description(path, urdf, found, [*notes, *urdf.warnings])
+    check_size(path, urdf)
     return description
-
-
-def _read_urdf(
-    path: Path, packages: PackageFolders, arguments: Mapping[str, str], *, allow_xacro: bool
-) -> Description:
-    notes: list[str] = []
-    if runs_code(path):
-        if not allow_xacro:
-            raise InputError(
-                f"{path} is a xacro: expanding it runs the Python expressions in it.",
-                "If you trust the file and what it includes: --allow-xacro.",
-            )
-        text = expand_xacro(path, packages, arguments)
-        notes.append("xacro expanded the macros of the description.")
-    else:
-        text = read_text(path, MAX_URDF_BYTES)
-    root = parse_xml(path, text)
-    if path.suffix == ".xacro" and not root.child_elements("link"):
-        raise FileFormatError(path, "", "it has macros only", "a file that calls them")
-    notes += _make_readable(root)
-    urdf = urdf_from_xml(root, packages.find_mesh)
-    return Description(path, urdf, packages, [*notes, *urdf.warnings])
 
 
 _MOVABLE = ("revolute", "continuous", "prismatic")
@@ -173,9 +167,23 @@ _SHAPES = ("box", "cylinder", "sphere", "mesh")
 
 
 def _make_readable(root: XmlElement) -> list[str]:
-    """Change joints of published files that no servo can drive; return notes on the changes."""
+    """Repair what published files often have and no arm file can; return notes on the changes."""
     joints = [each for each in root.child_elements("joint") if "name" in each.attributes]
-    notes = [note for joint in joints for note in _repair_joint(joint)]
+    notes: list[str] = []
+    for joint in joints:
+        kind, name = joint.attributes.get("type", ""), quote(joint.attributes["name"])
+        limit = next(iter(joint.child_elements("limit")), None)
+        if kind in ("floating", "planar"):
+            joint.attributes = {**joint.attributes, "type": "fixed"}
+            notes.append(f"joint {name} is {kind}: it is fixed in place.")
+        elif kind == "revolute" and limit is None:
+            joint.attributes = {**joint.attributes, "type": "continuous"}
+            notes.append(f"joint {name} is revolute without <limit>: it is taken as continuous.")
+        elif kind in ("revolute", "prismatic") and limit is not None:
+            lower, upper = limit.number("lower", 0.0), limit.number("upper", 0.0)
+            if lower == upper:
+                joint.attributes = {**joint.attributes, "type": "fixed"}
+                notes.append(f"joint {name} has lower = upper = {lower:g}: it is fixed at zero.")
     notes += _repair_mimics(joints)
     for link in root.child_elements("link"):
         for kind in ("collision", "visual"):
@@ -186,24 +194,8 @@ def _make_readable(root: XmlElement) -> list[str]:
     return notes
 
 
-def _repair_joint(joint: XmlElement) -> Iterator[str]:
-    kind, name = joint.attributes.get("type", ""), quote(joint.attributes["name"])
-    limit = next(iter(joint.child_elements("limit")), None)
-    if kind in ("floating", "planar"):
-        joint.attributes = {**joint.attributes, "type": "fixed"}
-        yield f"joint {name} is {kind}: it is fixed in place."
-    elif kind == "revolute" and limit is None:
-        joint.attributes = {**joint.attributes, "type": "continuous"}
-        yield f"joint {name} is revolute without <limit>: it is taken as continuous."
-    elif kind in ("revolute", "prismatic") and limit is not None:
-        lower, upper = limit.number("lower", 0.0), limit.number("upper", 0.0)
-        if lower == upper:
-            joint.attributes = {**joint.attributes, "type": "fixed"}
-            yield f"joint {name} has lower = upper = {lower:g}: it is fixed at zero."
-
-
 def _repair_mimics(joints: Sequence[XmlElement]) -> Iterator[str]:
-    """Let joints that follow a follower follow its leader; drop mimics without a leader."""
+    """Let a joint that follows a follower follow its leader; drop mimics without a leader."""
     by_name = {joint.attributes["name"]: joint for joint in joints}
     for name, joint in by_name.items():
         mimic = next(iter(joint.child_elements("mimic")), None)

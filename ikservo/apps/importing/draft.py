@@ -1,4 +1,4 @@
-"""The draft of a new arm: the decisions about it, and the text of its files."""
+"""The draft of a new arm, with the decisions about it and the text of its files."""
 
 from __future__ import annotations
 
@@ -13,10 +13,11 @@ from ikservo.model.urdf_types import Urdf, UrdfJoint, UrdfJointType
 from ikservo.registers import MODELS
 
 _EDGE = 0.001  # distance of poses from the limits, as a fraction of the range
-_JOINTS_IN_LINE = 32  # of a pose; a longer table has a line for each
-_USED_TURN = 0.8  # of a servo's turn: the whole range of a slide with unknown gear
+_JOINTS_IN_LINE = 32  # a pose of more joints has one line per joint
+_USED_TURN = 0.8  # part of a servo's turn that moves a slide with an unknown gear over its range
 _BAUD = {"feetech_sts": 1_000_000, "feetech_scs": 1_000_000, "dynamixel_2": 1_000_000,
          "dynamixel_1": 1_000_000}  # fmt: skip
+# Speeds by name: deg/s, deg/s² and deg/s³.
 _SPEEDS = {"slow": (25.0, 50.0, 500.0), "normal": (60.0, 180.0, 1800.0),
            "fast": (120.0, 480.0, 4800.0)}  # fmt: skip
 
@@ -33,7 +34,7 @@ _CONTACT_LINES = (
 
 @dataclass(frozen=True, slots=True)
 class DraftServo:
-    """A servo of a joint: its id, model and the direction in which it counts."""
+    """A servo of a joint: its id, its model, and the sign with which it counts."""
 
     id: int
     model: str
@@ -63,19 +64,18 @@ class ArmDraft:
 
     Attributes:
         name: Its name.
-        source: The origin of its geometry.
+        source: The name of the description with its geometry.
         urdf: Its links and joints, with simple shapes.
         tip: The link of the tool.
         joints: The joints from base to tip, the jaws last.
-        baud: Bits per second on the bus.
+        baud: Baud rate of the bus, bit/s; 0: the usual rate of the servos.
         supply_v: Supply voltage of servos that are sold for several voltages; None if unknown.
         floor_m: Height of the table in the base frame.
         poses: Joint positions [rad or m] by pose and joint.
         pictures: The content of each mesh file by its name.
         fits: The capsules that were fitted to meshes.
         decisions: The decisions, one sentence each.
-        dropped: The parts of the description that the arm lacks, one sentence each.
-        read_files: The description and the folders that were read.
+        dropped: The parts of the description that were left out, one sentence each.
     """
 
     name: str
@@ -140,31 +140,28 @@ class ArmDraft:
             f'role      = "{"gripper" if joint.is_gripper else "arm"}"',
             'zero_from = "nominal"',
         ]
-        first, *others = (self._servo_fields(joint, servo) for servo in joint.servos)
-        lines.append(f"servo     = {{ {first} }}")
-        if others:
-            lines.append(f"shadows   = [{', '.join(f'{{ {each} }}' for each in others)}]")
-        return lines
-
-    def _servo_fields(self, joint: DraftJoint, servo: DraftServo) -> str:
-        fields = [
-            f"id = {servo.id}",
-            f"model = {_quoted(servo.model)}",
-            f"sign = {servo.sign}",
-            f"zero_tick = {self._zero_tick(joint, servo):.0f}",
-        ]
-        if joint.m_per_turn is not None and servo == joint.servos[0]:
-            fields.append(f"m_per_turn = {round(joint.m_per_turn, 6)}")
-        return ", ".join(fields)
-
-    def _zero_tick(self, joint: DraftJoint, servo: DraftServo) -> float:
-        """Return the tick at zero: the middle of a turn, or so that the range's middle is there."""
-        ticks = MODELS[servo.model].ticks_per_turn
         body = self.joint(joint.name)
         turn = math.tau if joint.m_per_turn is None else joint.m_per_turn
-        if max(abs(body.lower), abs(body.upper)) <= 0.5 * turn:
-            return 0.5 * ticks
-        return 0.5 * ticks - servo.sign * 0.5 * (body.lower + body.upper) / turn * ticks
+        servos: list[str] = []
+        for servo in joint.servos:
+            # The middle of the servo's turn is zero, or else the middle of the joint's range.
+            ticks = MODELS[servo.model].ticks_per_turn
+            zero_tick = 0.5 * ticks
+            if max(abs(body.lower), abs(body.upper)) > 0.5 * turn:
+                zero_tick -= servo.sign * 0.5 * (body.lower + body.upper) / turn * ticks
+            fields = [
+                f"id = {servo.id}",
+                f"model = {_quoted(servo.model)}",
+                f"sign = {servo.sign}",
+                f"zero_tick = {zero_tick:.0f}",
+            ]
+            if joint.m_per_turn is not None and servo == joint.servos[0]:
+                fields.append(f"m_per_turn = {round(joint.m_per_turn, 6)}")
+            servos.append(f"{{ {', '.join(fields)} }}")
+        lines.append(f"servo     = {servos[0]}")
+        if servos[1:]:
+            lines.append(f"shadows   = [{', '.join(servos[1:])}]")
+        return lines
 
     def _pose_lines(self, pose: Mapping[str, float]) -> list[str]:
         turning, sliding = list[str](), list[str]()
@@ -196,7 +193,9 @@ class ArmDraft:
         for fit in self.fits:
             excess = f"{1000 * fit.excess_m:.1f} mm"
             if fit.excess_m > fit.allowed_m:
-                excess += f", more than {1000 * fit.allowed_m:.0f} mm: no eight capsules fit better"
+                excess += (
+                    f", more than {1000 * fit.allowed_m:.0f} mm: eight capsules do not fit better"
+                )
             lines.append(
                 f"| {fit.link} | {fit.name} | {fit.triangles:,} | {fit.capsules} | {excess} |"
             )
@@ -213,7 +212,7 @@ def format_range(joint: UrdfJoint) -> str:
 
 
 def guessed_m_per_turn(joint: UrdfJoint) -> float:
-    """Return metres per turn for a servo that moves a slide over its range within one turn."""
+    """Guess the metres per turn of a slide whose servo moves it over its range in one turn."""
     return (joint.upper - joint.lower) / _USED_TURN
 
 

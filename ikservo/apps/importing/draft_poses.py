@@ -1,4 +1,4 @@
-"""Search of a start pose for an arm: free, above the table, away from its limits."""
+"""Search for a start pose of an arm: collision-free, above the table, away from its limits."""
 
 from __future__ import annotations
 
@@ -9,17 +9,19 @@ from ikservo.kinematics.collision_body import CollisionBody
 from ikservo.model import Model
 from ikservo.model.collision_model import capsules_of
 
-_TRIES, _BATCH = 600, 20
-_ENOUGH_M, _SHARE, _SPREAD = 0.01, 0.5, 40
-_CLEAR_M = 0.001
+_TRIES, _BATCH = 600, 20  # tried postures, and how many are checked at once
+_ENOUGH_M = 0.01  # room around the body that is enough
+_SHARE = 0.5  # part of a pair's largest room that is enough, if that is less
+_SPREAD = 40  # postures that sample the room of each pair
+_CLEAR_M = 0.001  # room between a link and the table in the link's highest posture
 _STRAIGHT = 0.4  # fraction of the joints that are tried at zero
 _MAX_RAD = 2.2  # a joint further from zero would be a surprising start
 
 
 def propose_home(model: Model) -> dict[str, float]:
-    """Return a start pose, rad or m by joint: the tool in front, with as much room as possible.
+    """Propose a start pose, rad or m by joint: the tool in front, with much room around the arm.
 
-    The result is the same for the same arm.
+    The search is seeded, so the same arm gets the same pose.
     """
     chain = model.chain
     rng = np.random.default_rng(1)
@@ -44,9 +46,10 @@ def propose_home(model: Model) -> dict[str, float]:
 
 
 def _first_free(model: Model, postures: Matrix) -> Vector:
-    """Return the first of postures (n, dof) with room around the body, or the one with the most.
+    """Return the first of the postures (n, dof) with enough room, or the one with the most room.
 
-    Room is the distance from itself and the table, as far as each pair of links can have it.
+    Room is the distance of links from each other and from the table. A pair of links that is
+    always close needs less of it.
     """
     capsules = capsules_of(model)
     if not capsules:
@@ -66,7 +69,7 @@ def _first_free(model: Model, postures: Matrix) -> Vector:
 
 
 def table_height_m(model: Model) -> float:
-    """Return the greatest height of the table at which no link touches it in every posture."""
+    """Return the greatest height of the table at which each link is above it in some posture."""
     capsules = capsules_of(model)
     height_m = model.floor_m or 0.0
     if not capsules:

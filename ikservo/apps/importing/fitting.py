@@ -16,13 +16,14 @@ Triangles = NDArray[np.float64]
 
 MAX_CAPSULES = 8
 _EXCESS_M, _EXCESS_FRACTION = 0.010, 0.10
-_CELL_FRACTION = 1 / 200  # of the size of a mesh: closer vertices are merged
-_PIECE_FRACTION = 1 / 10  # of the size: pieces are tested against the capsules of other meshes
-_SAMPLES = 40  # of the size: points of the surface are at most so far apart
+# Fractions of the size of a mesh:
+_CELL_FRACTION = 1 / 200  # vertices that are closer are merged
+_PIECE_FRACTION = 1 / 10  # length of the pieces that are tested against capsules of other meshes
+_SAMPLES = 40  # sampled points of the surface are at most 1/40 of the size apart
 _MAX_FITTED = 30_000  # triangles; a mesh with more is simplified
 _MAX_PIECES = 100_000  # pieces of cut triangles; larger surfaces are sampled coarsely
 _CUTS = (0.5, 0.35, 0.65)  # tried planes, as fractions of the extent of a part
-_MAX_RATED = 6_000  # number of triangles that are cut to find the best plane
+_MAX_RATED = 6_000  # triangles that are cut to find the best plane
 _CIRCLE_STEPS = 60
 _DIRECTIONS = 192
 _MAX_SEARCHED = 6_000  # points; if there are more, all are searched in few directions only
@@ -45,12 +46,12 @@ class FittedCapsule:
 
     @property
     def area_m2(self) -> float:
-        """The area of its surface."""
+        """Area of the surface."""
         length_m = float(np.linalg.norm(self.end_m - self.start_m))
         return math.tau * self.radius_m * (length_m + 2.0 * self.radius_m)
 
     def depth_m(self, points: Matrix) -> Vector:
-        """Compute the depth (n,) of points (n, 3) inside; negative outside."""
+        """Compute how deep points (n, 3) are inside, as an array (n,); negative outside."""
         along = self.end_m - self.start_m
         squared = float(along @ along)
         s = np.clip((points - self.start_m) @ along / squared, 0.0, 1.0) if squared else 0.0
@@ -64,7 +65,7 @@ class MeshFit:
 
     Attributes:
         capsules: The capsules, in the coordinates of the mesh.
-        excess_m: The distance of the farthest point of their common surface from the mesh.
+        excess_m: The distance from the mesh of the farthest point of their common surface.
         allowed_m: The largest distance that it should have.
     """
 
@@ -90,17 +91,18 @@ def fit_capsules(
 ) -> MeshFit:
     """Find few capsules that together contain a surface, and the solid inside if it is closed.
 
-    The part whose capsule is farthest from the mesh is cut by a plane until all are near enough,
-    or there are eight. Each capsule contains the convex hull of its part, so cutting leaves no
-    gap. Vertices are merged before, and the capsules are as much thicker as that moved them.
+    The part whose capsule is farthest from the mesh is cut by a plane, until all capsules are
+    close enough or there are eight. Each capsule contains the convex hull of its part, so cutting
+    leaves no gap. Vertices are merged first; the capsules are made thicker by the distance that
+    this moved them.
 
-    If a link has other meshes, parts that their capsules contain need no capsule, and a capsule
-    that is close to any of the meshes counts as close to the link.
+    If a link has other meshes, parts inside their capsules need no capsule, and a capsule that is
+    close to any of the meshes counts as close to the link.
 
     Args:
         triangles: The triangles, at least one.
         beside: The other meshes of the link, in the coordinates of this one.
-        given: The capsules of other meshes that were fitted before.
+        given: The capsules of other meshes of the link that were fitted before.
     """
     allowed_m = allowed_excess_m(triangles)
     size_m = extent_m(triangles)
@@ -108,11 +110,16 @@ def fit_capsules(
     outside = _outside(merged, given, moved_m, size_m * _PIECE_FRACTION)
     if not len(outside):
         return MeshFit((), 0.0, allowed_m)
-    near = [_near(each, triangles, 2.0 * allowed_m) for each in beside]
+    low = triangles.min(axis=(0, 1)) - 2.0 * allowed_m
+    high = triangles.max(axis=(0, 1)) + 2.0 * allowed_m
+    near = [
+        each[((each.max(axis=1) >= low) & (each.min(axis=1) <= high)).all(axis=1)]
+        for each in beside
+    ]
     surface = _SampledSurface([merged, *filter(len, near)], max(size_m / _SAMPLES, 1e-6), given)
     parts = _cut_parts(_fit_parts([outside]), surface, allowed_m, moved_m, _COARSE)
     parts = _merge_parts(parts, surface, allowed_m, moved_m)
-    parts = _cut_parts(parts, surface, allowed_m, moved_m, _FINE)  # see details
+    parts = _cut_parts(parts, surface, allowed_m, moved_m, _FINE)  # the fine sampling finds more
     excess_m = max(surface.excess_m(i, parts, moved_m, _FINE) for i in range(len(parts)))
     capsules = [FittedCapsule(p.fit.start_m, p.fit.end_m, p.fit.radius_m + moved_m) for p in parts]
     return MeshFit(tuple(capsules), excess_m, allowed_m)
@@ -140,17 +147,10 @@ def _cut_parts(
     return parts
 
 
-def _near(triangles: Triangles, others: Triangles, away_m: float) -> Triangles:
-    """Return the triangles whose bounding boxes are near the box of all the others."""
-    low, high = others.min(axis=(0, 1)) - away_m, others.max(axis=(0, 1)) + away_m
-    near = (triangles.max(axis=1) >= low) & (triangles.min(axis=1) <= high)
-    return triangles[near.all(axis=1)]
-
-
 def _outside(
     triangles: Triangles, capsules: Sequence[FittedCapsule], moved_m: float, edge_m: float
 ) -> Triangles:
-    """Return the pieces of triangles, about as long as an edge, that no capsule contains."""
+    """Cut triangles into pieces of about an edge length; return those outside all capsules."""
     kept: list[Triangles] = []
     edge_m = _affordable_m(triangles, edge_m, _MAX_FITTED)
     while len(triangles) and capsules:
@@ -166,10 +166,10 @@ def _outside(
 
 
 def simplify(triangles: Triangles, cell_m: float) -> tuple[Triangles, float]:
-    """Merge vertices in cells of a grid; enlarge the cells until few enough triangles are left.
+    """Merge the vertices in each cell of a grid; enlarge the cells until few triangles are left.
 
     Returns:
-        The triangles left, and how far the farthest vertex was moved.
+        The remaining triangles, and the largest distance that a vertex was moved.
     """
     merged, moved_m = merge_vertices(triangles, cell_m)
     while len(merged) > _MAX_FITTED and cell_m > 0.0:
@@ -182,7 +182,7 @@ def merge_vertices(triangles: Triangles, cell_m: float) -> tuple[Triangles, floa
     """Merge the vertices in each cell of a grid; drop duplicate triangles.
 
     Returns:
-        The triangles left, and how far the farthest vertex was moved.
+        The remaining triangles, and the largest distance that a vertex was moved.
     """
     points = triangles.reshape(-1, 3)
     if cell_m <= 0.0:
@@ -234,12 +234,12 @@ class _SampledSurface:
     def excess_m(
         self, index: int, parts: Sequence[_Part], moved_m: float = 0.0, density: _Density = _COARSE
     ) -> float:
-        """Compute the largest distance of a capsule's surface from the mesh, outside the others."""
+        """Compute the largest distance of a capsule's outer surface from the mesh."""
         away_m = self._distances_m(index, parts, density)
         return float(away_m.max()) + moved_m if len(away_m) else 0.0
 
     def badness(self, parts: Sequence[_Part], allowed_m: float) -> float:
-        """Rate how far, and over how much area, the surface of parts is off the mesh; 0 is best."""
+        """Rate the distance of the capsules from the mesh, weighted by their area; 0 is best."""
         rated = 0.0
         for i, part in enumerate(parts):
             far_m = self._distances_m(i, parts, _COARSE)
@@ -258,9 +258,9 @@ class _SampledSurface:
 
 
 def _sample_surface(triangles: Triangles, spacing_m: float) -> Matrix:
-    """Sample points (n, 3) of a surface, at about the given spacing.
+    """Sample points (n, 3) of a surface at about the given spacing.
 
-    On a very large surface they are farther apart, so that distances come out larger.
+    On a very large surface the spacing is larger, so distances from it come out too large.
     """
     done: list[Matrix] = []
     spacing_m = _affordable_m(triangles, spacing_m, _MAX_PIECES)
@@ -272,7 +272,7 @@ def _sample_surface(triangles: Triangles, spacing_m: float) -> Matrix:
 
 
 def _affordable_m(triangles: Triangles, edge_m: float, most: int) -> float:
-    """Return an edge length, at least the given one, that limits the number of pieces."""
+    """Return the given edge length, enlarged until it yields at most `most` pieces."""
     longest_m = _longest_edges(triangles)
     a, b, c = triangles.transpose(1, 0, 2)
     height_m = np.linalg.norm(np.cross(b - a, c - a), axis=1) / np.maximum(longest_m, 1e-12)
@@ -321,7 +321,7 @@ _HALF_TURN = np.stack([np.cos(np.arange(8) * math.pi / 8), np.sin(np.arange(8) *
 
 
 def _capsule_points(fit: FittedCapsule, density: _Density) -> Matrix:
-    """Return points of a capsule's surface (n, 3)."""
+    """Return points (n, 3) of a capsule's surface."""
     along, sphere = fit.end_m - fit.start_m, density.directions
     side = sphere @ along
     caps = np.where(side[:, None] > 0.0, fit.end_m, fit.start_m) + fit.radius_m * sphere
@@ -343,7 +343,7 @@ class _Part:
 
 
 def _fit_parts(pieces: Sequence[Triangles]) -> list[_Part]:
-    """Fit the smallest capsule, of six possible axes, around each piece."""
+    """Fit a capsule around each piece, along the best of six axes."""
     points = [piece.reshape(-1, 3) for piece in pieces]
     corners = np.stack([outermost(each) for each in points])
     axes = np.stack([np.concatenate([np.eye(3), _main_axes(each)]) for each in corners])
@@ -358,7 +358,16 @@ def _fit_parts(pieces: Sequence[Triangles]) -> list[_Part]:
     ):
         rated = [_best_thickness(axis[k], sides[k], centre[k], around) for k in range(len(axis))]
         best = min(range(len(axis)), key=lambda k: rated[k][0])
-        fit = _capsule_along(axis[best], sides[best], centre[best], own, rated[best][1])
+        best_axis, best_sides, best_centre = axis[best], sides[best], centre[best]
+        along = own @ best_axis
+        away_m = np.sqrt(_squares(own @ best_sides.T - best_centre))
+        radius_m = float(away_m.max()) * rated[best][1] + 1e-9
+        cap_m = np.sqrt(np.maximum(radius_m**2 - away_m**2, 0.0))
+        start_m, end_m = float((along + cap_m).min()), float((along - cap_m).max())
+        if start_m > end_m:  # a ball contains all points
+            start_m = end_m = 0.5 * (start_m + end_m)
+        middle_m = best_centre @ best_sides
+        fit = FittedCapsule(middle_m + start_m * best_axis, middle_m + end_m * best_axis, radius_m)
         parts.append(_Part(piece, fit))
     return parts
 
@@ -366,12 +375,12 @@ def _fit_parts(pieces: Sequence[Triangles]) -> list[_Part]:
 def _best_thickness(
     axis: Vector, across: Matrix, centre: Vector, points: Matrix
 ) -> tuple[float, float]:
-    """Return the distance of the best capsule along an axis from points, and its thickness.
+    """Find the best thickness of a capsule along an axis around points.
 
     The thinnest capsule ends a whole radius beyond a flat end; a thicker one ends closer.
 
     Returns:
-        The approximate distance [m], and the radius as a multiple of the smallest.
+        The approximate excess [m] of that capsule, and its radius as a multiple of the smallest.
     """
     along, flat = points @ axis, points @ across.T - centre
     away2 = _squares(flat)
@@ -397,7 +406,7 @@ def outermost(points: Matrix) -> Matrix:
 
 
 def _farthest_along(directions: Matrix, points: Matrix) -> Matrix:
-    """Return the point (k, 3) that is the farthest along each direction (k, 3)."""
+    """Return the farthest point (k, 3) along each direction (k, 3)."""
     most, which = np.full(len(directions), -np.inf), np.zeros(len(directions), dtype=np.intp)
     across, rows = directions.astype(np.float32), np.arange(len(directions))
     middle = points.mean(axis=0)
@@ -420,7 +429,7 @@ def _main_axes(points: Matrix) -> Matrix:
 def _enclosing_circle_centres(flat: Matrix) -> Matrix:
     """Approximate the centres (m, 2) of the smallest circles around points (m, n, 2).
 
-    Method of Badoiu and Clarkson: steps towards the farthest point, ever smaller.
+    The method of Badoiu and Clarkson takes ever smaller steps towards the farthest point.
     """
     centre = 0.5 * (flat.min(axis=1) + flat.max(axis=1))
     min_m = np.full(len(flat), np.inf)
@@ -435,26 +444,13 @@ def _enclosing_circle_centres(flat: Matrix) -> Matrix:
     return best
 
 
-def _capsule_along(
-    axis: Vector, across: Matrix, centre: Vector, points: Matrix, thickness: float
-) -> FittedCapsule:
-    """Return the capsule along an axis through a centre (2,) across it that contains points."""
-    along = points @ axis
-    away_m = np.sqrt(_squares(points @ across.T - centre))
-    radius_m = float(away_m.max()) * thickness + 1e-9
-    cap_m = np.sqrt(np.maximum(radius_m**2 - away_m**2, 0.0))
-    start, end = float((along + cap_m).min()), float((along - cap_m).max())
-    if start > end:  # a ball contains all points
-        start = end = 0.5 * (start + end)
-    return FittedCapsule(centre @ across + start * axis, centre @ across + end * axis, radius_m)
-
-
 def _best_cut(
     triangles: Triangles, surface: _SampledSurface, allowed_m: float
 ) -> list[_Part] | None:
-    """Return the two parts of the cut with the nearest capsules; None if nothing can be cut.
+    """Return the two parts of the best cut, whose capsules are closest; None if no plane cuts.
 
-    If there are very many triangles, all planes are tried on some, and the best one on all.
+    If there are very many triangles, the planes are tried on some of them, and the best plane cuts
+    all.
     """
     points = triangles.reshape(-1, 3)
     some = triangles[:: math.ceil(len(triangles) / _MAX_RATED)]
@@ -480,7 +476,7 @@ def _best_cut(
 
 
 def _cut_by_plane(triangles: Triangles, axis: Vector, at_m: float) -> tuple[Triangles, Triangles]:
-    """Cut triangles into those on both sides of a plane; those that cross it are cut in three."""
+    """Divide triangles into those on either side of a plane; cut those that cross it in three."""
     side = triangles @ axis - at_m
     above, below = (side >= 0.0).all(axis=1), (side < 0.0).all(axis=1)
     crossing, side = triangles[~above & ~below], side[~above & ~below]
@@ -502,7 +498,7 @@ def _cut_by_plane(triangles: Triangles, axis: Vector, at_m: float) -> tuple[Tria
 def _merge_parts(
     parts: list[_Part], surface: _SampledSurface, allowed_m: float, moved_m: float
 ) -> list[_Part]:
-    """Merge two parts if one capsule around both is close enough."""
+    """Merge pairs of parts as long as one capsule around both is close enough."""
     worst_m = max(surface.excess_m(i, parts, moved_m) for i in range(len(parts)))
     limit_m, merging = max(allowed_m, worst_m), True
     while merging and len(parts) > 1:

@@ -1,4 +1,4 @@
-"""The folder of an arm: load drafts, and write all files at once."""
+"""Load drafts of arms, and write the files of their folders at once."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ _NAME = re.compile(r"[A-Za-z0-9_-]{1,64}")
 
 
 def check_name(name: str) -> None:
-    """Raise if a name is not allowed for an arm.
+    """Refuse a name that an arm may not have.
 
     Raises:
-        BadValueError: The name has other characters, or is the name of an arm of ikservo.
+        BadValueError: The name has other characters, or an arm of ikservo has it.
     """
     if not _NAME.fullmatch(name):
         raise BadValueError("The name", name, "1 to 64 of the characters A-Z a-z 0-9 _ -")
@@ -28,14 +28,14 @@ def check_name(name: str) -> None:
 
 
 def check_new(names: Sequence[str], folder: Path, *, overwrite: bool) -> None:
-    """Raise if a folder of an arm exists already.
+    """Refuse names of arms whose folder already exists.
 
     Raises:
-        InputError: The folder exists and may not be overwritten.
+        InputError: A folder exists and may not be overwritten.
     """
     for name in names:
         if (folder / name).exists() and not overwrite:
-            raise InputError(f"{folder / name} exists already.", "Replace its files: --overwrite.")
+            raise InputError(f"{folder / name} already exists.", "Replace its files: --overwrite.")
 
 
 def load_draft(draft: ArmDraft, folder: Path | None = None) -> Model:

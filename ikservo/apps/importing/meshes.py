@@ -1,4 +1,4 @@
-"""The triangles of mesh files: STL, OBJ, PLY, glTF and Collada, read with bounds."""
+"""Read the triangles of mesh files of limited size: STL, OBJ, PLY, glTF and Collada."""
 
 from __future__ import annotations
 
@@ -23,8 +23,9 @@ from ikservo.remedies import install_command
 _FORMATS = (".stl", ".obj", ".ply", ".glb", ".gltf", ".dae")
 _MAX_BYTES = 32 * 1024 * 1024
 MAX_TRIANGLES = 300_000
-"""Largest number of triangles of a mesh; fitting takes up to half a minute, once."""
+"""Largest number of triangles of a mesh. Fitting that many takes up to half a minute, once."""
 _UNIT_BYTES = 64 * 1024
+_UNIT = re.compile(rb"""<unit\b[^>]*\bmeter\s*=\s*["']([0-9.eE+-]{1,24})["']""")
 _STL_HEAD_BYTES, _STL_TRIANGLE_BYTES, _GLB_HEAD_BYTES = 84, 50, 20
 
 
@@ -34,9 +35,9 @@ def read_triangles(path: Path, data: bytes, link: str) -> Triangles:
     Files that the mesh names (buffers of glTF) are read from its own folder only.
 
     Args:
-        path: The origin of the mesh; its suffix tells the format.
+        path: The file of the mesh; its suffix tells the format.
         data: Its content.
-        link: The link that owns the shape, for the messages.
+        link: The link that owns the shape, for messages.
 
     Raises:
         FileFormatError: The file has an unknown format, or is damaged, empty or too large.
@@ -54,22 +55,14 @@ def read_triangles(path: Path, data: bytes, link: str) -> Triangles:
     triangles = _load_mesh(path, data, place)
     _check_count(path, place, len(triangles))
     if suffix == ".dae":
-        triangles *= _collada_metre(data)
+        unit = _UNIT.search(data[:_UNIT_BYTES])
+        metre = 1.0
+        with contextlib.suppress(ValueError):
+            metre = float(unit[1]) if unit else 1.0
+        triangles *= metre if 1e-6 <= metre <= 1e3 else 1.0
     if not len(triangles) or not np.isfinite(triangles).all():
         raise FileFormatError(path, place, "it has no triangles", "a surface of triangles")
     return triangles
-
-
-_UNIT = re.compile(rb"""<unit\b[^>]*\bmeter\s*=\s*["']([0-9.eE+-]{1,24})["']""")
-
-
-def _collada_metre(data: bytes) -> float:
-    """Return the unit of a Collada file in metres; 1 if the file does not name it."""
-    found = _UNIT.search(data[:_UNIT_BYTES])
-    with contextlib.suppress(ValueError):
-        metre = float(found[1]) if found else 1.0
-        return metre if 1e-6 <= metre <= 1e3 else 1.0
-    return 1.0
 
 
 def _check_count(path: Path, place: str, triangles: float) -> None:
@@ -79,7 +72,7 @@ def _check_count(path: Path, place: str, triangles: float) -> None:
 
 
 def _stated_triangles(suffix: str, data: bytes) -> float:
-    """Return the stated number of triangles, before memory is allocated; 0 if unknown."""
+    """Return the number of triangles that a file states, before it is loaded; 0 if unknown."""
     if suffix == ".stl" and len(data) > _STL_HEAD_BYTES and not data.startswith(b"solid"):
         return (len(data) - _STL_HEAD_BYTES) // _STL_TRIANGLE_BYTES
     if suffix == ".obj":
@@ -88,25 +81,28 @@ def _stated_triangles(suffix: str, data: bytes) -> float:
         start = _GLB_HEAD_BYTES if suffix == ".glb" else 0
         length = int.from_bytes(data[12:16], "little") if suffix == ".glb" else len(data)
         with contextlib.suppress(ValueError, TypeError, AttributeError, KeyError, RecursionError):
-            return _gltf_triangles(json.loads(data[start : start + length]))
+            tree: Any = json.loads(data[start : start + length])
+            counts: list[float] = [each.get("count", 0) for each in tree.get("accessors", ())]
+            meshes: list[float] = []
+            for mesh in tree.get("meshes", ()):
+                used: list[int] = [
+                    p.get("indices", p["attributes"]["POSITION"]) for p in mesh["primitives"]
+                ]
+                meshes.append(sum(counts[accessor] for accessor in used))
+            nodes: list[int] = [node["mesh"] for node in tree.get("nodes", ()) if "mesh" in node]
+            corners = max(sum(meshes[mesh] for mesh in nodes), *counts, 0)
+            return corners / 3
     return 0
 
 
-def _gltf_triangles(tree: Any) -> float:  # noqa: ANN401  # JSON of any shape
-    """Count the triangles of a glTF: a third of the corners that its nodes draw."""
-    counts: list[float] = [accessor.get("count", 0) for accessor in tree.get("accessors", ())]
-    meshes: list[float] = []
-    for mesh in tree.get("meshes", ()):
-        used: list[int] = [
-            p.get("indices", p["attributes"]["POSITION"]) for p in mesh["primitives"]
-        ]
-        meshes.append(sum(counts[accessor] for accessor in used))
-    nodes: list[int] = [node["mesh"] for node in tree.get("nodes", ()) if "mesh" in node]
-    return max(sum(meshes[mesh] for mesh in nodes), *counts, 0) / 3
-
-
 def _load_mesh(path: Path, data: bytes, place: str) -> Triangles:
-    trimesh = _import_trimesh(path, place)
+    try:
+        trimesh: Any = importlib.import_module("trimesh")  # it has no types
+    except ImportError:
+        raise InputError(
+            f"{path}, {place}: reading meshes needs trimesh, which is not installed.",
+            f"Install it: {install_command('import')}",
+        ) from None
     file = trimesh.util.wrap_as_stream(data)
     logging.getLogger("trimesh").addHandler(logging.NullHandler())  # silences the terminal
     try:
@@ -123,17 +119,9 @@ def _load_mesh(path: Path, data: bytes, place: str) -> Triangles:
         return np.array(mesh.triangles, dtype=np.float64).reshape(-1, 3, 3)
     except Exception as error:  # trimesh raises any exception for damaged files
         why = " ".join(str(error).split())[:120] or type(error).__name__
-        raise FileFormatError(path, place, f"it cannot be read ({why})", "a whole mesh") from error
-
-
-def _import_trimesh(path: Path, place: str) -> Any:  # noqa: ANN401  # it has no types
-    try:
-        return importlib.import_module("trimesh")
-    except ImportError:
-        raise InputError(
-            f"{path}, {place}: reading meshes needs trimesh, which is not installed.",
-            f"Install it: {install_command('import')}",
-        ) from None
+        raise FileFormatError(
+            path, place, f"it cannot be read ({why})", "an intact mesh"
+        ) from error
 
 
 class _FolderResolver:
@@ -143,7 +131,11 @@ class _FolderResolver:
         self._folder = folder
 
     def get(self, name: str) -> bytes:
-        """Get the content of a file; files outside the folder are not read."""
+        """Return the content of a file.
+
+        Raises:
+            ValueError: There is no such file in the folder.
+        """
         path = path_inside(self._folder, name)
         if path is None or not path.is_file():
             raise ValueError(f"{name!r} is not a file in the mesh's folder")
@@ -169,13 +161,6 @@ def mesh_triangles(link: str, mesh: Mesh) -> Triangles:
         FileFormatError: The file is missing, outside the folder, or cannot be used.
         InputError: The extra ``import`` is not installed.
     """
-    path = _mesh_file(link, mesh)
-    with path.open("rb") as file:
-        data = file.read(_MAX_BYTES + 1)
-    return read_triangles(path, data, link) * np.array(mesh.scale)
-
-
-def _mesh_file(link: str, mesh: Mesh) -> Path:
     place = f"mesh of link {link}"
     if mesh.path is None:
         expected = "a file in the model's own folder, as relative path, package:// or file://"
@@ -183,4 +168,6 @@ def _mesh_file(link: str, mesh: Mesh) -> Path:
     if not mesh.path.is_file():
         expected = "the mesh, or <collision> shapes of boxes, cylinders and spheres"
         raise FileFormatError(mesh.path, place, "the file does not exist", expected)
-    return mesh.path
+    with mesh.path.open("rb") as file:
+        data = file.read(_MAX_BYTES + 1)
+    return read_triangles(mesh.path, data, link) * np.array(mesh.scale)

@@ -1,4 +1,4 @@
-"""MJCF descriptions, compiled by MuJoCo: links, joints, shapes."""
+"""Read the links, joints and shapes of MJCF descriptions, which MuJoCo compiles."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ from ikservo.remedies import install_command
 _MAX_BYTES = 4 * 1024 * 1024
 _MAX_INCLUDES = 32
 _MAX_MESH_BYTES = 32 * 1024 * 1024
-_MAX_MESHES_BYTES = 256 * 1024 * 1024  # in all; a mesh counts each time that the model names it
+_MAX_MESHES_BYTES = 256 * 1024 * 1024  # of all meshes; a mesh counts each time it is named
 _BROKEN_NAME = re.compile(r"""\b(file\w*|\w+dir)\s*=\s*("[^"]*[\t\r\n]|'[^']*[\t\r\n])""")
 _DROPPED_SECTIONS = (
     "size", "option", "statistic", "visual", "custom", "extension", "contact", "sensor", "actuator",
@@ -52,14 +52,14 @@ _DROPPED_ELEMENTS = {
     **dict.fromkeys(("worldbody", "body", "frame"), ("camera", "light")),
 }
 _DROPPED_ATTRIBUTES = {"material": ("texture",), "compiler": ("texturedir",)}
-"""Elements that an arm's folder does not need; they are removed before MuJoCo compiles."""
+"""Elements and attributes that an arm does not need, removed before MuJoCo compiles the model."""
 
 
 def arm_xml(path: Path, folder: Path) -> str:
     """Return an MJCF with its included files, reduced to the structure of the arm.
 
     Pictures, height fields, key frames, cameras, sensors and actuators are left out before
-    anything is compiled. Meshes are named by their whole path.
+    anything is compiled. Meshes are named by their absolute path.
 
     Raises:
         FileFormatError: A file is outside the folder, too large or not a regular file, or the XML
@@ -104,15 +104,17 @@ def arm_xml(path: Path, folder: Path) -> str:
 
 
 def _read_whole(path: Path, place: Path, folder: Path, seen: set[Path]) -> tuple[XmlElement, int]:
-    """Read an MJCF and insert its included files; return it and the number of files read.
+    """Read an MJCF and insert its included files; return it and how many files were read.
 
     Raises:
         FileFormatError: A file is outside the folder, included twice, or cannot be used.
     """
     seen.add(path.resolve())
     text = read_text(path, _MAX_BYTES)
-    if _BROKEN_NAME.search(text):  # MuJoCo keeps these; other XML readers read blanks
-        raise FileFormatError(path, "", "has a tab or a line break in a file's name", "a name")
+    if _BROKEN_NAME.search(text):  # MuJoCo keeps these characters; XML readers make them blanks
+        raise FileFormatError(
+            path, "", "has a tab or a line break in a file's name", "a name without these"
+        )
     root = parse_xml(path, text)
     for element in _all_elements(root):
         children: list[XmlElement] = []
@@ -135,7 +137,7 @@ _MULTIPLIES = ("replicate", "composite", "flexcomp", "attach", "model", "plugin"
 
 
 def _check_element(element: XmlElement) -> None:
-    """Refuse elements that expand a few bytes or name another model, and reversed ranges."""
+    """Refuse elements that multiply bodies or load other models, and reversed ranges."""
     attributes = element.attributes
     if element.tag in _MULTIPLIES or (element.tag == "mesh" and "builtin" in attributes):
         raise element.error(f"<{element.tag}> cannot be used", "each body written out")
@@ -152,7 +154,7 @@ _SWITCHES = {"range": "limited", "actuatorfrcrange": "actuatorfrclimited"}
 
 @dataclass(slots=True)
 class _LineCount:
-    """Keeps elements on their lines, so that MuJoCo reports the line numbers of the file."""
+    """The current line of written XML; elements keep their lines so that MuJoCo reports them."""
 
     show_lines: bool
     line: int = 1
@@ -190,15 +192,15 @@ def _all_elements(root: XmlElement) -> list[XmlElement]:
 
 
 def body_shapes(mujoco: Any, model: Any, body: int, shift_m: Vector) -> tuple[list[Shape], ...]:  # noqa: ANN401  # no types
-    """Return the collision shapes and the visual shapes of a body.
+    """Return the collision shapes and the visual shapes of a body, without its surroundings.
 
-    Planes and height fields are surroundings and are left out.
+    Planes and height fields belong to the surroundings.
 
     Args:
         mujoco: The module `mujoco`.
         model: A compiled model.
         body: The number of the body.
-        shift_m: Origin (3,) of the link's frame in the body's frame.
+        shift_m: Origin (3,) of the link's frame, in the body's frame.
     """
     collide, drawn = list[Shape](), list[Shape]()
     first = int(model.body_geomadr[body])
@@ -224,16 +226,14 @@ def _geom_shapes(mujoco: Any, model: Any, geom: int, T: Matrix) -> list[Shape]: 
         case kinds.mjGEOM_BOX | kinds.mjGEOM_ELLIPSOID:
             return [Box((2 * size[0], 2 * size[1], 2 * size[2]), at, rpy)]
         case kinds.mjGEOM_MESH:
-            return [Surface(_mesh_triangles(model, int(model.geom_dataid[geom])), at, rpy)]
+            mesh = int(model.geom_dataid[geom])
+            first, count = int(model.mesh_vertadr[mesh]), int(model.mesh_vertnum[mesh])
+            corners = np.array(model.mesh_vert[first : first + count], dtype=np.float64)
+            first, count = int(model.mesh_faceadr[mesh]), int(model.mesh_facenum[mesh])
+            faces = np.array(model.mesh_face[first : first + count])
+            return [Surface(corners[faces], at, rpy)]
         case _:
             return []
-
-
-def _mesh_triangles(model: Any, mesh: int) -> Matrix:  # noqa: ANN401
-    first, count = int(model.mesh_vertadr[mesh]), int(model.mesh_vertnum[mesh])
-    corners = np.array(model.mesh_vert[first : first + count], dtype=np.float64)
-    first, count = int(model.mesh_faceadr[mesh]), int(model.mesh_facenum[mesh])
-    return corners[np.array(model.mesh_face[first : first + count])]
 
 
 _NO_INERTIA = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
@@ -242,13 +242,13 @@ _NO_INERTIA = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 def read_mjcf(path: Path, folder: Path | None = None) -> Urdf:
     """Read bodies, hinges, slides, geoms and sites of an MJCF.
 
-    Bodies and sites are links; a body with several joints has one more link for each. A robot with
-    a free base is fixed at its place; loose objects are left out. The files that it names are
-    checked first, so that none outside the model's folder is opened.
+    Bodies and sites become links; each further joint of a body gets a link of its own. A robot
+    with a free base is fixed at its place; loose objects are left out. The names of all files are
+    checked first, so that no file outside the model's folder is opened.
 
     Args:
         path: The file.
-        folder: The folder of its files; None: the folder of the file.
+        folder: The folder that contains all its files; None: that of the MJCF.
 
     Raises:
         FileFormatError: A file is outside the folder, MuJoCo refuses the model, or it has a
@@ -256,7 +256,13 @@ def read_mjcf(path: Path, folder: Path | None = None) -> Urdf:
         InputError: The extra ``physics`` is not installed.
     """
     text = arm_xml(path, path.parent if folder is None else folder)
-    mujoco = _import_mujoco(path)
+    try:
+        mujoco: Any = importlib.import_module("mujoco")  # it has no types
+    except ImportError:
+        raise InputError(
+            f"{path} is an MJCF; reading it needs mujoco, which is not installed.",
+            f"Install it: {install_command('physics')}",
+        ) from None
     try:
         with _warnings_withheld(mujoco):
             model = mujoco.MjModel.from_xml_string(text)
@@ -283,16 +289,6 @@ def _ignore(_: str) -> None:
     pass
 
 
-def _import_mujoco(path: Path) -> Any:  # noqa: ANN401  # no types
-    try:
-        return importlib.import_module("mujoco")
-    except ImportError:
-        raise InputError(
-            f"{path} is an MJCF; reading it needs mujoco, which is not installed.",
-            f"Install it: {install_command('physics')}",
-        ) from None
-
-
 class _BodyTreeReader:
     """Builds links and joints from the bodies of a compiled model, parents first."""
 
@@ -305,7 +301,12 @@ class _BodyTreeReader:
         self._names: list[str] = []
 
     def build_urdf(self) -> Urdf:
-        model, loose = self._model, self._loose_bodies()
+        model, root_of = self._model, self._model.body_rootid
+        # Loose objects move freely or by mocap, and carry no other joints.
+        moves_freely = np.equal(model.jnt_type, self._mujoco.mjtJoint.mjJNT_FREE)
+        roots = {*model.jnt_bodyid[moves_freely], *np.flatnonzero(model.body_mocapid >= 0)}
+        roots.difference_update(root_of[model.jnt_bodyid[~moves_freely]])
+        loose = {body for body in range(model.nbody) if root_of[body] in roots}
         for body in range(model.nbody):
             self._names.append(model.body(body).name or f"body_{body}")
             held = body and body not in loose
@@ -313,19 +314,21 @@ class _BodyTreeReader:
             if body not in loose:
                 self._add_link(body)
         for site in range(model.nsite):
-            if int(model.site_bodyid[site]) not in loose:
-                self._add_site(site)
+            body = int(model.site_bodyid[site])
+            if body in loose:
+                continue
+            name = model.site(site).name or f"site_{site}"
+            if name in {link.name for link in self._links}:
+                name = f"{name}_site"
+            T = make_pose(
+                model.site_pos[site] - self._shift_m[body],
+                quaternion_to_matrix(model.site_quat[site]),
+            )
+            self._links.append(_empty_link(name))
+            self._joints.append(_fixed_joint(f"{name}_mount", self._names[body], name, T))
         things = [body for body in sorted(loose) if model.body_rootid[body] == body]
         notes = tuple(f"{self._names[each]} is a loose object: it is left out." for each in things)
         return Urdf("", tuple(self._links), tuple(self._joints), self._names[0], notes)
-
-    def _loose_bodies(self) -> set[int]:
-        """Find the bodies of loose objects, which move freely or by mocap."""
-        model, root_of = self._model, self._model.body_rootid
-        moves_freely = np.equal(model.jnt_type, self._mujoco.mjtJoint.mjJNT_FREE)
-        loose = {*model.jnt_bodyid[moves_freely], *np.flatnonzero(model.body_mocapid >= 0)}
-        loose.difference_update(root_of[model.jnt_bodyid[~moves_freely]])
-        return {body for body in range(model.nbody) if root_of[body] in loose}
 
     def _add_joints(self, body: int) -> Vector:
         """Add the joints of a body; return the origin of its link's frame in the body's frame."""
@@ -382,7 +385,7 @@ class _BodyTreeReader:
         )
 
     def _find_mimic(self, joint: int) -> UrdfMimic | None:
-        """Find the joint that an equality makes this one follow, if any."""
+        """Find the joint that this one follows by an equality constraint; None without."""
         model, kinds = self._model, self._mujoco.mjtEq
         for i in range(model.neq):
             ties_joints = kinds(int(model.eq_type[i])) == kinds.mjEQ_JOINT
@@ -416,17 +419,6 @@ class _BodyTreeReader:
                 line=0,
             )
         )
-
-    def _add_site(self, site: int) -> None:
-        model, body = self._model, int(self._model.site_bodyid[site])
-        name = model.site(site).name or f"site_{site}"
-        if name in {link.name for link in self._links}:
-            name = f"{name}_site"
-        T = make_pose(
-            model.site_pos[site] - self._shift_m[body], quaternion_to_matrix(model.site_quat[site])
-        )
-        self._links.append(_empty_link(name))
-        self._joints.append(_fixed_joint(f"{name}_mount", self._names[body], name, T))
 
 
 def _empty_link(name: str) -> UrdfLink:

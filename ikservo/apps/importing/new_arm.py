@@ -21,7 +21,6 @@ from ikservo.apps.importing.folder import check_name, check_new, load_draft
 from ikservo.apps.importing.resting import find_resting_place
 from ikservo.apps.importing.ruler import AXES, RulerJoint, describe_measured, parse_measured
 from ikservo.apps.importing.servo_assignment import assign_servos
-from ikservo.apps.importing.shapes import MeshStep
 from ikservo.apps.importing.tree import find_structures
 from ikservo.clock import RealClock
 from ikservo.errors import FileFormatError, IkservoError, InputError
@@ -35,18 +34,17 @@ from ikservo.maintenance.dialogue import (
     Unasked,
 )
 
-_FREE_M = 0.0
 _MAX_JOINTS = 12
 
 
 @dataclass(frozen=True, slots=True)
 class NewArm:
-    """The options of the user.
+    """The user's options for a new arm.
 
     Attributes:
         name: The name of the arm.
         folder: The folder in which the arm's folder is made.
-        source: A description, or a folder with one; None for an arm that is measured.
+        source: A description, or a folder with one; None: the arm is measured.
         file: The file in that folder.
         joints: Measured joints, base to tip, if there is no description.
         packages: Folders of packages, by name.
@@ -54,7 +52,7 @@ class NewArm:
         allow_xacro: Whether the expressions in a xacro may be run.
         overwrite: Whether files of an existing folder may be replaced.
         options: The choices about the arm.
-        port: The port of its servos; None if they are not connected.
+        port: The port of its servos; None: they are not connected.
     """
 
     name: str
@@ -74,7 +72,7 @@ def draft_new_arm(new: NewArm) -> EntryDialogue[list[ArmDraft]]:
     """Make drafts of the files of one or more arms; write nothing.
 
     Raises:
-        InputError: An option does not fit, or the folder exists; the message says which.
+        InputError: Options contradict each other, or the folder exists; the message names them.
         FileFormatError: The description cannot be used; the message names the place.
         UnknownNameError: The description has no such link or joint.
     """
@@ -93,7 +91,11 @@ def draft_new_arm(new: NewArm) -> EntryDialogue[list[ArmDraft]]:
             break
         if not step.done:
             yield Notice(f"Fitting capsules to {step.count} meshes: a few seconds for each.")
-        yield Progress(_mesh_progress(step, clock.now_s() - started_s))
+        left = ""
+        if step.done:
+            left_s = (clock.now_s() - started_s) / step.done * (step.count - step.done)
+            left = f", about {left_s:.0f} s left"
+        yield Progress(f"mesh {step.done + 1} of {step.count}{left}: {step.name}")
     check_new([draft.name for draft in drafts], new.folder, overwrite=new.overwrite)
     for draft in drafts:
         yield from _propose_home(draft)
@@ -102,14 +104,6 @@ def draft_new_arm(new: NewArm) -> EntryDialogue[list[ArmDraft]]:
     for draft in drafts:
         yield from _find_rest(draft)
     return drafts
-
-
-def _mesh_progress(step: MeshStep, elapsed_s: float) -> str:
-    """Describe which mesh is fitted, and estimate the remaining time."""
-    left = ""
-    if step.done:
-        left = f", about {elapsed_s / step.done * (step.count - step.done):.0f} s left"
-    return f"mesh {step.done + 1} of {step.count}{left}: {step.name}"
 
 
 def _read(new: NewArm) -> EntryDialogue[Description]:
@@ -172,7 +166,7 @@ def _choose_tips(description: Description, options: ImportOptions) -> EntryDialo
 
 
 def _propose_home(draft: ArmDraft) -> EntryDialogue[None]:
-    """Search the pose home for a draft; the pose rest is the same until it is found."""
+    """Search for the pose home of a draft; the pose rest equals it until it is found."""
     start = {
         joint.name: min(max(0.0, draft.joint(joint.name).lower), draft.joint(joint.name).upper)
         for joint in draft.joints
@@ -194,11 +188,13 @@ def _propose_home(draft: ArmDraft) -> EntryDialogue[None]:
         draft.poses["retracted"] = {**home, **retracted}
         draft.decisions.append("In the pose retracted all slides are at their lower limits; parts "
                                "of a telescope may overlap as deeply as there.")  # fmt: skip
-    draft.decisions.append("The pose home is free, with the tool in front: change it as you like.")
+    draft.decisions.append(
+        "The pose home is free of collisions, with the tool in front. Change it as you like."
+    )
 
 
 def _find_rest(draft: ArmDraft) -> EntryDialogue[None]:
-    """Find the pose rest for a draft: where the simulated arm lies when it is limp."""
+    """Find the pose rest of a draft, in which the simulated arm lies when it is limp."""
     yield Progress(f"letting the simulated {draft.name} sink")
     try:
         with tempfile.TemporaryDirectory() as name:
@@ -214,11 +210,11 @@ def _find_rest(draft: ArmDraft) -> EntryDialogue[None]:
     draft.poses = {**draft.poses, "rest": place.positions}
     draft.decisions.append(
         f"The pose rest is where the simulated arm lay {place.sank_s:.0f} s after it was released "
-        "in home. A real arm must stay there when it is limp: check it."
+        "in home. A real arm must stay there when it is limp; check this."
     )
     if not place.still:
         draft.decisions.append("It was still moving then: put the real arm there and check.")
-    if math.isfinite(place.gap_m) and place.gap_m < _FREE_M:
+    if math.isfinite(place.gap_m) and place.gap_m < 0.0:
         draft.decisions.append(
             f"In rest {' and '.join(place.pair)} overlap by {-1000 * place.gap_m:.0f} mm, because "
             "capsules are thicker than the parts, or because the limp arm cannot rest otherwise."

@@ -1,4 +1,4 @@
-"""The folders of the packages that a description names, and the files in them."""
+"""Find the folders of the packages that a description names, and the files in them."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ _DESCRIPTION_FOLDERS = ("urdf", "urdfs", "robots", "robot", "xacro", "xml", "mjc
 
 @dataclass(slots=True)
 class PackageFolders:
-    """Finds packages that the user gave, or in folders above the description.
+    """Finds packages: those that the user gave, and those in folders above the description.
 
     Attributes:
         path: The description.
         given: Folders by package, as given by the user.
-        folder: The folder that the user named, or that of the named file; its files may be read.
+        folder: The folder whose files may be read; None: that of the description's package.
         used: Folders by package, as found so far.
-        outside: Names of meshes that were refused because they are outside every folder.
+        outside: Names of the meshes that were refused because they are outside all folders.
     """
 
     path: Path
@@ -78,7 +78,12 @@ class PackageFolders:
         return own.parent if own.name.lower() in _DESCRIPTION_FOLDERS else own
 
     def _mesh_path(self, filename: str) -> Path | None:
-        name, rest = _split_package(filename)
+        name, rest = "", ""
+        if filename.startswith(_PACKAGE):
+            name, _, rest = filename.removeprefix(_PACKAGE).partition("/")
+        elif filename.startswith(_FIND):
+            name, _, rest = filename.removeprefix(_FIND).partition(")/")
+            name = name.strip()
         if name:
             folder = self.find(name)
             own = [path_inside(folder, rest)] if folder else []
@@ -95,7 +100,7 @@ class PackageFolders:
         return self._inside(posixpath.normpath(posixpath.join(place.as_posix(), filename)))
 
     def _inside(self, text: str) -> Path | None:
-        """Return the file of an absolute path in the folder of the description or a package."""
+        """Return the path if it is in the folder of the description or of a package, else None."""
         for folder in (self.folder or self.own_folder(), self.own_folder(), *self.used.values()):
             for home in dict.fromkeys((folder.absolute(), folder.resolve())):
                 if text.startswith(f"{home.as_posix()}/"):
@@ -121,22 +126,11 @@ class PackageFolders:
         return None
 
 
-def _split_package(filename: str) -> tuple[str, str]:
-    """Split ``package://NAME/PATH`` and ``$(find NAME)/PATH`` in two; empty for other names."""
-    if filename.startswith(_PACKAGE):
-        name, _, rest = filename.removeprefix(_PACKAGE).partition("/")
-        return name, rest
-    if filename.startswith(_FIND):
-        name, _, rest = filename.removeprefix(_FIND).partition(")/")
-        return name.strip(), rest
-    return "", ""
-
-
 _NAME_ELEMENT = re.compile(r"<name>\s*([\w.-]{1,128})\s*</name>")
 
 
 def _manifest_name(folder: Path) -> str:
-    """Return the name in a folder's package.xml; empty if none can be read."""
+    """Return the name in a folder's package.xml; empty if there is no readable name."""
     manifest = folder / "package.xml"
     if not manifest.is_file():
         return ""

@@ -15,24 +15,25 @@ from ikservo.control.stillness import StillnessDetector, read_until_at_rest
 from ikservo.kinematics.arrays import Matrix
 from ikservo.model.model_loading import load_model
 
-_MIN_S, _MAX_S = 4.0, 60.0
+_MIN_S, _MAX_S = 4.0, 60.0  # shortest and longest simulation
 # A sinking arm moves by more than this in a second, rad or m.
 _LIES = StillnessDetector(window_s=1.0, tolerance=0.001, least_readings=2)
 _ROOM_M = 0.006  # clearance of the sagging arm, whose path down is not straight
-_MAX_SHARE, _SHARES = 0.4, 201  # tried fractions of the path back to the release
+_MAX_SHARE = 0.4  # largest fraction of the path back to the start that the result may be raised
+_SHARES = 201  # fractions of the path that are tried
 
 
 @dataclass(frozen=True, slots=True)
 class RestingPlace:
-    """The place where an arm comes to rest.
+    """The posture in which a limp arm comes to rest.
 
     Attributes:
-        positions: Positions by joint, rad or m; a little above the first contact that the guard
-            would find.
-        sank_s: The duration of the motion.
-        gap_m: The smallest distance within its body there, as the guard measures it; negative if
+        positions: Positions by joint, rad or m, a little above the first contact that the guard
+            would report.
+        sank_s: The time that the arm needed to sink.
+        gap_m: The smallest distance between its parts, as the guard measures it; negative if
             shapes overlap.
-        pair: The two parts with that distance; empty if nothing is checked.
+        pair: The two parts with that distance; empty if collisions are not checked.
         still: Whether it came to rest.
     """
 
@@ -44,7 +45,7 @@ class RestingPlace:
 
 
 def find_resting_place(folder: Path, pose: str = "home") -> RestingPlace:
-    """Simulate an arm that is released in a pose, until it lies still or a minute is over.
+    """Release a simulated arm in a pose, and wait until it lies still, at most a minute.
 
     Args:
         folder: The folder of the arm.
@@ -70,16 +71,22 @@ def find_resting_place(folder: Path, pose: str = "home") -> RestingPlace:
             for name, at in zip(arm.joint_index.names, still.joints, strict=True)
         }
         free = _free_above(arm, inside, arm.model.pose(pose))
-        return RestingPlace(free, sank_s, *_nearest_pair(arm, free), still.is_at_rest())
+        gap_m, pair = math.inf, tuple[str, ...]()
+        checker = arm.context.checked_collision
+        if checker is not None:
+            gaps_m = checker.distances(_body_joints(arm, free))[0]
+            nearest = int(gaps_m.argmin())
+            gap_m, pair = float(gaps_m[nearest]), checker.pairs[nearest]
+        return RestingPlace(free, sank_s, gap_m, pair, still.is_at_rest())
 
 
 def _free_above(
     arm: Arm, resting: Mapping[str, float], start: Mapping[str, float]
 ) -> dict[str, float]:
-    """Return the lowest posture on the path down of an arm up to which the path is free.
+    """Return the lowest posture that is free on the straight path from the start to rest.
 
-    A limp arm lies on its own parts, and the shapes of the guard are a little thicker. The path is
-    straight from the posture of release. If it is blocked early, the resting posture is returned.
+    A limp arm lies on its own parts, but the shapes of the guard are a little thicker than these.
+    If the path is blocked far above the resting posture, that posture is returned.
     """
     found: dict[str, float] | None = None
     room_m = min(_ROOM_M, 0.8 * _sagged_clearance_m(arm, start))
@@ -93,22 +100,12 @@ def _free_above(
 
 
 def _sagged_clearance_m(arm: Arm, positions: Mapping[str, float]) -> float:
-    """Compute the clearance [m] of a moving arm, as the guard sees it."""
+    """Compute the clearance [m] that the guard sees if an arm moves through a posture."""
     checker = arm.context.checked_collision
     if checker is None:
         return math.inf
     load = arm.context.planner.dynamic_load_factor("normal")  # a moving arm sags more than at rest
     return float(checker.distances_with_sag(_body_joints(arm, positions), load).min())
-
-
-def _nearest_pair(arm: Arm, positions: Mapping[str, float]) -> tuple[float, tuple[str, ...]]:
-    """Compute the smallest distance [m] in a posture, and the two parts that have it."""
-    checker = arm.context.checked_collision
-    if checker is None:
-        return math.inf, ()
-    gap_m = checker.distances(_body_joints(arm, positions))[0]
-    nearest = int(gap_m.argmin())
-    return float(gap_m[nearest]), checker.pairs[nearest]
 
 
 def _body_joints(arm: Arm, positions: Mapping[str, float]) -> Matrix:

@@ -1,4 +1,4 @@
-"""An arm measured with a ruler: joints above each other, upright at zero."""
+"""Describe an arm that was measured with a ruler: a column of joints, upright at zero."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from ikservo.model.urdf_types import (
 )
 
 AXES = {"z": (0.0, 0.0, 1.0), "y": (0.0, 1.0, 0.0), "x": (1.0, 0.0, 0.0)}
-"""Axes of joints: z turns about the upright part, y bends it forwards, x to the side."""
+"""Axes of joints: z turns the upright arm, y bends it forwards, x bends it to the side."""
 
 _RADIUS_M, _FOOT_M = 0.02, 0.05
 _LIMIT_RAD = math.radians(90.0)
@@ -30,7 +30,7 @@ _MAX_LENGTH_M = 2.0
 
 @dataclass(frozen=True, slots=True)
 class RulerJoint:
-    """A joint, its axis in the upright arm, and the length [m] to the next joint or the tip."""
+    """A joint with its axis in the upright arm and the length [m] to the next joint or the tip."""
 
     name: str
     axis: str
@@ -60,7 +60,7 @@ def describe_measured(
     """Describe an arm that stands upright at zero.
 
     Args:
-        name: The arm.
+        name: The name of the arm.
         joints: The joints from base to tip.
         foot_m: The height of the first joint above the table.
     """
@@ -68,10 +68,11 @@ def describe_measured(
     height_m = foot_m
     for i, joint in enumerate(joints, start=1):
         links.append(_part(f"part_{i}", joint.length_m, _RADIUS_M))
-        moving.append(_joint(joint, links[i - 1].name, links[i].name, height_m))
+        axis = AXES[joint.axis]
+        moving.append(_joint(joint.name, links[i - 1].name, links[i].name, height_m, axis))
         height_m = joint.length_m
     links.append(_part("tip", 0.0, 0.0))
-    moving.append(_mount(links[-2].name, height_m))
+    moving.append(_joint("tip_mount", links[-2].name, "tip", height_m, None))
     urdf = Urdf(name, tuple(links), tuple(moving), "base")
     notes = ["The arm was measured: it stands upright at zero, and has no masses."]
     return Description(Path("a ruler"), urdf, PackageFolders(Path(name)), notes)
@@ -81,7 +82,7 @@ _ZERO: Triple = (0.0, 0.0, 0.0)
 
 
 def _part(name: str, length_m: float, radius_m: float) -> UrdfLink:
-    """Return a link upwards from its joint, with a shape that ends short of both joints."""
+    """Return a link that stands on its joint, with a shape that ends short of both joints."""
     shapes: tuple[Shape, ...] = ()
     if radius_m and length_m:
         radius_m = min(radius_m, 0.4 * length_m)
@@ -90,17 +91,12 @@ def _part(name: str, length_m: float, radius_m: float) -> UrdfLink:
     return UrdfLink(name, 0.0, _ZERO, _ZERO, (0.0, 0.0, 0.0, 0.0, 0.0, 0.0), shapes, shapes, 0)
 
 
-def _joint(joint: RulerJoint, parent: str, child: str, height_m: float) -> UrdfJoint:
+def _joint(name: str, parent: str, child: str, height_m: float, axis: Triple | None) -> UrdfJoint:
+    """Return a joint that turns about an axis, or is fixed without one."""
+    kind = UrdfJointType.FIXED if axis is None else UrdfJointType.REVOLUTE
+    limit_rad = 0.0 if axis is None else _LIMIT_RAD
     return UrdfJoint(
-        name=joint.name, kind=UrdfJointType.REVOLUTE, parent=parent, child=child,
-        xyz_m=(0.0, 0.0, height_m), rpy_rad=_ZERO, axis=AXES[joint.axis], lower=-_LIMIT_RAD,
-        upper=_LIMIT_RAD, effort=math.inf, velocity=math.inf, mimic=None, line=0,
-    )  # fmt: skip
-
-
-def _mount(parent: str, height_m: float) -> UrdfJoint:
-    return UrdfJoint(
-        name="tip_mount", kind=UrdfJointType.FIXED, parent=parent, child="tip",
-        xyz_m=(0.0, 0.0, height_m), rpy_rad=_ZERO, axis=(1.0, 0.0, 0.0), lower=0.0, upper=0.0,
+        name=name, kind=kind, parent=parent, child=child, xyz_m=(0.0, 0.0, height_m),
+        rpy_rad=_ZERO, axis=axis or (1.0, 0.0, 0.0), lower=-limit_rad, upper=limit_rad,
         effort=math.inf, velocity=math.inf, mimic=None, line=0,
     )  # fmt: skip

@@ -42,12 +42,12 @@ def assign_servos(
     Args:
         drafts: The arms on the bus.
         port: The port.
-        given: Servos by joint that the user has named; these are not moved.
+        given: Servos by joint, as given by the user; these are not moved.
 
     Raises:
         PortError: The port cannot be opened.
-        ServoSilentError: No servo replies, or one that was named does not.
-        InputError: Servos are of several families or of unknown models, or there are too few.
+        ServoSilentError: No servo replies, or one that the user gave does not.
+        InputError: The servos are of several families or of an unknown model, or too few.
     """
     name = simulated_port_url(choose_port(port), None)
     rates = candidate_baud_rates()
@@ -61,7 +61,10 @@ def assign_servos(
         if left and len(assigned) < len(joints):
             yield Notice("Hold the arm near this pose, where it has room to move a little:")
             for draft in drafts:
-                yield Notice(f"  {_format_pose(draft)}")
+                model = load_draft(draft)
+                at = model.pose("home")
+                pose = ", ".join(f"{j.name} {j.joint_map.format(at[j.name])}" for j in model.joints)
+                yield Notice(f"  {draft.name}: {pose}")
             specs = [ServoSpec(each.id, each.table) for each in found if each.table]
             with stoppable(ServoBus(line, specs)) as bus:
                 for servo in left:
@@ -103,9 +106,9 @@ def _check_servos(
                          "One arm has servos of one family.")  # fmt: skip
     if len(found) < len(joints):
         raise InputError(
-            f"{len(found)} servos reply, and the arm has {len(joints)} joints: "
+            f"{len(found)} servos reply, but the arm has {len(joints)} joints: "
             f"{', '.join(joints)}.",
-            "Connect all, or leave joints out: --gripper none, --tip LINK.",
+            "Connect all servos, or leave joints out: --gripper none, --tip LINK.",
         )
     ids = {each.id for each in found}
     for joint, servos in given.items():
@@ -149,9 +152,9 @@ def _ask_about(
 
 
 def _move_and_return(bus: ServoBus, servo_id: int) -> EntryDialogue[None]:
-    """Move a servo slowly to larger ticks and back, with torque off for the others and afterwards.
+    """Move a servo slowly to larger ticks and back; the others are limp, and so is it afterwards.
 
-    Each step is reported, so that the caller of the dialogue can end it there.
+    Each step is reported, so that the caller of the dialogue can end it at any step.
     """
     spec = bus.servos[servo_id]
     travel = round(spec.table.ticks_per_turn * _TEST_DEG / 360.0)
@@ -168,13 +171,6 @@ def _move_and_return(bus: ServoBus, servo_id: int) -> EntryDialogue[None]:
     finally:
         for error in torque_off(bus, [servo_id]).values():
             raise error
-
-
-def _format_pose(draft: ArmDraft) -> str:
-    model = load_draft(draft)
-    positions = model.pose("home")
-    listed = (f"{each.name} {each.joint_map.format(positions[each.name])}" for each in model.joints)
-    return f"{draft.name}: {', '.join(listed)}"
 
 
 def _set_servos(

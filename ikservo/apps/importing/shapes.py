@@ -1,4 +1,4 @@
-"""Conversion of foreign links to simple shapes for contact, and meshes for drawing only."""
+"""Convert foreign links: simple shapes for contact, and meshes for drawing only."""
 
 from __future__ import annotations
 
@@ -38,10 +38,10 @@ from ikservo.model.urdf_types import (
     UrdfLink,
 )
 
-_MAX_SIZE_M = 5.0  # a larger mesh is in millimetres without a scale
+_MAX_SIZE_M = 5.0  # a larger mesh is probably in millimetres, and its scale is missing
 _ROD_M = 0.015  # radius of the rod that replaces missing shapes of a link
 MAX_PICTURE_TRIANGLES = 12_000
-"""Largest number of triangles of a mesh for drawing; finer meshes are made coarser."""
+"""Largest number of triangles of a mesh for drawing; larger meshes are simplified."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,11 +49,11 @@ class ContactFit:
     """The result of fitting capsules to a mesh.
 
     Attributes:
-        link: Its link.
-        name: The mesh, as in the description.
+        link: The link that owns the mesh.
+        name: The name of the mesh in the description.
         triangles: The number of its triangles.
         capsules: The number of capsules that contain it.
-        excess_m: The largest distance of their surface from it.
+        excess_m: The largest distance of their surface from the mesh.
         allowed_m: The largest distance that it should have.
     """
 
@@ -79,11 +79,11 @@ class ShapeConversion:
     """The converted shapes of a tree.
 
     Attributes:
-        urdf: The tree of simple shapes; its meshes are files of ``pictures``.
+        urdf: The tree with simple shapes; its visual meshes are files of ``pictures``.
         fits: The capsules that were fitted to each mesh.
         pictures: The content of each mesh file, by its name in the arm's folder.
-        notes: The parts that were dropped.
-        corners_m: Outermost points (n, 3) of each link's meshes and boxes, link coordinates.
+        notes: The parts that were left out, one sentence each.
+        corners_m: Outermost points (n, 3) of each link's shapes, in link coordinates.
     """
 
     urdf: Urdf
@@ -96,8 +96,8 @@ class ShapeConversion:
 def convert_shapes(urdf: Urdf) -> Generator[MeshStep, object, ShapeConversion]:
     """Fit capsules to the meshes of a tree, and convert its visual meshes to files of one format.
 
-    Yields before each mesh. A mesh that cannot be used is left out and noted; a link without a
-    usable collision shape gets its visual ones.
+    Yields before each mesh. A mesh that cannot be used is left out and noted. If a link has no
+    usable collision shape, its visual shapes are used for contact.
 
     Raises:
         InputError: A reader of meshes is not installed.
@@ -118,7 +118,7 @@ def _meshes(shapes: Sequence[Shape]) -> list[Mesh | Surface]:
 
 @dataclass(slots=True)
 class _LoadedMesh:
-    """A mesh and its results, cached because a file is often used several times."""
+    """A mesh and what was made of it, cached because a file is often used several times."""
 
     triangles: Triangles | None
     fit: MeshFit | None = None  # set if it is the only mesh of its link
@@ -139,55 +139,59 @@ class _ShapeConverter:
 
     def convert(self) -> ShapeConversion:
         """Convert each link."""
-        links = tuple(self._convert_link(link) for link in self._urdf.links)
-        self._result.urdf = replace(self._urdf, links=links)
+        links: list[UrdfLink] = []
+        for link in self._urdf.links:
+            contacts = self._contact_shapes(link.name, link.collisions)
+            if not contacts:
+                contacts = self._contact_shapes(link.name, link.visuals)
+            if not contacts and (link.collisions or link.visuals):
+                for joint in self._urdf.joints:
+                    end_m = np.array(joint.xyz_m)
+                    if joint.parent == link.name and float(np.linalg.norm(end_m)) > 2.0 * _ROD_M:
+                        contacts += capsule_shapes(FittedCapsule(np.zeros(3), end_m, _ROD_M))
+                instead = "a rod along it is used instead" if contacts else "it has no contact"
+                self._result.notes.append(f"link {link.name} has no usable shape: {instead}.")
+            visuals, colours = list[Shape](), list[Triple | None]()
+            for i, shape in enumerate(link.visuals):
+                drawn = self._picture(link.name, shape)
+                if drawn is not None:
+                    visuals.append(drawn)
+                    colours.append(link.colours[i] if link.colours else None)
+            links.append(
+                replace(
+                    link, collisions=tuple(contacts), visuals=tuple(visuals), colours=tuple(colours)
+                )
+            )
+        self._result.urdf = replace(self._urdf, links=tuple(links))
         return self._result
 
-    def _convert_link(self, link: UrdfLink) -> UrdfLink:
-        contacts: list[Shape] = []
-        for shapes in (link.collisions, link.visuals):
-            if not contacts:
-                contacts = self._contact_shapes(link.name, shapes)
-        if not contacts and (link.collisions or link.visuals):
-            contacts = self._rods(link.name)
-            instead = "a rod along it is used instead" if contacts else "it has no contact"
-            self._result.notes.append(f"link {link.name} has no usable shape: {instead}.")
-        visuals, colours = list[Shape](), list[Triple | None]()
-        for i, shape in enumerate(link.visuals):
-            drawn = self._picture(link.name, shape)
-            if drawn is not None:
-                visuals.append(drawn)
-                colours.append(link.colours[i] if link.colours else None)
-        return replace(
-            link, collisions=tuple(contacts), visuals=tuple(visuals), colours=tuple(colours)
-        )
-
-    def _rods(self, link: str) -> list[Shape]:
-        """Return a rod from the frame of a link to each joint that it carries."""
-        rods: list[Shape] = []
-        for joint in self._urdf.joints:
-            end_m = np.array(joint.xyz_m)
-            if joint.parent == link and float(np.linalg.norm(end_m)) > 2.0 * _ROD_M:
-                rods += capsule_shapes(FittedCapsule(np.zeros(3), end_m, _ROD_M))
-        return rods
-
     def _contact_shapes(self, link: str, shapes: Sequence[Shape]) -> list[Shape]:
-        """Return simple shapes of a link: its own, and capsules around its meshes."""
+        """Return the simple shapes of a link, and capsules around its meshes."""
         simple: list[Shape] = []
+        signs = np.array(list(itertools.product((-1.0, 1.0), repeat=3)))
         for shape in shapes:
-            if not isinstance(shape, Mesh | Surface):
-                simple.append(shape)
-                self._note_corners(link, _box_corners(shape))
+            match shape:
+                case Box():
+                    half_m = 0.5 * np.array(shape.size_m)
+                case Cylinder():
+                    half_m = np.array([shape.radius_m, shape.radius_m, 0.5 * shape.length_m])
+                case Sphere():
+                    half_m = np.full(3, shape.radius_m)
+                case Mesh() | Surface():
+                    continue
+            simple.append(shape)
+            R = rotation_rpy(*shape.rpy_rad)
+            self._note_corners(link, np.array(shape.xyz_m) + (signs * half_m) @ R.T)
         while self.fit_next(link, shapes):
             pass
         capsules = self._capsules_m.get(link, ())
         return [*simple, *(each for capsule in capsules for each in capsule_shapes(capsule))]
 
     def fit_next(self, link: str, shapes: Sequence[Shape]) -> bool:
-        """Fit capsules to the smallest mesh of a link without any yet; False if all have some.
+        """Fit capsules to the smallest mesh of a link that has none yet; False if all have some.
 
-        The meshes of a link are fitted together: where a servo touches its bracket, neither has an
-        outer surface.
+        The meshes of a link are fitted together, because a servo and its bracket have no outer
+        surface at the place where they touch.
         """
         meshes, fitted = _meshes(shapes), self._fitted.setdefault(link, set())
         waiting = [shape for shape in meshes if id(shape) not in fitted]
@@ -215,7 +219,7 @@ class _ShapeConverter:
         return True
 
     def _in_link(self, link: str, shape: Mesh | Surface) -> Triangles:
-        """Return the simplified triangles of a mesh, link coordinates; none if it is unusable."""
+        """Return the simplified triangles of a mesh, in link coordinates; none if unusable."""
         loaded = self._load(link, shape)
         if loaded.triangles is None:
             return np.zeros((0, 3, 3))
@@ -246,7 +250,7 @@ class _ShapeConverter:
         return self._loaded[key]
 
     def _picture(self, link: str, shape: Shape) -> Shape | None:
-        """Return the shape that is drawn; None for a mesh that cannot be used."""
+        """Return the shape to draw; None for a mesh that cannot be used."""
         if not isinstance(shape, Mesh | Surface):
             return shape
         loaded = self._load(link, shape)
@@ -259,7 +263,7 @@ class _ShapeConverter:
         return Mesh(loaded.picture, None, (1.0, 1.0, 1.0), shape.xyz_m, shape.rpy_rad)
 
 
-_BESIDE_FRACTION = 1 / 100  # of its size: detail of the meshes next to the fitted one
+_BESIDE_FRACTION = 1 / 100  # detail of the meshes next to the fitted one, as part of their size
 
 
 def _moved(capsule: FittedCapsule, R: Matrix, origin_m: Vector) -> FittedCapsule:
@@ -272,19 +276,6 @@ _UNUSUAL = re.compile(r"[^A-Za-z0-9_-]+")
 
 def _name_of(shape: Mesh | Surface) -> str:
     return shape.filename if isinstance(shape, Mesh) else "of the MJCF"
-
-
-def _box_corners(shape: Box | Cylinder | Sphere) -> Matrix:
-    """Return the corners (8, 3) of the box around a simple shape, link coordinates."""
-    match shape:
-        case Box():
-            half_m = 0.5 * np.array(shape.size_m)
-        case Cylinder():
-            half_m = np.array([shape.radius_m, shape.radius_m, 0.5 * shape.length_m])
-        case Sphere():
-            half_m = np.full(3, shape.radius_m)
-    signs = np.array(list(itertools.product((-1.0, 1.0), repeat=3)))
-    return np.array(shape.xyz_m) + (signs * half_m) @ rotation_rpy(*shape.rpy_rad).T
 
 
 def capsule_shapes(capsule: FittedCapsule) -> list[Shape]:

@@ -1,4 +1,4 @@
-"""Binary STL: the format of meshes for drawing."""
+"""Write and read binary STL, the format of meshes for drawing."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ _ROW = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute",
 
 
 def stl_bytes(triangles: NDArray[np.float64]) -> bytes:
-    """Return the content of a binary STL of triangles (n, 3, 3)."""
+    """Return triangles (n, 3, 3) as the content of a binary STL."""
     rows = np.zeros(len(triangles), dtype=_ROW)
     rows["corners"] = triangles
     a, b, c = triangles.transpose(1, 0, 2)
@@ -27,7 +27,7 @@ def stl_bytes(triangles: NDArray[np.float64]) -> bytes:
 
 
 def read_stl(path: Path) -> NDArray[np.float64]:
-    """Read the triangles (n, 3, 3) of a binary STL that was kept for pictures.
+    """Read the triangles (n, 3, 3) of a binary STL that was made for drawing.
 
     Raises:
         FileFormatError: The file is missing, not an STL, or too large.

@@ -17,7 +17,7 @@ from ikservo.model.urdf_types import Triple, Urdf, UrdfJoint, UrdfJointType, Urd
 _TIP_WORDS = ("gripper_frame", "tcp", "ee_gripper", "grasp", "end_effector", "tool", "tip", "_ee",
               "ee_", "flange", "hand", "camera_lens")  # fmt: skip
 _GRIPPER_WORDS = re.compile(r"grip|finger|jaw|claw|hand|pinc|carriage", re.IGNORECASE)
-_MIN_OWN_JOINTS = 3  # an arm has as many joints that it shares with no other arm
+_MIN_OWN_JOINTS = 3  # a further arm has at least so many joints of its own
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,7 +38,7 @@ class Structure:
 
 
 def moving_joints(urdf: Urdf) -> dict[str, tuple[str, ...]]:
-    """Return for each link, in file order, the joints that move it and follow no other.
+    """Return the joints that move each link and follow no other, by link in file order.
 
     Each link's joints are listed from base to tip.
     """
@@ -71,7 +71,7 @@ def find_structures(
     Args:
         urdf: The tree.
         tips: The tips that the user gave; empty to find the tip.
-        gripper: The joint of the jaws that the user gave; empty for none, None to find it.
+        gripper: The joint of the jaws that the user gave; empty: no jaws; None: it is searched for.
 
     Raises:
         UnknownNameError: There is no such link or joint.
@@ -97,7 +97,7 @@ def find_structures(
 
 
 def _possible_arms(urdf: Urdf, gripper: str | None) -> list[Structure]:
-    """Return an arm per branch with enough joints of its own, the longest first."""
+    """Return one arm per branch with enough joints of its own, the longest first."""
     jaws = _jaws(urdf) if gripper is None else [gripper] if gripper else []
     joints_to = moving_joints(urdf)
     inner = {joint.parent for joint in urdf.joints}
@@ -139,13 +139,13 @@ def _structure(
 
 
 def _word_rank(name: str) -> int:
-    """Rank a link by its name; the lower the rank, the likelier it is the tool."""
+    """Rank a link by its name: the lower the rank, the likelier it is the tool."""
     lowered = name.lower()
     return next((i for i, word in enumerate(_TIP_WORDS) if word in lowered), len(_TIP_WORDS))
 
 
 def _jaws(urdf: Urdf) -> list[str]:
-    """Return joints that look like jaws: the last of their branch, with a name of jaws."""
+    """Return the joints that look like jaws: named like jaws, at the end of their branch."""
     movable = {joint.name: joint for joint in urdf.joints if joint.kind.is_movable}
     leaders = {joint.mimic.joint for joint in movable.values() if joint.mimic}
     above = moving_joints(urdf)
@@ -164,9 +164,9 @@ def _jaws(urdf: Urdf) -> list[str]:
 
 
 def _is_wrist(urdf: Urdf, joint: UrdfJoint) -> bool:
-    """Check whether a joint turns a tool: a tool follows, or it turns a "hand" too far for jaws.
+    """Check whether a joint turns a tool, because it carries one or turns a "hand" too far.
 
-    For links named like jaws the range is ignored: some programs export ±180° for all joints.
+    The range is ignored for other names of jaws, because some programs export ±180° for all joints.
     """
     behind = [joint.child, *(each.child for each in _joints_below(urdf, joint.child))]
     tools = [name for name in behind if not _GRIPPER_WORDS.search(name)]
@@ -177,7 +177,7 @@ def _is_wrist(urdf: Urdf, joint: UrdfJoint) -> bool:
 
 
 def _own_jaws(urdf: Urdf, joints: Sequence[str]) -> str:
-    """Return the best jaws joint that the last joints of an arm carry; empty without one."""
+    """Return the best joint of jaws that the last joint of an arm carries; empty without jaws."""
     movable = {joint.name: joint for joint in urdf.joints}
     leaders = [joint.mimic.joint for joint in movable.values() if joint.mimic]
     above = moving_joints(urdf)
@@ -216,7 +216,7 @@ def fix_joints(urdf: Urdf, kept: Collection[str]) -> tuple[Urdf, dict[str, float
     """Fix all joints except the given ones and their followers, at zero or the nearest limit.
 
     Returns:
-        The tree, and the position of each joint that was fixed and follows no other, rad or m.
+        The tree, and the positions [rad or m] of the fixed joints that follow no other.
     """
     positions = {
         joint.name: min(max(0.0, joint.lower), joint.upper)
@@ -229,29 +229,23 @@ def fix_joints(urdf: Urdf, kept: Collection[str]) -> tuple[Urdf, dict[str, float
         if leader in positions:
             at = positions[leader]
             at = joint.mimic.multiplier * at + joint.mimic.offset if joint.mimic else at
-            joints.append(_fixed_at(joint, at))
+            motion = at * np.array(joint.axis)
+            slides = joint.kind is UrdfJointType.PRISMATIC
+            moved = make_pose(motion) if slides else make_pose(np.zeros(3), exp_so3(motion))
+            T = make_pose(joint.xyz_m, rotation_rpy(*joint.rpy_rad)) @ moved
+            joints.append(replace(
+                joint, kind=UrdfJointType.FIXED, xyz_m=pose_origin(T), rpy_rad=pose_rpy(T),
+                lower=0.0, upper=0.0, mimic=None,
+            ))  # fmt: skip
         else:
             joints.append(joint)
     return replace(urdf, joints=tuple(joints)), positions
 
 
-def _fixed_at(joint: UrdfJoint, position: float) -> UrdfJoint:
-    axis = np.array(joint.axis)
-    slides = joint.kind is UrdfJointType.PRISMATIC
-    motion = make_pose(position * axis) if slides else make_pose(
-        np.zeros(3), exp_so3(position * axis)
-    )  # fmt: skip
-    T = make_pose(joint.xyz_m, rotation_rpy(*joint.rpy_rad)) @ motion
-    return replace(
-        joint, kind=UrdfJointType.FIXED, xyz_m=pose_origin(T), rpy_rad=pose_rpy(T),
-        lower=0.0, upper=0.0, mimic=None,
-    )  # fmt: skip
-
-
 def lump_base(urdf: Urdf) -> Urdf:
-    """Move the shapes of all links that are fixed to the root to the root; keep them as frames.
+    """Move the shapes of all links that are fixed to the root to the root; keep their frames.
 
-    Only contacts of the root with the table are allowed, so the root needs the parts on the table.
+    Only the root may touch the table, so the root must have all parts that stand on it.
     """
     poses, links = {urdf.root: np.eye(4)}, {link.name: link for link in urdf.links}
     grew = True

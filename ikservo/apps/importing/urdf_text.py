@@ -1,4 +1,4 @@
-"""A tree of links and joints as the text of a URDF."""
+"""Write a tree of links and joints as the text of a URDF."""
 
 from __future__ import annotations
 
@@ -16,17 +16,28 @@ from ikservo.model.urdf_types import (
     Triple,
     Urdf,
     UrdfJoint,
-    UrdfLink,
 )
 
-_UNLIMITED = 1e6  # N m or rad/s; some readers require both in limits
+_UNLIMITED = 1e6  # N m or rad/s; some readers require both values in <limit>
 
 
 def urdf_text(urdf: Urdf) -> str:
-    """Return a tree as the text of a URDF; shapes in memory are left out."""
+    """Return a tree as the text of a URDF, without its surfaces in memory."""
     lines = ['<?xml version="1.0"?>', f"<robot name={quoteattr(urdf.name or 'arm')}>"]
     for link in urdf.links:
-        body = [*_inertial(link), *_shapes(link)]
+        body: list[str] = []
+        if link.mass_kg > 0.0:
+            names = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
+            values = zip(names, link.inertia_kg_m2, strict=True)
+            moments = " ".join(f'{name}="{_number(value)}"' for name, value in values)
+            origin = _origin(link.com_m, link.inertia_rpy_rad)
+            mass = f'<mass value="{_number(link.mass_kg)}"/>'
+            body.append(f"<inertial>{origin}{mass}<inertia {moments}/></inertial>")
+        for shape in link.collisions:
+            body += _shape("collision", shape, None)
+        colours = link.colours or (None,) * len(link.visuals)
+        for shape, colour in zip(link.visuals, colours, strict=True):
+            body += _shape("visual", shape, colour)
         tag = f"  <link name={quoteattr(link.name)}"
         lines += (
             [f"{tag}>", *(f"    {line}" for line in body), "  </link>"] if body else [f"{tag}/>"]
@@ -47,25 +58,6 @@ def _numbers(values: Triple) -> str:
 
 def _origin(xyz_m: Triple, rpy_rad: Triple) -> str:
     return f'<origin xyz="{_numbers(xyz_m)}" rpy="{_numbers(rpy_rad)}"/>'
-
-
-def _inertial(link: UrdfLink) -> Iterator[str]:
-    if link.mass_kg <= 0.0:
-        return
-    names = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
-    moments = " ".join(
-        f'{name}="{_number(value)}"' for name, value in zip(names, link.inertia_kg_m2, strict=True)
-    )
-    origin, mass = _origin(link.com_m, link.inertia_rpy_rad), _number(link.mass_kg)
-    yield f'<inertial>{origin}<mass value="{mass}"/><inertia {moments}/></inertial>'
-
-
-def _shapes(link: UrdfLink) -> Iterator[str]:
-    for shape in link.collisions:
-        yield from _shape("collision", shape, None)
-    colours = link.colours or (None,) * len(link.visuals)
-    for shape, colour in zip(link.visuals, colours, strict=True):
-        yield from _shape("visual", shape, colour)
 
 
 def _shape(tag: str, shape: Shape, colour: Triple | None) -> Iterator[str]:

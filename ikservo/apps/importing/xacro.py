@@ -1,4 +1,4 @@
-"""Xacro files expanded to URDF, in a Python of its own."""
+"""Expand xacro files to URDF in a separate Python process."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from ikservo.model.urdf_xml import MAX_URDF_BYTES, XmlElement
 from ikservo.remedies import install_command
 
 _NAMESPACE = "xacro}"  # end of the namespace; its beginning varies
-_HARMLESS = ("property", "arg")  # elements without effect if no expression uses them
+_HARMLESS = ("property", "arg")  # elements without effect unless an expression uses them
 
 
 def needs_xacro(root: XmlElement) -> bool:
@@ -80,8 +80,8 @@ def expand_xacro(
 ) -> str:
     """Return the URDF to which a xacro file expands; this runs Python expressions in the file.
 
-    xacro runs in an isolated Python: it is imported from the installed packages, never from the
-    current folder or ``PYTHONPATH``.
+    xacro runs in an isolated Python, which imports it from the installed packages and never from
+    the current folder or ``PYTHONPATH``.
 
     Args:
         path: The file.

@@ -157,5 +157,5 @@ def test_too_few_replying_servos_are_reported(draft, port, tmp_path):
     text = (tmp_path / "arm.toml").read_text()
     head, gripper = text.split('[[joints]]\nname      = "gripper"')
     (tmp_path / "arm.toml").write_text(head + gripper[gripper.index("# Upper arm") :])
-    with pytest.raises(InputError, match="5 servos reply, and the arm has 6 joints"):
+    with pytest.raises(InputError, match="5 servos reply, but the arm has 6 joints"):
         run(assign_servos([draft], port, {}), None)
