@@ -188,7 +188,7 @@ class CollisionChecker:
             margin_m: The distance.
             ends: Postures (k, dof) to include if they touch nothing: pairs that are nearer than
                 ``margin_m`` there may come as near as half of that on the path. Adjacent links
-                never part, so that a path that had to keep all of it would need the smallest steps.
+                are always near each other: keeping all of it would need very small steps.
             load: Multiple of gravity under which a yielding arm keeps the distance, too; 0 ignores
                 sag.
         """

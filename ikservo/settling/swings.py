@@ -11,8 +11,8 @@ from ikservo.control.loop import ControlCycle
 from ikservo.control.turn_counter import TurnCounter
 from ikservo.guard import DrivenJoint
 
-# docs/how-control-works.md says what these numbers trade. During motion a joint swings if its error
-# reverses repeatedly.
+# docs/how-control-works.md explains how these numbers were chosen. During motion, a joint swings if
+# its error reverses repeatedly.
 _MIN_MOTION_TURNS = 6  # reversals
 _MOTION_SWING_RAD = 0.012  # at the horn, size of each of them
 _MOTION_TURN_S = 0.4  # longest time since the reversal before
@@ -121,8 +121,8 @@ class SwingDamper:
 class MotionSwings:
     """Finds joints that swing during motion: feedback does not reach a link inside its backlash.
 
-    A lagging joint changes sides whenever its reference reverses, which is no swing; the count of
-    its reversals then restarts.
+    A lagging joint changes sides whenever its reference reverses. That is not a swing, so the count
+    of its reversals then restarts.
 
     Args:
         driven_joints: The joints, in the order of the control cycle.
@@ -148,7 +148,7 @@ class MotionSwings:
         self._widest = np.where(swings, np.maximum(self._widest, self._turns.width), self._widest)
 
     def notes(self) -> tuple[str, ...]:
-        """Return which joints swung, and how far."""
+        """Return a note for each joint that swung, with the distance."""
         found = zip(self._maps, self._widest.tolist(), strict=True)
         return tuple(
             f"{each.joint} swung by up to {each.format(width)} as it moved"
