@@ -176,12 +176,8 @@ class ClearSpace:
     def is_free(self, path: Matrix) -> bool:
         """Check whether the straight motions through postures (n, dof) keep the distances."""
         if self._bends is not None:
-            pieces: list[Matrix] = [path[:1]]
-            for start, goal in itertools.pairwise(path):
-                count = max(1, math.ceil(float(np.abs(goal - start).max()) / _BENDING_STEP_RAD))
-                piece: Matrix = np.linspace(start, goal, count + 1)[1:]
-                pieces.append(piece)
-            path = self._bends(np.vstack(pieces))
+            pieces = [_close_postures(a, b) for a, b in itertools.pairwise(path)]
+            path = self._bends(np.vstack([path[:1], *pieces]))
         # Without compiled kernels the comparison is a NumPy bool, which OMPL does not take.
         return bool(self._first_contact(path) == self._no_contact)
 
@@ -193,6 +189,12 @@ class ClearSpace:
         free = np.zeros(len(q), dtype=np.int64)
         self._free_postures(q, free)
         return free == 1
+
+
+def _close_postures(start: Vector, goal: Vector) -> Matrix:
+    """Return postures (k, dof) on the straight path to another posture, which is the last one."""
+    count = max(1, math.ceil(float(np.abs(goal - start).max()) / _BENDING_STEP_RAD))
+    return np.linspace(start, goal, count + 1)[1:]
 
 
 def _with_largest(allowed_m: Matrix, links: int, shapes: int) -> Matrix:
