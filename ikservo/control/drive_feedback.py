@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
-from ikservo.calibration import JointMap
 from ikservo.guard import DrivenJoint
 from ikservo.hardware.bus import ServoBus
 from ikservo.hardware.servo import ServoSpec
@@ -58,22 +57,18 @@ class DriveReader:
             return None
         table = np.full((len(self._ids), self._most, 4), math.nan)
         for j, ids in enumerate(self._ids):
+            sign = self._maps[j].sign
             for k, servo_id in enumerate(ids):
-                table[j, k, :3] = self._row(servo_id, self._maps[j], readings.values[servo_id])
+                keys, found = self._keys[servo_id], readings.values[servo_id]
+                value = {name: key.to_value(found[key]) for name, key in keys.items()}
+                current_a = value.get("current", math.nan)
+                if "current" in keys and keys["current"].range[0] < 0:
+                    current_a *= sign
+                table[j, k, :3] = sign * value["duty"], current_a, value["voltage"]
             own = readings.values[ids[0]]
             table[j, :, 3] = self._maps[j].position(own[self._keys[ids[0]]["position"]])
             table[j, 1 : len(ids), :2] = np.copysign(table[j, 1 : len(ids), :2], table[j, 0, :2])
         return table
-
-    def _row(
-        self, servo_id: int, joint_map: JointMap, found: Mapping[Register, int]
-    ) -> tuple[float, float, float]:
-        keys, sign = self._keys[servo_id], joint_map.sign
-        value = {name: key.to_value(found[key]) for name, key in keys.items()}
-        current_a = value.get("current", math.nan)
-        if "current" in keys and keys["current"].range[0] < 0:
-            current_a *= sign
-        return sign * value["duty"], current_a, value["voltage"]
 
 
 def _drive_registers(servo: ServoSpec) -> dict[str, Register]:

@@ -122,7 +122,7 @@ class Feedback:
         return self._latest_positions()
 
     def read(self) -> Vector:
-        """Read the joints (n,); one without a reply keeps its last position.
+        """Read the joints (n,); a joint without a reply keeps its last position.
 
         Raises:
             ServoSilentError: A servo did not reply in three consecutive cycles; it is named.
@@ -222,8 +222,16 @@ def read_joint_states(
     Raises:
         BusError: A servo does not answer.
     """
-    ids = [driven.servo_id for driven in driven_joints]
-    rows = read_registers(bus, {i: [*_STATE_REGISTERS, *_available_registers(bus, i)] for i in ids})
+    keys: dict[int, list[Register | RegisterName]] = {}
+    for driven in driven_joints:
+        table = bus.servos[driven.servo_id].table
+        keys[driven.servo_id] = [*_STATE_REGISTERS]
+        if RegisterName.ALARMS not in table.missing:
+            keys[driven.servo_id].append(RegisterName.ALARMS)
+        current = table.registers.get("present_current")
+        if current is not None and current is not table.present_load:
+            keys[driven.servo_id].append(current)
+    rows = read_registers(bus, keys)
     return tuple(
         JointState(
             name=driven.joint,
@@ -252,17 +260,6 @@ def read_alarm_names(bus: ServoBus, servo_id: int) -> tuple[str, ...]:
     with contextlib.suppress(BusError):
         bus.read_alarms(servo_id)
     return tuple(sorted(str(alarm) for alarm in bus.alarms[servo_id]))
-
-
-def _available_registers(bus: ServoBus, servo_id: int) -> list[Register | RegisterName]:
-    table = bus.servos[servo_id].table
-    registers: list[Register | RegisterName] = []
-    if RegisterName.ALARMS not in table.missing:
-        registers.append(RegisterName.ALARMS)
-    current = table.registers.get("present_current")
-    if current is not None and current is not table.present_load:
-        registers.append(current)
-    return registers
 
 
 def _current_a(servo: ServoSpec, row: Mapping[Register | RegisterName, int]) -> float | None:

@@ -79,7 +79,13 @@ class HealthPoller:
             RefusedError: The watchdog of a servo has tripped.
         """
         self._cycle_s = self._bus.clock.now_s()
-        registers = {i: self._telemetry_registers(i) for i in self._names}
+        registers: dict[int, list[Register]] = {}
+        for servo_id in self._names:
+            table, counted = self._bus.servos[servo_id].table, self._counted_current(servo_id)
+            registers[servo_id] = [table.find(name) for name in _NUMBERS]
+            if counted and counted not in registers[servo_id]:
+                registers[servo_id].append(counted)
+            registers[servo_id] += self._limits.reset_markers(servo_id)
         self._known = {i: dict(row) for i, row in read_registers(self._bus, registers).items()}
         runs = {i: contiguous_runs(row) for i, row in registers.items()}
         max_runs = max(len(r) for r in runs.values())
@@ -177,14 +183,6 @@ class HealthPoller:
             settings_intact=all(known.get(register) == raw for register, raw in expected.items()),
             alarms=frozenset(read_alarm_names(self._bus, servo_id)),
         )
-
-    def _telemetry_registers(self, servo_id: int) -> list[Register]:
-        table = self._bus.servos[servo_id].table
-        registers = [table.find(name) for name in _NUMBERS]
-        counted = self._counted_current(servo_id)
-        if counted and counted not in registers:
-            registers.append(counted)
-        return [*registers, *self._limits.reset_markers(servo_id)]
 
     def _counted_current(self, servo_id: int) -> Register | None:
         """Return the current register of a servo whose protection uses the current."""

@@ -20,7 +20,7 @@ class StillnessDetector:
         window_s: Time for which nothing may have moved.
         tolerance: The variation of positions that counts as rest.
         least_readings: Minimum number of readings before anything counts as at rest.
-        readings: Times and positions within the window, and the last ones before it.
+        readings: Times and positions within the window, and the last reading before it.
     """
 
     window_s: float = _WINDOW_S

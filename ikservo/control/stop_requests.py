@@ -197,18 +197,16 @@ def fault_reason(error: BaseException) -> StopReason:
     """Return the reason of a stop that an error caused."""
     if isinstance(error, KeyboardInterrupt):
         return CTRL_C
-    return StopReason(StopKind.FAULT, _describe_fault(error))
-
-
-def _describe_fault(error: BaseException) -> str:
     if isinstance(error, IkservoError):
-        return error.message
-    if isinstance(error, MemoryError):
-        return "The program ran out of memory during the motion."
-    if isinstance(error, (SystemExit, GeneratorExit)):
-        return "The program ended during the motion."
-    text = f"{type(error).__name__}: {error}".removesuffix(": ")
-    return f"The program failed during the motion ({text})."
+        text = error.message
+    elif isinstance(error, MemoryError):
+        text = "The program ran out of memory during the motion."
+    elif isinstance(error, (SystemExit, GeneratorExit)):
+        text = "The program ended during the motion."
+    else:
+        found = f"{type(error).__name__}: {error}".removesuffix(": ")
+        text = f"The program failed during the motion ({found})."
+    return StopReason(StopKind.FAULT, text)
 
 
 _REASONS = {

@@ -285,8 +285,16 @@ class StreamedServos:
             self._prepare_streaming(speed_rad_s, profile_rad_s)
             self.torque.loop_started()
             yield
-            self._disarm_watchdog()
-            self._relax_pressing()
+            self._limits.disarm_watchdog()
+            if self._limits.may_have_tripped(self.clock.now_s() - self._cycle_at_s):
+                # Servos that a watchdog stopped have lost their goals and limits.
+                self._limits.invalidate()
+                self._limits.set_speed(self._horn_rad_s)
+                self._hold_goals()
+            if self.overload.relaxes:  # nothing is read while they hold
+                goals = self.overload.relaxed_goals(self._gate.goals, self._feedback.latest)
+                if any(goal is not None for goal in goals):
+                    self._send(self._gate.pass_hold(goals))
             self.torque.loop_ended()
             self.stop_request.raise_if_set()  # requested after the last cycle
         except BaseException as error:
@@ -349,7 +357,12 @@ class StreamedServos:
             RefusedError: A joint does not follow its goal; the error says if it is too heavy.
         """
         try:
-            self._following.update(self._undrawn_goals(), measured)
+            goals = self.goals()
+            if self.overload.relaxed_joints:
+                # The motion must still end if a relaxed joint would press further and further.
+                relaxed = np.isin(self.names, self.overload.relaxed_joints)
+                goals = np.where(relaxed, self._to_positions(self._undrawn), goals)
+            self._following.update(goals, measured)
         except RefusedError as error:
             self._check_torque()
             if self._health_poller:
@@ -437,23 +450,6 @@ class StreamedServos:
         self.warnings.append(text)
         self.warn(text)
 
-    def _undrawn_goals(self) -> Vector:
-        """Return the present goals (n,); for relaxed joints the requested ones.
-
-        The motion must still end if a relaxed joint would press further and further.
-        """
-        if not self.overload.relaxed_joints:
-            return self.goals()
-        relaxed = np.isin(self.names, self.overload.relaxed_joints)
-        return np.where(relaxed, self._to_positions(self._undrawn), self.goals())
-
-    def _relax_pressing(self) -> None:
-        """Draw back the goals of joints that press too hard; nothing is read while they hold."""
-        if self.overload.relaxes:
-            goals = self.overload.relaxed_goals(self._gate.goals, self._feedback.latest)
-            if any(goal is not None for goal in goals):
-                self._send(self._gate.pass_hold(goals))
-
     def _find_power_loss(self, error: BaseException) -> IkservoError | None:
         """Return the error of joints that servos no longer hold, or None if that is unknown."""
         if not isinstance(error, (ServoSilentError, ServoAlarmError)):
@@ -511,29 +507,19 @@ class StreamedServos:
             self._limits, self._health_poller, self.clock, self._horn_rad_s
         )
 
-    def _disarm_watchdog(self) -> None:
-        """Disarm the watchdogs after the last cycle.
-
-        Servos that they stopped meanwhile have lost their goals and limits, and get them again.
-        """
-        self._limits.disarm_watchdog()
-        if self._limits.may_have_tripped(self.clock.now_s() - self._cycle_at_s):
-            self._limits.invalidate()
-            self._limits.set_speed(self._horn_rad_s)
-            self._hold_goals()
-
     def _hold_goals(self) -> None:
         """Send hold goals to the servos with torque; the others stay limp."""
+        ticks: list[int | None] = []
         rows = zip(self.driven_joints, self._gate.goals, self._gate.measured_ticks, strict=True)
-        self._send(self._gate.pass_hold([self._hold_tick(*row) for row in rows]))
-
-    def _hold_tick(self, driven: DrivenJoint, goal: int | None, measured: int | None) -> int | None:
-        if goal is None or not self._bus.is_torque_on(driven.servo_id):
-            return None
-        measured = goal if measured is None else measured
-        explained_rad = max(driven.at_rest_lead_rad, _PRESSING_LAG_RAD)
-        presses = abs(goal - measured) * driven.joint_map.horn_rad_per_tick > explained_rad
-        return measured if presses or self._bus.alarms.get(driven.servo_id) else goal
+        for driven, goal, measured in rows:
+            if goal is None or not self._bus.is_torque_on(driven.servo_id):
+                ticks.append(None)
+                continue
+            at = goal if measured is None else measured
+            explained_rad = max(driven.at_rest_lead_rad, _PRESSING_LAG_RAD)
+            presses = abs(goal - at) * driven.joint_map.horn_rad_per_tick > explained_rad
+            ticks.append(at if presses or self._bus.alarms.get(driven.servo_id) else goal)
+        self._send(self._gate.pass_hold(ticks))
 
     def _reason_of(self, error: BaseException) -> StopReason:
         """Return the reason of a stop: the requested one, or the error."""

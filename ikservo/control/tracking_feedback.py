@@ -11,7 +11,7 @@ from ikservo.kinematics.arrays import Vector
 # A servo is a spring to its goal, so proportional and derivative parts act like stiffness and
 # damping of the joint. Light joints are softened and heavy ones stiffened, so that each would swing
 # at the same rate without damping. docs/decisions/0020 says why this drives no swing in the
-# backlash, docs/how-control-works.md what each number trades. Angles are those of the horn.
+# backlash, docs/how-control-works.md how the numbers were chosen. Angles are those of the horn.
 _SWING_RAD_S = 18.0  # rate at which a joint would swing without damping
 _BRAKING_PER_S = 28.0  # rate at which damping slows it down; with 45 an STS3215 swings by itself
 _PROPORTIONAL_RANGE = (-0.5, 0.5)  # rad per rad: limits for joints of uncertain inertia
