@@ -82,7 +82,7 @@ class Scene:
 
     @property
     def arms(self) -> tuple[OtherArm, ...]:
-        """Names of the other arms in reach."""
+        """The other arms in reach."""
         return tuple(self._others.values())
 
     @property
@@ -273,7 +273,9 @@ class Scene:
         """
         other = self._find_arm(parse_name(_NAME, name))
         if other is not None:
-            self._remove_arm(other)
+            with self._changing_both(other):
+                for one, another in ((self, other), (other, self)):
+                    one._change_others({k: v for k, v in one._others.items() if k is not another})
             return
         with self._changing() if name in self._held else self._changing_things():
             if name not in self._things and name not in self._held:
@@ -336,11 +338,6 @@ class Scene:
         self._others = others
         self._change(self._things, self._held)
         self._context.surroundings.set_others(tuple(others.values()))
-
-    def _remove_arm(self, other: Scene) -> None:
-        with self._changing_both(other):
-            for one, another in ((self, other), (other, self)):
-                one._change_others({k: v for k, v in one._others.items() if k is not another})
 
     @contextmanager
     def _changing_both(self, other: Scene) -> Generator[None]:

@@ -54,7 +54,15 @@ def read_lerobot(path: Path) -> tuple[LerobotJoint, ...]:
 
 def parse_lerobot(path: Path, text: str) -> tuple[LerobotJoint, ...]:
     """Parse the joints of a text in the order of the file; ``path`` is for messages."""
-    table = _parse_json(path, text)
+    try:
+        table = parse_json(text, _parse_integer)
+    except json.JSONDecodeError as error:
+        where = f"line {error.lineno}, column {error.colno}"
+        raise FileFormatError(path, where, f"is not JSON: {error.msg.lower()}") from error
+    except RecursionError as error:
+        raise FileFormatError(path, "", "tables are nested too deeply") from error
+    except ValueError as error:
+        raise FileFormatError(path, "", f"is not a calibration: {error}") from error
     if not isinstance(table, dict) or not table:
         raise FileFormatError(path, "", "is not a table of joints", "joint: {id, drive_mode, …}")
     joints = cast("Mapping[str, object]", table)
@@ -103,18 +111,6 @@ def lost_in_lerobot(calibration: Calibration) -> Iterator[str]:
             yield f"Servo {shadow.id} of {joint.name} is left out: LeRobot has one servo per joint."
     if calibration.geometry:
         yield "The links and the base from a touch-off are left out."
-
-
-def _parse_json(path: Path, text: str) -> object:
-    try:
-        return parse_json(text, _parse_integer)
-    except json.JSONDecodeError as error:
-        where = f"line {error.lineno}, column {error.colno}"
-        raise FileFormatError(path, where, f"is not JSON: {error.msg.lower()}") from error
-    except RecursionError as error:
-        raise FileFormatError(path, "", "tables are nested too deeply") from error
-    except ValueError as error:
-        raise FileFormatError(path, "", f"is not a calibration: {error}") from error
 
 
 def _parse_integer(digits: str) -> int:

@@ -232,25 +232,28 @@ def read_joint_states(
         if current is not None and current is not table.present_load:
             keys[driven.servo_id].append(current)
     rows = read_registers(bus, keys)
-    return tuple(
-        JointState(
+    states: list[JointState] = []
+    for driven, tick in zip(driven_joints, ticks, strict=True):
+        servo, row = bus.servos[driven.servo_id], rows[driven.servo_id]
+        current, current_a = servo.table.registers.get("present_current"), None
+        if current is not None:
+            shared = current is servo.table.present_load
+            current_a = current.to_value(row[RegisterName.PRESENT_LOAD if shared else current])
+        state = JointState(
             name=driven.joint,
             position_rad=driven.joint_map.position(tick),
             lower_rad=driven.limits.lower.value,
             upper_rad=driven.limits.upper.value,
             limit_from=driven.limits.source,
-            temperature_c=_state_value(bus, driven, rows, RegisterName.PRESENT_TEMPERATURE),
-            voltage_v=_state_value(bus, driven, rows, RegisterName.PRESENT_VOLTAGE),
-            load_percent=load_percent(
-                bus.servos[driven.servo_id],
-                _state_value(bus, driven, rows, RegisterName.PRESENT_LOAD),
-            ),
-            torque=rows[driven.servo_id][RegisterName.TORQUE_ENABLE] != 0,
+            temperature_c=_state_value(servo, row, RegisterName.PRESENT_TEMPERATURE),
+            voltage_v=_state_value(servo, row, RegisterName.PRESENT_VOLTAGE),
+            load_percent=load_percent(servo, _state_value(servo, row, RegisterName.PRESENT_LOAD)),
+            torque=row[RegisterName.TORQUE_ENABLE] != 0,
             alarms=read_alarm_names(bus, driven.servo_id),
-            current_a=_current_a(bus.servos[driven.servo_id], rows[driven.servo_id]),
+            current_a=current_a,
         )
-        for driven, tick in zip(driven_joints, ticks, strict=True)
-    )
+        states.append(state)
+    return tuple(states)
 
 
 def read_alarm_names(bus: ServoBus, servo_id: int) -> tuple[str, ...]:
@@ -262,23 +265,10 @@ def read_alarm_names(bus: ServoBus, servo_id: int) -> tuple[str, ...]:
     return tuple(sorted(str(alarm) for alarm in bus.alarms[servo_id]))
 
 
-def _current_a(servo: ServoSpec, row: Mapping[Register | RegisterName, int]) -> float | None:
-    """Return the motor's current; None if the servo does not measure it."""
-    current = servo.table.registers.get("present_current")
-    if current is None:
-        return None
-    shared = current is servo.table.present_load
-    return current.to_value(row[RegisterName.PRESENT_LOAD if shared else current])
-
-
 def _state_value(
-    bus: ServoBus,
-    driven: DrivenJoint,
-    rows: Mapping[int, Mapping[Register | RegisterName, int]],
-    name: RegisterName,
+    servo: ServoSpec, row: Mapping[Register | RegisterName, int], name: RegisterName
 ) -> float:
-    table = bus.servos[driven.servo_id].table
-    return table.find(name).to_value(rows[driven.servo_id][name])
+    return servo.table.find(name).to_value(row[name])
 
 
 def load_percent(servo: ServoSpec, load: float) -> float:

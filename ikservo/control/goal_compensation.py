@@ -73,7 +73,8 @@ class GoalCompensator:
         self._max_load_offset = _MAX_LOAD_OFFSET_RAD * self._per_horn_rad
         self._reference_range = self._goal_range = (self._low, self._high)
         self._feedback = TrackingFeedback(self._per_horn_rad)
-        self._fading = self._direction = np.zeros(n)
+        self._fading = np.zeros(n)
+        self._direction: Vector = np.zeros(n)
         self._faded_s, self._rate, self._held_s, self._adapted_s = np.zeros(n), 1.0, 0.0, 0.0
         self._clamped = np.zeros(n, dtype=bool)
         self._preload: Preload | None = None
@@ -146,21 +147,20 @@ class GoalCompensator:
             elapsed_s: Time since the last cycle.
         """
         if self._preload is None:
-            sides = self._unloaded_sides(ahead)
+            sides = np.zeros_like(ahead)
+            if self.feed_forward is not None:
+                weight = np.full_like(ahead, np.inf)
+                columns = list(self.feed_forward.columns)
+                weight[columns] = self.feed_forward.weight(self._last.position)
+                moves = np.where(np.abs(ahead) > 0.1 * self._tick, np.sign(ahead), 0.0)
+                # Weight does not press these joints on their driving flanks.
+                unloaded = (weight < _UNLOADED) & (moves * self._direction < _PUSHED)
+                sides = np.where(unloaded, moves, 0.0)
             self._preload = Preload(sides, measured, self._per_horn_rad, self._tick)
         direction = self._preload.update(measured, self._direction, elapsed_s)
         self._direction = self._direction if direction is None else direction
         self._rate, self._waits = 1.0, direction is not None
         return direction is None
-
-    def _unloaded_sides(self, ahead: Vector) -> Vector:
-        """Return the directions of joints (n,) that weight does not press on the driving flank."""
-        if self.feed_forward is None:
-            return np.zeros_like(ahead)
-        weight = np.full_like(ahead, np.inf)
-        weight[list(self.feed_forward.columns)] = self.feed_forward.weight(self._last.position)
-        sides = np.where(np.abs(ahead) > 0.1 * self._tick, np.sign(ahead), 0.0)
-        return np.where((weight < _UNLOADED) & (sides * self._direction < _PUSHED), sides, 0.0)
 
     def stuck_offsets(self, positions: Vector) -> tuple[Vector, Vector]:
         """Compute the lowest and the highest offset (n,) with which friction keeps joints at rest.

@@ -124,25 +124,24 @@ class HealthPoller:
 
     def with_latest_telemetry(self, states: Sequence[JointState]) -> tuple[JointState, ...]:
         """Return joints' states with the latest telemetry; reads no servo."""
-        ids = {name: servo_id for servo_id, name in self._names.items()}
-        return tuple(self._refresh_state(state, ids[state.name]) for state in states)
-
-    def _refresh_state(self, state: JointState, servo_id: int) -> JointState:
-        servo, known = self._bus.servos[servo_id], self._known.get(servo_id)
-        if known is None:
-            return state
-        load = servo.table.present_load
-        return replace(
-            state,
-            temperature_c=_register_value(servo, known, RegisterName.PRESENT_TEMPERATURE),
-            voltage_v=_register_value(servo, known, RegisterName.PRESENT_VOLTAGE),
-            load_percent=load_percent(
-                servo, _register_value(servo, known, RegisterName.PRESENT_LOAD)
-            ),
-            torque=known[servo.table.torque_enable] == 1,
-            alarms=tuple(sorted(str(alarm) for alarm in self._bus.alarms.get(servo_id, ()))),
-            current_a=load.to_value(known[load]) if load.unit.symbol == "A" else state.current_a,
-        )
+        ids, latest = {name: servo_id for servo_id, name in self._names.items()}, list(states)
+        for i, state in enumerate(states):
+            servo_id = ids[state.name]
+            servo, known = self._bus.servos[servo_id], self._known.get(servo_id)
+            if known is None:
+                continue
+            register = servo.table.present_load
+            load, is_current = register.to_value(known[register]), register.unit.symbol == "A"
+            latest[i] = replace(
+                state,
+                temperature_c=_register_value(servo, known, RegisterName.PRESENT_TEMPERATURE),
+                voltage_v=_register_value(servo, known, RegisterName.PRESENT_VOLTAGE),
+                load_percent=load_percent(servo, load),
+                torque=known[servo.table.torque_enable] == 1,
+                alarms=tuple(sorted(str(alarm) for alarm in self._bus.alarms.get(servo_id, ()))),
+                current_a=load if is_current else state.current_a,
+            )
+        return tuple(latest)
 
     def _read_registers(self, servo_id: int, registers: list[Register]) -> None:
         values = self._bus.bulk_read({servo_id: registers}, raw=True).values

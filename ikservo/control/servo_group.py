@@ -108,7 +108,11 @@ class ServoGroup(StreamedServos):
         self._limits.set_speed(speed_rad_s)
         start = self._switch_on(self.names)
         if not all(torque.values()):
-            self._catch_falling_joints(start)
+            for _ in range(_MAX_CATCHES):  # a joint that fell past its goal holds where it is
+                if wait_until_settled(self.driven_joints, start, self._feedback, self.clock):
+                    break
+                start = self._clamp_goals(*self._measure_hold_ticks())
+                self._send(self._gate.pass_reset(start))
         names = dict(zip(self._ids, self.names, strict=True)) | self._shadows
         health = self._make_health_monitor(names)
         self._health_poller = HealthPoller(
@@ -304,14 +308,6 @@ class ServoGroup(StreamedServos):
     def _make_health_monitor(self, names: Mapping[int, str]) -> HealthMonitor:
         supplies, limits_c = read_supply_ranges(self._bus, names), read_trip_c(self._bus, names)
         return HealthMonitor(self._health, supplies, limits_c)
-
-    def _catch_falling_joints(self, start: Sequence[int]) -> None:
-        """Wait until all joints are near their goals; a joint that fell further holds there."""
-        for _ in range(_MAX_CATCHES):
-            if wait_until_settled(self.driven_joints, start, self._feedback, self.clock):
-                return
-            start = self._clamp_goals(*self._measure_hold_ticks())
-            self._send(self._gate.pass_reset(start))
 
     def _switch_on(self, joints: Collection[str]) -> list[int]:
         """Switch torque on with goals at the joints' positions; return the goals of all joints."""

@@ -363,11 +363,16 @@ def hold_servos(bus: ServoBus, driven_joints: Sequence[DrivenJoint], clock: Cloc
     clock.sleep_until(clock.now_s() + _POLL_PERIOD_S)
     present = bus.sync_read(on, RegisterName.PRESENT_POSITION, raw=True).values
     goals = bus.sync_read(on, RegisterName.GOAL_POSITION, raw=True).values
-    moving = {
-        i: tick
-        for i, tick in present.items()
-        if _is_approaching(ids[i], before.get(i), tick, goals.get(i))
-    }
+    moving: dict[int, int] = {}  # or about to move, because its goal is far ahead
+    for i, tick in present.items():
+        was, goal = before.get(i), goals.get(i)
+        if (
+            was is None
+            or goal is None
+            or abs(tick - was) > _MOVED_TICKS
+            or abs(goal - tick) > ids[i].max_lead_ticks(0.0)
+        ):
+            moving[i] = tick
     _send_goals(bus, driven_joints, clock, moving)
     names = {i: driven.joint for i, driven in ids.items()}
     return StopOutcome(
@@ -377,12 +382,6 @@ def hold_servos(bus: ServoBus, driven_joints: Sequence[DrivenJoint], clock: Cloc
             name for i, name in names.items() if i not in torque or (i in on and i not in present)
         ),
     )
-
-
-def _is_approaching(driven: DrivenJoint, before: int | None, tick: int, goal: int | None) -> bool:
-    if before is None or goal is None or abs(tick - before) > _MOVED_TICKS:
-        return True
-    return abs(goal - tick) > driven.max_lead_ticks(0.0)
 
 
 def _send_goals(

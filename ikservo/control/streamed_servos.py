@@ -302,7 +302,9 @@ class StreamedServos:
             try:
                 cause = self._find_power_loss(error) or error
             finally:
-                self.hold(self._reason_of(cause))
+                interrupted = isinstance(cause, (StoppedError, KeyboardInterrupt))
+                requested = self.stop_request.reason if interrupted else None
+                self.hold(requested or fault_reason(cause))
                 self.torque.faulted()
             if cause is not error:
                 raise cause from error
@@ -317,6 +319,7 @@ class StreamedServos:
         positions, from which goals then also start; ``restarts`` counts this.
 
         Raises:
+            BusError: A servo that must be started again does not answer.
             ServoSilentError: A joint did not reply in three consecutive cycles.
             ServoAlarmError: A servo reports a fault, or was reset.
             RefusedError: A joint does not follow its goal.
@@ -328,7 +331,18 @@ class StreamedServos:
         except HeldUpError:
             if self.restarts >= _MAX_RESTARTS:
                 raise
-        self._restart_servos()
+        self.restarts += 1
+        self._limits.disarm_watchdog()
+        self._limits.invalidate()
+        self._limits.set_speed(self._horn_rad_s)
+        now_s = self.clock.now_s()
+        ticks = self._feedback.measure_ticks()
+        self._send(self._gate.pass_reset(ticks))
+        self._gate.update_measured(ticks, now_s)
+        self._feedback.reset_losses()
+        self._cycle_at_s = prepare_servos(
+            self._limits, self._health_poller, self.clock, self._horn_rad_s
+        )
         measured = self._measured = self._reference = self.measure_positions()
         return measured
 
@@ -385,26 +399,6 @@ class StreamedServos:
         """
         if self._health_poller:
             self._health_poller.poll()
-
-    def _restart_servos(self) -> None:
-        """Restart the servos that their watchdogs have stopped, at their positions.
-
-        Raises:
-            BusError: A servo does not answer.
-            ServoAlarmError: A servo reports a fault, or was reset.
-        """
-        self.restarts += 1
-        self._limits.disarm_watchdog()
-        self._limits.invalidate()
-        self._limits.set_speed(self._horn_rad_s)
-        now_s = self.clock.now_s()
-        ticks = self._feedback.measure_ticks()
-        self._send(self._gate.pass_reset(ticks))
-        self._gate.update_measured(ticks, now_s)
-        self._feedback.reset_losses()
-        self._cycle_at_s = prepare_servos(
-            self._limits, self._health_poller, self.clock, self._horn_rad_s
-        )
 
     def allowed_advance_s(self, elapsed_s: float) -> float:
         """Return the time by which a motion may advance while its goals stay near the joints."""
@@ -520,12 +514,6 @@ class StreamedServos:
             presses = abs(goal - at) * driven.joint_map.horn_rad_per_tick > explained_rad
             ticks.append(at if presses or self._bus.alarms.get(driven.servo_id) else goal)
         self._send(self._gate.pass_hold(ticks))
-
-    def _reason_of(self, error: BaseException) -> StopReason:
-        """Return the reason of a stop: the requested one, or the error."""
-        interrupted = isinstance(error, (StoppedError, KeyboardInterrupt))
-        requested = self.stop_request.reason
-        return requested if interrupted and requested is not None else fault_reason(error)
 
     def _send(self, passed: PassedGoals) -> None:
         """Write goals that passed the gate, and commit them.

@@ -45,8 +45,12 @@ def track_path(
     Raises:
         CartesianPathError: The path leaves the arm's reach on this branch; the place is named.
     """
+    span = chain.upper_rad - chain.lower_rad
+    margin = np.where(np.isfinite(span), _INSIDE * span, 0.0)
+    lower = np.minimum(chain.lower_rad + margin, start)
+    upper = np.maximum(chain.upper_rad - margin, start)
     solver = Solver(
-        _with_tight_limits(chain, start),
+        chain.with_limits(lower, upper),
         "position" if orientation is None else "pose",
         options=Options(_TIGHT, position_first=True),
     )
@@ -94,12 +98,3 @@ def _solve_point(
         if abs(orientation.plane.angle_rad(q) - angle_rad) < _SAME_PLANE_RAD:
             break
     return q
-
-
-def _with_tight_limits(chain: Chain, start: Vector) -> Chain:
-    """Return the chain with slightly tighter limits, the start always inside."""
-    margin = np.where(np.isfinite(chain.upper_rad - chain.lower_rad), _INSIDE, 0.0)
-    span = np.where(margin > 0.0, chain.upper_rad - chain.lower_rad, 0.0)
-    lower = np.minimum(chain.lower_rad + margin * span, start)
-    upper = np.maximum(chain.upper_rad - margin * span, start)
-    return chain.with_limits(lower, upper)

@@ -124,7 +124,12 @@ def open_socket(path: Path) -> ListeningSocket | None:
         IkservoError: The folder belongs to another user.
     """
     make_private_directory(path.parent)
-    if _is_listening(path):
+    try:
+        found = connect(path, 1.0)
+    except OSError:  # a process listens, but accepts no connection
+        return None
+    if found:
+        found[0].close()
         return None
     path.unlink(missing_ok=True)  # left by a killed process
     listening, secret = socket.socket(socket.AF_UNIX if HAS_UNIX_SOCKETS else socket.AF_INET), ""
@@ -181,16 +186,6 @@ def connect(path: Path, timeout_s: float) -> tuple[socket.socket, str] | None:
 def _file_identity(path: Path) -> tuple[int, int]:
     found = path.lstat()
     return found.st_ino, found.st_mtime_ns  # an inode number alone may be reused
-
-
-def _is_listening(path: Path) -> bool:
-    try:
-        found = connect(path, 1.0)
-    except OSError:
-        return True
-    if found:
-        found[0].close()
-    return found is not None
 
 
 def _read_address_file(path: Path) -> tuple[int, str]:

@@ -115,7 +115,13 @@ class SettlingTrajectory:
     @property
     def unsettled_joints(self) -> tuple[str, ...]:
         """The joints that move by more than their backlash explains."""
-        return tuple(j.driven.joint for j in self._joints if not _is_trusted(j, self._updated_s))
+        unsettled: list[str] = []
+        for joint in self._joints:
+            swing_rad = joint.swing_ticks * joint.driven.joint_map.horn_rad_per_tick
+            is_explained = joint.has_swung and swing_rad <= _MAX_PLAY_SWING_RAD
+            if joint.moves_at(self._updated_s) and not is_explained:
+                unsettled.append(joint.driven.joint)
+        return tuple(unsettled)
 
     @property
     def measured(self) -> Vector:
@@ -145,12 +151,6 @@ class SettlingTrajectory:
 
 def _still_swings(joint: GoalIntegrator, time_s: float) -> bool:
     return joint.has_swung and joint.moves_at(time_s)
-
-
-def _is_trusted(joint: GoalIntegrator, time_s: float) -> bool:
-    """Check whether a joint rests, or swings no further than its backlash explains."""
-    swing_rad = joint.swing_ticks * joint.driven.joint_map.horn_rad_per_tick
-    return not joint.moves_at(time_s) or (joint.has_swung and swing_rad <= _MAX_PLAY_SWING_RAD)
 
 
 def _describe_residual(joint: GoalIntegrator, time_s: float) -> str:
