@@ -17,19 +17,19 @@ from ikservo.planning.context import ArmContext
 from ikservo.planning.motions import MoveGripper
 from ikservo.planning.reports import GraspResult, OnProgress
 
-_SPEED_FRACTION = 0.65  # of the speed class
+_SPEED_FRACTION = 0.65  # the jaws move at this fraction of the speed class
 # A jaw is blocked if it has moved by no more than this in this time while its goal is ahead.
 _AT_REST_S = 0.08
 _AT_REST_TICKS = 3.0
 # A jaw that is not blocked moves within this time if its goal is ahead and its force is on.
 _PRESSED_S = 0.5
-_MIN_LAG_RAD = 0.03  # of the horn, behind the goal
+_MIN_LAG_RAD = 0.03  # a goal that leads the horn by less is not ahead
 _SQUEEZE_RAD = 0.10  # lead of the goal while a jaw presses; the torque limit sets the force
 _MAX_LAG_RAD = 0.12  # at this lead the goal waits for a jaw that moves slowly for lack of force
 # A blocked jaw may slip by some ticks. Its goal must not start towards the end then, because it
 # could not come back before the joint counts as not following.
 _MOST_AHEAD_RAD = 0.15
-_ARRIVED_RAD = 0.05  # of the horn: a jaw this near its goal has reached it
+_ARRIVED_RAD = 0.05  # at the horn: a jaw this near its goal has reached it
 
 
 class GripperMotion:
@@ -119,7 +119,7 @@ class GripperMotion:
         return self._context.index.with_position(joints, self._joint, position)
 
 
-_DEFAULT_FORCE = 0.3  # of a servo's torque: holds a full cup for an hour without overheating
+_DEFAULT_FORCE = 0.3  # fraction of the torque that holds a full cup for an hour without overheating
 # Jaws with less force creep so slowly that they look blocked.
 _MIN_FORCE = 0.05
 # Friction differs by 32 % between servos, and jaws that barely move must arrive as well.

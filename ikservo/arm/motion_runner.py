@@ -377,7 +377,7 @@ class MotionRunner:
         return trajectory
 
     def start_position(self) -> Vector:
-        """Return where a motion would start (n,), rad or m; a limp arm is measured."""
+        """Return the start (n,) of a motion, rad or m; a limp arm is measured."""
         check_not_forked(self._process_id)
         if self._servos.torque.is_on:
             return self._servos.reference()

@@ -67,7 +67,7 @@ class Scene:
         self._things_lock = threading.RLock()
         self._things: dict[str, Obstacle] = {each.name: each for each in context.model.keep_out}
         self._held: dict[str, KeepOutShape] = {}
-        self._body: tuple[CollisionBody, Sag | None] | None = None  # with what is held
+        self._body: tuple[CollisionBody, Sag | None] | None = None  # includes the held things
         self._others: dict[Scene, OtherArm] = {}
 
     @property
@@ -215,8 +215,8 @@ class Scene:
     ) -> None:
         """Add another arm of this program, and this arm to its scene.
 
-        From then on only one of the two moves at a time, and avoids the other one. The other one
-        counts as standing where it was when the motion began, even if a person moves it by hand; a
+        From then on only one of the two moves at a time, and avoids the other arm, which counts as
+        standing where it was when the motion began, even if a person moves it by hand; a
         closed arm stays where it was when it was closed.
 
         ``left.scene.add_arm(right, "right", at_m=(0.0, -0.4, 0.0))``

@@ -171,7 +171,7 @@ def _plain_tables(value: Any) -> Any:  # noqa: ANN401  # tables of tables
 
 
 def load_calibration(arm: str, usb_serial_number: str) -> Calibration | None:
-    """Load the calibration of an arm on an adapter, or None if there is none.
+    """Load the calibration of an arm on an adapter; return None if it has no calibration.
 
     Raises:
         FileFormatError: The file is damaged; the message says what can be done.
@@ -180,7 +180,7 @@ def load_calibration(arm: str, usb_serial_number: str) -> Calibration | None:
 
 
 def load_calibration_file(path: Path, arm: str) -> Calibration | None:
-    """Load the calibration in a file of an arm, or None if there is none.
+    """Load the calibration in a file of an arm; return None if there is no such file.
 
     Raises:
         FileFormatError: The file is damaged; the message says what can be done.
@@ -230,7 +230,7 @@ def restore_calibration(path: Path) -> Calibration:
 
 
 def undo_calibration(path: Path) -> Calibration:
-    """Restore the previous calibration; the present one becomes the previous one.
+    """Exchange the present calibration of an arm with the previous one.
 
     Raises:
         FileFormatError: There is no previous calibration, or one of the two is damaged.

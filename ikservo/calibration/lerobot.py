@@ -162,7 +162,7 @@ def find_lerobot(id_or_path: str) -> Path:
     LeRobot has renamed them: so100_follower, so101_follower, now so_follower.
 
     Raises:
-        UnknownNameError: There is no such id; those that exist are listed.
+        UnknownNameError: There is no such id; the existing ids are listed.
         InputError: Several devices have that id; their files are listed.
     """
     if not _ID.fullmatch(id_or_path):

@@ -29,7 +29,7 @@ _NAMES = {Family.FEETECH_STS: "phase", Family.DYNAMIXEL_2: "drive_mode"}
 # Bits that reverse or shift the count; the other bits of these registers are for tuning.
 _BITS = {"phase": 0b1001_0001, "drive_mode": 0b0001}
 
-MULTI_TURN_BIT = 0b0001_0000  # of phase: a multi-turn STS loses its count without power
+MULTI_TURN_BIT = 0b0001_0000  # a bit of phase: a multi-turn STS loses its count without power
 EXTENDED, CURRENT_POSITION = OperatingMode.EXTENDED_POSITION, OperatingMode.CURRENT_BASED_POSITION
 _MULTI_TURN_MODES = (EXTENDED, CURRENT_POSITION)
 

@@ -25,7 +25,7 @@ _LATE_CYCLES = 250
 
 
 _CYCLE_TIMES_S = (0.002, 0.0025, 0.004, 0.005, 0.008, 0.01)  # the shortest possible one is used
-_READINGS = 5  # to measure the time of the bus
+_READINGS = 5  # readings that measure the time of the bus
 # The first direction of joints is determined over this time.
 _SOON_S = 0.1
 # The bus is busy for a quarter of each cycle; the rest is for computing and retries.

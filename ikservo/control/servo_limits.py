@@ -102,7 +102,7 @@ def read_overload_rule(bus: ServoBus, servo_id: int, gain_share: float) -> Overl
 
 
 def _read_current_limit(bus: ServoBus, servo_id: int) -> tuple[float, float]:
-    """Read current [A] and time [s] of Feetech's protection; 0 A if there is none."""
+    """Read current [A] and time [s] of Feetech's protection; 0 A if the servo has no such limit."""
     registers = bus.servos[servo_id].table.registers
     limit = registers.get("protection_current")
     if limit is None or limit.unit.symbol != "A" or "over_current_time" not in registers:
@@ -118,7 +118,7 @@ _COARSE_SPEED = 50  # ticks/s per count if the table's fine_speed_bit is clear
 _NO_RAMP = 0
 _SPEED_MARGIN = 1.2  # a joint that lags may catch up
 
-_WATCHDOG_COUNTS = 5  # of 20 ms
+_WATCHDOG_COUNTS = 5  # time-out of the watchdog in counts of 20 ms
 _WATCHDOG_S = 0.020 * _WATCHDOG_COUNTS
 
 

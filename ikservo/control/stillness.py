@@ -60,7 +60,7 @@ class StillnessDetector:
         return max(self.variations(), default=0.0) > self.tolerance
 
     def variations(self) -> list[float]:
-        """Compute how much each position varies over the window."""
+        """Compute the variation of each position over the window."""
         return [max(column) - min(column) for column in self._columns()]
 
     def mean_ticks(self) -> dict[int, float]:

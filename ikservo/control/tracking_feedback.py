@@ -21,7 +21,7 @@ _DERIVATIVE_RANGE_S = (0.03, 0.12)  # limits for them, too; at 0.12 a tick is si
 _PRESSED_RAD_S = 12.0  # added to the rate of the swing
 _PRESSED_PER_S = 12.0  # added to the rate of the damping
 _PRESSED_PROPORTIONAL = 1.0  # rad per rad: added to both limits of the proportional part
-_FILTER_S = 0.015  # of the derivative: one tick in one cycle looks like a high speed
+_FILTER_S = 0.015  # filter of the derivative: a tick in a cycle looks like a high speed
 # Both parts together: swings need less, and goals must not jump after lost replies, or if a joint
 # sagged before its motion began.
 _MAX_FAST_RAD = 0.04  # largest size

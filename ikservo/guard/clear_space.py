@@ -192,7 +192,7 @@ class ClearSpace:
 
 
 def _close_postures(start: Vector, goal: Vector) -> Matrix:
-    """Return postures (k, dof) on the straight path to another posture, which is the last one."""
+    """Return postures (k, dof) on the straight path to another posture, which comes last."""
     count = max(1, math.ceil(float(np.abs(goal - start).max()) / _BENDING_STEP_RAD))
     return np.linspace(start, goal, count + 1)[1:]
 

@@ -293,7 +293,7 @@ class CollisionChecker:
         return np.where(been_free, again_m, np.minimum(gap_m[0], 0.0) - self._deeper_m(gap_m[0]))
 
     def _deeper_m(self, start_m: Vector) -> Vector:
-        """Compute by how much [m] each pair may overlap more than at the start.
+        """Compute the overlap [m] of each pair that is allowed beyond that at the start.
 
         If only the sagging arm touches, it may use up half of the distance that the arm itself has
         at the start.

@@ -18,7 +18,7 @@ MAX_TRAVEL_RAD = 60 * math.tau / 4096
 
 # Largest lead of a goal over a moving joint, without the steady-state error of a P-controlled servo
 # under load or the lead that compensates it.
-_LEAD_TIME_S = 0.1  # of the joint's top speed
+_LEAD_TIME_S = 0.1  # time at the joint's top speed
 _AT_REST_LEAD_RAD = 0.12  # at the horn: lead of a joint at rest that suits any joint
 _MAX_AT_REST_LEAD_RAD = 0.2  # at the horn: the largest lead at rest that an arm file gives a joint
 

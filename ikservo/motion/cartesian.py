@@ -29,12 +29,12 @@ ORIENTATION_TOLERANCE_RAD = math.radians(0.5)
 
 _STEPS_M = (0.002, 0.001, 0.0005)  # spacing of solved points; the next one if the path is left
 _STEP_RAD = 0.02  # largest rotation of the tool between two of them
-_MIN_POINTS = 5  # of a path
+_MIN_POINTS = 5  # fewest points of a path
 # A rotation in place has no length of its own; this is its length per radian, metres.
 _LEVER_M = 0.1
 # Half of the allowed deviation from a line; the other half is for the servos' ticks.
 _MAX_DEVIATION_M = 0.25e-3
-_ROUNDING = 1e-9  # of a joint at its limit, rad or m
+_ROUNDING = 1e-9  # rounding of a joint at its limit, rad or m
 _BLEND_M = 0.02  # distance at which a waypoint is passed, unless another is given
 _CHECKS_PER_POINT = 4  # samples between two points, to measure the deviation
 

@@ -154,7 +154,7 @@ class OnlineTrajectory:
         )
 
     def _candidate_stops(self, time_s: float) -> Iterator[_Pieces]:
-        """Yield motions to rest, the fastest first; the last is the present one."""
+        """Yield motions to rest, the fastest first; the last is the present motion."""
         try:
             stop = stop_trajectory(self.state(time_s), self._limits)
             yield _piece_at(self._pieces, time_s), (time_s, stop)

@@ -23,7 +23,7 @@ from ikservo.motion.trajectory import KinematicLimits, TrajectoryPoint
 # the curve.
 _SPEED_FRACTIONS = (0.4, 0.6, 0.85)
 _ZONES = (1, 2, 5, 13, 34)  # numbers of equal zones to try, each with its own speed limit
-_MIN_LENGTH = 1e-6  # of a curve; a shorter one is a point
+_MIN_LENGTH = 1e-6  # a shorter curve is a point
 _ROUNDING = 1e-6  # fraction by which limits are kept, in spite of rounding
 _UNBOUNDED = 1e6  # limit along a curve that hardly moves any joint
 

@@ -32,7 +32,7 @@ def limits_under_load(
     Returns:
         None if no goal would pass a limit.
     """
-    directions = np.zeros_like(joints)  # at the end of the path the last direction
+    directions = np.zeros_like(joints)
     if friction and len(joints) > 1:
         moved = np.ptp(joints, axis=0) > _REST_TRAVEL
         along = np.sign(np.gradient(joints, axis=0))

@@ -485,7 +485,7 @@ class Planner:
         if self._parameters is None:
             return line
         joints = sample_states(line)[0]
-        for friction in (True, False):  # friction alone is no reason to refuse
+        for friction in (True, False):  # a path is not refused because of friction alone
             loaded = limits_under_load(self._chain, self._parameters, joints, friction=friction)
             if loaded is None:
                 return line

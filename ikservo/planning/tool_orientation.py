@@ -114,7 +114,7 @@ class ToolOrientation:
         return ORIENTATION_TOLERANCE_RAD if self.within_rad is None else self.within_rad
 
     def varied(self, random: np.random.Generator) -> ToolOrientation:
-        """Return a random orientation within the tolerance; itself if there is no tolerance."""
+        """Return a random orientation within the tolerance; the same one without a tolerance."""
         if self.within_rad is None:
             return self
         most, axis = self.within_rad, random.normal(size=3)

@@ -13,16 +13,16 @@ from ikservo.guard import DrivenJoint
 
 # docs/how-control-works.md explains how these numbers were chosen. During motion, a joint swings if
 # its error reverses repeatedly.
-_MIN_MOTION_TURNS = 6  # reversals
-_MOTION_SWING_RAD = 0.012  # at the horn, size of each of them
-_MOTION_TURN_S = 0.4  # longest time since the reversal before
+_MIN_MOTION_TURNS = 6  # fewest reversals
+_MOTION_SWING_RAD = 0.012  # at the horn, smallest of these reversals
+_MOTION_TURN_S = 0.4  # longest time between two of them
 
 # A joint that reverses this often, by more than noise explains, swings in its backlash.
 _MIN_TURNS = 2.0
 _NOISE_TICKS = 2
 # During correction, reversals that stiction explains count less.
 _STICTION_TICKS = 4  # largest of these reversals
-_SHARE_OF_STICTION = 0.34  # of a turn, for each
+_SHARE_OF_STICTION = 0.34  # each of them counts as this fraction of a reversal
 # The goal of a swinging joint moves along with it; docs/decisions/0020 says why such a soft servo
 # comes to rest.
 _SHARE = 0.75  # fraction of the motion of the joint

@@ -147,7 +147,7 @@ def _squared_norms(rows: Matrix) -> Vector:
     return np.sum(rows * rows, axis=1)
 
 
-_ITERATIONS = 4  # of Newton's method
+_ITERATIONS = 4  # steps of Newton's method
 # Near a singularity a step would be large and useless.
 _DAMPING_M = 0.01
 # A joint compensates for another by at most this: a tool that tilts further has another pose.
