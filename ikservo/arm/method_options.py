@@ -36,8 +36,8 @@ def with_options(
                 default = defaults.get(name)
                 if not isinstance(default, str | float | bool | None):
                     default = _Default()
-                kind = inspect.Parameter.KEYWORD_ONLY
-                parameters.append(inspect.Parameter(name, kind, default=default))
+                keyword = inspect.Parameter.KEYWORD_ONLY
+                parameters.append(inspect.Parameter(name, keyword, default=default))
 
         @wraps(method)
         def run(self: Any, *args: Any, **given: Any) -> Any:  # noqa: ANN401  # of any method
