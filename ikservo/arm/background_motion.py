@@ -100,31 +100,22 @@ class RunningMotion(Generic[T]):
             timeout_s = parse_number("The timeout", timeout_s)
         if threading.current_thread() is self._thread:
             raise RefusedError("A motion cannot wait for itself.", "Wait in another thread.")
+        end_s = math.inf if timeout_s is None else time.monotonic() + timeout_s
         try:
-            over = self._ends_within(math.inf if timeout_s is None else timeout_s)
+            # A signal that arrives just before a wait, or in another thread, does not end the wait.
+            while not self._finished.wait(min(_SIGNALS_S, max(0.0, end_s - time.monotonic()))):
+                if time.monotonic() >= end_s:
+                    raise NotSettledError(
+                        f"The motion has not ended after {timeout_s:g} s.",
+                        "The motion continues: wait again, or cancel it.",
+                    )
         except (KeyboardInterrupt, SystemExit):  # the signal's handler has requested the stop
             self._finished.wait(_BRAKE_TIMEOUT_S)
             raise
-        if not over:
-            raise NotSettledError(
-                f"The motion has not ended after {timeout_s:g} s.",
-                "The motion continues: wait again, or cancel it.",
-            )
         self._raised = True
         if self._error is not None:
             raise self._error
         return cast("T", self._report)
-
-    def _ends_within(self, timeout_s: float) -> bool:
-        """Wait for the end, and check for signals meanwhile.
-
-        A signal that arrives just before a wait, or in another thread, does not end the wait.
-        """
-        end_s = time.monotonic() + timeout_s
-        while not self._finished.wait(min(_SIGNALS_S, max(0.0, end_s - time.monotonic()))):
-            if time.monotonic() >= end_s:
-                return False
-        return True
 
     def cancel(self) -> None:
         """Brake within 0.3 s and hold; a motion that has not started never starts. Never waits.
@@ -180,41 +171,34 @@ class RunningMotion(Generic[T]):
     def _run(self) -> None:
         try:
             with self._queue:
-                self._mark_started()
+                with self._state:
+                    if self._cancelled:
+                        raise StoppedError(CANCELLED.text)
+                    self._moving = True
                 try:
                     self._report = self._work()
                 finally:
                     self._mark_ended()
         except BaseException as error:  # raised by ``wait``
-            self._error = self._as_cancelled(error)
+            self._error = error
+            stopped = self._arm.stop_reason is not None
+            if self._cancelled and not stopped and isinstance(error, IkservoError):
+                # Whatever a cancelled motion raised, it was stopped.
+                is_stop = isinstance(error, StoppedError)
+                self._error = error if is_stop else StoppedError(CANCELLED.text)
         finally:
             with self._state:
                 self._finished.set()
-
-    def _mark_started(self) -> None:
-        with self._state:
-            if self._cancelled:
-                raise StoppedError(CANCELLED.text)
-            self._moving = True
 
     def _mark_ended(self) -> None:
         """Acknowledge the stop of a cancellation, unless another stop was requested too."""
         with self._state:
             self._moving = False
-            if self._cancelled and self._is_only_stop():
-                self._arm.acknowledge()
-
-    def _is_only_stop(self) -> bool:
-        reason = self._arm.stop_reason
-        ours = reason is None or reason.kind is StopKind.CANCELLED
-        return ours and self._arm.stop_requests <= 1
-
-    def _as_cancelled(self, error: BaseException) -> BaseException:
-        """Return a motion's error; ``StoppedError`` for a cancelled motion, whatever it raised."""
-        stopped = self._arm.stop_reason is not None
-        if not self._cancelled or stopped or not isinstance(error, IkservoError):
-            return error
-        return error if isinstance(error, StoppedError) else StoppedError(CANCELLED.text)
+            if self._cancelled:
+                reason = self._arm.stop_reason
+                ours = reason is None or reason.kind is StopKind.CANCELLED
+                if ours and self._arm.stop_requests <= 1:
+                    self._arm.acknowledge()
 
 
 Motion = RunningMotion

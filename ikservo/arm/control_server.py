@@ -135,19 +135,18 @@ class ControlServer:
             request = decode_request(line)
             if not self._listening.authenticate(connection, request.secret):
                 raise RefusedError("The arm belongs to another user.", "Nothing was done.")
-            return {"result": self._execute(request)}
+            if request.do is not ControlCommand.WHERE:
+                return {"result": self._handler(request)}
+            if not self._may_read.acquire(blocking=False):
+                raise RefusedError(
+                    "Too many programs wait for the state of this arm.", "Try again."
+                )
+            try:
+                return {"result": self._handler(request)}
+            finally:
+                self._may_read.release()
         except Exception as error:  # a client must not end this program
             return {"error": error_fields(error)}
-
-    def _execute(self, request: Request) -> object:
-        if request.do is not ControlCommand.WHERE:
-            return self._handler(request)
-        if not self._may_read.acquire(blocking=False):
-            raise RefusedError("Too many programs wait for the state of this arm.", "Try again.")
-        try:
-            return self._handler(request)
-        finally:
-            self._may_read.release()
 
 
 def _receive_line(connection: socket.socket) -> bytes:

@@ -156,7 +156,10 @@ class _OnlineController:
             if self.stands:
                 self._stop_trajectory(trajectory, cycle.time_s)
         if self._limited and len(self._accepted):
-            self._apply_speed(trajectory, cycle.time_s)
+            remaining = np.abs(trajectory.goal - trajectory.state(cycle.time_s).position)
+            if remaining.max() <= _TOLERANCE_RAD:
+                self._limited = False
+                trajectory.set_limits(self._motion_limits(self._speed))
 
     def is_settling_over(self, cycle: ControlCycle) -> bool:
         """Check whether settling must end, because the goal has changed or the source ended."""
@@ -191,12 +194,6 @@ class _OnlineController:
             lower, upper = self._context.limits()
             self.settled_goal = np.clip(self._accepted, lower, upper) - (goal - trajectory.goal)
 
-    def _apply_speed(self, trajectory: OnlineTrajectory, time_s: float) -> None:
-        remaining = np.abs(trajectory.goal - trajectory.state(time_s).position)
-        if remaining.max() <= _TOLERANCE_RAD:
-            self._limited = False
-            trajectory.set_limits(self._motion_limits(self._speed))
-
     def _motion_limits(self, speed: str) -> list[KinematicLimits]:
         limits = self._context.planner.motion_limits(speed)
         return [replace(each, jerk_rad_s3=each.jerk_rad_s3 * self._jerk_factor) for each in limits]
@@ -229,8 +226,24 @@ class _TargetFollower:
             self._dead_man.refresh(self._context.now_s())
         if self._report_progress:
             self._report_progress(cycle)
-        self._allow_delay(self._context.now_s())
-        return self._solve_target(self._next_target(), self._goal)
+        delay_s = self._context.now_s() - self._asked_s
+        if delay_s > STALL_S:  # this program was delayed, and not the stream
+            self._dead_man.postpone(delay_s)
+        target: CartesianOrJointTarget | None = None
+        try:
+            target = next(self._targets)
+        except StopIteration:  # from now on there is no target in any cycle
+            self.ended, self._targets = "end of the targets", repeat(None)
+        now_s = self._asked_s = self._context.now_s()  # the stream may have blocked
+        if self._dead_man.expired(now_s):
+            self.ended = self.ended or f"no target for {DEAD_MAN_TIMEOUT_S} s"
+            return None
+        if target is not None:
+            self._dead_man.refresh(now_s)
+            self._goal, reached = self._tracker.solve_joints(target, self._goal)
+            self.count += 1
+            self.unreached += not reached
+        return self._goal
 
     def on_rejected(self, error: RefusedError, kept: Vector) -> None:
         """Count a refused target."""
@@ -238,31 +251,6 @@ class _TargetFollower:
         self.reason = error.message
         if self._report_refusal:
             self._report_refusal(error, kept)
-
-    def _allow_delay(self, now_s: float) -> None:
-        """Extend the dead-man time-out after a delay of this program instead of the stream."""
-        if now_s - self._asked_s > STALL_S:
-            self._dead_man.postpone(now_s - self._asked_s)
-
-    def _next_target(self) -> CartesianOrJointTarget | None:
-        """Return the next target; None in every cycle after the end of the stream."""
-        try:
-            return next(self._targets)
-        except StopIteration:
-            self.ended, self._targets = "end of the targets", repeat(None)
-            return None
-
-    def _solve_target(self, target: CartesianOrJointTarget | None, last: Vector) -> Vector | None:
-        now_s = self._asked_s = self._context.now_s()  # the stream may have blocked
-        if self._dead_man.expired(now_s):
-            self.ended = self.ended or f"no target for {DEAD_MAN_TIMEOUT_S} s"
-            return None
-        if target is not None:
-            self._dead_man.refresh(now_s)
-            self._goal, reached = self._tracker.solve_joints(target, last)
-            self.count += 1
-            self.unreached += not reached
-        return self._goal
 
 
 def follow(

@@ -10,26 +10,26 @@ from ikservo.control.loop import ControlCycle
 from ikservo.control.stillness import StillnessDetector
 from ikservo.errors import BadValueError, IkservoError
 from ikservo.kinematics.arrays import Vector
-from ikservo.model.arm_model import Gripper, Model
+from ikservo.model.arm_model import Gripper
 from ikservo.model.servo_torque import find_servo_torque
-from ikservo.motion import KinematicLimits, OnlineTrajectory
+from ikservo.motion import OnlineTrajectory
 from ikservo.planning.context import ArmContext
 from ikservo.planning.motions import MoveGripper
 from ikservo.planning.reports import GraspResult, OnProgress
 
-_SPEED_FRACTION = 0.65  # of the speed class
+_SPEED_FRACTION = 0.65  # the jaws move at this fraction of the speed class
 # A jaw is blocked if it has moved by no more than this in this time while its goal is ahead.
 _AT_REST_S = 0.08
 _AT_REST_TICKS = 3.0
 # A jaw that is not blocked moves within this time if its goal is ahead and its force is on.
 _PRESSED_S = 0.5
-_MIN_LAG_RAD = 0.03  # of the horn, behind the goal
+_MIN_LAG_RAD = 0.03  # a goal that leads the horn by less is not ahead
 _SQUEEZE_RAD = 0.10  # lead of the goal while a jaw presses; the torque limit sets the force
 _MAX_LAG_RAD = 0.12  # at this lead the goal waits for a jaw that moves slowly for lack of force
 # A blocked jaw may slip by some ticks. Its goal must not start towards the end then, because it
 # could not come back before the joint counts as not following.
 _MOST_AHEAD_RAD = 0.15
-_ARRIVED_RAD = 0.05  # of the horn: a jaw this near its goal has reached it
+_ARRIVED_RAD = 0.05  # at the horn: a jaw this near its goal has reached it
 
 
 class GripperMotion:
@@ -61,7 +61,13 @@ class GripperMotion:
     def start_trajectory(self, start: Vector) -> OnlineTrajectory:
         """Compute the trajectory from the joints' goals (n,)."""
         lower, upper = self._context.limits()
-        self._trajectory = OnlineTrajectory(start, self._gripper_limits(), lower=lower, upper=upper)
+        usual, fast = (self._context.planner.motion_limits(speed) for speed in (self.speed, "fast"))
+        # Fast acceleration, so that the goal reverses soon enough when the jaws meet something.
+        limits = [
+            replace(quick, speed_rad_s=_SPEED_FRACTION * limit.speed_rad_s)
+            for limit, quick in zip(usual, fast, strict=True)
+        ]
+        self._trajectory = OnlineTrajectory(start, limits, lower=lower, upper=upper)
         self._trajectory.retarget(self._with_position(start, self._goal), 0.0)
         return self._trajectory
 
@@ -77,8 +83,13 @@ class GripperMotion:
         if not self.blocked:
             self.blocked, self._blocked_at = self._update_blocking(at, goal), at
             self._pressing = self._pressing.restarted()
-            next_goal = self._with_position(cycle.goals, self._choose_goal(at, goal))
-            trajectory.retarget(next_goal, cycle.time_s)
+            # The next goal is not further ahead of the jaw than the jaw can follow.
+            is_free = not self.blocked and abs(goal - at) <= _MAX_LAG_RAD * self._per_horn
+            most = _MOST_AHEAD_RAD * self._per_horn
+            lead = min(max(self._goal - at, -most), most)
+            if not is_free:
+                lead = math.copysign(_SQUEEZE_RAD * self._per_horn, goal - at)
+            trajectory.retarget(self._with_position(cycle.goals, at + lead), cycle.time_s)
         if cycle.time_s >= trajectory.settles_at_s and self._update_rest(at):
             trajectory.stop(cycle.time_s)
 
@@ -95,22 +106,6 @@ class GripperMotion:
         self._resting = self._resting.add_reading(now_s, {0: at})
         return self._resting.is_at_rest()
 
-    def _gripper_limits(self) -> list[KinematicLimits]:
-        """Return limits with which the goal reverses soon enough when the jaws meet something."""
-        usual, fast = (self._context.planner.motion_limits(speed) for speed in (self.speed, "fast"))
-        return [
-            replace(quick, speed_rad_s=_SPEED_FRACTION * limit.speed_rad_s)
-            for limit, quick in zip(usual, fast, strict=True)
-        ]
-
-    def _choose_goal(self, at: float, goal: float) -> float:
-        """Choose the next goal, not further ahead of the jaw than the jaw can follow."""
-        is_free = not self.blocked and abs(goal - at) <= _MAX_LAG_RAD * self._per_horn
-        if not is_free:
-            return at + math.copysign(_SQUEEZE_RAD * self._per_horn, goal - at)
-        most = _MOST_AHEAD_RAD * self._per_horn
-        return at + min(max(self._goal - at, -most), most)
-
     def _update_blocking(self, at: float, goal: float) -> bool:
         """Check whether the jaw is still although its goal is well ahead."""
         ahead = (goal - at) * math.copysign(1.0, self._goal - at)
@@ -124,7 +119,7 @@ class GripperMotion:
         return self._context.index.with_position(joints, self._joint, position)
 
 
-_DEFAULT_FORCE = 0.3  # of a servo's torque: holds a full cup for an hour without overheating
+_DEFAULT_FORCE = 0.3  # fraction of the torque that holds a full cup for an hour without overheating
 # Jaws with less force creep so slowly that they look blocked.
 _MIN_FORCE = 0.05
 # Friction differs by 32 % between servos, and jaws that barely move must arrive as well.
@@ -217,19 +212,15 @@ def _goal_position(context: ArmContext, gripper: Gripper, motion: MoveGripper) -
 
 
 def _torque_fraction(context: ArmContext, force: float | None) -> float:
-    fraction = _DEFAULT_FORCE if force is None else force
-    least = _least_force(context.model)
+    fraction, model = _DEFAULT_FORCE if force is None else force, context.model
+    joint = next(joint for joint in model.joints if joint.role == "gripper")
+    torque = find_servo_torque(joint.servo.model, model.supply_v)
+    friction = torque.friction_share if torque else 0.0
+    # The smallest fraction that moves this gripper, in whole percent.
+    least = max(_MIN_FORCE, math.ceil(100.0 * _FRICTION_MARGIN * friction) / 100.0)
     if not least <= fraction <= 1.0:
         servo = "" if least == _MIN_FORCE else "; less does not move its jaws"
         raise BadValueError(
             "The force", f"{fraction:g}", f"a fraction from {least:g} to 1 on this arm{servo}"
         )
     return fraction
-
-
-def _least_force(model: Model) -> float:
-    """Return the smallest fraction of torque that moves an arm's gripper, in whole percent."""
-    joint = next(joint for joint in model.joints if joint.role == "gripper")
-    torque = find_servo_torque(joint.servo.model, model.supply_v)
-    friction = torque.friction_share if torque else 0.0
-    return max(_MIN_FORCE, math.ceil(100.0 * _FRICTION_MARGIN * friction) / 100.0)

@@ -33,9 +33,9 @@ KeepGoing = Callable[[], bool | None]
 NO_LONGER_REQUESTED = "no longer requested"
 """Reason of the end of a jog that its caller ended."""
 
-_MAX_DURATION_S = 60.0  # of a jog
+_MAX_DURATION_S = 60.0  # longest jog
 _MAX_M_S = 0.5  # largest speed of the tip
-_MAX_SPEED_FACTOR = 100.0  # of a joint; its speed class limits it further
+_MAX_SPEED_FACTOR = 100.0  # largest speed of a joint; its speed class limits it further
 _DEFAULT_M_S = 0.05  # speed of the tip, unless another is given
 _AHEAD_S = 0.2  # the target of the tip is its position after this time
 

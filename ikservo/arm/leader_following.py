@@ -48,7 +48,7 @@ def shared_joints(leader: Model, follower: Model) -> list[str]:
     """Return the joints that both arms have by name and kind.
 
     Raises:
-        InputError: There is none, or a joint is prismatic on one arm and revolute on the other.
+        InputError: There is no such joint, or a joint is prismatic on one arm only.
     """
     units = {joint.name: joint.joint_map.unit for joint in follower.joints}
     own = {joint.name: joint.joint_map.unit for joint in leader.joints}

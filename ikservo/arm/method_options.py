@@ -21,7 +21,7 @@ def with_options(
     """Return a decorator that lets ``help`` list the options of a method with their defaults.
 
     Args:
-        kind: The motion that the method makes; its fields have the defaults.
+        kind: The motion that the method executes; its fields have the defaults.
         options: The ``TypedDict`` of the options.
         takes_point: Whether the method takes a point (3,), also as three numbers.
     """
@@ -31,18 +31,21 @@ def with_options(
     def decorate(method: F) -> F:
         signature = inspect.signature(method)
         parameters = list(signature.parameters.values())[:-1]
-        parameters += [
-            inspect.Parameter(
-                name, inspect.Parameter.KEYWORD_ONLY, default=_shown(defaults.get(name))
-            )
-            for name in names
-            if name != "on_progress" or "wait" in signature.parameters
-        ]
+        for name in names:
+            if name != "on_progress" or "wait" in signature.parameters:
+                default = defaults.get(name)
+                if not isinstance(default, str | float | bool | None):
+                    default = _Default()
+                keyword = inspect.Parameter.KEYWORD_ONLY
+                parameters.append(inspect.Parameter(name, keyword, default=default))
 
         @wraps(method)
         def run(self: Any, *args: Any, **given: Any) -> Any:  # noqa: ANN401  # of any method
-            if takes_point and len(args) > 1:
-                args = (_point(args),)
+            if takes_point and len(args) > 1:  # x, y, z as three arguments
+                if len(args) != 3 or not all(isinstance(each, Real) for each in args):
+                    expected = "(x, y, z) in metres, options by name"
+                    raise BadValueError("The point", f"{args}", expected)
+                args = (args,)
             return method(self, *args, **given)
 
         cast("Any", run).__signature__ = signature.replace(parameters=parameters)
@@ -51,24 +54,8 @@ def with_options(
     return decorate
 
 
-def _point(numbers: tuple[object, ...]) -> tuple[object, ...]:
-    """Return the point given by three numbers.
-
-    Raises:
-        BadValueError: They are not three numbers.
-    """
-    if len(numbers) != 3 or not all(isinstance(each, Real) for each in numbers):
-        raise BadValueError("The point", f"{numbers}", "(x, y, z) in metres, options by name")
-    return numbers
-
-
 class _Default:
     """The default of an option whose value has many fields."""
 
     def __repr__(self) -> str:
         return "<default>"
-
-
-def _shown(default: object) -> object:
-    """Return a default as ``help`` shows it."""
-    return default if isinstance(default, str | float | bool | None) else _Default()

@@ -1,7 +1,7 @@
 """Methods of an arm that move it or plan, each by building a motion; and the stop of an arm.
 
 Both kinds of ``OpenArm`` (``arm_protocol``) share them: an arm on a port and an arm on another
-machine. Each plans, executes plans and makes motions in its own way.
+machine. Each plans and executes in its own way.
 """
 
 from __future__ import annotations
@@ -281,7 +281,7 @@ class MotionMethods(Protocol):
 
     @abstractmethod
     def _make(self, motion: MotionValue[R], on_progress: OnProgress | None, own_stops: int) -> R:
-        """Make a motion that was requested when ``own_stops`` had the given value."""
+        """Execute a motion that was requested when ``own_stops`` had the given value."""
 
     @overload
     def move_to(
@@ -538,15 +538,21 @@ class MotionMethods(Protocol):
             BadValueError: The width is out of its range or unknown, or the force is not a fraction.
         """
         on_progress = options.pop("on_progress", None)
-        motion = _grip(to, _fields(MoveGripper, options))
-        return self._run(motion, on_progress, wait=wait)
+        given = _fields(MoveGripper, options)
+        if to is not None and not isinstance(to, str):
+            if given.get("width_m") is not None:
+                raise BadValueError(
+                    "The motion of the gripper", "not clear", "open, close or a width"
+                )
+            given["width_m"], to = to, None
+        return self._run(MoveGripper(to, **given), on_progress, wait=wait)
 
     @with_options(MoveTo, PointOptions, takes_point=True)
     def plan_to(self, position_m: ArrayLike, **options: Unpack[PointOptions]) -> MotionPlan:
         """Plan a motion of the tip to a point (3,) [m]; see ``move_to``.
 
         Raises:
-            UnreachableError: The point is out of reach; carries the nearest one.
+            UnreachableError: The point is out of reach; carries the nearest point in reach.
         """
         return self.plan(MoveTo(position_m, **_fields(MoveTo, options)))
 
@@ -643,16 +649,3 @@ def _fields(kind: type[MotionValue[Any]], options: Mapping[str, Any]) -> dict[st
     if orientation is not None:
         given["stance"] = check_orientation(given.get("stance", KEEP_BEST_EFFORT), orientation)
     return given
-
-
-def _grip(to: JawGoal, options: Mapping[str, Any]) -> MoveGripper:
-    """Return the gripper motion for the arguments of ``gripper``.
-
-    Raises:
-        BadValueError: Neither a motion nor a width is given, or both are.
-    """
-    if to is None or isinstance(to, str):
-        return MoveGripper(to, **options)
-    if options.get("width_m") is not None:
-        raise BadValueError("The motion of the gripper", "not clear", "open, close or a width")
-    return MoveGripper(None, **{**options, "width_m": to})

@@ -87,7 +87,11 @@ class MotionRunner:
 
     @property
     def lock(self) -> RLock:
-        """The lock that a motion holds; RefusedError in a fork of the process that has the arm."""
+        """The lock that a motion holds.
+
+        Raises:
+            RefusedError: This process is a fork of the process that opened the arm.
+        """
         check_not_forked(self._process_id)
         return self._lock
 
@@ -373,7 +377,7 @@ class MotionRunner:
         return trajectory
 
     def start_position(self) -> Vector:
-        """Return where a motion would start (n,), rad or m; a limp arm is measured."""
+        """Return the start (n,) of a motion, rad or m; a limp arm is measured."""
         check_not_forked(self._process_id)
         if self._servos.torque.is_on:
             return self._servos.reference()
@@ -441,7 +445,10 @@ class MotionRunner:
                 self._servos.acknowledge_ended()
                 raise
             torque.faulted()
-            self._servos.hold(request.reason or _reason_of(error))
+            reason = CTRL_C  # unless a callback raised a stop without a request
+            if isinstance(error, StoppedError):
+                reason = StopReason(StopKind.PROGRAM, error.message)
+            self._servos.hold(request.reason or reason)
             if isinstance(error, StoppedError) and not request.signal:
                 self._servos.acknowledge_ended()
                 raise
@@ -475,17 +482,7 @@ class MotionRunner:
 
     def _make_arm_state(self, states: tuple[JointState, ...]) -> ArmState:
         T = self._context.planner.tip_pose(np.array([state.position_rad for state in states]))
-        return ArmState(T[:3, 3], self._with_goals(states), T[:3, :3])
-
-    def _with_goals(self, states: tuple[JointState, ...]) -> tuple[JointState, ...]:
-        if not self._servos.torque.is_on:
-            return states
-        pairs = zip(states, self._servos.goals().tolist(), strict=True)
-        return tuple(replace(state, goal_rad=goal) for state, goal in pairs)
-
-
-def _reason_of(error: KeyboardInterrupt | StoppedError) -> StopReason:
-    """Return the reason of a stop that a callback raised without a request."""
-    if isinstance(error, StoppedError):
-        return StopReason(StopKind.PROGRAM, error.message)
-    return CTRL_C
+        if self._servos.torque.is_on:
+            pairs = zip(states, self._servos.goals().tolist(), strict=True)
+            states = tuple(replace(state, goal_rad=goal) for state, goal in pairs)
+        return ArmState(T[:3, 3], states, T[:3, :3])

@@ -39,9 +39,9 @@ from ikservo.hardware.servo import ServoSpec
 from ikservo.hardware.torque import torque_off
 from ikservo.kinematics import Chain
 from ikservo.kinematics.arrays import Matrix
-from ikservo.model import Model, ModelJoint, load_model
+from ikservo.model import Model, load_model
 from ikservo.model.collision_model import collision_body, collision_body_with_gripper
-from ikservo.model.joint_drive import ArmParameters, nominal_parameters
+from ikservo.model.joint_drive import nominal_parameters
 from ikservo.model.link_masses import stall_error
 from ikservo.model.load_lag import LoadLag, load_lags
 from ikservo.planning.calibrated_arm import (
@@ -151,7 +151,7 @@ def open_arm(
         UnknownNameError: There is no such arm.
         NoPortError: There is no such port, or none to choose from.
         PortBusyError: Another process holds the port.
-        ServoSilentError: Servos do not reply; they and unexpected ones are named.
+        ServoSilentError: Servos do not reply; they and unexpected servos are named.
         BadReplyError: Two servos have one id.
         CalibrationError: A servo's model differs from the arm file, or registers have changed since
             the calibration; they are named.
@@ -211,7 +211,9 @@ def _read_calibrated_arm(bus: ServoBus, model: Model, *, uncalibrated: bool) -> 
         remember_port(model.name, bus.port.name)
         bus.load_return_delays()
         own = load_calibration_for(bus, model, uncalibrated=uncalibrated)
-        _back_up_eeproms(bus, model, own)
+        if own.zeros is not ZeroSource.SIMULATED:
+            with contextlib.suppress(FileWriteError):  # opening does not depend on the copy
+                back_up_once(bus, f"{model.name}-{serial_number_of(bus.port.name)}")
     except (BusError, CalibrationError) as error:
         from ikservo.hardware.diagnostics import raise_explained  # noqa: PLC0415  # a failure only
 
@@ -262,32 +264,18 @@ def _open_remote(
     return network.open_arm(model, address, on_exit)
 
 
-def _back_up_eeproms(bus: ServoBus, model: Model, own: CalibratedArm) -> None:
-    """Copy every servo's EEPROM to a file before its first use, if such a file can be written."""
-    if own.zeros is not ZeroSource.SIMULATED:
-        with contextlib.suppress(FileWriteError):
-            back_up_once(bus, f"{model.name}-{serial_number_of(bus.port.name)}")
-
-
 def _make_limits(own: CalibratedArm, model: Model) -> list[DrivenJoint]:
     lags = load_lags(model, model.chain, model.payload_kg)
-    return [_make_joint_limits(own, model, j, lags.get(j.name, LoadLag())) for j in model.joints]
-
-
-def _make_joint_limits(
-    own: CalibratedArm, model: Model, joint: ModelJoint, lag: LoadLag
-) -> DrivenJoint:
-    joint_map = own.joint_map(joint)
     horn_rad_s = max(speed.rad_s for speed in model.speeds.values())
-    speed = horn_rad_s * joint.travel_per_turn / math.tau
-    return DrivenJoint(
-        joint_map,
-        own.limits(joint, joint_map),
-        speed * _SPEED_MARGIN,
-        stall_error(joint, model.supply_v),
-        lag.lifting_rad,
-        lag.sag_rad,
-    )
+    driven_joints: list[DrivenJoint] = []
+    for joint in model.joints:
+        joint_map, lag = own.joint_map(joint), lags.get(joint.name, LoadLag())
+        limits = own.limits(joint, joint_map)
+        speed = horn_rad_s * joint.travel_per_turn / math.tau * _SPEED_MARGIN
+        stall = stall_error(joint, model.supply_v)
+        driven = DrivenJoint(joint_map, limits, speed, stall, lag.lifting_rad, lag.sag_rad)
+        driven_joints.append(driven)
+    return driven_joints
 
 
 def make_collision_checker(model: Model, own_chain: Chain | None = None) -> CollisionChecker:
@@ -326,19 +314,18 @@ def _make_compensator(
     """
     names = [driven.joint for driven in driven_joints]
     columns = [names.index(name) for name in chain.names]
-    parameters = _arm_parameters(model, chain, serial_number) if own.zeros.are_known else None
+    if not own.zeros.are_known:
+        return GoalCompensator(driven_joints, columns, None)
+    identified = identified_path(model.name, serial_number)
+    if identified.exists():
+        from ikservo.calibration.identified_file import read_identified  # noqa: PLC0415
+        from ikservo.model.identified_drives import identified_parameters  # noqa: PLC0415
+
+        parameters = identified_parameters(model, chain, read_identified(identified))
+    else:
+        parameters = nominal_parameters(model, chain)
     feed_forward = None if parameters is None else FeedForward(parameters, columns)
     return GoalCompensator(driven_joints, columns, feed_forward)
-
-
-def _arm_parameters(model: Model, chain: Chain, serial_number: str) -> ArmParameters | None:
-    identified = identified_path(model.name, serial_number)
-    if not identified.exists():
-        return nominal_parameters(model, chain)
-    from ikservo.calibration.identified_file import read_identified  # noqa: PLC0415
-    from ikservo.model.identified_drives import identified_parameters  # noqa: PLC0415
-
-    return identified_parameters(model, chain, read_identified(identified))
 
 
 def make_collision_filter(model: Model) -> Callable[[Matrix], NDArray[np.bool_]]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 
 from pydantic import JsonValue
@@ -67,8 +67,14 @@ def stop_arm(model: Model, port: str | None, clock: Clock | None = None) -> Stop
 
 def stop_remote_arms() -> StopAllResult:
     """Stop the arm at the address in ``IKSERVO_PORT`` and the arms of listed machines."""
+    stops: list[Callable[[], StopAllResult]] = []
+    own = find_network(None)
+    if own is not None:
+        network, address = own
+        stops.append(lambda: StopAllResult((network.stop_arm(address),)))
+    stops += [each.stop_all_arms for each in installed_networks()]
     with ThreadPoolExecutor() as pool:  # an arm without a reply must not delay the others
-        return StopAllResult.joined(pool.map(_attempt, _remote_stops()))
+        return StopAllResult.joined(pool.map(_attempt, stops))
 
 
 def _attempt(stop: Callable[[], StopAllResult]) -> StopAllResult:
@@ -76,15 +82,6 @@ def _attempt(stop: Callable[[], StopAllResult]) -> StopAllResult:
         return stop()
     except IkservoError as error:
         return StopAllResult(errors=(error,))
-
-
-def _remote_stops() -> Iterator[Callable[[], StopAllResult]]:
-    own = find_network(None)
-    if own is not None:
-        network, address = own
-        yield lambda: StopAllResult((network.stop_arm(address),))
-    for each in installed_networks():
-        yield each.stop_all_arms
 
 
 def query_state(model: Model, port: str | None) -> ArmState | None:

@@ -13,7 +13,7 @@ import numpy as np
 from ikservo.arguments import check_callable
 from ikservo.arm.arm_parts import ArmParts
 from ikservo.arm.motion_runner import MotionRunner
-from ikservo.control.loop import ControlCycle, OnCycle
+from ikservo.control.loop import ControlCycle
 from ikservo.errors import (
     BadValueError,
     CollisionError,
@@ -122,7 +122,8 @@ def run_plan(arm: ArmParts, plan: MotionPlan, on_progress: OnProgress | None) ->
     """Execute a plan.
 
     Raises:
-        RefusedError: The arm has moved since the plan was made, or the guard stopped it.
+        RefusedError: The arm has moved since the plan was made, there is no free path from where
+            a limp arm has sunk to, or the guard stopped the motion.
     """
     check_plan(plan)
     check_callable("on_progress", on_progress)
@@ -132,20 +133,12 @@ def run_plan(arm: ArmParts, plan: MotionPlan, on_progress: OnProgress | None) ->
         if not context.servos.torque.is_on and plan.limp_arm is None:
             _checked_trajectory(context, plan, runner.start_position())  # before torque comes on
         with runner.motion():
-            plan = _replan_if_moved(arm, plan)
+            if plan.motion is not None and plan.limp_arm is context:
+                # The arm was limp when the plan was made. By now its servos hold.
+                limits = context.planner.motion_limits(plan.speed)
+                if has_moved(plan, context.servos.reference(), limits):
+                    plan = arm.preflight.plan(plan.motion)
             return _run_motion(context, runner, plan, on_progress)
-
-
-def _replan_if_moved(arm: ArmParts, plan: MotionPlan) -> MotionPlan:
-    """Return a plan, replanned if a limp arm has sunk since; its servos hold by now.
-
-    Raises:
-        RefusedError: There is no free path from there.
-    """
-    servos, limits = arm.context.servos, arm.context.planner.motion_limits(plan.speed)
-    if plan.motion is None or plan.limp_arm is not arm.context:
-        return plan
-    return arm.preflight.plan(plan.motion) if has_moved(plan, servos.reference(), limits) else plan
 
 
 def _run_motion(
@@ -162,11 +155,14 @@ def _run_motion(
     started_s = context.now_s()
     recorder = PathRecorder(trajectory, plan.cartesian_s)
     swings = MotionSwings(servos.driven_joints)
-    reporter = _recording(recorder, swings, context.progress_reporter(on_progress))
+    report_progress = context.progress_reporter(on_progress)
 
     def on_cycle(cycle: ControlCycle) -> None:
         watch.check(trajectory, plan.speed, cycle.time_s)
-        reporter(cycle)
+        recorder.record(cycle)
+        swings.record(cycle)
+        if report_progress is not None:
+            report_progress(cycle)
 
     with runner.watching_scene():
         runner.loop.run(trajectory, on_cycle, speed_rad_s=horn_rad_s)
@@ -196,16 +192,6 @@ def _checked_trajectory(context: ArmContext, plan: MotionPlan, start: Vector) ->
     within = getattr(plan.motion, "within", UNCONSTRAINED)
     context.planner.check_constraint(within, trajectory, plan.speed)
     return trajectory
-
-
-def _recording(recorder: PathRecorder, swings: MotionSwings, reporter: OnCycle | None) -> OnCycle:
-    def on_cycle(cycle: ControlCycle) -> None:
-        recorder.record(cycle)
-        swings.record(cycle)
-        if reporter is not None:
-            reporter(cycle)
-
-    return on_cycle
 
 
 class _PathWatch:
@@ -313,20 +299,17 @@ def _require_settled(result: SettlingResult, report: MoveResult | JointMoveResul
     if not result.unsettled:
         return
     names = ", ".join(result.unsettled)
+    if isinstance(report, JointMoveResult):
+        off = f"a joint is {degrees(report.error_rad):.1f}° off"
+    else:
+        off = f"the tip is {1000 * report.error_m:.1f} mm off"
+        if report.path_error_max_m is not None:
+            off += f", and was up to {1000 * report.path_error_max_m:.1f} mm off its path"
     raise NotSettledError(
-        f"{names} did not settle in time; {_describe_errors(report)}.",
+        f"{names} did not settle in time; {off}.",
         "Check for a loose horn or a changing load.",
         report,
     )
-
-
-def _describe_errors(report: MoveResult | JointMoveResult) -> str:
-    if isinstance(report, JointMoveResult):
-        return f"a joint is {degrees(report.error_rad):.1f}° off"
-    tip = f"the tip is {1000 * report.error_m:.1f} mm off"
-    if report.path_error_max_m is None:
-        return tip
-    return f"{tip}, and was up to {1000 * report.path_error_max_m:.1f} mm off its path"
 
 
 def relax(arm: ArmParts, on_progress: OnProgress | None = None) -> JointMoveResult:
@@ -339,9 +322,19 @@ def relax(arm: ArmParts, on_progress: OnProgress | None = None) -> JointMoveResu
         context.servos.torque.invalidated()  # the next torque-on sets limits that let it come down
         report = _try_lower(arm, on_progress)
         runner.disable_torque()
-        if isinstance(report, IkservoError):
-            return _make_released_report(context, runner, report)
-        return report
+        if not isinstance(report, IkservoError):
+            return report
+        rest, state = dict(context.model.pose("rest")), runner.state()
+        measured = {name: state.positions[name] for name in rest}
+        return JointMoveResult(
+            goal_rad=rest,
+            measured_rad=measured,
+            measured_tip_m=state.tip_m,
+            error_rad=_max_error(measured, rest),
+            duration_s=0.0,
+            reached=False,
+            binding=(f"The arm was not lowered: {report.message} Torque is off.",),
+        )
 
 
 def lower(arm: ArmParts, on_progress: OnProgress | None = None) -> JointMoveResult:
@@ -360,23 +353,6 @@ def _try_lower(arm: ArmParts, on_progress: OnProgress | None) -> JointMoveResult
         if arm.context.servos.stop_request:
             raise
         return error
-
-
-def _make_released_report(
-    context: ArmContext, runner: MotionRunner, error: IkservoError
-) -> JointMoveResult:
-    """Make the report of an arm whose torque was switched off before it was lowered."""
-    rest, state = dict(context.model.pose("rest")), runner.state()
-    measured = {name: state.positions[name] for name in rest}
-    return JointMoveResult(
-        goal_rad=rest,
-        measured_rad=measured,
-        measured_tip_m=state.tip_m,
-        error_rad=_max_error(measured, rest),
-        duration_s=0.0,
-        reached=False,
-        binding=(f"The arm was not lowered: {error.message} Torque is off.",),
-    )
 
 
 def _max_error(measured: Mapping[str, float], goals: Mapping[str, float]) -> float:

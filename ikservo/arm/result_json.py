@@ -87,16 +87,13 @@ def _schema_of(kind: type, left_out: frozenset[str]) -> type[BaseModel]:
     fields: dict[str, Any] = {}
     for field in dataclasses.fields(kind):
         if field.init and field.name not in left_out:
-            fields[field.name] = (_with_arrays(hints[field.name]), ...)
+            hint: Any = hints[field.name]
+            if _is_array(hint):
+                hint = FloatArray
+            elif any(map(_is_array, get_args(hint))):  # Vector | None
+                hint = Optional[FloatArray]  # noqa: UP045  # an annotated type has no operator
+            fields[field.name] = (hint, ...)
     return create_model(kind.__name__, __config__=_CONFIG, **fields)
-
-
-def _with_arrays(hint: Any) -> Any:  # noqa: ANN401  # an annotation is anything
-    if _is_array(hint):
-        return FloatArray
-    if any(map(_is_array, get_args(hint))):  # Vector | None
-        return Optional[FloatArray]  # noqa: UP045  # an annotated type has no operator
-    return hint
 
 
 def _is_array(hint: object) -> bool:

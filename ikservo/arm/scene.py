@@ -67,7 +67,7 @@ class Scene:
         self._things_lock = threading.RLock()
         self._things: dict[str, Obstacle] = {each.name: each for each in context.model.keep_out}
         self._held: dict[str, KeepOutShape] = {}
-        self._body: tuple[CollisionBody, Sag | None] | None = None  # with what is held
+        self._body: tuple[CollisionBody, Sag | None] | None = None  # includes the held things
         self._others: dict[Scene, OtherArm] = {}
 
     @property
@@ -82,7 +82,7 @@ class Scene:
 
     @property
     def arms(self) -> tuple[OtherArm, ...]:
-        """Names of the other arms in reach."""
+        """The other arms in reach."""
         return tuple(self._others.values())
 
     @property
@@ -215,8 +215,8 @@ class Scene:
     ) -> None:
         """Add another arm of this program, and this arm to its scene.
 
-        From then on only one of the two moves at a time, and avoids the other one. The other one
-        counts as standing where it was when the motion began, even if a person moves it by hand; a
+        From then on only one of the two moves at a time, and avoids the other arm, which counts as
+        standing where it was when the motion began, even if a person moves it by hand; a
         closed arm stays where it was when it was closed.
 
         ``left.scene.add_arm(right, "right", at_m=(0.0, -0.4, 0.0))``
@@ -273,7 +273,9 @@ class Scene:
         """
         other = self._find_arm(parse_name(_NAME, name))
         if other is not None:
-            self._remove_arm(other)
+            with self._changing_both(other):
+                for one, another in ((self, other), (other, self)):
+                    one._change_others({k: v for k, v in one._others.items() if k is not another})
             return
         with self._changing() if name in self._held else self._changing_things():
             if name not in self._things and name not in self._held:
@@ -336,11 +338,6 @@ class Scene:
         self._others = others
         self._change(self._things, self._held)
         self._context.surroundings.set_others(tuple(others.values()))
-
-    def _remove_arm(self, other: Scene) -> None:
-        with self._changing_both(other):
-            for one, another in ((self, other), (other, self)):
-                one._change_others({k: v for k, v in one._others.items() if k is not another})
 
     @contextmanager
     def _changing_both(self, other: Scene) -> Generator[None]:

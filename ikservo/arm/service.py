@@ -241,7 +241,7 @@ class ArmService:
             closing.wait(min(max(left_s, 0.001), _WATCH_PERIOD_S))
 
     def close(self, text: str) -> None:
-        """Give nobody control from now on, and stop an operator's motion; ``text`` says why."""
+        """Refuse control to everybody from now on, and stop an operator's motion for ``text``."""
         self.lease.close()
         self.end_motion(text)
 

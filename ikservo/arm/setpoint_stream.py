@@ -33,8 +33,9 @@ class SetpointMailbox:
 
     Args:
         clock: The clock of the arm.
-        period_s: Time between two setpoints of a sender with a fixed rate; None for one without.
-        ended: Whether the control loop has ended.
+        period_s: Time between two setpoints of a sender with a fixed rate; None for a sender
+            without a fixed rate.
+        ended: Returns whether the control loop has ended.
     """
 
     def __init__(self, clock: Clock, period_s: float | None, ended: Callable[[], bool]) -> None:
@@ -53,12 +54,18 @@ class SetpointMailbox:
             self._setpoint, self._late = setpoint, False
             self.put_count += 1
             self._changed.notify_all()
-            if self._period_s is not None:
-                count = self.put_count
-                while self._taken_count < count and not self._ended():
-                    self._changed.wait(_POLL_PERIOD_S)
-        if self._period_s is not None:
-            self._await_due(self._period_s)
+            if self._period_s is None:
+                return
+            count = self.put_count
+            while self._taken_count < count and not self._ended():
+                self._changed.wait(_POLL_PERIOD_S)
+        if self._real:
+            self._due_s = max(self._due_s + self._period_s, self._clock.now_s())
+            self._clock.sleep_until(self._due_s)
+            return
+        with self._changed:
+            while self._clock.now_s() - self._taken_s < self._period_s and not self._ended():
+                self._changed.wait(_POLL_PERIOD_S)
 
     def close(self) -> None:
         """End the control loop."""
@@ -85,38 +92,24 @@ class SetpointMailbox:
 
     def _take_setpoint(self, now_s: float) -> CartesianOrJointTarget | None:
         with self._changed:
-            if self._pauses_clock(now_s):
+            due = self._period_s is not None and now_s - self._taken_s >= self._period_s
+            if due and not (self._real or self._late or self._has_update()):
+                # Simulated time is paused until the next setpoint.
                 self._changed.notify_all()  # wakes a sender that waits for this instant
                 updated = self._changed.wait_for(self._has_update, timeout=DEAD_MAN_TIMEOUT_S)
                 self._late = not updated
             setpoint, self._setpoint = self._setpoint, None
             if setpoint is not None:
-                self._taken_s, self._taken_count = self._cycle_instant(now_s), self.put_count
+                # At a fixed rate, the setpoint counts as taken at its nominal time.
+                planned_s = self._taken_s + (self._period_s or 0.0)
+                on_time = self._period_s is not None and now_s - planned_s < self._period_s
+                self._taken_s = planned_s if on_time else now_s
+                self._taken_count = self.put_count
             self._changed.notify_all()
             return setpoint
 
-    def _pauses_clock(self, now_s: float) -> bool:
-        """Check whether simulated time is paused until the next setpoint."""
-        due = self._period_s is not None and now_s - self._taken_s >= self._period_s
-        return due and not (self._real or self._late or self._has_update())
-
-    def _cycle_instant(self, now_s: float) -> float:
-        """Compute the nominal time of a setpoint taken now, by the sender's rate."""
-        planned_s = self._taken_s + (self._period_s or 0.0)
-        on_time = self._period_s is not None and now_s - planned_s < self._period_s
-        return planned_s if on_time else now_s
-
     def _has_update(self) -> bool:
         return self._closed or self._setpoint is not None
-
-    def _await_due(self, period_s: float) -> None:
-        if self._real:
-            self._due_s = max(self._due_s + period_s, self._clock.now_s())
-            self._clock.sleep_until(self._due_s)
-            return
-        with self._changed:
-            while self._clock.now_s() - self._taken_s < period_s and not self._ended():
-                self._changed.wait(_POLL_PERIOD_S)
 
 
 T = TypeVar("T")

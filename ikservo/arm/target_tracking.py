@@ -12,7 +12,7 @@ from ikservo.errors import BadValueError, UnknownNameError
 from ikservo.ik import Solver, Target
 from ikservo.kinematics import Chain, JointIndex, finite_array
 from ikservo.kinematics.arrays import Matrix, Vector, as_floats
-from ikservo.kinematics.se3 import exp_so3
+from ikservo.kinematics.se3 import exp_so3, make_pose
 
 CartesianOrJointTarget = Target | Mapping[str, float] | ArrayLike
 """A ``Target``, a point (3,) [m], a pose (4, 4) of the tip, or positions by joint [rad or m]."""
@@ -43,19 +43,19 @@ class TargetTracker:
         """
         parsed = parse_target(target, self._index.names)
         if isinstance(parsed, Mapping):
-            return self._joints_from_names(parsed, last), True
-        T = _pose_of(parsed)
+            goal = last.copy()
+            for name, position in parsed.items():
+                column = self._index.column(name)
+                if not abs(position) <= _MAX_POSITION:
+                    raise BadValueError(f"The goal of {name}", position, "a number of at most 1000")
+                goal[column] = position
+            return goal, True
+        R = parsed.rotation
+        if R is None:
+            R = exp_so3(parsed.orientation_error(np.eye(3)))
+        T = make_pose(parsed.position, R)
         q, reached = self._solver_for(parsed).track(T, self._index.chain_joints(last))
         return self._index.with_chain(last, q), reached
-
-    def _joints_from_names(self, positions: Mapping[str, float], last: Vector) -> Vector:
-        goal = last.copy()
-        for name, position in positions.items():
-            column = self._index.column(name)
-            if not abs(position) <= _MAX_POSITION:
-                raise BadValueError(f"The goal of {name}", position, "a number of at most 1000")
-            goal[column] = position
-        return goal
 
     def _solver_for(self, target: Target) -> Solver:
         kind = "position" if target.only_position else "direction"
@@ -68,16 +68,6 @@ class TargetTracker:
                 self._chain, kind, tool_axis=axis, frame=target.frame, offset_m=offset
             )
         return self._solvers[key]
-
-
-def _pose_of(target: Target) -> Matrix:
-    """Compute the pose (4, 4) of a target for the solver."""
-    T = np.eye(4)
-    T[:3, 3] = target.position
-    T[:3, :3] = (
-        exp_so3(target.orientation_error(np.eye(3))) if target.rotation is None else target.rotation
-    )
-    return T
 
 
 def parse_target(target: CartesianOrJointTarget, names: Sequence[str]) -> Target | dict[str, float]:

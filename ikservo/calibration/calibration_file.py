@@ -26,8 +26,17 @@ def inconsistencies(calibration: Calibration) -> Iterator[ValidationIssue]:
     if calibration.written.tzinfo is None:
         yield ValidationIssue(("written",), "has no offset", "a time such as 2026-11-02T14:03:22Z")
     yield from _check_geometry(calibration)
-    yield from _find_repeated_names(calibration)
-    yield from _find_repeated_ids(calibration)
+    names = [joint.name for joint in calibration.joints]
+    for i, name in enumerate(names):
+        if name in names[:i]:
+            yield ValidationIssue(("joints", i, "name"), f"repeats {quote(name)}", "a unique name")
+    ids: set[int] = set()
+    for i, joint in enumerate(calibration.joints):
+        for servo in joint.servos:
+            if servo.id in ids:
+                where = ("joints", i, "servo", "id")
+                yield ValidationIssue(where, f"repeats {servo.id}", "a unique id")
+            ids.add(servo.id)
     for i, joint in enumerate(calibration.joints):
         for servo in joint.servos:
             yield from _check_servo(("joints", i, "servo"), servo, calibration.family)
@@ -47,25 +56,6 @@ def _check_geometry(calibration: Calibration) -> Iterator[ValidationIssue]:
         if name in names[:i]:
             where = ("geometry", "origins", i, "joint")
             yield ValidationIssue(where, f"repeats {quote(name)}", "each joint once")
-
-
-def _find_repeated_names(calibration: Calibration) -> Iterator[ValidationIssue]:
-    seen: set[str] = set()
-    for i, joint in enumerate(calibration.joints):
-        if joint.name in seen:
-            found = f"repeats {quote(joint.name)}"
-            yield ValidationIssue(("joints", i, "name"), found, "a unique name")
-        seen.add(joint.name)
-
-
-def _find_repeated_ids(calibration: Calibration) -> Iterator[ValidationIssue]:
-    seen: set[int] = set()
-    for i, joint in enumerate(calibration.joints):
-        for servo in joint.servos:
-            if servo.id in seen:
-                found = f"repeats {servo.id}"
-                yield ValidationIssue(("joints", i, "servo", "id"), found, "a unique id")
-            seen.add(servo.id)
 
 
 def _check_servo(where: Location, servo: CalibratedServo, family: str) -> Iterator[ValidationIssue]:
@@ -105,14 +95,8 @@ def _check_travel(where: Location, joint: CalibratedJoint) -> Iterator[Validatio
         yield ValidationIssue(
             (*where, "travel_ticks"), found, f"ticks from 0 to {encoder.ticks - 1}"
         )
-    yield from _check_offset(where, joint, table.family)
-
-
-def _check_offset(
-    where: Location, joint: CalibratedJoint, family: Family
-) -> Iterator[ValidationIssue]:
-    max_offset = {Family.FEETECH_STS: MAX_STS_OFFSET, Family.DYNAMIXEL_2: MAX_X_OFFSET}.get(family)
-    offset = joint.servo.holds.get("homing_offset", 0)
+    max_offsets = {Family.FEETECH_STS: MAX_STS_OFFSET, Family.DYNAMIXEL_2: MAX_X_OFFSET}
+    max_offset, offset = max_offsets.get(table.family), joint.servo.holds.get("homing_offset", 0)
     if max_offset is not None and not joint.extended and abs(offset) > max_offset:
         location = (*where, "servo", "holds", "homing_offset")
         yield ValidationIssue(location, f"is {offset}", f"-{max_offset} to {max_offset}")
@@ -139,7 +123,7 @@ _HEADER = """\
 
 def dump_calibration(calibration: Calibration) -> str:
     """Format the content of the file."""
-    import tomli_w  # noqa: PLC0415  # noqa: PLC0415  # needed for writing only
+    import tomli_w  # noqa: PLC0415  # needed for writing only
 
     tables = _plain_tables(calibration.model_dump(mode="python", exclude_none=True))
     for joint in tables["joints"]:  # a rigid joint keeps the format of old files
@@ -162,7 +146,10 @@ def read_calibration(path: Path) -> Calibration:
 def parse_calibration(path: Path, text: str) -> Calibration:
     """Parse the calibration in a text; ``path`` is its origin, for messages."""
     tables = parse_toml(path, strip_checksum(path, text))
-    _check_format(path, tables)
+    found = tables.get("format")
+    if isinstance(found, int) and not isinstance(found, bool) and found > FORMAT:
+        expected = f"format {FORMAT}; a newer ikservo wrote this, so update ikservo"
+        raise FileFormatError(path, "format", f"is {found}", expected)
     try:
         calibration = Calibration.model_validate(tables)
     except ValidationError as error:
@@ -174,7 +161,7 @@ def parse_calibration(path: Path, text: str) -> Calibration:
 
 
 def _plain_tables(value: Any) -> Any:  # noqa: ANN401  # tables of tables
-    """Convert tables for the TOML writer: tuples become lists, and empty ones are left out."""
+    """Convert tables for the TOML writer: tuples become lists, and empty tuples are left out."""
     if isinstance(value, Mapping):
         rows = cast("Mapping[str, Any]", value)
         return {key: _plain_tables(item) for key, item in rows.items() if item != ()}
@@ -183,15 +170,8 @@ def _plain_tables(value: Any) -> Any:  # noqa: ANN401  # tables of tables
     return value
 
 
-def _check_format(path: Path, tables: Mapping[str, Any]) -> None:
-    found = tables.get("format")
-    if isinstance(found, int) and not isinstance(found, bool) and found > FORMAT:
-        expected = f"format {FORMAT}; a newer ikservo wrote this, so update ikservo"
-        raise FileFormatError(path, "format", f"is {found}", expected)
-
-
 def load_calibration(arm: str, usb_serial_number: str) -> Calibration | None:
-    """Load the calibration of an arm on an adapter, or None if there is none.
+    """Load the calibration of an arm on an adapter; return None if it has no calibration.
 
     Raises:
         FileFormatError: The file is damaged; the message says what can be done.
@@ -200,7 +180,7 @@ def load_calibration(arm: str, usb_serial_number: str) -> Calibration | None:
 
 
 def load_calibration_file(path: Path, arm: str) -> Calibration | None:
-    """Load the calibration in a file of an arm, or None if there is none.
+    """Load the calibration in a file of an arm; return None if there is no such file.
 
     Raises:
         FileFormatError: The file is damaged; the message says what can be done.
@@ -230,8 +210,8 @@ def restore_calibration(path: Path) -> Calibration:
     """Restore the previous calibration in place of a damaged one, which is kept as .damaged.
 
     Raises:
-        FileFormatError: There is no previous one, or it cannot be used either.
-        InputError: The present one is not damaged.
+        FileFormatError: There is no previous calibration, or it cannot be used either.
+        InputError: The present calibration is not damaged.
         FileWriteError: The file cannot be written.
     """
     backup = backup_path(path)
@@ -251,10 +231,10 @@ def restore_calibration(path: Path) -> Calibration:
 
 
 def undo_calibration(path: Path) -> Calibration:
-    """Restore the previous calibration; the present one becomes the previous one.
+    """Exchange the present calibration of an arm with the previous one.
 
     Raises:
-        FileFormatError: There is no previous one, or one of them is damaged.
+        FileFormatError: There is no previous calibration, or one of the two is damaged.
         InputError: Registers in the servos differ between the two, and a file cannot restore them.
         FileWriteError: The files cannot be written.
     """

@@ -77,7 +77,7 @@ def read_identified(path: Path) -> IdentifiedArm:
     """Read and check the file of an identified arm.
 
     Raises:
-        FileFormatError: The file is damaged, or of another kind.
+        FileFormatError: The file is damaged, or is not an identification.
     """
     tables = parse_toml(path, strip_checksum(path, read_text(path, MAX_BYTES)))
     try:

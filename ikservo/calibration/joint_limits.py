@@ -8,7 +8,7 @@ from ikservo.calibration.joint_map import JointUnit, format_position
 from ikservo.errors import CalibrationError
 
 MIN_RANGE_TICKS = 50
-"""Smallest range of a calibrated joint [tick]; with less travel the joint was not moved."""
+"""Smallest range of a calibrated joint, ticks; with less travel the joint was not moved."""
 
 
 @dataclass(frozen=True, slots=True)

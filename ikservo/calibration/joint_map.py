@@ -50,16 +50,15 @@ class Crank:
     @property
     def max_m_per_rad(self) -> float:
         """The maximum slider motion per radian of the horn, m/rad."""
-        angles = (math.pi * k / 180.0 for k in range(181))
-        return max(-self._slide_slope(angle) for angle in angles)
+        slopes: list[float] = []
+        for angle in (math.pi * k / 180.0 for k in range(181)):
+            offset, along = self.radius_m * math.sin(angle), self.radius_m * math.cos(angle)
+            slopes.append(offset + offset * along / math.sqrt(self.rod_m**2 - offset**2))
+        return max(slopes)
 
     def _slide_reach(self, angle: float) -> float:
         offset = self.radius_m * math.sin(angle)
         return self.radius_m * math.cos(angle) + math.sqrt(self.rod_m**2 - offset**2)
-
-    def _slide_slope(self, angle: float) -> float:
-        offset, along = self.radius_m * math.sin(angle), self.radius_m * math.cos(angle)
-        return -offset - offset * along / math.sqrt(self.rod_m**2 - offset**2)
 
 
 JointUnit = Literal["rad", "m"]

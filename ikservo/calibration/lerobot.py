@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import cast
 
-from ikservo.calibration.records import CalibratedJoint, Calibration
+from ikservo.calibration.records import Calibration
 from ikservo.errors import FileFormatError, InputError, UnknownNameError
 from ikservo.files.reading import parse_json, read_text
 
@@ -54,7 +54,15 @@ def read_lerobot(path: Path) -> tuple[LerobotJoint, ...]:
 
 def parse_lerobot(path: Path, text: str) -> tuple[LerobotJoint, ...]:
     """Parse the joints of a text in the order of the file; ``path`` is for messages."""
-    table = _parse_json(path, text)
+    try:
+        table = parse_json(text, _parse_integer)
+    except json.JSONDecodeError as error:
+        where = f"line {error.lineno}, column {error.colno}"
+        raise FileFormatError(path, where, f"is not JSON: {error.msg.lower()}") from error
+    except RecursionError as error:
+        raise FileFormatError(path, "", "tables are nested too deeply") from error
+    except ValueError as error:
+        raise FileFormatError(path, "", f"is not a calibration: {error}") from error
     if not isinstance(table, dict) or not table:
         raise FileFormatError(path, "", "is not a table of joints", "joint: {id, drive_mode, …}")
     joints = cast("Mapping[str, object]", table)
@@ -62,7 +70,11 @@ def parse_lerobot(path: Path, text: str) -> tuple[LerobotJoint, ...]:
         expected = "a newer one; calibrate again with LeRobot, or with: ikservo calibrate"
         raise FileFormatError(path, "", "is a calibration of LeRobot before mid-2025", expected)
     found = tuple(_parse_joint(path, name, row) for name, row in joints.items())
-    _check_ids(path, found)
+    ids = [joint.id for joint in found]
+    for joint in found:
+        if ids.count(joint.id) > 1:
+            where = f"{_printable_name(joint.name)}.id"
+            raise FileFormatError(path, where, f"repeats {joint.id}", "a unique id")
     return found
 
 
@@ -74,7 +86,13 @@ def dump_lerobot(joints: Sequence[LerobotJoint]) -> str:
 
 def lerobot_joints(calibration: Calibration) -> tuple[LerobotJoint, ...]:
     """Return a calibration as LeRobot joints; ``lost_in_lerobot`` lists what is left out."""
-    return tuple(_to_lerobot_joint(joint) for joint in calibration.joints)
+    joints: list[LerobotJoint] = []
+    for joint in calibration.joints:
+        low, high = joint.travel_ticks if joint.swept != "not swept" else _FULL_TURN
+        servo_id, holds = joint.servo.id, joint.servo.holds
+        reverse, offset = holds.get("drive_mode", 0) & 1, holds.get("homing_offset", 0)
+        joints.append(LerobotJoint(joint.name, servo_id, reverse, offset, low, high))
+    return tuple(joints)
 
 
 def lost_in_lerobot(calibration: Calibration) -> Iterator[str]:
@@ -93,27 +111,6 @@ def lost_in_lerobot(calibration: Calibration) -> Iterator[str]:
             yield f"Servo {shadow.id} of {joint.name} is left out: LeRobot has one servo per joint."
     if calibration.geometry:
         yield "The links and the base from a touch-off are left out."
-
-
-def _to_lerobot_joint(joint: CalibratedJoint) -> LerobotJoint:
-    low, high = joint.travel_ticks if joint.swept != "not swept" else _FULL_TURN
-    holds = joint.servo.holds
-    reverse = holds.get("drive_mode", 0) & 1
-    return LerobotJoint(
-        joint.name, joint.servo.id, reverse, holds.get("homing_offset", 0), low, high
-    )
-
-
-def _parse_json(path: Path, text: str) -> object:
-    try:
-        return parse_json(text, _parse_integer)
-    except json.JSONDecodeError as error:
-        where = f"line {error.lineno}, column {error.colno}"
-        raise FileFormatError(path, where, f"is not JSON: {error.msg.lower()}") from error
-    except RecursionError as error:
-        raise FileFormatError(path, "", "tables are nested too deeply") from error
-    except ValueError as error:
-        raise FileFormatError(path, "", f"is not a calibration: {error}") from error
 
 
 def _parse_integer(digits: str) -> int:
@@ -135,7 +132,13 @@ def _parse_joint(path: Path, name: str, row: object) -> LerobotJoint:
             raise FileFormatError(
                 path, f"{shown}.{_printable_name(key)}", "is unknown", ", ".join(_KEYS)
             )
-    numbers = {key: _require_integer(path, f"{shown}.{key}", values[key]) for key in _KEYS}
+    numbers: dict[str, int] = {}
+    for key in _KEYS:
+        value = values[key]
+        if type(value) is not int or abs(value) > 2**20:
+            expected = "ticks, or an id"
+            raise FileFormatError(path, f"{shown}.{key}", "is not a whole number", expected)
+        numbers[key] = value
     joint = LerobotJoint(name, **numbers)
     if not joint.range_min < joint.range_max:
         found = f"is {joint.range_min}, not below {joint.range_max}"
@@ -146,20 +149,6 @@ def _parse_joint(path: Path, name: str, row: object) -> LerobotJoint:
 def _printable_name(name: str) -> str:
     """Return a name for a message: short, and without control characters."""
     return name[:64] if name[:64].isprintable() else ascii(name[:64])
-
-
-def _require_integer(path: Path, where: str, value: object) -> int:
-    if type(value) is not int or abs(value) > 2**20:
-        raise FileFormatError(path, where, "is not a whole number", "ticks, or an id")
-    return value
-
-
-def _check_ids(path: Path, joints: Sequence[LerobotJoint]) -> None:
-    ids = [joint.id for joint in joints]
-    for joint in joints:
-        if ids.count(joint.id) > 1:
-            found = f"repeats {joint.id}"
-            raise FileFormatError(path, f"{_printable_name(joint.name)}.id", found, "a unique id")
 
 
 _ID = re.compile(r"[A-Za-z0-9_-]{1,64}")
@@ -173,7 +162,7 @@ def find_lerobot(id_or_path: str) -> Path:
     LeRobot has renamed them: so100_follower, so101_follower, now so_follower.
 
     Raises:
-        UnknownNameError: There is no such id; those that exist are listed.
+        UnknownNameError: There is no such id; the existing ids are listed.
         InputError: Several devices have that id; their files are listed.
     """
     if not _ID.fullmatch(id_or_path):

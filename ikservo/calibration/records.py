@@ -88,7 +88,8 @@ class CalibratedJoint(StrictModel):
 
     def recorded_range(self) -> tuple[float, float] | None:
         """Return the recorded range [rad or m], less the margin; None if not recorded."""
-        return _range_in_si(self.lower_deg, self.upper_deg, self.lower_m, self.upper_m)
+        low, high = _to_si(self.lower_deg, self.lower_m), _to_si(self.upper_deg, self.upper_m)
+        return None if low is None or high is None else (low, high)
 
     def user_range(self) -> tuple[float | None, float | None]:
         """Return the limits [rad or m] set by the user; None if not set."""
@@ -239,13 +240,6 @@ def _to_si(degrees: float | None, metres: float | None) -> float | None:
     return math.radians(degrees) if degrees is not None else metres
 
 
-def _range_in_si(
-    low_deg: float | None, high_deg: float | None, low_m: float | None, high_m: float | None
-) -> tuple[float, float] | None:
-    low, high = _to_si(low_deg, low_m), _to_si(high_deg, high_m)
-    return None if low is None or high is None else (low, high)
-
-
 class StoredJointMeasurement(StrictModel):
     """Travel of one joint between its end stops, in bare encoder ticks."""
 
@@ -269,7 +263,7 @@ class PartialCalibration(StrictModel):
 
 def dump_partial(partial: PartialCalibration) -> str:
     """Format the content of the file."""
-    import tomli_w  # noqa: PLC0415  # noqa: PLC0415  # needed for writing only
+    import tomli_w  # noqa: PLC0415  # needed for writing only
 
     return with_checksum(_HEADER + tomli_w.dumps(partial.model_dump(mode="python")))
 
@@ -292,26 +286,21 @@ def read_partial(path: Path) -> PartialCalibration | None:
 def shift_zeros(
     joints: Sequence[CalibratedJoint], maps: Sequence[JointMap], zeros: Vector
 ) -> tuple[CalibratedJoint, ...]:
-    """Return joints with positions increased by ``zeros`` (dof,); those without a map stay."""
-    shifts = {m.joint: float(z) for m, z in zip(maps, zeros, strict=True)}
-    return tuple(_shift_joint(joint, shifts, maps) for joint in joints)
+    """Return joints with positions increased by ``zeros`` (dof,); those without a map stay.
 
-
-def _shift_joint(
-    joint: CalibratedJoint, shifts: dict[str, float], maps: Sequence[JointMap]
-) -> CalibratedJoint:
-    """Shift the positions of a joint; its end stops do not move.
-
-    The user's limits are positions of the geometry and do not move.
+    The end stops do not move, nor do the user's limits, which are positions of the geometry.
     """
-    if joint.name not in shifts:
-        return joint
-    joint_map = next(m for m in maps if m.joint == joint.name)
-    shift = shifts[joint.name]
-    ends = {"lower_deg": math.degrees(shift), "upper_deg": math.degrees(shift)}
-    ends |= {"lower_m": shift, "upper_m": shift}
-    shifted = {
-        key: getattr(joint, key) + by for key, by in ends.items() if getattr(joint, key) is not None
-    }
-    ticks = joint_map.sign * shift / joint_map.unit_per_tick
-    return joint.model_copy(update={"zero_tick": joint.zero_tick - ticks, **shifted})
+    shifts = {m.joint: (m, float(zero)) for m, zero in zip(maps, zeros, strict=True)}
+    shifted = list(joints)
+    for i, joint in enumerate(joints):
+        if joint.name not in shifts:
+            continue
+        joint_map, shift = shifts[joint.name]
+        ends = {"lower_deg": math.degrees(shift), "upper_deg": math.degrees(shift)}
+        ends |= {"lower_m": shift, "upper_m": shift}
+        known = {key: getattr(joint, key) for key in ends if getattr(joint, key) is not None}
+        moved = {key: end + ends[key] for key, end in known.items()}
+        ticks = joint_map.sign * shift / joint_map.unit_per_tick
+        moved["zero_tick"] = joint.zero_tick - ticks
+        shifted[i] = joint.model_copy(update=moved)
+    return tuple(shifted)

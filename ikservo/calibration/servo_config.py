@@ -29,7 +29,7 @@ _NAMES = {Family.FEETECH_STS: "phase", Family.DYNAMIXEL_2: "drive_mode"}
 # Bits that reverse or shift the count; the other bits of these registers are for tuning.
 _BITS = {"phase": 0b1001_0001, "drive_mode": 0b0001}
 
-MULTI_TURN_BIT = 0b0001_0000  # of phase: a multi-turn STS loses its count without power
+MULTI_TURN_BIT = 0b0001_0000  # a bit of phase: a multi-turn STS loses its count without power
 EXTENDED, CURRENT_POSITION = OperatingMode.EXTENDED_POSITION, OperatingMode.CURRENT_BASED_POSITION
 _MULTI_TURN_MODES = (EXTENDED, CURRENT_POSITION)
 
@@ -124,33 +124,20 @@ def expected_registers(
     if config.table.family is Family.FEETECH_STS:
         held["operating_mode"] = FeetechMode.POSITION
         held["phase"] &= ~MULTI_TURN_BIT
-    elif "drive_mode" in held:
-        held["operating_mode"] = _choose_x_mode(held["operating_mode"], extended)
+    elif "drive_mode" in held and held["operating_mode"] != CURRENT_POSITION:
+        # A gripper that yields keeps its mode, which counts like the extended mode.
+        held["operating_mode"] = EXTENDED if extended else OperatingMode.POSITION
     if "homing_offset" in held:
         held["homing_offset"] = offset
-    return held | _expected_limits(config, held, limits)
-
-
-def _choose_x_mode(mode: int, extended: bool) -> int:
-    if mode == OperatingMode.CURRENT_BASED_POSITION:
-        return mode  # a gripper that yields; it counts like the extended mode
-    return OperatingMode.EXTENDED_POSITION if extended else OperatingMode.POSITION
-
-
-def _expected_limits(
-    config: ServoConfig, held: Mapping[str, int], limits: tuple[int, int] | None
-) -> dict[str, int]:
-    rows = [
-        config.table.find(r)
-        for r in (RegisterName.MIN_POSITION_LIMIT, RegisterName.MAX_POSITION_LIMIT)
-    ]
+    names = (RegisterName.MIN_POSITION_LIMIT, RegisterName.MAX_POSITION_LIMIT)
+    rows = [config.table.find(name) for name in names]
     moved = held.get("homing_offset") != config.registers.get("homing_offset")
     none_set = config.registers[rows[0].name] == config.registers[rows[1].name] == 0
-    if limits is None and not (moved or none_set):
-        return {}
-    wide = (rows[0].range[0], rows[1].range[1])
-    pairs = zip(rows, limits or wide, strict=True)
-    return {row.name: min(row.range[1], max(row.range[0], tick)) for row, tick in pairs}
+    if limits is not None or moved or none_set:
+        wide = (rows[0].range[0], rows[1].range[1])
+        for row, tick in zip(rows, limits or wide, strict=True):
+            held[row.name] = min(row.range[1], max(row.range[0], tick))
+    return held
 
 
 @dataclass(frozen=True, slots=True)

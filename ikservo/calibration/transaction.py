@@ -63,7 +63,7 @@ class Journal(StrictModel):
 
 def dump_journal(journal: Journal) -> str:
     """Format the content of the file."""
-    import tomli_w  # noqa: PLC0415  # noqa: PLC0415  # needed for writing only
+    import tomli_w  # noqa: PLC0415  # needed for writing only
 
     tables = journal.model_dump(mode="python", exclude_defaults=True)
     return with_checksum(_HEADER + tomli_w.dumps(tables))
@@ -130,8 +130,8 @@ def commit(
         path: The calibration file.
         text: Its new content; empty for no file; ignored if temporary.
         changes: The new registers of the servos.
-        temporary: Whether they only serve a search for end stops. The journal then stays until
-            ``roll_back`` or the next ``commit``.
+        temporary: Whether the changes only serve a search for end stops. The journal then stays
+            until ``roll_back`` or the next ``commit``.
 
     Raises:
         CalibrationError: Writing failed and could not be undone; the message says how to continue.
@@ -149,7 +149,12 @@ def commit(
         write_atomic(journal_path, dump_journal(journal))
         _write_servos(bus, journal)
     except (IkservoError, KeyboardInterrupt, SystemExit) as error:  # SIGTERM, too
-        _roll_back_after(bus, journal, journal_path, error)
+        try:
+            _restore_servos(bus, journal)
+        except IkservoError:
+            raise _unfinished_error() from error
+        with contextlib.suppress(FileWriteError):  # a remaining journal contains no changes
+            remove_durably(journal_path)
         raise
     if not temporary:
         remove_durably(journal_path)
@@ -184,7 +189,7 @@ def progress(bus: ServoBus, journal: Journal) -> TransactionProgress:
 def recover(bus: ServoBus, journal_path: Path, *, calibrating: bool = False) -> str:
     """Recover an interrupted transaction if no servo has to be written for that.
 
-    A temporary one is undone if the servos are limp.
+    A temporary transaction is undone if the servos are limp.
 
     Args:
         bus: The servos.
@@ -206,7 +211,10 @@ def recover(bus: ServoBus, journal_path: Path, *, calibrating: bool = False) -> 
     reached = progress(bus, journal)
     if reached is TransactionProgress.SOME:
         raise _unfinished_error()
-    _lock_eeproms(bus, journal)
+    for change in journal.changes:  # a killed program may have left EEPROMs unlocked
+        lock = bus.servos[change.id].table.eeprom_lock
+        if lock and bus.read(change.id, lock, raw=True) == 0:
+            bus.write(change.id, lock, 1, raw=True)
     if reached is TransactionProgress.EVERYTHING:
         _save_file(journal)
         remove_durably(journal_path)
@@ -326,25 +334,6 @@ def _restore_file(journal: Journal) -> None:
         remove_durably(path)
     elif _text_of(path) != journal.old_text:
         write_atomic(path, journal.old_text)
-
-
-def _roll_back_after(
-    bus: ServoBus, journal: Journal, journal_path: Path, cause: BaseException
-) -> None:
-    try:
-        _restore_servos(bus, journal)
-    except IkservoError:
-        raise _unfinished_error() from cause
-    with contextlib.suppress(FileWriteError):  # a remaining journal contains no changes
-        remove_durably(journal_path)
-
-
-def _lock_eeproms(bus: ServoBus, journal: Journal) -> None:
-    """Lock EEPROMs that a killed program may have left unlocked."""
-    for change in journal.changes:
-        lock = bus.servos[change.id].table.eeprom_lock
-        if lock and bus.read(change.id, lock, raw=True) == 0:
-            bus.write(change.id, lock, 1, raw=True)
 
 
 def _unfinished_error() -> CalibrationError:

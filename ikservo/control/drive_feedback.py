@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
-from ikservo.calibration import JointMap
 from ikservo.guard import DrivenJoint
 from ikservo.hardware.bus import ServoBus
-from ikservo.hardware.servo import ServoSpec
 from ikservo.kinematics.arrays import Matrix
 from ikservo.registers import Register, RegisterName
 
@@ -28,7 +26,16 @@ class DriveReader:
         self._ids = [(driven.servo_id, *others) for driven, others in joints]
         self._maps = [driven.joint_map for driven, _ in joints]
         self._most = max(len(ids) for ids in self._ids)
-        self._keys = {i: _drive_registers(bus.servos[i]) for ids in self._ids for i in ids}
+        self._keys: dict[int, dict[str, Register]] = {}
+        for servo_id in (i for ids in self._ids for i in ids):
+            table = bus.servos[servo_id].table
+            self._keys[servo_id] = {
+                "duty": table.registers.get("present_pwm", table.present_load),
+                "voltage": table.find(RegisterName.PRESENT_VOLTAGE),
+                "position": table.find(RegisterName.PRESENT_POSITION),
+            }
+            if "present_current" in table.registers:
+                self._keys[servo_id]["current"] = table.registers["present_current"]
 
     def p_gains(self) -> list[int | None]:
         """Read the P gain of each joint's leading servo; None if it has no such register.
@@ -58,31 +65,15 @@ class DriveReader:
             return None
         table = np.full((len(self._ids), self._most, 4), math.nan)
         for j, ids in enumerate(self._ids):
+            sign = self._maps[j].sign
             for k, servo_id in enumerate(ids):
-                table[j, k, :3] = self._row(servo_id, self._maps[j], readings.values[servo_id])
+                keys, found = self._keys[servo_id], readings.values[servo_id]
+                value = {name: key.to_value(found[key]) for name, key in keys.items()}
+                current_a = value.get("current", math.nan)
+                if "current" in keys and keys["current"].range[0] < 0:
+                    current_a *= sign
+                table[j, k, :3] = sign * value["duty"], current_a, value["voltage"]
             own = readings.values[ids[0]]
             table[j, :, 3] = self._maps[j].position(own[self._keys[ids[0]]["position"]])
             table[j, 1 : len(ids), :2] = np.copysign(table[j, 1 : len(ids), :2], table[j, 0, :2])
         return table
-
-    def _row(
-        self, servo_id: int, joint_map: JointMap, found: Mapping[Register, int]
-    ) -> tuple[float, float, float]:
-        keys, sign = self._keys[servo_id], joint_map.sign
-        value = {name: key.to_value(found[key]) for name, key in keys.items()}
-        current_a = value.get("current", math.nan)
-        if "current" in keys and keys["current"].range[0] < 0:
-            current_a *= sign
-        return sign * value["duty"], current_a, value["voltage"]
-
-
-def _drive_registers(servo: ServoSpec) -> dict[str, Register]:
-    registers = servo.table.registers
-    keys = {
-        "duty": registers.get("present_pwm", servo.table.present_load),
-        "voltage": servo.table.find(RegisterName.PRESENT_VOLTAGE),
-        "position": servo.table.find(RegisterName.PRESENT_POSITION),
-    }
-    if "present_current" in registers:
-        keys["current"] = registers["present_current"]
-    return keys

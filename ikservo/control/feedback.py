@@ -122,7 +122,7 @@ class Feedback:
         return self._latest_positions()
 
     def read(self) -> Vector:
-        """Read the joints (n,); one without a reply keeps its last position.
+        """Read the joints (n,); a joint without a reply keeps its last position.
 
         Raises:
             ServoSilentError: A servo did not reply in three consecutive cycles; it is named.
@@ -222,27 +222,38 @@ def read_joint_states(
     Raises:
         BusError: A servo does not answer.
     """
-    ids = [driven.servo_id for driven in driven_joints]
-    rows = read_registers(bus, {i: [*_STATE_REGISTERS, *_available_registers(bus, i)] for i in ids})
-    return tuple(
-        JointState(
+    keys: dict[int, list[Register | RegisterName]] = {}
+    for driven in driven_joints:
+        table = bus.servos[driven.servo_id].table
+        keys[driven.servo_id] = [*_STATE_REGISTERS]
+        if RegisterName.ALARMS not in table.missing:
+            keys[driven.servo_id].append(RegisterName.ALARMS)
+        current = table.registers.get("present_current")
+        if current is not None and current is not table.present_load:
+            keys[driven.servo_id].append(current)
+    rows = read_registers(bus, keys)
+    states: list[JointState] = []
+    for driven, tick in zip(driven_joints, ticks, strict=True):
+        servo, row = bus.servos[driven.servo_id], rows[driven.servo_id]
+        current, current_a = servo.table.registers.get("present_current"), None
+        if current is not None:
+            shared = current is servo.table.present_load
+            current_a = current.to_value(row[RegisterName.PRESENT_LOAD if shared else current])
+        state = JointState(
             name=driven.joint,
             position_rad=driven.joint_map.position(tick),
             lower_rad=driven.limits.lower.value,
             upper_rad=driven.limits.upper.value,
             limit_from=driven.limits.source,
-            temperature_c=_state_value(bus, driven, rows, RegisterName.PRESENT_TEMPERATURE),
-            voltage_v=_state_value(bus, driven, rows, RegisterName.PRESENT_VOLTAGE),
-            load_percent=load_percent(
-                bus.servos[driven.servo_id],
-                _state_value(bus, driven, rows, RegisterName.PRESENT_LOAD),
-            ),
-            torque=rows[driven.servo_id][RegisterName.TORQUE_ENABLE] != 0,
+            temperature_c=_state_value(servo, row, RegisterName.PRESENT_TEMPERATURE),
+            voltage_v=_state_value(servo, row, RegisterName.PRESENT_VOLTAGE),
+            load_percent=load_percent(servo, _state_value(servo, row, RegisterName.PRESENT_LOAD)),
+            torque=row[RegisterName.TORQUE_ENABLE] != 0,
             alarms=read_alarm_names(bus, driven.servo_id),
-            current_a=_current_a(bus.servos[driven.servo_id], rows[driven.servo_id]),
+            current_a=current_a,
         )
-        for driven, tick in zip(driven_joints, ticks, strict=True)
-    )
+        states.append(state)
+    return tuple(states)
 
 
 def read_alarm_names(bus: ServoBus, servo_id: int) -> tuple[str, ...]:
@@ -254,34 +265,10 @@ def read_alarm_names(bus: ServoBus, servo_id: int) -> tuple[str, ...]:
     return tuple(sorted(str(alarm) for alarm in bus.alarms[servo_id]))
 
 
-def _available_registers(bus: ServoBus, servo_id: int) -> list[Register | RegisterName]:
-    table = bus.servos[servo_id].table
-    registers: list[Register | RegisterName] = []
-    if RegisterName.ALARMS not in table.missing:
-        registers.append(RegisterName.ALARMS)
-    current = table.registers.get("present_current")
-    if current is not None and current is not table.present_load:
-        registers.append(current)
-    return registers
-
-
-def _current_a(servo: ServoSpec, row: Mapping[Register | RegisterName, int]) -> float | None:
-    """Return the motor's current; None if the servo does not measure it."""
-    current = servo.table.registers.get("present_current")
-    if current is None:
-        return None
-    shared = current is servo.table.present_load
-    return current.to_value(row[RegisterName.PRESENT_LOAD if shared else current])
-
-
 def _state_value(
-    bus: ServoBus,
-    driven: DrivenJoint,
-    rows: Mapping[int, Mapping[Register | RegisterName, int]],
-    name: RegisterName,
+    servo: ServoSpec, row: Mapping[Register | RegisterName, int], name: RegisterName
 ) -> float:
-    table = bus.servos[driven.servo_id].table
-    return table.find(name).to_value(rows[driven.servo_id][name])
+    return servo.table.find(name).to_value(row[name])
 
 
 def load_percent(servo: ServoSpec, load: float) -> float:

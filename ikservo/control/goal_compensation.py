@@ -14,7 +14,7 @@ from ikservo.guard import DrivenJoint
 from ikservo.kinematics.arrays import Matrix, Vector
 from ikservo.motion import TrajectoryPoint
 
-# docs/how-control-works.md says what each of these numbers trades.
+# docs/how-control-works.md explains how these numbers were chosen.
 _FADE_S = 0.2  # the offset in force when a motion begins fades to the computed one in this time
 _TINY = 1e-9  # speeds below this, in rad/s or m/s, are rounding
 # A horn further off its reference when a motion begins has sagged or was lifted: friction then
@@ -31,8 +31,10 @@ _MAX_LOAD_OFFSET_RAD = 0.08  # at the horn: largest change of goals by learned l
 _LOAD_STEP_RAD = 0.001  # at the horn: step of the load for the slope of the feed-forward
 _SLOPE_RANGE = (0.3, 3.0)  # ratio: the firmware's start-up force makes the slope flat around zero
 _INERTIA_PERIOD_S = 0.1  # time after which gains follow the posture: the mass matrix costs time
-_UNLOADED = 1.0  # of the dry friction: a joint that carries less may rest anywhere in its backlash
-_PUSHED = 0.3  # of the dry friction: a joint that presses by more has crossed its backlash
+# Multiples of the dry friction: a joint that carries less than the first may rest anywhere in its
+# backlash; a joint that presses by more than the second has crossed its backlash.
+_UNLOADED = 1.0
+_PUSHED = 0.3
 _RATE_FILTER_S = 0.03  # time in which the speed of a motion seems to change when it is slowed down
 
 
@@ -71,7 +73,8 @@ class GoalCompensator:
         self._max_load_offset = _MAX_LOAD_OFFSET_RAD * self._per_horn_rad
         self._reference_range = self._goal_range = (self._low, self._high)
         self._feedback = TrackingFeedback(self._per_horn_rad)
-        self._fading = self._direction = np.zeros(n)
+        self._fading = np.zeros(n)
+        self._direction: Vector = np.zeros(n)
         self._faded_s, self._rate, self._held_s, self._adapted_s = np.zeros(n), 1.0, 0.0, 0.0
         self._clamped = np.zeros(n, dtype=bool)
         self._preload: Preload | None = None
@@ -119,8 +122,15 @@ class GoalCompensator:
         self._last = TrajectoryPoint.at_rest(reference)
         self._feedback.begin()
         self._adapt_gains(reference)
-        offset = np.where(self._chain, goals - reference, 0.0)
-        self._direction = self._resting_direction(offset + self._sag(reference, measured))
+        offset = sagged = np.where(self._chain, goals - reference, 0.0)
+        if measured is not None:
+            lag = np.where(self._chain, reference - measured, 0.0)
+            sagged = offset + np.where(np.abs(lag) > _SAG_RAD * self._per_horn_rad, lag, 0.0)
+        # The direction of a resting joint is the signed fraction of friction that holds it.
+        lowest, highest = (self._modelled(self._last, side) for side in (-1.0, 1.0))
+        middle, half = 0.5 * (lowest + highest), 0.5 * (highest - lowest)
+        share = np.divide(sagged - middle, half, where=half > 0.0, out=np.zeros_like(half))
+        self._direction = np.clip(share, -1.0, 1.0)
         self._fading = offset - self._modelled(self._last, self._direction)
         self._faded_s, self._rate = np.zeros_like(reference), 1.0
         self._clamped = np.zeros_like(self._chain)
@@ -137,21 +147,20 @@ class GoalCompensator:
             elapsed_s: Time since the last cycle.
         """
         if self._preload is None:
-            sides = self._unloaded_sides(ahead)
+            sides = np.zeros_like(ahead)
+            if self.feed_forward is not None:
+                weight = np.full_like(ahead, np.inf)
+                columns = list(self.feed_forward.columns)
+                weight[columns] = self.feed_forward.weight(self._last.position)
+                moves = np.where(np.abs(ahead) > 0.1 * self._tick, np.sign(ahead), 0.0)
+                # Weight does not press these joints on their driving flanks.
+                unloaded = (weight < _UNLOADED) & (moves * self._direction < _PUSHED)
+                sides = np.where(unloaded, moves, 0.0)
             self._preload = Preload(sides, measured, self._per_horn_rad, self._tick)
         direction = self._preload.update(measured, self._direction, elapsed_s)
         self._direction = self._direction if direction is None else direction
         self._rate, self._waits = 1.0, direction is not None
         return direction is None
-
-    def _unloaded_sides(self, ahead: Vector) -> Vector:
-        """Return the directions of joints (n,) that weight does not press on the driving flank."""
-        if self.feed_forward is None:
-            return np.zeros_like(ahead)
-        weight = np.full_like(ahead, np.inf)
-        weight[list(self.feed_forward.columns)] = self.feed_forward.weight(self._last.position)
-        sides = np.where(np.abs(ahead) > 0.1 * self._tick, np.sign(ahead), 0.0)
-        return np.where((weight < _UNLOADED) & (sides * self._direction < _PUSHED), sides, 0.0)
 
     def stuck_offsets(self, positions: Vector) -> tuple[Vector, Vector]:
         """Compute the lowest and the highest offset (n,) with which friction keeps joints at rest.
@@ -183,7 +192,11 @@ class GoalCompensator:
         self._last = TrajectoryPoint(
             point.position, point.velocity * self._rate, point.acceleration * self._rate**2
         )
-        self._turn_direction(ease * elapsed_s)
+        # Friction turns to the direction of the motion, over a short distance at limited speed.
+        turning_s = ease * elapsed_s
+        moved = self._last.velocity * turning_s / (_DIRECTION_RAD * self._per_horn_rad)
+        change, most = moved - self._direction * np.abs(moved), 2.0 * turning_s / _DIRECTION_S
+        self._direction = np.clip(self._direction + np.clip(change, -most, most), -1.0, 1.0)
         self._adapted_s += elapsed_s
         if self._adapted_s >= _INERTIA_PERIOD_S:
             self._adapt_gains(point.position)
@@ -228,7 +241,8 @@ class GoalCompensator:
         moving = np.abs(last.velocity) / (_AT_REST_RAD_S * self._per_horn_rad)
         left = _REST_TICKS * self._tick * np.maximum(1.0 - moving, 0.0)
         preloaded = False if self._preload is None else self._preload.joints
-        ahead = preloaded & (self._fade_share > 0.0)  # it was preloaded: friction is not lower
+        # Preloaded joints move ahead although their friction is not lower than modelled.
+        ahead = preloaded & (self._fade_share > 0.0)
         growing = np.where(self._clamped | self._is_load_bounded, 0.0, grow)
         self._feedback.update(
             error,
@@ -272,31 +286,6 @@ class GoalCompensator:
             return loads
         directions = np.broadcast_to(direction, point.position.shape)
         return self.feed_forward.offsets(point, directions, self._held_s, loads)
-
-    def _resting_direction(self, offset: Vector) -> Vector:
-        """Return the signed fraction of friction (n,) that holds each resting joint.
-
-        Args:
-            offset: The offset of the goals in force.
-        """
-        lowest, highest = (self._modelled(self._last, side) for side in (-1.0, 1.0))
-        middle, half = 0.5 * (lowest + highest), 0.5 * (highest - lowest)
-        share = np.divide(offset - middle, half, where=half > 0.0, out=np.zeros_like(half))
-        return np.clip(share, -1.0, 1.0)
-
-    def _sag(self, reference: Vector, measured: Vector | None) -> Vector:
-        """Compute the distance of joints (n,) behind their reference if they are far from it."""
-        if measured is None:
-            return np.zeros_like(reference)
-        lag = np.where(self._chain, reference - measured, 0.0)
-        return np.where(np.abs(lag) > _SAG_RAD * self._per_horn_rad, lag, 0.0)
-
-    def _turn_direction(self, elapsed_s: Vector | float) -> None:
-        """Turn friction to the direction of the motion, over a short distance at limited speed."""
-        way = self._last.velocity * elapsed_s / (_DIRECTION_RAD * self._per_horn_rad)
-        change = way - self._direction * np.abs(way)
-        most = 2.0 * elapsed_s / _DIRECTION_S
-        self._direction = np.clip(self._direction + np.clip(change, -most, most), -1.0, 1.0)
 
     def _inside(self, reference: Vector, offset: Vector) -> Vector:
         """Return goals inside the limits, or not further outside than before in this motion.

@@ -79,7 +79,13 @@ class HealthPoller:
             RefusedError: The watchdog of a servo has tripped.
         """
         self._cycle_s = self._bus.clock.now_s()
-        registers = {i: self._telemetry_registers(i) for i in self._names}
+        registers: dict[int, list[Register]] = {}
+        for servo_id in self._names:
+            table, counted = self._bus.servos[servo_id].table, self._counted_current(servo_id)
+            registers[servo_id] = [table.find(name) for name in _NUMBERS]
+            if counted and counted not in registers[servo_id]:
+                registers[servo_id].append(counted)
+            registers[servo_id] += self._limits.reset_markers(servo_id)
         self._known = {i: dict(row) for i, row in read_registers(self._bus, registers).items()}
         runs = {i: contiguous_runs(row) for i, row in registers.items()}
         max_runs = max(len(r) for r in runs.values())
@@ -118,25 +124,24 @@ class HealthPoller:
 
     def with_latest_telemetry(self, states: Sequence[JointState]) -> tuple[JointState, ...]:
         """Return joints' states with the latest telemetry; reads no servo."""
-        ids = {name: servo_id for servo_id, name in self._names.items()}
-        return tuple(self._refresh_state(state, ids[state.name]) for state in states)
-
-    def _refresh_state(self, state: JointState, servo_id: int) -> JointState:
-        servo, known = self._bus.servos[servo_id], self._known.get(servo_id)
-        if known is None:
-            return state
-        load = servo.table.present_load
-        return replace(
-            state,
-            temperature_c=_register_value(servo, known, RegisterName.PRESENT_TEMPERATURE),
-            voltage_v=_register_value(servo, known, RegisterName.PRESENT_VOLTAGE),
-            load_percent=load_percent(
-                servo, _register_value(servo, known, RegisterName.PRESENT_LOAD)
-            ),
-            torque=known[servo.table.torque_enable] == 1,
-            alarms=tuple(sorted(str(alarm) for alarm in self._bus.alarms.get(servo_id, ()))),
-            current_a=load.to_value(known[load]) if load.unit.symbol == "A" else state.current_a,
-        )
+        ids, latest = {name: servo_id for servo_id, name in self._names.items()}, list(states)
+        for i, state in enumerate(states):
+            servo_id = ids[state.name]
+            servo, known = self._bus.servos[servo_id], self._known.get(servo_id)
+            if known is None:
+                continue
+            register = servo.table.present_load
+            load, is_current = register.to_value(known[register]), register.unit.symbol == "A"
+            latest[i] = replace(
+                state,
+                temperature_c=_register_value(servo, known, RegisterName.PRESENT_TEMPERATURE),
+                voltage_v=_register_value(servo, known, RegisterName.PRESENT_VOLTAGE),
+                load_percent=load_percent(servo, load),
+                torque=known[servo.table.torque_enable] == 1,
+                alarms=tuple(sorted(str(alarm) for alarm in self._bus.alarms.get(servo_id, ()))),
+                current_a=load if is_current else state.current_a,
+            )
+        return tuple(latest)
 
     def _read_registers(self, servo_id: int, registers: list[Register]) -> None:
         values = self._bus.bulk_read({servo_id: registers}, raw=True).values
@@ -177,14 +182,6 @@ class HealthPoller:
             settings_intact=all(known.get(register) == raw for register, raw in expected.items()),
             alarms=frozenset(read_alarm_names(self._bus, servo_id)),
         )
-
-    def _telemetry_registers(self, servo_id: int) -> list[Register]:
-        table = self._bus.servos[servo_id].table
-        registers = [table.find(name) for name in _NUMBERS]
-        counted = self._counted_current(servo_id)
-        if counted and counted not in registers:
-            registers.append(counted)
-        return [*registers, *self._limits.reset_markers(servo_id)]
 
     def _counted_current(self, servo_id: int) -> Register | None:
         """Return the current register of a servo whose protection uses the current."""

@@ -1,4 +1,4 @@
-"""The control loop: its rate, setpoints, pauses, and slowing down on a machine that is too slow."""
+"""The control loop: its rate, setpoints and pauses, and how it slows down on a slow machine."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _LATE_CYCLES = 250
 
 
 _CYCLE_TIMES_S = (0.002, 0.0025, 0.004, 0.005, 0.008, 0.01)  # the shortest possible one is used
-_READINGS = 5  # to measure the time of the bus
+_READINGS = 5  # readings that measure the time of the bus
 # The first direction of joints is determined over this time.
 _SOON_S = 0.1
 # The bus is busy for a quarter of each cycle; the rest is for computing and retries.
@@ -42,21 +42,17 @@ def measure_cycle_time_s(servos: ServoGroup) -> float:
     Raises:
         BusError: A servo does not answer.
     """
-    bus_s = _reading_s(servos) + servos.goals_wire_s
-    for cycle_time_s in _CYCLE_TIMES_S:
-        if cycle_time_s >= _TIME_MARGIN * bus_s:
-            return cycle_time_s
-    return max(_CYCLE_TIMES_S[-1], _MIN_TIME_MARGIN * bus_s)
-
-
-def _reading_s(servos: ServoGroup) -> float:
-    """Measure how long it takes to read all positions, and the telemetry of one servo."""
     taken_s: list[float] = []
     for _ in range(_READINGS):
         start_s = servos.clock.now_s()
         servos.measure_positions()
         taken_s.append(servos.clock.now_s() - start_s)
-    return median(taken_s) * (1.0 + 1.0 / len(servos.names))
+    # All positions and the telemetry of one servo are read, and all goals are written.
+    bus_s = median(taken_s) * (1.0 + 1.0 / len(servos.names)) + servos.goals_wire_s
+    for cycle_time_s in _CYCLE_TIMES_S:
+        if cycle_time_s >= _TIME_MARGIN * bus_s:
+            return cycle_time_s
+    return max(_CYCLE_TIMES_S[-1], _MIN_TIME_MARGIN * bus_s)
 
 
 class TimeScaler:
@@ -303,15 +299,23 @@ class ControlLoop:
             sent_s = now_s
             advance_s = servos.allowed_advance_s(gap_s) if uncut else 0.0
             if ahead is not None:
-                ahead = self._way_to_preload(ahead, measured, gap_s)
+                pushed = servos.compensator.preload(ahead, measured, gap_s)
+                # After a stop request the motion does not begin.
+                ahead = None if pushed and not servos.stop_request else ahead
                 advance_s = advance_s if ahead is None else 0.0
             setpoint = setpoints.next_setpoint(advance_s)
             if compensated:
                 uncut = servos.send_reference(setpoint, advance_s, now_s)
             else:
                 uncut = servos.send_goals(setpoint.position, now_s)
-            self._last_cycle = self._make_cycle(
-                setpoints.time_s, trajectory.duration_s, setpoint.position, measured
+            duration_s = trajectory.duration_s
+            self._last_cycle = ControlCycle(
+                min(setpoints.time_s, duration_s),
+                duration_s,
+                servos.goals(),
+                setpoint.position,
+                measured,
+                servos.lost_joints,
             )
             if on_cycle:
                 on_cycle(self._last_cycle)
@@ -322,23 +326,6 @@ class ControlLoop:
             if ended:
                 return measured
         raise AssertionError("the rate never ends")
-
-    def _way_to_preload(self, ahead: Vector, measured: Vector, gap_s: float) -> Vector | None:
-        """Preload joints for a cycle; return their directions (n,), or None when done.
-
-        After a stop request it never returns None, so that the motion does not begin.
-        """
-        pushed = self._servos.compensator.preload(ahead, measured, gap_s)
-        return None if pushed and not self._servos.stop_request else ahead
-
-    def _make_cycle(
-        self, time_s: float, duration_s: float, reference: Vector, measured: Vector
-    ) -> ControlCycle:
-        servos = self._servos
-        now_s = min(time_s, duration_s)
-        return ControlCycle(
-            now_s, duration_s, servos.goals(), reference, measured, servos.lost_joints
-        )
 
 
 def _first_way(trajectory: Trajectory) -> Vector | None:

@@ -1,9 +1,9 @@
 """Steady timing of a control loop: real-time priority if allowed, short garbage collections.
 
-On a busy machine an ordinary thread wakes tens of milliseconds late; a thread of real-time priority
-tenths of a millisecond. Real-time priority is used only if the user was given a limit above zero on
-Linux (``ulimit -r``, ``rtprio`` in ``limits.conf``, ``LimitRTPRIO=`` of a systemd unit): root may
-always take it, although nobody has asked for it.
+On a busy machine an ordinary thread wakes tens of milliseconds late, and a thread with real-time
+priority tenths of a millisecond late. Real-time priority is used only if the user has a limit above
+zero on Linux (``ulimit -r``, ``rtprio`` in ``limits.conf``, ``LimitRTPRIO=`` of a systemd unit),
+because root may always take it, even if nobody has asked for it.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ def allowed_priority() -> int:
     """Return the real-time priority that control loops get, 1 to 20; 0 if none is allowed."""
     if sys.platform != "linux":
         return 0
-    import resource  # noqa: PLC0415  # there is none on Windows
+    import resource  # noqa: PLC0415  # Windows does not have it
 
     soft, _ = resource.getrlimit(resource.RLIMIT_RTPRIO)
     return _PRIORITY if soft == resource.RLIM_INFINITY else min(_PRIORITY, soft)

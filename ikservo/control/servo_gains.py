@@ -8,12 +8,11 @@ from types import MappingProxyType
 from ikservo.control.feedback import read_registers
 from ikservo.guard import DrivenJoint
 from ikservo.hardware.bus import ServoBus
-from ikservo.hardware.servo import ServoSpec
 from ikservo.model.servo_torque import GRIPPER_P_GAINS, find_servo_torque
 from ikservo.registers import Register
 
 # The XL330's P gain is used for the elbows of Koch and OMX arms, and needs a D gain. The XL430 has
-# one by default; its P gain is the value that ROBOTIS sets in the OMX-F.
+# a D gain by default; its P gain is the value that ROBOTIS sets in the OMX-F.
 _XL330_GAINS: Mapping[str, int] = MappingProxyType(
     {"position_d_gain": 600, "position_p_gain": 1500}
 )
@@ -47,7 +46,7 @@ _GAIN_NAMES = ("position_p_gain", "p_gain")
 def read_gain_shares(bus: ServoBus, driven_joints: Sequence[DrivenJoint]) -> list[float]:
     """Read each joint's P gain as a fraction of the gain for which the table of motors is valid.
 
-    1 if the gain or the register is not known.
+    The fraction is 1 if the gain or the register is not known.
 
     Raises:
         BusError: A servo does not answer.
@@ -57,13 +56,9 @@ def read_gain_shares(bus: ServoBus, driven_joints: Sequence[DrivenJoint]) -> lis
         registers = bus.servos[driven.servo_id].table.registers
         keys[driven.servo_id] = [registers[name] for name in _GAIN_NAMES if name in registers]
     read = read_registers(bus, {i: found for i, found in keys.items() if found})
-    return [
-        _gain_share(bus.servos[driven.servo_id], read.get(driven.servo_id, {}))
-        for driven in driven_joints
-    ]
-
-
-def _gain_share(servo: ServoSpec, values: Mapping[Register, int]) -> float:
-    torque = find_servo_torque(servo.table.model_name, None)
-    gain = next(iter(values.values()), 0)
-    return gain / torque.p_gain if torque and gain else 1.0
+    shares: list[float] = []
+    for driven in driven_joints:
+        torque = find_servo_torque(bus.servos[driven.servo_id].table.model_name, None)
+        gain = next(iter(read.get(driven.servo_id, {}).values()), 0)
+        shares.append(gain / torque.p_gain if torque and gain else 1.0)
+    return shares

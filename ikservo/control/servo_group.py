@@ -108,7 +108,11 @@ class ServoGroup(StreamedServos):
         self._limits.set_speed(speed_rad_s)
         start = self._switch_on(self.names)
         if not all(torque.values()):
-            self._catch_falling_joints(start)
+            for _ in range(_MAX_CATCHES):  # a joint that fell past its goal holds where it is
+                if wait_until_settled(self.driven_joints, start, self._feedback, self.clock):
+                    break
+                start = self._clamp_goals(*self._measure_hold_ticks())
+                self._send(self._gate.pass_reset(start))
         names = dict(zip(self._ids, self.names, strict=True)) | self._shadows
         health = self._make_health_monitor(names)
         self._health_poller = HealthPoller(
@@ -118,7 +122,11 @@ class ServoGroup(StreamedServos):
         self.set_reference(np.where(held, self.measure_positions(), self.goals()))
         shares = read_gain_shares(self._bus, self.driven_joints)
         self.compensator.start(shares)
-        self._read_overload_rules(shares)
+        rules = {
+            driven.joint: read_overload_rule(self._bus, driven.servo_id, share)
+            for driven, share in zip(self.driven_joints, shares, strict=True)
+        }
+        self.overload.rules = {name: rule for name, rule in rules.items() if rule is not None}
         self.torque.enabled()
 
     def enable_joint(self, joint: str, speed_rad_s: float) -> None:
@@ -281,11 +289,8 @@ class ServoGroup(StreamedServos):
         Raises:
             ServoAlarmError: A servo reports an alarm, is too hot, or its supply is out of range.
         """
-        names, now_s = (
-            {driven.servo_id: driven.joint for driven in self.driven_joints},
-            self.clock.now_s(),
-        )
-        monitor = self._make_health_monitor(names)
+        names = {driven.servo_id: driven.joint for driven in self.driven_joints}
+        now_s, monitor = self.clock.now_s(), self._make_health_monitor(names)
         for state in self.read_states():
             monitor.update(
                 ServoTelemetry(
@@ -304,23 +309,8 @@ class ServoGroup(StreamedServos):
         supplies, limits_c = read_supply_ranges(self._bus, names), read_trip_c(self._bus, names)
         return HealthMonitor(self._health, supplies, limits_c)
 
-    def _read_overload_rules(self, gain_shares: Sequence[float]) -> None:
-        rules = {
-            driven.joint: read_overload_rule(self._bus, driven.servo_id, share)
-            for driven, share in zip(self.driven_joints, gain_shares, strict=True)
-        }
-        self.overload.rules = {name: rule for name, rule in rules.items() if rule is not None}
-
-    def _catch_falling_joints(self, start: Sequence[int]) -> None:
-        """Wait until all joints are near their goals; a joint that fell further holds there."""
-        for _ in range(_MAX_CATCHES):
-            if wait_until_settled(self.driven_joints, start, self._feedback, self.clock):
-                return
-            start = self._clamp_goals(*self._measure_hold_ticks())
-            self._send(self._gate.pass_reset(start))
-
     def _switch_on(self, joints: Collection[str]) -> list[int]:
-        """Switch torque on where the joints are; return the goals of all joints."""
+        """Switch torque on with goals at the joints' positions; return the goals of all joints."""
         ticks, ranges = self._measure_hold_ticks()
         start = self._clamp_goals(ticks, ranges)
         chosen = [i for i, name in enumerate(self.names) if name in joints]
@@ -380,10 +370,14 @@ def hold_ticks(
     torque = read_register(bus, ids, RegisterName.TORQUE_ENABLE)
     goals = read_register(bus, ids, RegisterName.GOAL_POSITION)
     present = feedback.measure_ticks()  # last, because limp joints fall
-    return [
-        _held_tick(driven, torque[driven.servo_id] != 0, tick, goals[driven.servo_id])
-        for driven, tick in zip(driven_joints, present, strict=True)
-    ]
+    held: list[int] = []
+    for driven, tick in zip(driven_joints, present, strict=True):
+        goal, (low, high) = goals[driven.servo_id], driven.tick_range
+        is_near = abs(goal - tick) <= driven.max_lead_ticks(0.0)
+        # A goal of another program may be outside the limits, but not further than its joint.
+        inside = min(max(goal, min(low, tick)), max(high, tick))
+        held.append(inside if torque[driven.servo_id] != 0 and is_near else tick)
+    return held
 
 
 def wait_until_settled(
@@ -429,13 +423,6 @@ def wait_until_still(
         )
 
     read_until_at_rest(_LIMP, feedback.measure_ticks, clock, timeout_s, rests_or_falls)
-
-
-def _held_tick(driven: DrivenJoint, torque: bool, present: int, goal: int) -> int:
-    if not torque or abs(goal - present) > driven.max_lead_ticks(0.0):
-        return present
-    low, high = driven.tick_range  # a goal of another program may be further outside
-    return min(max(goal, min(low, present)), max(high, present))
 
 
 def verify_goals(bus: ServoBus, expected: Mapping[int, int]) -> None:

@@ -102,7 +102,7 @@ def read_overload_rule(bus: ServoBus, servo_id: int, gain_share: float) -> Overl
 
 
 def _read_current_limit(bus: ServoBus, servo_id: int) -> tuple[float, float]:
-    """Read current [A] and time [s] of Feetech's protection; 0 A if there is none."""
+    """Read current [A] and time [s] of Feetech's protection; 0 A if the servo has no such limit."""
     registers = bus.servos[servo_id].table.registers
     limit = registers.get("protection_current")
     if limit is None or limit.unit.symbol != "A" or "over_current_time" not in registers:
@@ -118,7 +118,7 @@ _COARSE_SPEED = 50  # ticks/s per count if the table's fine_speed_bit is clear
 _NO_RAMP = 0
 _SPEED_MARGIN = 1.2  # a joint that lags may catch up
 
-_WATCHDOG_COUNTS = 5  # of 20 ms
+_WATCHDOG_COUNTS = 5  # time-out of the watchdog in counts of 20 ms
 _WATCHDOG_S = 0.020 * _WATCHDOG_COUNTS
 
 
@@ -290,22 +290,19 @@ class ServoRamLimits:
         if RegisterName.PROFILE_ACCELERATION not in table.missing:
             ramp = table.find(RegisterName.PROFILE_ACCELERATION)
             self._write_limit(servo_id, ramp, _NO_RAMP)
-        self._write_limit(servo_id, speed, self._read_speed_counts(servo_id, speed, speed_rad_s))
+        counts = speed.to_raw(speed_rad_s)
+        if table.fine_speed_bit:
+            phase = self._bus.read(servo_id, table.registers["phase"], raw=True)
+            fine = phase & table.fine_speed_bit
+            counts = counts if fine else -(-counts // _COARSE_SPEED)
+        elif speed.to_value(counts) * _SPEED_MARGIN < speed_rad_s:
+            counts += 1  # a coarse unit must not slow the motion
+        self._write_limit(servo_id, speed, min(max(1, counts), speed.range[1]))
 
     def _write_limit(self, servo_id: int, register: Register, counts: int) -> None:
         """Write a limit; the last one written is the reset marker."""
         self._bus.write(servo_id, register, counts, raw=True)
         self._expected[servo_id] = {register: counts}
-
-    def _read_speed_counts(self, servo_id: int, register: Register, speed_rad_s: float) -> int:
-        counts, table = register.to_raw(speed_rad_s), self._servo_spec(servo_id).table
-        if table.fine_speed_bit:
-            phase = self._bus.read(servo_id, table.registers["phase"], raw=True)
-            fine = phase & table.fine_speed_bit
-            counts = counts if fine else -(-counts // _COARSE_SPEED)
-        elif register.to_value(counts) * _SPEED_MARGIN < speed_rad_s:
-            counts += 1  # a coarse unit must not slow the motion
-        return min(max(1, counts), register.range[1])
 
     def _read_time_based(self, servo_id: int) -> bool:
         """Read whether a servo's profile is a time instead of a speed."""

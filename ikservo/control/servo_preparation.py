@@ -10,7 +10,7 @@ from ikservo.control.servo_limits import ServoRamLimits
 from ikservo.errors import HeldUpError
 
 _WATCHDOG_DELAY_S = 0.08  # longest time to arm the watchdogs: the first of them trips after 0.1 s
-_ATTEMPTS = 10  # how many times arming is repeated if it takes longer
+_ATTEMPTS = 10  # most attempts to arm them within that time
 
 
 def prepare_servos(

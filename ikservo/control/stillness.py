@@ -20,7 +20,7 @@ class StillnessDetector:
         window_s: Time for which nothing may have moved.
         tolerance: The variation of positions that counts as rest.
         least_readings: Minimum number of readings before anything counts as at rest.
-        readings: Times and positions within the window, and the last ones before it.
+        readings: Times and positions within the window, and the last reading before it.
     """
 
     window_s: float = _WINDOW_S
@@ -60,7 +60,7 @@ class StillnessDetector:
         return max(self.variations(), default=0.0) > self.tolerance
 
     def variations(self) -> list[float]:
-        """Compute how much each position varies over the window."""
+        """Compute the variation of each position over the window."""
         return [max(column) - min(column) for column in self._columns()]
 
     def mean_ticks(self) -> dict[int, float]:

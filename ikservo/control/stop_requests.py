@@ -197,18 +197,16 @@ def fault_reason(error: BaseException) -> StopReason:
     """Return the reason of a stop that an error caused."""
     if isinstance(error, KeyboardInterrupt):
         return CTRL_C
-    return StopReason(StopKind.FAULT, _describe_fault(error))
-
-
-def _describe_fault(error: BaseException) -> str:
     if isinstance(error, IkservoError):
-        return error.message
-    if isinstance(error, MemoryError):
-        return "The program ran out of memory during the motion."
-    if isinstance(error, (SystemExit, GeneratorExit)):
-        return "The program ended during the motion."
-    text = f"{type(error).__name__}: {error}".removesuffix(": ")
-    return f"The program failed during the motion ({text})."
+        text = error.message
+    elif isinstance(error, MemoryError):
+        text = "The program ran out of memory during the motion."
+    elif isinstance(error, (SystemExit, GeneratorExit)):
+        text = "The program ended during the motion."
+    else:
+        found = f"{type(error).__name__}: {error}".removesuffix(": ")
+        text = f"The program failed during the motion ({found})."
+    return StopReason(StopKind.FAULT, text)
 
 
 _REASONS = {
@@ -365,11 +363,16 @@ def hold_servos(bus: ServoBus, driven_joints: Sequence[DrivenJoint], clock: Cloc
     clock.sleep_until(clock.now_s() + _POLL_PERIOD_S)
     present = bus.sync_read(on, RegisterName.PRESENT_POSITION, raw=True).values
     goals = bus.sync_read(on, RegisterName.GOAL_POSITION, raw=True).values
-    moving = {
-        i: tick
-        for i, tick in present.items()
-        if _is_approaching(ids[i], before.get(i), tick, goals.get(i))
-    }
+    moving: dict[int, int] = {}  # or about to move, because its goal is far ahead
+    for i, tick in present.items():
+        was, goal = before.get(i), goals.get(i)
+        if (
+            was is None
+            or goal is None
+            or abs(tick - was) > _MOVED_TICKS
+            or abs(goal - tick) > ids[i].max_lead_ticks(0.0)
+        ):
+            moving[i] = tick
     _send_goals(bus, driven_joints, clock, moving)
     names = {i: driven.joint for i, driven in ids.items()}
     return StopOutcome(
@@ -379,12 +382,6 @@ def hold_servos(bus: ServoBus, driven_joints: Sequence[DrivenJoint], clock: Cloc
             name for i, name in names.items() if i not in torque or (i in on and i not in present)
         ),
     )
-
-
-def _is_approaching(driven: DrivenJoint, before: int | None, tick: int, goal: int | None) -> bool:
-    if before is None or goal is None or abs(tick - before) > _MOVED_TICKS:
-        return True
-    return abs(goal - tick) > driven.max_lead_ticks(0.0)
 
 
 def _send_goals(

@@ -285,8 +285,16 @@ class StreamedServos:
             self._prepare_streaming(speed_rad_s, profile_rad_s)
             self.torque.loop_started()
             yield
-            self._disarm_watchdog()
-            self._relax_pressing()
+            self._limits.disarm_watchdog()
+            if self._limits.may_have_tripped(self.clock.now_s() - self._cycle_at_s):
+                # Servos that a watchdog stopped have lost their goals and limits.
+                self._limits.invalidate()
+                self._limits.set_speed(self._horn_rad_s)
+                self._hold_goals()
+            if self.overload.relaxes:  # nothing is read while they hold
+                goals = self.overload.relaxed_goals(self._gate.goals, self._feedback.latest)
+                if any(goal is not None for goal in goals):
+                    self._send(self._gate.pass_hold(goals))
             self.torque.loop_ended()
             self.stop_request.raise_if_set()  # requested after the last cycle
         except BaseException as error:
@@ -294,7 +302,9 @@ class StreamedServos:
             try:
                 cause = self._find_power_loss(error) or error
             finally:
-                self.hold(self._reason_of(cause))
+                interrupted = isinstance(cause, (StoppedError, KeyboardInterrupt))
+                requested = self.stop_request.reason if interrupted else None
+                self.hold(requested or fault_reason(cause))
                 self.torque.faulted()
             if cause is not error:
                 raise cause from error
@@ -309,6 +319,7 @@ class StreamedServos:
         positions, from which goals then also start; ``restarts`` counts this.
 
         Raises:
+            BusError: A servo that must be started again does not answer.
             ServoSilentError: A joint did not reply in three consecutive cycles.
             ServoAlarmError: A servo reports a fault, or was reset.
             RefusedError: A joint does not follow its goal.
@@ -320,7 +331,18 @@ class StreamedServos:
         except HeldUpError:
             if self.restarts >= _MAX_RESTARTS:
                 raise
-        self._restart_servos()
+        self.restarts += 1
+        self._limits.disarm_watchdog()
+        self._limits.invalidate()
+        self._limits.set_speed(self._horn_rad_s)
+        now_s = self.clock.now_s()
+        ticks = self._feedback.measure_ticks()
+        self._send(self._gate.pass_reset(ticks))
+        self._gate.update_measured(ticks, now_s)
+        self._feedback.reset_losses()
+        self._cycle_at_s = prepare_servos(
+            self._limits, self._health_poller, self.clock, self._horn_rad_s
+        )
         measured = self._measured = self._reference = self.measure_positions()
         return measured
 
@@ -349,7 +371,12 @@ class StreamedServos:
             RefusedError: A joint does not follow its goal; the error says if it is too heavy.
         """
         try:
-            self._following.update(self._undrawn_goals(), measured)
+            goals = self.goals()
+            if self.overload.relaxed_joints:
+                # The motion must still end if a relaxed joint would press further and further.
+                relaxed = np.isin(self.names, self.overload.relaxed_joints)
+                goals = np.where(relaxed, self._to_positions(self._undrawn), goals)
+            self._following.update(goals, measured)
         except RefusedError as error:
             self._check_torque()
             if self._health_poller:
@@ -372,26 +399,6 @@ class StreamedServos:
         """
         if self._health_poller:
             self._health_poller.poll()
-
-    def _restart_servos(self) -> None:
-        """Restart the servos that their watchdogs have stopped, at their positions.
-
-        Raises:
-            BusError: A servo does not answer.
-            ServoAlarmError: A servo reports a fault, or was reset.
-        """
-        self.restarts += 1
-        self._limits.disarm_watchdog()
-        self._limits.invalidate()
-        self._limits.set_speed(self._horn_rad_s)
-        now_s = self.clock.now_s()
-        ticks = self._feedback.measure_ticks()
-        self._send(self._gate.pass_reset(ticks))
-        self._gate.update_measured(ticks, now_s)
-        self._feedback.reset_losses()
-        self._cycle_at_s = prepare_servos(
-            self._limits, self._health_poller, self.clock, self._horn_rad_s
-        )
 
     def allowed_advance_s(self, elapsed_s: float) -> float:
         """Return the time by which a motion may advance while its goals stay near the joints."""
@@ -436,23 +443,6 @@ class StreamedServos:
         """Keep a warning for the user, and pass it on."""
         self.warnings.append(text)
         self.warn(text)
-
-    def _undrawn_goals(self) -> Vector:
-        """Return the present goals (n,); for relaxed joints the requested ones.
-
-        The motion must still end if a relaxed joint would press further and further.
-        """
-        if not self.overload.relaxed_joints:
-            return self.goals()
-        relaxed = np.isin(self.names, self.overload.relaxed_joints)
-        return np.where(relaxed, self._to_positions(self._undrawn), self.goals())
-
-    def _relax_pressing(self) -> None:
-        """Draw back the goals of joints that press too hard; nothing is read while they hold."""
-        if self.overload.relaxes:
-            goals = self.overload.relaxed_goals(self._gate.goals, self._feedback.latest)
-            if any(goal is not None for goal in goals):
-                self._send(self._gate.pass_hold(goals))
 
     def _find_power_loss(self, error: BaseException) -> IkservoError | None:
         """Return the error of joints that servos no longer hold, or None if that is unknown."""
@@ -511,35 +501,19 @@ class StreamedServos:
             self._limits, self._health_poller, self.clock, self._horn_rad_s
         )
 
-    def _disarm_watchdog(self) -> None:
-        """Disarm the watchdogs after the last cycle.
-
-        Servos that they stopped meanwhile have lost their goals and limits, and get them again.
-        """
-        self._limits.disarm_watchdog()
-        if self._limits.may_have_tripped(self.clock.now_s() - self._cycle_at_s):
-            self._limits.invalidate()
-            self._limits.set_speed(self._horn_rad_s)
-            self._hold_goals()
-
     def _hold_goals(self) -> None:
         """Send hold goals to the servos with torque; the others stay limp."""
+        ticks: list[int | None] = []
         rows = zip(self.driven_joints, self._gate.goals, self._gate.measured_ticks, strict=True)
-        self._send(self._gate.pass_hold([self._hold_tick(*row) for row in rows]))
-
-    def _hold_tick(self, driven: DrivenJoint, goal: int | None, measured: int | None) -> int | None:
-        if goal is None or not self._bus.is_torque_on(driven.servo_id):
-            return None
-        measured = goal if measured is None else measured
-        explained_rad = max(driven.at_rest_lead_rad, _PRESSING_LAG_RAD)
-        presses = abs(goal - measured) * driven.joint_map.horn_rad_per_tick > explained_rad
-        return measured if presses or self._bus.alarms.get(driven.servo_id) else goal
-
-    def _reason_of(self, error: BaseException) -> StopReason:
-        """Return the reason of a stop: the requested one, or the error."""
-        interrupted = isinstance(error, (StoppedError, KeyboardInterrupt))
-        requested = self.stop_request.reason
-        return requested if interrupted and requested is not None else fault_reason(error)
+        for driven, goal, measured in rows:
+            if goal is None or not self._bus.is_torque_on(driven.servo_id):
+                ticks.append(None)
+                continue
+            at = goal if measured is None else measured
+            explained_rad = max(driven.at_rest_lead_rad, _PRESSING_LAG_RAD)
+            presses = abs(goal - at) * driven.joint_map.horn_rad_per_tick > explained_rad
+            ticks.append(at if presses or self._bus.alarms.get(driven.servo_id) else goal)
+        self._send(self._gate.pass_hold(ticks))
 
     def _send(self, passed: PassedGoals) -> None:
         """Write goals that passed the gate, and commit them.

@@ -11,7 +11,7 @@ from ikservo.kinematics.arrays import Vector
 # A servo is a spring to its goal, so proportional and derivative parts act like stiffness and
 # damping of the joint. Light joints are softened and heavy ones stiffened, so that each would swing
 # at the same rate without damping. docs/decisions/0020 says why this drives no swing in the
-# backlash, docs/how-control-works.md what each number trades. Angles are those of the horn.
+# backlash, docs/how-control-works.md how the numbers were chosen. Angles are those of the horn.
 _SWING_RAD_S = 18.0  # rate at which a joint would swing without damping
 _BRAKING_PER_S = 28.0  # rate at which damping slows it down; with 45 an STS3215 swings by itself
 _PROPORTIONAL_RANGE = (-0.5, 0.5)  # rad per rad: limits for joints of uncertain inertia
@@ -21,7 +21,7 @@ _DERIVATIVE_RANGE_S = (0.03, 0.12)  # limits for them, too; at 0.12 a tick is si
 _PRESSED_RAD_S = 12.0  # added to the rate of the swing
 _PRESSED_PER_S = 12.0  # added to the rate of the damping
 _PRESSED_PROPORTIONAL = 1.0  # rad per rad: added to both limits of the proportional part
-_FILTER_S = 0.015  # of the derivative: one tick in one cycle looks like a high speed
+_FILTER_S = 0.015  # filter of the derivative: a tick in a cycle looks like a high speed
 # Both parts together: swings need less, and goals must not jump after lost replies, or if a joint
 # sagged before its motion began.
 _MAX_FAST_RAD = 0.04  # largest size

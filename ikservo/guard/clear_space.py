@@ -71,7 +71,13 @@ class RigidBodies:
             self.capsules[:, at : at + 3] = (self._poses[of, :3, :3] @ points)[..., 0]
             self.capsules[:, at : at + 3] += self._poses[of, :3, 3]
         self.capsules[:, LINK] = np.array(numbers)[of]
-        self.spheres, self.balls = self._spheres(), self._balls(of)
+        from ikservo.kernels.free_path import SPHERE_ROWS  # noqa: PLC0415  # as the checker's
+
+        starts, ends = self.capsules[:, START : START + 3], self.capsules[:, END : END + 3]
+        self.spheres = np.zeros((SPHERE_ROWS, len(starts)))
+        self.spheres[:3] = 0.5 * (starts + ends).T
+        self.spheres[3] = 0.5 * np.linalg.norm(ends - starts, axis=1) + self.capsules[:, RADIUS]
+        self.balls = self._balls(of)
         first = np.flatnonzero(np.diff(body.rows[:, 2], prepend=-1.0))
         rows = body.rows[first].astype(np.int64)
         self.pairs = np.column_stack([of[rows[:, :2]].astype(np.int64), rows[:, 2]])
@@ -84,15 +90,6 @@ class RigidBodies:
         np.add.at(masses[:, 1:], self._numbers, of_links[:, :1] * centres)
         masses[:, 1:] /= np.where(masses[:, :1] > 0.0, masses[:, :1], 1.0)
         return masses
-
-    def _spheres(self) -> Matrix:
-        from ikservo.kernels.free_path import SPHERE_ROWS  # noqa: PLC0415  # as the checker's
-
-        starts, ends = self.capsules[:, START : START + 3], self.capsules[:, END : END + 3]
-        spheres = np.zeros((SPHERE_ROWS, len(starts)))
-        spheres[:3] = 0.5 * (starts + ends).T
-        spheres[3] = 0.5 * np.linalg.norm(ends - starts, axis=1) + self.capsules[:, RADIUS]
-        return spheres
 
     def _balls(self, links: NDArray[np.intp]) -> Matrix:
         from ikservo.kernels.free_path import FIRST_CAPSULE, LAST_CAPSULE  # noqa: PLC0415
@@ -153,7 +150,11 @@ class ClearSpace:
 
         self._bends = bends
         self._no_contact, self._dof, links = free_path_kernel.FREE, body.dof, len(body.names)
-        boxes, watched = _boxes_around(shapes), allowed_m[0, : len(body.pairs)] > -np.inf
+        half_m = np.abs(shapes[:, :9].reshape(-1, 3, 3)) @ shapes[:, HALF : HALF + 3, None]
+        grown_m = half_m[:, :, 0] + shapes[:, ROUNDING, None]
+        # A box along the base axes around each thing: its centre and half its size (6, k).
+        boxes = np.ascontiguousarray(np.hstack([shapes[:, CENTRE : CENTRE + 3], grown_m]).T)
+        watched = allowed_m[0, : len(body.pairs)] > -np.inf
         arguments = (
             rigid.frames, rigid.capsules, rigid.spheres, rigid.balls, rigid.pairs[watched], shapes,
             boxes, floor_m,
@@ -191,7 +192,7 @@ class ClearSpace:
 
 
 def _close_postures(start: Vector, goal: Vector) -> Matrix:
-    """Return postures (k, dof) on the straight path to another posture, which is the last one."""
+    """Return postures (k, dof) on the straight path to another posture, which comes last."""
     count = max(1, math.ceil(float(np.abs(goal - start).max()) / _BENDING_STEP_RAD))
     return np.linspace(start, goal, count + 1)[1:]
 
@@ -200,10 +201,3 @@ def _with_largest(allowed_m: Matrix, links: int, shapes: int) -> Matrix:
     """Append to the allowed distances (2, pairs) each link's largest one to any thing."""
     of_things = allowed_m[:, allowed_m.shape[1] - links * shapes :].reshape(2, shapes, links)
     return np.hstack([allowed_m, of_things.max(axis=1, initial=-np.inf)])
-
-
-def _boxes_around(shapes: Matrix) -> Matrix:
-    """Compute a box along the base axes around each thing: its centre and half its size (6, k)."""
-    half_m = np.abs(shapes[:, :9].reshape(-1, 3, 3)) @ shapes[:, HALF : HALF + 3, None]
-    grown_m = half_m[:, :, 0] + shapes[:, ROUNDING, None]
-    return np.ascontiguousarray(np.hstack([shapes[:, CENTRE : CENTRE + 3], grown_m]).T)

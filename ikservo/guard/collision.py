@@ -188,7 +188,7 @@ class CollisionChecker:
             margin_m: The distance.
             ends: Postures (k, dof) to include if they touch nothing: pairs that are nearer than
                 ``margin_m`` there may come as near as half of that on the path. Adjacent links
-                never part, so that a path that had to keep all of it would need the smallest steps.
+                are always near each other: keeping all of it would need very small steps.
             load: Multiple of gravity under which a yielding arm keeps the distance, too; 0 ignores
                 sag.
         """
@@ -293,7 +293,7 @@ class CollisionChecker:
         return np.where(been_free, again_m, np.minimum(gap_m[0], 0.0) - self._deeper_m(gap_m[0]))
 
     def _deeper_m(self, start_m: Vector) -> Vector:
-        """Compute by how much [m] each pair may overlap more than at the start.
+        """Compute the overlap [m] of each pair that is allowed beyond that at the start.
 
         If only the sagging arm touches, it may use up half of the distance that the arm itself has
         at the start.

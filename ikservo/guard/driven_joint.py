@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
-from ikservo.calibration import JointMap, JointUnit, Limits, format_position, format_source
+from ikservo.calibration import JointMap, Limits, format_position, format_source
 from ikservo.errors import RefusedError
 
 TickRow = Sequence[int | None]
@@ -18,7 +18,7 @@ MAX_TRAVEL_RAD = 60 * math.tau / 4096
 
 # Largest lead of a goal over a moving joint, without the steady-state error of a P-controlled servo
 # under load or the lead that compensates it.
-_LEAD_TIME_S = 0.1  # of the joint's top speed
+_LEAD_TIME_S = 0.1  # time at the joint's top speed
 _AT_REST_LEAD_RAD = 0.12  # at the horn: lead of a joint at rest that suits any joint
 _MAX_AT_REST_LEAD_RAD = 0.2  # at the horn: the largest lead at rest that an arm file gives a joint
 
@@ -123,17 +123,13 @@ class DrivenJoint:
         position = self.joint_map.position(tick)
         above = position > self.limits.upper.value
         limit = self.limits.upper if above else self.limits.lower
-        target, bound = _format_distinct(position, limit.value, self.joint_map.unit)
-        side = "above its upper" if above else "below its lower"
+        unit, side = self.joint_map.unit, "above its upper" if above else "below its lower"
+        target, bound = (format_position(each, unit) for each in (position, limit.value))
+        if target == bound:
+            target, bound = (format_position(each, unit, 2) for each in (position, limit.value))
         return (
             f"{self.joint} target {target} is {side} limit {bound} ({format_source(limit.source)})."
         )
-
-
-def _format_distinct(a: float, b: float, unit: JointUnit) -> tuple[str, str]:
-    """Format two positions, with a second decimal if they would be equal with one."""
-    digits = 1 if format_position(a, unit) != format_position(b, unit) else 2
-    return format_position(a, unit, digits), format_position(b, unit, digits)
 
 
 def require_int_tick(joint: str, tick: object) -> None:

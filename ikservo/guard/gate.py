@@ -231,7 +231,16 @@ class Gate:
                 command and now; nothing may be sent for any joint.
         """
         self._latch.raise_if_stopped()
-        now_s = self._command_time_s(now_s)
+        clock_s = self._clock.now_s()
+        if now_s is None:
+            now_s = clock_s
+        # Each second is used by only one step. This form of the comparison also refuses NaN.
+        elif not self._passed_s <= now_s <= clock_s:
+            raise RefusedError(
+                f"The time of the goals is {now_s} s, not between that of the last command, "
+                f"{self._passed_s} s, and now, {clock_s} s.",
+                "Nothing was sent.",
+            )
         elapsed_s, commanded = now_s - self._passed_s, self._commanded(goals)
         for joint, tick in commanded:
             joint.check_goal(tick, elapsed_s, now_s)
@@ -247,7 +256,7 @@ class Gate:
                 limits is clamped to them.
 
         Raises:
-            RefusedError: A goal would move a joint; nothing may be sent for any.
+            RefusedError: A goal would move a joint; nothing may be sent for any joint.
         """
         self._require_row(ticks)
         inside = [
@@ -328,17 +337,3 @@ class Gate:
         self._require_row(ticks)
         rows = zip(self._joints, ticks, strict=True)
         return [(joint, tick) for joint, tick in rows if tick is not None]
-
-    def _command_time_s(self, given_s: float | None) -> float:
-        """Compute the time for which a command is checked."""
-        now_s = self._clock.now_s()
-        if given_s is None:
-            return now_s
-        # Each second is used by only one step. This form of the comparison also refuses NaN.
-        if not self._passed_s <= given_s <= now_s:
-            raise RefusedError(
-                f"The time of the goals is {given_s} s, not between that of the last command, "
-                f"{self._passed_s} s, and now, {now_s} s.",
-                "Nothing was sent.",
-            )
-        return given_s

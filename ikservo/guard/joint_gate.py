@@ -30,7 +30,7 @@ class RateLimiter:
         self._spare = 1.0
 
     def max_step(self, elapsed_s: float) -> int:
-        """Compute the maximum step for the time since the last one, ticks."""
+        """Compute the maximum step for the time since the last step, ticks."""
         return math.floor(self._remaining_step(elapsed_s) + 1e-6)
 
     def consume(self, step: int, elapsed_s: float) -> None:

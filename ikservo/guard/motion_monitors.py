@@ -264,22 +264,17 @@ class HealthMonitor:
                 )
 
     def _find_faults(self, telemetry: ServoTelemetry) -> Iterator[_ThresholdFault]:
-        yield from _reset_faults(telemetry)
+        """Yield each fault; the comparisons are written so that NaN is a fault, too."""
+        if not (telemetry.torque and telemetry.settings_intact):
+            lost = "settings lost" if telemetry.torque else "torque is off"
+            yield _ThresholdFault(f"was reset: {lost}", _RESET_HINT)
         if telemetry.alarms:
             alarms = ", ".join(sorted(str(alarm) for alarm in telemetry.alarms))
             yield _ThresholdFault(f"reports an alarm: {alarms}", alarm_hint(telemetry.alarms))
-        yield from self._temperature_faults(telemetry)
-        yield from self._voltage_faults(telemetry)
-        yield from self._load_faults(telemetry)
-
-    def _temperature_faults(self, telemetry: ServoTelemetry) -> Iterator[_ThresholdFault]:
         celsius, hold_c = telemetry.temperature_c, self._hold_c(telemetry.joint)
-        # The comparison is written so that NaN is a fault, too.
         if not celsius < hold_c:
             found = f"is at {celsius:.0f} °C (limit {hold_c:.0f} °C)"
             yield _ThresholdFault(found, "Let it cool down: ikservo relax")
-
-    def _voltage_faults(self, telemetry: ServoTelemetry) -> Iterator[_ThresholdFault]:
         servo_low_v, servo_high_v = self._supply_v.get(telemetry.joint, (-math.inf, math.inf))
         low_v = max(servo_low_v, self._limits.low_v)
         high_v = min(servo_high_v, self._limits.high_v)
@@ -287,6 +282,7 @@ class HealthMonitor:
         if not low_v <= voltage_v <= high_v:
             found = f"has a supply of {voltage_v:.1f} V, outside {low_v:.1f} to {high_v:.1f} V"
             yield _ThresholdFault(found, "Check the power supply and its cable.")
+        yield from self._load_faults(telemetry)
 
     def _load_faults(self, telemetry: ServoTelemetry) -> Iterator[_ThresholdFault]:
         """Yield a fault for a load that has been too high for too long."""
@@ -302,12 +298,6 @@ class HealthMonitor:
             yield _ThresholdFault(
                 found, "Reduce the load; check whether something blocks the joint."
             )
-
-
-def _reset_faults(telemetry: ServoTelemetry) -> Iterator[_ThresholdFault]:
-    if not (telemetry.torque and telemetry.settings_intact):
-        lost = "settings lost" if telemetry.torque else "torque is off"
-        yield _ThresholdFault(f"was reset: {lost}", _RESET_HINT)
 
 
 def alarm_hint(alarms: Container[str]) -> str:

@@ -13,7 +13,7 @@ from ikservo.kinematics.arrays import Matrix, Vector
 MAX_SAMPLE_STEP_RAD = 0.05
 """Largest motion of a joint between two samples of a path that is checked for collisions [rad]."""
 
-_MAX_HALVINGS = 12  # of the interval between two samples
+_MAX_HALVINGS = 12  # times that the interval between two samples is halved at most
 
 
 def sample_path(

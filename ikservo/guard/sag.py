@@ -78,7 +78,7 @@ class GravitySag:
 
 
 def arm_sag(model: Model, body: CollisionBody, held: Sequence[KeepOutShape] = ()) -> GravitySag:
-    """Return how far an arm with its gripper sags under its weight.
+    """Return the sag of an arm with its gripper under its weight.
 
     Args:
         model: The arm.

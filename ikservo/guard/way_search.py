@@ -22,7 +22,7 @@ from ikservo.kernels.layout import work_shape
 from ikservo.kinematics.arrays import IntVector, Matrix, Vector
 from ikservo.kinematics.packed import WIDTH
 
-_NODES = 100000  # of a tree
+_NODES = 100000  # most nodes of a tree
 _STEP_M = 0.1  # spacing of postures on an edge of a tree at first
 _FINEST_M = 0.002  # a shortcut that is free at this spacing is not refined further
 _CHUNK = 2000  # postures between two checks for the end of the search
@@ -234,12 +234,13 @@ class WaySearch:
             for shortest in sorted(ways, key=path_length):
                 if self._is_proven(shortest):
                     return shortest
-        at = self._first_unproven(way)
+        motions = enumerate(itertools.pairwise(way))
+        at = next((i for i, ends in motions if not self._is_proven(np.array(ends))), None)
         if at is not None:
-            ahead = at < len(out) - 1
-            self._remove_branch(0, out[-2 - at]) if ahead else self._remove_branch(
-                1, home[at - len(out) + 1]
-            )
+            if at < len(out) - 1:
+                self._remove_branch(0, out[-2 - at])
+            else:
+                self._remove_branch(1, home[at - len(out) + 1])
             self._state[self._kernel.MET : self._kernel.MET + 2] = -1
             self._step_m = max(0.5 * step_m, _FINEST_M)
             return None
@@ -292,11 +293,6 @@ class WaySearch:
         )
         self._state[self._kernel.LOOKED] = state[self._kernel.LOOKED]
         return nodes[: state[sizes]].copy()
-
-    def _first_unproven(self, way: Matrix) -> int | None:
-        """Return the first motion of a path (k, n) that is not proven free; None if all are."""
-        motions = enumerate(itertools.pairwise(way))
-        return next((i for i, ends in motions if not self._is_proven(np.array(ends))), None)
 
     def _is_proven(self, way: Matrix) -> bool:
         """Check whether all motions of a path (k, n) are proven free."""

@@ -13,8 +13,8 @@ from ikservo.kinematics.arrays import Vector
 
 _MIN_RADIUS_M = 1e-4  # on a smaller circle the tip is on the axis
 _SAME_POINT_M = 1e-4  # nearer points are the same
-# Three points count as on one line if none is further off the others' line: half of a servo's tick
-# at 0.3 m, the uncertainty of the start.
+# Three points count as lying on one line if none is further from the line through the others than
+# this: half of a servo's tick at 0.3 m, the uncertainty of the start.
 _MIN_HEIGHT_M = 2e-4
 _MAX_ANGLE_RAD = 20.0 * math.pi  # ten turns
 
@@ -75,7 +75,16 @@ def arc_through_points(
     """
     via = finite_vector(via_m, 3, "The via point of the arc")
     end = finite_vector(end_m, 3, "The end of the arc")
-    _check_distinct(start_m, via, end)
+    pairs = {
+        "the start, where the tip is, and the via point": (start_m, via),
+        "the start, where the tip is, and the end": (start_m, end),
+        "the via point and the end": (via, end),
+    }
+    for names, (one, other) in pairs.items():
+        if float(np.linalg.norm(one - other)) < _SAME_POINT_M:
+            raise BadValueError(
+                "The arc", f"without size: {names} are the same", "three points on a circle"
+            )
     a, b = via - start_m, end - start_m
     normal = np.cross(a, b)
     area2 = float(normal @ normal)
@@ -89,7 +98,10 @@ def arc_through_points(
         )
     out = (np.cross(normal, a) * (b @ b) + np.cross(b, normal) * (a @ a)) / (2.0 * area2)
     unit = normal / math.sqrt(area2)
-    angle_rad = 2.0 * math.pi if full_circle else _angle_about(unit, -out, b - out)
+    angle_rad = 2.0 * math.pi
+    if not full_circle:
+        angle_rad = math.atan2(float(unit @ np.cross(-out, b - out)), float(-out @ (b - out)))
+        angle_rad %= 2.0 * math.pi
     return ArcPath(start_m + out, start_m, unit, angle_rad)
 
 
@@ -98,9 +110,9 @@ def arc_about_axis(
 ) -> ArcPath:
     """Compute the arc that a start (3,) [m] describes about an axis.
 
-    The axis goes through ``center_m`` (3,) [m] along ``normal`` (3,), of any length. The circle is
-    that of the start about the axis, counter-clockwise seen against the normal; the centre need not
-    be in its plane.
+    The axis goes through ``center_m`` (3,) [m] along ``normal`` (3,), of any length. The circle
+    goes through the start, counter-clockwise seen against the normal; the centre need not be in
+    its plane.
 
     Raises:
         BadValueError: The start is on the axis, the normal is zero, the angle is zero or more than
@@ -125,22 +137,3 @@ def arc_about_axis(
             "a centre away from the tip",
         )
     return ArcPath(center, start_m, axis, angle_rad)
-
-
-def _check_distinct(start: Vector, via: Vector, end: Vector) -> None:
-    pairs = {
-        "the start, where the tip is, and the via point": (start, via),
-        "the start, where the tip is, and the end": (start, end),
-        "the via point and the end": (via, end),
-    }
-    for names, (a, b) in pairs.items():
-        if float(np.linalg.norm(a - b)) < _SAME_POINT_M:
-            raise BadValueError(
-                "The arc", f"without size: {names} are the same", "three points on a circle"
-            )
-
-
-def _angle_about(axis: Vector, first: Vector, second: Vector) -> float:
-    """Compute the angle from one vector (3,) to another about an axis, 0 to 2π."""
-    angle = math.atan2(float(axis @ np.cross(first, second)), float(first @ second))
-    return angle % (2.0 * math.pi)

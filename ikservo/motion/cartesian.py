@@ -29,12 +29,12 @@ ORIENTATION_TOLERANCE_RAD = math.radians(0.5)
 
 _STEPS_M = (0.002, 0.001, 0.0005)  # spacing of solved points; the next one if the path is left
 _STEP_RAD = 0.02  # largest rotation of the tool between two of them
-_MIN_POINTS = 5  # of a path
+_MIN_POINTS = 5  # fewest points of a path
 # A rotation in place has no length of its own; this is its length per radian, metres.
 _LEVER_M = 0.1
 # Half of the allowed deviation from a line; the other half is for the servos' ticks.
 _MAX_DEVIATION_M = 0.25e-3
-_ROUNDING = 1e-9  # of a joint at its limit, rad or m
+_ROUNDING = 1e-9  # rounding of a joint at its limit, rad or m
 _BLEND_M = 0.02  # distance at which a waypoint is passed, unless another is given
 _CHECKS_PER_POINT = 4  # samples between two points, to measure the deviation
 
@@ -76,7 +76,11 @@ def solve_cartesian_path(
     Raises:
         CartesianPathError: The path cannot be followed; the furthest place reached is named.
     """
-    desired = _desired_orientation(chain, start, end, strict=strict)
+    final = start if end is None else end
+    start_rotation, end_rotation = (chain.forward(q)[:3, :3] for q in (start, final))
+    desired = OrientationInterpolation.between(
+        ArmPlane(chain, in_world=strict), (start_rotation, start), (end_rotation, final)
+    )
     if strict:
         return _check_orientation_kept(
             chain, desired, path, _fit_spline(chain, start, path, desired)
@@ -99,16 +103,6 @@ def solve_cartesian_path(
     if not found:
         raise max(failed, key=lambda error: error.along_m)
     return found[-1]
-
-
-def _desired_orientation(
-    chain: Chain, start: Vector, end: Vector | None, *, strict: bool
-) -> OrientationInterpolation:
-    final = start if end is None else end
-    start_rotation, end_rotation = (chain.forward(q)[:3, :3] for q in (start, final))
-    return OrientationInterpolation.between(
-        ArmPlane(chain, in_world=strict), (start_rotation, start), (end_rotation, final)
-    )
 
 
 def _follow_orientation(
@@ -184,19 +178,11 @@ def _measure_curve(
     fractions = np.linspace(0.0, 1.0, max(_MIN_POINTS, len(spline.distances)))
     joints = spline.points(fractions * spline.length)
     rotations = chain.forward(joints)[:, :3, :3]
-    return CartesianJointPath(
-        spline, _orientation_errors(desired, fractions.tolist(), joints, rotations)
-    )
-
-
-def _orientation_errors(
-    desired: OrientationInterpolation, fractions: Sequence[float], joints: Vector, rotations: Vector
-) -> Vector:
     errors = [
         log_so3(desired.at(fraction, q) @ R.T)
-        for fraction, q, R in zip(fractions, joints, rotations, strict=True)
+        for fraction, q, R in zip(fractions.tolist(), joints, rotations, strict=True)
     ]
-    return np.linalg.norm(errors, axis=1)
+    return CartesianJointPath(spline, np.linalg.norm(errors, axis=1))
 
 
 def _check_orientation_kept(

@@ -53,10 +53,15 @@ class OnlineTrajectory:
     ) -> None:
         self._limits = tuple(limits)
         n = len(self._limits)
-        rest = stop_trajectory(
-            start if isinstance(start, TrajectoryPoint) else _rest_state(start, n), self._limits
-        )
-        self._bounds = _check_limits(lower, upper, n)
+        if not isinstance(start, TrajectoryPoint):
+            start = TrajectoryPoint.at_rest(finite_vector(start, n, "The start of the motion"))
+        rest = stop_trajectory(start, self._limits)
+        low, high = _check_bound(lower, n, -math.inf), _check_bound(upper, n, math.inf)
+        if not (low <= high).all():
+            raise BadValueError(
+                "The vector of lower limits", low.tolist(), "numbers below the upper limits"
+            )
+        self._bounds = low, high
         self._lower = np.minimum(self._bounds[0], rest.start.position) - _ROUNDING
         self._upper = np.maximum(self._bounds[1], rest.start.position) + _ROUNDING
         if not self._ends_inside_limits(rest):
@@ -149,7 +154,7 @@ class OnlineTrajectory:
         )
 
     def _candidate_stops(self, time_s: float) -> Iterator[_Pieces]:
-        """Yield motions to rest, the fastest first; the last is the present one."""
+        """Yield motions to rest, the fastest first; the last is the present motion."""
         try:
             stop = stop_trajectory(self.state(time_s), self._limits)
             yield _piece_at(self._pieces, time_s), (time_s, stop)
@@ -179,22 +184,6 @@ class OnlineTrajectory:
 def _piece_at(pieces: _Pieces, time_s: float) -> tuple[float, RuckigMotion]:
     """Return the piece of the trajectory at a time, and its start."""
     return next((piece for piece in reversed(pieces) if piece[0] <= time_s), pieces[0])
-
-
-def _rest_state(joints: ArrayLike, n: int) -> TrajectoryPoint:
-    return TrajectoryPoint.at_rest(finite_vector(joints, n, "The start of the motion"))
-
-
-def _check_limits(
-    lower: ArrayLike | None, upper: ArrayLike | None, n: int
-) -> tuple[Vector, Vector]:
-    low = _check_bound(lower, n, -math.inf)
-    high = _check_bound(upper, n, math.inf)
-    if not (low <= high).all():
-        raise BadValueError(
-            "The vector of lower limits", low.tolist(), "numbers below the upper limits"
-        )
-    return low, high
 
 
 def _check_bound(values: ArrayLike | None, n: int, default: float) -> Vector:

@@ -209,9 +209,14 @@ class SplinePath:
         self.length = float(distances[-1])
         self.distances = distances
         self._curve = CubicSpline(distances, points)
-        self._slopes, self._bends, self._twists = _max_cubic_derivatives(
-            np.asarray(self._curve.c, dtype=np.float64), np.diff(distances)[:, None]
-        )
+        # Each piece is c₀t³ + c₁t² + c₂t + c₃; its slope is largest at an end or at its summit.
+        c, width = np.asarray(self._curve.c, dtype=np.float64), np.diff(distances)[:, None]
+        summit = np.clip(-c[1] / (3.0 * np.where(c[0] == 0.0, _NEGLIGIBLE, c[0])), 0.0, width)
+        slopes = [np.abs((3.0 * c[0] * t + 2.0 * c[1]) * t + c[2]) for t in (0.0, summit, width)]
+        bends = [np.abs(6.0 * c[0] * t + 2.0 * c[1]) for t in (0.0, width)]
+        self._slopes: Matrix = np.max(slopes, axis=0)
+        self._bends: Matrix = np.max(bends, axis=0)
+        self._twists: Matrix = np.abs(6.0 * c[0])
 
     def at(self, distance: float) -> tuple[Vector, Vector, Vector]:
         """Compute the point, its slope and its bend (n,) at a distance."""
@@ -233,14 +238,6 @@ class SplinePath:
             self._bends[pieces].max(axis=0),
             self._twists[pieces].max(axis=0),
         )
-
-
-def _max_cubic_derivatives(c: Matrix, width: Matrix) -> tuple[Matrix, Matrix, Matrix]:
-    """Compute the largest slope, bend and twist (k - 1, n) of cubics c₀t³ + c₁t² + c₂t + c₃."""
-    summit = np.clip(-c[1] / (3.0 * np.where(c[0] == 0.0, _NEGLIGIBLE, c[0])), 0.0, width)
-    slopes = [np.abs((3.0 * c[0] * t + 2.0 * c[1]) * t + c[2]) for t in (0.0, summit, width)]
-    bends = [np.abs(6.0 * c[0] * t + 2.0 * c[1]) for t in (0.0, width)]
-    return np.max(slopes, axis=0), np.max(bends, axis=0), np.abs(6.0 * c[0])
 
 
 _FREE_WRIST_DOF = 6

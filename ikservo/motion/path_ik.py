@@ -20,7 +20,7 @@ _MAX_STEP_RAD = 6.0  # rad per radian of the tool
 # solved points may overshoot slightly.
 _INSIDE = 5e-4
 _MAX_ITERATIONS = 8  # to find a heading of the tool that agrees with the arm's plane
-_SAME_PLANE_RAD = 1e-10  # a smaller change of this plane ends them
+_SAME_PLANE_RAD = 1e-10  # a smaller change of this plane ends the iterations
 
 
 def track_path(
@@ -45,17 +45,37 @@ def track_path(
     Raises:
         CartesianPathError: The path leaves the arm's reach on this branch; the place is named.
     """
+    span = chain.upper_rad - chain.lower_rad
+    margin = np.where(np.isfinite(span), _INSIDE * span, 0.0)
+    lower = np.minimum(chain.lower_rad + margin, start)
+    upper = np.maximum(chain.upper_rad - margin, start)
     solver = Solver(
-        _with_tight_limits(chain, start),
+        chain.with_limits(lower, upper),
         "position" if orientation is None else "pose",
         options=Options(_TIGHT, position_first=True),
     )
     joints = [start]
-    max_step_rad = _max_joint_step_rad(path, orientation, count)
+    rotation_rad = 0.0 if orientation is None else float(np.linalg.norm(orientation.rotation_rad))
+    largest_rad = _MAX_RAD_PER_M * path.length + _MAX_STEP_RAD * rotation_rad
+    max_step_rad = largest_rad / (count - 1) + 1e-6
     for fraction in np.linspace(0.0, 1.0, count)[1:].tolist():
-        q = _solve_point(solver, path, orientation, fraction, joints[-1])
-        _check_path_step(chain, solver, path, fraction, joints[-1], q, max_step_rad)
-        joints.append(q)
+        before = joints[-1]
+        q = _solve_point(solver, path, orientation, fraction, before)
+        result, steps = solver.result, np.abs(q - before)
+        if result.position_error_m > _REACHED_M:
+            why = [str(limit) for limit in result.binding] or [NOT_LIMITED]
+        elif steps.max() > max_step_rad:
+            why = [f"{chain.names[int(steps.argmax())]} would have to jump (singularity)"]
+        else:
+            joints.append(q)
+            continue
+        raise CartesianPathError(
+            fraction * path.length,
+            path.at(fraction * path.length)[0].tolist(),
+            chain.forward(before)[:3, 3].tolist(),
+            why,
+            shape=path.shape,
+        )
     return np.array(joints)
 
 
@@ -78,46 +98,3 @@ def _solve_point(
         if abs(orientation.plane.angle_rad(q) - angle_rad) < _SAME_PLANE_RAD:
             break
     return q
-
-
-def _check_path_step(
-    chain: Chain,
-    solver: Solver,
-    path: ToolPath,
-    fraction: float,
-    before: Vector,
-    q: Vector,
-    max_step_rad: float,
-) -> None:
-    """Raise if a step does not reach its point, or moves a joint too far."""
-    result = solver.result
-    steps = np.abs(q - before)
-    if result.position_error_m <= _REACHED_M and steps.max() <= max_step_rad:
-        return
-    if result.position_error_m > _REACHED_M:
-        why = [str(limit) for limit in result.binding] or [NOT_LIMITED]
-    else:
-        why = [f"{chain.names[int(steps.argmax())]} would have to jump (singularity)"]
-    raise CartesianPathError(
-        fraction * path.length,
-        path.at(fraction * path.length)[0].tolist(),
-        chain.forward(before)[:3, 3].tolist(),
-        why,
-        shape=path.shape,
-    )
-
-
-def _max_joint_step_rad(
-    path: ToolPath, orientation: OrientationInterpolation | None, count: int
-) -> float:
-    rotation_rad = 0.0 if orientation is None else float(np.linalg.norm(orientation.rotation_rad))
-    return (_MAX_RAD_PER_M * path.length + _MAX_STEP_RAD * rotation_rad) / (count - 1) + 1e-6
-
-
-def _with_tight_limits(chain: Chain, start: Vector) -> Chain:
-    """Return the chain with slightly tighter limits, the start always inside."""
-    margin = np.where(np.isfinite(chain.upper_rad - chain.lower_rad), _INSIDE, 0.0)
-    span = np.where(margin > 0.0, chain.upper_rad - chain.lower_rad, 0.0)
-    lower = np.minimum(chain.lower_rad + margin * span, start)
-    upper = np.maximum(chain.upper_rad - margin * span, start)
-    return chain.with_limits(lower, upper)

@@ -10,7 +10,6 @@ from numpy.typing import ArrayLike
 from ruckig import (
     ControlInterface,
     InputParameter,
-    Profile,
     Result,
     Ruckig,
     RuckigError,
@@ -31,16 +30,19 @@ def position_bounds(trajectory: Trajectory) -> tuple[Vector, Vector]:
     reverses does so between two of them.
     """
     (profiles,) = trajectory.profiles
-    reached = [list(_extreme_candidates(profile)) for profile in profiles]
-    return np.array([min(each) for each in reached]), np.array([max(each) for each in reached])
-
-
-def _extreme_candidates(profile: Profile) -> Iterator[float]:
-    """Yield the positions where the jerk changes, and those where the velocity is 0."""
-    brake = profile.brake
-    yield from _segment_extremes(brake.t, brake.p, brake.v, brake.a, brake.j)
-    yield from _segment_extremes(profile.t, profile.p, profile.v, profile.a, profile.j)
-    yield profile.p[-1]
+    lowest: list[float] = []
+    highest: list[float] = []
+    for profile in profiles:
+        brake = profile.brake
+        # The positions where the jerk changes, and those where the velocity is 0.
+        reached = [
+            *_segment_extremes(brake.t, brake.p, brake.v, brake.a, brake.j),
+            *_segment_extremes(profile.t, profile.p, profile.v, profile.a, profile.j),
+            profile.p[-1],
+        ]
+        lowest.append(min(reached))
+        highest.append(max(reached))
+    return np.array(lowest), np.array(highest)
 
 
 def _segment_extremes(

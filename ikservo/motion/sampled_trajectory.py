@@ -48,7 +48,7 @@ class SampledTrajectory:
         return f"Trajectory({len(self)} samples in {last_s:.3f} s of {', '.join(self.names)})"
 
     def joint(self, name: str) -> Vector:
-        """Compute the positions of one joint (k,), rad or m.
+        """Return the positions of one joint (k,), rad or m.
 
         Raises:
             UnknownNameError: There is no such joint.
@@ -67,7 +67,13 @@ class SampledTrajectory:
             BadValueError: The file exists and ``overwrite`` is false.
             FileWriteError: The file cannot be written.
         """
-        text = self._format_csv()
+        columns = [f"{name}_{unit}" for name, unit in zip(self.names, self.units, strict=True)]
+        stream = io.StringIO()
+        writer = csv.writer(stream, lineterminator="\n")
+        writer.writerow(["t_s", *columns, *(f"{column}_s" for column in columns)])
+        rows = np.column_stack([self.times_s, self.positions, self.velocities])
+        writer.writerows([f"{value:.9g}" for value in row] for row in rows.tolist())
+        text = stream.getvalue()
         if path is not None:
             file = Path(path)
             if file.exists() and not overwrite:
@@ -76,15 +82,6 @@ class SampledTrajectory:
                 )
             write_atomic(file, text)
         return text
-
-    def _format_csv(self) -> str:
-        columns = [f"{name}_{unit}" for name, unit in zip(self.names, self.units, strict=True)]
-        text = io.StringIO()
-        writer = csv.writer(text, lineterminator="\n")
-        writer.writerow(["t_s", *columns, *(f"{column}_s" for column in columns)])
-        rows = np.column_stack([self.times_s, self.positions, self.velocities])
-        writer.writerows([f"{value:.9g}" for value in row] for row in rows.tolist())
-        return text.getvalue()
 
 
 def sample_trajectory(

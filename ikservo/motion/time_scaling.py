@@ -23,7 +23,7 @@ from ikservo.motion.trajectory import KinematicLimits, TrajectoryPoint
 # the curve.
 _SPEED_FRACTIONS = (0.4, 0.6, 0.85)
 _ZONES = (1, 2, 5, 13, 34)  # numbers of equal zones to try, each with its own speed limit
-_MIN_LENGTH = 1e-6  # of a curve; a shorter one is a point
+_MIN_LENGTH = 1e-6  # a shorter curve is a point
 _ROUNDING = 1e-6  # fraction by which limits are kept, in spite of rounding
 _UNBOUNDED = 1e6  # limit along a curve that hardly moves any joint
 
@@ -70,7 +70,11 @@ class TimeScaling:
         if curve.length > _MIN_LENGTH:
             bounds, best_s = _PathAccelerationBounds(limits, top_speed), math.inf
             candidates = list[tuple[float, tuple[_SpeedZone, ...], list[float]]]()
-            for edges in _zone_edges(curve.length, marks):
+            # Zones between equal distances, and between the curve's marks.
+            choices = [np.linspace(0.0, curve.length, count + 1).tolist() for count in _ZONES]
+            if len(marks) > 1:
+                choices.append([0.0, *marks[1:-1], curve.length])
+            for edges in choices:
                 stretches = [
                     bounds.make_zones(*ends, curve.max_derivatives(*ends))
                     for ends in pairwise(edges)
@@ -82,7 +86,14 @@ class TimeScaling:
             for shortest_s, zones, speeds in sorted(candidates, key=itemgetter(0)):
                 if shortest_s >= best_s:
                     break
-                moves = _zone_moves(zones, speeds)
+                moves = [
+                    JointMove(
+                        _passing_state(zone.begin, first),
+                        _passing_state(zone.end, second),
+                        [zone.kinematic_limits],
+                    )
+                    for zone, (first, second) in zip(zones, pairwise(speeds), strict=True)
+                ]
                 taken_s = sum(move.duration_s for move in moves)
                 if taken_s < best_s:
                     self._moves, best_s = moves, taken_s
@@ -135,14 +146,6 @@ def _min_ratio(limit: Vector, by: Vector) -> float:
     return min((a / b for a, b in pairs if b > a / _UNBOUNDED), default=_UNBOUNDED)
 
 
-def _zone_edges(length: float, marks: Sequence[float]) -> Iterator[list[float]]:
-    """Yield sets of zone edges: at equal distances, and at the curve's marks."""
-    for count in _ZONES:
-        yield np.linspace(0.0, length, count + 1).tolist()
-    if len(marks) > 1:
-        yield [0.0, *marks[1:-1], length]
-
-
 def _shortest_s(zone: _SpeedZone, first: float, second: float) -> float:
     """Compute the time through a zone, from one speed to another, if the jerk had no limit."""
     length, most = zone.end - zone.begin, zone.speed
@@ -151,18 +154,6 @@ def _shortest_s(zone: _SpeedZone, first: float, second: float) -> float:
         return (2.0 * peak - first - second) / zone.acceleration
     ramps = (most - first) ** 2 + (most - second) ** 2
     return (length + 0.5 * ramps / zone.acceleration) / most
-
-
-def _zone_moves(zones: Sequence[_SpeedZone], speeds: Sequence[float]) -> list[JointMove]:
-    """Return the motion through each zone, with the speeds between them."""
-    return [
-        JointMove(
-            _passing_state(zone.begin, first),
-            _passing_state(zone.end, second),
-            [zone.kinematic_limits],
-        )
-        for zone, (first, second) in zip(zones, pairwise(speeds), strict=True)
-    ]
 
 
 def _passing_state(distance: float, speed: float) -> TrajectoryPoint:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from enum import Enum
 from pathlib import Path
@@ -116,8 +116,17 @@ def check_joints_match(calibration: Calibration, model: Model, path: str) -> Non
     Raises:
         CalibrationError: The arm file has other servos or another chain.
     """
-    filed = {joint.name: _describe_calibrated(joint) for joint in calibration.joints}
-    expected = {joint.name: _describe_expected(joint) for joint in model.joints}
+    filed = {
+        joint.name: _format_servos([(servo.id, servo.model) for servo in joint.servos], joint.gear)
+        for joint in calibration.joints
+    }
+    expected = {
+        joint.name: _format_servos(
+            [(servo.id, servo.model) for servo in (joint.servo, *joint.shadows)],
+            joint.joint_map.gear,
+        )
+        for joint in model.joints
+    }
     for name in filed.keys() | expected.keys():
         if filed.get(name) != expected.get(name):
             raise CalibrationError(
@@ -125,10 +134,6 @@ def check_joints_match(calibration: Calibration, model: Model, path: str) -> Non
                 f"{expected.get(name, 'unknown')} in the arm file.",
                 "Choose the right arm with --arm, or calibrate again: ikservo calibrate",
             )
-    _check_origins(calibration, model)
-
-
-def _check_origins(calibration: Calibration, model: Model) -> None:
     known = {step.joint.name for step in model.chain.joints_to()}
     for origin in calibration.geometry.origins if calibration.geometry else ():
         if origin.joint not in known:
@@ -136,15 +141,6 @@ def _check_origins(calibration: Calibration, model: Model) -> None:
                 f"The touch-off moved {origin.joint}, which is not between base and tip.",
                 "The arm file has changed since. Repeat the touch-off: ikservo calibrate --touch",
             )
-
-
-def _describe_calibrated(joint: CalibratedJoint) -> str:
-    return _format_servos([(servo.id, servo.model) for servo in joint.servos], joint.gear)
-
-
-def _describe_expected(joint: ModelJoint) -> str:
-    servos = [(servo.id, servo.model) for servo in (joint.servo, *joint.shadows)]
-    return _format_servos(servos, joint.joint_map.gear)
 
 
 def _format_servos(servos: list[tuple[int, str]], gear: float) -> str:
@@ -172,7 +168,15 @@ class CalibratedArm:
         own = self._calibrated_joint(joint)
         if own is None:
             return joint.joint_map
-        return self._map_for_present_turn(own, own.joint_map(joint.joint_map))
+        joint_map = own.joint_map(joint.joint_map)
+        if not own.extended:
+            return joint_map
+        # A multi-turn servo may have started on another revolution this time.
+        turn = round(self._bus.servos[own.servo.id].table.ticks_per_turn)
+        present = self._bus.read(own.servo.id, RegisterName.PRESENT_POSITION, raw=True)
+        low, high = own.travel_ticks
+        turns = unwrap_near((low + high) // 2, present, turn) - present
+        return joint_map.with_mounting(joint_map.sign, joint_map.zero_tick - turns)
 
     def limits(self, joint: ModelJoint, joint_map: JointMap) -> Limits:
         """Return the joint's range within arm file, calibration and servo registers.
@@ -180,7 +184,11 @@ class CalibratedArm:
         Raises:
             CalibrationError: They have no common range; the two that exclude it are named.
         """
-        own, registers = self._calibrated_joint(joint), self._position_limits(joint)
+        own, servo_id = self._calibrated_joint(joint), joint.servo.id
+        low = self._bus.read(servo_id, RegisterName.MIN_POSITION_LIMIT, raw=True)
+        high = self._bus.read(servo_id, RegisterName.MAX_POSITION_LIMIT, raw=True)
+        # Feetech: 0 and 0 stand for several revolutions without limits.
+        registers = None if low == high == 0 else (low, high)
         if own is None or self.calibration is None:
             in_servo = _limits_from_registers(joint_map, registers) if registers else joint.limits
             return joint.limits.intersect(in_servo) if self.zeros.are_known else in_servo
@@ -196,22 +204,6 @@ class CalibratedArm:
 
     def _calibrated_joint(self, joint: ModelJoint) -> CalibratedJoint | None:
         return self.calibration.joint(joint.name) if self.calibration else None
-
-    def _position_limits(self, joint: ModelJoint) -> tuple[int, int] | None:
-        """Read the position limits of the servo; None if they are not in use."""
-        low = self._bus.read(joint.servo.id, RegisterName.MIN_POSITION_LIMIT, raw=True)
-        high = self._bus.read(joint.servo.id, RegisterName.MAX_POSITION_LIMIT, raw=True)
-        return None if low == high == 0 else (low, high)  # Feetech: several revolutions, no limits
-
-    def _map_for_present_turn(self, own: CalibratedJoint, joint_map: JointMap) -> JointMap:
-        """Compute the map for the revolution on which a multi-turn servo started this time."""
-        if not own.extended:
-            return joint_map
-        turn = round(self._bus.servos[own.servo.id].table.ticks_per_turn)
-        present = self._bus.read(own.servo.id, RegisterName.PRESENT_POSITION, raw=True)
-        low, high = own.travel_ticks
-        turns = unwrap_near((low + high) // 2, present, turn) - present
-        return joint_map.with_mounting(joint_map.sign, joint_map.zero_tick - turns)
 
 
 def own_chain(model: Model, calibration: Calibration) -> Chain:
@@ -268,8 +260,12 @@ def load_calibration_for(
         recover(bus, journal)
     calibration = load_calibration(model.name, serial)
     if calibration is None:
-        served = is_pseudo_terminal(bus.port.name)
-        zeros = ZeroSource.SIMULATED if served else _nominal_zeros(model, uncalibrated)
+        if is_pseudo_terminal(bus.port.name):
+            zeros = ZeroSource.SIMULATED
+        elif all(joint.zero_from == "vendor" for joint in model.joints):
+            zeros = ZeroSource.VENDOR
+        else:
+            zeros = ZeroSource.ACCEPTED if uncalibrated else ZeroSource.UNKNOWN
         return CalibratedArm(bus, model, zeros, None)
     check_calibration_matches(calibration, model, serial)
     servos = [servo.id for joint in calibration.joints for servo in joint.servos]
@@ -306,12 +302,6 @@ def geometric_errors_of(filed: CalibratedGeometry) -> GeometricErrors:
         base_rad=np.radians(filed.base_turned_deg),
         origins_m={row.joint: np.array(row.moved_mm) / 1000.0 for row in filed.origins},
     )
-
-
-def _nominal_zeros(model: Model, accepted: bool) -> ZeroSource:
-    if all(joint.zero_from == "vendor" for joint in model.joints):
-        return ZeroSource.VENDOR
-    return ZeroSource.ACCEPTED if accepted else ZeroSource.UNKNOWN
 
 
 def _limits_from_registers(joint_map: JointMap, registers: tuple[int, int]) -> Limits:
@@ -377,24 +367,18 @@ def calibrated_model(model: Model) -> CalibratedModel:
     # The chain to its own tip identifies the arm, whatever tip the given model has.
     check_calibration_matches(calibration, load_model(model.path), calibration.usb_serial_number)
     others = tuple(path for path in read if path != newest)
-    return CalibratedModel(_with_calibration(model, calibration), newest, others)
-
-
-def _with_calibration(model: Model, calibration: Calibration) -> Model:
-    chain = own_chain(model, calibration)
-    joints = [_narrow_joint(joint, calibration) for joint in model.joints]
-    return replace(model, chain=_chain_within_ranges(chain, joints), joints=tuple(joints))
-
-
-def _narrow_joint(joint: ModelJoint, calibration: Calibration) -> ModelJoint:
-    own = calibration.joint(joint.name)
-    return replace(joint, limits=calibrated_limits(calibration, own, joint)) if own else joint
-
-
-def _chain_within_ranges(chain: Chain, joints: Sequence[ModelJoint]) -> Chain:
-    """Return the chain inside the joints' ranges; mimic joints may have narrowed its own limits."""
+    chain, joints = own_chain(model, calibration), list(model.joints)
+    for i, joint in enumerate(joints):
+        own = calibration.joint(joint.name)
+        if own is not None:
+            joints[i] = replace(joint, limits=calibrated_limits(calibration, own, joint))
     ranges = {joint.name: joint.limits for joint in joints}
-    own = [ranges.get(name) for name in chain.names]
-    lower = [-np.inf if limits is None else limits.lower.value for limits in own]
-    upper = [np.inf if limits is None else limits.upper.value for limits in own]
-    return chain.with_limits(np.maximum(chain.lower_rad, lower), np.minimum(chain.upper_rad, upper))
+    own_ranges = [ranges.get(name) for name in chain.names]
+    lower = [-np.inf if limits is None else limits.lower.value for limits in own_ranges]
+    upper = [np.inf if limits is None else limits.upper.value for limits in own_ranges]
+    # Mimic joints may have narrowed the chain's own limits.
+    chain = chain.with_limits(
+        np.maximum(chain.lower_rad, lower), np.minimum(chain.upper_rad, upper)
+    )
+    calibrated = replace(model, chain=chain, joints=tuple(joints))
+    return CalibratedModel(calibrated, newest, others)

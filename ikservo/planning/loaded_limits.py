@@ -1,14 +1,14 @@
-"""Limits of joints under load: their goals lead them, and must not pass a limit either."""
+"""Limits of joints under load: goals lead their joints, and must not pass a limit either."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from ikservo.kinematics import Chain
-from ikservo.kinematics.arrays import Matrix, Vector
-from ikservo.model.joint_drive import ArmParameters, JointDrive
+from ikservo.kinematics.arrays import Matrix
+from ikservo.model.joint_drive import ArmParameters
 
-# A goal that would be this far outside, rad or m, is as good as a goal at the limit.
+# A goal that would be at most this far outside, rad or m, counts as a goal at the limit.
 _TOLERANCE = 0.003
 # Friction of a servo as a multiple of its model's, because servos of one model differ.
 _STRONGEST_FRICTION = 1.5
@@ -32,7 +32,11 @@ def limits_under_load(
     Returns:
         None if no goal would pass a limit.
     """
-    directions = _STRONGEST_FRICTION * _directions(joints) if friction else np.zeros_like(joints)
+    directions = np.zeros_like(joints)
+    if friction and len(joints) > 1:
+        moved = np.ptp(joints, axis=0) > _REST_TRAVEL
+        along = np.sign(np.gradient(joints, axis=0))
+        directions = np.where(moved, _STRONGEST_FRICTION * along, 0.0)
     leads = goal_leads(parameters, joints, directions)
     below = joints + leads < chain.lower_rad - _TOLERANCE
     above = joints + leads > chain.upper_rad + _TOLERANCE
@@ -53,24 +57,12 @@ def goal_leads(parameters: ArmParameters, joints: Matrix, directions: Matrix) ->
             the friction of their model, 0 for none.
     """
     torques = parameters.dynamics.gravity_torques(joints)
-    leads = [
-        _lead(torques[:, i], directions[:, i], drive) for i, drive in enumerate(parameters.drives)
-    ]
-    return np.column_stack(leads)
-
-
-def _directions(joints: Matrix) -> Matrix:
-    """Compute the directions of joints (k, dof) along a path; at its end the last direction."""
-    if len(joints) < 2:
-        return np.zeros_like(joints)
-    moved = np.ptp(joints, axis=0) > _REST_TRAVEL
-    return np.where(moved, np.sign(np.gradient(joints, axis=0)), 0.0)
-
-
-def _lead(gravity_nm: Vector, directions: Vector, drive: JointDrive | None) -> Vector:
-    if drive is None:
-        return np.zeros_like(gravity_nm)
-    friction_nm = np.array([drive.friction_torque(0.0, load_nm) for load_nm in gravity_nm])
-    needed_nm = gravity_nm + directions * friction_nm
-    pressed_nm = np.maximum(np.abs(needed_nm) - drive.startup_nm, 0.0)
-    return np.sign(needed_nm) * pressed_nm / drive.stiffness_nm_rad
+    leads = np.zeros_like(torques)
+    for i, drive in enumerate(parameters.drives):
+        if drive is None:
+            continue
+        friction_nm = np.array([drive.friction_torque(0.0, load_nm) for load_nm in torques[:, i]])
+        needed_nm = torques[:, i] + directions[:, i] * friction_nm
+        pressed_nm = np.maximum(np.abs(needed_nm) - drive.startup_nm, 0.0)
+        leads[:, i] = np.sign(needed_nm) * pressed_nm / drive.stiffness_nm_rad
+    return leads

@@ -334,8 +334,11 @@ def clamp_positions(
         beyond_rad = beyond / joint_map.unit_per_horn_rad
         if inside != requested and beyond_rad <= max_rad:
             clamped[driven.joint] = inside
-            if joint_map.format(inside) != joint_map.format(requested):  # else it is rounding
-                changed.append(_describe_clamped(driven, requested, inside))
+            goes_to, asked = joint_map.format(inside), joint_map.format(requested)
+            if goes_to != asked:  # otherwise it is rounding
+                limit = driven.limits.upper if requested > inside else driven.limits.lower
+                why = f"its limit is {joint_map.format(limit.value)} ({limit.source})"
+                changed.append(f"{driven.joint} goes to {goes_to}, not to {asked}: {why}")
     return PoseWithinLimits(clamped, tuple(changed))
 
 
@@ -349,12 +352,3 @@ def clamp_pose(
     """
     max_rad = math.inf if name == "rest" else _END_STOP_RAD
     return clamp_positions(pose, driven_joints, start, max_rad)
-
-
-def _describe_clamped(driven: DrivenJoint, requested: float, inside: float) -> str:
-    limits, text = driven.limits, driven.joint_map.format
-    limit = limits.upper if requested > inside else limits.lower
-    return (
-        f"{driven.joint} goes to {text(inside)}, not to {text(requested)}: "
-        f"its limit is {text(limit.value)} ({limit.source})"
-    )

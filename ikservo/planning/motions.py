@@ -1,8 +1,8 @@
 """Motions as values: all requests to an arm, and their form in JSON and TOML.
 
-A motion is frozen and checked when it is made; points are metres in the arm's base frame. It is
-planned by ``Arm.plan``, made by ``Arm.execute``, and started in the background by ``Arm.start``.
-The methods of ``Arm`` (``move_to``, ``gripper``, …) make it from their arguments.
+A motion is frozen and checked when it is created; points are metres in the arm's base frame. It
+is planned by ``Arm.plan``, executed by ``Arm.execute``, and started in the background by
+``Arm.start``. The methods of ``Arm`` (``move_to``, ``gripper``, …) build it from their arguments.
 
 As JSON or TOML a motion is a table with one key, its kind; fields that have their default are left
 out::
@@ -162,9 +162,6 @@ class MotionValue(Generic[R]):
 
     def __str__(self) -> str:
         """Return a short description."""
-        return self._words()
-
-    def _words(self) -> str:
         return self.kind.replace("_", " ")
 
 
@@ -223,7 +220,7 @@ class MoveTo(MotionValue[MoveResult]):
     think_s: Think = THINK_S
     replan: Replan = False
 
-    def _words(self) -> str:
+    def __str__(self) -> str:
         return f"joints to {_format_point(self.position_m)}"
 
 
@@ -252,7 +249,7 @@ class MoveLine(MotionValue[MoveResult]):
         """Return the path from the present tip (3,) [m]."""
         return straight_lines(tip_m, [self.position_m])
 
-    def _words(self) -> str:
+    def __str__(self) -> str:
         return f"line to {_format_point(self.position_m)}"
 
 
@@ -311,7 +308,7 @@ class MoveArc(MotionValue[MoveResult]):
         via_m, end_m = cast("Any", self.via_m), cast("Any", self.end_m)
         return arc_through_points(tip_m, via_m, end_m, full_circle=self.full_circle)
 
-    def _words(self) -> str:
+    def __str__(self) -> str:
         if self.center_m is not None:
             angle_deg = math.degrees(self.angle_rad)
             return f"arc of {angle_deg:.0f}° about {_format_point(self.center_m)}"
@@ -358,7 +355,7 @@ class MoveThrough(MotionValue[MoveResult]):
         """Return the lines from the present tip (3,) [m], with rounded corners."""
         return straight_lines(tip_m, list(self.points_m), self.blend_m)
 
-    def _words(self) -> str:
+    def __str__(self) -> str:
         points = cast("tuple[Point, ...]", self.points_m)
         path = "lines" if self.line else "joints"
         return f"{path} through {len(points)} points to {_format_point(points[-1])}"
@@ -392,7 +389,7 @@ class Draw(MotionValue[MoveResult]):
         if not 0.0 <= self.lift_m < math.inf:
             raise BadValueError("The lift of the tool", f"{self.lift_m:g} m", "0 m or more")
 
-    def _words(self) -> str:
+    def __str__(self) -> str:
         count = len(cast("tuple[object, ...]", self.strokes_m))
         return f"drawing of {count} stroke{'s' if count > 1 else ''}"
 
@@ -423,7 +420,7 @@ class MoveJoints(MotionValue[JointMoveResult]):
     replan: Replan = False
 
     def __hash__(self) -> int:
-        """Return a hash, because a mapping has none."""
+        """Return the hash of the items, because a mapping is not hashable."""
         return hash(
             (
                 tuple(self.positions.items()),
@@ -435,7 +432,7 @@ class MoveJoints(MotionValue[JointMoveResult]):
             )
         )
 
-    def _words(self) -> str:
+    def __str__(self) -> str:
         return ", ".join(f"{name} {value:.4g}" for name, value in self.positions.items())
 
 
@@ -460,7 +457,7 @@ class MovePose(MotionValue[JointMoveResult]):
     think_s: Think = THINK_S
     replan: Replan = False
 
-    def _words(self) -> str:
+    def __str__(self) -> str:
         return f"pose {self.name}"
 
 
@@ -482,7 +479,7 @@ class LookAt(MotionValue[JointMoveResult]):
     _: KW_ONLY
     speed: Speed = "normal"
 
-    def _words(self) -> str:
+    def __str__(self) -> str:
         return f"look at {_format_point(self.point_m)}"
 
 
@@ -511,7 +508,7 @@ class MoveGripper(MotionValue[GraspResult]):
         if (self.to is None) == (self.width_m is None):
             raise BadValueError("The motion of the gripper", "not clear", "open, close or a width")
 
-    def _words(self) -> str:
+    def __str__(self) -> str:
         return f"gripper {self.to if self.width_m is None else f'{self.width_m:g} m'}"
 
 
@@ -529,7 +526,7 @@ class Wait(MotionValue[None]):
         if not 0.0 < self.duration_s <= _MAX_WAIT_S:
             raise BadValueError("The wait", f"{self.duration_s:g} s", "above 0 and at most 3600 s")
 
-    def _words(self) -> str:
+    def __str__(self) -> str:
         return f"wait {self.duration_s:g} s"
 
 

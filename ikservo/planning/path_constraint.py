@@ -26,7 +26,7 @@ _UNSEEN = 1e-3  # rad or m: this much excess may go unnoticed between two sample
 # Paths are searched this far inside a constraint, so that their corners can be rounded.
 _INSIDE_M = 0.002
 _INSIDE_RAD = math.radians(1.0)
-_INSIDE_FRACTION = 0.15  # of the width of a narrow constraint
+_INSIDE_FRACTION = 0.15  # at most this fraction of the width of a narrow constraint
 
 
 @dataclass(frozen=True, slots=True)

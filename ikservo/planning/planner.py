@@ -236,7 +236,9 @@ class Planner:
             solved = self._solve_orientation(at, Target(point_m), KEEP_BEST_EFFORT)
             at = self._index.with_chain(start, solved.solution.q)
             goals.append(at)
-            blends.append(self._joint_blend(at, blend_m))
+            J = self._chain.jacobian(solved.solution.q)[:3]
+            # With this blend of the joints the tip passes the point within ``blend_m``.
+            blends.append(blend_m / (_PASSED * float(np.linalg.norm(J, axis=0).sum())))
         solved = self._solve_orientation(at, target, stance)
         goals.append(self._index.with_chain(start, solved.solution.q))
         plan = self._make_plan(start, JointWaypointTrajectory(start, goals, limits, blends), speed)
@@ -448,11 +450,6 @@ class Planner:
         """Return all joints (n,) with those of the chain inside its limits."""
         return self._index.with_chain(joints, self._chain.clip(self._index.chain_joints(joints)))
 
-    def _joint_blend(self, joints: Vector, blend_m: float) -> float:
-        """Return the joint-space blend with which the tip passes a point within a distance."""
-        J = self._chain.jacobian(self._index.chain_joints(joints))[:3]
-        return blend_m / (_PASSED * float(np.linalg.norm(J, axis=0).sum()))
-
     def _follow_under_load(
         self,
         q: Vector,
@@ -488,7 +485,7 @@ class Planner:
         if self._parameters is None:
             return line
         joints = sample_states(line)[0]
-        for friction in (True, False):  # friction alone is no reason to refuse
+        for friction in (True, False):  # a path is not refused because of friction alone
             loaded = limits_under_load(self._chain, self._parameters, joints, friction=friction)
             if loaded is None:
                 return line

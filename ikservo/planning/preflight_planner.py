@@ -239,7 +239,7 @@ class PreflightPlanner:
     def _describe_table(
         self, request: _MotionRequest, motion: MoveTo, error: CollisionError
     ) -> None:
-        """Add to an error that the point is below the table, and which motion is accepted."""
+        """Say in an error that the point is below the table, and suggest a motion."""
         x, y, z = finite_vector(motion.position_m, 3, "The target").tolist()
         table_m = self._model.floor_m or 0.0
         if z < table_m:
@@ -274,7 +274,10 @@ class PreflightPlanner:
     def _plan_joints(self, motion: MoveJoints, arm: ArmContext) -> MotionPlan:
         request, goals = self._make_request(motion, arm), motion.positions
         plan = self._plan_directly(request)
-        arm.zeros.check_small_steps(self._model.name, request.start, plan.goal, self._max_steps())
+        joints = [self._model.joint(name) for name in self._servos.names]
+        horn_turns = MAX_UNCALIBRATED_STEP_RAD / math.tau
+        steps = {joint.name: horn_turns * joint.travel_per_turn for joint in joints}
+        arm.zeros.check_small_steps(self._model.name, request.start, plan.goal, steps)
         try:
             self._servos.check_goal(plan.goal, request.start)
         except RefusedError as error:
@@ -370,8 +373,12 @@ class PreflightPlanner:
         """Return the rest pose within the limits, without a gripper that presses on something."""
         rest, gripper = dict(self._model.pose("rest")), self._model.gripper
         start = self._runner.start_position()
-        if gripper is not None and self._is_pressing(gripper.joint, start):
-            del rest[gripper.joint]
+        if gripper is not None:
+            column = self._context.index.column(gripper.joint)
+            lag = abs(start[column] - self._servos.measure_positions()[column])
+            joint_map = self._servos.driven_joints[column].joint_map
+            if lag / joint_map.unit_per_horn_rad > _PRESSING_LAG_RAD:
+                del rest[gripper.joint]
         return clamp_pose("rest", rest, self._servos.driven_joints, start)
 
     def plan_from_held(self, motion: MotionValue[Any]) -> MotionPlan:
@@ -382,20 +389,6 @@ class PreflightPlanner:
         self._runner.enable()
         held = np.array_equal(plan.start, self._servos.reference())
         return plan if held else self.plan(motion)
-
-    def _is_pressing(self, joint: str, start: Vector) -> bool:
-        column = self._context.index.column(joint)
-        joint_map = self._servos.driven_joints[column].joint_map
-        lag = abs(start[column] - self._servos.measure_positions()[column])
-        return lag / joint_map.unit_per_horn_rad > _PRESSING_LAG_RAD
-
-    def _max_steps(self) -> dict[str, float]:
-        """Compute the longest motion of each joint of an uncalibrated arm, rad or m."""
-        joints = [self._model.joint(name) for name in self._servos.names]
-        return {
-            joint.name: MAX_UNCALIBRATED_STEP_RAD * joint.travel_per_turn / math.tau
-            for joint in joints
-        }
 
     def _plan_clear(self, request: _MotionRequest, direct: MotionPlan | None = None) -> MotionPlan:
         """Make a plan whose path is free: the direct one, or the first free alternative.

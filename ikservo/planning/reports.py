@@ -290,7 +290,7 @@ def _ended(reached: bool, off: str, duration_s: float, binding: Sequence[str]) -
 
 
 def describe_alarms(states: Sequence[JointState]) -> list[tuple[str, str]]:
-    """Return which servos report alarms, and which: one pair for all that report the same."""
+    """Group the servos that report alarms: the names and the alarms of each group."""
     by_alarms: dict[str, list[str]] = {}
     for state in states:
         by_alarms.setdefault(", ".join(state.alarms), []).append(state.name)
@@ -298,7 +298,7 @@ def describe_alarms(states: Sequence[JointState]) -> list[tuple[str, str]]:
 
 
 def describe_torque(states: Sequence[JointState]) -> str:
-    """Return ``torque stays on``, or which servos are limp."""
+    """Return ``torque stays on``, or the servos that are limp."""
     limp = [state.name for state in states if not state.torque]
     if not limp:
         return "torque stays on"

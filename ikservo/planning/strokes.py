@@ -23,7 +23,7 @@ from ikservo.planning.tool_speed import ToolSpeed
 _CORNER_M = 2e-4
 # A blend passes its corner at this fraction of its length, per unit of change of the slope.
 _PASSED = 0.1875
-_SAME_POINT_M = 1e-6
+_SAME_POINT_M = 1e-6  # a point nearer to the previous point of its stroke is left out
 
 
 def plan_drawing(planner: Planner, drawing: Draw, start: Vector, speed: str) -> MotionPlan:
@@ -36,12 +36,20 @@ def plan_drawing(planner: Planner, drawing: Draw, start: Vector, speed: str) -> 
         UnreachableError: A point is out of reach; the first one and its stroke are named.
         OrientationError: The tool cannot have the requested orientation there.
     """
-    strokes = [_distinct_points(np.array(stroke)) for stroke in drawing.strokes_m]
+    strokes: list[Matrix] = []
+    for points in drawing.strokes_m:
+        stroke = np.array(points)
+        lengths = np.linalg.norm(np.diff(stroke, axis=0), axis=1)
+        strokes.append(stroke[np.concatenate([[True], lengths > _SAME_POINT_M])])
     stance, up = drawing.stance, np.array([0.0, 0.0, drawing.lift_m])
     above = replace(stance, keep=False)  # the orientation above the paper is kept
     with _at("stroke 1"):
         plans = [planner.plan_to_point(start, strokes[0][0] + up, speed, above)]
-    _check_reach(planner, drawing, plans[0].goal)
+    at = plans[0].goal
+    for number, points in enumerate(drawing.strokes_m):  # all points, before paths are made
+        for k, point_m in enumerate(cast("Sequence[ArrayLike]", points)):
+            with _at(f"point {k + 1} of stroke {number + 1}"):
+                at = planner.reach(at, point_m)
     blend_m = max(0.4 * drawing.lift_m, 1e-3)
     for number, stroke in enumerate(strokes):
         way = [stroke[0]]
@@ -58,14 +66,6 @@ def plan_drawing(planner: Planner, drawing: Draw, start: Vector, speed: str) -> 
     return _join(plans)
 
 
-def _check_reach(planner: Planner, drawing: Draw, at: Vector) -> None:
-    """Raise for the first point of all strokes that is out of reach, before paths are made."""
-    for number, stroke in enumerate(drawing.strokes_m):
-        for k, point_m in enumerate(cast("Sequence[ArrayLike]", stroke)):
-            with _at(f"point {k + 1} of stroke {number + 1}"):
-                at = planner.reach(at, point_m)
-
-
 @contextmanager
 def _at(place: str) -> Generator[None]:
     """Add the place in the drawing to an error."""
@@ -75,12 +75,6 @@ def _at(place: str) -> Generator[None]:
         error.command_message = f"The drawing, {place}: {error.command_message}"
         error.command_hint = "Nothing moved. Move the drawing or make it smaller."
         raise
-
-
-def _distinct_points(stroke: Matrix) -> Matrix:
-    """Return the points (k, 3) without points that repeat the previous one."""
-    lengths = np.linalg.norm(np.diff(stroke, axis=0), axis=1)
-    return stroke[np.concatenate([[True], lengths > _SAME_POINT_M])]
 
 
 def _stroke_path(stroke: Matrix) -> BlendedPath:
@@ -98,6 +92,17 @@ def _join(plans: Sequence[MotionPlan]) -> MotionPlan:
         trajectory = ConcatenatedTrajectory(trajectory, plan.trajectory)
     near = {(each.joint, each.side): each for plan in plans for each in plan.near_limits}
     speeds = [plan.tool_speed for plan in plans if plan.tool_speed is not None]
+    tool_speed: ToolSpeed | None = None
+    if speeds:
+        slower = [speed for speed in speeds if not speed.is_constant]
+        why = dict.fromkeys(text for speed in slower for text in speed.limited_by)
+        count = f"{len(slower)} of {len(speeds)} strokes are slower"
+        tool_speed = ToolSpeed(
+            speeds[0].requested_m_s,
+            max(speed.top_m_s for speed in speeds),
+            min(speed.slowest_m_s for speed in speeds),
+            (count, *why) if slower else (),
+        )
     joints = [text for plan in plans for text in plan.time_limiting_joints]
     return replace(
         plans[-1],
@@ -108,19 +113,6 @@ def _join(plans: Sequence[MotionPlan]) -> MotionPlan:
         cartesian_s=sum(plan.cartesian_s for plan in plans),
         time_limiting_joints=tuple(dict.fromkeys(joints)),
         near_limits=tuple(near.values()),
-        tool_speed=_slowest(speeds) if speeds else None,
+        tool_speed=tool_speed,
         orientation_error_rad=max(plan.orientation_error_rad for plan in plans),
-    )
-
-
-def _slowest(speeds: Sequence[ToolSpeed]) -> ToolSpeed:
-    """Combine the speeds of all strokes, with the number of strokes slower than requested."""
-    slower = [speed for speed in speeds if not speed.is_constant]
-    why = dict.fromkeys(text for speed in slower for text in speed.limited_by)
-    count = f"{len(slower)} of {len(speeds)} strokes are slower"
-    return ToolSpeed(
-        speeds[0].requested_m_s,
-        max(speed.top_m_s for speed in speeds),
-        min(speed.slowest_m_s for speed in speeds),
-        (count, *why) if slower else (),
     )

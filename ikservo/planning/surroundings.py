@@ -55,7 +55,7 @@ class Turn:
 
 
 def other_moves(name: str) -> RefusedError:
-    """Return the error for an arm that is blocked by another arm, which is named."""
+    """Return the error of an arm that must not move because the named arm is moving."""
     return RefusedError(
         f"{name}, which is in reach, is moving.",
         "Only one of the two arms may move at a time. Wait until it is at rest.",

@@ -114,7 +114,7 @@ class ToolOrientation:
         return ORIENTATION_TOLERANCE_RAD if self.within_rad is None else self.within_rad
 
     def varied(self, random: np.random.Generator) -> ToolOrientation:
-        """Return a random orientation within the tolerance; itself if there is no tolerance."""
+        """Return a random orientation within the tolerance; the same one without a tolerance."""
         if self.within_rad is None:
             return self
         most, axis = self.within_rad, random.normal(size=3)
@@ -197,14 +197,10 @@ def keep_orientation(
         q = found
         if abs(plane.angle_rad(q) - before) < KEPT_ORIENTATION_TOLERANCE_RAD:
             break
-    error = log_so3(desired @ chain.forward(q)[:3, :3].T)
-    return OrientationSolution(_result_at(chain, target, plain, q), float(np.linalg.norm(error)))
-
-
-def _result_at(chain: Chain, target: Target, plain: Result, q: Vector) -> Result:
-    nearest_m = chain.forward(q)[:3, 3]
-    gap_m = float(np.linalg.norm(nearest_m - target.position))
-    return replace(plain, q=q, nearest_m=nearest_m, position_error_m=gap_m)
+    T = chain.forward(q)
+    gap_m = float(np.linalg.norm(T[:3, 3] - target.position))
+    result = replace(plain, q=q, nearest_m=T[:3, 3], position_error_m=gap_m)
+    return OrientationSolution(result, float(np.linalg.norm(log_so3(desired @ T[:3, :3].T))))
 
 
 # Few restarts: most of these problems have no exact solution, and each restart fails.
@@ -247,8 +243,22 @@ class OrientationSolver:
         return Target((0.0, 0.0, 0.0), orientation=self._stance.orientation).rotation
 
     def evaluate(self, solution: Result) -> OrientationSolution:
-        """Evaluate the orientation error of a solution."""
-        return OrientationSolution(solution, self._orientation_error_rad(solution.q))
+        """Evaluate the largest angle of the tool to the requested orientation in a solution."""
+        R, stance, errors = self._tool_rotation(solution.q), self._stance, [0.0]
+        if stance.pitch_rad is not None:
+            errors.append(abs(self._tool.pitch_rad(R) - stance.pitch_rad))
+        if stance.roll_rad is not None:
+            roll_rad = self._tool.roll_rad(R, self._outward_rad(solution.q))
+            errors.append(abs(math.remainder(roll_rad - stance.roll_rad, math.tau)))
+        if stance.direction is not None:
+            desired = Target(
+                (0, 0, 0), direction=stance.direction, tool_axis=self._tool.approach_axis
+            )
+            errors.append(float(np.linalg.norm(desired.orientation_error(R))))
+        whole = self._target_rotation()
+        if whole is not None:
+            errors.append(float(np.linalg.norm(log_so3(whole @ R.T))))
+        return OrientationSolution(solution, max(errors))
 
     def check_error(self, solved: OrientationSolution) -> float:
         """Check that the orientation error is within the tolerance, and return it.
@@ -256,24 +266,21 @@ class OrientationSolver:
         Raises:
             OrientationError: The error is larger.
         """
-        if solved.error_rad > self._stance.tolerance_rad:
-            raise OrientationError(
-                self._target.position.tolist(),
-                str(self._stance),
-                self._describe_orientation(solved.solution.q),
-                solved.error_rad,
-                [str(limit) for limit in solved.solution.binding],
-                self._describe_missing_freedom(),
+        if solved.error_rad <= self._stance.tolerance_rad:
+            return solved.error_rad
+        missing = ""
+        if self._target_rotation() is not None and self._chain.dof < _POSE_DOF:
+            missing = (
+                f"{self._chain.dof} joints reach few orientations; a full pose needs {_POSE_DOF}. "
+                "Ask for a direction or a pitch instead."
             )
-        return solved.error_rad
-
-    def _describe_missing_freedom(self) -> str:
-        """Describe the missing freedom for a complete orientation; empty with six joints."""
-        if self._target_rotation() is None or self._chain.dof >= _POSE_DOF:
-            return ""
-        return (
-            f"{self._chain.dof} joints reach few orientations; a full pose needs {_POSE_DOF}. "
-            "Ask for a direction or a pitch instead."
+        raise OrientationError(
+            self._target.position.tolist(),
+            str(self._stance),
+            self._describe_orientation(solved.solution.q),
+            solved.error_rad,
+            [str(limit) for limit in solved.solution.binding],
+            missing,
         )
 
     def _describe_orientation(self, q: Vector) -> str:
@@ -332,24 +339,6 @@ class OrientationSolver:
             result = solve(self._chain, target, q, position_first=True, restarts=restarts)
             if result.position_error_m <= POSITION_TOLERANCE_M:
                 yield self.evaluate(replace(result, reached=True))
-
-    def _orientation_error_rad(self, q: Vector) -> float:
-        """Compute the largest angle to the requested orientation at joints (dof,), rad."""
-        R, stance, errors = self._tool_rotation(q), self._stance, [0.0]
-        if stance.pitch_rad is not None:
-            errors.append(abs(self._tool.pitch_rad(R) - stance.pitch_rad))
-        if stance.roll_rad is not None:
-            roll_rad = self._tool.roll_rad(R, self._outward_rad(q))
-            errors.append(abs(math.remainder(roll_rad - stance.roll_rad, math.tau)))
-        if stance.direction is not None:
-            desired = Target(
-                (0, 0, 0), direction=stance.direction, tool_axis=self._tool.approach_axis
-            )
-            errors.append(float(np.linalg.norm(desired.orientation_error(R))))
-        whole = self._target_rotation()
-        if whole is not None:
-            errors.append(float(np.linalg.norm(log_so3(whole @ R.T))))
-        return max(errors)
 
     def _tool_rotation(self, q: Vector) -> Matrix:
         return self._chain.forward(q)[:3, :3]

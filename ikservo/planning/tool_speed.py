@@ -11,8 +11,8 @@ from ikservo.kinematics.arrays import Matrix
 from ikservo.motion import Trajectory
 
 _STEP_S = 0.005  # between two samples; longer in a motion of minutes, which must be planned soon
-_MIN_SAMPLES = 200  # of any motion
-_MAX_SAMPLES = 20_000  # of any motion
+_MIN_SAMPLES = 200  # fewest samples of a motion
+_MAX_SAMPLES = 20_000  # most samples of a motion
 # Speeds that differ by less are equal, because even slight corners are passed slower.
 _SAME = 0.02
 _SHORT_OR_BENT = "acceleration and jerk of the joints, on a path so short or bent"
@@ -69,7 +69,7 @@ class ToolSpeed:
 
 
 def sample_times_s(trajectory: Trajectory) -> list[float]:
-    """Sample times [s], equally spaced over a trajectory, at which its speed is evaluated."""
+    """Return times [s], equally spaced over a trajectory, at which its speed is evaluated."""
     needed = 1 + math.ceil(trajectory.duration_s / _STEP_S)
     count = min(max(_MIN_SAMPLES, needed), _MAX_SAMPLES)
     return np.linspace(0.0, trajectory.duration_s, count).tolist()

@@ -38,7 +38,7 @@ def ways_around(
     *,
     takes_time: bool = False,
 ) -> Iterator[Matrix]:
-    """Find postures (k, n) through which straight motions of the joints reach a goal.
+    """Yield postures (k, n) through which straight motions of the joints reach a goal.
 
     Args:
         context: The arm, whose paths are checked.

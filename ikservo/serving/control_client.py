@@ -89,7 +89,7 @@ def decode_reply(line: bytes) -> dict[str, Any]:
     """
     row = _decode_line(line, MAX_REPLY_BYTES)
     if row.pop("schema", None) != SCHEMA:
-        raise _message_error(f"expected an answer of {SCHEMA}")
+        raise _message_error(f"expected a reply of {SCHEMA}")
     return row
 
 
@@ -270,35 +270,31 @@ def request_stop(device: str, arm: str) -> StopResult | None:
 def request_stop_of(arm: str) -> StopAllResult:
     """Stop an arm by name in every program of this user that has it open or is opening it."""
     leave_mark(arm=arm)
-    replies = broadcast_command(ControlCommand.WHO, _WHO_TIMEOUT_S)
-    ports = {reply["port"] for reply in replies if _is_of(reply, arm)}
+    ports: set[str] = set()
+    for reply in broadcast_command(ControlCommand.WHO, _WHO_TIMEOUT_S):
+        match reply:
+            case {"arm": str(name), "port": str(port)} if name == arm:
+                ports.add(port)
+            case _:
+                pass  # a program with another arm
     stopped = (request_stop(port, arm) for port in sorted(ports))
     return StopAllResult(tuple(each for each in stopped if each is not None))
-
-
-def _is_of(reply: object, arm: str) -> bool:
-    """Check whether the reply to ``who`` comes from a program that has the named arm open."""
-    match reply:
-        case {"arm": str(name), "port": str()}:
-            return name == arm
-        case _:
-            return False
 
 
 def stop_own_programs() -> StopAllResult:
     """Stop every arm whose port a program of this user has open, or is about to open."""
     leave_mark()
-    replies = broadcast_command(ControlCommand.STOP, BRAKE_TIMEOUT_S + 2.0)
-    return StopAllResult.joined(_read_stop(reply) for reply in replies)
-
-
-def _read_stop(reply: object) -> StopAllResult:
-    try:
+    stopped: list[StopResult] = []
+    errors: list[IkservoError] = []
+    for reply in broadcast_command(ControlCommand.STOP, BRAKE_TIMEOUT_S + 2.0):
         if isinstance(reply, IkservoError):
-            raise reply
-        return StopAllResult((StopResult.of(reply),))
-    except IkservoError as error:
-        return StopAllResult(errors=(error,))
+            errors.append(reply)
+            continue
+        try:
+            stopped.append(StopResult.of(reply))
+        except IkservoError as error:
+            errors.append(error)
+    return StopAllResult(tuple(stopped), tuple(errors))
 
 
 def _is_names(value: object) -> bool:

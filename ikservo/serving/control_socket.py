@@ -94,7 +94,7 @@ class ListeningSocket:
         socket: The socket.
         path: The socket's file, or the file with the port number.
         secret: Part of every request; empty if permissions guard the socket.
-        identity: Inode and time of the file, so that another process's is never removed.
+        identity: Inode and time of the file, so that the file of another process is never removed.
     """
 
     socket: socket.socket
@@ -120,14 +120,35 @@ def open_socket(path: Path) -> ListeningSocket | None:
     """Listen at a path; None if another process listens there already.
 
     Raises:
-        OSError: The socket cannot be made.
+        OSError: The socket cannot be created.
         IkservoError: The folder belongs to another user.
     """
     make_private_directory(path.parent)
-    if _is_listening(path):
+    try:
+        found = connect(path, 1.0)
+    except OSError:  # a process listens, but accepts no connection
+        return None
+    if found:
+        found[0].close()
         return None
     path.unlink(missing_ok=True)  # left by a killed process
-    return _listen_unix(path) if HAS_UNIX_SOCKETS else _listen_loopback(path)
+    listening, secret = socket.socket(socket.AF_UNIX if HAS_UNIX_SOCKETS else socket.AF_INET), ""
+    try:
+        if HAS_UNIX_SOCKETS:
+            listening.bind(str(path))
+            path.chmod(0o600)
+            listening.listen(_BACKLOG)
+        else:
+            listening.bind((_LOOPBACK, 0))
+            listening.listen(_BACKLOG)
+            secret = secrets.token_hex(16)
+            handle = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
+            with os.fdopen(handle, "w", encoding="utf-8") as file:
+                json.dump({"port": listening.getsockname()[1], "secret": secret}, file)
+        return ListeningSocket(listening, path, secret, _file_identity(path))
+    except OSError:
+        listening.close()
+        raise
 
 
 def connect(path: Path, timeout_s: float) -> tuple[socket.socket, str] | None:
@@ -155,7 +176,7 @@ def connect(path: Path, timeout_s: float) -> tuple[socket.socket, str] | None:
             connection.close()
             return None
         except OSError as error:
-            # A UNIX socket at which too many clients wait refuses the next one without a wait.
+            # A Unix socket at which too many clients wait refuses the next client immediately.
             if not isinstance(error, BlockingIOError) or time.monotonic() > ends_s:
                 connection.close()
                 raise
@@ -165,47 +186,6 @@ def connect(path: Path, timeout_s: float) -> tuple[socket.socket, str] | None:
 def _file_identity(path: Path) -> tuple[int, int]:
     found = path.lstat()
     return found.st_ino, found.st_mtime_ns  # an inode number alone may be reused
-
-
-def _is_listening(path: Path) -> bool:
-    try:
-        found = connect(path, 1.0)
-    except OSError:
-        return True
-    if found:
-        found[0].close()
-    return found is not None
-
-
-def _listen_unix(path: Path) -> ListeningSocket:
-    listening = socket.socket(socket.AF_UNIX)
-    try:
-        listening.bind(str(path))
-        path.chmod(0o600)
-        listening.listen(_BACKLOG)
-        return ListeningSocket(listening, path, "", _file_identity(path))
-    except OSError:
-        listening.close()
-        raise
-
-
-def _listen_loopback(path: Path) -> ListeningSocket:
-    listening = socket.socket(socket.AF_INET)
-    try:
-        listening.bind((_LOOPBACK, 0))
-        listening.listen(_BACKLOG)
-        secret = secrets.token_hex(16)
-        _write_address_file(path, listening.getsockname()[1], secret)
-        return ListeningSocket(listening, path, secret, _file_identity(path))
-    except OSError:
-        listening.close()
-        raise
-
-
-def _write_address_file(path: Path, port: int, secret: str) -> None:
-    handle = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
-    with os.fdopen(handle, "w", encoding="utf-8") as file:
-        json.dump({"port": port, "secret": secret}, file)
 
 
 def _read_address_file(path: Path) -> tuple[int, str]:

@@ -16,7 +16,7 @@ from ikservo.guard import DEAD_MAN_TIMEOUT_S
 IDLE_TIMEOUT_S = 3.0
 """Time after which a silent operator who moves nothing loses the lease [s]."""
 
-_MAX_AHEAD_S = 0.3  # larger differences mean that clocks were not compared
+_MAX_AHEAD_S = 0.3  # a message further ahead means that the clocks were not compared
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,16 +65,16 @@ class ArmLease:
 
     @property
     def holder(self) -> Holder | None:
-        """Return the operator who controls the arm; None if nobody does."""
+        """The operator who controls the arm; None if nobody does."""
         return self._holder
 
     @property
     def moving(self) -> Holder | None:
-        """Return the holder under whose lease a motion is running; None if none is."""
+        """The holder under whose lease a motion is running; None if no motion is running."""
         return self._moving
 
     def is_held_by(self, lease: str) -> bool:
-        """Check whether a lease is the present one."""
+        """Check whether a lease is the current lease."""
         holder = self._holder
         return holder is not None and holder.lease == lease
 

@@ -9,7 +9,7 @@ and details, from which the other end recreates the error.
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from functools import cache
 from typing import Any, cast
 
@@ -29,12 +29,23 @@ def error_fields(error: BaseException) -> dict[str, Any]:
     if not isinstance(error, IkservoError):
         text = f"The request failed there: {type(error).__name__}: {error}".removesuffix(": ")
         error = IkservoError(text)
+    details: dict[str, object] = {}
+    for name, value in vars(error).items():
+        if not _is_detail(type(error), name):
+            continue
+        try:
+            plain = {"bytes": value.hex()} if isinstance(value, bytes) else value
+            text = json.dumps(plain, allow_nan=False)
+        except (TypeError, ValueError):  # such as a path
+            text = json.dumps(str(value))
+        if len(text) <= _MAX_CHARS:
+            details[name] = json.loads(text)
     return {
         "kind": type(error).__name__,
         "message": error.command_message[:_MAX_CHARS],
         "hint": error.command_hint[:_MAX_CHARS],
         "exit_code": int(error.exit_code),
-        "details": dict(_details_of(error)),
+        "details": details,
     }
 
 
@@ -92,18 +103,6 @@ def other_version_error() -> IkservoError:
         "The program that has the arm open sent an unexpected reply.",
         f"It may be another version of ikservo. {SAME_VERSION}",
     )
-
-
-def _details_of(error: IkservoError) -> Iterator[tuple[str, object]]:
-    for name, value in vars(error).items():
-        if _is_detail(type(error), name):
-            try:
-                plain = {"bytes": value.hex()} if isinstance(value, bytes) else value
-                text = json.dumps(plain, allow_nan=False)
-            except (TypeError, ValueError):  # such as a path
-                text = json.dumps(str(value))
-            if len(text) <= _MAX_CHARS:
-                yield name, json.loads(text)
 
 
 def _is_detail(kind: type[IkservoError], name: str) -> bool:

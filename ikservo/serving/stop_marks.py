@@ -22,7 +22,7 @@ _MAX_AGE_S = 600.0
 
 
 def leave_mark(device: str = "", arm: str = "") -> None:
-    """Keep programs that were started before now from moving; does nothing if it cannot write.
+    """Keep programs that were started before now from moving; do nothing if it cannot write.
 
     Args:
         device: The port of the arm; every port if empty.
@@ -62,7 +62,10 @@ _imported_s, _forgotten_s = time.monotonic(), 0.0
 
 
 def _started_s() -> float:
-    """Return when this program was started, on the monotonic clock, as exactly as known."""
+    """Return the time when this program was started, on the monotonic clock, if known exactly.
+
+    On systems that do not tell it, this is the time when this module was imported.
+    """
     try:
         after_name = Path("/proc/self/stat").read_bytes().rpartition(b")")[2].split()
         since_boot_s = int(after_name[19]) / os.sysconf("SC_CLK_TCK")

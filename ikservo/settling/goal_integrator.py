@@ -112,7 +112,10 @@ class GoalIntegrator:
     def arrived(self) -> bool:
         """Whether the joint is as near to its target as it can get."""
         beside = abs(self.error_ticks)
-        return beside <= self._enough or (beside == 1 and self._would_cross_backlash())
+        low, high = self._stuck
+        # Gears without load would have to change their flank on the way to the target.
+        would_cross_backlash = low < 0.0 < high and self._side * (self.goal - self.at) < 0.0
+        return beside <= self._enough or (beside == 1 and would_cross_backlash)
 
     @property
     def swings(self) -> bool:
@@ -174,8 +177,19 @@ class GoalIntegrator:
         """Take the measured position, and choose the speed of the goal; 0 if not correcting."""
         self.goal = self._inside(self.goal + self._rate * elapsed_s)
         self._track_motion(tick, time_s)
-        self._track_swings(tick, time_s, elapsed_s)
-        self._track_speed(tick, elapsed_s)
+        moves = bool(self._rate) or abs(self._brake) >= 1.0
+        self._swing.update(tick, time_s, elapsed_s, goal_moves=moves)
+        if self.swings and self._swing.rests < len(_SWUNG_RAD_S) and not self.moves_at(time_s):
+            # The swing has ended: the goal continues from here, so that the torque stays.
+            self.goal = self._inside(self.goal + self._along)
+            self._swing.rest()
+            self._furthest, self._enough = 0, _SWUNG_ENOUGH_TICKS
+        filtered = tick if self._filtered is None or self.target is None else self._filtered
+        self._filtered = filtered + min(elapsed_s / _BRAKE_FILTER_S, 1.0) * (tick - filtered)
+        brake = _BRAKE_S / _BRAKE_FILTER_S * (tick - self._filtered)
+        if abs(brake) < 1.0 and not self.swings:  # otherwise goals would move at rest
+            brake = 0.0
+        self._brake = min(max(brake, -_MAX_BRAKE_TICKS), _MAX_BRAKE_TICKS)
         speed = self._desired_speed(time_s) if correcting else 0.0
         change = self._acceleration * elapsed_s
         self._rate = min(max(speed, self._rate - change), self._rate + change) if speed else 0.0
@@ -195,28 +209,10 @@ class GoalIntegrator:
         self._furthest = max(self._furthest, abs(self.error_ticks))
         self._side = side or self._side
 
-    def _track_swings(self, tick: int, time_s: float, elapsed_s: float) -> None:
-        """Pass the position to the damper; when a swing ends, the goal continues from there."""
-        moves = bool(self._rate) or abs(self._brake) >= 1.0
-        self._swing.update(tick, time_s, elapsed_s, goal_moves=moves)
-        if self.swings and self._swing.rests < len(_SWUNG_RAD_S) and not self.moves_at(time_s):
-            self.goal = self._inside(self.goal + self._along)  # the torque stays
-            self._swing.rest()
-            self._furthest, self._enough = 0, _SWUNG_ENOUGH_TICKS
-
     @property
     def _along(self) -> float:
         """Displacement of the goal with a swing; 0 for a joint that only has to come to rest."""
         return 0.0 if self.target is None else self._swing.goal_ticks
-
-    def _track_speed(self, tick: int, elapsed_s: float) -> None:
-        """Brake by the speed of the filtered position, unless the joint has no target."""
-        filtered = tick if self._filtered is None or self.target is None else self._filtered
-        self._filtered = filtered + min(elapsed_s / _BRAKE_FILTER_S, 1.0) * (tick - filtered)
-        brake = _BRAKE_S / _BRAKE_FILTER_S * (tick - self._filtered)
-        if abs(brake) < 1.0 and not self.swings:  # otherwise goals would move at rest
-            brake = 0.0
-        self._brake = min(max(brake, -_MAX_BRAKE_TICKS), _MAX_BRAKE_TICKS)
 
     def _inside(self, goal: float) -> float:
         return min(max(goal, self._low), self._high)
@@ -230,19 +226,12 @@ class GoalIntegrator:
         if self._swing.rests:
             return math.copysign(self._swung_speeds[self._swing.rests - 1], self.error_ticks)
         slowly = max(_FRACTION_PER_S * abs(self.error_ticks), self._slowest)
-        return math.copysign(max(slowly, self._speed_while_stuck()), self.error_ticks)
-
-    def _would_cross_backlash(self) -> bool:
-        """Check whether gears without load must change their flank on the path to the target."""
-        low, high = self._stuck
-        return low < 0.0 < high and self._side * (self.goal - self.at) < 0.0
-
-    def _speed_while_stuck(self) -> float:
-        """Compute the speed at which the goal can stop before friction releases the joint."""
         low, high = self._stuck
         lead = self._side * (self.goal - self.at)
         end = max(self._side * low, self._side * high) - _FRICTION_MARGIN * (high - low)
-        return math.sqrt(2.0 * self._acceleration * max(end - lead, 0.0))
+        # At this speed the goal can still stop before friction releases the joint.
+        while_stuck = math.sqrt(2.0 * self._acceleration * max(end - lead, 0.0))
+        return math.copysign(max(slowly, while_stuck), self.error_ticks)
 
     def _is_lead_limited(self) -> bool:
         return not self.arrived and self._side * (self.goal - self.at) >= self._lead

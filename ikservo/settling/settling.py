@@ -57,18 +57,17 @@ class SettlingTrajectory:
         stuck: tuple[Vector, Vector] | None = None,
         is_reached: Callable[[Vector], bool] = _never,
     ) -> None:
-        low, high = stuck or (np.zeros(len(driven_joints)), np.zeros(len(driven_joints)))
-        rows = zip(driven_joints, goals, targets, limits, low, high, strict=True)
-        self._joints = [
-            GoalIntegrator(
-                driven,
-                goal,
-                target,
-                _goal_acceleration(driven, limit),
-                _lead_ticks(driven, float(lowest), float(highest)),
-            )
-            for driven, goal, target, limit, lowest, highest in rows
-        ]
+        leads = np.zeros((2, len(driven_joints))) if stuck is None else np.array(stuck)
+        rows = zip(driven_joints, goals, targets, limits, leads.T.tolist(), strict=True)
+        self._joints: list[GoalIntegrator] = []
+        for driven, goal, target, limit, (lowest, highest) in rows:
+            joint_map = driven.joint_map
+            usual = limit.acceleration_rad_s2 / joint_map.unit_per_tick
+            acceleration = max(usual, _MIN_RAD_S2 / joint_map.horn_rad_per_tick)
+            per_unit = joint_map.sign / joint_map.unit_per_tick
+            low, high = sorted((lowest * per_unit, highest * per_unit))
+            joint = GoalIntegrator(driven, goal, target, acceleration, (low, high))
+            self._joints.append(joint)
         self._is_reached, self._reached = is_reached, False
         self._updated_s = 0.0
         self._end_s = math.inf
@@ -86,7 +85,7 @@ class SettlingTrajectory:
         )
 
     def update(self, time_s: float, measured: Vector, *, end: bool = False) -> None:
-        """Take the measured joints (n,); ends the trajectory when they have arrived.
+        """Take the measured joints (n,); end the trajectory when they have arrived.
 
         Args:
             time_s: The time.
@@ -116,7 +115,13 @@ class SettlingTrajectory:
     @property
     def unsettled_joints(self) -> tuple[str, ...]:
         """The joints that move by more than their backlash explains."""
-        return tuple(j.driven.joint for j in self._joints if not _is_trusted(j, self._updated_s))
+        unsettled: list[str] = []
+        for joint in self._joints:
+            swing_rad = joint.swing_ticks * joint.driven.joint_map.horn_rad_per_tick
+            is_explained = joint.has_swung and swing_rad <= _MAX_PLAY_SWING_RAD
+            if joint.moves_at(self._updated_s) and not is_explained:
+                unsettled.append(joint.driven.joint)
+        return tuple(unsettled)
 
     @property
     def measured(self) -> Vector:
@@ -130,7 +135,7 @@ class SettlingTrajectory:
 
     @property
     def residuals(self) -> tuple[str, ...]:
-        """Describe the joints that did not arrive, with distance and reason."""
+        """Descriptions of the joints that did not arrive, with distance and reason."""
         return tuple(_describe_residual(j, self._updated_s) for j in self._missed)
 
     @property
@@ -144,27 +149,8 @@ class SettlingTrajectory:
         ]
 
 
-def _goal_acceleration(driven: DrivenJoint, limits: KinematicLimits) -> float:
-    """Compute the acceleration of a joint's goal, ticks/s²."""
-    usual = limits.acceleration_rad_s2 / driven.joint_map.unit_per_tick
-    return max(usual, _MIN_RAD_S2 / driven.joint_map.horn_rad_per_tick)
-
-
-def _lead_ticks(driven: DrivenJoint, lowest: float, highest: float) -> tuple[float, float]:
-    """Compute two leads of a goal, rad or m, in ticks, the lower one first."""
-    per_unit = driven.joint_map.sign / driven.joint_map.unit_per_tick
-    low, high = sorted((lowest * per_unit, highest * per_unit))
-    return low, high
-
-
 def _still_swings(joint: GoalIntegrator, time_s: float) -> bool:
     return joint.has_swung and joint.moves_at(time_s)
-
-
-def _is_trusted(joint: GoalIntegrator, time_s: float) -> bool:
-    """Check whether a joint rests, or swings no further than its backlash explains."""
-    swing_rad = joint.swing_ticks * joint.driven.joint_map.horn_rad_per_tick
-    return not joint.moves_at(time_s) or (joint.has_swung and swing_rad <= _MAX_PLAY_SWING_RAD)
 
 
 def _describe_residual(joint: GoalIntegrator, time_s: float) -> str:

@@ -11,18 +11,18 @@ from ikservo.control.loop import ControlCycle
 from ikservo.control.turn_counter import TurnCounter
 from ikservo.guard import DrivenJoint
 
-# docs/how-control-works.md says what these numbers trade. During motion a joint swings if its error
-# reverses repeatedly.
-_MIN_MOTION_TURNS = 6  # reversals
-_MOTION_SWING_RAD = 0.012  # at the horn, size of each of them
-_MOTION_TURN_S = 0.4  # longest time since the reversal before
+# docs/how-control-works.md explains how these numbers were chosen. During motion, a joint swings if
+# its error reverses repeatedly.
+_MIN_MOTION_TURNS = 6  # fewest reversals
+_MOTION_SWING_RAD = 0.012  # at the horn, smallest of these reversals
+_MOTION_TURN_S = 0.4  # longest time between two of them
 
 # A joint that reverses this often, by more than noise explains, swings in its backlash.
 _MIN_TURNS = 2.0
 _NOISE_TICKS = 2
 # During correction, reversals that stiction explains count less.
 _STICTION_TICKS = 4  # largest of these reversals
-_SHARE_OF_STICTION = 0.34  # of a turn, for each
+_SHARE_OF_STICTION = 0.34  # each of them counts as this fraction of a reversal
 # The goal of a swinging joint moves along with it; docs/decisions/0020 says why such a soft servo
 # comes to rest.
 _SHARE = 0.75  # fraction of the motion of the joint
@@ -121,8 +121,8 @@ class SwingDamper:
 class MotionSwings:
     """Finds joints that swing during motion: feedback does not reach a link inside its backlash.
 
-    A lagging joint changes sides whenever its reference reverses, which is no swing; the count of
-    its reversals then restarts.
+    A lagging joint changes sides whenever its reference reverses. That is not a swing, so the count
+    of its reversals then restarts.
 
     Args:
         driven_joints: The joints, in the order of the control cycle.
@@ -148,7 +148,7 @@ class MotionSwings:
         self._widest = np.where(swings, np.maximum(self._widest, self._turns.width), self._widest)
 
     def notes(self) -> tuple[str, ...]:
-        """Return which joints swung, and how far."""
+        """Return a note for each joint that swung, with the distance."""
         found = zip(self._maps, self._widest.tolist(), strict=True)
         return tuple(
             f"{each.joint} swung by up to {each.format(width)} as it moved"

@@ -48,9 +48,9 @@ def round_to_ticks(
     Returns:
         Ticks by joint, inside the limits, and never worse than the nearest ones.
     """
-    start = np.array(
-        [_nearest_tick_inside(driven, float(v)) for driven, v in zip(driven_joints, q, strict=True)]
-    )
+    low, high = np.transpose([driven.tick_range for driven in driven_joints])
+    nearest = [driven.tick(at) for driven, at in zip(driven_joints, q.tolist(), strict=True)]
+    start = np.clip(nearest, low, high)
     steps = _best_steps(chain, target_m, q, driven_joints, start)
     rounded = _positions_at(driven_joints, start + steps)
     rotation = ROTATION_WEIGHT_M * (rounded - q) @ chain.jacobian(q)[3:].T
@@ -96,7 +96,8 @@ def _best_steps(
     nearest = _positions_at(driven_joints, start[None])[0]
     T, J = chain.forward_and_jacobian(nearest)
     weights = np.array([1.0, 1.0, 1.0, ROTATION_WEIGHT_M, ROTATION_WEIGHT_M, ROTATION_WEIGHT_M])
-    A = weights[:, None] * J * _tick_units(driven_joints, start)
+    ahead, behind = _positions_at(driven_joints, start + np.array([[0.5], [-0.5]]))
+    A = weights[:, None] * J * (ahead - behind)  # per tick of each joint
     E = np.concatenate([target_m - T[:3, 3], ROTATION_WEIGHT_M * J[3:] @ (q - nearest)])
     low, high = (
         np.array(ends) - start
@@ -132,21 +133,6 @@ def _search_span(joints: int) -> tuple[int, int]:
     return 0, 0
 
 
-def _nearest_tick_inside(driven: DrivenJoint, position: float) -> int:
-    low, high = driven.tick_range
-    return min(max(driven.tick(position), low), high)
-
-
-def _tick_units(driven_joints: Sequence[DrivenJoint], ticks: Vector) -> Vector:
-    """Compute the motion of each joint (dof,) per tick, rad or m, signed."""
-    return np.array(
-        [
-            driven.joint_map.position(t + 0.5) - driven.joint_map.position(t - 0.5)
-            for driven, t in zip(driven_joints, ticks.tolist(), strict=True)
-        ]
-    )
-
-
 def _positions_at(driven_joints: Sequence[DrivenJoint], ticks: Matrix) -> Matrix:
     """Compute the joints (k, dof) at ticks (k, dof)."""
     return np.array(
@@ -161,7 +147,7 @@ def _squared_norms(rows: Matrix) -> Vector:
     return np.sum(rows * rows, axis=1)
 
 
-_ITERATIONS = 4  # of Newton's method
+_ITERATIONS = 4  # steps of Newton's method
 # Near a singularity a step would be large and useless.
 _DAMPING_M = 0.01
 # A joint compensates for another by at most this: a tool that tilts further has another pose.

@@ -228,7 +228,7 @@ class Replay(OwnMotion[ReplayResult]):
     _: KW_ONLY
     speed: Speed = "normal"
 
-    def _words(self) -> str:
+    def __str__(self) -> str:
         return f"recording {self.path}"
 
     def run(self, arm: ArmParts, on_progress: OnProgress | None) -> ReplayResult:
