@@ -14,5 +14,6 @@ APP = App(
     },
     parts={
         "where --visible-from": "ikservo.apps.page.picking.visibility:visible_from",
+        "certificate": "ikservo.apps.page.server.certificate:load_or_make_certificate",
     },
 )

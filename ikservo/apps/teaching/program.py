@@ -43,7 +43,7 @@ from pydantic import Field, PlainSerializer, PlainValidator, ValidationError, mo
 
 from ikservo.apps.teaching.replaying import Replay
 from ikservo.errors import BadValueError, FileFormatError
-from ikservo.files.reading import read_toml
+from ikservo.files.reading import parse_toml, read_toml
 from ikservo.files.validation import Location, StrictModel, format_key_path, validation_issues
 from ikservo.files.writing import write_atomic
 from ikservo.model import Model
@@ -222,8 +222,22 @@ def read_program(path: Path | str) -> Program:
         FileFormatError: The program is malformed; the message names each step, from 1, and its key.
     """
     path = Path(path)
+    return _checked_program(path, read_toml(path))
+
+
+def parse_program(text: str) -> Program:
+    """Parse the text of a program.
+
+    Raises:
+        FileFormatError: The text is malformed; the message names each step, from 1, and its key.
+    """
+    path = Path("the program")
+    return _checked_program(path, parse_toml(path, text))
+
+
+def _checked_program(path: Path, tables: Mapping[str, Any]) -> Program:
     try:
-        return Program.model_validate(read_toml(path))
+        return Program.model_validate(tables)
     except ValidationError as error:
         raise _format_error(path, error) from None
 

@@ -1,0 +1,350 @@
+"""An arm in the hands of an agent: what it may read, plan and execute; no protocol."""
+
+from __future__ import annotations
+
+import contextlib
+from collections import deque
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ikservo.app_discovery import find_part
+from ikservo.apps.agent.agent_journal import AgentJournal
+from ikservo.apps.agent.allowance import Allowance, Budget, Consent
+from ikservo.apps.agent.plan_picture import draw_plan, encode_png, shrink_step, shrunk
+from ikservo.apps.agent.plan_store import Answer, OfferedPlan, PlanStore
+from ikservo.apps.agent.results import (
+    ArmStatus,
+    ArmSummary,
+    CheckedProgram,
+    Execution,
+    OfferedMotion,
+    Point,
+    Reach,
+    Refusal,
+    SceneThing,
+    SeenThing,
+    StepReport,
+)
+from ikservo.arm import Arm
+from ikservo.arm.result_json import encode_fields
+from ikservo.clock import RealClock
+from ikservo.errors import IkservoError, RefusedError, UnknownNameError, printable
+from ikservo.guard import StopKind, StopReason
+from ikservo.ik import Target, solve
+from ikservo.model import arm_names, load_model
+from ikservo.model.scene_file import describe_thing
+from ikservo.planning.motion_plan import MotionPlan
+from ikservo.planning.motions import MotionValue, MoveGripper, Wait
+
+MAX_PROGRAM_STEPS = 200
+"""Largest number of steps of a program, repetitions included."""
+
+_MAX_THINGS = 50
+_MAX_NAME = 80
+_KEPT_REFUSALS = 20
+
+
+class AgentArm:
+    """The arm and the owner's decisions; its methods are safe in any thread.
+
+    They raise an ``IkservoError`` if something cannot be read, planned or executed, if the owner or
+    a person does not allow it, or if the journal cannot be written. The arm then holds.
+
+    Args:
+        arm: The open arm.
+        allowance: The decisions of the owner.
+        journal: Records each call.
+
+    Attributes:
+        arm: The arm.
+        allowance: The decisions of the owner.
+        plans: The plans that wait to be executed.
+        journal: Records each call.
+    """
+
+    def __init__(self, arm: Arm, allowance: Allowance, journal: AgentJournal) -> None:
+        allowance.check(arm.zeros)
+        self.arm, self.allowance, self.journal = arm, allowance, journal
+        clock = RealClock()
+        self.plans = PlanStore(clock)
+        self._budget = Budget(allowance, clock)
+        self._own_things: set[str] = set()
+        self._refusals: deque[Refusal] = deque(maxlen=_KEPT_REFUSALS)
+        self._last_picture: bytes | None = None
+        self._is_executing = False
+
+    # reading
+
+    def list_arms(self) -> list[ArmSummary]:
+        """Return the connected arm first, then the arms that ikservo knows."""
+        own = self.arm.model
+        known = [load_model(name) for name in arm_names() if name != own.name]
+        return [
+            ArmSummary(name=each.name, title=quoted(each.title), is_connected=each is own)
+            for each in (own, *known)
+        ]
+
+    def where(self) -> ArmStatus:
+        """Return the measured state."""
+        state = self.arm.where()
+        return ArmStatus(
+            tip_m=_point(state.tip_m),
+            positions=state.positions,
+            is_holding=self.arm.context.servos.torque.is_on,
+            stopped_for=quoted(self.arm.stopped_for),
+            held_things=tuple(map(quoted, self.arm.scene.held)),
+            consent=self.allowance.consent.value,
+            budget=self._budget.left(),
+        )
+
+    def reachable(self, position_m: Sequence[float]) -> Reach:
+        """Solve for a point (3,) [m]; nothing moves, and no obstacle is considered."""
+        found = solve(self.arm.chain, Target(position_m))
+        return Reach(
+            is_reachable=found.reached,
+            nearest_m=_point(found.nearest_m),
+            error_m=found.position_error_m,
+            at_limits=tuple(str(each) for each in found.binding),
+        )
+
+    def description(self) -> dict[str, Any]:
+        """Return what the arm is: joints with limits in rad or m, poses, speeds."""
+        arm = self.arm
+        lower, upper = arm.limits()
+        return {
+            "name": arm.model.name,
+            "title": quoted(arm.model.title),
+            "limits": {
+                name: {"lower": low, "upper": high, "unit": arm.model.joint(name).joint_map.unit}
+                for name, low, high in zip(
+                    arm.joint_names, lower.tolist(), upper.tolist(), strict=True
+                )
+            },
+            "poses": [quoted(name) for name in arm.poses.all_poses()],
+            "speeds": ["slow", "normal", "fast"],
+        }
+
+    def explain(self) -> list[Refusal]:
+        """Return the latest errors of the tools, the newest first."""
+        return list(reversed(self._refusals))
+
+    def note_error(self, tool: str, error: IkservoError) -> None:
+        """Keep an error for ``explain``, and write it into the journal."""
+        names = ("target_m", "nearest_m", "instead_m", "binding", "along_m")
+        details = {name: getattr(error, name) for name in names if getattr(error, name, None)}
+        kind = type(error).__name__
+        self._refusals.append(
+            Refusal(tool=tool, kind=kind, message=error.message, hint=error.hint, details=details)
+        )
+        with contextlib.suppress(IkservoError):  # a full disk must not hide the error itself
+            self.journal.write("refused", tool=tool, kind=kind, message=error.message)
+
+    # planning
+
+    def plan(self, motion: MotionValue[Any]) -> OfferedMotion:
+        """Plan a motion as the owner allows it, and keep it for ``execute``."""
+        motion = self.allowance.limited(motion)
+        plan = None if isinstance(motion, MoveGripper | Wait) else self.arm.plan(motion)
+        return self._offer([motion], plan, [_summary(motion, plan)])
+
+    def check_program(self, text: str) -> CheckedProgram:
+        """Plan each step of a program, and offer it if all are possible."""
+        program = find_part("program")(text)
+        count = len(program.steps) * program.repeat
+        if count > MAX_PROGRAM_STEPS:
+            raise RefusedError(
+                f"The program has {count} steps with its repetitions.",
+                f"At most {MAX_PROGRAM_STEPS} are possible.",
+            )
+        motions = [
+            self.allowance.limited(step.to_motion(self.arm.model, program.speed_of(step)))
+            for step in program.steps
+        ]
+        with TemporaryDirectory() as folder:
+            run = find_part("program run")(self.arm, program, Path(folder), self.arm.poses)
+            steps = tuple(
+                StepReport(
+                    number=each.number,
+                    step=quoted(each.step.description),
+                    error=each.error.message if each.error else "",
+                )
+                for each in run.check()
+            )
+        if any(each.error for each in steps):
+            return CheckedProgram(steps=steps, plan=None)
+        offered = self._offer(
+            motions * program.repeat, None, [f"{each.number}: {each.step}" for each in steps]
+        )
+        return CheckedProgram(steps=steps, plan=offered)
+
+    def _offer(
+        self, motions: Sequence[MotionValue[Any]], plan: MotionPlan | None, summary: Sequence[str]
+    ) -> OfferedMotion:
+        offered = self.plans.offer(motions, plan, summary)
+        self.journal.write("planned", plan=offered.id, summary=summary)
+        return OfferedMotion(
+            plan_id=offered.id,
+            summary=tuple(summary),
+            duration_s=None if plan is None else round(plan.duration_s, 2),
+            tip_at_end_m=None if plan is None else _point(plan.tip_m),
+            needs_consent=self.allowance.consent in (Consent.NOTHING, Consent.ASK),
+        )
+
+    def picture_of(self, plan_id: str) -> bytes:
+        """Return the picture of a plan as PNG."""
+        plan = self.plans.find(plan_id).plan
+        if plan is None:
+            raise RefusedError("Only a plan of a single motion of the arm has a picture.")
+        return encode_png(draw_plan(self.arm, plan))
+
+    # moving
+
+    def ask(self, plan_id: str) -> OfferedPlan:
+        """Let a plan wait for a person, unless the owner allows it; return it."""
+        offered = self.plans.find(plan_id)
+        if self.allowance.consent is Consent.NOTHING:
+            raise RefusedError(
+                "The owner of the arm allows no motion.",
+                "The owner can restart the server with --allow ask.",
+            )
+        if offered.answer is Answer.YES:
+            return offered
+        if self.allowance.consent is Consent.SIMULATOR:
+            offered.answer, offered.answered_by = Answer.YES, "--allow simulator"
+        elif self.allowance.consent is Consent.SLOW and self._budget.take(len(offered.motions)):
+            offered.answer, offered.answered_by = Answer.YES, "--allow slow"
+        else:
+            offered.is_asked = True
+        return offered
+
+    def execute(self, plan_id: str) -> Execution:
+        """Execute a plan that a person or the owner has allowed."""
+        offered = self.plans.find(plan_id)
+        if offered.answer is not Answer.YES:
+            raise RefusedError(f"Nobody has allowed plan {plan_id}.", "Call execute again.")
+        self.plans.take(plan_id)
+        self.journal.write("execute", plan=plan_id, allowed_by=offered.answered_by)
+        self._is_executing = True
+        try:
+            results = tuple(self._run(each, offered.plan) for each in offered.motions)
+        except BaseException as error:
+            with contextlib.suppress(IkservoError):
+                self.journal.write("failed", plan=plan_id, error=str(error))
+            raise
+        finally:
+            self._is_executing = False
+        self.journal.write("done", plan=plan_id)
+        return Execution(status="done", message="The motion has ended.", results=results)
+
+    def _run(self, motion: MotionValue[Any], plan: MotionPlan | None) -> Mapping[str, Any]:
+        """Execute one motion, exactly as it was planned if there is a plan."""
+        arm = self.arm
+        if isinstance(motion, MoveGripper | Wait):
+            result = arm.execute(motion)
+        else:
+            # What was shown is executed: torque comes on first, so that a limp arm is not
+            # replanned. If it has sunk too far from the start of the plan, the plan is refused.
+            arm.enable()
+            result = arm.execute(replace(plan or arm.plan(motion), limp_arm=None))
+        return {} if result is None else encode_fields(result)
+
+    def stop(self, reason: str) -> str:
+        """Brake and hold; only a person ends the stop."""
+        words = quoted(reason) or "no reason given"
+        self.arm.request_stop(StopReason(StopKind.CLIENT, f"The agent stopped it: {words}"))
+        with contextlib.suppress(IkservoError):
+            self.journal.write("stop", reason=words)
+        return "Stopped. The arm holds until a person acknowledges it."
+
+    def hold(self, reason: str) -> None:
+        """Stop a running motion, because the agent cannot see it any more."""
+        if self._is_executing:
+            self.arm.request_stop(StopReason(StopKind.CLIENT, reason))
+
+    def acknowledge(self, who: str) -> None:
+        """End a stop, for a person."""
+        self.journal.write("acknowledge", by=who)
+        self.arm.acknowledge()
+
+    # surroundings
+
+    def things(self) -> list[SceneThing]:
+        """Return the things around the arm."""
+        own, described = self._own_things, map(describe_thing, self.arm.scene.things)
+        return [
+            SceneThing(name=quoted(thing.name), kind=kind, sizes=sizes, is_own=thing.name in own)
+            for thing, (kind, sizes) in zip(self.arm.scene.things, described, strict=True)
+        ]
+
+    def add_thing(self, kind: str, name: str, sizes: Mapping[str, Any]) -> list[SceneThing]:
+        """Add a thing that the arm must not touch."""
+        if len(self._own_things) >= _MAX_THINGS:
+            raise RefusedError(f"The agent has added {_MAX_THINGS} things.", "Remove one first.")
+        self.journal.write("scene add", kind=kind, name=name, sizes=sizes)
+        self.arm.scene.add(kind, name, **sizes)
+        self._own_things.add(name)
+        return self.things()
+
+    def remove_thing(self, name: str) -> list[SceneThing]:
+        """Remove a thing that the agent has added; the owner's things stay."""
+        if name not in self._own_things:
+            raise UnknownNameError("thing of the agent", name, self._own_things)
+        self.journal.write("scene remove", name=name)
+        self.arm.scene.remove(name)
+        self._own_things.discard(name)
+        return self.things()
+
+    def look(self) -> bytes:
+        """Take a picture with the calibrated camera; return it as a small PNG."""
+        picture = cast("NDArray[np.uint8]", self.arm.camera.picture())
+        self._last_picture = encode_png(shrunk(picture))
+        return self._last_picture
+
+    def last_picture(self) -> bytes:
+        """Return the last picture as PNG; take one if there is none."""
+        return self._last_picture or self.look()
+
+    def point_of_pixel(self, u: float, v: float, height_m: float | None = None) -> SeenThing:
+        """Return the first point that a pixel of the picture of ``look`` sees.
+
+        Args:
+            u: Pixels to the right.
+            v: Pixels down.
+            height_m: Height above the table of the point that it sees; None: whatever it hits.
+        """
+        step = shrink_step(self.arm.camera.model().lens.size)
+        u, v = step * u, step * v
+        if height_m is not None:
+            point_m = self.arm.camera.point_on_table(u, v, height_m)
+            return SeenThing(point_m=_point(point_m), thing=None)
+        seen = self.arm.camera.point_seen(u, v)
+        return SeenThing(point_m=_point(seen.point_m), thing=seen.thing and quoted(seen.thing))
+
+
+def quoted(text: str) -> str:
+    """Return a text of a file or another program as data: one line, printable, cut short."""
+    line = " ".join(printable(text).split())
+    return line if len(line) <= _MAX_NAME else f"{line[:_MAX_NAME]}…"
+
+
+def _summary(motion: MotionValue[Any], plan: MotionPlan | None) -> str:
+    words = quoted(str(motion))
+    if plan is None:
+        return words
+    x, y, z = (1000.0 * plan.tip_m).tolist()
+    around = f", around: {quoted(plan.around)}" if plan.around else ""
+    return (
+        f"{words}: {plan.duration_s:.1f} s, {plan.speed}, the tip ends at "
+        f"x {x:.0f} mm, y {y:.0f} mm, z {z:.0f} mm{around}"
+    )
+
+
+def _point(position_m: Any) -> Point:  # noqa: ANN401  # an array (3,)
+    x, y, z = np.round(np.asarray(position_m, dtype=float), 5).tolist()
+    return x, y, z

@@ -1,0 +1,125 @@
+"""What the owner of an arm allows an agent: a consent mode, a region, and a budget."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from enum import StrEnum
+from typing import Any
+
+from ikservo.arm.own_motion import OwnMotion
+from ikservo.clock import Clock
+from ikservo.errors import InputError, RefusedError
+from ikservo.planning.calibrated_arm import ZeroSource
+from ikservo.planning.motions import MotionValue, MoveGripper, Wait
+from ikservo.planning.path_constraint import UNCONSTRAINED, PathConstraint
+
+LONGEST_SEARCH_S = 10.0
+"""Longest search for a path that an agent may ask for."""
+
+
+class Consent(StrEnum):
+    """Who allows a motion."""
+
+    NOTHING = "nothing"
+    """Nobody: the agent reads and plans, and nothing moves."""
+    ASK = "ask"
+    """A person allows each plan."""
+    SIMULATOR = "simulator"
+    """The owner allows every motion of a simulated arm."""
+    SLOW = "slow"
+    """The owner allows slow motions in a region, up to a budget; a person allows the others."""
+
+
+@dataclass(frozen=True, slots=True)
+class Allowance:
+    """The decisions of the owner, which no tool changes.
+
+    Attributes:
+        consent: Who allows a motion.
+        within: The region in which the tip stays, and other constraints on the tool.
+        motions: Number of motions without a question.
+        minutes: Minutes from the start during which motions need no question.
+    """
+
+    consent: Consent = Consent.NOTHING
+    within: PathConstraint = UNCONSTRAINED
+    motions: int = 20
+    minutes: float = 30.0
+
+    def check(self, zeros: ZeroSource) -> None:
+        """Check that the allowance fits an arm.
+
+        Raises:
+            InputError: A real arm was opened with ``simulator``, or ``slow`` has no region.
+        """
+        if self.consent is Consent.SIMULATOR and zeros is not ZeroSource.SIMULATED:
+            raise InputError(
+                "--allow simulator was given for a real arm.",
+                "Use --allow ask, or --allow slow with --keep-in.",
+            )
+        has_region = self.within.low_m is not None or self.within.above_m is not None
+        if self.consent is Consent.SLOW and not has_region:
+            raise InputError(
+                "--allow slow needs a region.", "Add --keep-in X,Y,Z:X,Y,Z, or --keep-above Z."
+            )
+
+    def limited(self, motion: MotionValue[Any]) -> MotionValue[Any]:
+        """Return a motion as the owner allows it: in the region, and never replanned.
+
+        Raises:
+            RefusedError: It cannot be planned before it runs, or cannot be kept in the region.
+        """
+        if isinstance(motion, OwnMotion):
+            raise RefusedError(
+                f"A motion of the kind {motion.kind} has no plan that a person could allow.",
+                "Use move_to, move_line, move_joints or pose.",
+            )
+        if self.consent is Consent.SLOW:
+            motion = motion.with_speed("slow")
+        changes: dict[str, Any] = {}
+        if getattr(motion, "replan", False):
+            changes["replan"] = False
+        if getattr(motion, "think_s", 0.0) > LONGEST_SEARCH_S:
+            changes["think_s"] = LONGEST_SEARCH_S
+        if self.within.constrains and not isinstance(motion, MoveGripper | Wait):
+            own = getattr(motion, "within", None)
+            if own is None:
+                raise RefusedError(
+                    f"A motion of the kind {motion.kind} cannot be kept in the owner's region.",
+                    "Use move_to, move_line, move_joints or pose.",
+                )
+            if own.constrains:
+                raise RefusedError(
+                    "The owner has set the constraint of the tool.", "Leave `within` out."
+                )
+            changes["within"] = self.within
+        return replace(motion, **changes) if changes else motion
+
+
+class Budget:
+    """Motions that need no question: a number of them, until a time.
+
+    Args:
+        allowance: The decisions of the owner.
+        clock: Measures the minutes.
+    """
+
+    def __init__(self, allowance: Allowance, clock: Clock) -> None:
+        self._left, self._clock = allowance.motions, clock
+        self._end_s = clock.now_s() + 60.0 * allowance.minutes
+        self._lock = threading.Lock()
+
+    def take(self, motions: int) -> bool:
+        """Use motions of the budget; return False, and use none, if they are more than is left."""
+        with self._lock:
+            if motions > self._left or self._clock.now_s() > self._end_s:
+                return False
+            self._left -= motions
+            return True
+
+    def left(self) -> Mapping[str, float]:
+        """Return the motions and the minutes that are left."""
+        minutes = max(0.0, (self._end_s - self._clock.now_s()) / 60.0)
+        return {"motions": self._left, "minutes": round(minutes, 1)}

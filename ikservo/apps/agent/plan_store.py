@@ -1,0 +1,126 @@
+"""Plans that an agent has made: each is executed once, within its lifetime."""
+
+from __future__ import annotations
+
+import secrets
+import threading
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import Any
+
+from ikservo.clock import Clock
+from ikservo.errors import RefusedError, UnknownNameError
+from ikservo.planning.motion_plan import MotionPlan
+from ikservo.planning.motions import MotionValue
+
+LIFETIME_S = 300.0
+"""Time after which a plan cannot be executed any more."""
+
+MAX_PLANS = 50
+"""Largest number of plans that are kept; the oldest is forgotten first."""
+
+
+class Answer(StrEnum):
+    """A person's answer to a plan."""
+
+    NONE = "none"
+    YES = "yes"
+    NO = "no"
+
+
+@dataclass(slots=True, eq=False)
+class OfferedPlan:
+    """A plan that waits to be executed.
+
+    Attributes:
+        id: A number that cannot be guessed.
+        motions: The motions; several for a program.
+        plan: The plan of a single motion; None for the gripper, a wait, and a program.
+        summary: The plan in words, one line for each motion.
+        made_s: The time at which it was made.
+        answer: The person's answer.
+        answered_by: The place where the person answered.
+        is_asked: Whether the agent waits for an answer.
+        is_used: Whether it was executed.
+    """
+
+    id: str
+    motions: Sequence[MotionValue[Any]]
+    plan: MotionPlan | None
+    summary: Sequence[str]
+    made_s: float
+    answer: Answer = Answer.NONE
+    answered_by: str = ""
+    is_asked: bool = False
+    is_used: bool = False
+
+
+class PlanStore:
+    """The plans of one server; safe in any thread.
+
+    Args:
+        clock: Measures their lifetime.
+    """
+
+    def __init__(self, clock: Clock) -> None:
+        self._clock, self._lock, self._taking = clock, threading.Lock(), threading.Lock()
+        self._plans: dict[str, OfferedPlan] = {}
+
+    def offer(
+        self, motions: Sequence[MotionValue[Any]], plan: MotionPlan | None, summary: Sequence[str]
+    ) -> OfferedPlan:
+        """Keep a plan, and return it with its id."""
+        offered = OfferedPlan(
+            secrets.token_hex(4), tuple(motions), plan, tuple(summary), self._clock.now_s()
+        )
+        with self._lock:
+            while len(self._plans) >= MAX_PLANS:
+                del self._plans[next(iter(self._plans))]
+            self._plans[offered.id] = offered
+        return offered
+
+    def find(self, plan_id: str) -> OfferedPlan:
+        """Return a plan that can still be executed.
+
+        Raises:
+            UnknownNameError: There is no such plan.
+            RefusedError: It has expired, was executed, or a person has refused it.
+        """
+        with self._lock:
+            offered = self._plans.get(plan_id)
+        if offered is None:
+            raise UnknownNameError("plan", plan_id, ())
+        if offered.is_used:
+            raise RefusedError(f"Plan {plan_id} was executed already.", "Make another plan.")
+        if offered.answer is Answer.NO:
+            raise RefusedError(
+                f"A person has refused plan {plan_id}.", "Ask the person what to change."
+            )
+        if self._clock.now_s() - offered.made_s > LIFETIME_S:
+            raise RefusedError(
+                f"Plan {plan_id} is older than {LIFETIME_S / 60.0:g} minutes.", "Make it again."
+            )
+        return offered
+
+    def take(self, plan_id: str) -> OfferedPlan:
+        """Return a plan that is executed now, and never again; raises as ``find``."""
+        with self._taking:
+            offered = self.find(plan_id)
+            offered.is_used = True
+        return offered
+
+    def asked(self) -> list[OfferedPlan]:
+        """Return the plans that wait for a person's answer."""
+        with self._lock:
+            plans = list(self._plans.values())
+        oldest_s = self._clock.now_s() - LIFETIME_S
+        waiting = (each for each in plans if each.is_asked and not each.is_used)
+        return [each for each in waiting if each.answer is Answer.NONE and each.made_s >= oldest_s]
+
+    def answer(self, plan_id: str, answer: Answer, answered_by: str) -> None:
+        """Give a person's answer to a plan; the first answer counts. Raises as ``find``."""
+        offered = self.find(plan_id)
+        with self._lock:
+            if offered.answer is Answer.NONE:
+                offered.answer, offered.answered_by = answer, answered_by

@@ -1,0 +1,102 @@
+"""The transports of the protocol: standard input and output, or HTTPS with a key."""
+
+from __future__ import annotations
+
+import hmac
+import ipaddress
+import secrets
+import socket
+from typing import Any
+
+import anyio
+import uvicorn
+from mcp.server import MCPServer
+from mcp.server.transport_security import TransportSecuritySettings
+from starlette.responses import Response
+from starlette.types import ASGIApp, Receive, Scope, Send
+
+from ikservo.app_discovery import find_part
+from ikservo.apps.agent.agent_arm import AgentArm
+from ikservo.apps.agent.allowance import Consent
+from ikservo.apps.agent.consent_server import consent_server
+from ikservo.apps.agent.mcp_server import make_server
+from ikservo.cli.terminal import print_status
+from ikservo.errors import BadValueError, PortError
+
+
+def serve_agent(agent: AgentArm, http_port: int | None, listen: str) -> None:
+    """Serve an arm until the agent disconnects, or until Ctrl-C.
+
+    Args:
+        agent: The arm.
+        http_port: TCP port for HTTPS; None for standard input and output.
+        listen: IP address of that port.
+
+    Raises:
+        BadValueError: The address is not an IP address.
+        PortError: The port is in use.
+        FileWriteError: The address of the consent page cannot be stored.
+    """
+    with consent_server(agent) as address:
+        if agent.allowance.consent in (Consent.ASK, Consent.SLOW):
+            print_status(f"A person allows plans here: {address}")
+            print_status("or in another terminal: ikservo mcp --approve")
+        server = make_server(agent, "on the page or in the terminal (ikservo mcp --approve)")
+        if http_port is None:
+            anyio.run(server.run_stdio_async)
+        else:
+            _serve_https(server, listen, http_port)
+
+
+def _serve_https(server: MCPServer[Any], listen: str, port: int) -> None:
+    try:
+        address = ipaddress.ip_address(listen)
+    except ValueError:
+        raise BadValueError("--listen", listen, "an IP address, such as 127.0.0.1") from None
+    certificate = find_part("certificate")(listen)
+    family = socket.AF_INET6 if address.version == 6 else socket.AF_INET
+    try:
+        listening = socket.create_server((listen, port), family=family)
+    except OSError as error:
+        raise PortError(f"TCP port {port} at {listen}: {error.strerror}.") from None
+    port = listening.getsockname()[1]
+    key = secrets.token_urlsafe(24)
+    shown = f"[{listen}]" if address.version == 6 else listen
+    names = [f"{shown}:{port}", *([f"localhost:{port}"] if address.is_loopback else [])]
+    security = TransportSecuritySettings(
+        allowed_hosts=names, allowed_origins=[f"https://{name}" for name in names]
+    )
+    app = _RequireKey(server.streamable_http_app(transport_security=security), key)
+    print_status(f"Address: https://{names[0]}/mcp")
+    print_status(f"Header:  Authorization: Bearer {key}")
+    print_status(f"SHA-256 of the certificate: {certificate.fingerprint}")
+    config = uvicorn.Config(
+        app,
+        log_config=None,
+        access_log=False,
+        ssl_certfile=str(certificate.path),
+        ssl_keyfile=str(certificate.path),
+    )
+    uvicorn.Server(config).run([listening])
+
+
+class _RequireKey:
+    """Refuses requests without the key, before anything else is read of them.
+
+    Args:
+        app: The application behind it.
+        key: The key.
+    """
+
+    def __init__(self, app: ASGIApp, key: str) -> None:
+        self._app, self._expected = app, f"Bearer {key}".encode()
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Pass on a request with the key; answer 401 to others."""
+        if scope["type"] == "http":
+            given = dict(scope["headers"]).get(b"authorization", b"")
+            if not hmac.compare_digest(given, self._expected):
+                refusal = Response("The key is wrong.\n", 401, {"www-authenticate": "Bearer"})
+                await refusal(scope, receive, send)
+                return
+        await self._app(scope, receive, send)

@@ -1,0 +1,44 @@
+"""`ikservo mcp`: options that contradict the arm, missing packages, and the journal."""
+
+import pytest
+
+from tests.cli.conftest import run_cli
+
+__all__ = ["run_cli"]
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ("--allow slow", "--allow slow needs a region"),
+        ("--allow everything", "everything"),
+        ("--budget 0", "--budget"),
+        ("--http-port 0 --listen nowhere", "--listen is nowhere"),
+    ],
+)
+def test_wrong_options_are_refused_before_anything_moves(run_cli, options, words):
+    done = run_cli(f"mcp so101 --port sim {options}")
+    assert done.code == 2
+    assert words in done.err
+
+
+def test_missing_package_names_the_command_that_installs_it(run_cli, monkeypatch):
+    monkeypatch.setattr("ikservo.apps.agent.mcp_command.find_spec", lambda _: None)
+    done = run_cli("mcp so101 --port sim")
+    assert done.code == 2
+    assert "[agent]" in done.err
+
+
+def test_approving_without_a_server_says_what_to_start(run_cli):
+    done = run_cli("mcp --approve")
+    assert done.code == 2
+    assert "Start `ikservo mcp` first" in done.err
+
+
+def test_damaged_journal_names_its_line(run_cli, tmp_path):
+    file = tmp_path / "journal.jsonl"
+    file.write_text('{"time": "2026-01-01T00:00:00.000", "event": "done", "plan": "a\\u001b"}\nx\n')
+    done = run_cli(f"mcp --replay --journal {file}")
+    assert done.code == 2
+    assert "line 2" in done.err
+    assert "\x1b" not in done.out

@@ -1,0 +1,167 @@
+"""The tools of an agent: typed, planned before anything moves, each plan executed once."""
+
+import json
+
+import jsonschema
+import numpy as np
+import pytest
+
+from ikservo.apps.agent.agent_journal import read_journal
+from ikservo.apps.agent.allowance import Consent
+from ikservo.planning.path_constraint import PathConstraint
+from tests.arm.simulated import true_tip_m
+
+NEAR = [0.22, 0.04, 0.12]
+
+
+def test_every_tool_has_a_valid_schema_and_a_description(simulated):
+    async def tools(client):
+        return (await client.list_tools()).tools
+
+    listed = simulated.run(tools)
+    assert {"list_arms", "where", "reachable", "plan", "execute", "gripper", "stop", "scene_add",
+            "scene_list", "scene_remove", "look", "program_check", "explain"} <= {
+        each.name for each in listed
+    }  # fmt: skip
+    for each in listed:
+        jsonschema.Draft202012Validator.check_schema(each.input_schema)
+        if each.output_schema:
+            jsonschema.Draft202012Validator.check_schema(each.output_schema)
+        assert each.description
+
+
+def test_plan_takes_each_kind_of_motion_with_units(simulated):
+    async def schema(client):
+        return next(t for t in (await client.list_tools()).tools if t.name == "plan").input_schema
+
+    kinds = simulated.run(schema)["$defs"]
+    assert {
+        "MoveTo",
+        "MoveLine",
+        "MoveArc",
+        "MoveThrough",
+        "Draw",
+        "MoveJoints",
+        "MovePose",
+    } <= set(kinds)
+    tool_speed = kinds["MoveLine"]["properties"]["tool_speed_m_s"]
+    assert "speed of the tip" in tool_speed["description"].lower()
+
+
+@pytest.mark.parametrize("mode", ["auto", "legacy"])
+def test_planned_motion_is_executed_once(simulated, mode):
+    async def move(client):
+        planned = await client.call_tool("plan", {"motion": {"move_to": {"position_m": NEAR}}})
+        assert not simulated.has_moved
+        plan = {"plan_id": planned.structured_content["plan_id"]}
+        return [await client.call_tool("execute", plan) for _ in range(2)]
+
+    first, second = simulated.run(move, mode)
+    assert first.structured_content["status"] == "done"
+    assert np.linalg.norm(true_tip_m(simulated.agent.arm) - NEAR) < 0.003
+    assert second.is_error
+    assert "executed already" in second.content[0].text
+    assert simulated.audit.faults() == []
+
+
+def test_picture_of_plan_is_png(simulated):
+    plan = simulated.plan(move_to={"position_m": NEAR})
+    (picture,) = simulated.call("plan_picture", plan_id=plan)
+    assert picture.mime_type == "image/png"
+
+
+def test_agent_cannot_remove_things_of_the_owner(simulated):
+    simulated.agent.arm.scene.add("box", "wall", center_m=(0.3, 0.3, 0.1), size_m=(0.1, 0.1, 0.1))
+    assert "no thing of the agent named 'wall'" in simulated.call("scene_remove", name="wall")
+    added = simulated.call("scene_add", kind="sphere", name="ball", center_m=[0.1, 0.3, 0.1],
+                           radius_m=0.02)  # fmt: skip
+    assert [each["is_own"] for each in added["result"]] == [False, True]
+    assert len(simulated.call("scene_remove", name="ball")["result"]) == 1
+
+
+def test_explain_tells_why_a_point_is_refused(simulated):
+    assert "cannot be reached" in simulated.plan(move_to={"position_m": [1.5, 0.0, 0.1]})
+    (refusal,) = simulated.call("explain")["result"]
+    assert refusal["kind"] == "UnreachableError"
+    assert len(refusal["details"]["nearest_m"]) == 3
+
+
+def test_stop_stays_until_a_person_acknowledges_it(simulated):
+    plan = simulated.plan(move_to={"position_m": NEAR})
+    simulated.call("stop", reason="a\x1b[2Jb")
+    assert "stopped" in simulated.call("execute", plan_id=plan)
+    assert simulated.call("where")["stopped_for"] == "The agent stopped it: a\\x1b[2Jb"
+    assert not simulated.has_moved
+    simulated.agent.acknowledge("a person")
+    again = simulated.plan(move_to={"position_m": NEAR})
+    assert simulated.call("execute", plan_id=again)["status"] == "done"
+
+
+def test_program_is_checked_then_run_as_one_plan(simulated):
+    text = f'format = 1\narm = "so101"\n[[steps]]\ntip_m = {NEAR}\n[[steps]]\nwait_s = 1.0\n'
+    checked = simulated.call("program_check", text=text)
+    assert [step["error"] for step in checked["steps"]] == ["", ""]
+    assert not simulated.has_moved
+    done = simulated.call("execute", plan_id=checked["plan"]["plan_id"])
+    assert len(done["results"]) == 2
+    impossible = simulated.call("program_check", text=text.replace("0.22", "2.2"))
+    assert impossible["plan"] is None
+    assert "cannot be reached" in impossible["steps"][0]["error"]
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("x", "is not TOML"),
+        ('format = 1\narm = "koch"\n[[steps]]\nwait_s = 1.0\n', "one for koch"),
+        ('format = 1\narm = "so101"\nrepeat = 1000\n[[steps]]\nwait_s = 1.0\n', "1000 steps"),
+        ('format = 1\narm = "so101"\n[[steps]]\nrecording = "/etc/passwd"\n', "no plan"),
+    ],
+)
+def test_program_that_cannot_be_run_is_refused(simulated, text, words):
+    assert words in simulated.call("program_check", text=text)
+
+
+def test_resources_describe_the_arm(simulated):
+    async def read(client):
+        return [(await client.read_resource(f"arm://{name}")).contents[0].text
+                for name in ("description", "state")]  # fmt: skip
+
+    description, state = map(json.loads, simulated.run(read))
+    assert set(description["limits"]) == set(state["positions"])
+    assert "home" in description["poses"]
+
+
+def test_owner_limits_hold_for_each_motion(open_session):
+    region = PathConstraint(low_m=(0.1, -0.2, 0.05), high_m=(0.4, 0.2, 0.4))
+    with open_session(consent=Consent.SLOW, within=region, motions=2) as session:
+        fast = session.call("plan", motion={"move_to": {"position_m": NEAR, "speed": "fast"}})
+        assert ", slow," in fast["summary"][0]
+        assert session.call("execute", plan_id=fast["plan_id"])["status"] == "done"
+        outside = session.plan(move_to={"position_m": [0.2, 0.25, 0.12]})
+        assert "cannot be reached" in outside or "box" in outside
+        own = {"move_to": {"position_m": NEAR, "within": {"above_m": [0, 0, 0]}}}
+        assert "The owner has set the constraint" in session.call("plan", motion=own)
+        assert "cannot be kept in the owner's region" in session.call(
+            "plan", motion={"move_to_rest": {}}
+        )
+        session.call("execute", plan_id=session.plan(move_to={"position_m": [0.22, 0, 0.12]}))
+        third = session.plan(move_to={"position_m": NEAR})
+        session.agent.ask(third)
+        assert [each.id for each in session.agent.plans.asked()] == [third]
+        assert session.audit.faults() == []
+
+
+def test_journal_names_call_consent_and_result(simulated):
+    plan = simulated.plan(move_to={"position_m": NEAR})
+    simulated.call("execute", plan_id=plan)
+    text = "\n".join(read_journal(simulated.agent.journal.path))
+    for words in ("planned", plan, "allowed_by: --allow simulator", "done"):
+        assert words in text
+
+
+def test_nothing_moves_without_a_line_in_the_journal(simulated, monkeypatch):
+    plan = simulated.plan(move_to={"position_m": NEAR})
+    monkeypatch.setattr("ikservo.apps.agent.agent_journal.MAX_BYTES", 10)
+    assert "the journal is full" in simulated.call("execute", plan_id=plan)
+    assert not simulated.has_moved
