@@ -18,7 +18,7 @@ from ikservo.apps.agent.agent_journal import AgentJournal
 from ikservo.apps.agent.allowance import Allowance, Budget, Consent
 from ikservo.apps.agent.plan_picture import draw_plan, encode_png, shrink_step, shrunk
 from ikservo.apps.agent.plan_store import Answer, OfferedPlan, PlanStore
-from ikservo.apps.agent.results import (
+from ikservo.apps.agent.tool_results import (
     ArmStatus,
     ArmSummary,
     CheckedProgram,

@@ -16,7 +16,7 @@ from pydantic import Field
 from ikservo.apps.agent.agent_arm import AgentArm
 from ikservo.apps.agent.motion_schema import MotionArguments, Name, Number, Point, motion_arguments
 from ikservo.apps.agent.plan_store import Answer
-from ikservo.apps.agent.results import (
+from ikservo.apps.agent.tool_results import (
     ArmStatus,
     ArmSummary,
     CheckedProgram,
