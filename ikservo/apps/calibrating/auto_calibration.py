@@ -32,11 +32,11 @@ from ikservo.kinematics.arrays import Vector
 from ikservo.maintenance.dialogue import Dialogue, Notice
 from ikservo.maintenance.direction_check import show_directions
 from ikservo.model import Model
-from ikservo.motion import KinematicLimits, OnlineTrajectory
+from ikservo.motion import OnlineTrajectory
 from ikservo.planning.context import ArmContext
 from ikservo.registers import RegisterName
 
-_SPEED_FRACTION = 0.45  # of the speed "slow"
+_SPEED_FRACTION = 0.45  # speed of the search, as a fraction of the speed "slow"
 _BACK_OFF_RAD = math.radians(4.0)  # angle of the horn
 _ARRIVED_RAD = math.radians(1.5)
 _POLL_PERIOD_S = 0.05
@@ -120,17 +120,15 @@ class _EndStopSearch:
     def start_trajectory(self, start: Vector) -> OnlineTrajectory:
         self._context.servos.limit_force(self._joint, self._fraction)  # after torque-on
         lower, upper = self._context.limits()
-        self._trajectory = OnlineTrajectory(start, self._slow_limits(), lower=lower, upper=upper)
-        self._trajectory.retarget(self._with_position(start, self._end), 0.0)
-        return self._trajectory
-
-    def _slow_limits(self) -> list[KinematicLimits]:
-        """Return slow limits with hard braking, so that the goal does not run past the stop."""
+        # Slow limits with hard braking, so that the goal does not run past the stop.
         planner = self._context.planner
         pairs = zip(planner.motion_limits("slow"), planner.motion_limits("normal"), strict=True)
-        return [
+        limits = [
             replace(soon, speed_rad_s=_SPEED_FRACTION * slow.speed_rad_s) for slow, soon in pairs
         ]
+        self._trajectory = OnlineTrajectory(start, limits, lower=lower, upper=upper)
+        self._trajectory.retarget(self._with_position(start, self._end), 0.0)
+        return self._trajectory
 
     def on_cycle(self, cycle: ControlCycle) -> None:
         self._on_positions(cycle.measured)
@@ -397,8 +395,13 @@ class AutoCalibration:
         self, end: RangeEnd, subject: JointUnderCalibration
     ) -> Dialogue[float | str]:
         """Search a joint's stop; return its position, rad or m, or why it cannot be searched."""
+        names, path = self.arm.model.chain.names, list[Vector]()
         try:
-            path = self._path_to_clear(end)
+            if end.joint in names:  # to a posture in which the joint can move to its end
+                column = names.index(end.joint)
+                beyond = end.expected + 0.25 * (end.past - end.expected)
+                present = self._chain_joints()
+                path = self._postures.path_to_clear(column, end.start, beyond, present)
         except RefusedError as error:
             return error.message
         for posture in path:
@@ -429,18 +432,6 @@ class AutoCalibration:
         if found.contact is ContactState.MOVING:
             raise missing_stop_error(found, end, subject)
         return found
-
-    def _path_to_clear(self, end: RangeEnd) -> list[Vector]:
-        """Plan the path to a posture in which the joint can move to its end.
-
-        Raises:
-            RefusedError: There is no path; nothing has moved.
-        """
-        if end.joint not in self.arm.model.chain.names:
-            return []
-        column = self.arm.model.chain.names.index(end.joint)
-        beyond = end.expected + 0.25 * (end.past - end.expected)
-        return self._postures.path_to_clear(column, end.start, beyond, self._chain_joints())
 
     def _move_to_posture(self, posture: Vector) -> None:
         positions = dict(zip(self.arm.model.chain.names, posture.tolist(), strict=True))

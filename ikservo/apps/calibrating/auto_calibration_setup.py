@@ -30,7 +30,6 @@ from ikservo.calibration.records import (
     dump_partial,
     read_partial,
 )
-from ikservo.calibration.servo_config import ServoConfig
 from ikservo.calibration.transaction import commit, plan_changes, read_journal, roll_back
 from ikservo.calibration.uncalibrated_joint import JointUnderCalibration
 from ikservo.control.servo_group import ServoGroup
@@ -38,7 +37,7 @@ from ikservo.errors import BusError, CalibrationError, FileFormatError, RefusedE
 from ikservo.files.writing import remove_durably, write_atomic
 from ikservo.guard import CollisionChecker, DrivenJoint, sample_line
 from ikservo.kinematics.arrays import Matrix, Vector
-from ikservo.model import Model, ModelJoint
+from ikservo.model import Model
 from ikservo.model.collision_model import collision_body
 from ikservo.model.load_lag import LoadLag, load_lags
 from ikservo.planning.calibrated_arm import CalibratedArm, ZeroSource
@@ -81,9 +80,13 @@ def configure_encoders(
     names = frozenset(subject.name for subject in subjects)
     wide = replace(state, subjects=subjects, skipped=names, free=frozenset())
     found = loose.build_calibration(wide, pose, datetime.now(UTC))
-    memory = {
-        i: _registers_without_limits(loose.facts[i], dict(held)) for i, held in found.memory.items()
-    }
+    memory: dict[int, dict[str, int]] = {}
+    for i, held in found.memory.items():
+        # The limits of the servo itself may be inside the stops, so they are opened.
+        table = loose.facts[i].table
+        low = table.find(RegisterName.MIN_POSITION_LIMIT)
+        high = table.find(RegisterName.MAX_POSITION_LIMIT)
+        memory[i] = {**held, low.name: low.range[0], high.name: high.range[1]}
     changes = plan_changes(loose.bus, memory)
     if changes:
         commit(loose.bus, loose.journal_path, loose.path, "", changes, temporary=True)
@@ -133,33 +136,24 @@ def limited_context(
     own = CalibratedArm(bus, model, ZeroSource.CALIBRATED, known.calibration)
     subjects = {subject.name: subject for subject in state.subjects}
     lags = load_lags(model, model.chain)
-    limits = [
-        _search_limits(own, j, subjects[j.name], state, loose, lags.get(j.name, LoadLag()))
-        for j in model.joints
-    ]
+    slow_rad_s = model.speed("slow").rad_s
+    limits: list[DrivenJoint] = []
+    for joint in model.joints:
+        lag = lags.get(joint.name, LoadLag())
+        speed = slow_rad_s * joint.travel_per_turn / math.tau
+        limits.append(
+            DrivenJoint(
+                own.joint_map(joint),
+                _widen_range(subjects[joint.name], state).expected,
+                speed * _SPEED_MARGIN,
+                lifting_lag_rad=lag.lifting_rad,
+                sag_rad=lag.sag_rad,
+            )
+        )
     shadows = {joint.name: [servo.id for servo in joint.shadows] for joint in model.joints}
     servos = ServoGroup(bus, limits, shadows, bus.clock, model.health)
     zeros = ZeroSource.CALIBRATED
     return ArmContext.build(model, model.chain, servos, bus.port, space, zeros)
-
-
-def _search_limits(
-    own: CalibratedArm,
-    joint: ModelJoint,
-    subject: JointUnderCalibration,
-    state: CalibrationState,
-    loose: TorqueOffArm,
-    lag: LoadLag,
-) -> DrivenJoint:
-    limits = _widen_range(subject, state).expected
-    speed = loose.model.speed("slow").rad_s * joint.travel_per_turn / math.tau
-    return DrivenJoint(
-        own.joint_map(joint),
-        limits,
-        speed * _SPEED_MARGIN,
-        lifting_lag_rad=lag.lifting_rad,
-        sag_rad=lag.sag_rad,
-    )
 
 
 def _widen_range(subject: JointUnderCalibration, state: CalibrationState) -> JointUnderCalibration:
@@ -178,21 +172,12 @@ def _widen_range(subject: JointUnderCalibration, state: CalibrationState) -> Joi
     return replace(subject, expected=Limits.of(subject.name, low, high, "the search", unit))
 
 
-def _registers_without_limits(facts: ServoConfig, held: Mapping[str, int]) -> dict[str, int]:
-    """Return a servo's registers without its own limits, which may be inside the stops."""
-    low, high = (
-        facts.table.find(RegisterName.MIN_POSITION_LIMIT),
-        facts.table.find(RegisterName.MAX_POSITION_LIMIT),
-    )
-    return {**held, low.name: low.range[0], high.name: high.range[1]}
-
-
 _SAMPLES = 30
 _MAX_TRIES, _DETOURS = 400, 40
-_LIMIT_MARGIN_RAD = 0.26  # kept from the arm file's ends, because the true ones are not known yet
-_INSIDE_MEASURED_RAD = 0.06  # kept from measured ends
-# So close to its end a joint may touch its neighbour, because many stops are made that way. It must
-# never touch the table or a keep-out box.
+_LIMIT_MARGIN_RAD = 0.26  # distance from the arm file's ends; the true ones are not known yet
+_INSIDE_MEASURED_RAD = 0.06  # distance from measured ends
+# This close to its end a joint may touch its neighbour, because many stops are made that way. It
+# must never touch the table or a keep-out box.
 _NEARBY_RAD = 0.22
 # Random postures seldom have clearance for a long arm above its table; the best are improved.
 _IMPROVED = 10
@@ -247,7 +232,10 @@ class PosturePlanner:
                 path = self.find_path(present, posture)
                 if path is not None:
                     return path
-        raise RefusedError(_describe_collision(*nearest))
+        distance_m, pair = nearest
+        if distance_m >= 0.0:
+            raise RefusedError("no free path was found to a posture that leaves room for it")
+        raise RefusedError(f"{pair} by {-distance_m * 1e3:.0f} mm in the best posture found")
 
     def find_path(self, present: Vector, goal: Vector) -> list[Vector] | None:
         """Plan a collision-free path through postures (dof,) to a goal; None if none is found."""
@@ -276,7 +264,11 @@ class PosturePlanner:
         """Improve a posture until small changes of single joints gain no more clearance."""
         best, best_m, step = posture, self._min_distance(search, posture)[0], _WIDE_RAD
         while step >= _FINE_RAD and best_m < _ENOUGH_M:
-            rows = self._neighbour_postures(best, step, search.column)
+            # The postures (n, dof) with one other joint moved by a step.
+            steps = step * np.vstack([np.eye(len(best)), -np.eye(len(best))])
+            steps[:, search.column] = 0.0
+            rows = np.clip(best + steps, self._low, self._high)
+            rows[:, search.column] = best[search.column]
             distance_m, row = max(
                 (self._min_distance(search, row)[0], i) for i, row in enumerate(rows)
             )
@@ -286,28 +278,15 @@ class PosturePlanner:
                 step /= 2
         return best
 
-    def _neighbour_postures(self, posture: Vector, step: float, column: int) -> Matrix:
-        """Compute the postures (n, dof) with one other joint moved by a step."""
-        steps = step * np.vstack([np.eye(len(posture)), -np.eye(len(posture))])
-        steps[:, column] = 0.0
-        rows = np.clip(posture + steps, self._low, self._high)
-        rows[:, column] = posture[column]
-        return rows
-
     def _min_distance(self, search: _JointSearch, posture: Vector) -> tuple[float, str]:
         """Return the smallest distance [m] on the path to an end, and the pair of parts there."""
-        distance_m = self._distances(search, posture).min(axis=0)
-        pair = int(np.argmin(distance_m))
-        return float(distance_m[pair]), " would touch ".join(self.space.pairs[pair])
-
-    def _distances(self, search: _JointSearch, posture: Vector) -> Matrix:
-        """Return the relevant distances (samples, pairs) [m] along the path to an end."""
         path = search.sample_path(posture)
-        distance_m = self.space.distances(path)
-        distance_m[
-            np.abs(path[:, search.column] - search.start) > search.clear_travel, : self._own_pairs
-        ] = np.inf
-        return distance_m
+        distances_m = self.space.distances(path)
+        is_nearby = np.abs(path[:, search.column] - search.start) > search.clear_travel
+        distances_m[is_nearby, : self._own_pairs] = np.inf
+        least_m = distances_m.min(axis=0)
+        pair = int(np.argmin(least_m))
+        return float(least_m[pair]), " would touch ".join(self.space.pairs[pair])
 
     def _can_reach_end(self, posture: Vector, search: _JointSearch) -> bool:
         obstacles_m = self.space.distances(search.sample_path(posture))[:, self._own_pairs :]
@@ -358,12 +337,6 @@ class _JointSearch:
         return rows
 
 
-def _describe_collision(distance_m: float, pair: str) -> str:
-    if distance_m >= 0.0:
-        return "no free path was found to a posture that leaves room for it"
-    return f"{pair} by {-distance_m * 1e3:.0f} mm in the best posture found"
-
-
 class MeasuredRanges:
     """The measured joints of one arm on one adapter.
 
@@ -378,7 +351,12 @@ class MeasuredRanges:
 
     def __init__(self, loose: TorqueOffArm) -> None:
         self._loose, self.path = loose, loose.partial_path
-        found = _read_matching(loose)
+        try:
+            found = read_partial(self.path)
+        except FileFormatError:  # measure again; only some minutes are lost
+            found = None
+        if found and found.arm != loose.model.name:
+            found = None
         self.written = found.written if found else ""
         rows = found.joints if found else ()
         self.travels = {
@@ -392,7 +370,21 @@ class MeasuredRanges:
             FileWriteError: The disk is full or not writable.
         """
         self.travels[subject.name] = travel
-        write_atomic(self.path, dump_partial(self._make_partial()))
+        ids = {joint.name: joint.servo.id for joint in self._loose.model.joints}
+        rows = [
+            StoredJointMeasurement(
+                name=name,
+                servo_id=ids[name],
+                servo_model=self._loose.facts[ids[name]].table.model_name,
+                low_tick=travel.low,
+                high_tick=travel.high,
+            )
+            for name, travel in self.travels.items()
+        ]
+        now = datetime.now(UTC).isoformat(timespec="seconds")
+        arm = self._loose.model.name
+        partial = PartialCalibration(format=1, arm=arm, written=now, joints=tuple(rows))
+        write_atomic(self.path, dump_partial(partial))
 
     def remove_file(self) -> None:
         """Remove the file, because a calibration was saved or all joints are measured again.
@@ -409,22 +401,6 @@ class MeasuredRanges:
         known = ids.get(joint.name) == joint.servo_id and joint.low_tick < joint.high_tick
         return known and facts is not None and facts.table.model_name == joint.servo_model
 
-    def _make_partial(self) -> PartialCalibration:
-        ids = {joint.name: joint.servo.id for joint in self._loose.model.joints}
-        rows = [
-            StoredJointMeasurement(
-                name=name,
-                servo_id=ids[name],
-                servo_model=self._loose.facts[ids[name]].table.model_name,
-                low_tick=travel.low,
-                high_tick=travel.high,
-            )
-            for name, travel in self.travels.items()
-        ]
-        now = datetime.now(UTC).isoformat(timespec="seconds")
-        arm = self._loose.model.name
-        return PartialCalibration(format=1, arm=arm, written=now, joints=tuple(rows))
-
 
 def with_known_ranges(
     state: CalibrationState, travels: Mapping[str, TickRange]
@@ -433,24 +409,12 @@ def with_known_ranges(
 
     A joint that is now outside its measured range is measured again.
     """
-    subjects = (_with_known_range(state, s, travels.get(s.name)) for s in state.subjects)
+    subjects: list[JointUnderCalibration] = []
+    for subject in state.subjects:
+        known = replace(subject, known=travels.get(subject.name))
+        try:
+            measure_joint(state, known)
+        except CalibrationError:
+            known = subject
+        subjects.append(known)
     return replace(state, subjects=tuple(subjects))
-
-
-def _with_known_range(
-    state: CalibrationState, subject: JointUnderCalibration, travel: TickRange | None
-) -> JointUnderCalibration:
-    known = replace(subject, known=travel)
-    try:
-        measure_joint(state, known)
-    except CalibrationError:
-        return subject
-    return known
-
-
-def _read_matching(loose: TorqueOffArm) -> PartialCalibration | None:
-    try:
-        found = read_partial(loose.partial_path)
-    except FileFormatError:  # only some minutes are lost: measure again
-        return None
-    return found if found and found.arm == loose.model.name else None

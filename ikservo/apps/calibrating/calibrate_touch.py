@@ -37,18 +37,17 @@ def read_points(path: Path) -> list[TouchTarget]:
     targets: list[TouchTarget] = []
     for number, line in enumerate(read_text(path, _MAX_BYTES).splitlines(), start=1):
         fields = line.partition("#")[0].split()
-        if fields:
-            targets.append(_parse_target(path, f"line {number}", fields))
+        if not fields:
+            continue
+        where = f"line {number}"
+        if len(fields) != 4:
+            raise FileFormatError(path, where, "is not a point", _EXPECTED)
+        try:
+            position_m = np.array([parse_length_m(field) for field in fields[1:]])
+        except typer.BadParameter as error:
+            raise FileFormatError(path, where, error.message.rstrip("."), _EXPECTED) from error
+        targets.append(TouchTarget(fields[0], position_m))
     return targets
-
-
-def _parse_target(path: Path, where: str, fields: list[str]) -> TouchTarget:
-    if len(fields) != 4:
-        raise FileFormatError(path, where, "is not a point", _EXPECTED)
-    try:
-        return TouchTarget(fields[0], np.array([parse_length_m(field) for field in fields[1:]]))
-    except typer.BadParameter as error:
-        raise FileFormatError(path, where, error.message.rstrip("."), _EXPECTED) from error
 
 
 _REPEATS = 20

@@ -279,7 +279,11 @@ def _sweep_choices(state: CalibrationState, issue: CalibrationError | None) -> t
 def _request(model: Model, pose: str, state: CalibrationState) -> tuple[int, str]:
     """Return the number of the present step of a calibration, and its instruction."""
     if state.stage is CalibrationStage.REFERENCE_POSE:
-        return 1, _pose_request(model, pose, state)
+        what = f'Put the arm in the pose "{pose}"'
+        if len(state.subjects) < len(model.joints):
+            positions = [f"{s.name} at {s.joint_map.format(s.pose)}" for s in state.subjects]
+            what = f'Put {", ".join(positions)} (pose "{pose}")'
+        return 1, f"{what}. {'It is still: continue.' if state.is_at_rest else 'Hold it still …'}"
     if state.current_joint:
         names = [subject.name for subject in state.subjects]
         number = names.index(state.current_joint.name) + 2
@@ -287,14 +291,6 @@ def _request(model: Model, pose: str, state: CalibrationState) -> tuple[int, str
     every = len(state.subjects) == len(model.joints)
     moved = "every joint" if every else ", ".join(subject.name for subject in state.subjects)
     return len(state.subjects) + 2, f"Move {moved} gently to both end stops."
-
-
-def _pose_request(model: Model, pose: str, state: CalibrationState) -> str:
-    what = f'Put the arm in the pose "{pose}"'
-    if len(state.subjects) < len(model.joints):
-        positions = [f"{s.name} at {s.joint_map.format(s.pose)}" for s in state.subjects]
-        what = f'Put {", ".join(positions)} (pose "{pose}")'
-    return f"{what}. {'It is still: continue.' if state.is_at_rest else 'Hold it still …'}"
 
 
 def _direction_request(

@@ -46,14 +46,6 @@ def range_complete(state: CalibrationState, subject: JointUnderCalibration) -> b
 
 def blocking_issues(state: CalibrationState) -> Iterator[CalibrationError]:
     """Yield the issues that prevent the sweep from ending."""
-    yield from _direction_issues(state)
-    for subject in state.subjects:
-        if state.is_measured(subject) and subject.name not in state.free:
-            yield from _range_issues(state, subject)
-        yield from _shadow_issues(state, subject)
-
-
-def _direction_issues(state: CalibrationState) -> Iterator[CalibrationError]:
     current = state.current_joint
     if current and state.is_second_trial:
         yield CalibrationError(
@@ -62,6 +54,10 @@ def _direction_issues(state: CalibrationState) -> Iterator[CalibrationError]:
         )
     elif current:
         yield CalibrationError(f"{current.name} has not been moved yet.", "Move it, or skip it.")
+    for subject in state.subjects:
+        if state.is_measured(subject) and subject.name not in state.free:
+            yield from _range_issues(state, subject)
+        yield from _shadow_issues(state, subject)
 
 
 def _range_issues(
@@ -78,15 +74,17 @@ def _range_issues(
             f"{name} was moved by only {track.width} ticks.",
             "Move it gently to both ends, or skip it.",
         )
-    if is_full_turn(state, subject) and not _exceeds_expected_range(subject):
+    expects_turn = subject.expected_ticks >= _MAX_WIDTH_RATIO * subject.ticks_per_turn
+    if is_full_turn(state, subject) and not expects_turn:
         yield CalibrationError(
             f"{name} was turned by a whole turn; "
             f"the arm file expects {_format_expected_range(subject)}.",
             f"Without end stops: mark {name} as turning freely. Otherwise check for a loose horn.",
         )
     if _fits_better_mirrored(state, subject):
+        ends = sorted(state.position(subject, tick) for tick in (track.low, track.high))
         yield CalibrationError(
-            f"{name}: swept {_format_recorded_range(state, subject)}, "
+            f"{name}: swept {' to '.join(map(subject.joint_map.format, ends))}, "
             f"arm file {_format_expected_range(subject)}; the sign or "
             "the pose is wrong.",
             f"Was it first moved the wrong way? Measure {name} again.",
@@ -111,28 +109,20 @@ def _shadow_issues(
 def warnings(state: CalibrationState) -> Iterator[str]:
     """Yield warnings for the user before saving, one line each."""
     for subject in state.subjects:
-        yield from _joint_warnings(state, subject)
-
-
-def _joint_warnings(state: CalibrationState, subject: JointUnderCalibration) -> Iterator[str]:
-    name = subject.name
-    if state.sign(subject) != subject.joint_map.sign:
-        yield f"{name}: sign is opposite to the arm file, measured twice."
-    if name in state.skipped and name in state.reasons:
-        yield f"{name}: {state.reasons[name]}"
-    elif name in state.skipped:
-        expected = _format_expected_range(subject)
-        yield f"{name} was skipped: the arm file's range {expected} and sign are used."
-    elif state.is_measured(subject) and (name in state.free or is_full_turn(state, subject)):
-        expected = _format_expected_range(subject)
-        yield f"{name} turns freely: the arm file's range {expected} is used."
-    elif state.is_measured(subject) and not range_complete(state, subject):
-        fraction = state.tracks[subject.servo_id].width / subject.expected_ticks
-        yield f"{name} was swept over {fraction:.0%} of the arm file's range."
-
-
-def _exceeds_expected_range(subject: JointUnderCalibration) -> bool:
-    return subject.expected_ticks >= _MAX_WIDTH_RATIO * subject.ticks_per_turn
+        name = subject.name
+        if state.sign(subject) != subject.joint_map.sign:
+            yield f"{name}: sign is opposite to the arm file, measured twice."
+        if name in state.skipped and name in state.reasons:
+            yield f"{name}: {state.reasons[name]}"
+        elif name in state.skipped:
+            expected = _format_expected_range(subject)
+            yield f"{name} was skipped: the arm file's range {expected} and sign are used."
+        elif state.is_measured(subject) and (name in state.free or is_full_turn(state, subject)):
+            expected = _format_expected_range(subject)
+            yield f"{name} turns freely: the arm file's range {expected} is used."
+        elif state.is_measured(subject) and not range_complete(state, subject):
+            fraction = state.tracks[subject.servo_id].width / subject.expected_ticks
+            yield f"{name} was swept over {fraction:.0%} of the arm file's range."
 
 
 def _fits_better_mirrored(state: CalibrationState, subject: JointUnderCalibration) -> bool:
@@ -141,25 +131,13 @@ def _fits_better_mirrored(state: CalibrationState, subject: JointUnderCalibratio
     if is_full_turn(state, subject) or subject.joint_map.unit != "rad":
         return False
     sign, anchor = state.sign(subject), state.reference_ticks[subject.servo_id]
-    mismatches = {
-        s: _range_mismatch(subject, s, anchor, (track.low, track.high)) for s in (sign, -sign)
-    }
+    lower, upper = subject.expected.lower.value, subject.expected.upper.value
+    mismatches: dict[int, float] = {}  # distance of the recorded range from the expected one
+    for each in (sign, -sign):
+        placed = subject.with_mounting(each, anchor)
+        low, high = sorted(placed.position(tick) for tick in (track.low, track.high))
+        mismatches[each] = abs(low - lower) + abs(high - upper)
     return mismatches[sign] > _MIRRORED_RAD and mismatches[-sign] < mismatches[sign] / 3
-
-
-def _range_mismatch(
-    subject: JointUnderCalibration, sign: int, anchor: float, ticks: tuple[int, int]
-) -> float:
-    """Compute the distance of a recorded range from the expected one, given a sign."""
-    placed = subject.with_mounting(sign, anchor)
-    low, high = sorted(placed.position(tick) for tick in ticks)
-    return abs(low - subject.expected.lower.value) + abs(high - subject.expected.upper.value)
-
-
-def _format_recorded_range(state: CalibrationState, subject: JointUnderCalibration) -> str:
-    track = state.tracks[subject.servo_id]
-    ends = sorted(state.position(subject, tick) for tick in (track.low, track.high))
-    return " to ".join(subject.joint_map.format(end) for end in ends)
 
 
 def _format_expected_range(subject: JointUnderCalibration) -> str:
@@ -303,7 +281,17 @@ class CalibrationState:
             CalibrationError: Something is missing; the message names it. The stage does not change.
         """
         if self.stage is CalibrationStage.REFERENCE_POSE:
-            return self._take_anchor()
+            if not self.is_at_rest:
+                hint = "Hold it still for half a second."
+                raise CalibrationError("The arm is still moving.", hint)
+            started = replace(
+                self,
+                stage=CalibrationStage.SWEEP,
+                reference_ticks=self.stillness.mean_ticks(),
+                tracks={i: track.restarted() for i, track in self.tracks.items()},
+                before=self,
+            )
+            return started._update_direction()
         for issue in blocking_issues(self):
             raise issue
         return replace(self, stage=CalibrationStage.REVIEW, before=self)
@@ -349,20 +337,11 @@ class CalibrationState:
         after: CalibrationState = replace(self, before=self, **changes)  # pyright: ignore[reportArgumentType]
         return after._update_direction()
 
-    def _take_anchor(self) -> CalibrationState:
-        if not self.is_at_rest:
-            raise CalibrationError("The arm is still moving.", "Hold it still for half a second.")
-        started = replace(
-            self,
-            stage=CalibrationStage.SWEEP,
-            reference_ticks=self.stillness.mean_ticks(),
-            tracks={i: track.restarted() for i, track in self.tracks.items()},
-            before=self,
-        )
-        return started._update_direction()
-
     def _update_direction(self) -> CalibrationState:
-        """Store the start of the current joint, then its direction of motion."""
+        """Store the start of the current joint, then its direction of motion.
+
+        A sign that is opposite to the arm file's must be found twice.
+        """
         subject = self.current_joint
         if subject is None:
             return self
@@ -375,13 +354,8 @@ class CalibrationState:
             return replace(self, returned=True) if back else self
         if abs(moved) < subject.min_motion_ticks:
             return self
-        return self._set_sign(
-            subject, subject.free_direction if moved > 0 else -subject.free_direction
-        )
-
-    def _set_sign(self, subject: JointUnderCalibration, sign: int) -> CalibrationState:
-        """Set a joint's sign; a sign opposite to the arm file's must be found twice."""
         name = subject.name
+        sign = subject.free_direction if moved > 0 else -subject.free_direction
         if sign != subject.joint_map.sign and name not in self.unconfirmed_signs:
             return self._remember_previous(
                 unconfirmed_signs={**self.unconfirmed_signs, name: sign}, returned=False

@@ -165,18 +165,8 @@ def build_calibration(
             memory[servo_id] = expected_registers(
                 configs[servo_id], offset, registers, extended=homing.extended
             )
-        joints.append(
-            _calibrated_joint(
-                state, subject, found, own, _calibrated_servos(subject, configs, memory)
-            )
-        )
-    return CalibrationResult(_make_calibration(metadata, state.margin_rad, joints), memory)
-
-
-def _make_calibration(
-    metadata: CalibrationMetadata, margin_rad: float, joints: list[CalibratedJoint]
-) -> Calibration:
-    return Calibration(
+        joints.append(_calibrated_joint(state, subject, found, own, configs, memory))
+    calibration = Calibration(
         format=1,
         arm=metadata.arm,
         written=metadata.written,
@@ -184,9 +174,10 @@ def _make_calibration(
         usb_serial_number=metadata.usb_serial_number,
         family=metadata.family,
         anchor_pose=metadata.anchor_pose,
-        margin_deg=math.degrees(margin_rad),
+        margin_deg=math.degrees(state.margin_rad),
         joints=tuple(joints),
     )
+    return CalibrationResult(calibration, memory)
 
 
 def _apply_homing(
@@ -241,10 +232,15 @@ def _choose_offsets(
     return rows
 
 
-def _calibrated_servos(
-    subject: JointUnderCalibration, configs: ServoConfigs, memory: RegisterValues
-) -> list[CalibratedServo]:
-    return [
+def _calibrated_joint(
+    state: CalibrationState,
+    subject: JointUnderCalibration,
+    found: MeasuredJoint,
+    user: Limits | None,
+    configs: ServoConfigs,
+    memory: RegisterValues,
+) -> CalibratedJoint:
+    lead, *shadows = (
         CalibratedServo(
             id=servo_id,
             model=configs[servo_id].table.model_name,
@@ -252,17 +248,8 @@ def _calibrated_servos(
             holds=dict(memory[servo_id]),
         )
         for servo_id in (subject.servo_id, *subject.shadow_ids)
-    ]
-
-
-def _calibrated_joint(
-    state: CalibrationState,
-    subject: JointUnderCalibration,
-    found: MeasuredJoint,
-    user: Limits | None,
-    servos: list[CalibratedServo],
-) -> CalibratedJoint:
-    placed, (lead, *shadows) = found.joint_map, servos
+    )
+    placed = found.joint_map
     return CalibratedJoint(
         name=subject.name,
         sign=1 if placed.sign == 1 else -1,

@@ -42,7 +42,7 @@ from ikservo.files.public_source import public_source
 from ikservo.hardware.bus import ServoBus
 from ikservo.hardware.port_names import serial_number_of
 from ikservo.hardware.torque import torque_off
-from ikservo.model import Model, ModelJoint
+from ikservo.model import Model
 from ikservo.planning.calibrated_arm import (
     calibrated_limits,
     check_calibration_matches,
@@ -103,11 +103,22 @@ class TorqueOffArm:
             UnknownNameError: The arm has no such pose.
         """
         positions = self.model.pose(pose)
-        return [
-            self._make_subject(joint, positions[joint.name], (known or {}).get(joint.name))
-            for joint in self.model.joints
-            if not only or joint.name in only
-        ]
+        subjects: list[JointUnderCalibration] = []
+        for joint in self.model.joints:
+            if only and joint.name not in only:
+                continue
+            encoder = encoder_of(self.bus.servos[joint.servo.id].table)
+            subjects.append(
+                JointUnderCalibration(
+                    joint.joint_map,
+                    encoder.ticks if encoder.wraps else 0,
+                    limit_to_one_turn(joint.limits, joint.joint_map, encoder),
+                    positions[joint.name],
+                    tuple(servo.id for servo in joint.shadows),
+                    (known or {}).get(joint.name),
+                )
+            )
+        return subjects
 
     def read_facts(self) -> None:
         """Read the configuration of every servo."""
@@ -136,7 +147,11 @@ class TorqueOffArm:
         if (reading := self.read_positions()) is None:
             return None
         at_s, ticks = reading
-        return at_s, {i: _encoder_tick(self.facts[i], tick) for i, tick in ticks.items()}
+        raw: dict[int, int] = {}
+        for i, tick in ticks.items():
+            table, offset = self.facts[i].table, self.facts[i].offset
+            raw[i] = encoder_tick(table.family, tick, offset, encoder_of(table))
+        return at_s, raw
 
     def read_positions(self) -> tuple[float, dict[int, int]] | None:
         """Wait for the next period; return time [s] and ticks by id, None if one is missing.
@@ -183,7 +198,9 @@ class TorqueOffArm:
                 continue
             joint_map = own.joint_map(joint.joint_map)
             limits = outcome.calibration.narrow_limits(own, joint.limits)
-            low, high = (own.servo.holds[name] for name in _limit_names(self.facts[own.servo.id]))
+            names = (RegisterName.MIN_POSITION_LIMIT, RegisterName.MAX_POSITION_LIMIT)
+            table = self.facts[own.servo.id].table
+            low, high = (own.servo.holds[table.find(name).name] for name in names)
             if (low or high) and not registers_allow(joint_map, limits, (low, high)):
                 yield (
                     f"{joint.name}: its servo's own limits, {low} to {high}, are narrower "
@@ -202,15 +219,6 @@ class TorqueOffArm:
         self.read_facts()
         raise_on_mismatch(register_mismatches(outcome.calibration, self.facts))
         return self.path
-
-    def _make_subject(
-        self, joint: ModelJoint, pose: float, known: TickRange | None
-    ) -> JointUnderCalibration:
-        encoder = encoder_of(self.bus.servos[joint.servo.id].table)
-        shadows = tuple(servo.id for servo in joint.shadows)
-        turn = encoder.ticks if encoder.wraps else 0
-        expected = limit_to_one_turn(joint.limits, joint.joint_map, encoder)
-        return JointUnderCalibration(joint.joint_map, turn, expected, pose, shadows, known)
 
 
 @contextmanager
@@ -233,15 +241,6 @@ def open_torque_off(
         check_servo_models(bus)
         bus.load_return_delays()
         yield TorqueOffArm(model, bus, settled=settled)
-
-
-def _limit_names(facts: ServoConfig) -> list[str]:
-    limits = (RegisterName.MIN_POSITION_LIMIT, RegisterName.MAX_POSITION_LIMIT)
-    return [facts.table.find(limit).name for limit in limits]
-
-
-def _encoder_tick(facts: ServoConfig, tick: int) -> int:
-    return encoder_tick(facts.table.family, tick, facts.offset, encoder_of(facts.table))
 
 
 def load_own_calibration(loose: TorqueOffArm) -> Calibration:
@@ -434,10 +433,13 @@ def base_calibration(loose: TorqueOffArm, joints: Collection[str]) -> Calibratio
 def merge_outcome(base: Calibration, outcome: CalibrationResult) -> CalibrationResult:
     """Add other joints, geometry and user limits of ``base`` to the result of some joints."""
     new = {joint.name: joint for joint in outcome.calibration.joints}
-    joints = tuple(
-        _with_user_range(new[old.name], old) if old.name in new else old for old in base.joints
-    )
-    update = {"joints": joints, "geometry": base.geometry}
+    joints: list[CalibratedJoint] = []
+    for old in base.joints:
+        joint = new.get(old.name)
+        if joint is not None and joint.user_range() == (None, None):
+            joint = joint.model_copy(update={key: getattr(old, key) for key in _USER_KEYS})
+        joints.append(joint or old)
+    update = {"joints": tuple(joints), "geometry": base.geometry}
     return CalibrationResult(outcome.calibration.model_copy(update=update), outcome.memory)
 
 
@@ -449,12 +451,6 @@ def find_replaced_zeros(base: Calibration, joints: Collection[str]) -> Iterator[
             f"Zeros from the touch-off of {base.geometry.touched:%Y-%m-%d} are replaced for "
             f"{', '.join(joints)}. Touch off again: ikservo calibrate {base.arm} --touch"
         )
-
-
-def _with_user_range(new: CalibratedJoint, old: CalibratedJoint) -> CalibratedJoint:
-    if new.user_range() != (None, None):
-        return new
-    return new.model_copy(update={key: getattr(old, key) for key in _USER_KEYS})
 
 
 def rest_pose_violations(model: Model, calibration: Calibration) -> list[str]:

@@ -81,7 +81,10 @@ def command(
 def _measure_and_review(
     limp_arm: TorqueOffArm, joints: Sequence[LerobotJoint], pose: str, margin_rad: float
 ) -> Dialogue[tuple[CalibrationState, CalibrationResult]]:
-    """Measure what LeRobot's file lacks; return the last state and the result to save."""
+    """Measure what LeRobot's file lacks; return the last state and the result to save.
+
+    The joints of the result are in LeRobot's order, so that it can be exported again.
+    """
     subjects = limp_arm.make_subjects(pose, lerobot_travels(joints, limp_arm))
     free = frozenset(joint.name for joint in joints if joint.is_continuous)
     state = replace(CalibrationState.begin(subjects, margin_rad), free=free)
@@ -89,19 +92,12 @@ def _measure_and_review(
     yield from check_zeros(state, pose, limp_arm.model.name)
     for line in lerobot_mismatches(joints, limp_arm.facts):
         yield Notice(line)
-    outcome = _build_outcome(limp_arm, joints, state, pose)
-    for line in lost_geometry_warning(limp_arm):
-        yield Notice(f"  {line}")
-    yield from confirm_saving(limp_arm, outcome.calibration)
-    return state, outcome
-
-
-def _build_outcome(
-    limp_arm: TorqueOffArm, joints: Sequence[LerobotJoint], state: CalibrationState, pose: str
-) -> CalibrationResult:
-    """Build the calibration, with joints in LeRobot's order so that it can be exported again."""
     facts = with_lerobot_homing(joints, limp_arm.facts)
     outcome = limp_arm.build_calibration(state, pose, datetime.now(UTC), facts=facts)
     found = {joint.name: joint for joint in outcome.calibration.joints}
     ordered = tuple(found[joint.name] for joint in joints)
-    return replace(outcome, calibration=outcome.calibration.model_copy(update={"joints": ordered}))
+    calibration = outcome.calibration.model_copy(update={"joints": ordered})
+    for line in lost_geometry_warning(limp_arm):
+        yield Notice(f"  {line}")
+    yield from confirm_saving(limp_arm, calibration)
+    return state, replace(outcome, calibration=calibration)

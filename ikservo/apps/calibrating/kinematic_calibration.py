@@ -111,12 +111,18 @@ class ParameterVector:
     def __init__(self, chain: Chain, extent: ParameterSet, points: tuple[str, ...] = ()) -> None:
         self.chain, self.extent, self.points = chain, extent, points
         self.origins = identifiable_origins(chain)
-        self.parameters = (
-            *self._zero_parameters(),
-            *self._base_parameters(),
-            *self._origin_parameters(),
-            *self._point_parameters(),
-        )
+        has_base, has_links = extent.includes_base, extent.includes_links
+        found: list[Parameter] = []
+        for name, kind in zip(chain.names, chain.kinds, strict=True):
+            unit, prior = ("rad", ZERO_RAD) if kind is JointType.REVOLUTE else ("m", ZERO_M)
+            found.append(Parameter(f"{name} zero", unit, prior, extent is not ParameterSet.NONE))
+        found += [Parameter(f"base {axis}", "m", BASE_M, has_base) for axis in "xyz"]
+        found += [Parameter(f"base about {axis}", "rad", BASE_RAD, has_base) for axis in "xyz"]
+        names = (f"{joint} origin {axis}" for joint in self.origins for axis in "xyz")
+        found += [Parameter(name, "m", ORIGIN_M, has_links) for name in names]
+        names = (f"{point} {axis}" for point in points for axis in "xyz")
+        found += [Parameter(name, "m", POINT_M, True) for name in names]
+        self.parameters = tuple(found)
         self.prior = np.array([p.prior for p in self.parameters])
         self.free = np.array([p.free for p in self.parameters])
 
@@ -140,33 +146,6 @@ class ParameterVector:
         """Return the columns of each unmeasured point."""
         first = self.geometry_columns.stop
         return {p: slice(first + 3 * i, first + 3 * i + 3) for i, p in enumerate(self.points)}
-
-    def _zero_parameters(self) -> list[Parameter]:
-        free = self.extent is not ParameterSet.NONE
-        revolute = [kind is JointType.REVOLUTE for kind in self.chain.kinds]
-        return [
-            Parameter(f"{name} zero", "rad", ZERO_RAD, free)
-            if is_revolute
-            else Parameter(f"{name} zero", "m", ZERO_M, free)
-            for name, is_revolute in zip(self.chain.names, revolute, strict=True)
-        ]
-
-    def _base_parameters(self) -> list[Parameter]:
-        free = self.extent.includes_base
-        places = [Parameter(f"base {axis}", "m", BASE_M, free) for axis in "xyz"]
-        return places + [Parameter(f"base about {a}", "rad", BASE_RAD, free) for a in "xyz"]
-
-    def _origin_parameters(self) -> list[Parameter]:
-        free = self.extent.includes_links
-        return [
-            Parameter(f"{name} origin {axis}", "m", ORIGIN_M, free)
-            for name in self.origins
-            for axis in "xyz"
-        ]
-
-    def _point_parameters(self) -> list[Parameter]:
-        names = (f"{point} {axis}" for point in self.points for axis in "xyz")
-        return [Parameter(name, "m", POINT_M, True) for name in names]
 
 
 TOUCH_M = 0.0006
@@ -320,9 +299,19 @@ def fit_robustly(
         spread = float(np.median(found.residuals_m[found.kept])) / _MEDIAN_OF_CHI3
         kept = found.residuals_m <= _OUTLIER_DEVIATIONS * max(spread, TOUCH_M)
         if np.count_nonzero(~kept) > _MAX_OUTLIER_FRACTION * len(touches):
-            raise _contradiction_error(touches, kept)
+            names = ", ".join(t.point for t, good in zip(touches, kept, strict=True) if not good)
+            raise CalibrationError(
+                f"{np.count_nonzero(~kept)} of {len(touches)} touches are outliers: {names}.",
+                "Check where the sheet lies and its print scale (100 %). Nothing was saved.",
+            )
         found = _solve_parameters(problem, kept, robust=False)
-    _check_scatter(found)
+    spread_m = float(np.median(found.residuals_m[found.kept]))
+    if spread_m > _MAX_OUTLIER_M:
+        raise CalibrationError(
+            f"The touches do not fit this arm: median residual {1000 * spread_m:.0f} mm.",
+            "Check where the sheet lies, its print scale (100 %) and the order of the points. "
+            "Nothing was saved.",
+        )
     return found
 
 
@@ -356,21 +345,3 @@ def _cauchy_loss(rows: int, squares: Vector, cost_only: bool | None = None) -> M
     near = 1.0 / (1.0 + squares[:rows])
     rho[:, :rows] = -np.log(near), near, -(near**2)
     return rho
-
-
-def _check_scatter(found: CalibrationFit) -> None:
-    spread_m = float(np.median(found.residuals_m[found.kept]))
-    if spread_m > _MAX_OUTLIER_M:
-        raise CalibrationError(
-            f"The touches do not fit this arm: median residual {1000 * spread_m:.0f} mm.",
-            "Check where the sheet lies, its print scale (100 %) and the order of the points. "
-            "Nothing was saved.",
-        )
-
-
-def _contradiction_error(touches: Sequence[TouchPoint], kept: Mask) -> CalibrationError:
-    names = ", ".join(t.point for t, good in zip(touches, kept, strict=True) if not good)
-    return CalibrationError(
-        f"{np.count_nonzero(~kept)} of {len(touches)} touches are outliers: {names}.",
-        "Check where the sheet lies and its print scale (100 %). Nothing was saved.",
-    )

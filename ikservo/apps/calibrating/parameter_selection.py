@@ -98,35 +98,22 @@ def select_and_fit(
             f"Too few touches: {len(touches)}; at least {MIN_TOUCHES} are needed.",
             "Touch about 15 points, in different postures.",
         )
-    extents = _candidate_sets(touches)
+    extents = list(ParameterSet)  # the smallest set first
+    if all(touch.position_m is None for touch in touches):  # the base needs measured points
+        extents = [ParameterSet.NONE, ParameterSet.ZEROS, ParameterSet.LINKS]
     kept = fit_robustly(chain, touches, extents[-1]).kept
     aside = {extent: _held_out_error_m(chain, touches, extent, kept) for extent in extents}
     aside[ParameterSet.NONE] = _held_out_error_m(present or chain, touches, ParameterSet.NONE, kept)
-    chosen = _choose_set(aside)
-    found = fit_parameters(chain, touches, chosen, kept)
-    return CalibrationEstimate(found, aside, _max_deviation(found, chain))
-
-
-def _candidate_sets(touches: Sequence[TouchPoint]) -> list[ParameterSet]:
-    """Return the sets that can be estimated, smallest first; the base needs measured points."""
-    if all(touch.position_m is None for touch in touches):
-        return [ParameterSet.NONE, ParameterSet.ZEROS, ParameterSet.LINKS]
-    return [
-        ParameterSet.NONE,
-        ParameterSet.ZEROS,
-        ParameterSet.BASE,
-        ParameterSet.LINKS,
-        ParameterSet.EVERYTHING,
-    ]
-
-
-def _choose_set(aside: dict[ParameterSet, float]) -> ParameterSet:
     best, *others = aside
     for extent in others:
         max_ratio = _MIN_IMPROVEMENT if best is ParameterSet.NONE else _BETTER
         if aside[extent] < max_ratio * aside[best]:
             best = extent
-    return best
+    found = fit_parameters(chain, touches, best, kept)
+    low, high = np.maximum(chain.lower_rad, -math.pi), np.minimum(chain.upper_rad, math.pi)
+    postures = np.random.default_rng(0).uniform(low, high, (_SAMPLES, chain.dof))
+    median_m, percentile_95_m = np.percentile(found.deviation_m(postures), [50, 95])
+    return CalibrationEstimate(found, aside, (float(median_m), float(percentile_95_m)))
 
 
 def _held_out_error_m(
@@ -154,12 +141,3 @@ def _assign_folds(touches: Sequence[TouchPoint]) -> Vector:
             for i, touch in enumerate(touches)
         ]
     )
-
-
-def _max_deviation(found: CalibrationFit, chain: Chain) -> tuple[float, float]:
-    chance = np.random.default_rng(0)
-    low, high = np.maximum(chain.lower_rad, -math.pi), np.minimum(chain.upper_rad, math.pi)
-    middle, high = np.percentile(
-        found.deviation_m(chance.uniform(low, high, (_SAMPLES, chain.dof))), [50, 95]
-    )
-    return float(middle), float(high)

@@ -23,7 +23,6 @@ from ikservo.calibration.servo_config import raise_on_mismatch, register_mismatc
 from ikservo.ik import Target, solve
 from ikservo.kinematics import Chain
 from ikservo.kinematics.arrays import Vector
-from ikservo.kinematics.geometric_errors import GeometricErrors
 from ikservo.planning.calibrated_arm import (
     CalibratedArm,
     ZeroSource,
@@ -66,7 +65,15 @@ class TouchOffSession:
 
     def reachable_targets(self, targets: Sequence[TouchTarget]) -> list[TouchTarget]:
         """Return the targets within reach of the tip."""
-        return [target for target in targets if self._is_reachable(target.position_m)]
+        reachable: list[TouchTarget] = []
+        for target in targets:
+            if target.position_m is not None:
+                goal = Target(target.position_m)
+                result = solve(self.chain, goal, restarts=10, nearest=False)
+                if not result.position_error_m < _REACHED_M:
+                    continue
+            reachable.append(target)
+        return reachable
 
     def save(self, found: CalibrationEstimate, written: datetime) -> Path:
         """Save the calibration with the result of a touch-off; keep a copy of the previous one.
@@ -75,12 +82,6 @@ class TouchOffSession:
             FileWriteError: The disk is full or not writable; the old calibration is unchanged.
         """
         return save_calibration(apply_touch_off(self.calibration, self.maps, found, written))
-
-    def _is_reachable(self, position_m: Vector | None) -> bool:
-        if position_m is None:
-            return True
-        result = solve(self.chain, Target(position_m), restarts=10, nearest=False)
-        return result.position_error_m < _REACHED_M
 
 
 def apply_touch_off(
@@ -107,6 +108,10 @@ def apply_touch_off(
 
 def _calibrated_geometry(found: CalibrationEstimate, written: datetime) -> CalibratedGeometry:
     geometry, kept = found.geometry, found.fit.kept
+    origins = [
+        CalibratedOrigin(joint=name, moved_mm=_round_vector(1000 * move))
+        for name, move in geometry.origins_m.items()
+    ]
     return CalibratedGeometry(
         touched=written,
         touches=len(kept),
@@ -115,14 +120,7 @@ def _calibrated_geometry(found: CalibrationEstimate, written: datetime) -> Calib
         after_mm=1000 * found.after_m,
         base_moved_mm=_round_vector(1000 * geometry.base_m),
         base_turned_deg=_round_vector(np.degrees(geometry.base_rad)),
-        origins=_calibrated_origins(geometry) if found.extent.includes_links else (),
-    )
-
-
-def _calibrated_origins(geometry: GeometricErrors) -> tuple[CalibratedOrigin, ...]:
-    return tuple(
-        CalibratedOrigin(joint=name, moved_mm=_round_vector(1000 * move))
-        for name, move in geometry.origins_m.items()
+        origins=tuple(origins) if found.extent.includes_links else (),
     )
 
 

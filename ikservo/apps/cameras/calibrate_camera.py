@@ -201,15 +201,15 @@ def _describe(result: CameraResult) -> Iterator[str]:
             yield f"{parameter.name}: {said}"
     if result.carried is not None:
         yield (
-            "Judged by the calibrated bending of its links, the arm carried about "
-            f"{result.carried:.0%} of its weight in the pictures, and the hand the rest."
+            "According to the calibrated bending of its links, the arm carried about "
+            f"{result.carried:.0%} of its weight in the pictures, and the hand carried the rest."
         )
     if result.sag_m is not None:
         yield (
-            "How far its links bend is not known, and a hand that carries the arm hides it. "
-            "When the arm carries itself, its tip is further off than these figures say: here by "
-            f"about {_mm(result.sag_m)} if each joint bends by {PRINTED_COMPLIANCE} rad per N m, "
-            "as printed ones do. A calibration without --by-hand measures it."
+            "The bending of its links is unknown, and a hand that carries the arm hides it. When "
+            "the arm carries itself, the error of its tip is larger than these figures, by about "
+            f"{_mm(result.sag_m)} if each joint bends by {PRINTED_COMPLIANCE} rad per N m, as "
+            "printed ones do. A calibration without --by-hand measures the bending."
         )
     unknown = [each.name for each in fit.parameters if not each.is_determined]
     if unknown:

@@ -33,8 +33,8 @@ from ikservo.kinematics.arrays import Vector
 
 # A hand that holds the arm for a picture trembles by less than this.
 _HELD = StillnessDetector(window_s=0.3, tolerance=math.radians(0.3), least_readings=2)
-_STILL_PX = 0.7
-_APART_RAD = math.radians(8.0)  # a joint must differ so much from every picture so far
+_STILL_PX = 0.7  # the corners of a board at rest move by less between two pictures
+_APART_RAD = math.radians(8.0)  # a joint must differ by this much from every earlier picture
 _WAIT_S = 60.0  # time-out for the next picture
 _PERIOD_S = 0.1
 
@@ -109,7 +109,10 @@ class HandCalibration:
         if second is None:
             return False
         held = held.add_joints(clock.now_s(), self._limp_joints().tolist())
-        if held.has_moved() or not _is_still(first, second):
+        both, at_first, at_second = np.intersect1d(first.ids, second.ids, return_indices=True)
+        moved_px = np.linalg.norm(first.pixels[at_first] - second.pixels[at_second], axis=1)
+        is_still = len(both) > 0 and float(np.median(moved_px)) < _STILL_PX
+        if held.has_moved() or not is_still:
             return False
         self._pictures.add(picture, second, q)
         self._last_error = ""
@@ -148,10 +151,3 @@ class HandCalibration:
                 self._last_error = error.message
                 self._report(f"not used: {error.message}")
             return picture, None
-
-
-def _is_still(first: BoardView, second: BoardView) -> bool:
-    """Check whether a board stayed still between two pictures."""
-    both, at_first, at_second = np.intersect1d(first.ids, second.ids, return_indices=True)
-    moved_px = first.pixels[at_first] - second.pixels[at_second]
-    return len(both) > 0 and float(np.median(np.linalg.norm(moved_px, axis=1))) < _STILL_PX

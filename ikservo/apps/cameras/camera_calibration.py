@@ -60,7 +60,7 @@ LEAST_SHARE = 0.5
 ESTIMATING = "Estimating the camera and the arm from the pictures; this takes some seconds."
 
 _FIRST_STEP_RAD = math.radians(9.0)  # step of each joint while the pose of the camera is unknown
-_REACH_RAD = math.radians(75.0)  # how far joints move from the first posture
+_REACH_RAD = math.radians(75.0)  # largest distance of a joint from the first posture
 _CANDIDATES, _AT_ONCE, _MAX_MISSED = 1500, 4, 8
 _SETTLE_S = 0.3  # wait after a motion, because a swinging board is blurred
 _TIP_M = 0.001  # a zero is uncertain if it may move the tip further
@@ -136,7 +136,7 @@ class ArmBefore:
         return cls(arm.model, calibration)
 
     def extents(self, name: str, *, by_hand: bool) -> Sequence[Extent]:
-        """Return what a camera of that name may determine: only its pose if other cameras exist.
+        """Return what a camera of that name may determine; only its pose if other cameras exist.
 
         The other cameras were calibrated with the arm's present zeros and compliances. A hand
         carries the arm's weight, so a calibration by hand does not show how links bend.
@@ -236,18 +236,17 @@ class BoardPictures:
             for share in (_CARRIED if is_tried else (1.0,))
         }
         share, best = min(estimates.items(), key=lambda each: each[1].after_m)
+        sag_m = None
+        if by_hand and not is_tried:
+            chain, q = known.dynamics.chain, np.array(self.joints)
+            turns = np.array([float(kind is JointType.REVOLUTE) for kind in chain.kinds])
+            bent = replace(known, compliance=PRINTED_COMPLIANCE * turns)
+            sags: Matrix = chain.forward(bent.link_joints(q))[:, :3, 3] - chain.forward(q)[:, :3, 3]
+            sag_m = math.sqrt(float(np.sum(sags**2)) / len(q))
         return CameraResult(
             best, intrinsics, self.board, len(self), missed, duration_s,
-            carried=share if is_tried else None,
-            sag_m=self._printed_sag_m() if by_hand and not is_tried else None,
+            carried=share if is_tried else None, sag_m=sag_m,
         )  # fmt: skip
-
-    def _printed_sag_m(self) -> float:
-        chain, q = self._known.dynamics.chain, np.array(self.joints)
-        turns = np.array([float(kind is JointType.REVOLUTE) for kind in chain.kinds])
-        bent = replace(self._known, compliance=PRINTED_COMPLIANCE * turns)
-        sag_m: Matrix = chain.forward(bent.link_joints(q))[:, :3, 3] - chain.forward(q)[:, :3, 3]
-        return math.sqrt(float(np.sum(sag_m**2)) / len(q))
 
     def _samples(self, intrinsics: Intrinsics) -> list[BoardSample]:
         samples: list[BoardSample] = []
@@ -298,7 +297,10 @@ class CameraCalibration:
         self._arm.enable()  # an arm that lies in a hand or on a table bends differently
         self._keep(self._take())  # nothing moves until the board was seen
         home = self._pictures.joints[0]
-        for step in self._first_steps(home):
+        # Postures around the first one, with each joint moved once to either side.
+        signs = np.diag(np.resize([1.0, -1.0], len(home)))
+        steps = _FIRST_STEP_RAD * np.vstack([signs, -0.7 * signs])
+        for step in self._arm.chain.clip(home + steps):
             if len(self._pictures) < self._count:
                 self._visit(step)
         while len(self._pictures) < self._count and self._visit_best(home):
@@ -313,14 +315,6 @@ class CameraCalibration:
         self._report(ESTIMATING)
         duration_s = self._arm.clock.now_s() - self._began_s
         return self._pictures.result(self._missed, duration_s, self._extents)
-
-    def _first_steps(self, home: Vector) -> Matrix:
-        """Return postures around the first one, with each joint moved once to either side."""
-        signs = np.resize([1.0, -1.0], len(home))
-        steps = np.vstack(
-            [np.diag(_FIRST_STEP_RAD * signs), np.diag(-0.7 * _FIRST_STEP_RAD * signs)]
-        )
-        return self._arm.chain.clip(home + steps)
 
     def _visit_best(self, home: Vector) -> bool:
         """Visit the postures that promise most information; return whether the board was seen."""
@@ -416,27 +410,16 @@ def save_camera_result(
 ) -> Path:
     """Save the estimated arm and camera in the calibration.
 
-    A simulated arm has no calibration, so only its camera is saved. ``name`` is that of the camera.
+    A simulated arm has no calibration, so only its camera is saved, under ``name``.
 
     Raises:
         FileWriteError: The disk is full or not writable; the old file is unchanged.
     """
-    model = arm.model
+    model, camera = arm.model, _calibrated_camera(source, result, written)
     if arm.calibration is None:
-        camera = _calibrated_camera(source, result, written)
         known = CameraFile(calibrated=written, camera=camera)
         return save_camera(model.name, SIMULATED, known, name)
-    return save_calibration(_with_result(model, arm.calibration, source, result, written, name))
-
-
-def _with_result(
-    model: Model,
-    calibration: Calibration,
-    source: str,
-    result: CameraResult,
-    written: datetime,
-    name: str,
-) -> Calibration:
+    calibration = arm.calibration
     fit, names = result.estimate.fit, model.chain.names
     joints = calibration.joints
     if fit.extent.zeros:
@@ -455,9 +438,9 @@ def _with_result(
             else joint
             for joint in joints
         )
-    camera = _calibrated_camera(source, result, written)
     changed = calibration.model_copy(update={"joints": joints, "written": written})
-    return changed.with_cameras(calibration.cameras_by_name | {name: camera})
+    changed = changed.with_cameras(calibration.cameras_by_name | {name: camera})
+    return save_calibration(changed)
 
 
 def _calibrated_camera(source: str, result: CameraResult, written: datetime) -> CalibratedCamera:

@@ -166,6 +166,7 @@ def _check(
     remember: bool,
     json: bool,
 ) -> None:
+    from ikservo.apps.cameras.camera_check import remember_board  # noqa: PLC0415
     from ikservo.arm.opening import require_own_port  # noqa: PLC0415  # loads the kernels
     from ikservo.cli.options import ArmConnection  # noqa: PLC0415
     from ikservo.cli.session import open_from_options  # noqa: PLC0415
@@ -173,10 +174,16 @@ def _check(
     with open_from_options(ArmConnection(arm=arm, port=port)) as machine:
         opened = require_own_port(machine)
         camera = open_camera(source, opened, board)
-        if remember:
-            _remember(opened, camera, board, name, json=json)
-        else:
+        if not remember:
             _compare(opened, camera, within_m, name, json=json)
+            return
+        stored = remember_board(opened, camera, board, name)
+        if json:
+            at_m = [each / 1000.0 for each in stored.at_mm]
+            print_json("camera-board-place", board=stored.name, at_m=at_m)
+        else:
+            at = ", ".join(f"{each:.0f}" for each in stored.at_mm)
+            print_lines([f"Remembered {stored.name} at ({at}) mm. Leave it there."])
 
 
 def open_camera(source: str, arm: Arm, board: Board) -> PictureSource:
@@ -202,18 +209,6 @@ def check_camera_name(name: str) -> str:
     if not re.fullmatch(r"[A-Za-z0-9_-]{0,64}", name):
         raise BadValueError("--camera-name", shown(name), "letters, digits, - and _; at most 64")
     return name
-
-
-def _remember(arm: Arm, camera: PictureSource, board: Board, name: str, *, json: bool) -> None:
-    from ikservo.apps.cameras.camera_check import remember_board  # noqa: PLC0415
-
-    stored = remember_board(arm, camera, board, name)
-    if json:
-        at_m = [each / 1000.0 for each in stored.at_mm]
-        print_json("camera-board-place", board=stored.name, at_m=at_m)
-    else:
-        at = ", ".join(f"{each:.0f}" for each in stored.at_mm)
-        print_lines([f"Remembered {stored.name} at ({at}) mm. Leave it there."])
 
 
 def _compare(

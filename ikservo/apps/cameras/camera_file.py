@@ -68,7 +68,13 @@ def load_camera(
         FileFormatError: A file is damaged.
     """
     path = camera_path(arm, usb_serial_number, name)
-    known = _read(path) if path.exists() else None
+    known = None
+    if path.exists():
+        tables = parse_toml(path, strip_checksum(path, read_text(path, MAX_BYTES)))
+        try:
+            known = CameraFile.model_validate(tables)
+        except ValidationError as error:
+            raise first_issue(validation_issues(error, CameraFile), path) from None
     if usb_serial_number == SIMULATED:
         camera = None if known is None else known.camera
     else:
@@ -93,11 +99,3 @@ def save_camera(arm: str, usb_serial_number: str, known: CameraFile, name: str =
     tables = known.model_dump(mode="python", exclude_none=True)
     write_atomic(path, with_checksum(_HEADER + tomli_w.dumps(tables)))
     return path
-
-
-def _read(path: Path) -> CameraFile:
-    tables = parse_toml(path, strip_checksum(path, read_text(path, MAX_BYTES)))
-    try:
-        return CameraFile.model_validate(tables)
-    except ValidationError as error:
-        raise first_issue(validation_issues(error, CameraFile), path) from None

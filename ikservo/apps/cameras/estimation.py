@@ -142,8 +142,8 @@ _DETERMINED = math.sqrt(0.5)  # of the prior deviation: pictures and prior give 
 # half of the prior deviation it came out 5° wrong.
 _LAST_DETERMINED = 0.1
 _START_SIGMA = np.array([0.002, 0.01, 0.05, 0.02])  # first deviations: m, m, rad, rad
-_ASSUMED = 6.0  # their ratios count like so many samples
-_FINEST = 0.02  # deviations are estimated not smaller than this part of them
+_ASSUMED = 6.0  # their ratios count like this many samples
+_FINEST = 0.02  # smallest estimated deviations, as a fraction of the first ones
 # A sample is an outlier if its squared deviations exceed the median by this factor.
 _OUTLIER = 12.0
 # The expected median for the first deviations; few samples, fitted closely, have a smaller one.
@@ -232,13 +232,12 @@ class CameraFit:
             [rad].
         """
         predicted = self.board_poses(np.array([sample.q for sample in samples]))
-        seen = [self._rescaled(sample.T_camera_board) for sample in samples]
-        return np.array(
-            [_residual(T, S, _ray_frame(S[:3, 3]))[0] for T, S in zip(predicted, seen, strict=True)]
-        )
-
-    def _rescaled(self, seen: Matrix) -> Matrix:
-        return make_pose((1.0 + self.scale) * seen[:3, 3], seen[:3, :3])
+        found: list[Vector] = []
+        for T, sample in zip(predicted, samples, strict=True):
+            seen = sample.T_camera_board
+            at_m = (1.0 + self.scale) * seen[:3, 3]
+            found.append(_residual(T, make_pose(at_m, seen[:3, :3]), _ray_frame(at_m))[0])
+        return np.array(found)
 
     @property
     def parameters(self) -> tuple[FittedParameter, ...]:
@@ -279,12 +278,12 @@ class CameraEstimate:
 
     @property
     def before_m(self) -> float:
-        """The error across the ray of samples left out, with the arm as it was."""
+        """The error across the ray of left-out samples, with the arm as it was."""
         return self.left_out_m[Extent.CAMERA]
 
     @property
     def after_m(self) -> float:
-        """The error across the ray of samples left out, with the arm as it is estimated."""
+        """The error across the ray of left-out samples, with the estimated arm."""
         return self.left_out_m[self.fit.extent]
 
     @property
@@ -318,7 +317,12 @@ def estimate_camera(
         )
     fullest = fit_camera(known, samples, Extent.ARM)
     found = {each: fit_camera(known, samples, each, fullest) for each in extents}
-    error_m = {each: _left_out_m(fit, samples) for each, fit in found.items()}
+    error_m: dict[Extent, float] = {}
+    for extent, fit in found.items():
+        problem = _Problem(fit.bending, samples, fit.extent, fit.free)
+        errors = problem.left_out(problem.state_of(fit), fit.sigma, fit.kept.astype(float))
+        across = errors[fit.kept, :2]
+        error_m[extent] = math.sqrt(float(np.sum(across**2)) / len(across))
     best = Extent.CAMERA
     for extent in extents:
         if error_m[extent] < _BETTER * error_m[best]:
@@ -390,7 +394,13 @@ def _without_outliers(problem: _Problem, state: _State) -> tuple[_State, _Mask]:
         typical = max(float(np.median(squares)), _EXPECTED)
     kept: _Mask = np.less(squares, _OUTLIER * typical)
     if typical > _IMPLAUSIBLE or np.count_nonzero(~kept) > _MAX_OUTLIER_FRACTION * len(kept):
-        raise _contradiction_error(problem.samples, kept)
+        wrong = [s.name or str(i + 1) for i, s in enumerate(problem.samples) if not kept[i]]
+        named = f"{len(wrong)} of {len(kept)}: {', '.join(wrong)}" if wrong else "most of them"
+        raise CalibrationError(
+            f"The pictures contradict each other ({named}).",
+            "Is the board fixed firmly to the gripper, and does the camera stand still? "
+            "Nothing was saved.",
+        )
     return state, kept
 
 
@@ -459,11 +469,14 @@ class _Problem:
         damping = 1e-6
         equations = self._equations(state, sigma, weight)
         for _ in range(_STEPS):
-            free = self._free & ~self._at_bound(state, equations.slope)
+            free, bounded = self._free.copy(), slice(_POSES + self.dof, None)
+            # Compliances and backlashes that are zero may not become negative.
+            free[bounded] &= (state.arm[self.dof :] > 0.0) | (equations.slope[bounded] < 0.0)
             H = equations.curvature[np.ix_(free, free)]
             step = np.zeros(len(free))
             step[free] = np.linalg.solve(H + damping * np.diag(np.diag(H)), -equations.slope[free])
-            tried = self._inside(state.moved(step))
+            tried = state.moved(step)
+            tried.arm[self.dof :] = np.maximum(tried.arm[self.dof :], 0.0)
             reached = self._equations(tried, sigma, weight)
             if reached.cost > equations.cost:
                 damping *= 10.0
@@ -552,18 +565,6 @@ class _Problem:
             self._bending, compliance=state.arm[dof : 2 * dof], half_play=state.arm[2 * dof :]
         )
 
-    def _at_bound(self, state: _State, slope: Vector) -> _Mask:
-        """Return which zero compliances and backlashes would become negative."""
-        bound = np.zeros(len(slope), dtype=bool)
-        first = _POSES + self.dof
-        bound[first:] = (state.arm[self.dof :] <= 0.0) & (slope[first:] >= 0.0)
-        return bound
-
-    def _inside(self, state: _State) -> _State:
-        dof = self.dof
-        arm = np.concatenate([state.arm[:dof], np.maximum(state.arm[dof:], 0.0)])
-        return replace(state, arm=arm)
-
     def _equations(self, state: _State, sigma: Vector, weight: Vector) -> _NormalEquations:
         e, J = self._linearise(state)
         whiten = np.sqrt(weight)[:, None, None] * self._whiten(sigma)
@@ -614,14 +615,6 @@ class _Problem:
                 J[i, :, 13:_POSES] = -by_lens
                 e[i] -= by_lens @ (state.lens - sample.lens.at)
         return e, J
-
-
-def _left_out_m(fit: CameraFit, samples: Sequence[BoardSample]) -> float:
-    """Compute the root mean square across the ray over kept samples, each left out once."""
-    problem = _Problem(fit.bending, samples, fit.extent, fit.free)
-    errors = problem.left_out(problem.state_of(fit), fit.sigma, fit.kept.astype(float))
-    across = errors[fit.kept, :2]
-    return math.sqrt(float(np.sum(across**2)) / len(across))
 
 
 def _priors(bending: Bending) -> Vector:
@@ -687,7 +680,10 @@ def _closed_form(tips: Matrix, seen: Matrix) -> tuple[Matrix, Matrix]:
     null = np.linalg.svd(np.vstack(rows), full_matrices=False)[2][-1]
     both = null.reshape(2, 3, 3).swapaxes(1, 2)
     both *= np.sign(np.linalg.det(both[1])) or 1.0
-    R_board_tip, R_camera = (_nearest_rotation(each) for each in both)
+    decomposed = [np.linalg.svd(each) for each in both]
+    R_board_tip, R_camera = (  # the nearest rotations
+        U @ np.diag([1.0, 1.0, np.linalg.det(U @ V)]) @ V for U, _, V in decomposed
+    )
     A = np.vstack([np.hstack([R_camera @ T[:3, :3], eye]) for T in tips])
     b = np.concatenate([S[:3, 3] - R_camera @ T[:3, 3] for T, S in zip(tips, seen, strict=True)])
     at = np.linalg.lstsq(A, b, rcond=None)[0]
@@ -696,18 +692,3 @@ def _closed_form(tips: Matrix, seen: Matrix) -> tuple[Matrix, Matrix]:
 
 def _kron(A: Matrix, B: Matrix) -> Matrix:
     return np.einsum("ij,kl->ikjl", A, B).reshape(9, 9)
-
-
-def _nearest_rotation(A: Matrix) -> Matrix:
-    U, _, V = np.linalg.svd(A)
-    return U @ np.diag([1.0, 1.0, np.linalg.det(U @ V)]) @ V
-
-
-def _contradiction_error(samples: Sequence[BoardSample], kept: _Mask) -> CalibrationError:
-    wrong = [s.name or str(i + 1) for i, s in enumerate(samples) if not kept[i]]
-    named = f"{len(wrong)} of {len(samples)}: {', '.join(wrong)}" if wrong else "most of them"
-    return CalibrationError(
-        f"The pictures contradict each other ({named}).",
-        "Is the board fixed firmly to the gripper, and does the camera stand still? "
-        "Nothing was saved.",
-    )

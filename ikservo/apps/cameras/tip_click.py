@@ -1,9 +1,9 @@
 """The zero of the last joint from clicks on the tip in the picture of a calibrated camera.
 
-A board on the gripper cannot tell that zero from the way in which the board was fixed; the tip can.
-The zero moves the tip along an arc in the picture; the point of the arc nearest to the click is
-taken. Clicks are kept with the camera, and their mean is used: the errors of clicks average out,
-the camera's error does not.
+A board on the gripper cannot distinguish that zero from the way in which the board was fixed; the
+tip can. The zero moves the tip along an arc in the picture; the point of the arc nearest to the
+click is taken. Clicks are kept with the camera, and their mean is used, because the errors of
+clicks average out. The camera's error does not.
 """
 
 from __future__ import annotations
@@ -32,12 +32,13 @@ from ikservo.kinematics.joints import JointType
 from ikservo.kinematics.rays import Ray
 
 _MOST_RAD, _STEP_RAD = math.radians(10.0), math.radians(0.05)  # search for a zero set by eye
-_LEAST_PX = 1.0  # a degree must move the tip by as many pixels
+_LEAST_PX = 1.0  # a degree must move the tip by at least this many pixels
 _CLICK_PX = 1.5  # standard error of a careful click, per axis
-_DOUBTFUL = 4.0  # a click so many standard errors from the mean of the others is left out
+_DOUBTFUL = 4.0  # a click this many standard errors from the mean of the others is left out
 _ENOUGH, _KNOWN_MM = 3, 0.5  # clicks that suffice (one may be wrong), and the error of the tip then
 _OFF_MM = 3.0  # distance of a good click from the arc, in addition to the camera's error
-_POSTURES, _APART_RAD = 37, math.radians(20.0)  # tried per joint; at least so far from here
+# Postures that are tried per joint, and their least distance from the present posture.
+_POSTURES, _APART_RAD = 37, math.radians(20.0)
 _EDGE_PX = 30.0  # margin of the picture in which no next click is proposed
 # A click is aimed at an arm that stands: in this time it moves by no more than a tick of noise.
 _STANDS = StillnessDetector(window_s=0.3, tolerance=math.radians(0.1), least_readings=2)
@@ -222,7 +223,7 @@ def _read_click(
 
 
 def _mean(clicks: Sequence[TipClick]) -> tuple[float, float, NDArray[np.bool_], bool]:
-    """Return the mean of clicks, its standard error [deg], which (n,) count, and if two disagree.
+    """Return the mean of clicks, its standard error [deg], which count (n,), whether two disagree.
 
     If clicks scatter more than expected, their errors are larger than assumed.
     """

@@ -24,8 +24,8 @@ Fields = Mapping[str, Any]
 
 MEASURED_BY = (
     "Measured with the arm's own joint sensors: bending, backlash behind the sensor and wrong "
-    "calibration are not in these figures. Use them to compare arms and settings, but not with "
-    "figures of an external measuring device."
+    "calibration are not in these figures. Use them to compare arms and settings; do not compare "
+    "them with figures of an external measuring device."
 )
 
 TOUCHED = (
@@ -87,7 +87,7 @@ def accuracy_fields(test: AccuracyTest, settings: TestSettings) -> dict[str, Any
 
 
 def touched_fields(poses: Sequence[PoseResult]) -> dict[str, Any]:
-    """Return the measurements by touches, with the keys of ``accuracy_fields``."""
+    """Return the measurements from touches, with the keys of ``accuracy_fields``."""
     nothing: dict[str, Any] = {"cube": None, "settings": None, "top_speed_m_s": None}
     rest: dict[str, Any] = {"directions": [], "paths": [], "drift": None}
     return {"measured_by": "touches", **nothing, "poses": _pose_fields(poses), **rest}
@@ -132,11 +132,17 @@ def summary_rows(fields: Fields) -> list[tuple[str, str, str, str]]:
 
 
 def statements(fields: Fields) -> list[str]:
-    """Return statements for comparison: the method, and what is shorter than the standard."""
+    """Return what a comparison must consider: the method, and deviations from the standard."""
     if fields["measured_by"] == "touches":
         found = [TOUCHED]
     else:
-        found = [MEASURED_BY, *_shortened(fields["settings"]), *_small_cube(fields["cube"])]
+        found = [MEASURED_BY, *_shortened(fields["settings"])]
+        edge_m = fields["cube"]["edge_m"]
+        if edge_m < 0.25:
+            found.append(
+                f"The edge of the cube is {1000 * edge_m:.0f} mm, the largest that is free; "
+                "the smallest in the standard is 250 mm."
+            )
     if fields["simulated"]:
         found.append("A simulated arm.")
     if fields["stopped"]:
@@ -158,15 +164,6 @@ def _shortened(settings: Fields) -> list[str]:
     }
     shorter = [text for text, is_short in short.items() if is_short]
     return [f"Shorter than ISO 9283 asks for: {'; '.join(shorter)}."] if shorter else []
-
-
-def _small_cube(cube: Fields) -> list[str]:
-    if cube["edge_m"] >= 0.25:
-        return []
-    return [
-        f"The edge of the cube is {1000 * cube['edge_m']:.0f} mm, the largest that is free; "
-        "the standard's smallest has 250 mm."
-    ]
 
 
 def accuracy_page(fields: Fields) -> str:
@@ -269,7 +266,17 @@ def _line_plots(fields: Fields) -> Iterable[str]:
     for shape in ("line", "circle"):
         paths = [path for path in fields["paths"] if path["shape"] == shape]
         if paths:
-            yield _path_plot(shape, paths)
+            series = [
+                (
+                    f"{path['speed_percent']} %",
+                    np.linspace(0.0, 100.0, len(path["deviations_m"])).tolist(),
+                    [1000.0 * value for value in path["deviations_m"]],
+                    colour,
+                )
+                for path, colour in zip(paths, _COLOURS, strict=False)
+            ]
+            text = f"The {shape}: distance of the mean path from the commanded one, by speed"
+            yield _line_plot(text, series, ("% of the path", "mm"))
     drift = fields["drift"]
     if drift is not None and len(drift["times_s"]) > 1:
         minutes = [time_s / 60.0 for time_s in drift["times_s"]]
@@ -321,20 +328,6 @@ def _scatter(left: int, names: Sequence[str], points: Matrix, reach: float) -> s
     return box + cross + dots + label
 
 
-def _path_plot(shape: str, paths: Sequence[Fields]) -> str:
-    series = [
-        (
-            f"{path['speed_percent']} %",
-            np.linspace(0.0, 100.0, len(path["deviations_m"])).tolist(),
-            [1000.0 * value for value in path["deviations_m"]],
-            colour,
-        )
-        for path, colour in zip(paths, _COLOURS, strict=False)
-    ]
-    text = f"The {shape}: distance of the mean path from the commanded one, by speed"
-    return _line_plot(text, series, ("% of the path", "mm"))
-
-
 def _line_plot(
     text: str,
     series: Sequence[tuple[str, Sequence[float], Sequence[float], str]],
@@ -343,7 +336,18 @@ def _line_plot(
     top = _round_up(max(max(values) for _, _, values, _ in series) or 0.0)
     end = max(max(xs) for _, xs, _, _ in series) or 1.0
     width, height = _WIDTH - _LEFT - 10, _HEIGHT - _BOTTOM - 25
-    parts = [_axis_lines(top, end, width, height, axes)]
+    parts: list[str] = []
+    for k in range(5):
+        y = 20 + height * (1.0 - k / 4)
+        parts.append(
+            f'<path d="M{_LEFT},{y:.1f}h{width}" stroke="var(--line)"/>'
+            f'<text x="{_LEFT - 5}" y="{y + 4:.1f}" text-anchor="end">{top * k / 4:g}</text>'
+        )
+    parts.append(
+        f'<text x="{_LEFT}" y="{_HEIGHT - 12}">0</text>'
+        f'<text x="{_LEFT + width}" y="{_HEIGHT - 12}" text-anchor="end">{end:.3g} {axes[0]}</text>'
+        f'<text x="4" y="12">{axes[1]}</text>'
+    )
     for k, (name, xs, values, colour) in enumerate(series):
         points = " ".join(
             f"{_LEFT + width * x / end:.1f},{20 + height * (1.0 - value / top):.1f}"
@@ -357,22 +361,6 @@ def _line_plot(
                 f'<text x="{_LEFT + 6 + 60 * k}" y="12" style="fill:{colour}">{name}</text>'
             )
     return _figure("".join(parts), text, _HEIGHT)
-
-
-def _axis_lines(top: float, end: float, width: float, height: float, axes: tuple[str, str]) -> str:
-    parts: list[str] = []
-    for k in range(5):
-        y = 20 + height * (1.0 - k / 4)
-        parts.append(
-            f'<path d="M{_LEFT},{y:.1f}h{width}" stroke="var(--line)"/>'
-            f'<text x="{_LEFT - 5}" y="{y + 4:.1f}" text-anchor="end">{top * k / 4:g}</text>'
-        )
-    parts.append(
-        f'<text x="{_LEFT}" y="{_HEIGHT - 12}">0</text>'
-        f'<text x="{_LEFT + width}" y="{_HEIGHT - 12}" text-anchor="end">{end:.3g} {axes[0]}</text>'
-        f'<text x="4" y="12">{axes[1]}</text>'
-    )
-    return "".join(parts)
 
 
 def _figure(parts: str, text: str, height: int) -> str:

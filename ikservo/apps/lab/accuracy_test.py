@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -28,7 +28,7 @@ PARTS = ("poses", "directions", "paths", "drift")
 
 SPEEDS_PERCENT = (100, 50, 10)
 STANDARD_CYCLES, STANDARD_PATH_CYCLES, STANDARD_DRIFT_S = 30, 10, 3600.0
-"""Cycles and times of the standard; its drift test takes eight hours, or until it is steady."""
+"""Cycles and time of a complete test; the drift test of the standard itself takes eight hours."""
 
 _DIRECTION_POSES = ("P1", "P2", "P4")
 _APPROACH_OF_EDGE = 0.1
@@ -38,7 +38,7 @@ _ENDS = 0.08
 _DRIFT_CYCLES = 10
 
 OnStep = Callable[[str, float, float], None]
-"""Called after each cycle with the name of the part, the finished and the total cycles."""
+"""Callback after each cycle: name of the part, finished cycles, total cycles."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,7 +87,7 @@ class PoseResult:
     """The poses attained in the cycles of one commanded pose.
 
     Attributes:
-        name: P1 to P5.
+        name: The name of the pose, P1 to P5.
         target_m: The commanded point (3,), metres, base frame.
         attained_m: The measured tip (3,) of each cycle.
     """
@@ -134,7 +134,7 @@ class PathResult:
     """The paths measured in the cycles of one commanded path at one speed.
 
     Attributes:
-        shape: line or circle.
+        shape: ``line`` or ``circle``.
         speed_percent: The percentage of the highest speed.
         tool_speed_m_s: The commanded speed of the tip.
         points_m: Points (m, 3) of the commanded path.
@@ -257,31 +257,31 @@ class AccuracyTest:
             self.on_step("pose accuracy and repeatability", cycle, self._settings.cycles)
 
     def _measure_directions(self) -> None:
-        """Approach poses along the axes of the base frame, from within the cube."""
+        """Approach poses along the axes of the base frame, from inside the cube."""
         total = len(_DIRECTION_POSES) * self._settings.cycles
         for number, name in enumerate(_DIRECTION_POSES):
             target = self.cube.poses_m[name]
-            offsets = list(self._approaches(target))
+            # Starts (3,) of the approaches, relative to the pose, on the side of the centre.
+            inwards = self.cube.center_m - target
+            offsets = np.diag(np.copysign(_APPROACH_OF_EDGE * self.cube.edge_m, inwards))
+            offsets = offsets[: 2 if self.cube.is_planar else 3]
             result = DirectionResult(name, target, [[] for _ in offsets])
             self.directions.append(result)
             for cycle in range(self._settings.cycles):
                 for attained, offset in zip(result.attained_m, offsets, strict=True):
                     self._move_to(target + offset)
-                    attained.append(self._line_to(target))
+                    attained.append(self._arm.move_line(target, speed="fast").measured_tip_m)
                 done = number * self._settings.cycles + cycle + 1
                 self.on_step("multi-directional variation", done, total)
 
-    def _approaches(self, target: Vector) -> Iterator[Vector]:
-        """Yield the starts (3,) of approaches relative to their pose, on the side of the centre."""
-        for axis in range(2 if self.cube.is_planar else 3):
-            offset = np.zeros(3)
-            inwards = self.cube.center_m[axis] - target[axis]
-            offset[axis] = math.copysign(_APPROACH_OF_EDGE * self.cube.edge_m, inwards)
-            yield offset
-
     def _measure_paths(self) -> None:
         total = len(SPEEDS_PERCENT) * 2 * self._settings.path_cycles
-        self.top_speed_m_s = self._top_speed_m_s()
+        tops: list[float] = []
+        for shape in ("line", "circle"):
+            self._move_to(self._path_start(shape))
+            plan = self._arm.plan(self._path(shape, 1.0))
+            tops.append(plan.tool_speed.top_m_s if plan.tool_speed else 0.0)
+        self.top_speed_m_s = max(math.floor(1000.0 * min(tops)), 1.0) / 1000.0
         for percent in SPEEDS_PERCENT:
             speed_m_s = 0.01 * percent * self.top_speed_m_s
             for shape in ("line", "circle"):
@@ -294,15 +294,6 @@ class AccuracyTest:
                         self.paths.append(result)
                     done = sum(len(path.attained_m) for path in self.paths)
                     self.on_step("path accuracy and repeatability", done, total)
-
-    def _top_speed_m_s(self) -> float:
-        """Compute the speed that the joints allow on both paths, in whole mm/s."""
-        tops: list[float] = []
-        for shape in ("line", "circle"):
-            self._move_to(self._path_start(shape))
-            plan = self._arm.plan(self._path(shape, 1.0))
-            tops.append(plan.tool_speed.top_m_s if plan.tool_speed else 0.0)
-        return max(math.floor(1000.0 * min(tops)), 1.0) / 1000.0
 
     def _path(self, shape: str, tool_speed_m_s: float) -> MoveLine | MoveArc:
         cube = self.cube
@@ -339,7 +330,7 @@ class AccuracyTest:
         return np.array(seen)
 
     def _measure_drift(self) -> None:
-        """Go between P2 and P1 without a pause; P1 is measured in groups of ten cycles."""
+        """Move between P2 and P1 without a pause, and measure P1 in groups of ten cycles."""
         begin_s, poses = self._arm.clock.now_s(), self.cube.poses_m
         self.drift = drift = DriftResult("P1")
         elapsed_s = 0.0
@@ -356,9 +347,6 @@ class AccuracyTest:
 
     def _move_to(self, point_m: Vector) -> Vector:
         return self._arm.move_to(point_m, speed="fast").measured_tip_m
-
-    def _line_to(self, point_m: Vector) -> Vector:
-        return self._arm.move_line(point_m, speed="fast").measured_tip_m
 
 
 def _ignore_step(what: str, done: float, total: float) -> None:

@@ -69,7 +69,8 @@ class IdentificationRun:
 
         Raises:
             CalibrationError: The arm is not calibrated.
-            RefusedError: A servo's motor is not known, the arm has no masses, or there is no room.
+            RefusedError: The motor of a servo is unknown, the arm has no masses, or there is no
+                room.
         """
         context = arm.context
         context.require_zeros()
@@ -77,7 +78,7 @@ class IdentificationRun:
         if not masses:
             raise RefusedError(
                 f"{context.model.name} has no masses in its URDF.",
-                "Add <inertial> to its links: masses are estimated as multiples of these.",
+                "Add <inertial> to its links; masses are estimated as multiples of these.",
             )
         dynamics = Dynamics.from_masses(context.chain, masses)
         nominal_priors(context.model, context.chain.names)  # refuses unknown motors
@@ -93,7 +94,7 @@ class IdentificationRun:
 
     @property
     def path(self) -> Path:
-        """The arm's file."""
+        """Path of the arm's identification file."""
         context = self.arm.context
         return identified_path(context.model.name, context.serial_number)
 
@@ -147,7 +148,7 @@ class IdentificationRun:
         ]
 
     def file(self, found: Identification, written: datetime) -> IdentifiedArm:
-        """Return the content of the arm's file."""
+        """Return the content of the arm's identification file."""
         context = self.arm.context
         return identified_arm(
             context.model, self.dynamics, self.priors(), found, context.serial_number, written
@@ -155,7 +156,7 @@ class IdentificationRun:
 
 
 def nominal_priors(model: Model, names: Sequence[str]) -> list[JointPrior]:
-    """Return the priors of some joints' servos, from the tables.
+    """Return the nominal priors of the servos of some joints, from the tables.
 
     Raises:
         RefusedError: The motor of a servo is unknown.
@@ -181,7 +182,7 @@ def nominal_priors(model: Model, names: Sequence[str]) -> list[JointPrior]:
 
 
 def _factors(prior: JointPrior) -> Mapping[str, float]:
-    """Compute the factors from figures of one servo, at the horn, to those of its joint."""
+    """Compute the factors that convert figures of one servo, at the horn, to those of its joint."""
     force, per_horn_rad = prior.force, prior.per_horn_rad
     return {
         "full_duty_nm": force,
@@ -204,7 +205,7 @@ def identified_arm(
     usb_serial_number: str,
     written: datetime,
 ) -> IdentifiedArm:
-    """Return the content of an arm's file."""
+    """Return the content of an arm's identification file."""
     carried = dict(zip(body_joints(model, dynamics), dynamics.bodies, strict=True))
     joints = [
         _identified_joint(name, prior, found, carried[name])

@@ -22,9 +22,9 @@ from ikservo.model.servo_torque import ServoTorque
 # Errors of a window's volts, from counts of the duty and from steps of the supply's reading.
 # Similar windows share the latter, so together they count as no more than this many windows.
 _VOLTS, _SUPPLY_VOLTS, _MIN_WINDOWS = 0.01, 0.03, 10
-# In a window in which gears cross their backlash, motor and joint have different speeds: by more
-# than this many of those errors, and this many times the difference of most windows. If more than
-# half of the windows differ, the joint swings by itself.
+# While gears cross their backlash, motor and joint have different speeds. A window is left out if
+# they differ by more than this many of those errors and this many times the median difference. If
+# more than half of the windows differ, the joint swings by itself.
 _SWINGING, _OUTLIER = 3.0, 4.0
 _TRIMMING_ROUNDS = 4  # iterations that find the differing windows
 _NOMINAL_SHARE = 0.1  # relative deviation of a servo's winding and magnets from its model's
@@ -35,13 +35,13 @@ _LOOP_NOISE = 0.004  # least noise of a window's mean duty
 _NOISY_DUTY = 0.015  # noise of a window's mean above which leads are more precise than duties
 _NOISE_ROUNDS = 3  # iterations that find the noise
 _MOVING_RAD_S, _MIN_SWINGS = 0.05, 4
-# A slower motor counts as at rest: a step of the current of an XL330 or STS is as large.
+# A slower motor counts as at rest, because one step of the current of an XL330 or STS is as large.
 _STUCK_RAD_S = 0.01
-# The gears of a joint are unloaded if its gravity torque is below this part of the full duty's.
+# The gears of a joint are unloaded if gravity is below this fraction of its torque at full duty.
 _FREE_SHARE = 0.01
-# Compared places, from the middle of a swing, and the width around each, in parts of the swing.
+# Places that are compared, from the middle of a swing, and their width, as fractions of the swing.
 _PLACES, _PLACE_WIDTH = np.linspace(-0.4, 0.4, 17), 0.03
-# If so many places agree on the backlash within this tolerance, they show all of it.
+# If this many places agree on the backlash within this tolerance, they show all of it.
 _ALIKE_PLACES, _ALIKE_SHARE, _ALIKE_RAD = 3, 0.1, 0.002
 _MAX_BACKLASH_RAD = 0.2
 # Largest difference of the motor's and the joint's speed unless gears cross their backlash, and the
@@ -57,7 +57,7 @@ class JointPrior:
     Attributes:
         servo: The model of one of its servos.
         servos: The number of servos that drive it.
-        nominal_v: The supply of these figures.
+        nominal_v: The supply voltage for which these figures hold.
         per_horn_rad: Motion of the joint per rad of the horns.
         full_duty_share: Relative standard deviation of the torque at full duty.
         gain: The P gain in force, as a fraction of that of the servo's model; None if it was not
@@ -119,8 +119,8 @@ class MotorConstants:
 
     Attributes:
         windings: The windings of each servo.
-        nominal_v: The supply for the full duty.
-        per_horn_rad: Motion of the joint for each rad of the horns.
+        nominal_v: The supply voltage for which the full duty holds.
+        per_horn_rad: Motion of the joint per rad of the horns.
     """
 
     windings: Sequence[Winding]
@@ -154,9 +154,9 @@ class LoopFit:
         duty_per_rad_error: Its standard error.
         share_before: Its relative prior standard deviation.
         startup_duty: Duty that is added in the direction of the error.
-        delay_s: The age of the position to which the duty seems to belong: d.
-        noise: The deviation of the duty from that within a window, rms: the response of the D gain
-            to the steps of goals and position.
+        delay_s: The apparent age d of the position to which the duty belongs.
+        noise: The rms deviation of the duty from this fit; the D gain responds to the steps of
+            goals and position.
     """
 
     duty_per_rad: float
@@ -185,7 +185,8 @@ def _winding(windows: SteadyWindows, servo: int, prior: JointPrior) -> Winding |
     """Return the motor of one servo; None if it does not measure its current.
 
     While gears cross their backlash, motor and joint have different speeds; such windows are left
-    out. A joint that swings in its backlash has too few others; its motor is the nominal one.
+    out. If a joint swings in its backlash, too few windows remain, and the nominal motor is
+    returned.
     """
     current = windows.current_a[:, servo]
     used = np.isfinite(current)
@@ -261,11 +262,11 @@ def mean_duties(windows: SteadyWindows, loops: Sequence[LoopFit]) -> SteadyWindo
 
 
 def sign_currents(recording: DriveRecording, priors: Sequence[JointPrior]) -> DriveRecording:
-    """Return a recording with signs for currents of which servos measure only the size.
+    """Add signs to the currents of servos that measure only the magnitude.
 
-    Of both signs, the one is taken for which the motor's speed, by its back-EMF, is closer to the
-    joint's and to its own before and after: the speeds differ while gears cross their backlash, but
-    the rotor has inertia.
+    The sign is chosen so that the motor's speed, from its back-EMF, is close to the joint's and to
+    its own before and after: the speeds differ while gears cross their backlash, but the rotor has
+    inertia.
 
     Args:
         recording: The recording that was read.
@@ -309,7 +310,7 @@ def _likeliest(motor: Matrix, joint: Vector) -> NDArray[np.intp]:
 def fit_backlash(
     recording: DriveRecording, joint: int, gravity: Vector, motors: MotorConstants
 ) -> tuple[float, float] | None:
-    """Fit the backlash of a joint and its standard error, rad; None if it does not show.
+    """Fit the backlash of a joint and its standard error, rad; None if it cannot be measured.
 
     If a joint swings alone, nearly without load, its gears cross their backlash: the motor is ahead
     of the joint in one direction and behind it in the other. Errors of kt cancel if the joint
@@ -321,8 +322,8 @@ def fit_backlash(
     Args:
         recording: The recording of the motion; currents have a sign.
         joint: The joint.
-        gravity: Its gravity torque in each sample (m,), as far as known; if it keeps its sign, the
-            gears stay on one side.
+        gravity: Its estimated gravity torque in each sample (m,); if it keeps its sign, the gears
+            stay on one side.
         motors: The motors of its servos.
     """
     swings = _swings(recording, joint)
@@ -369,10 +370,11 @@ def _swings(recording: DriveRecording, joint: int) -> list[NDArray[np.intp]]:
 def _lost_motions(
     recording: DriveRecording, joint: int, swings: Sequence[NDArray[np.intp]], motor: Winding
 ) -> Cube:
-    """Compute differences (k, places, 3) of volts, integrated amperes and joint between swings.
+    """Compute differences between swings (k, places, 3): integrated volts and amperes, and joint.
 
     Each swing is compared with the swings before and after, so that steady drift cancels. A motor
-    whose speed cannot be told from rest counts as stuck, because steps of its sensors would add up.
+    whose speed cannot be distinguished from rest counts as stuck, because steps of its sensors
+    would add up.
     """
     time_s, position = recording.time_s, recording.position[:, joint]
     current = recording.current_a[:, joint, 0]

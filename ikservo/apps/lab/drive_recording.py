@@ -15,7 +15,7 @@ Cube = NDArray[np.float64]
 _WINDOW_S = 0.2
 _SETTLED_S = 0.12  # wait after a change of speed, until the servo's profile and loop have settled
 _STEADY_RAD_S = 0.004  # allowed change of speed in a window; or 3 % of it
-_MAX_LAG = 0.25  # of the travel of the goals in a window
+_MAX_LAG = 0.25  # largest lag in a window, as a fraction of the travel of its goals
 _MIN_RAD_S = 0.04  # slower shafts stick and slip
 
 
@@ -96,7 +96,7 @@ class SteadyWindows:
 
 
 def steady_windows(recording: DriveRecording) -> SteadyWindows:
-    """Return the means over all windows of steady motion, of all joints."""
+    """Return the means over all windows of steady motion of all joints."""
     rows = [
         _mean_row(recording, joint, window)
         for joint in range(recording.goal.shape[1])
@@ -107,7 +107,7 @@ def steady_windows(recording: DriveRecording) -> SteadyWindows:
 
 
 def smooth_samples(samples: Matrix) -> Matrix:
-    """Compute the mean of nine samples around each (m, n)."""
+    """Replace each sample (m, n) by the mean of the nine samples around it."""
     padded = np.pad(samples, ((4, 4), (0, 0)), mode="edge")
     kernel = np.ones(9) / 9.0
     return np.column_stack([np.convolve(column, kernel, "valid") for column in padded.T])
@@ -125,17 +125,14 @@ def _windows_of(recording: DriveRecording, joint: int) -> list[slice]:
         if recording.time_s[k] - recording.time_s[since] < _SETTLED_S:
             first = k
         elif recording.time_s[k] - recording.time_s[first] >= _WINDOW_S:
-            if _follows(recording, joint, slice(first, k)):
-                found.append(slice(first, k))
+            # After a reversal a joint sticks for a while and does not move like its goals.
+            window = slice(first, k)
+            moved = np.ptp(recording.position[window, joint])
+            asked = np.ptp(recording.goal[window, joint])
+            if abs(moved - asked) < _MAX_LAG * asked:
+                found.append(window)
             first = k
     return found
-
-
-def _follows(recording: DriveRecording, joint: int, window: slice) -> bool:
-    """Check whether a joint has moved like its goals; after a reversal it sticks for a while."""
-    moved = np.ptp(recording.position[window, joint])
-    asked = np.ptp(recording.goal[window, joint])
-    return bool(abs(moved - asked) < _MAX_LAG * asked)
 
 
 def _mean_row(recording: DriveRecording, joint: int, window: slice) -> tuple[object, ...]:

@@ -25,7 +25,7 @@ from ikservo.planning.context import ArmContext
 
 _CANDIDATES, _MAX_DRAWS = 12, 400
 _SEED = 1
-_CLEARANCE_M = 0.02
+_CLEARANCE_M = 0.02  # required distance of the body from everything
 _LIMIT_MARGIN = 0.05  # margin at both ends, as a fraction of the range of a joint
 # The motions are slow, but goals may lead loaded joints by as much as in a normal motion. The
 # servos move to each goal slowly, because bursts increase the mean friction of their gears.
@@ -166,16 +166,20 @@ def plan_excitation(
 def _draw_postures(
     context: ArmContext, dynamics: Dynamics, start: Vector, most: int
 ) -> list[Vector]:
-    """Return start and postures (n,) of a tour, each with a free path from the one before."""
+    """Return the start and the postures (n,) of a tour, each with a free path from the last."""
     random, space = np.random.default_rng(_SEED), _FreeSpace.of(context, dynamics, start)
     postures, way = [start], [start]
+    # Information of the postures about the scale of each mass and the payload.
     information = np.zeros((len(dynamics.bodies) + 1,) * 2)
     while way and len(postures) <= most:
         candidates = list(islice(space.reachable_postures(way[-1], random), _CANDIDATES))
         if candidates:
-            gains = [_information(context, dynamics, q) for q in candidates]
-            best = int(np.argmax([_determinant(information + gain) for gain in gains]))
-            information += gains[best]
+            sums: list[Matrix] = []
+            for q in candidates:
+                torques = gravity_columns(dynamics, context.index.chain_joints(q)[None])[0]
+                sums.append(information + torques.T @ torques)
+            best = int(np.argmax([_determinant(each) for each in sums]))
+            information = sums[best]
             way.append(candidates[best])
         else:  # go back along the free path
             way.pop()
@@ -189,10 +193,10 @@ def _draw_postures(
 
 
 def _swings(context: ArmContext, dynamics: Dynamics, start: Vector, times: int) -> list[Vector]:
-    """Return postures (n,), reachable from the start, between which joints swing one by one.
+    """Return reachable postures (n,) between which joints swing one by one; empty without room.
 
     Gears cross their backlash where the load changes its sign. Gravity does not load the joints of
-    an upright arm, whatever its links weigh. Empty if there is no room for that.
+    an upright arm, whatever its links weigh.
     """
     space = _FreeSpace.of(context, dynamics, start)
     for upright in space.upright_postures(start, np.random.default_rng(_SEED)) if times else ():
@@ -240,7 +244,8 @@ class _FreeSpace:
         for _ in range(_MAX_DRAWS):
             q = random.uniform(lower, upper)
             posture = self.context.index.with_chain(at, q)
-            if self._is_room_at(posture) and self.is_way_free(at, posture):
+            has_room = self.context.clearance_m(posture) > self.clearance_m
+            if has_room and self.is_way_free(at, posture):
                 yield posture
 
     def upright_postures(self, at: Vector, random: np.random.Generator) -> Iterator[Vector]:
@@ -268,9 +273,6 @@ class _FreeSpace:
         lower, upper = np.maximum(lower, -np.pi), np.minimum(upper, np.pi)
         margin = _LIMIT_MARGIN * (upper - lower)
         return lower + margin, upper - margin
-
-    def _is_room_at(self, posture: Vector) -> bool:
-        return self.context.clearance_m(posture) > self.clearance_m
 
     def is_way_free(self, start: Vector, goal: Vector) -> bool:
         """Check whether the arm may move between two postures (n,), there and back."""
@@ -309,12 +311,6 @@ def _max_gravity(context: ArmContext, column: int) -> float:
     return low / _HEAVIER
 
 
-def _information(context: ArmContext, dynamics: Dynamics, posture: Vector) -> Matrix:
-    """Compute the information of a posture about the scale of each mass and the payload."""
-    torques = gravity_columns(dynamics, context.index.chain_joints(posture)[None])[0]
-    return torques.T @ torques
-
-
 def _determinant(information: Matrix) -> float:
     scale = np.abs(information).max(initial=1e-12)
     return float(np.linalg.slogdet(information + _PRIOR * scale * np.eye(len(information)))[1])
@@ -340,7 +336,10 @@ def record_excitation(
     all_joints = context.servos.drive_reader(names)
     single = [context.servos.drive_reader([name]) for name in names]
     cycle_s = runner.loop.cycle_time_s
-    phases, period_s = _phases(_PHASE_SHARE * cycle_s), max(_READ_PERIOD_S, _READ_CYCLES * cycle_s)
+    period_s = max(_READ_PERIOD_S, _READ_CYCLES * cycle_s)
+    # Goals come once per cycle, and the duty follows each step. Its dependence on the time since
+    # the goal is fitted to readings at evenly spread times; see `DriveRecording`.
+    phases_s = (_PHASE_SHARE * cycle_s * (_GOLDEN * k % 1.0) for k in count())
     goals_s: list[float] = []
     times: list[tuple[float, float, float]] = []
     replies: list[tuple[float, float]] = []
@@ -363,7 +362,7 @@ def record_excitation(
         goals_s.append(now_s)
         moving = excitation.moving(cycle.time_s)
         if not times or len(moving) == 1 or now_s - times[-1][0] >= period_s:
-            context.servos.clock.sleep_until(now_s + next(phases))
+            context.servos.clock.sleep_until(now_s + next(phases_s))
             asked_s = context.now_s()
             measured = read(moving)
             if measured is not None:
@@ -385,15 +384,16 @@ def record_excitation(
     # A servo's profile moves to each goal at its speed limit and arrives after a part of a cycle.
     profile_speeds = context.servos.profile_speeds(profile_rad_s)[list(context.index.chain)]
     profile_share = np.minimum(np.abs(recording.speed) / profile_speeds, 1.0)
-    mean_s = _mean_age_s(np.array(goals_s)) * (1.0 + profile_share)
+    held_s = np.diff(goals_s)
+    mean_s = 0.5 * (held_s @ held_s) / held_s.sum() * (1.0 + profile_share)
     return replace(recording, goal_age_s=ages_s - mean_s)
 
 
 def _sample_ages(replies: Matrix, drive: Matrix) -> Matrix:
-    """Sample the time from the goals to the sample of each joint's servos (m, joints), seconds.
+    """Compute the time from goals to the sample of each joint's servos (m, joints), seconds.
 
     No manual says whether a servo samples when the instruction arrives or when its turn to reply
-    comes. The middle is assumed; it is off by at most half of the time between both.
+    comes. The middle is assumed, so the error is at most half of the time between the two.
 
     Args:
         replies: Start and end (m, 2) of each reading, after the goals.
@@ -402,22 +402,6 @@ def _sample_ages(replies: Matrix, drive: Matrix) -> Matrix:
     counts = np.isfinite(drive[..., 0]).sum(axis=1)
     share = 0.5 * (np.cumsum(counts) - 0.5 * counts) / counts.sum()
     return replies[:, :1] + (replies[:, 1:] - replies[:, :1]) * share
-
-
-def _mean_age_s(goals_s: Vector) -> float:
-    """Compute the mean age over time of goals that were sent at some times (k,)."""
-    held_s = np.diff(goals_s)
-    return float(0.5 * (held_s @ held_s) / held_s.sum())
-
-
-def _phases(longest_s: float) -> Iterator[float]:
-    """Yield times between 0 and the longest, evenly spread.
-
-    Goals come once per cycle, and the duty follows each step. Its dependence on the time since the
-    goal is fitted to readings at different times; see `DriveRecording`.
-    """
-    for k in count():
-        yield longest_s * (_GOLDEN * k % 1.0)
 
 
 def _make_recording(

@@ -10,7 +10,7 @@ from __future__ import annotations
 import json
 import math
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
@@ -41,9 +41,9 @@ class JointHealth(StrictModel):
     id: Annotated[int, Field(ge=0, le=253)] = Field(description="the servo's id")
     temperature_c: Finite | None = Field(default=None, description="°C, the hottest reading")
     voltage_v: Finite | None = Field(default=None, description="V, the lowest reading")
-    load: Finite | None = Field(default=None, description="the largest share of the full load")
+    load: Finite | None = Field(default=None, description="the largest fraction of the full load")
     requests: Count = Field(default=0, description="requests to the servo")
-    lost: Count = Field(default=0, description="of these, without a usable reply")
+    lost: Count = Field(default=0, description="requests without a usable reply")
     backlash_rad: Finite | None = Field(default=None, description="rad")
     backlash_error_rad: Finite | None = Field(default=None, description="its standard error")
     friction_nm: Finite | None = Field(default=None, description="N m, from rest")
@@ -73,26 +73,24 @@ def read_records(path: Path) -> list[HealthRecord]:
     """
     if not path.exists():
         return []
-    return list(_parse_lines(path, read_text(path, _MAX_BYTES)))
-
-
-def _parse_lines(path: Path, text: str) -> Iterator[HealthRecord]:
-    for number, line in enumerate(text.splitlines(), 1):
+    records: list[HealthRecord] = []
+    for number, line in enumerate(read_text(path, _MAX_BYTES).splitlines(), 1):
         try:
             fields: object = json.loads(line)
             if not isinstance(fields, dict):
                 raise FileFormatError(path, f"line {number}", "is not a record", "an object")
-            yield HealthRecord.model_validate(fields)
+            records.append(HealthRecord.model_validate(fields))
         except ValidationError as error:
             raise first_issue(validation_issues(error, HealthRecord), path) from None
         except FileFormatError:
             raise
         except (ValueError, RecursionError) as error:
             raise FileFormatError(path, f"line {number}", "is not JSON") from error
+    return records
 
 
 def append_record(path: Path, record: HealthRecord) -> None:
-    """Add a record to the file of an arm; if there are very many, drop the oldest.
+    """Add a record to the file of an arm; above ``MAX_RECORDS``, drop the oldest.
 
     Raises:
         FileFormatError: The file is damaged; it is unchanged.
@@ -127,23 +125,21 @@ def measure_health(bus: ServoBus, duration_s: float) -> tuple[JointHealth, ...]:
         if next_s > ends_s:
             break
         bus.clock.sleep_until(next_s)
-    return tuple(_summary(bus, servo_id, rows) for servo_id, rows in found.items())
-
-
-def _summary(
-    bus: ServoBus, servo_id: int, rows: Sequence[Mapping[RegisterName, float]]
-) -> JointHealth:
-    temperatures, voltages, loads = ([row[name] for row in rows] for name in _READ)
-    counts = bus.statistics[servo_id]
-    return JointHealth(
-        name=bus.servos[servo_id].name,
-        id=servo_id,
-        temperature_c=float(max(temperatures)) if rows else None,
-        voltage_v=float(min(voltages)) if rows else None,
-        load=float(max(map(abs, loads))) if rows else None,
-        requests=counts.requests,
-        lost=counts.lost + counts.garbled,
-    )
+    joints: list[JointHealth] = []
+    for servo_id, rows in found.items():
+        temperatures, voltages, loads = ([row[name] for row in rows] for name in _READ)
+        counts = bus.statistics[servo_id]
+        joint = JointHealth(
+            name=bus.servos[servo_id].name,
+            id=servo_id,
+            temperature_c=float(max(temperatures)) if rows else None,
+            voltage_v=float(min(voltages)) if rows else None,
+            load=float(max(map(abs, loads))) if rows else None,
+            requests=counts.requests,
+            lost=counts.lost + counts.garbled,
+        )
+        joints.append(joint)
+    return tuple(joints)
 
 
 def identified_health(bus: ServoBus, found: Identification) -> tuple[JointHealth, ...]:
@@ -205,14 +201,14 @@ _REPEATS: Mapping[str, tuple[float, float]] = {  # smallest difference, and frac
     "backlash_rad": (math.radians(0.05), 0.02),
     "friction_nm": (0.01, 0.10),
 }
-_SIGMAS = 3.0  # one false alarm in 740 per joint and quantity: 2 % for six joints
+_SIGMAS = 3.0  # one false alarm in 740 per joint and quantity, so 2 % for six joints
 
 
 def changes_of(records: Sequence[HealthRecord]) -> list[Change]:
     """Return significant rises from the earlier measurements to the latest.
 
     Each joint's backlash and friction are compared with the weighted mean of earlier values. A rise
-    counts from three standard errors on, so that one report in fifty on six joints is wrong.
+    counts if it exceeds three standard errors; then one report in fifty on six joints is wrong.
     """
     names = dict.fromkeys(joint.name for record in records for joint in record.joints)
     changes = (_change(records, name, key) for name in names for key in _REPEATS)
@@ -220,12 +216,16 @@ def changes_of(records: Sequence[HealthRecord]) -> list[Change]:
 
 
 def _change(records: Sequence[HealthRecord], name: str, key: str) -> Change | None:
-    rows = [
-        (record.written, value, _error(joint, key, value))
-        for record in records
-        for joint in record.joints
-        if joint.name == name and (value := getattr(joint, key)) is not None
-    ]
+    stem, _, unit = key.rpartition("_")
+    floor, share = _REPEATS[key]
+    rows: list[tuple[datetime, float, float]] = []
+    for record in records:
+        for joint in record.joints:
+            value: float | None = getattr(joint, key)
+            if joint.name == name and value is not None:
+                own: float | None = getattr(joint, f"{stem}_error_{unit}")
+                error = math.hypot(own or 0.0, floor, share * value)
+                rows.append((record.written, value, error))
     if len(rows) < 2:
         return None
     *earlier, (_, now, error) = rows
@@ -233,10 +233,3 @@ def _change(records: Sequence[HealthRecord], name: str, key: str) -> Change | No
     before = sum(w * each[1] for w, each in zip(weights, earlier, strict=True)) / sum(weights)
     sigmas = (now - before) / math.hypot(error, 1.0 / math.sqrt(sum(weights)))
     return Change(name, key, before, now, earlier[0][0], sigmas) if sigmas > _SIGMAS else None
-
-
-def _error(joint: JointHealth, key: str, value: float) -> float:
-    stem, _, unit = key.rpartition("_")
-    own: float | None = getattr(joint, f"{stem}_error_{unit}")
-    floor, share = _REPEATS[key]
-    return math.hypot(own or 0.0, floor, share * value)

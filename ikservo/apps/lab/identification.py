@@ -44,7 +44,7 @@ from ikservo.kinematics.dynamics import Dynamics
 
 _N, _LOGARITHMIC = len(JOINT_PARAMETERS), (0, len(JOINT_PARAMETERS) - 1)
 _DETERMINED = 0.5
-"""A parameter is determined if its standard error is below this part of its prior."""
+"""A parameter is determined if its standard error is below this fraction of its prior's."""
 _KEPT_ASIDE = 4  # every fourth pair of legs, forth and back, is kept aside
 _MIN_WINDOWS = 12  # per joint
 _BACKLASH_RAD = 0.02  # prior standard deviation
@@ -73,12 +73,12 @@ class ParameterEstimate:
 
 @dataclass(frozen=True, slots=True)
 class Validation:
-    """Quality of the prediction of a joint's lag behind its goals, on legs kept aside.
+    """Errors of a joint's predicted lag behind its goals, on legs kept aside.
 
     Attributes:
-        identified: Root mean square of the error with the parameters estimated from the other legs,
-            rad or m.
-        nominal: The same error with the parameters of the tables.
+        identified: Root mean square error with the parameters estimated from the other legs, rad
+            or m.
+        nominal: Root mean square error with the parameters of the tables.
     """
 
     identified: float
@@ -167,14 +167,13 @@ def identify(
         if name not in validation or not validation[name].is_better:
             own = slice(_N * j, _N * (j + 1))
             x[own], covariance[own, own] = nominal.mean[own], np.diag(nominal.deviation[own] ** 2)
-    estimates = _joint_estimates(dynamics.chain.names, x, covariance, nominal)
-    estimates |= _stiffness_estimates(dynamics.chain.names, estimates, loops, priors)
-    estimates |= _backlash_estimates(
-        recording,
-        dynamics.chain.names,
-        gravity_columns(dynamics, recording.position) @ _scales(x, len(dynamics.bodies)),
-        motors,
-    )
+    estimates = _joint_estimates(dynamics.chain.names, x, covariance, nominal, loops, priors)
+    gravity = gravity_columns(dynamics, recording.position) @ _scales(x, len(dynamics.bodies))
+    for j, name in enumerate(dynamics.chain.names):
+        if name in motors:
+            backlash = fit_backlash(recording, j, gravity[:, j], motors[name])
+            if backlash is not None:
+                estimates[f"{name}.backlash_rad"] = ParameterEstimate(*backlash, _BACKLASH_RAD)
     estimates |= _mass_estimates(dynamics.bodies, x, covariance, model.prior)
     return Identification(
         joints=dynamics.chain.names,
@@ -197,7 +196,7 @@ def identify_payload(
         dynamics: The dynamics of the chain, according to the arm file.
         priors: The priors of each joint's servos.
         recording: A recording of slow motion with the payload.
-        known: The earlier identification of the arm without payload; None if there is none.
+        known: An earlier identification of the arm without payload, if it exists.
 
     Raises:
         CalibrationError: A joint has not moved enough.
@@ -245,7 +244,7 @@ def _motors(
 
 
 def _solve(model: DutyModel) -> tuple[Vector, DutyModel]:
-    """Compute the parameters x, and the model with the noise that was found."""
+    """Compute the parameters x; return them and the model with the measured noise."""
     from scipy.optimize import least_squares  # noqa: PLC0415  # slow to import, seldom needed
 
     prior = model.prior
@@ -261,7 +260,7 @@ def _solve(model: DutyModel) -> tuple[Vector, DutyModel]:
 
 
 def _sandwich(model: DutyModel, x: Vector) -> Matrix:
-    """Compute the covariance of x; residuals of a leg and a joint are one group."""
+    """Compute the covariance of x; the residuals of one leg and joint are a group."""
     windows, J, residuals = model.windows, model.jacobian(x), model.residuals(x)
     H = np.linalg.pinv(J.T @ J, hermitian=True)
     rows = len(windows.joint)
@@ -276,50 +275,32 @@ def _sandwich(model: DutyModel, x: Vector) -> Matrix:
 
 
 def _joint_estimates(
-    joints: Sequence[str], x: Vector, covariance: Matrix, prior: ParameterPrior
+    joints: Sequence[str],
+    x: Vector,
+    covariance: Matrix,
+    nominal: ParameterPrior,
+    loops: Sequence[LoopFit],
+    priors: Sequence[JointPrior],
 ) -> dict[str, ParameterEstimate]:
+    """Return the parameters and the stiffness of each joint."""
     errors = np.sqrt(np.diag(covariance))
     estimates: dict[str, ParameterEstimate] = {}
     for k, (name, key) in enumerate((name, key) for name in joints for key in JOINT_PARAMETERS):
         value = float(np.exp(x[k]) if k % _N in _LOGARITHMIC else x[k])
         unit = value if k % _N in _LOGARITHMIC else 1.0
         estimates[f"{name}.{key}"] = ParameterEstimate(
-            value, float(unit * errors[k]), float(unit * prior.deviation[k])
+            value, float(unit * errors[k]), float(unit * nominal.deviation[k])
         )
-    return estimates
-
-
-def _stiffness_estimates(
-    joints: Sequence[str],
-    estimates: Mapping[str, ParameterEstimate],
-    loops: Sequence[LoopFit],
-    priors: Sequence[JointPrior],
-) -> dict[str, ParameterEstimate]:
-    """Return the stiffness of each joint: torque at full duty times the duty per rad."""
-    found: dict[str, ParameterEstimate] = {}
+    # The stiffness is the torque at full duty times the duty per rad.
     for name, loop, prior in zip(joints, loops, priors, strict=True):
         full = estimates[f"{name}.full_duty_nm"]
         value = full.value * loop.duty_per_rad
         share = np.hypot(full.error / full.value, loop.duty_per_rad_error / loop.duty_per_rad)
         before = np.hypot(prior.full_duty_share, loop.share_before)
-        found[f"{name}.stiffness_nm_rad"] = ParameterEstimate(
+        estimates[f"{name}.stiffness_nm_rad"] = ParameterEstimate(
             value, float(value * share), float(value * before)
         )
-    return found
-
-
-def _backlash_estimates(
-    recording: DriveRecording, names: Sequence[str], gravity: Matrix,
-    motors: Mapping[str, MotorConstants],
-) -> dict[str, ParameterEstimate]:  # fmt: skip
-    found: dict[str, ParameterEstimate] = {}
-    for j, name in enumerate(names):
-        backlash = (
-            fit_backlash(recording, j, gravity[:, j], motors[name]) if name in motors else None
-        )
-        if backlash is not None:
-            found[f"{name}.backlash_rad"] = ParameterEstimate(*backlash, _BACKLASH_RAD)
-    return found
+    return estimates
 
 
 def _scales(x: Vector, bodies: int) -> Vector:
@@ -348,7 +329,7 @@ def _mass_estimates(
 def _validate(
     joints: Sequence[str], model: DutyModel, loops: Sequence[LoopFit], nominal: ParameterPrior
 ) -> dict[str, Validation]:
-    """Fit all legs except those kept aside, and predict the latter."""
+    """Fit the model to some legs, and predict the legs that were kept aside."""
     aside = model.windows.leg // 2 % _KEPT_ASIDE == 1
     x, kept = _solve(model.only(~aside))[0], model.only(aside)
     found: dict[str, Validation] = {}

@@ -81,7 +81,14 @@ def command(
             append_record(log, HealthRecord(written=now, source="identify", joints=joints))
     carried = dict(zip(body_joints(machine.model, run.dynamics), found.bodies, strict=True))
     if options.json:
-        _print_json(machine.model.name, run, found, carried, path)
+        print_json(
+            "identify",
+            arm=machine.model.name,
+            path=path,
+            duration_s=run.duration_s,
+            joints=[_joint_fields(found, name, carried[name]) for name in found.joints],
+            payload_kg=_estimate_fields(found.estimates["payload_kg"]),
+        )
     else:
         _print_report(found, carried, path)
 
@@ -106,7 +113,7 @@ def announce_tour(run: IdentificationRun, options: MotionOptions) -> None:
 
 
 def record_tour(run: IdentificationRun) -> DriveRecording:
-    """Run the tour; a terminal shows the number of the present motion, and the time left."""
+    """Run the tour; on a terminal, show the number of the current motion and the time left."""
     tour = run.excitation
     with progress_bar() as show:
 
@@ -128,11 +135,10 @@ def _print_report(found: Identification, carried: dict[str, str], path: Path | N
     print_lines(
         [
             "Stiffness in N m/rad, friction in N m; ± one standard error. Values in parentheses",
-            "are not determined by the motion; they stay near those of servo tables and arm file.",
+            "are not determined by the motion and stay near those of servo tables and arm file.",
             "Backlash needs servos that measure their current, and room to swing upright; with",
             "--quick there are no swings.",
-            *_payload_lines(found),
-            *_validation_lines(found),
+            *_conclusions(found),
             "Nothing was saved." if path is None else f"Saved to {path}",
         ]
     )
@@ -142,12 +148,15 @@ def _row(found: Identification, name: str, body: str) -> list[str]:
     def estimate(key: str) -> ParameterEstimate | None:
         return found.estimates.get(f"{name}.{key}")
 
+    backlash, play = "–", estimate("backlash_rad")
+    if play is not None and play.determined:
+        backlash = f"{math.degrees(play.value):.2f} ± {math.degrees(play.error):.1g}°"
     return [
         name,
         _format(estimate("stiffness_nm_rad")),
         _format_sum(estimate("coulomb_nm"), estimate("slow_nm")),
         _format_sum(estimate("load"), estimate("slow_load")),
-        _format_backlash(estimate("backlash_rad")),
+        backlash,
         _format(found.estimates[f"{body}.mass_scale"], "× "),
     ]
 
@@ -168,13 +177,7 @@ def _format_sum(one: ParameterEstimate | None, other: ParameterEstimate | None) 
     return _format(ParameterEstimate(one.value + other.value, error, one.error_before))
 
 
-def _format_backlash(estimate: ParameterEstimate | None) -> str:
-    if estimate is None or not estimate.determined:
-        return "–"
-    return f"{math.degrees(estimate.value):.2f} ± {math.degrees(estimate.error):.1g}°"
-
-
-def _payload_lines(found: Identification) -> Iterator[str]:
+def _conclusions(found: Identification) -> Iterator[str]:
     payload = found.estimates["payload_kg"]
     grams, error = 1000.0 * payload.value, 1000.0 * payload.error
     if not payload.determined:
@@ -182,10 +185,7 @@ def _payload_lines(found: Identification) -> Iterator[str]:
     elif payload.value > 2.0 * payload.error:
         yield f"The jaws hold {grams:.0f} ± {error:.0f} g, or the last link is that much heavier."
     else:
-        yield f"Nothing in the jaws ({grams:.0f} ± {error:.0f} g)."
-
-
-def _validation_lines(found: Identification) -> Iterator[str]:
+        yield f"The jaws are empty ({grams:.0f} ± {error:.0f} g)."
     tables = [name for name, own in found.validation.items() if not own.is_better]
     if tables:
         yield f"Servo tables predict {', '.join(tables)} equally well, so they keep their values."
@@ -193,27 +193,10 @@ def _validation_lines(found: Identification) -> Iterator[str]:
     if worst is not None:
         own = found.validation[worst]
         yield (
-            f"On motions not used for it, each joint's lag behind its goal is predicted to "
-            f"{math.degrees(own.identified):.2f}° rms or better ({worst}; "
+            "On motions that were not used for the estimation, the lag of each joint behind its "
+            f"goal is predicted to {math.degrees(own.identified):.2f}° rms or better ({worst}; "
             f"{math.degrees(own.nominal):.2f}° before)."
         )
-
-
-def _print_json(
-    arm: str,
-    run: IdentificationRun,
-    found: Identification,
-    carried: dict[str, str],
-    path: Path | None,
-) -> None:
-    print_json(
-        "identify",
-        arm=arm,
-        path=path,
-        duration_s=run.duration_s,
-        joints=[_joint_fields(found, name, carried[name]) for name in found.joints],
-        payload_kg=_estimate_fields(found.estimates["payload_kg"]),
-    )
 
 
 def _joint_fields(found: Identification, name: str, body: str) -> dict[str, object]:

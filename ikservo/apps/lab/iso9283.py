@@ -87,7 +87,8 @@ def path_accuracy(attained: ArrayLike, commanded: ArrayLike) -> float:
 def path_repeatability(attained: ArrayLike) -> float:
     """Return the positioning path repeatability RT_P of ISO 9283.
 
-    ``RT_P = max_i (l̄_i + 3 S_li)``: in each plane normal to the path as ``pose_repeatability``.
+    ``RT_P = max_i (l̄_i + 3 S_li)``, computed in each plane normal to the path as in
+    ``pose_repeatability``.
 
     Args:
         attained: The crossings (n, m, 3) of n cycles, n at least 2.
@@ -101,7 +102,7 @@ def path_repeatability(attained: ArrayLike) -> float:
 def largest_drift(values: Sequence[float]) -> float:
     """Find the drift of pose accuracy dAP_P, or of repeatability dRP_P, of ISO 9283.
 
-    ``dAP_P = max |AP_P(t=0) - AP_P(t)|``, and dRP_P is computed in the same way.
+    ``dAP_P = max |AP_P(t=0) - AP_P(t)|``; dRP_P is computed in the same way.
 
     Args:
         values: AP_P or RP_l of one pose at successive times, at least one.
@@ -127,20 +128,17 @@ def path_crossings(measured: ArrayLike, points: ArrayLike, tangents: ArrayLike) 
         BadValueError: A plane is not crossed.
     """
     path = _cluster(measured, 2)
-    places = zip(np.asarray(points), np.asarray(tangents), strict=True)
-    return np.array([_crossing(path, point, tangent) for point, tangent in places])
-
-
-def _crossing(path: Matrix, point: Vector, tangent: Vector) -> Vector:
-    """Compute the crossing (3,) nearest to a point with the plane through it."""
-    side = (path - point) @ tangent
-    before = np.flatnonzero((side[:-1] <= 0.0) & (side[1:] > 0.0))
-    if not len(before):
-        raise BadValueError("The measured path", "not long enough", "one that crosses each plane")
-    fraction = side[before] / (side[before] - side[before + 1])
-    crossings = path[before] + fraction[:, None] * (path[before + 1] - path[before])
-    nearest: Vector = crossings[int(np.linalg.norm(crossings - point, axis=1).argmin())]
-    return nearest
+    found: list[Vector] = []
+    for point, tangent in zip(np.asarray(points), np.asarray(tangents), strict=True):
+        side = (path - point) @ tangent
+        before = np.flatnonzero((side[:-1] <= 0.0) & (side[1:] > 0.0))
+        if not len(before):
+            what, expected = "The measured path", "one that crosses each plane"
+            raise BadValueError(what, "not long enough", expected)
+        fraction = side[before] / (side[before] - side[before + 1])
+        crossings = path[before] + fraction[:, None] * (path[before + 1] - path[before])
+        found.append(crossings[int(np.linalg.norm(crossings - point, axis=1).argmin())])
+    return np.array(found)
 
 
 def _sphere_radii(clusters: Matrix) -> Vector:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -17,7 +16,7 @@ from ikservo.model.tool import tool_frame
 from ikservo.planning.tool_orientation import KEEP_BEST_EFFORT, solve_with_orientation
 
 EDGES_M = (0.25, 0.2, 0.16, 0.125, 0.1, 0.08, 0.063, 0.05, 0.04)
-"""The edges that are tried, the largest first; the standard's smallest cube has 250 mm."""
+"""The edges that are tried, the largest first; the smallest cube of the standard has 250 mm."""
 
 # The poses P2 to P5 are 10 % of a diagonal from its ends.
 _OF_HALF_DIAGONAL = 0.8
@@ -41,7 +40,7 @@ class IsoCube:
 
     Attributes:
         center_m: The centre (3,), which is P1.
-        edge_m: The edge.
+        edge_m: The length of its edges.
         is_planar: Whether the arm moves in its x-y plane only.
     """
 
@@ -84,7 +83,7 @@ class IsoCube:
         return self.center_m + self.radius_m * v / np.linalg.norm(v)
 
     def lattice_m(self) -> Matrix:
-        """Return points (k, 3) all over the cube, in the order of the visit."""
+        """Return points (k, 3) all over the cube, in the order in which they are visited."""
         steps = (-1.0, 0.0, 1.0)
         heights = (0.0,) if self.is_planar else steps
         cells = [(x, y, z) for z in heights for x in steps for y in steps]
@@ -95,8 +94,8 @@ class IsoCube:
 def place_cube(arm: OpenArm) -> IsoCube:
     """Return the largest cube in the part of the workspace that contains the pose home.
 
-    The tip reaches all of it without a change of branch, and the body keeps the clearance that it
-    has in the pose home, or 20 mm, from itself, the table and boxes.
+    The tip reaches all of it without a change of branch. The body keeps 20 mm from itself, the
+    table and boxes, or 90 % of its clearance in the pose home if that is less.
 
     Raises:
         RefusedError: Not even a cube of 40 mm fits.
@@ -104,8 +103,12 @@ def place_cube(arm: OpenArm) -> IsoCube:
     home_m = arm.chain.forward(arm.model.chain_pose("home"))[:3, 3]
     is_planar = bool(np.allclose(arm.chain.jacobian(arm.model.chain_pose("home"))[2], 0.0))
     solver = Solver(arm.chain, "position")
+    # Centres (3,) in front of the arm, the nearest to the tip in the pose home first.
+    heights = [home_m[2]] if is_planar else _ZS_M.tolist()
+    centers = [np.array([x, 0.0, z]) for x in _XS_M.tolist() for z in heights]
+    centers.sort(key=lambda center: math.dist(center, home_m))
     for edge_m in EDGES_M:
-        for center_m in _centers(home_m, is_planar=is_planar):
+        for center_m in centers:
             cube = IsoCube(center_m, edge_m, is_planar)
             is_high = is_planar or center_m[2] - 0.5 * edge_m > _HEIGHT_M
             if is_high and _is_free(arm, solver, cube):
@@ -116,41 +119,18 @@ def place_cube(arm: OpenArm) -> IsoCube:
     )
 
 
-def _centers(home_m: Vector, *, is_planar: bool) -> Iterator[Vector]:
-    """Yield centres (3,) in front of the arm, the nearest to the tip in the pose home first."""
-    heights = [home_m[2]] if is_planar else _ZS_M.tolist()
-    found = [np.array([x, 0.0, z]) for x in _XS_M.tolist() for z in heights]
-    yield from sorted(found, key=lambda center: math.dist(center, home_m))
-
-
 def _is_free(arm: OpenArm, solver: Solver, cube: IsoCube) -> bool:
-    """Check whether the arm reaches the whole cube in one branch and with its clearance."""
-    q = arm.model.chain_pose("home")
+    """Check whether the arm reaches the whole cube in one branch and with its clearance.
+
+    The body must be clear if the tool keeps its orientation, as in motions. The orientation
+    depends on the earlier motion, so the cube is visited twice.
+    """
+    home, tool = arm.model.chain_pose("home"), tool_frame(arm.model)
+    q = home
     for points_m in pairwise([arm.chain.forward(q)[:3, 3], *cube.lattice_m()]):
         q = _follow(solver, *points_m, q)
         if q is None:
             return False
-    return _is_clear(arm, cube)
-
-
-def _follow(solver: Solver, begin_m: Vector, end_m: Vector, q: Vector) -> Vector | None:
-    """Follow a line in steps; return the joints (dof,) at its end, or None if that fails."""
-    T = np.eye(4)
-    for fraction in np.linspace(0.0, 1.0, _STEPS + 1)[1:].tolist():
-        T[:3, 3] = begin_m + fraction * (end_m - begin_m)
-        before = q
-        q, is_reached = solver.track(T, before)
-        if not is_reached or float(np.abs(q - before).max()) > _MAX_STEP_RAD:
-            return None
-    return q
-
-
-def _is_clear(arm: OpenArm, cube: IsoCube) -> bool:
-    """Check whether the body is clear if the tool keeps its orientation, as in motions.
-
-    The orientation of the tool depends on the earlier motion, so the cube is visited twice.
-    """
-    home, tool = arm.model.chain_pose("home"), tool_frame(arm.model)
     everything = np.array([arm.model.pose("home").get(name, 0.0) for name in arm.joint_names])
     clearance_m = min(_CLEARANCE_M, _OF_HOME * arm.clearance_m(everything))
     q = home
@@ -159,3 +139,15 @@ def _is_clear(arm: OpenArm, cube: IsoCube) -> bool:
         if arm.clearance_m(arm.joint_index.with_chain(everything, q)) < clearance_m:
             return False
     return True
+
+
+def _follow(solver: Solver, begin_m: Vector, end_m: Vector, q: Vector) -> Vector | None:
+    """Follow a line in steps; return the joints (dof,) at its end, None if they cannot follow."""
+    T = np.eye(4)
+    for fraction in np.linspace(0.0, 1.0, _STEPS + 1)[1:].tolist():
+        T[:3, 3] = begin_m + fraction * (end_m - begin_m)
+        before = q
+        q, is_reached = solver.track(T, before)
+        if not is_reached or float(np.abs(q - before).max()) > _MAX_STEP_RAD:
+            return None
+    return q

@@ -43,7 +43,11 @@ _JOINTS: Fields[JointHealth] = (
     Field("temperature_c", "°C", lambda one: _format(one.temperature_c, "{:.0f}")),
     Field("voltage_v", "V", lambda one: _format(one.voltage_v, "{:.1f}")),
     Field("load", "load", lambda one: _format(one.load, "{:.0%}")),
-    Field("backlash_rad", "play", lambda one: _format_degrees(one.backlash_rad)),
+    Field(
+        "backlash_rad",
+        "backlash",
+        lambda one: _format(one.backlash_rad, "{:.2f}°", math.degrees(1.0)),
+    ),
     Field("friction_nm", "friction", lambda one: _format(one.friction_nm, "{:.3f} N m")),
     Field("requests"),
     Field("lost", "lost", lambda one: f"{one.lost} of {one.requests}"),
@@ -58,12 +62,8 @@ _CHANGES: Fields[Change] = (
 )
 
 
-def _format(value: float | None, form: str) -> str:
-    return "–" if value is None else form.format(value)
-
-
-def _format_degrees(angle_rad: float | None) -> str:
-    return "–" if angle_rad is None else f"{math.degrees(angle_rad):.2f}°"
+def _format(value: float | None, form: str, scale: float = 1.0) -> str:
+    return "–" if value is None else form.format(scale * value)
 
 
 def command(
@@ -97,19 +97,19 @@ def command(
     )  # fmt: skip
     if json:
         return
-    print_lines([*map(_describe, changes), *_unknown_play(model, latest)])
+    print_lines([*map(_describe, changes), *_unknown_backlash(model, latest)])
     if not changes:
         count = f"{len(records)} record{'s' * (len(records) != 1)} so far"
         print_status(f"No wear found ({count}), {path}")
 
 
-def _unknown_play(model: Model, latest: Iterable[JointHealth]) -> Iterator[str]:
-    """Yield the joints whose wear of gears is unknown, and what would reveal it."""
+def _unknown_backlash(model: Model, latest: Iterable[JointHealth]) -> Iterator[str]:
+    """Yield the joints whose backlash is unknown, and how to measure it."""
     known = {one.name for one in latest if one.backlash_rad is not None}
     rows = [joint for joint in model.joints if joint.role == "arm" and joint.name not in known]
     blind = [one.name for one in rows if not one.servo.measures_current]
     if blind:
-        yield f"Backlash of {', '.join(blind)}: unknown, their servos measure no current"
+        yield f"Backlash of {', '.join(blind)}: unknown, because their servos measure no current"
     others = [one.name for one in rows if one.name not in blind]
     if others:
         yield (
@@ -121,7 +121,7 @@ def _unknown_play(model: Model, latest: Iterable[JointHealth]) -> Iterator[str]:
 def _describe(change: Change) -> str:
     if change.key == "backlash_rad":
         before, now = (f"{math.degrees(x):.1f}°" for x in (change.before, change.now))
-        what = "play"
+        what = "backlash"
     else:
         before, now, what = f"{change.before:.3f}", f"{change.now:.3f} N m", "friction"
     since = f"{change.since:%Y-%m-%d}"

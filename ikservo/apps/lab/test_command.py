@@ -20,7 +20,7 @@ from ikservo.apps.lab.accuracy_report import (
 )
 from ikservo.apps.lab.accuracy_test import PARTS, AccuracyTest, TestSettings
 from ikservo.apps.lab.touched_accuracy import touched_poses
-from ikservo.arm import OpenArm, ZeroSource
+from ikservo.arm import ZeroSource
 from ikservo.cli.direction_prompt import check_directions_once
 from ikservo.cli.model_options import model_from_option
 from ikservo.cli.option_groups import Without
@@ -91,7 +91,7 @@ class ReportOptions:
     ] = ""
 
     def page_path(self, arm: str, started: datetime) -> Path:
-        """Return the path for the page.
+        """Return the path of the report.
 
         Raises:
             BadValueError: The file exists.
@@ -141,14 +141,25 @@ def command(
     started = datetime.now(UTC)
     with open_from_options(connection, options) as machine:
         path = report.page_path(machine.model.name, started)
-        test = _prepare(machine, settings, yes=options.yes)
+        test = AccuracyTest(machine, settings)
+        print_status(
+            f"{machine.model.title} on {format_port(machine.port_name)}: it moves fast in a cube "
+            f"of {1000 * test.cube.edge_m:.0f} mm about {format_point(test.cube.center_m)}."
+        )
+        confirm_motion(machine, yes=options.yes)
         check_directions_once(machine, options)
         stopped: BaseException | None = None
         try:
-            _run(test)
+            with progress_bar() as show:
+                if show is not None:
+                    test.on_step = show
+                test.run()
         except (IkservoError, KeyboardInterrupt, SystemExit) as error:  # SystemExit: SIGTERM
             stopped = error
-        fields = _fields(machine, test, settings, started, report.note, stopped)
+        why = str(getattr(stopped, "message", "") or machine.stopped_for) if stopped else ""
+        simulated = machine.zeros is ZeroSource.SIMULATED
+        head = _head(machine.model, started, report.note, why, simulated=simulated)
+        fields = head | accuracy_fields(test, settings)
         if any(fields[part] for part in PARTS):
             write_atomic(path, accuracy_page(fields))
             _print(fields, path, json=options.json)
@@ -175,38 +186,6 @@ def _test_by_touch(
     _print(fields, path, json=options.json)
     if found.stopped is not None:
         raise found.stopped
-
-
-def _prepare(machine: OpenArm, settings: TestSettings, *, yes: bool) -> AccuracyTest:
-    """Tell the user where and how the arm will move, and ask."""
-    test = AccuracyTest(machine, settings)
-    print_status(
-        f"{machine.model.title} on {format_port(machine.port_name)}: it moves fast in a cube of "
-        f"{1000 * test.cube.edge_m:.0f} mm about {format_point(test.cube.center_m)}."
-    )
-    confirm_motion(machine, yes=yes)
-    return test
-
-
-def _run(test: AccuracyTest) -> None:
-    with progress_bar() as show:
-        if show is not None:
-            test.on_step = show
-        test.run()
-
-
-def _fields(
-    machine: OpenArm,
-    test: AccuracyTest,
-    settings: TestSettings,
-    started: datetime,
-    note: str,
-    stopped: BaseException | None,
-) -> dict[str, Any]:
-    why = str(getattr(stopped, "message", "") or machine.stopped_for) if stopped else ""
-    simulated = machine.zeros is ZeroSource.SIMULATED
-    head = _head(machine.model, started, note, why, simulated=simulated)
-    return head | accuracy_fields(test, settings)
 
 
 def _head(

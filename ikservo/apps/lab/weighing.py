@@ -1,4 +1,4 @@
-"""``ikservo gripper --weigh``: weigh what the gripper holds."""
+"""``ikservo gripper --weigh``: weigh the object in the gripper."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from ikservo.cli.terminal import print_json, print_lines, print_status
 
 
 def weigh_held_object(connection: ArmConnection, options: MotionOptions) -> None:
-    """Weigh what the gripper holds by a short tour of the arm, and print it.
+    """Weigh the object in the gripper by a short tour of the arm, and print its mass.
 
     Raises:
         IkservoError: The arm cannot make the tour, or the user declined.
@@ -32,7 +32,7 @@ def weigh_held_object(connection: ArmConnection, options: MotionOptions) -> None
         return
     if not result.with_identified:
         print_status(
-            "This arm was not identified: its own masses are those of the arm file. "
-            f"With empty jaws: ikservo identify --arm {machine.model.name}"
+            "This arm was not identified, so its own masses are taken from the arm file. "
+            f"With empty jaws, run: ikservo identify --arm {machine.model.name}"
         )
     print_lines([f"payload  {1000 * payload.value:.0f} ± {1000 * payload.error:.0f} g"])

@@ -1,7 +1,7 @@
 """Time the bus: reads and writes per second, host time, jitter.
 
-Writing goals would switch on the torque of Feetech servos. So the present profile velocity of each
-servo is written instead, which has as many bytes as a goal.
+The present profile velocity of each servo is written instead of a goal, because a goal would switch
+on the torque of Feetech servos. It has as many bytes as a goal.
 """
 
 from __future__ import annotations
@@ -40,10 +40,10 @@ class BusTiming:
     """Timing of cycles of one kind.
 
     Attributes:
-        what: The work of a cycle.
+        what: The kind of cycle.
         cycles_s: Durations of the cycles, ascending, seconds.
         host_s: Median time of the host in a cycle, seconds.
-        wire_s: The time of the bytes and return delays of one cycle, seconds.
+        wire_s: Time that the bytes and return delays of one cycle take, seconds.
         sent_bytes: The bytes that one cycle sends.
         received_bytes: The bytes that one cycle receives.
         lost: Number of missing replies.
@@ -128,25 +128,21 @@ class _Benchmark:
         self.lost = 0
         took: list[tuple[float, float]] = []
         for count in range(1, cycles + 1):
-            took.append(self._time_cycle(names))
+            inside_s, busy_s = self._meter.inside_s, time.thread_time()
+            bus_s = self._bus.clock.now_s()
+            self._run_cycle(names)
+            bus_s = self._bus.clock.now_s() - bus_s
+            host_s = time.thread_time() - busy_s - (self._meter.inside_s - inside_s)
+            took.append((bus_s + host_s if self._virtual else bus_s, host_s))
             on_progress(what, count)
         cycles_s = tuple(sorted(cycle_s for cycle_s, _ in took))
-        host_s = _sorted_quantile(sorted(host_s for _, host_s in took), 0.5)
-        return BusTiming(what, cycles_s, host_s, wire_s, sent, received, self.lost)
+        median_s = _sorted_quantile(sorted(host_s for _, host_s in took), 0.5)
+        return BusTiming(what, cycles_s, median_s, wire_s, sent, received, self.lost)
 
     def _run_cycle(self, names: Sequence[RegisterName]) -> None:
         readings = self._bus.sync_read_many(self._ids, names, raw=True)
         self.lost += len(readings.errors)
         self._bus.sync_write(RegisterName.PROFILE_VELOCITY, self._speeds, raw=True)
-
-    def _time_cycle(self, names: Sequence[RegisterName]) -> tuple[float, float]:
-        """Run a cycle; return its duration, and the time of the host in it."""
-        inside_s, busy_s = self._meter.inside_s, time.thread_time()
-        bus_s = self._bus.clock.now_s()
-        self._run_cycle(names)
-        bus_s = self._bus.clock.now_s() - bus_s
-        host_s = time.thread_time() - busy_s - (self._meter.inside_s - inside_s)
-        return (bus_s + host_s if self._virtual else bus_s), host_s
 
     def _count_wire_traffic(self, names: Sequence[RegisterName]) -> tuple[int, int, float]:
         """Run a cycle; return bytes sent and received, and the time they take on the wire."""
@@ -159,7 +155,7 @@ class _Benchmark:
         return sent, received, wire_s + self._delays_s(bytes(self._meter.captured))
 
     def _delays_s(self, received: bytes) -> float:
-        """Compute the return delays of one cycle: one for each packet received."""
+        """Compute the sum of the return delays of one cycle, one per received packet."""
         ids = [
             i
             for i in self._ids

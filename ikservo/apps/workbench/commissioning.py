@@ -50,7 +50,7 @@ def planned_settings(model: Model) -> list[ServoSettings]:
 
 
 def remaining_settings(model: Model, start: str | None) -> list[ServoSettings]:
-    """Return the settings of an arm's servos from a joint on; None: all servos.
+    """Return the settings of an arm's servos, beginning with a joint; None: all servos.
 
     Raises:
         UnknownNameError: The arm has no such joint.
@@ -109,7 +109,7 @@ def configure_servo(
 
 
 def _find_servo(line: Port, settings: ServoSettings, wait_s: float) -> Dialogue[FoundServo]:
-    """Wait for the only servo on the line; report the search, and if several servos reply."""
+    """Wait for the only servo on the line; report the search and whether several servos reply."""
     search = wait_for_servo(line, settings.servo.table, settings.baud_rate, wait_s)
     while True:
         try:

@@ -47,12 +47,12 @@ Progress = Callable[[str, float, float], None]
 def diagnose(
     port: str | None = None, model: Model | None = None, on_progress: Progress | None = None
 ) -> Iterator[Finding]:
-    """Diagnose adapter, port, bus and servos; end at a failure that hides the rest.
+    """Diagnose adapter, port, bus and servos; stop at a failure that prevents further checks.
 
     Args:
         port: See ``choose_port``.
         model: The expected arm; None: check all servos that reply.
-        on_progress: Called with the present step, its finished part and its total.
+        on_progress: Called with the current step, its progress and its total.
 
     Raises:
         InputError: The model has no servos, or a simulated bus needs a model.
@@ -63,14 +63,18 @@ def diagnose(
         yield failure("port", error.message, error.command_hint)
         name = ""
     else:
-        yield from _check_adapter(name)
+        adapter = find_adapter(name)
+        if adapter:
+            number = f"serial number {adapter.serial_number}" if adapter.serial_number else ""
+            missing = "no serial number, so arms cannot be recognised by their adapter"
+            yield ok("adapter", f"{adapter.chip} at {adapter.device}, {number or missing}")
         yield from _check_port(name, model, on_progress)
     yield from _check_udev_rules(name)
     yield from _check_calibrations(name, model)
 
 
 def _check_calibrations(name: str, model: Model | None) -> Iterator[Finding]:
-    """Read every calibration of this user, or those of the given arm."""
+    """Check that every calibration of this user, or of the given arm, can be read."""
     if is_simulated(name):
         return
     arm = model.name if model else ""
@@ -111,14 +115,6 @@ def udev_rules() -> str:
     return read_rules()
 
 
-def _check_adapter(name: str) -> Iterator[Finding]:
-    adapter = find_adapter(name)
-    if adapter:
-        number = f"serial number {adapter.serial_number}" if adapter.serial_number else ""
-        missing = "no serial number: arms cannot be recognised by their adapter"
-        yield ok("adapter", f"{adapter.chip} at {adapter.device}, {number or missing}")
-
-
 def _check_udev_rules(name: str) -> Iterator[Finding]:
     if not has_udev() or is_simulated(name) or "://" in name:
         return
@@ -128,7 +124,7 @@ def _check_udev_rules(name: str) -> Iterator[Finding]:
         return
     yield warning(
         "udev",
-        f"{RULES_FILE} is not installed: it gives access to adapters and lowers FTDI latency",
+        f"{RULES_FILE} is not installed; it gives access to adapters and lowers FTDI latency",
         _INSTALL,
     )
 
@@ -136,7 +132,14 @@ def _check_udev_rules(name: str) -> Iterator[Finding]:
 def _check_bus(port: Port, model: Model | None, on_progress: Progress | None) -> Iterator[Finding]:
     if model is None:
         found = _scan_with_progress(port, on_progress)
-        yield _duplicate_id_finding(found)
+        shared_ids = [f.id for f in found if f.shares_id]
+        if shared_ids:
+            yield _duplicate_ids_finding(shared_ids)
+        elif found:
+            models = ", ".join(f"{f.model or 'unknown'} (id {f.id})" for f in found)
+            yield ok("servos", f"{len(found)} answer at {found[0].baud_rate} baud: {models}")
+        else:
+            yield failure("servos", "no servo answers at any baud rate", _NO_POWER)
         specs = [ServoSpec(f.id, f.table) for f in found if f.table and not f.shares_id]
     else:
         specs = servo_specs(model)
@@ -151,7 +154,10 @@ def _check_bus(port: Port, model: Model | None, on_progress: Progress | None) ->
     if not present:
         return
     quality = measure_line_quality(
-        bus, [s.id for s in present], READS, _make_ping_callback(on_progress)
+        bus,
+        [s.id for s in present],
+        READS,
+        on_progress and (lambda count: on_progress("reading positions", count, READS)),
     )
     yield from _check_quality(quality, bus, find_adapter(port.name))
     yield from check_servos(ServoBus(port, present), model)
@@ -165,31 +171,12 @@ def _scan_with_progress(port: Port, on_progress: Progress | None) -> list[FoundS
     )
 
 
-def _make_ping_callback(on_progress: Progress | None) -> Callable[[int], None] | None:
-    return on_progress and (lambda count: on_progress("reading positions", count, READS))
-
-
-def _duplicate_id_finding(found: Sequence[FoundServo]) -> Finding:
-    duplicates = [f.id for f in found if f.shares_id]
-    if duplicates:
-        return _duplicate_ids_finding(duplicates)
-    if not found:
-        return failure("servos", "no servo answers at any baud rate", _NO_POWER)
-    return ok(
-        "servos", f"{len(found)} answer at {found[0].baud_rate} baud: {_format_models(found)}"
-    )
-
-
 def _duplicate_ids_finding(ids: Iterable[int]) -> Finding:
     listed = ", ".join(map(str, ids))
     return failure("servos", f"several servos answer at id {listed}", DUPLICATE_ID_HINT)
 
 
 _NO_POWER = "Check that the servos' power supply is on and the cable is in the right socket."
-
-
-def _format_models(found: Sequence[FoundServo]) -> str:
-    return ", ".join(f"{servo.model or 'unknown'} (id {servo.id})" for servo in found)
 
 
 def _responds(bus: ServoBus, servo_id: int) -> bool:
@@ -219,24 +206,33 @@ def _check_presence(
         rate = port.baudrate
         found = _scan_with_progress(port, on_progress)
         port.setBaudRate(rate)
-        yield _unexpected_servos_finding(found, rate)
-
-
-def _unexpected_servos_finding(found: Sequence[FoundServo], rate: int) -> Finding:
-    if not found:
-        return failure("servos", f"no servo answers, at {rate} baud or any other", _NO_POWER)
-    return failure(
-        "servos",
-        f"none of this arm's servos answers; on the bus: {'; '.join(str(f) for f in found)}",
-        "If it is another arm, choose it with --arm. If the servos are new: ikservo setup ARM",
-    )
+        if found:
+            listed = "; ".join(map(str, found))
+            yield failure(
+                "servos",
+                f"none of this arm's servos answers; on the bus: {listed}",
+                "If it is another arm, choose it with --arm. "
+                "If the servos are new: ikservo setup ARM",
+            )
+        else:
+            text = f"no servo answers, at {rate} baud or any other"
+            yield failure("servos", text, _NO_POWER)
 
 
 def _check_quality(
     quality: LineQuality, bus: ServoBus, adapter: SerialAdapter | None
 ) -> Iterator[Finding]:
     if quality.round_trips_s:
-        yield _latency_finding(quality, adapter)
+        median_s, late_s = quality.round_trip_s(0.5), quality.round_trip_s(0.99)
+        text = f"a read takes {1000 * median_s:.2f} ms (median), {1000 * late_s:.2f} ms (p99)"
+        if median_s < _SLOW_S:
+            yield ok("latency", text)
+        else:
+            ftdi = adapter is not None and adapter.vid == 0x0403
+            buffering = "The FTDI chip buffers bytes; install the udev rule"
+            cause = buffering if ftdi else "The adapter is slow"
+            hint = f"{cause}; set the servos' return delay to 0: ikservo setup ARM"
+            yield warning("latency", text, hint)
     lost = sum(quality.lost.values())
     text = f"{lost} of {quality.reads} reads lost"
     if not lost:
@@ -246,13 +242,3 @@ def _check_quality(
     kind = failure if quality.lost_fraction > _MAX_LOSS_FRACTION else warning
     hint = "Check for loose connectors, a weak supply, long cables."
     yield kind("loss", f"{text} ({counts})", line_hint(bus.port.name, hint))
-
-
-def _latency_finding(quality: LineQuality, adapter: SerialAdapter | None) -> Finding:
-    median_s, late_s = quality.round_trip_s(0.5), quality.round_trip_s(0.99)
-    text = f"a read takes {1000 * median_s:.2f} ms (median), {1000 * late_s:.2f} ms (p99)"
-    if median_s < _SLOW_S:
-        return ok("latency", text)
-    ftdi = adapter is not None and adapter.vid == 0x0403
-    hint = "The FTDI chip buffers bytes; install the udev rule" if ftdi else "The adapter is slow"
-    return warning("latency", text, f"{hint}; set the servos' return delay to 0: ikservo setup ARM")

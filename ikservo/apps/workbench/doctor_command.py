@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import asdict
 from typing import Annotated
 
@@ -41,29 +40,22 @@ def command(
         print_lines(udev_rules().splitlines())
         return
     if eeprom:
-        _write_eeproms(connection)
+        model = model_from_option(connection.arm)
+        with open_bus(model, connection.port) as bus:
+            for servo, changes in write_eeprom(bus, model).items():
+                for change in changes:
+                    print_status(f"{servo}: {change}")
     with progress_bar() as show:
         model = load_model(connection.arm) if connection.arm else None
-        found = diagnose(connection.port, model, show)
-        findings = list(found if json else _print_findings(found))
+        findings: list[Finding] = []
+        for finding in diagnose(connection.port, model, show):
+            findings.append(finding)
+            if not json:
+                print_lines([f"{finding.level.mark} {finding.topic:9} {finding.text}"], indent=12)
+                fix = finding.fix.splitlines()
+                print_lines((f"            {line}".rstrip() for line in fix), 12)
     healthy = all(finding.level is not Severity.BAD for finding in findings)
     if json:
         print_json("doctor", healthy=healthy, checks=[asdict(f) for f in findings])
     if not healthy:
         raise typer.Exit(ExitCode.FAILED)
-
-
-def _print_findings(findings: Iterable[Finding]) -> Iterable[Finding]:
-    """Print findings as they come."""
-    for finding in findings:
-        print_lines([f"{finding.level.mark} {finding.topic:9} {finding.text}"], indent=12)
-        print_lines((f"            {line}".rstrip() for line in finding.fix.splitlines()), 12)
-        yield finding
-
-
-def _write_eeproms(connection: ServoConnection) -> None:
-    model = model_from_option(connection.arm)
-    with open_bus(model, connection.port) as bus:
-        for servo, changes in write_eeprom(bus, model).items():
-            for change in changes:
-                print_status(f"{servo}: {change}")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 
 from ikservo.errors import CalibrationError, InputError, RegisterAccessError, UnknownNameError
@@ -58,20 +57,33 @@ def plan_restoration(
         BusError: The servo does not answer.
     """
     servo = _find_servo(bus, backup, target)
-    _check_model(bus, servo)
+    number = bus.read(servo.id, RegisterName.MODEL_NUMBER, raw=True)
+    if number != servo.table.number:
+        raise CalibrationError(
+            f"{servo} must be a {servo.table.model_name}, but reports model {number}.",
+            "Check the ids of the servos: ikservo doctor. Nothing was written.",
+        )
     if backup.table is not servo.table and not other_model:
         raise InputError(
             f"{backup.path} is a backup of a {backup.table.model_name}; "
             f"{servo} is a {servo.table.model_name}.",
             "Choose the backup of this servo, or add --other-model.",
         )
-    found = register_differences(bus, servo.id, _common_registers(servo.table, backup.eeprom))
+    registers = servo.table.registers
+    common: dict[RegisterRef, int] = {
+        registers[name]: raw for name, raw in backup.eeprom.items() if name in registers
+    }
+    found = register_differences(bus, servo.id, common)
     changes = tuple(
         each for each in found if _is_restorable(servo.table, each, strict=not other_model)
     )
     if changes:
         refuse_under_torque(bus, servo.id, changes[0].register)
-    _check_ranges(servo, changes)
+    for each in changes:
+        if not _accepts(each.register, each.expected):
+            lower, upper = each.register.range
+            reason = f"{each.expected} is outside {lower} to {upper}"
+            raise RegisterAccessError(str(servo), each.register.name, reason)
     return Restoration(servo, backup, changes, tuple(each for each in found if each not in changes))
 
 
@@ -106,38 +118,12 @@ def _find_servo(bus: ServoBus, backup: Backup, target: str | None) -> ServoSpec:
     return bus.servos[backup.servo_id]
 
 
-def _check_model(bus: ServoBus, servo: ServoSpec) -> None:
-    number = bus.read(servo.id, RegisterName.MODEL_NUMBER, raw=True)
-    if number != servo.table.number:
-        raise CalibrationError(
-            f"{servo} must be a {servo.table.model_name}, but reports model {number}.",
-            "Check the ids of the servos: ikservo doctor. Nothing was written.",
-        )
-
-
-def _common_registers(
-    table: type[ControlTable], eeprom: Mapping[str, int]
-) -> dict[RegisterRef, int]:
-    """Return the values of a backup for which a model has registers."""
-    rows = {name: table.registers[name] for name in eeprom if name in table.registers}
-    return {register: eeprom[name] for name, register in rows.items()}
-
-
 def _is_restorable(table: type[ControlTable], change: RegisterDifference, *, strict: bool) -> bool:
     register = change.register
     fixed = register in (table.id, table.baud_rate) or register.name == _PROTOCOL
     if fixed or register.access is Access.RO:
         return False
     return strict or _accepts(register, change.expected)
-
-
-def _check_ranges(servo: ServoSpec, changes: tuple[RegisterDifference, ...]) -> None:
-    """Check all values before the first is written."""
-    for each in changes:
-        if not _accepts(each.register, each.expected):
-            lower, upper = each.register.range
-            reason = f"{each.expected} is outside {lower} to {upper}"
-            raise RegisterAccessError(str(servo), each.register.name, reason)
 
 
 def _accepts(register: Register, number: int) -> bool:

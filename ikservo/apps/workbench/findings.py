@@ -45,7 +45,7 @@ def ok(topic: str, text: str) -> Finding:
 
 
 def warning(topic: str, text: str, fix: str = "") -> Finding:
-    """Return a finding of which the user should know."""
+    """Return a finding that the user should know about."""
     return Finding(Severity.ODD, topic, text, fix)
 
 

@@ -21,7 +21,7 @@ class DecodedPacket:
         sent: Whether it is an instruction; a reply otherwise.
         servo_id: The id of the servo; 254: all servos; None if the bytes are not a packet.
         meaning: The packet in words.
-        error: The error of the packet; empty if there is none.
+        error: The error of the packet; empty without an error.
         data: The bytes of the packet.
     """
 
@@ -49,10 +49,10 @@ class _Frame:
     """The common parts of packets of both protocols.
 
     Attributes:
-        servo_id: Its id.
+        servo_id: The id of the servo.
         code: The instruction, or the error byte of a reply.
         data: Its parameters.
-        wide: Whether it is of protocol 2.0, with addresses of two bytes.
+        wide: Whether it belongs to protocol 2.0, with addresses of two bytes.
     """
 
     servo_id: int
@@ -92,7 +92,7 @@ class _Decoder:
         yield from self.flush()
         frame, end = _parse_frame(chunk.data, 0, status=False)
         if frame is None or end < len(chunk.data):
-            yield DecodedPacket(chunk.time_s, True, None, "bytes", "no packet", chunk.data)
+            yield DecodedPacket(chunk.time_s, True, None, "bytes", "not a packet", chunk.data)
             return
         self._sent = chunk.data
         self._note_spans(frame)
@@ -119,9 +119,10 @@ class _Decoder:
             if frame is not None:
                 yield self._decode_status(frame, bytes(received[at:end]))
             elif final:
-                end = _next_header(received, at)
+                header_at = received.find(_HEADER_1, at + 1)
+                end = len(received) if header_at < 0 else header_at
                 junk = bytes(received[at:end])
-                yield DecodedPacket(self._since_s, False, None, "bytes", "no packet", junk)
+                yield DecodedPacket(self._since_s, False, None, "bytes", "not a packet", junk)
             else:
                 break
             at = end
@@ -131,7 +132,11 @@ class _Decoder:
         error = f"error 0x{frame.code:02X}" if frame.code else ""
         meaning = "ok"
         if self._fast_ids and frame.servo_id == BROADCAST_ID:
-            meaning = self._describe_fast_reply(frame)
+            address, size = self._spans[self._fast_ids[0]]
+            parts = split_fast_sync(bytes((frame.code, *frame.data)), self._fast_ids, size)
+            meaning = "; ".join(
+                f"{p.servo_id}: {self._describe_data(p.servo_id, address, p.data)}" for p in parts
+            )
         elif frame.servo_id in self._spans and frame.data:
             address, size = self._spans[frame.servo_id]
             if size == len(frame.data):
@@ -139,12 +144,6 @@ class _Decoder:
         elif frame.data:
             meaning = f"{len(frame.data)} bytes"
         return DecodedPacket(self._since_s, False, frame.servo_id, meaning, error, data)
-
-    def _describe_fast_reply(self, frame: _Frame) -> str:
-        address, size = self._spans[self._fast_ids[0]]
-        parts = split_fast_sync(bytes((frame.code, *frame.data)), self._fast_ids, size)
-        texts = (f"{p.servo_id}: {self._describe_data(p.servo_id, address, p.data)}" for p in parts)
-        return "; ".join(texts)
 
     def _note_spans(self, frame: _Frame) -> None:
         """Store the memory that is requested from each servo."""
@@ -167,7 +166,7 @@ class _Decoder:
         width, data = 2 if frame.wide else 1, frame.data
         if self._spans:
             texts = {self._describe_span(i, *span) for i, span in self._spans.items()}
-            servos = "" if frame.code == _READ else f" of {_listed(self._spans)}"
+            servos = "" if frame.code == _READ else f" of {', '.join(map(str, self._spans))}"
             return f"{name} {'; '.join(sorted(texts))}{servos}"
         if frame.code in (_WRITE, _REG_WRITE) and len(data) > width:
             address = _word(data, 0, width)
@@ -230,15 +229,5 @@ def _parse_frame(data: bytes | bytearray, at: int, *, status: bool) -> tuple[_Fr
     return None, at
 
 
-def _next_header(data: bytearray, at: int) -> int:
-    """Find the next possible start of a packet after an index."""
-    found = data.find(_HEADER_1, at + 1)
-    return len(data) if found < 0 else found
-
-
 def _word(data: bytes, at: int, width: int) -> int:
     return int.from_bytes(data[at : at + width], "little")
-
-
-def _listed(ids: Iterable[int]) -> str:
-    return ", ".join(map(str, ids))

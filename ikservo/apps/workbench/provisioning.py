@@ -62,7 +62,7 @@ def provision(port: Port, found: FoundServo, settings: ServoSettings) -> tuple[s
 
     Args:
         port: The port; afterwards at the servo's new rate.
-        found: The servo, its id and rate.
+        found: The servo with its present id and rate.
         settings: Its desired settings.
 
     Raises:
@@ -72,7 +72,15 @@ def provision(port: Port, found: FoundServo, settings: ServoSettings) -> tuple[s
         BusError: The servo does not reply.
     """
     check_model(found, settings)
-    expected = _expected_registers(settings)
+    table = settings.servo.table
+    missing = [name for name in settings.eeprom if name not in table.registers]
+    if missing:
+        known = ", ".join(table.registers)
+        raise BadValueError(f"A register of {settings.servo}", shown(missing[0]), f"one of {known}")
+    expected: dict[RegisterRef, int] = {}
+    if RegisterName.RETURN_DELAY not in table.missing:
+        expected[table.return_delay] = 0
+    expected |= {table.registers[name]: number for name, number in settings.eeprom.items()}
     code = settings.baud_code
     with _ServoBeingProvisioned(port, found, settings) as servo:
         servo.set_id_and_rate(settings.servo.id, code)
@@ -86,8 +94,8 @@ def change_address(port: Port, servo: ServoSpec, new_id: int, new_rate: int) -> 
     Args:
         port: The port; afterwards at the new rate.
         servo: The servo, which replies at the port's rate; its torque goes off.
-        new_id: The id to give it; its own if only the rate changes.
-        new_rate: The baud rate to give it.
+        new_id: The new id; the present one if only the rate changes.
+        new_rate: The new baud rate.
 
     Raises:
         InputError: Another servo has this id; nothing was written.
@@ -137,23 +145,6 @@ def check_model(found: FoundServo, settings: ServoSettings) -> None:
             f"{servo} must be a {servo.table.model_name}, but a {found} is connected.",
             "Connect the right servo, or choose another arm. Nothing was written.",
         )
-
-
-def _expected_registers(settings: ServoSettings) -> dict[RegisterRef, int]:
-    """Compute the expected registers except id and baud rate.
-
-    Raises:
-        BadValueError: The model lacks a register.
-    """
-    table = settings.servo.table
-    missing = [name for name in settings.eeprom if name not in table.registers]
-    if missing:
-        known = ", ".join(table.registers)
-        raise BadValueError(f"A register of {settings.servo}", shown(missing[0]), f"one of {known}")
-    delay: dict[RegisterRef, int] = (
-        {} if RegisterName.RETURN_DELAY in table.missing else {table.return_delay: 0}
-    )
-    return delay | {table.registers[name]: number for name, number in settings.eeprom.items()}
 
 
 class _ServoBeingProvisioned:
@@ -227,9 +218,9 @@ class _ServoBeingProvisioned:
             )
 
 
-_FACTORY_RATES = (1_000_000, 57_600)  # of Feetech and of ROBOTIS
+_FACTORY_RATES = (1_000_000, 57_600)  # rates of new servos of Feetech and of ROBOTIS
 _LOW_IDS = range(21)  # ids of new servos and most arms, quick to try at all rates
-_PERIOD_STEPS = 4  # of 4 scans, one tries low ids at all rates and one all ids at all rates
+_PERIOD_STEPS = 4  # in 4 scans, one tries low ids at all rates and one all ids at all rates
 _PAUSE_S = 0.1
 Place = tuple[int, Framing]
 """A baud rate and the framing of packets at it."""
@@ -241,11 +232,11 @@ def wait_for_servo(
     rate: int,
     wait_s: float,
 ) -> Generator[int | Sequence[FoundServo], None, FoundServo]:
-    """Find the only servo that replies, once it has replied twice in a row.
+    """Find the only servo that replies, as soon as it has replied twice in a row.
 
-    It may have any known baud rate and be of any family. The wait continues while several servos
-    reply, even at one id. Yields each baud rate before it is tried, and the replying servos when
-    they change.
+    It may have any known baud rate and belong to any family. The wait continues while several
+    servos reply, even at one id. Yields each baud rate before it is tried, and the replying servos
+    when they change.
 
     Args:
         port: The port.
@@ -297,9 +288,9 @@ def wait_until_unplugged(port: Port, found: FoundServo, wait_s: float) -> None:
 def _search_places(
     table: type[ControlTable], rate: int, before: Sequence[FoundServo], attempt: int
 ) -> list[Place]:
-    """Return the rates and framings to scan next, first those at which a servo replied last.
+    """Return the rates and framings to scan next, beginning with those of the last replies.
 
-    That servo is confirmed at once, without the long search through all rates.
+    A servo that has replied is thus confirmed at once, without the long search at all rates.
     """
     own = framing_of(table.family)
     places = [

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Generator, Sequence
+from collections.abc import Generator
 from contextlib import contextmanager
 from typing import Annotated
 
@@ -38,13 +38,21 @@ def command(
 
     ikservo scan --port sim --arm so101
     """
-    port_url = _port_url(name or port, arm)
+    if arm:  # imported here, because only the simulator needs a model
+        from ikservo.arm.opening import resolve_port  # noqa: PLC0415
+        from ikservo.model import load_model  # noqa: PLC0415
+
+        port_url = resolve_port(load_model(arm), name or port)
+    else:
+        port_url = simulated_port_url(choose_port(name or port), None)
     baud_rates = list(dict.fromkeys(rates or candidate_baud_rates()))
     with _scan_progress() as draw:
         found = scan_port(port_url, baud_rates, all_rates=all_rates or bool(rates), on_step=draw)
     if not found:
+        rate_count = len(baud_rates)
+        tried = f"{baud_rates[0]} baud" if rate_count == 1 else f"{rate_count} baud rates"
         raise ServoSilentError(
-            f"No servo found on {format_port(port_url)} {_silence_message(baud_rates)}", _HINT
+            f"No servo found on {format_port(port_url)} (all ids, {tried})", _HINT
         )
     print_records("scan", "servos", found, _FIELDS, json=json, order=_COLUMNS, port=port_url)
     shared_ids = sorted({servo.id for servo in found if servo.shares_id})
@@ -79,20 +87,6 @@ _FIELDS: Fields[FoundServo] = (
 )
 _COLUMNS = "id model baud_rate firmware voltage_v temperature_c protocol alarms"
 _HINT = "Check the servos' power supply and the cable, then: ikservo doctor"
-
-
-def _silence_message(rates: Sequence[int]) -> str:
-    tried = f"{rates[0]} baud" if len(rates) == 1 else f"{len(rates)} baud rates"
-    return f"(all ids, {tried})"
-
-
-def _port_url(port: str | None, arm: str | None) -> str:
-    if not arm:
-        return simulated_port_url(choose_port(port), None)
-    from ikservo.arm.opening import resolve_port  # noqa: PLC0415  # needed only for the simulator
-    from ikservo.model import load_model  # noqa: PLC0415  # likewise
-
-    return resolve_port(load_model(arm), port)
 
 
 @contextmanager

@@ -46,27 +46,24 @@ def check_eeprom(bus: ServoBus, model: Model) -> Iterator[Finding]:
         if own.id not in bus.servos or not own.eeprom:
             continue
         compared += len(own.eeprom)
-        for finding in _differing_registers(bus, own, calibrated):
+        servo = bus.servos[own.id]
+        try:
+            expected = _expected_registers(servo, own, calibrated)
+            differences = register_differences(bus, own.id, expected)
+        except (BusError, UnknownNameError) as error:
             matching = False
-            yield finding
+            yield failure("eeprom", f"{servo}: {error.message}", error.command_hint)
+            continue
+        for one in differences:
+            matching = False
+            kind = warning if one.register.name in _CALIBRATED_REGISTERS else failure
+            yield kind(
+                "eeprom",
+                f"{servo}: {one.register} is {one.found}, {one.expected} in the arm file",
+                "Write the values of the arm file: ikservo doctor --write-eeprom",
+            )
     if compared and matching:
         yield ok("eeprom", f"{compared} values match the arm file")
-
-
-def _differing_registers(bus: ServoBus, own: ModelServo, calibrated: bool) -> Iterator[Finding]:
-    servo = bus.servos[own.id]
-    try:
-        differences = register_differences(bus, own.id, _expected_registers(servo, own, calibrated))
-    except (BusError, UnknownNameError) as error:
-        yield failure("eeprom", f"{servo}: {error.message}", error.command_hint)
-        return
-    for one in differences:
-        kind = warning if one.register.name in _CALIBRATED_REGISTERS else failure
-        yield kind(
-            "eeprom",
-            f"{servo}: {one.register} is {one.found}, {one.expected} in the arm file",
-            "Write the values of the arm file: ikservo doctor --write-eeprom",
-        )
 
 
 def _has_calibrated_registers(bus: ServoBus, model: Model) -> bool:
@@ -105,7 +102,7 @@ def expected_eeprom(servo: ServoSpec, values: Mapping[str, int]) -> dict[Registe
 
 
 def write_eeprom(bus: ServoBus, model: Model) -> dict[ServoSpec, list[RegisterDifference]]:
-    """Write the arm file's EEPROM values and no return delay; return the changes.
+    """Write the arm file's EEPROM values and a zero return delay; return the changes.
 
     Registers that a calibration of this arm has set are not written. Trial values that a killed
     program has left are replaced by the former ones.
@@ -146,7 +143,7 @@ def check_servos(bus: ServoBus, model: Model | None) -> Iterator[Finding]:
 
     Args:
         bus: The bus, with those servos.
-        model: The expected arm, if one is given.
+        model: The expected arm; None to check single servos only.
     """
     limits = model.health if model else _USUAL_HEALTH
     wrong_supply = set[int]()
@@ -181,7 +178,8 @@ def _check_models(bus: ServoBus) -> Iterator[Finding]:
             "Is this another arm? Choose it with --arm. Otherwise two ids may be swapped.",
         )
     if not wrong:
-        yield ok("models", _format_names(s.table.model_name for s in bus.servos.values()))
+        counts = Counter(s.table.model_name for s in bus.servos.values())
+        yield ok("models", ", ".join(f"{count} {name}" for name, count in counts.items()))
 
 
 def _check_supply(bus: ServoBus, wrong: set[int]) -> Iterator[Finding]:
@@ -246,7 +244,7 @@ def _check_firmware(bus: ServoBus) -> Iterator[Finding]:
 
 
 def _settings_apart(bus: ServoBus, groups: Sequence[Sequence[ServoSpec]]) -> str:
-    """Return the stored settings that are the same within each group of servos, and no others."""
+    """List the stored settings that are equal within each group of servos, but not in all."""
     table = groups[0][0].table
     kept = {table.id.name, *_CALIBRATED_REGISTERS}
     rows = [r for r in eeprom_registers(table) if r.is_writable and r.name not in kept]
@@ -327,11 +325,6 @@ def _format_servos(bus: ServoBus, servo_ids: Collection[int]) -> str:
     if len(servo_ids) == len(bus.servos) > 1:
         return f"all {len(servo_ids)} servos"
     return ", ".join(str(bus.servos[i]) for i in servo_ids)
-
-
-def _format_names(names: Iterable[str]) -> str:
-    counts = Counter(names)
-    return ", ".join(f"{count} {name}" for name, count in counts.items())
 
 
 def _format_range(values: Iterable[float], form: str) -> str:

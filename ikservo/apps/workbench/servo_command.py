@@ -132,7 +132,7 @@ OtherModel = Annotated[
 
 @dataclass(frozen=True, kw_only=True)
 class ServoLineOptions:
-    """The line on which servos are: that of an arm, or of servos that belong to no arm."""
+    """The line of the servos: that of an arm, or one with servos that belong to no arm."""
 
     arm: ArmOption = None
     port: ServoPortOption = None
@@ -140,7 +140,7 @@ class ServoLineOptions:
     baud: BaudRate = None
 
     def open(self, servo_id: str | None = None) -> AbstractContextManager[ServoLine]:
-        """Open the line; without an arm only this servo, if one is given.
+        """Open the line; without an arm, search only for this servo if one is given.
 
         Raises:
             InputError: The options contradict each other.
@@ -196,7 +196,39 @@ def write(
     ikservo servo write p_gain=16 max_temperature_limit=65C --arm so101 --id 3
     """
     with options.open(servo_id) as line:
-        _write(line, line.find(servo_id), values, dry_run=dry_run, yes=yes, json=json)
+        servo = line.find(servo_id)
+        registers: dict[Any, int] = {}
+        for word in values:
+            name, equals, text = word.partition("=")
+            if not equals:
+                raise InputError(f"{word!r} has no value.", f"As in: {name}=16")
+            register = find_register(servo.table, name)
+            registers[register] = parse_register_value(register, text)
+        changes = plan_writes(line, servo, registers)
+        texts = [str(each) for each in changes]
+        if changes and not dry_run:
+            print_status(f"{servo}: {', '.join(texts)}")
+            moving = any(each.register.name.startswith("goal_") for each in changes)
+            warning = " The joint moves at once, without any collision check." if moving else ""
+            if holds_torque(line, servo):
+                warning += " Its torque is on: support the arm."
+            question = Question(f"Write {servo}?{warning}", Unasked.ERROR)
+            if not Operator.of(None, yes=yes).agrees(question):
+                raise IkservoError("Cancelled; nothing was written.")
+        if not dry_run:
+            write_registers(line, servo, changes)
+        if json:
+            print_json(
+                "servo-write", id=servo.id, joint=servo.name, model=servo.table.model_name,
+                written=not dry_run,
+                changes=[
+                    {"register": each.register.name, "before": each.found, "after": each.expected}
+                    for each in changes
+                ],
+            )  # fmt: skip
+            return
+        mark = "would write" if dry_run else "✓"
+        print_lines([f"{mark} {servo}: {', '.join(texts) or 'nothing to change'}"])
 
 
 def ping(servo_id: ServoId = None, *, options: ServoLineOptions, json: JsonOption = False) -> None:
@@ -320,11 +352,17 @@ def tune(
     yes: YesOption = False,
     json: JsonOption = False,
 ) -> None:
-    """Move a joint quickly with its gains, with others, or with several, and compare.
+    """Move a joint quickly with its present gains and with others, and compare the responses.
 
     ikservo servo tune --suggest --arm so101 --id elbow_flex
     """
-    frequencies_hz = _parse_frequencies(sine)
+    frequencies_hz = None
+    if sine is not None:
+        number = r"([0-9]{1,3}(?:\.[0-9]{1,6})?)"
+        match = re.fullmatch(f"{number}(?:,{number})?", sine)
+        if match is None:
+            raise InputError(f"{sine!r} is not a frequency.", "As in: --sine 2, or --sine 0.5,5")
+        frequencies_hz = float(match[1]), float(match[2] or match[1])
     tune_joint(
         connection, servo_id, gains or [], step, frequencies_hz, suggest=suggest, yes=yes, json=json
     )
@@ -343,17 +381,38 @@ def packets(
 
     ikservo servo packets log.pcapng --arm so101
     """
-    _print_packets(file, arm, servo_id, servo_model, faulty=errors, json=json)
-
-
-def _parse_frequencies(text: str | None) -> tuple[float, float] | None:
-    """Parse ``2`` or ``0.5,5``, in hertz."""
-    if text is None:
-        return None
-    match = re.fullmatch(r"([0-9]{1,3}(?:\.[0-9]{1,6})?)(?:,([0-9]{1,3}(?:\.[0-9]{1,6})?))?", text)
-    if match is None:
-        raise InputError(f"{text!r} is not a frequency.", "As in: --sine 2, or --sine 0.5,5")
-    return float(match[1]), float(match[2] or match[1])
+    specs = servo_specs(model_from_option(arm)) if arm else []
+    only = {spec.id for spec in specs if servo_id in (spec.name, str(spec.id))}
+    if servo_id is not None and not only:
+        if not servo_id.isdecimal():
+            raise UnknownNameError("servo", servo_id, [spec.name for spec in specs])
+        only = {int(servo_id)}
+    tables = {spec.id: spec.table for spec in specs}
+    if servo_model:
+        tables = dict.fromkeys(range(BROADCAST_ID), find_table(servo_model))
+    before_s: float | None = None
+    count = faulty = 0
+    for packet in decode_packets(read_packet_log(file), tables):
+        count, faulty = count + 1, faulty + bool(packet.error)
+        gap_ms = 0.0 if before_s is None else 1000 * (packet.time_s - before_s)
+        before_s = packet.time_s
+        if only and packet.servo_id not in (*only, BROADCAST_ID):  # a broadcast is for each servo
+            continue
+        if errors and not packet.error:
+            continue
+        if json:
+            print_json(
+                "servo-packet", time_s=packet.time_s, sent=packet.sent, id=packet.servo_id,
+                meaning=packet.meaning, error=packet.error, bytes=packet.data.hex(" "),
+            )  # fmt: skip
+            continue
+        arrow = "→" if packet.sent else "←"
+        whom = {None: "?", BROADCAST_ID: "all"}.get(packet.servo_id, str(packet.servo_id))
+        text = f"{packet.meaning} [{packet.error}]" if packet.error else packet.meaning
+        start = f"{packet.time_s % 1000:10.6f} {gap_ms:+8.3f} ms {arrow} {whom:>3}  "
+        print_lines([f"{start}{text}  {packet.data.hex(' ').upper()}"], indent=len(start))
+    if not json:
+        print_status(f"{count} packets, {faulty} with an error.")
 
 
 _REGISTERS: Fields[RegisterReading] = (
@@ -415,49 +474,6 @@ _IDENTITIES: Fields[_Identity] = (
 )
 
 
-def _write(
-    line: ServoLine,
-    servo: ServoSpec,
-    words: Sequence[str],
-    *,
-    dry_run: bool,
-    yes: bool,
-    json: bool,
-) -> None:
-    values: dict[Any, int] = {}
-    for word in words:
-        name, equals, text = word.partition("=")
-        if not equals:
-            raise InputError(f"{word!r} has no value.", f"As in: {name}=16")
-        register = find_register(servo.table, name)
-        values[register] = parse_register_value(register, text)
-    changes = plan_writes(line, servo, values)
-    texts = [str(each) for each in changes]
-    if changes and not dry_run:
-        print_status(f"{servo}: {', '.join(texts)}")
-        moving = any(each.register.name.startswith("goal_") for each in changes)
-        warning = " The joint moves at once, without any collision check." if moving else ""
-        if holds_torque(line, servo):
-            warning += " Its torque is on: support the arm."
-        question = Question(f"Write {servo}?{warning}", Unasked.ERROR)
-        if not Operator.of(None, yes=yes).agrees(question):
-            raise IkservoError("Cancelled; nothing was written.")
-    if not dry_run:
-        write_registers(line, servo, changes)
-    if json:
-        print_json(
-            "servo-write", id=servo.id, joint=servo.name, model=servo.table.model_name,
-            written=not dry_run,
-            changes=[
-                {"register": each.register.name, "before": each.found, "after": each.expected}
-                for each in changes
-            ],
-        )  # fmt: skip
-        return
-    mark = "would write" if dry_run else "✓"
-    print_lines([f"{mark} {servo}: {', '.join(texts) or 'nothing to change'}"])
-
-
 def _restart(
     line: ServoLine,
     servo: ServoSpec,
@@ -476,44 +492,6 @@ def _restart(
         print_json("servo-restart", id=servo.id, joint=servo.name, done=done)
         return
     print_lines([f"✓ {servo}: {done}; torque {'on' if holds_torque(line, servo) else 'off'}"])
-
-
-def _print_packets(
-    path: Path, arm: str | None, servo: str | None, model: str | None, *, faulty: bool, json: bool
-) -> None:
-    """Print packets as they are read; packets to all servos are shown for each servo."""
-    specs = servo_specs(model_from_option(arm)) if arm else []
-    only = {spec.id for spec in specs if servo in (spec.name, str(spec.id))}
-    if servo is not None and not only:
-        if not servo.isdecimal():
-            raise UnknownNameError("servo", servo, [spec.name for spec in specs])
-        only = {int(servo)}
-    tables = {spec.id: spec.table for spec in specs}
-    if model:
-        tables = dict.fromkeys(range(BROADCAST_ID), find_table(model))
-    before_s: float | None = None
-    count = errors = 0
-    for packet in decode_packets(read_packet_log(path), tables):
-        count, errors = count + 1, errors + bool(packet.error)
-        gap_ms = 0.0 if before_s is None else 1000 * (packet.time_s - before_s)
-        before_s = packet.time_s
-        if only and packet.servo_id not in (*only, BROADCAST_ID):
-            continue
-        if faulty and not packet.error:
-            continue
-        if json:
-            print_json(
-                "servo-packet", time_s=packet.time_s, sent=packet.sent, id=packet.servo_id,
-                meaning=packet.meaning, error=packet.error, bytes=packet.data.hex(" "),
-            )  # fmt: skip
-            continue
-        arrow = "→" if packet.sent else "←"
-        whom = {None: "?", BROADCAST_ID: "all"}.get(packet.servo_id, str(packet.servo_id))
-        text = f"{packet.meaning} [{packet.error}]" if packet.error else packet.meaning
-        start = f"{packet.time_s % 1000:10.6f} {gap_ms:+8.3f} ms {arrow} {whom:>3}  "
-        print_lines([f"{start}{text}  {packet.data.hex(' ').upper()}"], indent=len(start))
-    if not json:
-        print_status(f"{count} packets, {errors} with an error.")
 
 
 def restore_backup(

@@ -37,7 +37,7 @@ class _Curve:
     Attributes:
         servo: The servo.
         register: The register that is read.
-        joint: Converts its ticks to the position of the joint; None for the register itself.
+        joint: The map from its ticks to the position of the joint; None for the register itself.
     """
 
     servo: ServoSpec
@@ -60,7 +60,7 @@ class _Curve:
 
 
 def read_joint_maps(line: ServoLine, model: Model, words: Sequence[str]) -> dict[int, JointMap]:
-    """Return by servo id how ticks become positions, for the joints of an arm among the words.
+    """Return the joint maps, by servo id, of the joints of an arm that are among the words.
 
     Raises:
         CalibrationError: The arm's calibration contradicts its servos or its arm file.
@@ -70,7 +70,7 @@ def read_joint_maps(line: ServoLine, model: Model, words: Sequence[str]) -> dict
         return {}
     own = load_calibration_for(line.bus, model)
     if not own.zeros.are_known:
-        print_status(f"{model.name} is not calibrated: its arm file's nominal zeros are used.")
+        print_status(f"{model.name} is not calibrated; the nominal zeros of its arm file are used.")
     return {joint.servo.id: own.joint_map(joint) for joint in joints}
 
 
@@ -89,8 +89,8 @@ def show_plot(
     Args:
         line: The servos of the line.
         servos: The servos to plot.
-        names: The registers, by the vendor's or the common names, and the joints; the registers of
-            motion if there are none.
+        names: The registers, by the vendor's or the common names, and the joints; empty: the
+            registers of motion.
         joints: See `read_joint_maps`.
         period_s: Time between two readings.
         duration_s: Time after which to end; None: no end.

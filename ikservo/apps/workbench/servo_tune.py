@@ -127,7 +127,7 @@ def tune_joint(
     if joint is None:
         raise InputError("No joint is named.", "As in: ikservo servo tune --arm so101 --id 3")
     if suggest and sine_hz:
-        raise InputError("Gains are suggested by a step.", "Omit --sine or --suggest.")
+        raise InputError("Only a step can suggest gains.", "Omit --sine or --suggest.")
     if far_rad is None:
         far_rad = math.radians(2 if sine_hz else 10)
     with open_from_options(connection, MotionOptions(yes=yes)) as machine:
@@ -177,7 +177,9 @@ def _parse_gains(servo: ServoSpec, settings: Sequence[str]) -> dict[Register, in
         register = find_register(servo.table, name)
         if not equals or register not in tunable_registers(servo):
             listed = " ".join(f"{each}=16" for each in tunable_registers(servo))
-            raise InputError(f"{word!r} sets no gain.", f"As in: ikservo servo tune {listed}")
+            raise InputError(
+                f"{word!r} does not set a gain.", f"As in: ikservo servo tune {listed}"
+            )
         gains[register] = parse_register_value(register, text)
         lower, upper = register.range
         if not lower <= gains[register] <= upper:

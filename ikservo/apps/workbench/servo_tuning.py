@@ -62,9 +62,8 @@ class StepResponse:
     def settling_s(self) -> float:
         """Longest time after the goals until it stays within 0.2° of its rest position."""
         longest_s = 0.0
-        for beyond, time_s, end_s in zip(
-            self._beyond_rest(), self._rest_times(), self.ends_s, strict=True
-        ):
+        for beyond, end_s in zip(self._beyond_rest(), self.ends_s, strict=True):
+            time_s = self.time_s[self._rest(end_s)]
             away = np.flatnonzero(np.abs(beyond) > _SETTLED_RAD)
             longest_s = max(longest_s, float(time_s[away[-1]] - end_s) if away.size else 0.0)
         return longest_s
@@ -109,9 +108,6 @@ class StepResponse:
     def _judged(self, end_s: float) -> slice:
         first, last = np.searchsorted(self.time_s, (end_s + REST_S - _JUDGED_S, end_s + REST_S))
         return slice(int(first), max(int(last), int(first) + 1))
-
-    def _rest_times(self) -> list[Vector]:
-        return [self.time_s[self._rest(end_s)] for end_s in self.ends_s]
 
     def _rest(self, end_s: float) -> slice:
         first, last = np.searchsorted(self.time_s, (end_s, end_s + REST_S))
@@ -324,9 +320,9 @@ class Trial:
 def search_gains(arm: Arm, servo: ServoSpec, before: Trial, step_rad: float) -> Generator[Trial]:
     """Try gains on the joint: P, then D with the best P, then P nearby; yield each trial.
 
-    Gains are not raised beyond one with which the joint swings, and the lower one of two equal
-    gains is better. If a joint does not overshoot, lower P is not tried: under a load it would lag
-    so far that the guard stops it.
+    A gain is not raised beyond a value at which the joint swings. Of two gains with equal costs,
+    the lower one is better. If a joint does not overshoot, lower P is not tried, because under a
+    load it would lag so far that the guard stops it.
 
     Args:
         arm: The arm.

@@ -156,7 +156,7 @@ def _spec_of(found: FoundServo, table: type[ControlTable] | None) -> ServoSpec:
     return ServoSpec(found.id, known)
 
 
-_SHOWN_UNITS = {  # by the register's unit: the shown unit, and its number per register unit
+_SHOWN_UNITS = {  # by the register's unit: the shown unit, and the factor to it
     "rad": ("°", math.degrees(1)),
     "rad/s": ("°/s", math.degrees(1)),
     "rad/s²": ("°/s²", math.degrees(1)),
@@ -165,7 +165,7 @@ _SHOWN_UNITS = {  # by the register's unit: the shown unit, and its number per r
 
 
 def shown_unit(register: Register) -> tuple[str, float]:
-    """Return the unit in which a register is shown, and its number per unit of the register."""
+    """Return the unit in which a register is shown, and the factor from its own unit to that."""
     symbol = register.unit.symbol
     return _SHOWN_UNITS.get(symbol, (symbol, 1.0))
 
@@ -179,7 +179,7 @@ class RegisterReading:
         raw: The raw number in the register.
         first: The raw number in the servo's first copy, made before ikservo changed anything; None
             without a copy.
-        default: The raw number as delivered, by the data sheet; None if unknown.
+        default: The raw number as delivered, according to the data sheet; None if unknown.
     """
 
     register: Register
@@ -222,7 +222,11 @@ def read_registers(
     """
     registers = [find_register(servo.table, name) for name in names]
     wanted = registers or list(servo.table.registers.values())
-    first = _first_copy(line, servo)
+    first: Mapping[str, int] = {}
+    path = backup_path(line.owner, servo)
+    with contextlib.suppress(FileFormatError, OSError):
+        if path.exists():
+            first = read_backup(path).eeprom
     raw = line.bus.sync_read_many([servo.id], wanted, raw=True).require_all()[servo.id]
     table = servo.table
     return [
@@ -277,14 +281,7 @@ def holds_torque(line: ServoLine, servo: ServoSpec) -> bool:
     return line.bus.read(servo.id, RegisterName.TORQUE_ENABLE, raw=True) == 1
 
 
-def _first_copy(line: ServoLine, servo: ServoSpec) -> Mapping[str, int]:
-    path = backup_path(line.owner, servo)
-    with contextlib.suppress(FileFormatError, OSError):
-        return read_backup(path).eeprom if path.exists() else {}
-    return {}
-
-
-_UNITS = {  # by a unit that users may type: the register's unit, and the size in it
+_UNITS = {  # by a unit that users may type: the register's unit, and the factor to it
     "deg": ("rad", math.radians(1)),
     "rad": ("rad", 1.0),
     "deg/s": ("rad/s", math.radians(1)),
@@ -321,14 +318,14 @@ def parse_register_value(register: Register, text: str) -> int:
     return register.to_raw(float(match[1]) * size)
 
 
-_REPLY_LEVELS = {"response_level": 1, "status_return_level": 2}  # to reply to every packet
+_REPLY_LEVELS = {"response_level": 1, "status_return_level": 2}  # least, to reply to each packet
 _HIGHEST_ID = 252
 
 
 def plan_writes(
     line: ServoLine, servo: ServoSpec, values: Mapping[Register, int]
 ) -> list[RegisterDifference]:
-    """Plan which registers would change; nothing is written.
+    """Return the registers that would change; nothing is written.
 
     Raises:
         RegisterAccessError: A register is read-only, does not accept its number, is in EEPROM while

@@ -1,7 +1,7 @@
 """Trial values in a servo: the former values are kept on disk until they are restored.
 
-A program that is killed in between leaves the trial values in force until the servo's power goes
-off; the file has the former values.
+A program that is killed during a trial leaves the trial values in force until the servo's power
+goes off; the file has the former values.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ def note_former(bus: ServoBus, servo: ServoSpec, former: Mapping[Register, int])
 
 
 def forget_former(bus: ServoBus, servo: ServoSpec) -> None:
-    """Remove the file, because the present values of the servo are wanted."""
+    """Remove the file, because the servo keeps its present values."""
     if (path := _path(bus, servo)).exists():
         remove_durably(path)
 
@@ -52,7 +52,7 @@ def forget_if_former(bus: ServoBus, servo: ServoSpec, registers: Container[Regis
 
 
 def read_former(bus: ServoBus, servo: ServoSpec) -> dict[Register, int]:
-    """Return the values from before an interrupted trial; empty if there was none.
+    """Return the values from before an interrupted trial; empty if no trial was interrupted.
 
     Raises:
         FileFormatError: The file is damaged.
