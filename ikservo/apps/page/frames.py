@@ -218,7 +218,7 @@ def status_frame(
 
 def _tip_rows(arm_thread: ArmThread, interaction: Interaction) -> list[tuple[str, str, str]]:
     marker = interaction.marker
-    tip_m = _measured_tip_m(arm_thread)
+    tip_m = arm_thread.arm.chain.forward(_measured_chain_joints(arm_thread))[:3, 3]
     rows = [("tip", format_point(tip_m), "")]
     if marker is not None:
         good = marker.reached and interaction.refusal is None
@@ -241,11 +241,6 @@ def _tip_rows(arm_thread: ArmThread, interaction: Interaction) -> list[tuple[str
 def _measured_chain_joints(arm_thread: ArmThread) -> Vector:
     """Return the measured joints of the chain (dof,)."""
     return arm_thread.arm.joint_index.chain_joints(arm_thread.snapshot.measured)
-
-
-def _measured_tip_m(arm_thread: ArmThread) -> Vector:
-    """Return the measured position of the tip (3,)."""
-    return arm_thread.arm.chain.forward(_measured_chain_joints(arm_thread))[:3, 3]
 
 
 class FrameComposer:
@@ -405,15 +400,17 @@ class FrameComposer:
         if snapshot.calibration is not None:
             state = show_calibration(state, snapshot.calibration, self._arm_thread.arm.model)
         picture = self.camera_view(client)
+        refusal, trace = interaction.refusal, interaction.solver_trace
         scene = {
             "kind": "scene",
             "webgl": client.webgl,
             "picture_trouble": None if picture is None else picture.trouble,
             "tip_shows": None if picture is None else picture.tip_shows,
             "tip_clicks": 0 if picture is None else picture.tip_clicks,
-            "refusal": self._refusal_text(),
+            "refusal": None if refusal is None or interaction.goal is None else refusal.reason,
             "limp": limp,
-            **self._trace_fields(),
+            "trace": None if trace is None else trace.page_fields,
+            "trace_step": interaction.trace_step(self._clock.now_s()),
             **self._graph.fields(state, handles=self._has_handles(client)),
         }
         return [*self._arm_frames(client), scene]
@@ -434,17 +431,6 @@ class FrameComposer:
         snapshot = self._arm_thread.snapshot
         moves = not (snapshot.stop_notice or snapshot.calibration or snapshot.activity)
         return client.handles and moves and self._lease.is_held_by(client.lease)
-
-    def _refusal_text(self) -> str | None:
-        """Return the reason why the goal is refused."""
-        refusal, goal = self._interaction.refusal, self._interaction.goal
-        return None if refusal is None or goal is None else refusal.reason
-
-    def _trace_fields(self) -> dict[str, object]:
-        """Return the iterations of a solver, and the index of the shown one."""
-        trace = self._interaction.solver_trace
-        step = self._interaction.trace_step(self._clock.now_s())
-        return {"trace": None if trace is None else trace.page_fields, "trace_step": step}
 
     def plane_m(self, client: Client) -> Vector | None:
         """Return a point (3,) of the plane for clicks on the background; None: the tip's plane."""

@@ -13,11 +13,7 @@ from ikservo.apps.page.dragging.drag_commands import DragCommand, DragTarget, Jo
 from ikservo.apps.page.dragging.drag_solver import AUTO, DragSolver, PosturePreference
 from ikservo.apps.page.dragging.goal_history import GoalHistory, PastGoal
 from ikservo.apps.page.dragging.goal_planning import PlannedPath
-from ikservo.apps.page.dragging.held_controls import (
-    GamepadControl,
-    GripperControl,
-    gripper_control,
-)
+from ikservo.apps.page.dragging.held_controls import GamepadControl, gripper_control
 from ikservo.apps.page.dragging.labels import describe_target
 from ikservo.apps.page.dragging.snapshot import ArmSnapshot, GoalRefusal, LogEntry
 from ikservo.apps.page.dragging.solver_demo import ITERATIVE, SOLVERS, SolverTrace, trace_method
@@ -314,24 +310,25 @@ class Interaction:
         if isinstance(message, msg.Gamepad) and self._gripper is not None:
             if message.grip:
                 self._record_goal(snapshot, "gripper")
-            self._drive_gripper(self._gripper, message.grip, snapshot, now_s)
+            goal, column = self._goal_or_rest(snapshot), self._gripper.column
+            measured = None if snapshot.reference is None else snapshot.measured
+            at = self._gripper.next_position(message.grip, float(goal[column]), measured, now_s)
+            if at is not None:
+                self.goal = goal.copy()
+                self.goal[column] = at
         before = self._present_goal(snapshot)
         command = self._command_from(message, context, now_s)
         self.revision += 1
-        if command is not None:
-            self._record_gesture(message, before, now_s)
-        if command is not None:
-            self._command, self.solver_trace = command, None
-            self._solve_pending(snapshot, now_s)
-
-    def _record_gesture(self, message: Message, before: PastGoal, now_s: float) -> None:
-        """Record the goal before a gesture, once per drag when the pointer goes down."""
-        if isinstance(message, msg.Pointer | msg.DragTool):
-            if message.phase == "down" or not self._drag_recorded:
+        if command is None:
+            return
+        if not isinstance(message, msg.Pointer | msg.DragTool):
+            self.history.record(before, type(message).__name__, now_s)
+        else:
+            if message.phase == "down" or not self._drag_recorded:  # once per drag
                 self.history.record(before, "", now_s)
             self._drag_recorded = True
-        else:
-            self.history.record(before, type(message).__name__, now_s)
+        self._command, self.solver_trace = command, None
+        self._solve_pending(snapshot, now_s)
 
     def continue_target(self, snapshot: ArmSnapshot, now_s: float) -> None:
         """Continue towards a target that one solve did not reach."""
@@ -386,17 +383,6 @@ class Interaction:
         other_joints = self._index.by_name(snapshot.measured)
         return PointerContext(camera, arms, plane_m, other_joints, surface)
 
-    def _drive_gripper(
-        self, gripper: GripperControl, grip: float, snapshot: ArmSnapshot, now_s: float
-    ) -> None:
-        """Close or open the gripper while a button is held."""
-        goal = self._goal_or_rest(snapshot)
-        measured = None if snapshot.reference is None else snapshot.measured
-        at = gripper.next_position(grip, float(goal[gripper.column]), measured, now_s)
-        if at is not None:
-            self.goal = goal.copy()
-            self.goal[gripper.column] = at
-
     def _resting_joints(self, snapshot: ArmSnapshot) -> Vector:
         return snapshot.measured if snapshot.reference is None else snapshot.reference
 
@@ -412,8 +398,9 @@ class Interaction:
             return drag.wheel((message.x, message.y), message.notches, context, fine=message.alt)
         if isinstance(message, msg.Key):
             return drag.on_key(message.key, context, fine=message.alt)
-        if isinstance(message, msg.SelectBehind):
-            self._select_candidate(message.step, context)
+        if isinstance(message, msg.SelectBehind) and self._pointer is not None and not drag.is_busy:
+            drag.select_next(self._pointer, context, message.step)
+            self._update_hover(self._pointer, context)
         if isinstance(message, msg.Gamepad):
             tip_m = self._chain.forward(context.arms[0])[:3, 3]
             return self._gamepad.make_command(message, context.camera, tip_m, now_s)
@@ -459,11 +446,6 @@ class Interaction:
             self.under, self.chosen = self._drag.candidates_under(at, context)
             found = self.under[self.chosen]
             self.hover = found.hit.link if found is not None and found.kind == "link" else None
-
-    def _select_candidate(self, step: int, context: PointerContext) -> None:
-        if self._pointer is not None and not self._drag.is_busy:
-            self._drag.select_next(self._pointer, context, step)
-            self._update_hover(self._pointer, context)
 
     def _solve_pending(self, snapshot: ArmSnapshot, now_s: float) -> None:
         command = self._command

@@ -39,7 +39,9 @@ class ToolHandles:
 
     def __init__(self, chain: Chain, approach_axis: Vector) -> None:
         self._chain, self._approach = chain, approach_axis
-        jacobians = [chain.jacobian(q) for q in _sample_postures(chain)]
+        lower, upper = np.maximum(chain.lower_rad, -np.pi), np.minimum(chain.upper_rad, np.pi)
+        samples = np.random.default_rng(0).uniform(lower, upper, (_SAMPLES, chain.dof))
+        jacobians = [chain.jacobian(q) for q in samples]
         sizes = np.max([np.linalg.norm(J[:3], axis=1) for J in jacobians], axis=0)
         self._moves: list[bool] = (sizes > _RANK * sizes.max()).tolist()
         self._turns = max(int((np.linalg.svd(_turning(J))[1] > _RANK).sum()) for J in jacobians)
@@ -68,11 +70,6 @@ class ToolHandles:
         second = np.cross(np.cross(span[:, 0], span[:, 1]), first)
         second = second / np.linalg.norm(second)
         return np.column_stack([first, second, np.cross(first, second)])
-
-
-def _sample_postures(chain: Chain) -> Matrix:
-    lower, upper = np.maximum(chain.lower_rad, -np.pi), np.minimum(chain.upper_rad, np.pi)
-    return np.random.default_rng(0).uniform(lower, upper, (_SAMPLES, chain.dof))
 
 
 def _turning(J: Matrix) -> Matrix:

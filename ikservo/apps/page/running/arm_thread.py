@@ -27,7 +27,6 @@ from ikservo.apps.page.running.live_session import LiveSession
 from ikservo.arm import (
     DEAD_MAN_TIMEOUT_S,
     Arm,
-    JointState,
     MotionProgress,
     StopKind,
     StopReason,
@@ -301,7 +300,12 @@ class ArmThread:
 
     def _run_step(self) -> None:
         if self._acknowledged:
-            self._restart()
+            self._acknowledged, self._stop_reason = False, None
+            if self._lost:
+                self.arm.close("hold")
+                self._reopen_arm()  # raises again if the port is still lost
+            self.arm.acknowledge()
+            self.snapshot = replace(self.snapshot, stop_notice=None)
         reason = self._stop_reason or self.arm.stop_reason  # set by the page, or by another program
         if reason is not None and not self.snapshot.stop_notice:
             self._take_stop(reason)
@@ -310,7 +314,12 @@ class ArmThread:
             self._waiting_job = None
             self._poll_state(ignore_errors=True)
         elif self._torque_requests:
-            self._switch_torque(*self._torque_requests.popleft())
+            joint, on = self._torque_requests.popleft()
+            self.arm.runner.set_joint_torque(joint, on=on)
+            self.snapshot = self._update_positions()  # must precede the check for lost torque
+            self.log_message(
+                f"Torque of {joint} switched {'on' if on else 'off'} from the page.", ""
+            )
         elif self.calibration and self.calibration.requested:
             self._run_calibration(self.calibration)
         elif self._waiting_job is not None:
@@ -348,44 +357,22 @@ class ArmThread:
             self.snapshot = replace(self.snapshot, activity="", reference=None)
 
     def _poll_state(self, *, ignore_errors: bool = False) -> None:
-        """Read the arm's state while no session runs."""
+        """Read the arm's state while no session runs; log servos that lost torque by themselves."""
         try:
             before = self.snapshot.states
             self.snapshot = replace(self._update_positions(), reference=None)
             self._record_history()
-            self._log_lost_torque(before)
+            pairs = zip(before, self.snapshot.states, strict=True)
+            lost = [now for then, now in pairs if then.torque and not now.torque]
+            for names, alarms in describe_alarms(lost):
+                self.log_message(f"Torque switched off by an alarm: {names}: {alarms}.")
+            unexplained = [state.name for state in lost if not state.alarms]
+            if unexplained:
+                self.log_message(_TORQUE_LOST_TEXT.format(", ".join(unexplained)))
         except IkservoError:
             if not ignore_errors:
                 raise
         self._clock.sleep_until(self._clock.now_s() + _POLL_PERIOD_S)
-
-    def _switch_torque(self, joint: str, on: bool) -> None:
-        self.arm.runner.set_joint_torque(joint, on=on)
-        self.snapshot = self._update_positions()  # must precede the check for lost torque
-        self.log_message(f"Torque of {joint} switched {'on' if on else 'off'} from the page.", "")
-
-    def _log_lost_torque(self, before: tuple[JointState, ...]) -> None:
-        """Log servos that lost torque without a command since the previous reading."""
-        pairs = zip(before, self.snapshot.states, strict=True)
-        lost = [now for then, now in pairs if then.torque and not now.torque]
-        for names, alarms in describe_alarms(lost):
-            self.log_message(f"Torque switched off by an alarm: {names}: {alarms}.")
-        unexplained = [state.name for state in lost if not state.alarms]
-        if unexplained:
-            self.log_message(_TORQUE_LOST_TEXT.format(", ".join(unexplained)))
-
-    def _restart(self) -> None:
-        """Continue after a stop; a lost port is opened again.
-
-        Raises:
-            IkservoError: The port is still lost.
-        """
-        self._acknowledged, self._stop_reason = False, None
-        if self._lost:
-            self.arm.close("hold")
-            self._reopen_arm()
-        self.arm.acknowledge()
-        self.snapshot = replace(self.snapshot, stop_notice=None)
 
     def _take_stop(self, reason: StopReason) -> None:
         """End all activity at a stop; latch the stop unless the page has stopped a limp arm.
