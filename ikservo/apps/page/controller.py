@@ -109,7 +109,6 @@ class SessionController:
             msg.SetTorque: self._set_torque,
             msg.ArmAction: self._start_action,
             msg.MarkTip: self._mark_tip,
-            msg.FollowArm: self._follow_arm,
             msg.ChooseCamera: self._choose_camera,
             **dict.fromkeys(get_args(ThingMessage), self._handle_thing),
         }
@@ -292,6 +291,12 @@ class SessionController:
                     self._servos.read(message.joint)
                 case msg.WriteRegister():
                     self._servos.write(message.joint, message.name, message.value)
+                case msg.FollowArm(leader=None):
+                    self._following.finish()
+                case msg.FollowArm(leader=str(leader)):
+                    self._require_ready()
+                    self._following.start(leader)
+                    self._interaction.reset()
                 case msg.RunPanelMotion():
                     self._require_ready()
                     self._app_panels.start(message.heading, message.button)
@@ -411,14 +416,6 @@ class SessionController:
             client.sent.pop("arm_info", None)
             if client.view.name not in self._composer.views:
                 client.view = Viewpoint(self._composer.views[0])
-
-    def _follow_arm(self, message: msg.FollowArm, _client: Client) -> None:
-        if message.leader is None:
-            self._following.finish()
-            return
-        self._require_ready()
-        self._following.start(message.leader)
-        self._interaction.reset()
 
     def _require_ready(self) -> None:
         """Raise if the arm accepts no targets.

@@ -20,7 +20,6 @@ from ikservo.apps.page.dragging.labels import (
 )
 from ikservo.apps.page.dragging.snapshot import ArmSnapshot, LogEntry, StopNotice
 from ikservo.apps.page.drawing.reachable_region import (
-    ReachableRegion,
     ReachableRegionCache,
     SlicePlane,
     slice_plane,
@@ -34,7 +33,6 @@ from ikservo.apps.page.picking.projection import Camera
 from ikservo.apps.page.picking.viewpoints import ViewName, arm_extent, available_views, make_camera
 from ikservo.apps.page.picking.visibility import (
     PostureAnalyser,
-    PostureAnalysis,
     VisibilityChecker,
 )
 from ikservo.apps.page.running.arm_thread import ArmThread
@@ -218,7 +216,8 @@ def status_frame(
 
 def _tip_rows(arm_thread: ArmThread, interaction: Interaction) -> list[tuple[str, str, str]]:
     marker = interaction.marker
-    tip_m = arm_thread.arm.chain.forward(_measured_chain_joints(arm_thread))[:3, 3]
+    q = arm_thread.arm.joint_index.chain_joints(arm_thread.snapshot.measured)
+    tip_m = arm_thread.arm.chain.forward(q)[:3, 3]
     rows = [("tip", format_point(tip_m), "")]
     if marker is not None:
         good = marker.reached and interaction.refusal is None
@@ -236,11 +235,6 @@ def _tip_rows(arm_thread: ArmThread, interaction: Interaction) -> list[tuple[str
         rows.append(("off", f"{off_m * 1000:.1f} mm", ""))
     model = arm_thread.arm.model
     return rows + condition_rows(arm_thread.snapshot.states, model.supply_v, model.health)
-
-
-def _measured_chain_joints(arm_thread: ArmThread) -> Vector:
-    """Return the measured joints of the chain (dof,)."""
-    return arm_thread.arm.joint_index.chain_joints(arm_thread.snapshot.measured)
 
 
 class FrameComposer:
@@ -333,8 +327,15 @@ class FrameComposer:
             return []
         now_s = self._clock.now_s()
         step = self._interaction.trace_step(now_s)
-        analysis = None if client.viewport is None else self._posture_analysis(client)
-        q = _measured_chain_joints(self._arm_thread)
+        snapshot, analysis = self._arm_thread.snapshot, None
+        q = self._chain_joints(snapshot.measured)
+        if client.viewport is not None:  # analyse the arm at rest, from the client's camera
+            self._stillness = self._stillness.add_joints(now_s, q.tolist())
+            idle = self._stillness.is_at_rest() and self._interaction.camera is None
+            others = self._other_positions(snapshot)
+            find_poses = partial(link_poses, self._arm_thread.arm.chain, q, others)
+            camera = self.camera(client)
+            analysis = self._analyser.get(client.number, q, find_poses, camera, idle=idle)
         posture = insight_rows(self._analyser.conditioning(q), analysis)
         status = status_frame(
             self._arm_thread, self._interaction, step, controller, now_s, posture, fallback
@@ -344,24 +345,12 @@ class FrameComposer:
         client.sent["status"] = status
         return [status]
 
-    def _posture_analysis(self, client: Client) -> PostureAnalysis | None:
-        """Return the analysis of the arm at rest, from the client's camera, if there is one."""
-        snapshot = self._arm_thread.snapshot
-        q = self._chain_joints(snapshot.measured)
-        self._stillness = self._stillness.add_joints(self._clock.now_s(), q.tolist())
-        idle = self._stillness.is_at_rest() and self._interaction.camera is None
-        others = self._other_positions(snapshot)
-        find_poses = partial(link_poses, self._arm_thread.arm.chain, q, others)
-        return self._analyser.get(client.number, q, find_poses, self.camera(client), idle=idle)
-
     def _scene_frames(self, client: Client) -> list[Frame]:
         """Return the scene if anything changed or the heartbeat is due."""
-        snapshot, interaction, camera = (
-            self._arm_thread.snapshot,
-            self._interaction,
-            self.camera(client),
-        )
-        region = self._reachable_region(client)
+        snapshot, interaction = self._arm_thread.snapshot, self._interaction
+        camera, plane = self.camera(client), self._tip_plane(client)
+        idle = interaction.camera is None
+        region = None if plane is None else self._regions.get(plane, idle=idle)
         limp = [joint.name for joint in snapshot.states if not joint.torque]
         fingerprint = (
             snapshot.measured.tobytes(),
@@ -451,11 +440,6 @@ class FrameComposer:
         """Return the tip (3,) of the goal; without one, at joints (dof,)."""
         goal = self._interaction.shown_goal
         return self._arm_thread.arm.chain.forward(q if goal is None else goal)[:3, 3]
-
-    def _reachable_region(self, client: Client) -> ReachableRegion | None:
-        plane = self._tip_plane(client)
-        idle = self._interaction.camera is None
-        return None if plane is None else self._regions.get(plane, idle=idle)
 
     def _chain_joints(self, joints: Vector) -> Vector:
         return self._index.chain_joints(joints)

@@ -102,19 +102,15 @@ class DragSolver:
             q, is_limited = self._limit_step(start, found)
             settled = not is_limited and _max_joint_distance(found, start) < _AT_REST_RAD
             return DragSolution(q, marker, settled)
-        return self._solve_pull(command, start)
-
-    def _solve_pull(self, command: DragTarget, start: Vector) -> DragSolution:
-        """Find the joints for a dragged point, at most one frame's step from the start."""
         if self.method != AUTO and not command.is_click:
             return self._iterate_method(command, start)
-        found = self._track_target(command, start)
-        leaning = self._lean_to_posture(command, found)
+        tracked = self._track_target(command, start)
+        leaning = self._lean_to_posture(command, tracked)
         if command.is_click:
             return DragSolution(leaning.q, _make_marker(command.target, leaning))
         q, is_limited = self._limit_step(start, leaning.q)
-        settled = not is_limited and _max_joint_distance(leaning.q, found.q) < _AT_REST_RAD
-        return DragSolution(q, _make_marker(command.target, found), settled)
+        settled = not is_limited and _max_joint_distance(leaning.q, tracked.q) < _AT_REST_RAD
+        return DragSolution(q, _make_marker(command.target, tracked), settled)
 
     def _track_target(self, command: DragTarget, start: Vector) -> Result:
         """Track the current IK branch; a click may switch to another one."""

@@ -453,30 +453,24 @@ class Interaction:
             return
         goal = self._resting_joints(snapshot) if self.goal is None else self.goal
         start_s = time.perf_counter()
-        q, is_settled = self._solve_command(command, self._index.chain_joints(goal), now_s)
+        q = self._index.chain_joints(goal)
+        if self.solver != AUTO and isinstance(command, DragTarget) and command.is_click:
+            # Solve a click with the chosen method, and keep its iterations for drawing.
+            target_m, posture = command.target.position, self._solver.posture
+            self.solver_trace = trace_method(self._chain, target_m, q, self.solver, posture)
+            self._trace_start_s = now_s
+            found = self.solver_trace.result
+            self.marker = TargetMarker(target_m, found.nearest_m, found.reached, found.binding)
+            q, is_settled = found.q, True
+        else:
+            solution = self._solver.solve_command(command, q)
+            self.marker, self.solver_text = solution.marker, solution.text
+            q, is_settled = solution.q, solution.settled or isinstance(command, JointTarget)
         self.solve_s = time.perf_counter() - start_s
         self.goal = self._index.with_chain(goal, q)
         if is_settled:
             self._command = None
             self._warn_unreached()
-
-    def _solve_command(self, command: DragCommand, q: Vector, now_s: float) -> tuple[Vector, bool]:
-        """Return the chain's goal (dof,), and whether another solve would not improve it."""
-        if self.solver != AUTO and isinstance(command, DragTarget) and command.is_click:
-            # Solve a click with the chosen method, and keep its iterations for drawing.
-            posture = self._solver.posture
-            self.solver_trace = trace_method(
-                self._chain, command.target.position, q, self.solver, posture
-            )
-            self._trace_start_s = now_s
-            found = self.solver_trace.result
-            self.marker = TargetMarker(
-                command.target.position, found.nearest_m, found.reached, found.binding
-            )
-            return found.q, True
-        solution = self._solver.solve_command(command, q)
-        self.marker, self.solver_text = solution.marker, solution.text
-        return solution.q, solution.settled or isinstance(command, JointTarget)
 
     def _warn_unreached(self) -> None:
         """Add a message if the target was not reached, once per gesture, at its end."""

@@ -95,18 +95,24 @@ def health_rows(states: Sequence[JointState], limits: HealthLimits) -> list[dict
         states: The servos.
         limits: The temperatures of warning and stop.
     """
-    return [
-        {
-            "name": state.name,
-            "temperature": f"{state.temperature_c:.0f} °C",
-            "voltage": f"{state.voltage_v:.1f} V",
-            "load": "" if state.load_percent is None else f"{state.load_percent:z.0f} %",
-            "torque": "on" if state.torque else "off",
-            "alarms": ", ".join(state.alarms),
-            "level": _warning_level(state, limits),
-        }
-        for state in states
-    ]
+    rows: list[dict[str, object]] = []
+    for state in states:
+        is_loaded = abs(state.load_percent or 0.0) >= _LOADED_PERCENT
+        level = "amber" if state.temperature_c >= limits.warn_c or is_loaded else "good"
+        if state.alarms or state.temperature_c >= limits.hold_c:
+            level = "red"
+        rows.append(
+            {
+                "name": state.name,
+                "temperature": f"{state.temperature_c:.0f} °C",
+                "voltage": f"{state.voltage_v:.1f} V",
+                "load": "" if state.load_percent is None else f"{state.load_percent:z.0f} %",
+                "torque": "on" if state.torque else "off",
+                "alarms": ", ".join(state.alarms),
+                "level": level,
+            }
+        )
+    return rows
 
 
 def condition_rows(
@@ -133,13 +139,6 @@ def condition_rows(
     if limp and len(limp) < len(states):
         rows.append(("limp", ", ".join(limp), "warn"))
     return rows
-
-
-def _warning_level(state: JointState, limits: HealthLimits) -> str:
-    if state.alarms or state.temperature_c >= limits.hold_c:
-        return "red"
-    loaded = abs(state.load_percent or 0.0) >= _LOADED_PERCENT
-    return "amber" if state.temperature_c >= limits.warn_c or loaded else "good"
 
 
 _NEAR_RAD = math.radians(10.0)

@@ -213,20 +213,15 @@ def _capture_step(arm: Arm, joints: Vector, path: str) -> ProgramStep:
     m: dict[str, float] = {}
     for name in arm.chain.names:
         column = arm.joint_index.column(name)
-        ends = float(lower[column]), float(upper[column])
+        numbers = [float(row[column]) for row in (inside, lower, upper)]
         slides = arm.model.joint(name).joint_map.unit == "m"
-        at = _round_inside(float(inside[column]), ends, in_degrees=not slides)
+        places = _M_PLACES if slides else _DEG_PLACES
+        value, low, high = numbers if slides else map(math.degrees, numbers)
+        unit = 10.0**-places  # rounded, but not past a limit
+        lowest, highest = math.ceil(low / unit) * unit, math.floor(high / unit) * unit
+        at = round(min(max(value, lowest), highest), places) + 0.0  # not -0.0
         (m if slides else deg)[name] = at
     return ProgramStep(deg=deg, m=m)
-
-
-def _round_inside(position: float, ends: tuple[float, float], *, in_degrees: bool) -> float:
-    """Compute a position [rad or m] rounded in degrees or metres, not past the limits."""
-    places = _DEG_PLACES if in_degrees else _M_PLACES
-    value, low, high = (math.degrees(x) if in_degrees else x for x in (position, *ends))
-    unit = 10.0**-places
-    lowest, highest = math.ceil(low / unit) * unit, math.floor(high / unit) * unit
-    return round(min(max(value, lowest), highest), places) + 0.0  # not -0.0
 
 
 def _format_mm(point_m: Sequence[float]) -> str:

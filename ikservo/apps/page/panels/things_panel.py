@@ -66,7 +66,11 @@ class ThingsPanel:
     def frames(self, client: Client) -> list[Frame]:
         """Return the things, if they have changed since they were sent to a client."""
         things, arms = self._arm.scene.things, self._arm.scene.arms
-        joints = [self._joints(each) for each in arms]
+        joints: list[Vector | None] = []  # as last read; None for an arm that is closed
+        for arm in arms:
+            thread = self._find_arm(arm.name)
+            is_open = thread is not None and thread.arm.context is arm.context
+            joints.append(thread.snapshot.measured if thread is not None and is_open else None)
         around = things, arms, [None if q is None else q.round(_DECIMALS).tolist() for q in joints]
         if around != self._shown:
             self._shown = around
@@ -154,12 +158,6 @@ class ThingsPanel:
         text = scene_text(scene.things, [each.placed for each in scene.arms])
         url = self._downloads.offer(Download(name, lambda: [text], "application/toml"))
         return {"kind": "download", "url": url, "name": name}
-
-    def _joints(self, other: OtherArm) -> Vector | None:
-        """Return the last read joints (n,) of another arm; None once it is closed."""
-        thread = self._find_arm(other.name)
-        is_read = thread is not None and thread.arm.context is other.context
-        return thread.snapshot.measured if thread is not None and is_read else None
 
     def _add_new(self, shape: str, joints: Vector) -> None:
         """Add a thing on the table, in front of the arm."""

@@ -166,32 +166,23 @@ class HitTester:
         below it; then objects, then fixed links. Within each kind, hits exactly under the pointer
         come before hits next to it, the nearest first.
         """
-        arms: list[Vector] = []
+        camera, drawn = context.camera, list[Vector]()
+        moving, objects, fixed = (list[PickCandidate]() for _ in range(3))
         for q in context.arms:
-            if all(float(np.abs(q - other).max()) >= _SAME_RAD for other in arms):
-                arms.append(q)
-        layers = [self._link_candidates(at, context, q) for q in arms]
-        moving = [found for layer in layers for found in layer if found.kind == "link"]
-        fixed = [found for found in layers[-1] if found.kind == "fixed"]
-        objects: list[PickCandidate] = []
+            if any(float(np.abs(q - other).max()) < _SAME_RAD for other in drawn):
+                continue  # it coincides with the one before
+            drawn.append(q)
+            poses = link_poses(self._chain, q, context.other_joints)
+            hits = self._picker.pick_all_at(camera, poses, at)
+            moving += [PickCandidate(hit, "link", q) for hit in hits if self.columns(hit.link)]
+            fixed = [PickCandidate(hit, "fixed", q) for hit in hits if not self.columns(hit.link)]
         if self._objects is not None:
             poses = dict.fromkeys(self._objects.names, np.eye(4))
-            hits = self._objects.pick_all_at(context.camera, poses, at)
+            hits = self._objects.pick_all_at(camera, poses, at)
             objects = [PickCandidate(hit, "object", None) for hit in hits]
-        moving.sort(key=_is_beside_pointer)
-        objects.sort(key=_is_beside_pointer)
+        for candidates in (moving, objects, fixed):
+            candidates.sort(key=_is_beside_pointer)
         return (*moving, *objects, *fixed)
-
-    def _link_candidates(
-        self, at: Vector, context: PointerContext, q: Vector
-    ) -> list[PickCandidate]:
-        hits = self._picker.pick_all_at(
-            context.camera, link_poses(self._chain, q, context.other_joints), at
-        )
-        found = [
-            PickCandidate(hit, "link" if self.columns(hit.link) else "fixed", q) for hit in hits
-        ]
-        return sorted(found, key=_is_beside_pointer)
 
     def joint_at(
         self, at: Vector, context: PointerContext, found: PickCandidate | None

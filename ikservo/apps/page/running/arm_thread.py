@@ -186,7 +186,14 @@ class ArmThread:
                 self._take_stop(self._stop_reason)
         except IkservoError as error:
             self._lost = self._lost or isinstance(error, PortLostError)
-            self._end_session(self._notice_of_error(error))
+            message, hint = error.message, in_page(error.command_hint)
+            if self._lost and isinstance(error, PortError):
+                hint = _REOPEN_TEXT
+            elif self.arm.context.servos.overheated:  # the guard lowered the arm, or tried to
+                with contextlib.suppress(IkservoError):
+                    self.snapshot = self._update_positions()
+                message = describe_stop(message, self.snapshot.states)
+            self._end_session(StopNotice(message, hint))
 
     def on_cycle(self, cycle: ControlCycle) -> None:
         """Store a cycle's positions; poll telemetry once a second (``CycleObserver``)."""
@@ -395,16 +402,6 @@ class ArmThread:
         ended = self.command.session_id
         self.snapshot = replace(self.snapshot, reference=None, ended_session=ended)
         self.log_message(text, "")
-
-    def _notice_of_error(self, error: IkservoError) -> StopNotice:
-        if self._lost and isinstance(error, PortError):
-            return StopNotice(error.message, _REOPEN_TEXT)
-        message = error.message
-        if self.arm.context.servos.overheated:  # the guard has lowered the arm, or tried to
-            with contextlib.suppress(IkservoError):
-                self.snapshot = self._update_positions()
-            message = describe_stop(message, self.snapshot.states)
-        return StopNotice(message, in_page(error.command_hint))
 
     def _end_session(self, stop_notice: StopNotice) -> None:
         """End the session: the stop must be acknowledged and Live switched on again."""

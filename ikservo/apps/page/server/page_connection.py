@@ -107,7 +107,14 @@ class MessageFilter(Generic[_MessageT]):
         )
         age_s = now_s - self._sent.get(message.seen + 1, now_s)  # since the scene after the drawn
         if age_s > MAX_MESSAGE_AGE_S and not is_always_accepted:
-            raise _stale_error(message)
+            is_movement = isinstance(message, Pointer | DragTool) and message.phase != "down"
+            if is_movement or isinstance(message, _STREAMED):
+                raise StaleMessageError("The message is too old to act on.", "Nothing has changed.")
+            raise StalePressError(
+                f"The picture on this page was more than {MAX_MESSAGE_AGE_S:.0f} s old: "
+                "nothing was done.",
+                "Do it again. If it persists, close other programs, and switch 3D off if it is on.",
+            )
         return message
 
     def _check_sequence(self, message: PageMessage) -> None:
@@ -118,17 +125,6 @@ class MessageFilter(Generic[_MessageT]):
         if message.seen < self.seen or message.seen not in self._sent:
             raise BadMessageError(f"Scene {message.seen} was never sent or is too old.")
         self._last_seq, self.seen = message.seq, message.seen
-
-
-def _stale_error(message: PageMessage) -> StaleMessageError:
-    """Return the error for a message that is too old; streamed messages are not reported."""
-    is_movement = isinstance(message, Pointer | DragTool) and message.phase != "down"
-    if is_movement or isinstance(message, _STREAMED):
-        return StaleMessageError("The message is too old to act on.", "Nothing has changed.")
-    return StalePressError(
-        f"The picture on this page was more than {MAX_MESSAGE_AGE_S:.0f} s old: nothing was done.",
-        "Do it again. If it persists, close other programs, and switch 3D off if it is on.",
-    )
 
 
 @dataclass(slots=True)

@@ -376,23 +376,18 @@ def _listening_socket(host: str, ports: Sequence[int]) -> socket.socket:
             found.listen()  # clients that come early wait until the server runs
         except (OSError, OverflowError) as error:
             found.close()
-            is_in_use = getattr(error, "errno", None) == errno.EADDRINUSE
-            if not is_in_use or port == ports[-1]:
-                raise _cannot_serve(host, port, error) from error
+            why, code = getattr(error, "strerror", None) or error, getattr(error, "errno", None)
+            if code == errno.EADDRINUSE and port != ports[-1]:
+                continue
+            raise PortError(
+                f"The page cannot be served at {host}, port {port}: {why}.",
+                "Give an address of this machine with --listen; `ip address` shows them."
+                if code == errno.EADDRNOTAVAIL
+                else "Choose another port with --http-port, or 0 for any free port.",
+            ) from error
         else:
             return found
     raise ValueError("no port was given")
-
-
-def _cannot_serve(host: str, port: int, error: OSError | OverflowError) -> PortError:
-    why, code = getattr(error, "strerror", None) or error, getattr(error, "errno", None)
-    foreign = code == errno.EADDRNOTAVAIL
-    return PortError(
-        f"The page cannot be served at {host}, port {port}: {why}.",
-        "Give an address of this machine with --listen; `ip address` shows them."
-        if foreign
-        else "Choose another port with --http-port, or 0 for any free port.",
-    )
 
 
 def serve(app: Starlette, address: BoundAddress) -> None:
