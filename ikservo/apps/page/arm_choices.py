@@ -70,7 +70,10 @@ def find_choices(given: Sequence[ArmAtPort] = ()) -> ArmChoices:
     models = {model.name: model for model in _load_each(arm_names())}
     models |= {place.model.name: place.model for place in given}
     adapters = list_adapters()
-    ports = {adapter.device: _describe(adapter) for adapter in adapters}
+    ports: dict[str, str] = {}
+    for adapter in adapters:
+        user = f", used by {adapter.used_by}" if adapter.used_by else ""
+        ports[adapter.device] = f"{adapter.chip}{user}"
     named = {place.port for place in given if place.port} - set(ports)
     ports |= dict.fromkeys(sorted(named), "")
     own = [row for name in models for row in _own_arms(name, adapters)]
@@ -85,11 +88,6 @@ def _load_each(arms: Sequence[str | Path]) -> list[Model]:
         except IkservoError:  # a damaged file hides only its own arm
             continue
     return models
-
-
-def _describe(adapter: SerialAdapter) -> str:
-    used = adapter.used_by
-    return f"{adapter.chip}, used by {used}" if used else adapter.chip
 
 
 def _own_arms(name: str, adapters: Sequence[SerialAdapter]) -> list[dict[str, str]]:

@@ -81,12 +81,6 @@ _MESSAGES: TypeAdapter[ArmListMessage] = TypeAdapter(
 )
 
 
-def _stopped_by(message: StopArms) -> str:
-    if message.by != "button":
-        return STOP_TEXTS[message.by]
-    return "Stopped from the list of arms" if message.name else "Stopped by Stop all on the page"
-
-
 def read_arm_list_message(text: str) -> ArmListMessage:
     """Parse and validate a message of the list.
 
@@ -163,31 +157,34 @@ class ArmList:
             case CloseArm():
                 self._arms.start_closing(message.name)
             case StartNewArm():
-                self._start_new_arm(message)
+                if message.port:
+                    self._choices.found.check_port(message.port)
+                self._new_arm.start(message)
             case AnswerNewArm():
                 self._new_arm.answer(message)
             case CancelNewArm():
                 self._new_arm.close()
 
     def _stop_arms(self, message: StopArms) -> None:
-        self._arms.stop(message.name, _stopped_by(message))
+        if message.by != "button":
+            by = STOP_TEXTS[message.by]
+        else:
+            by = (
+                "Stopped from the list of arms"
+                if message.name
+                else "Stopped by Stop all on the page"
+            )
+        self._arms.stop(message.name, by)
         if message.name is None:
             self._new_arm.stop_servos()
 
-    def _start_new_arm(self, message: StartNewArm) -> None:
-        if message.port:
-            self._choices.found.check_port(message.port)
-        self._new_arm.start(message)
-
     def frames(self, client_id: int) -> list[Frame]:
         """Return the new frames for a client: the list, the address of the camera's pictures."""
-        return self._addresses.pop(client_id, []) + self._list_frames(client_id)
-
-    def _list_frames(self, client_id: int) -> list[Frame]:
+        addresses = self._addresses.pop(client_id, [])
         now_s = self._clock.now_s()
         sent_s, sent = self._sent.get(client_id, (-1e9, None))
         if now_s - sent_s < _PERIOD_S:
-            return []
+            return addresses
         self._choices.add_folders(self._new_arm.read())
         may_control = self._permissions[client_id] is Permission.CONTROL
         frame = {
@@ -199,4 +196,4 @@ class ArmList:
             **self._choices.found.fields(),
         }
         self._sent[client_id] = (now_s, frame)
-        return [] if frame == sent else [frame]
+        return addresses if frame == sent else [*addresses, frame]

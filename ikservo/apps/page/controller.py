@@ -95,41 +95,21 @@ class SessionController:
         self._things = self._things_panel()
         self._clients: dict[int, Client] = {}
         self._numbers = itertools.count(1)
-        self._handlers: dict[type, Handler] = {
-            msg.Heartbeat: self._refresh_heartbeat,
-            msg.SetViewport: self._set_viewport,
-            msg.OrbitCamera: self._orbit_camera,
-            msg.FitView: self._fit_view,
-            msg.Stop: self._stop,
-            msg.Acknowledge: self._acknowledge,
-            msg.TakeControl: self._take_control,
-            msg.ShowPlots: self._show_plots,
-            msg.SaveHistory: self._save_history,
-            SaveThings: self._save_things,
-        }
-        # Only the client in control may send these, and messages that are in neither table.
+        # Only the client in control may send these; the pointer's messages are not in the table.
         self._control_handlers: dict[type, Handler] = {
             msg.SetLive: self._set_live,
-            msg.SetSpeed: self._set_speed,
-            msg.SetSolver: self._set_solver,
-            msg.PreferPosture: self._prefer_posture,
             msg.CalibrationAnswer: self._handle_calibration,
-            msg.GoToPose: self._go_to_pose,
-            msg.SetJoint: self._set_typed_target,
-            msg.JogJoint: self._set_typed_target,
-            msg.SetTool: self._set_typed_target,
-            msg.JogTool: self._set_typed_target,
-            msg.PointTool: self._set_typed_target,
+            msg.GoToPose: self._set_target,
+            msg.SetJoint: self._set_target,
+            msg.JogJoint: self._set_target,
+            msg.SetTool: self._set_target,
+            msg.JogTool: self._set_target,
+            msg.PointTool: self._set_target,
+            msg.Undo: self._set_target,
             msg.SetTorque: self._set_torque,
-            msg.Undo: self._undo,
             msg.ArmAction: self._start_action,
             msg.MarkTip: self._mark_tip,
-            msg.FollowArm: self._follow_arm,
-            msg.RunPanelMotion: self._run_panel_motion,
             msg.ChooseCamera: self._choose_camera,
-            msg.ReadServo: self._read_servo,
-            msg.WriteRegister: self._write_register,
-            **dict.fromkeys(get_args(ProgramMessage), self._handle_program),
             **dict.fromkeys(get_args(ThingMessage), self._handle_thing),
         }
 
@@ -199,11 +179,32 @@ class SessionController:
         Raises:
             BadMessageError: The request is not permitted, or impossible now; nothing has changed.
         """
-        client, handle = self._clients[client_id], self._handlers.get(type(message))
-        if handle is None:
-            self._receive_in_control(message, client)
-        else:
-            handle(message, client)
+        client = self._clients[client_id]
+        match message:
+            case msg.Heartbeat():
+                self._refresh_heartbeat(message, client)
+            case msg.SetViewport():
+                self._set_viewport(message, client)
+            case msg.OrbitCamera():
+                self._orbit_camera(message, client)
+            case msg.FitView():
+                client.view = Viewpoint(client.view.name)
+            case msg.Stop():
+                self.stop(STOP_TEXTS[message.by])
+            case msg.Acknowledge():
+                _check_may_control(client)
+                self._interaction.reset()
+                self._arm_thread.acknowledge()
+            case msg.TakeControl():
+                self._take_control(message, client)
+            case msg.ShowPlots():
+                self._plots.choose(client.number, message, self._arm_thread.history)
+            case msg.SaveHistory():
+                self._save_history(message, client)
+            case SaveThings():
+                client.outbox.append(self._things.offer())
+            case _:
+                self._receive_in_control(message, client)
 
     def _refresh_heartbeat(self, message: msg.Heartbeat, client: Client) -> None:
         if not self._lease.is_held_by(client.lease):
@@ -251,26 +252,12 @@ class SessionController:
         dx, dy = (np.array(message.at) - px).tolist()
         return zoomed.pan_by((dx, dy), after, float(depth_m))
 
-    def _fit_view(self, _message: msg.FitView, client: Client) -> None:
-        client.view = Viewpoint(client.view.name)
-
-    def _stop(self, message: msg.Stop, _client: Client) -> None:
-        self.stop(STOP_TEXTS[message.by])
-
-    def _acknowledge(self, _message: msg.Acknowledge, client: Client) -> None:
-        _check_may_control(client)
-        self._interaction.reset()
-        self._arm_thread.acknowledge()
-
     def _take_control(self, message: msg.TakeControl, client: Client) -> None:
         _check_may_control(client)
         if message.on and not self._lease.is_held_by(client.lease):
             self._grant_control(client)
         elif not message.on and self._lease.release(client.lease):
             self._stop_session()
-
-    def _show_plots(self, message: msg.ShowPlots, client: Client) -> None:
-        self._plots.choose(client.number, message, self._arm_thread.history)
 
     def _save_history(self, message: msg.SaveHistory, client: Client) -> None:
         """Offer the history as a file."""
@@ -282,42 +269,56 @@ class SessionController:
         url = self.downloads.offer(Download(name, lambda: csv_lines(recording)))
         client.outbox.append({"kind": "download", "url": url, "name": name})
 
-    def _save_things(self, _message: SaveThings, client: Client) -> None:
-        client.outbox.append(self._things.offer())
-
     # --- messages of the client in control ---
 
     def _receive_in_control(self, message: Message, client: Client) -> None:
         """Handle a message that only the client in control may send; it counts as a heartbeat."""
-        self._require_control(client)
+        _check_may_control(client)
+        if not self._lease.is_held_by(client.lease):
+            raise BadMessageError("Another page is in control.", "Take control first.")
         self._update_after_session()
         self._lease.refresh(client.lease)
-        handle = self._control_handlers.get(type(message), self._handle_input)
         try:
-            handle(message, client)
+            match message:
+                case msg.SetSpeed():
+                    self._arm_thread.post(replace(self._arm_thread.command, speed=message.name))
+                case msg.SetSolver():
+                    self._interaction.choose_solver(message.name)
+                case msg.PreferPosture():
+                    preference = PosturePreference(message.pose, message.weights)
+                    self._interaction.set_preference(preference, self._arm_thread.snapshot.measured)
+                case msg.ReadServo():
+                    self._servos.read(message.joint)
+                case msg.WriteRegister():
+                    self._servos.write(message.joint, message.name, message.value)
+                case msg.FollowArm(leader=None):
+                    self._following.finish()
+                case msg.FollowArm(leader=str(leader)):
+                    self._require_ready()
+                    self._following.start(leader)
+                    self._interaction.reset()
+                case msg.RunPanelMotion():
+                    self._require_ready()
+                    self._app_panels.start(message.heading, message.button)
+                    self._interaction.reset()
+                case _ if isinstance(message, ProgramMessage):
+                    self._program.handle(message, self._interaction)
+                case _:
+                    self._control_handlers.get(type(message), self._handle_input)(message, client)
         except IkservoError as error:
             raise BadMessageError(error.message, error.command_hint) from error
         self._send_setpoint()
 
-    def _set_speed(self, message: msg.SetSpeed, _client: Client) -> None:
-        self._arm_thread.post(replace(self._arm_thread.command, speed=message.name))
-
-    def _set_solver(self, message: msg.SetSolver, _client: Client) -> None:
-        self._interaction.choose_solver(message.name)
-
-    def _prefer_posture(self, message: msg.PreferPosture, _client: Client) -> None:
-        preference = PosturePreference(message.pose, message.weights)
-        self._interaction.set_preference(preference, self._arm_thread.snapshot.measured)
-
-    def _go_to_pose(self, message: msg.GoToPose, _client: Client) -> None:
-        self._require_ready()
-        self._interaction.pose(message.name, self._arm_thread.snapshot)
-
-    def _set_typed_target(self, message: Any, _client: Client) -> None:  # noqa: ANN401
-        """Handle a position or a step of a joint or of the tool."""
+    def _set_target(self, message: Any, _client: Client) -> None:  # noqa: ANN401
+        """Set a pose, an earlier goal, or a position or a step of a joint or of the tool."""
         snapshot, interaction = self._arm_thread.snapshot, self._interaction
         self._require_ready()
         match message:
+            case msg.GoToPose():
+                interaction.pose(message.name, snapshot)
+            case msg.Undo():
+                change = interaction.redo if message.redo else interaction.undo
+                change(snapshot)
             case msg.SetJoint():
                 interaction.set_joint(message.joint, message.value, snapshot)
             case msg.JogJoint():
@@ -328,9 +329,6 @@ class SessionController:
                 interaction.set_tool(message.what, message.step, snapshot, step=True)
             case _:
                 interaction.point_tool(np.array(message.direction), snapshot)
-
-    def _handle_program(self, message: ProgramMessage, _client: Client) -> None:
-        self._program.handle(message, self._interaction)
 
     def _handle_thing(self, message: ThingMessage, _client: Client) -> None:
         """Change the things around the arm."""
@@ -368,17 +366,6 @@ class SessionController:
         self._arm.joint_index.column(message.joint)
         self._interaction.reset()
         self._arm_thread.request_torque(message.joint, on=message.on)
-
-    def _read_servo(self, message: msg.ReadServo, _client: Client) -> None:
-        self._servos.read(message.joint)
-
-    def _write_register(self, message: msg.WriteRegister, _client: Client) -> None:
-        self._servos.write(message.joint, message.name, message.value)
-
-    def _undo(self, message: msg.Undo, _client: Client) -> None:
-        self._require_ready()
-        change = self._interaction.redo if message.redo else self._interaction.undo
-        change(self._arm_thread.snapshot)
 
     def _start_action(self, message: msg.ArmAction, client: Client) -> None:
         """Let the arm go to the target of the preview, relax, or go limp."""
@@ -429,19 +416,6 @@ class SessionController:
             client.sent.pop("arm_info", None)
             if client.view.name not in self._composer.views:
                 client.view = Viewpoint(self._composer.views[0])
-
-    def _follow_arm(self, message: msg.FollowArm, _client: Client) -> None:
-        if message.leader is None:
-            self._following.finish()
-            return
-        self._require_ready()
-        self._following.start(message.leader)
-        self._interaction.reset()
-
-    def _run_panel_motion(self, message: msg.RunPanelMotion, _client: Client) -> None:
-        self._require_ready()
-        self._app_panels.start(message.heading, message.button)
-        self._interaction.reset()
 
     def _require_ready(self) -> None:
         """Raise if the arm accepts no targets.
@@ -503,25 +477,21 @@ class SessionController:
 
     def _update_after_session(self) -> None:
         """Follow a reopened arm, and reset the goal if the session has ended."""
-        if self._arm_thread.arm is not self._arm:
-            self._reset_for_arm()
+        if self._arm_thread.arm is not self._arm:  # its limits may have changed
+            self._arm = self._arm_thread.arm
+            self.close()
+            self._interaction = Interaction(self._arm, self._clock)
+            self._planner = GoalPlanner(self._arm)
+            self._things = self._things_panel()
+            self._camera_view = self._find_camera_view()
+            self._composer = FrameComposer(
+                self._arm_thread, self._interaction, self._clock, self._camera_view
+            )
         command, snapshot = self._arm_thread.command, self._arm_thread.snapshot
         if command.live and snapshot.ended_session >= command.session_id:
             if not snapshot.stop_notice:
                 self._fallback = StopNotice("Live ended: the page did not answer.", _GO_LIVE_TEXT)
             self._stop_session()
-
-    def _reset_for_arm(self) -> None:
-        """Start again with a reopened arm, because its limits may have changed."""
-        self._arm = self._arm_thread.arm
-        self.close()
-        self._interaction = Interaction(self._arm, self._clock)
-        self._planner = GoalPlanner(self._arm)
-        self._things = self._things_panel()
-        self._camera_view = self._find_camera_view()
-        self._composer = FrameComposer(
-            self._arm_thread, self._interaction, self._clock, self._camera_view
-        )
 
     def _things_panel(self) -> ThingsPanel:
         return ThingsPanel(self._arm, self.downloads, self._find_arm, self._add_other_arm)
@@ -596,11 +566,6 @@ class SessionController:
             marker = self._interaction.marker
             by_tip = marker is not None and marker.frame is None
             self._arm_thread.post(replace(command, goal=goal, by_tip=by_tip))
-
-    def _require_control(self, client: Client) -> None:
-        _check_may_control(client)
-        if not self._lease.is_held_by(client.lease):
-            raise BadMessageError("Another page is in control.", "Take control first.")
 
 
 def _check_may_control(client: Client) -> None:

@@ -20,7 +20,6 @@ from ikservo.apps.page.dragging.labels import (
 )
 from ikservo.apps.page.dragging.snapshot import ArmSnapshot, LogEntry, StopNotice
 from ikservo.apps.page.drawing.reachable_region import (
-    ReachableRegion,
     ReachableRegionCache,
     SlicePlane,
     slice_plane,
@@ -34,7 +33,6 @@ from ikservo.apps.page.picking.projection import Camera
 from ikservo.apps.page.picking.viewpoints import ViewName, arm_extent, available_views, make_camera
 from ikservo.apps.page.picking.visibility import (
     PostureAnalyser,
-    PostureAnalysis,
     VisibilityChecker,
 )
 from ikservo.apps.page.running.arm_thread import ArmThread
@@ -218,7 +216,8 @@ def status_frame(
 
 def _tip_rows(arm_thread: ArmThread, interaction: Interaction) -> list[tuple[str, str, str]]:
     marker = interaction.marker
-    tip_m = _measured_tip_m(arm_thread)
+    q = arm_thread.arm.joint_index.chain_joints(arm_thread.snapshot.measured)
+    tip_m = arm_thread.arm.chain.forward(q)[:3, 3]
     rows = [("tip", format_point(tip_m), "")]
     if marker is not None:
         good = marker.reached and interaction.refusal is None
@@ -236,16 +235,6 @@ def _tip_rows(arm_thread: ArmThread, interaction: Interaction) -> list[tuple[str
         rows.append(("off", f"{off_m * 1000:.1f} mm", ""))
     model = arm_thread.arm.model
     return rows + condition_rows(arm_thread.snapshot.states, model.supply_v, model.health)
-
-
-def _measured_chain_joints(arm_thread: ArmThread) -> Vector:
-    """Return the measured joints of the chain (dof,)."""
-    return arm_thread.arm.joint_index.chain_joints(arm_thread.snapshot.measured)
-
-
-def _measured_tip_m(arm_thread: ArmThread) -> Vector:
-    """Return the measured position of the tip (3,)."""
-    return arm_thread.arm.chain.forward(_measured_chain_joints(arm_thread))[:3, 3]
 
 
 class FrameComposer:
@@ -338,8 +327,15 @@ class FrameComposer:
             return []
         now_s = self._clock.now_s()
         step = self._interaction.trace_step(now_s)
-        analysis = None if client.viewport is None else self._posture_analysis(client)
-        q = _measured_chain_joints(self._arm_thread)
+        snapshot, analysis = self._arm_thread.snapshot, None
+        q = self._chain_joints(snapshot.measured)
+        if client.viewport is not None:  # analyse the arm at rest, from the client's camera
+            self._stillness = self._stillness.add_joints(now_s, q.tolist())
+            idle = self._stillness.is_at_rest() and self._interaction.camera is None
+            others = self._other_positions(snapshot)
+            find_poses = partial(link_poses, self._arm_thread.arm.chain, q, others)
+            camera = self.camera(client)
+            analysis = self._analyser.get(client.number, q, find_poses, camera, idle=idle)
         posture = insight_rows(self._analyser.conditioning(q), analysis)
         status = status_frame(
             self._arm_thread, self._interaction, step, controller, now_s, posture, fallback
@@ -349,24 +345,12 @@ class FrameComposer:
         client.sent["status"] = status
         return [status]
 
-    def _posture_analysis(self, client: Client) -> PostureAnalysis | None:
-        """Return the analysis of the arm at rest, from the client's camera, if there is one."""
-        snapshot = self._arm_thread.snapshot
-        q = self._chain_joints(snapshot.measured)
-        self._stillness = self._stillness.add_joints(self._clock.now_s(), q.tolist())
-        idle = self._stillness.is_at_rest() and self._interaction.camera is None
-        others = self._other_positions(snapshot)
-        find_poses = partial(link_poses, self._arm_thread.arm.chain, q, others)
-        return self._analyser.get(client.number, q, find_poses, self.camera(client), idle=idle)
-
     def _scene_frames(self, client: Client) -> list[Frame]:
         """Return the scene if anything changed or the heartbeat is due."""
-        snapshot, interaction, camera = (
-            self._arm_thread.snapshot,
-            self._interaction,
-            self.camera(client),
-        )
-        region = self._reachable_region(client)
+        snapshot, interaction = self._arm_thread.snapshot, self._interaction
+        camera, plane = self.camera(client), self._tip_plane(client)
+        idle = interaction.camera is None
+        region = None if plane is None else self._regions.get(plane, idle=idle)
         limp = [joint.name for joint in snapshot.states if not joint.torque]
         fingerprint = (
             snapshot.measured.tobytes(),
@@ -405,15 +389,17 @@ class FrameComposer:
         if snapshot.calibration is not None:
             state = show_calibration(state, snapshot.calibration, self._arm_thread.arm.model)
         picture = self.camera_view(client)
+        refusal, trace = interaction.refusal, interaction.solver_trace
         scene = {
             "kind": "scene",
             "webgl": client.webgl,
             "picture_trouble": None if picture is None else picture.trouble,
             "tip_shows": None if picture is None else picture.tip_shows,
             "tip_clicks": 0 if picture is None else picture.tip_clicks,
-            "refusal": self._refusal_text(),
+            "refusal": None if refusal is None or interaction.goal is None else refusal.reason,
             "limp": limp,
-            **self._trace_fields(),
+            "trace": None if trace is None else trace.page_fields,
+            "trace_step": interaction.trace_step(self._clock.now_s()),
             **self._graph.fields(state, handles=self._has_handles(client)),
         }
         return [*self._arm_frames(client), scene]
@@ -435,17 +421,6 @@ class FrameComposer:
         moves = not (snapshot.stop_notice or snapshot.calibration or snapshot.activity)
         return client.handles and moves and self._lease.is_held_by(client.lease)
 
-    def _refusal_text(self) -> str | None:
-        """Return the reason why the goal is refused."""
-        refusal, goal = self._interaction.refusal, self._interaction.goal
-        return None if refusal is None or goal is None else refusal.reason
-
-    def _trace_fields(self) -> dict[str, object]:
-        """Return the iterations of a solver, and the index of the shown one."""
-        trace = self._interaction.solver_trace
-        step = self._interaction.trace_step(self._clock.now_s())
-        return {"trace": None if trace is None else trace.page_fields, "trace_step": step}
-
     def plane_m(self, client: Client) -> Vector | None:
         """Return a point (3,) of the plane for clicks on the background; None: the tip's plane."""
         plane = self._tip_plane(client) if client.view.name == "side" else None
@@ -465,11 +440,6 @@ class FrameComposer:
         """Return the tip (3,) of the goal; without one, at joints (dof,)."""
         goal = self._interaction.shown_goal
         return self._arm_thread.arm.chain.forward(q if goal is None else goal)[:3, 3]
-
-    def _reachable_region(self, client: Client) -> ReachableRegion | None:
-        plane = self._tip_plane(client)
-        idle = self._interaction.camera is None
-        return None if plane is None else self._regions.get(plane, idle=idle)
 
     def _chain_joints(self, joints: Vector) -> Vector:
         return self._index.chain_joints(joints)

@@ -126,8 +126,13 @@ class ViewApp:
         Raises:
             IkservoError: None of the arms can be opened, or the address cannot be used.
         """
+        certificate = None
+        if self._uses_tls:
+            from ikservo.apps.page.server.certificate import load_or_make_certificate  # noqa: PLC0415  # seldom
+
+            certificate = load_or_make_certificate(self._listen)
         with ExitStack() as stack:
-            self._address = self._bind()
+            self._address = BoundAddress(self._listen, self._http, certificate)
             stack.callback(self._address.socket.close)
             clock = RealClock()
             cameras = stack.enter_context(PageCameras(clock, self._cameras, self._camera_name))
@@ -150,7 +155,6 @@ class ViewApp:
             stack.enter_context(low_jitter())
             self._exits = stack.pop_all()
         url = self._address.url
-        certificate = self._address.certificate
         return ViewUrls(
             f"{url}/#token={self.keys.control}",
             f"{url}/#token={self.keys.watch}",
@@ -171,14 +175,6 @@ class ViewApp:
         stack = ExitStack()
         stack.enter_context(serve_in_thread(self._app, self._address))
         return stack
-
-    def _bind(self) -> BoundAddress:
-        """Return the bound address; beyond this machine it has a certificate."""
-        if not self._uses_tls:
-            return BoundAddress(self._listen, self._http)
-        from ikservo.apps.page.server.certificate import load_or_make_certificate  # noqa: PLC0415  # seldom
-
-        return BoundAddress(self._listen, self._http, load_or_make_certificate(self._listen))
 
     def _channels(self, arm_list: ArmList) -> list[PageChannel[Any]]:
         """Return the websockets: that of each arm, and that of the list of arms.

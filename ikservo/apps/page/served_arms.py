@@ -165,7 +165,11 @@ class ServedArm:
             if before is not None and before.arms and before.is_of_same_arm(scene):
                 scene.take_over(before)
             self.has_been_open = True
-            self._open_cameras(stack)
+            try:
+                cameras = settings.cameras
+                self.cameras = cameras and ArmCameras(cameras, self.arm_thread.arm, stack)
+            except IkservoError as error:
+                self.camera_error = error
             self.controller = SessionController(
                 self.arm_thread,
                 settings.clock,
@@ -176,13 +180,6 @@ class ServedArm:
             )
             stack.callback(self.controller.close)
             return stack.pop_all()
-
-    def _open_cameras(self, exits: ExitStack) -> None:
-        cameras = self._settings.cameras
-        try:
-            self.cameras = cameras and ArmCameras(cameras, self.arm_thread.arm, exits)
-        except IkservoError as error:
-            self.camera_error = error
 
     def add_other_arm(
         self,
@@ -355,24 +352,16 @@ class ServedArms:
             BadMessageError: Its port is in use here, or there are too many arms.
         """
         for other in self.all():
-            self._require_other_port(other, place)
+            if other.place.port != place.port:
+                continue
+            if other.state is ServedArmState.FAILED:
+                del self._arms[other.name]  # forget the failed attempt
+            elif place.port is not None and not is_simulated(place.port):
+                raise BadMessageError(f"{other.name} is open on {place.port}.", "Close it first.")
         if len(self._arms) >= _MAX_ARMS:
             raise BadMessageError(f"{_MAX_ARMS} arms are open.", "Close one of them first.")
         arm = self._add(place)
         threading.Thread(target=arm.open, name=f"ikservo open {arm.name}", daemon=True).start()
-
-    def _require_other_port(self, other: ServedArm, place: ArmAtPort) -> None:
-        """Forget a failed attempt at the same port.
-
-        Raises:
-            BadMessageError: An arm is open at that port; simulated arms do not share a bus.
-        """
-        if other.place.port != place.port:
-            return
-        if other.state is ServedArmState.FAILED:
-            del self._arms[other.name]
-        elif place.port is not None and not is_simulated(place.port):
-            raise BadMessageError(f"{other.name} is open on {place.port}.", "Close it first.")
 
     def _add(self, place: ArmAtPort) -> ServedArm:
         name = page_names([place.model.name], self._arms)[-1]

@@ -140,7 +140,10 @@ def command(
             warn_uncompiled()
         print_status("Ctrl-C ends; torque does not change.")
         sys.stdout.flush()
-        with _open_browser(urls.control, enabled=not no_open and _has_display()):
+        has_display = sys.platform != "linux" or bool(
+            os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
+        )
+        with _open_browser(urls.control, enabled=has_display and not no_open):
             app.serve()
     print_status("Torque stays as it was. Switch it off with: ikservo relax")
 
@@ -277,9 +280,3 @@ def _open_browser(url: str, *, enabled: bool) -> Generator[None]:
         page.write_text(f'<meta http-equiv="refresh" content="0; url={url}">', encoding="utf-8")
         webbrowser.open(page.as_uri())
         yield
-
-
-def _has_display() -> bool:
-    if sys.platform != "linux":
-        return True
-    return bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))

@@ -77,13 +77,12 @@ class JointDrag:
 
     def move_pointer(self, px: Vector) -> JointDrag:
         """Return the drag after the pointer has moved to a pixel (2,)."""
-        return replace(self, px=px, position=self.position + self._angle_change(px))
-
-    def _angle_change(self, px: Vector) -> float:
         if self.lever_px is not None:
-            return float((px - self.px) @ self.lever_px) / float(self.lever_px @ self.lever_px)
-        before, now = self._pointer_angle(self.px), self._pointer_angle(px)
-        return 0.0 if before is None or now is None else math.remainder(now - before, math.tau)
+            change = float((px - self.px) @ self.lever_px) / float(self.lever_px @ self.lever_px)
+        else:
+            old, new = self._pointer_angle(self.px), self._pointer_angle(px)
+            change = 0.0 if old is None or new is None else math.remainder(new - old, math.tau)
+        return replace(self, px=px, position=self.position + change)
 
     def _pointer_angle(self, px: Vector) -> float | None:
         """Compute the pointer's angle about the axis; None at the pivot, where it is undefined."""
@@ -163,9 +162,12 @@ class CandidateSelection:
 
     def selected_index(self, at: Vector, options: tuple[PickCandidate | None, ...]) -> int:
         """Return the index of the selected option at a pixel (2,)."""
-        return (
-            self._index % len(options) if self._is_same_place(at, _candidate_names(options)) else 0
+        is_same_place = (
+            self._at is not None
+            and _candidate_names(options) == self._names
+            and float(np.hypot(*(at - self._at))) < AT_REST_PX
         )
+        return self._index % len(options) if is_same_place else 0
 
     def selected(self, at: Vector, context: PointerContext) -> PickCandidate | None:
         """Return the option that a press at a pixel (2,) grabs."""
@@ -181,11 +183,6 @@ class CandidateSelection:
     def reset(self) -> None:
         """Select the first option again."""
         self._at = None
-
-    def _is_same_place(self, at: Vector, names: Names) -> bool:
-        if self._at is None or names != self._names:
-            return False
-        return float(np.hypot(*(at - self._at))) < AT_REST_PX
 
 
 def _candidate_names(options: tuple[PickCandidate | None, ...]) -> Names:
@@ -333,7 +330,14 @@ class Drag:
         if found is not None and found.kind != "link":
             self._grabbed = _Fixture(context.camera, found)
             return None
-        grip = self._grab_tip(at, context) if found is None else self._grab_link(at, context, found)
+        if found is not None:
+            grip = self._grab_link(at, context, found)
+        else:  # the tip moves to the pointer in the plane of the view
+            camera, tip_m = context.camera, self._chain.forward(context.arms[0])[:3, 3]
+            depth_m = camera.depth_of(tip_m if context.plane_m is None else context.plane_m)
+            grip = _GrabbedPoint(
+                camera, None, None, None, float(depth_m), np.zeros(2), context.surface
+            )
         command = self._pull_command(grip, at, is_click=found is None)
         self._grabbed = grip
         return command
@@ -347,10 +351,21 @@ class Drag:
         if self._grabbed is None or pointer != self._pointer:
             return None
         at = np.asarray(px, dtype=np.float64)
-        has_left = self._has_left_press(at)
+        has_left = (
+            self._pressed is not None and float(np.hypot(*(at - self._pressed[0]))) >= AT_REST_PX
+        )
+        if has_left:
+            self._pressed = None
+            self._selection.reset()
         if isinstance(self._grabbed, _Fixture):
             if has_left:
-                raise _fixed_error(self._grabbed.found)
+                hit = self._grabbed.found.hit
+                where = ", ".join(f"{x:z.3f}" for x in hit.point_m.tolist())
+                raise InputError(
+                    f"{hit.link} cannot be dragged: no joint moves it; "
+                    f"it was pressed at ({where}) m.",
+                    "Grab a link of the arm; a click, or N, selects the thing behind it.",
+                )
             return None
         if isinstance(self._grabbed, _GrabbedThing):
             if self.moved_thing is not None and self._pressed is None:
@@ -435,14 +450,6 @@ class Drag:
         """Replace the objects of the scene."""
         self._hit_tester.set_objects(objects)
 
-    def _has_left_press(self, at: Vector) -> bool:
-        """Check whether the pointer has just left the place of the press."""
-        if self._pressed is None or float(np.hypot(*(at - self._pressed[0]))) < AT_REST_PX:
-            return False
-        self._pressed = None
-        self._selection.reset()
-        return True
-
     def _link_under(self, at: Vector, context: PointerContext) -> PickCandidate | None:
         found = self._selection.selected(at, context)
         return found if found is not None and found.kind == "link" else None
@@ -458,14 +465,6 @@ class Drag:
         offset = T_world_frame[:3, :3].T @ (hit.point_m - T_world_frame[:3, 3])
         px, depth_m = context.camera.project(hit.point_m)
         return _GrabbedPoint(context.camera, hit.link, frame, offset, float(depth_m), at - px)
-
-    def _grab_tip(self, at: Vector, context: PointerContext) -> _GrabbedPoint:
-        """Grab the tip, which moves to the pointer in the plane of the view."""
-        tip = self._chain.forward(context.arms[0])[:3, 3]
-        depth = context.camera.depth_of(tip if context.plane_m is None else context.plane_m)
-        return _GrabbedPoint(
-            context.camera, None, None, None, float(depth), np.zeros(2), context.surface
-        )
 
     def _pull_command(self, grip: _GrabbedPoint, at: Vector, *, is_click: bool) -> DragTarget:
         target = grip.make_target(at)
@@ -494,12 +493,3 @@ class Drag:
     def _joint_command(self, column: int, position: float) -> JointTarget:
         low, high = float(self._chain.lower_rad[column]), float(self._chain.upper_rad[column])
         return JointTarget(self._chain.names[column], min(max(position, low), high))
-
-
-def _fixed_error(found: PickCandidate) -> InputError:
-    """Return the error for a thing that cannot be dragged."""
-    where = ", ".join(f"{x:z.3f}" for x in found.hit.point_m.tolist())
-    return InputError(
-        f"{found.hit.link} cannot be dragged: no joint moves it; it was pressed at ({where}) m.",
-        "Grab a link of the arm; a click, or N, selects the thing behind it.",
-    )

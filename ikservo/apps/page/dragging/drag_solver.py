@@ -30,7 +30,7 @@ from ikservo.arm import ToolOrientation
 from ikservo.errors import UnknownNameError
 from ikservo.ik import Options, Posture, Result, Solver, Target, solve
 from ikservo.kinematics import Chain
-from ikservo.kinematics.arrays import Matrix, Vector
+from ikservo.kinematics.arrays import Vector
 from ikservo.kinematics.se3 import make_pose
 from ikservo.model import Model
 
@@ -92,47 +92,36 @@ class DragSolver:
         if isinstance(command, HoldCommand):
             return DragSolution(start, None)
         if isinstance(command, JointTarget):
-            return DragSolution(self._solve_turn(command, start), None)
+            if command.joint not in self._chain.names:
+                raise UnknownNameError("joint", command.joint, self._chain.names)
+            q = start.copy()
+            q[self._chain.names.index(command.joint)] = command.position
+            return DragSolution(self._chain.clip(q), None)
         if isinstance(command, ToolPoseTarget):
-            return self._solve_pose(command, start)
-        return self._solve_pull(command, start)
-
-    def _solve_pose(self, command: ToolPoseTarget, start: Vector) -> DragSolution:
-        """Find the joints for a pose of the tool, at most one frame's step from the start."""
-        found, marker = self._tool_solver.track(command, start)
-        q, is_limited = self._limit_step(start, found)
-        settled = not is_limited and _max_joint_distance(found, start) < _AT_REST_RAD
-        return DragSolution(q, marker, settled)
-
-    def _solve_turn(self, command: JointTarget, start: Vector) -> Vector:
-        if command.joint not in self._chain.names:
-            raise UnknownNameError("joint", command.joint, self._chain.names)
-        q = start.copy()
-        q[self._chain.names.index(command.joint)] = command.position
-        return self._chain.clip(q)
-
-    def _solve_pull(self, command: DragTarget, start: Vector) -> DragSolution:
-        """Find the joints for a dragged point, at most one frame's step from the start."""
+            found, marker = self._tool_solver.track(command, start)
+            q, is_limited = self._limit_step(start, found)
+            settled = not is_limited and _max_joint_distance(found, start) < _AT_REST_RAD
+            return DragSolution(q, marker, settled)
         if self.method != AUTO and not command.is_click:
             return self._iterate_method(command, start)
-        found = self._track_target(command, start)
-        leaning = self._lean_to_posture(command, found)
+        tracked = self._track_target(command, start)
+        leaning = self._lean_to_posture(command, tracked)
         if command.is_click:
             return DragSolution(leaning.q, _make_marker(command.target, leaning))
         q, is_limited = self._limit_step(start, leaning.q)
-        settled = not is_limited and _max_joint_distance(leaning.q, found.q) < _AT_REST_RAD
-        return DragSolution(q, _make_marker(command.target, found), settled)
+        settled = not is_limited and _max_joint_distance(leaning.q, tracked.q) < _AT_REST_RAD
+        return DragSolution(q, _make_marker(command.target, tracked), settled)
 
     def _track_target(self, command: DragTarget, start: Vector) -> Result:
         """Track the current IK branch; a click may switch to another one."""
         solver, T_target = self._solver_for(command.target), make_pose(command.target.position)
         solver.track(T_target, start)
+        tracked = solver.result
+        if tracked.reached or not command.is_click:
+            return tracked
+        solver(T_target, start)  # search from several starts
         found = solver.result
-        return (
-            _prefer_nearer(found, solver, T_target, start)
-            if command.is_click and not found.reached
-            else found
-        )
+        return found if found.position_error_m < tracked.position_error_m else tracked
 
     def _lean_to_posture(self, command: DragTarget, found: Result) -> Result:
         """Move towards the preferred posture without leaving the target."""
@@ -145,19 +134,15 @@ class DragSolver:
             posture=posture, max_iterations=count, trace=True,
         ).trace[-1]  # fmt: skip
         solver = self._solver_for(command.target)
-        solver.track(
-            make_pose(command.target.position), q_leaned
-        )  # correct the drift of the null-space steps
+        # Correct the drift of the null-space steps.
+        solver.track(make_pose(command.target.position), q_leaned)
         leaning = solver.result
         return leaning if leaning.reached else found
 
     def _iterate_method(self, command: DragTarget, start: Vector) -> DragSolution:
         """Run the chosen method from the current joints; the next frame continues."""
         posture = self._posture_for(command.target)
-        for count in (
-            _ITERATIONS,
-            _EXTRA_ITERATIONS,
-        ):  # the error may grow before it decreases
+        for count in (_ITERATIONS, _EXTRA_ITERATIONS):  # the error may grow before it decreases
             found = solve(
                 self._chain, command.target, start, self.method,
                 restarts=1, max_iterations=count, posture=posture,
@@ -198,13 +183,6 @@ class DragSolver:
             solver = Solver(self._chain, frame=target.frame, offset_m=offset, options=options)
             self._cached = (target.frame, offset_key, solver)
         return self._cached[2]
-
-
-def _prefer_nearer(tracked: Result, solver: Solver, T_target: Matrix, start: Vector) -> Result:
-    """Return the result of a multi-start search if it is nearer to the target."""
-    solver(T_target, start)
-    found = solver.result
-    return found if found.position_error_m < tracked.position_error_m else tracked
 
 
 def _max_joint_distance(a: Vector, b: Vector) -> float:

@@ -250,12 +250,9 @@ class GoalPlanner:
             self._busy = None
             if is_wanted or not request.is_chosen:
                 error = future.exception()
-                self.path = future.result() if error is None else _failed_path(request, error)
+                if error is None:
+                    self.path = future.result()
+                else:  # a bug in the planner; the page goes on
+                    refusal = GoalRefusal(request.goal, f"The planner has failed: {error!r}.")
+                    self.path = PlannedPath(request, refusal=refusal)
         return self._busy is None and is_wanted
-
-
-def _failed_path(request: PlanRequest, error: BaseException) -> PlannedPath:
-    """Return a refusal if planning failed because of a bug, so that the page goes on."""
-    return PlannedPath(
-        request, refusal=GoalRefusal(request.goal, f"The planner has failed: {error!r}.")
-    )

@@ -13,11 +13,7 @@ from ikservo.apps.page.dragging.drag_commands import DragCommand, DragTarget, Jo
 from ikservo.apps.page.dragging.drag_solver import AUTO, DragSolver, PosturePreference
 from ikservo.apps.page.dragging.goal_history import GoalHistory, PastGoal
 from ikservo.apps.page.dragging.goal_planning import PlannedPath
-from ikservo.apps.page.dragging.held_controls import (
-    GamepadControl,
-    GripperControl,
-    gripper_control,
-)
+from ikservo.apps.page.dragging.held_controls import GamepadControl, gripper_control
 from ikservo.apps.page.dragging.labels import describe_target
 from ikservo.apps.page.dragging.snapshot import ArmSnapshot, GoalRefusal, LogEntry
 from ikservo.apps.page.dragging.solver_demo import ITERATIVE, SOLVERS, SolverTrace, trace_method
@@ -314,24 +310,25 @@ class Interaction:
         if isinstance(message, msg.Gamepad) and self._gripper is not None:
             if message.grip:
                 self._record_goal(snapshot, "gripper")
-            self._drive_gripper(self._gripper, message.grip, snapshot, now_s)
+            goal, column = self._goal_or_rest(snapshot), self._gripper.column
+            measured = None if snapshot.reference is None else snapshot.measured
+            at = self._gripper.next_position(message.grip, float(goal[column]), measured, now_s)
+            if at is not None:
+                self.goal = goal.copy()
+                self.goal[column] = at
         before = self._present_goal(snapshot)
         command = self._command_from(message, context, now_s)
         self.revision += 1
-        if command is not None:
-            self._record_gesture(message, before, now_s)
-        if command is not None:
-            self._command, self.solver_trace = command, None
-            self._solve_pending(snapshot, now_s)
-
-    def _record_gesture(self, message: Message, before: PastGoal, now_s: float) -> None:
-        """Record the goal before a gesture, once per drag when the pointer goes down."""
-        if isinstance(message, msg.Pointer | msg.DragTool):
-            if message.phase == "down" or not self._drag_recorded:
+        if command is None:
+            return
+        if not isinstance(message, msg.Pointer | msg.DragTool):
+            self.history.record(before, type(message).__name__, now_s)
+        else:
+            if message.phase == "down" or not self._drag_recorded:  # once per drag
                 self.history.record(before, "", now_s)
             self._drag_recorded = True
-        else:
-            self.history.record(before, type(message).__name__, now_s)
+        self._command, self.solver_trace = command, None
+        self._solve_pending(snapshot, now_s)
 
     def continue_target(self, snapshot: ArmSnapshot, now_s: float) -> None:
         """Continue towards a target that one solve did not reach."""
@@ -386,17 +383,6 @@ class Interaction:
         other_joints = self._index.by_name(snapshot.measured)
         return PointerContext(camera, arms, plane_m, other_joints, surface)
 
-    def _drive_gripper(
-        self, gripper: GripperControl, grip: float, snapshot: ArmSnapshot, now_s: float
-    ) -> None:
-        """Close or open the gripper while a button is held."""
-        goal = self._goal_or_rest(snapshot)
-        measured = None if snapshot.reference is None else snapshot.measured
-        at = gripper.next_position(grip, float(goal[gripper.column]), measured, now_s)
-        if at is not None:
-            self.goal = goal.copy()
-            self.goal[gripper.column] = at
-
     def _resting_joints(self, snapshot: ArmSnapshot) -> Vector:
         return snapshot.measured if snapshot.reference is None else snapshot.reference
 
@@ -412,8 +398,9 @@ class Interaction:
             return drag.wheel((message.x, message.y), message.notches, context, fine=message.alt)
         if isinstance(message, msg.Key):
             return drag.on_key(message.key, context, fine=message.alt)
-        if isinstance(message, msg.SelectBehind):
-            self._select_candidate(message.step, context)
+        if isinstance(message, msg.SelectBehind) and self._pointer is not None and not drag.is_busy:
+            drag.select_next(self._pointer, context, message.step)
+            self._update_hover(self._pointer, context)
         if isinstance(message, msg.Gamepad):
             tip_m = self._chain.forward(context.arms[0])[:3, 3]
             return self._gamepad.make_command(message, context.camera, tip_m, now_s)
@@ -460,41 +447,30 @@ class Interaction:
             found = self.under[self.chosen]
             self.hover = found.hit.link if found is not None and found.kind == "link" else None
 
-    def _select_candidate(self, step: int, context: PointerContext) -> None:
-        if self._pointer is not None and not self._drag.is_busy:
-            self._drag.select_next(self._pointer, context, step)
-            self._update_hover(self._pointer, context)
-
     def _solve_pending(self, snapshot: ArmSnapshot, now_s: float) -> None:
         command = self._command
         if command is None:
             return
         goal = self._resting_joints(snapshot) if self.goal is None else self.goal
         start_s = time.perf_counter()
-        q, is_settled = self._solve_command(command, self._index.chain_joints(goal), now_s)
+        q = self._index.chain_joints(goal)
+        if self.solver != AUTO and isinstance(command, DragTarget) and command.is_click:
+            # Solve a click with the chosen method, and keep its iterations for drawing.
+            target_m, posture = command.target.position, self._solver.posture
+            self.solver_trace = trace_method(self._chain, target_m, q, self.solver, posture)
+            self._trace_start_s = now_s
+            found = self.solver_trace.result
+            self.marker = TargetMarker(target_m, found.nearest_m, found.reached, found.binding)
+            q, is_settled = found.q, True
+        else:
+            solution = self._solver.solve_command(command, q)
+            self.marker, self.solver_text = solution.marker, solution.text
+            q, is_settled = solution.q, solution.settled or isinstance(command, JointTarget)
         self.solve_s = time.perf_counter() - start_s
         self.goal = self._index.with_chain(goal, q)
         if is_settled:
             self._command = None
             self._warn_unreached()
-
-    def _solve_command(self, command: DragCommand, q: Vector, now_s: float) -> tuple[Vector, bool]:
-        """Return the chain's goal (dof,), and whether another solve would not improve it."""
-        if self.solver != AUTO and isinstance(command, DragTarget) and command.is_click:
-            # Solve a click with the chosen method, and keep its iterations for drawing.
-            posture = self._solver.posture
-            self.solver_trace = trace_method(
-                self._chain, command.target.position, q, self.solver, posture
-            )
-            self._trace_start_s = now_s
-            found = self.solver_trace.result
-            self.marker = TargetMarker(
-                command.target.position, found.nearest_m, found.reached, found.binding
-            )
-            return found.q, True
-        solution = self._solver.solve_command(command, q)
-        self.marker, self.solver_text = solution.marker, solution.text
-        return solution.q, solution.settled or isinstance(command, JointTarget)
 
     def _warn_unreached(self) -> None:
         """Add a message if the target was not reached, once per gesture, at its end."""

@@ -10,7 +10,7 @@ from ikservo.apps.page.dragging.goal_planning import PlannedPath
 from ikservo.apps.page.dragging.target_marker import TargetMarker
 from ikservo.apps.page.messages.message_fields import StopInput
 from ikservo.apps.page.picking.picking import PickCandidate
-from ikservo.apps.page.picking.visibility import LinkVisibility, PostureAnalysis
+from ikservo.apps.page.picking.visibility import PostureAnalysis
 from ikservo.errors import format_point
 from ikservo.kinematics.conditioning import Conditioning
 from ikservo.planning.reports import describe_alarms, describe_torque
@@ -95,18 +95,24 @@ def health_rows(states: Sequence[JointState], limits: HealthLimits) -> list[dict
         states: The servos.
         limits: The temperatures of warning and stop.
     """
-    return [
-        {
-            "name": state.name,
-            "temperature": f"{state.temperature_c:.0f} °C",
-            "voltage": f"{state.voltage_v:.1f} V",
-            "load": "" if state.load_percent is None else f"{state.load_percent:z.0f} %",
-            "torque": "on" if state.torque else "off",
-            "alarms": ", ".join(state.alarms),
-            "level": _warning_level(state, limits),
-        }
-        for state in states
-    ]
+    rows: list[dict[str, object]] = []
+    for state in states:
+        is_loaded = abs(state.load_percent or 0.0) >= _LOADED_PERCENT
+        level = "amber" if state.temperature_c >= limits.warn_c or is_loaded else "good"
+        if state.alarms or state.temperature_c >= limits.hold_c:
+            level = "red"
+        rows.append(
+            {
+                "name": state.name,
+                "temperature": f"{state.temperature_c:.0f} °C",
+                "voltage": f"{state.voltage_v:.1f} V",
+                "load": "" if state.load_percent is None else f"{state.load_percent:z.0f} %",
+                "torque": "on" if state.torque else "off",
+                "alarms": ", ".join(state.alarms),
+                "level": level,
+            }
+        )
+    return rows
 
 
 def condition_rows(
@@ -119,31 +125,20 @@ def condition_rows(
         supply_v: The nominal supply of the arm; None if the arm file does not give it.
         limits: The limits of the supply that the arm file gives.
     """
-    rows = [(names, alarms, "bad") for names, alarms in describe_alarms(states)]
-    limp = [state.name for state in states if not state.torque]
-    if limp and len(limp) < len(states):
-        rows.append(("limp", ", ".join(limp), "warn"))
-    return [*_supply_rows([state.voltage_v for state in states], supply_v, limits), *rows]
-
-
-def _supply_rows(
-    volts: Sequence[float], supply_v: float | None, limits: HealthLimits
-) -> list[tuple[str, str, str]]:
+    rows: list[tuple[str, str, str]] = []
     low_v, high_v = limits.low_v, limits.high_v
     if supply_v is not None:
         low_v, high_v = max(low_v, _LOW_SUPPLY * supply_v), min(high_v, _HIGH_SUPPLY * supply_v)
+    volts = [state.voltage_v for state in states]
     wrong = [each for each in volts if not low_v <= each <= high_v]
-    if not wrong:
-        return []
-    side = f"below {low_v:.1f} V" if min(wrong) < low_v else f"above {high_v:.1f} V"
-    return [("supply", f"{format_supply(volts)}, {side}", "bad")]
-
-
-def _warning_level(state: JointState, limits: HealthLimits) -> str:
-    if state.alarms or state.temperature_c >= limits.hold_c:
-        return "red"
-    loaded = abs(state.load_percent or 0.0) >= _LOADED_PERCENT
-    return "amber" if state.temperature_c >= limits.warn_c or loaded else "good"
+    if wrong:
+        side = f"below {low_v:.1f} V" if min(wrong) < low_v else f"above {high_v:.1f} V"
+        rows.append(("supply", f"{format_supply(volts)}, {side}", "bad"))
+    rows += [(names, alarms, "bad") for names, alarms in describe_alarms(states)]
+    limp = [state.name for state in states if not state.torque]
+    if limp and len(limp) < len(states):
+        rows.append(("limp", ", ".join(limp), "warn"))
+    return rows
 
 
 _NEAR_RAD = math.radians(10.0)
@@ -164,21 +159,18 @@ def insight_rows(
     rows = [("manipulability", f"{value}at worst {measured.slowest_m_rad * 1000:.0f} mm/rad", "")]
     if analysis is None:
         return rows
-    rows.append(("singularity", *_describe_singularity(analysis)))
-    hidden = [_describe_hidden(each) for each in analysis.seen if not each.is_visible]
+    nearest = analysis.singularity
+    if nearest is None:
+        rows.append(("singularity", "none inside the limits", ""))
+    else:
+        text = f"{math.degrees(nearest.distance_rad):.1f}° away, mostly by {nearest.joint}"
+        rows.append(("singularity", text, "warn" if nearest.distance_rad < _NEAR_RAD else ""))
+    hidden = [
+        f"{seen.link} (by {seen.hidden_by[0]})" if seen.hidden_by else seen.link
+        for seen in analysis.seen
+        if not seen.is_visible
+    ]
     return [*rows, ("hidden here", ", ".join(hidden), "")] if hidden else rows
-
-
-def _describe_singularity(analysis: PostureAnalysis) -> tuple[str, str]:
-    found = analysis.singularity
-    if found is None:
-        return "none inside the limits", ""
-    text = f"{math.degrees(found.distance_rad):.1f}° away, mostly by {found.joint}"
-    return text, "warn" if found.distance_rad < _NEAR_RAD else ""
-
-
-def _describe_hidden(seen: LinkVisibility) -> str:
-    return f"{seen.link} (by {seen.hidden_by[0]})" if seen.hidden_by else seen.link
 
 
 _KIND_NAMES = {"link": "", "fixed": "does not move", "object": "object"}
@@ -193,18 +185,20 @@ def candidate_rows(options: Sequence[PickCandidate | None], chosen: int) -> list
         chosen: Index of the selected one.
     """
     first_m = min((found.hit.depth_m for found in options if found is not None), default=0.0)
-    return [
-        {**(_TIP if found is None else _candidate_row(found, first_m)), "chosen": index == chosen}
-        for index, found in enumerate(options)
-    ]
-
-
-def _candidate_row(found: PickCandidate, first_m: float) -> dict[str, object]:
-    behind_m = found.hit.depth_m - first_m
-    return {
-        "name": found.hit.link,
-        "what": _KIND_NAMES[found.kind],
-        "at": format_point(found.hit.point_m),
-        "depth": "nearest" if behind_m <= 0.0 else f"{behind_m * 1000:.0f} mm behind",
-        "depth_m": round(found.hit.depth_m, 6),
-    }
+    rows: list[dict[str, object]] = []
+    for index, found in enumerate(options):
+        if found is None:
+            rows.append({**_TIP, "chosen": index == chosen})
+            continue
+        behind_m = found.hit.depth_m - first_m
+        rows.append(
+            {
+                "name": found.hit.link,
+                "what": _KIND_NAMES[found.kind],
+                "at": format_point(found.hit.point_m),
+                "depth": "nearest" if behind_m <= 0.0 else f"{behind_m * 1000:.0f} mm behind",
+                "depth_m": round(found.hit.depth_m, 6),
+                "chosen": index == chosen,
+            }
+        )
+    return rows

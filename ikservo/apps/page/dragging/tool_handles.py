@@ -17,7 +17,7 @@ import numpy as np
 
 from ikservo.apps.page.dragging.drag_commands import ToolPoseTarget
 from ikservo.apps.page.dragging.target_marker import TargetMarker
-from ikservo.ik import ActiveLimit, Options, Solver
+from ikservo.ik import Options, Solver
 from ikservo.kinematics import Chain
 from ikservo.kinematics.arrays import Matrix, Vector
 from ikservo.kinematics.se3 import exp_so3, log_so3, make_pose
@@ -39,7 +39,9 @@ class ToolHandles:
 
     def __init__(self, chain: Chain, approach_axis: Vector) -> None:
         self._chain, self._approach = chain, approach_axis
-        jacobians = [chain.jacobian(q) for q in _sample_postures(chain)]
+        lower, upper = np.maximum(chain.lower_rad, -np.pi), np.minimum(chain.upper_rad, np.pi)
+        samples = np.random.default_rng(0).uniform(lower, upper, (_SAMPLES, chain.dof))
+        jacobians = [chain.jacobian(q) for q in samples]
         sizes = np.max([np.linalg.norm(J[:3], axis=1) for J in jacobians], axis=0)
         self._moves: list[bool] = (sizes > _RANK * sizes.max()).tolist()
         self._turns = max(int((np.linalg.svd(_turning(J))[1] > _RANK).sum()) for J in jacobians)
@@ -68,11 +70,6 @@ class ToolHandles:
         second = np.cross(np.cross(span[:, 0], span[:, 1]), first)
         second = second / np.linalg.norm(second)
         return np.column_stack([first, second, np.cross(first, second)])
-
-
-def _sample_postures(chain: Chain) -> Matrix:
-    lower, upper = np.maximum(chain.lower_rad, -np.pi), np.minimum(chain.upper_rad, np.pi)
-    return np.random.default_rng(0).uniform(lower, upper, (_SAMPLES, chain.dof))
 
 
 def _turning(J: Matrix) -> Matrix:
@@ -151,26 +148,21 @@ class ToolPoseSolver:
             wanted = self._wanted(target, q)
             q = self._solver.track(make_pose(target.position_m, wanted), q)[0].copy()
             binding = self._solver.result.binding
-        return q, self._marker(target, wanted, q, binding)
+        T, solved = self._chain.forward(q), self._solver.result
+        error_rad = float(np.linalg.norm(log_so3(wanted @ T[:3, :3].T)))
+        # An orientation that is kept only if possible counts as reached.
+        turned = target.in_plane or error_rad <= ORIENTATION_TOLERANCE_RAD
+        marker = TargetMarker(
+            target.position_m,
+            T[:3, 3],
+            solved.position_error_m <= Options().tolerance.position_m and turned,
+            binding,
+            turn_error_rad=0.0 if turned else error_rad,
+        )
+        return q, marker
 
     def _wanted(self, target: ToolPoseTarget, q: Vector) -> Matrix:
         if not target.in_plane:
             return target.orientation
         wanted: Matrix = self._plane.rotation(q) @ target.orientation
         return wanted
-
-    def _marker(
-        self, target: ToolPoseTarget, wanted: Matrix, q: Vector, binding: tuple[ActiveLimit, ...]
-    ) -> TargetMarker:
-        """Return the marker; an orientation that is kept only if possible counts as reached."""
-        T, solved = self._chain.forward(q), self._solver.result
-        error_rad = float(np.linalg.norm(log_so3(wanted @ T[:3, :3].T)))
-        turned = error_rad <= ORIENTATION_TOLERANCE_RAD
-        return TargetMarker(
-            target.position_m,
-            T[:3, 3],
-            solved.position_error_m <= Options().tolerance.position_m
-            and (target.in_plane or turned),
-            binding,
-            turn_error_rad=0.0 if turned or target.in_plane else error_rad,
-        )

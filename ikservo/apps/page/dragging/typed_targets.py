@@ -43,7 +43,7 @@ class JointRanges:
         return [
             {
                 "name": name,
-                "unit": self._unit(column),
+                "unit": "mm" if self._prismatic[column] else "°",
                 "low": round(self.to_shown(column, self._lower[column]), 1),
                 "high": round(self.to_shown(column, self._upper[column]), 1),
             }
@@ -90,9 +90,6 @@ class JointRanges:
         q = goal.copy()
         q[column] = position
         return q
-
-    def _unit(self, column: int) -> str:
-        return "mm" if self._prismatic[column] else "°"
 
     def _describe_limit(self, column: int, value: float) -> str:
         unit = " mm" if self._prismatic[column] else "°"

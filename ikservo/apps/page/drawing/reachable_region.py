@@ -146,7 +146,12 @@ class ReachableRegionCache:
             plane: The plane.
             idle: Whether a computation may start now.
         """
-        self._collect_result()
+        if self._busy is not None and self._busy[1].done():
+            key, future = self._busy
+            self._busy = None
+            if len(self._known) >= _MAX_CACHED:
+                self._known.pop(next(iter(self._known)))
+            self._known[key] = future.result()
         cached = self._known.get(plane.key)
         if cached is None and self._busy is None and idle:
             self._busy = (plane.key, self._worker.submit(compute_region, self._chain, plane))
@@ -155,12 +160,3 @@ class ReachableRegionCache:
     def close(self) -> None:
         """Cancel the running computation."""
         self._worker.shutdown(wait=False, cancel_futures=True)
-
-    def _collect_result(self) -> None:
-        if self._busy is None or not self._busy[1].done():
-            return
-        key, future = self._busy
-        self._busy = None
-        if len(self._known) >= _MAX_CACHED:
-            self._known.pop(next(iter(self._known)))
-        self._known[key] = future.result()

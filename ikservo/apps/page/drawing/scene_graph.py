@@ -20,9 +20,7 @@ from functools import cached_property, lru_cache
 import numpy as np
 
 from ikservo.apps.page.dragging.goal_planning import PlannedPath
-from ikservo.apps.page.dragging.target_marker import TargetMarker
 from ikservo.apps.page.dragging.tool_handles import ToolHandles
-from ikservo.apps.page.drawing.reachable_region import ReachableRegion
 from ikservo.apps.page.drawing.scene_shapes import Fields, link_shapes, row_major
 from ikservo.apps.page.drawing.view_picture import SceneState
 from ikservo.apps.page.picking.joint_dials import JointDial, joint_dials
@@ -32,7 +30,6 @@ from ikservo.apps.page.picking.projection import NEAR_PLANE_M, Camera
 from ikservo.apps.page.picking.viewpoints import ArmExtent
 from ikservo.kinematics import Chain, ChainJoint, JointType
 from ikservo.kinematics.arrays import Vector
-from ikservo.kinematics.capsules import Capsule
 from ikservo.kinematics.se3 import make_pose
 from ikservo.model import Model
 from ikservo.model.arm_model import at_distance, near_distance
@@ -70,7 +67,14 @@ class SceneGraph:
                 {
                     "name": link,
                     **_joint_fields(steps.get(link)),
-                    "capsules": [_capsule_fields(each) for each in capsules if each.link == link],
+                    "capsules": [
+                        {
+                            "ends": [each.start_m.tolist(), each.end_m.tolist()],
+                            "radius": each.radius_m,
+                        }
+                        for each in capsules
+                        if each.link == link
+                    ],
                 }
                 for link in chain.frames
             ],
@@ -96,21 +100,32 @@ class SceneGraph:
             handles: Whether the tool has handles: their axes (3, 3) in the base frame.
         """
         others = state.other_joints if state.goal_other_joints is None else state.goal_other_joints
+        marker, axes, region = None, None, state.region
+        if state.marker is not None:
+            marker = {
+                "target": _rounded(state.marker.target_m),
+                "nearest": _rounded(state.marker.nearest_m),
+                "reached": state.marker.reached,
+            }
+        if handles:
+            R = self._handles.axes(state.measured if state.goal is None else state.goal)
+            axes = np.round(R, _AXIS_DIGITS).ravel().tolist()
         return {
             "camera": self._camera_fields(state.camera),
             "measured": self._positions.at(state.measured, state.other_joints),
             "goal": self._positions.at(state.goal, others)
             if state.goal is not None and state.shows_goal
             else None,
-            "marker": None if state.marker is None else _marker_fields(state.marker),
-            "handles": self._handle_axes(state) if handles else None,
+            "marker": marker,
+            "handles": axes,
             "hover": state.hover,
             "grabbed": state.grabbed,
             "behind": state.behind,
             "picked": state.picked,
             "refused_pair": state.refused_pair,
             **self._path_fields(state),
-            **_region_fields(state.region),
+            "region": None if region is None else region.rings,
+            "region_pose": None if region is None else row_major(region.T_world_plane),
         }
 
     def _camera_fields(self, camera: Camera) -> Fields:
@@ -129,11 +144,6 @@ class SceneGraph:
 
     def _compute_along(self, path: PlannedPath) -> list[list[float]]:
         return [self._positions.at(q, others) for q, others in path.postures]
-
-    def _handle_axes(self, state: SceneState) -> list[float]:
-        axes = self._handles.axes(state.measured if state.goal is None else state.goal)
-        rounded: list[float] = np.round(axes, _AXIS_DIGITS).ravel().tolist()
-        return rounded
 
 
 class _JointPositions:
@@ -176,11 +186,6 @@ def _joint_fields(step: ChainJoint | None) -> Fields:
     }
 
 
-def _capsule_fields(capsule: Capsule) -> Fields:
-    ends = [capsule.start_m.tolist(), capsule.end_m.tolist()]
-    return {"ends": ends, "radius": capsule.radius_m}
-
-
 def _dial_fields(chain: Chain, dial: JointDial) -> Fields:
     """Return a joint's range, and the distances that count as near and at a limit."""
     low, high = float(chain.lower_rad[dial.column]), float(chain.upper_rad[dial.column])
@@ -197,14 +202,6 @@ def _dial_fields(chain: Chain, dial: JointDial) -> Fields:
     }
 
 
-def _marker_fields(marker: TargetMarker) -> Fields:
-    return {
-        "target": _rounded(marker.target_m),
-        "nearest": _rounded(marker.nearest_m),
-        "reached": marker.reached,
-    }
-
-
 def _camera_fields(camera: Camera) -> Fields:
     return {
         "pose": row_major(make_pose(camera.eye_m, camera.R_world_view)),
@@ -214,9 +211,3 @@ def _camera_fields(camera: Camera) -> Fields:
         "size": [camera.viewport.width_px, camera.viewport.height_px],
         "lens": camera.fields() if isinstance(camera, LensCamera) else None,
     }
-
-
-def _region_fields(region: ReachableRegion | None) -> Fields:
-    if region is None:
-        return {"region": None, "region_pose": None}
-    return {"region": region.rings, "region_pose": row_major(region.T_world_plane)}

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import base64
 import contextlib
-from collections.abc import Iterator
 
 import numpy as np
 
@@ -33,16 +32,12 @@ def link_shapes(model: Model, name: str) -> list[Fields]:
     if link is None:  # the tip of a tool is not a link
         return []
     with contextlib.suppress(FileFormatError):
-        return list(_visual_fields(link)) or _collision_fields(link)
+        pairs = zip(link.visuals, link.colours or (None,) * len(link.visuals), strict=True)
+        shown = [each for pair in pairs for each in _shape_fields(link.name, *pair)]
+        return shown or _collision_fields(link)
     with contextlib.suppress(FileFormatError):
         return _collision_fields(link)
     return []
-
-
-def _visual_fields(link: UrdfLink) -> Iterator[Fields]:
-    colours = link.colours or (None,) * len(link.visuals)
-    for shape, colour in zip(link.visuals, colours, strict=True):
-        yield from _shape_fields(link.name, shape, colour)
 
 
 def _collision_fields(link: UrdfLink) -> list[Fields]:

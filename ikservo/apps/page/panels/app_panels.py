@@ -70,7 +70,18 @@ class AppPanels:
         now_s = self._clock.now_s()
         if self._places and now_s - self._updated_s >= _PERIOD_S:
             self._updated_s = now_s
-            self._panels = {name: self._make(place) for name, place in self._places.items()}
+            arm = self._arm_thread.arm
+            positions = arm.joint_index.by_name(self._arm_thread.snapshot.measured)
+            panels: dict[str, Panel] = {}
+            for name, place in self._places.items():
+                try:
+                    make: MakePanel = load_place(place)
+                    panel = make(arm.model, positions)
+                    rows = [(str(key), str(value)) for key, value in panel.rows]
+                    panels[name] = Panel(rows, panel.motions)
+                except Exception as error:  # whatever the app of somebody else does
+                    panels[name] = Panel([("error", f"{type(error).__name__}: {error}")])
+            self._panels = panels
         shown = [
             {"heading": name, "rows": list(panel.rows), "buttons": list(panel.motions)}
             for name, panel in self._panels.items()
@@ -92,13 +103,3 @@ class AppPanels:
         if not isinstance(motion, MotionValue):
             raise BadMessageError(f"{heading} has no button {button!r}.", "Reload the page.")
         self._arm_thread.request_job(RunMotion(button, cast("MotionValue[Any]", motion)))
-
-    def _make(self, place: str) -> Panel:
-        arm = self._arm_thread.arm
-        positions = arm.joint_index.by_name(self._arm_thread.snapshot.measured)
-        try:
-            make: MakePanel = load_place(place)
-            panel = make(arm.model, positions)
-            return Panel([(str(name), str(value)) for name, value in panel.rows], panel.motions)
-        except Exception as error:  # whatever the app of somebody else does
-            return Panel([("error", f"{type(error).__name__}: {error}")])

@@ -49,11 +49,19 @@ class FollowPanel:
         leader = self._find_arm(leader_name)
         if leader is None or leader is self._arm_thread:
             raise InputError(f"No other arm {leader_name!r} is open.", "Open it in the list.")
-        joints = _check_coupling(leader, self._arm_thread.arm, leader_name)
+        follower = self._arm_thread.arm
+        for arm in (leader.arm, follower):
+            arm.context.require_zeros()
+        if all(state.torque for state in leader.snapshot.states):
+            raise InputError(
+                f"{leader_name} holds, so you cannot guide it.",
+                "Release it first; an arm in the air falls.",
+            )
+        joints = tuple(shared_joints(leader.arm.model, follower.model))
         feed = LeaderFeed(leader_name, joints, self._clock, self._arm_thread.lease.timeout_s)
         job = FollowLeader(feed, self._arm_thread.command.speed)
         try:
-            leader.request_job(LeadArm(feed, self._arm_thread.arm.model.title))
+            leader.request_job(LeadArm(feed, follower.model.title))
         except InputError as error:
             raise InputError(f"{leader_name}: {error.message}", error.command_hint) from error
         try:
@@ -83,17 +91,6 @@ class FollowPanel:
             return []
         client.sent["following"] = self._fields
         return [self._fields]
-
-
-def _check_coupling(leader: ArmThread, follower: Arm, name: str) -> tuple[str, ...]:
-    """Return the joints that both arms have; require a leader that can be guided by hand."""
-    for arm in (leader.arm, follower):
-        arm.context.require_zeros()
-    if all(state.torque for state in leader.snapshot.states):
-        raise InputError(
-            f"{name} holds, so you cannot guide it.", "Release it first; an arm in the air falls."
-        )
-    return tuple(shared_joints(leader.arm.model, follower.model))
 
 
 def _lag_rows(arm: Arm, job: FollowLeader) -> list[tuple[str, str]]:

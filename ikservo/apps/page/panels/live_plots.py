@@ -3,10 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
-
-import numpy as np
 
 from ikservo.apps.page.messages.page_messages import BadMessageError, ShowPlots
 from ikservo.apps.page.running.history import Channel, History, HistorySlice
@@ -76,26 +73,19 @@ class PlotFeed:
         if plot is None or now_s < plot.due_s:
             return []
         plot.due_s = now_s + _PERIOD_S
-        return self._stop_frames(plot, history) if plot.stopped else _live_frames(
-            plot, history, now_s
-        )  # fmt: skip
-
-    def _stop_frames(self, plot: _Plot, history: History) -> list[Frame]:
-        recording = history.last_stop
-        if recording is None or recording is plot.shown_stop:
-            return []
-        plot.shown_stop = recording
-        fields = _first_fields(plot, History.STOP_S) | {"reason": recording.reason}
-        return [fields | _samples(plot, recording, 0.0)]
-
-
-def _live_frames(plot: _Plot, history: History, now_s: float) -> list[Frame]:
-    first = math.isinf(plot.sent_s)
-    recording = history.since(now_s - plot.span_s if first else plot.sent_s)
-    fields = _samples(plot, recording, plot.span_s / _MAX_POINTS)
-    if first:
-        return [_first_fields(plot, plot.span_s) | fields]
-    return [fields] if fields["times"] else []
+        if plot.stopped:
+            recording = history.last_stop
+            if recording is None or recording is plot.shown_stop:
+                return []
+            plot.shown_stop = recording
+            fields = _first_fields(plot, History.STOP_S) | {"reason": recording.reason}
+            return [fields | _samples(plot, recording, 0.0)]
+        is_first = math.isinf(plot.sent_s)
+        recording = history.since(now_s - plot.span_s if is_first else plot.sent_s)
+        fields = _samples(plot, recording, plot.span_s / _MAX_POINTS)
+        if is_first:
+            return [_first_fields(plot, plot.span_s) | fields]
+        return [fields] if fields["times"] else []
 
 
 def _first_fields(plot: _Plot, span_s: float) -> dict[str, object]:
@@ -109,25 +99,17 @@ def _first_fields(plot: _Plot, span_s: float) -> dict[str, object]:
 
 def _samples(plot: _Plot, recording: HistorySlice, period_s: float) -> dict[str, object]:
     """Return samples of the chosen channels, at least a period apart."""
-    kept = _thinned(recording.times_s, plot.sent_s, period_s)
-    times = recording.times_s[kept]
-    if len(times):
-        plot.sent_s = float(times[-1])
+    kept: list[int] = []
+    for row, time_s in enumerate(recording.times_s.tolist()):
+        if time_s - plot.sent_s >= period_s:
+            kept.append(row)
+            plot.sent_s = time_s
     columns = recording.select(plot.channels)[kept].T.tolist()
     return {
         "kind": "plots",
-        "times": [round(time_s, 2) for time_s in times.tolist()],
+        "times": [round(time_s, 2) for time_s in recording.times_s[kept].tolist()],
         "values": [
             [(None if math.isnan(value) else round(value, _DIGITS)) for value in column]
             for column in columns
         ],
     }
-
-
-def _thinned(times_s: Sequence[float] | np.ndarray, last_s: float, period_s: float) -> list[int]:
-    kept: list[int] = []
-    for row, time_s in enumerate(np.asarray(times_s).tolist()):
-        if time_s - last_s >= period_s:
-            kept.append(row)
-            last_s = time_s
-    return kept

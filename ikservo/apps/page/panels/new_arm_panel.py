@@ -189,28 +189,27 @@ class NewArmPanel:
         """Return the state for the page; None without a dialogue."""
         if self._line is None and self._ended is None:
             return None
-        ended = self._ended or _Ended()
+        ended, question = self._ended or _Ended(), self._question
+        shown = None
+        if isinstance(question, Question):
+            buttons = [[ACCEPT, question.label], ["no", "no"]]
+            shown = {"text": question.text, "buttons": buttons, "default": "", "choices": []}
+        elif question is not None:
+            shown = {
+                "text": question.text,
+                "buttons": [],
+                "default": question.default,
+                "choices": list(question.choices),
+            }
         return {
             "lines": self._lines,
-            "progress": "" if self._question else self._progress,
-            "question": None if self._question is None else _question_fields(self._question),
+            "progress": "" if question else self._progress,
+            "question": shown,
             "number": self._number,
             "folders": [str(path) for path in ended.folders],
             "error": ended.error,
             "has_servos": self._has_servos and self.is_running,
         }
-
-
-def _question_fields(question: Question | Entry) -> dict[str, object]:
-    if isinstance(question, Question):
-        choices = [[ACCEPT, question.label], ["no", "no"]]
-        return {"text": question.text, "buttons": choices, "default": "", "choices": []}
-    return {
-        "text": question.text,
-        "buttons": [],
-        "default": question.default,
-        "choices": list(question.choices),
-    }
 
 
 def _run(line: Connection, new: NewArm) -> None:

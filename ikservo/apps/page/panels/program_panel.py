@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
 from ikservo.apps.page.dragging.interaction import Interaction
 from ikservo.apps.page.messages import program_messages as msg
-from ikservo.apps.page.panels.program_draft import DraftStep, ProgramDraft, ProgramFolder
+from ikservo.apps.page.panels.program_draft import ProgramDraft, ProgramFolder
 from ikservo.apps.page.running.arm_thread import ArmThread
 from ikservo.apps.page.running.program_play import PlayState, ProgramPlay
 from ikservo.apps.page.running.record_job import RecordArm
@@ -49,7 +49,12 @@ class ProgramPanel:
             self._run(message)
             return
         if isinstance(message, msg.RecordStep):
-            self._record(message)
+            if message.on:
+                recording = RecordArm(self.draft.folder.path)
+                self._arm_thread.request_job(recording)
+                self._recording = recording
+            elif self._recording is not None:
+                self._recording.finish()
             return
         if self._is_busy:
             raise InputError("The program is being played.", "Pause or stop it first.")
@@ -58,7 +63,11 @@ class ProgramPanel:
 
     def frames(self, client: Client) -> list[Frame]:
         """Return the program and its state, if they have changed since the last call."""
-        self._add_recording()
+        recording = self._recording
+        if recording is not None and not self._is_recording:  # it has ended
+            self._recording = None
+            if recording.path is not None:
+                self.draft.add(ProgramStep(recording=recording.path.name))
         frames: list[Frame] = []
         if client.sent.get("program") != self.draft.revision:
             client.sent["program"] = self.draft.revision
@@ -90,7 +99,18 @@ class ProgramPanel:
         draft = self.draft
         return {
             "kind": "program",
-            "steps": [self._step_fields(each) for each in draft.steps],
+            "steps": [
+                {
+                    "number": each.number,
+                    "text": self._describe_shortly(each.step),
+                    "title": each.step.description,
+                    "action": each.step.action,
+                    "has_speed": each.step.has_speed,
+                    "speed": each.step.speed,
+                    "wait_s": each.step.wait_s,
+                }
+                for each in draft.steps
+            ],
             "speed": draft.speed,
             "repeat": draft.repeat,
             "name": draft.name,
@@ -98,18 +118,6 @@ class ProgramPanel:
             "names": draft.names,
             "recordings": draft.recordings,
             "folder": str(draft.folder.path),
-        }
-
-    def _step_fields(self, each: DraftStep) -> Mapping[str, object]:
-        step = each.step
-        return {
-            "number": each.number,
-            "text": self._describe_shortly(step),
-            "title": step.description,
-            "action": step.action,
-            "has_speed": step.has_speed,
-            "speed": step.speed,
-            "wait_s": step.wait_s,
         }
 
     def _describe_shortly(self, step: ProgramStep) -> str:
@@ -144,17 +152,12 @@ class ProgramPanel:
                 draft.delete(message.step)
             case msg.SetProgram():
                 draft.set_options(message.speed, message.repeat)
+            case msg.ProgramFile(action="new"):
+                draft.clear()
+            case msg.ProgramFile(action="load"):
+                draft.load(message.name)
             case _:
-                self._handle_file(message, interaction)
-
-    def _handle_file(self, message: msg.ProgramFile, interaction: Interaction) -> None:
-        match message.action:
-            case "new":
-                self.draft.clear()
-            case "load":
-                self.draft.load(message.name)
-            case _:
-                path = self.draft.save(message.name, overwrite=message.overwrite)
+                path = draft.save(message.name, overwrite=message.overwrite)
                 interaction.log(f"Saved: {path}")
 
     def _run(self, message: msg.RunProgram) -> None:
@@ -173,24 +176,6 @@ class ProgramPanel:
     @property
     def _is_recording(self) -> bool:
         return self._recording is not None and self._arm_thread.job is self._recording
-
-    def _record(self, message: msg.RecordStep) -> None:
-        if not message.on:
-            if self._recording is not None:
-                self._recording.finish()
-            return
-        recording = RecordArm(self.draft.folder.path)
-        self._arm_thread.request_job(recording)
-        self._recording = recording
-
-    def _add_recording(self) -> None:
-        """Add the step of a recording that has ended."""
-        recording = self._recording
-        if recording is None or self._is_recording:
-            return
-        self._recording = None
-        if recording.path is not None:
-            self.draft.add(ProgramStep(recording=recording.path.name))
 
     def _make_step(self, message: msg.AddStep, goal: Vector | None) -> ProgramStep:
         arm = self._arm_thread.arm
@@ -228,20 +213,15 @@ def _capture_step(arm: Arm, joints: Vector, path: str) -> ProgramStep:
     m: dict[str, float] = {}
     for name in arm.chain.names:
         column = arm.joint_index.column(name)
-        ends = float(lower[column]), float(upper[column])
+        numbers = [float(row[column]) for row in (inside, lower, upper)]
         slides = arm.model.joint(name).joint_map.unit == "m"
-        at = _round_inside(float(inside[column]), ends, in_degrees=not slides)
+        places = _M_PLACES if slides else _DEG_PLACES
+        value, low, high = numbers if slides else map(math.degrees, numbers)
+        unit = 10.0**-places  # rounded, but not past a limit
+        lowest, highest = math.ceil(low / unit) * unit, math.floor(high / unit) * unit
+        at = round(min(max(value, lowest), highest), places) + 0.0  # not -0.0
         (m if slides else deg)[name] = at
     return ProgramStep(deg=deg, m=m)
-
-
-def _round_inside(position: float, ends: tuple[float, float], *, in_degrees: bool) -> float:
-    """Compute a position [rad or m] rounded in degrees or metres, not past the limits."""
-    places = _DEG_PLACES if in_degrees else _M_PLACES
-    value, low, high = (math.degrees(x) if in_degrees else x for x in (position, *ends))
-    unit = 10.0**-places
-    lowest, highest = math.ceil(low / unit) * unit, math.floor(high / unit) * unit
-    return round(min(max(value, lowest), highest), places) + 0.0  # not -0.0
 
 
 def _format_mm(point_m: Sequence[float]) -> str:

@@ -256,9 +256,17 @@ class ServoBench:
         if _is_search(command):
             return False
         try:
-            if command is not None and self._is_trial(command[1]):
-                return False
             if command is not None:
+                request = command[1]
+                if isinstance(request, WorkOnServo) and request.action in ("try", "suggest"):
+                    if self._model is None:
+                        raise InputError(
+                            "Gains can only be tried on a joint of an arm.",
+                            "Start the page with the name of the arm: "
+                            "ikservo view --servos --arm NAME",
+                        )
+                    self._trial = request  # the port is closed for it
+                    return False
                 return self._obey(line, *command)
             if plot is not None:
                 plot.take_sample()
@@ -317,18 +325,6 @@ class ServoBench:
         return True
 
     # --- trials of gains ---
-
-    def _is_trial(self, command: BenchMessage) -> bool:
-        """Check whether a trial of gains is due, for which the port is closed."""
-        if not isinstance(command, WorkOnServo) or command.action not in ("try", "suggest"):
-            return False
-        if self._model is None:
-            raise InputError(
-                "Gains can only be tried on a joint of an arm.",
-                "Start the page with the name of the arm: ikservo view --servos --arm NAME",
-            )
-        self._trial = command
-        return True
 
     def _stop_trial(self) -> None:
         """Stop the joint of a trial and restore its former gains; safe from any thread."""

@@ -10,7 +10,6 @@ from ikservo.apps.page.running.arm_thread import ArmThread
 from ikservo.apps.page.server.page_connection import Client
 from ikservo.apps.page.server.server import Frame
 from ikservo.apps.workbench.servo_workbench import (
-    RegisterReading,
     ServoLine,
     find_register,
     holds_torque,
@@ -182,26 +181,25 @@ def table_frame(
     Raises:
         BusError: The servo does not reply.
     """
+    rows = [
+        {
+            "name": each.register.name,
+            "address": each.register.address,
+            "raw": each.raw,
+            "value": each.text,
+            "range": list(each.register.range),
+            "area": each.register.area.name,
+            "writable": each.register.is_writable and is_written(each.register.name),
+            "default": each.default,
+            "first": each.first if each.changed else None,
+        }
+        for each in read_registers(line, servo)
+    ]
     return {
         "kind": "servo",
         "joint": servo.name or str(servo.id),
         "id": servo.id,
         "model": servo.table.model_name,
-        "registers": [_fields_of(each, is_written) for each in read_registers(line, servo)],
+        "registers": rows,
         "note": note,
-    }
-
-
-def _fields_of(reading: RegisterReading, is_written: Callable[[str], bool]) -> dict[str, object]:
-    register = reading.register
-    return {
-        "name": register.name,
-        "address": register.address,
-        "raw": reading.raw,
-        "value": reading.text,
-        "range": list(register.range),
-        "area": register.area.name,
-        "writable": register.is_writable and is_written(register.name),
-        "default": reading.default,
-        "first": reading.first if reading.changed else None,
     }

@@ -65,12 +65,20 @@ def try_on_joint(
 
 def describe_trials(trials: Sequence[Trial]) -> str:
     """Describe the responses of the present gains and of the best others."""
-    before, after = _compared(trials)
-    words = {"before": before, "after": after}
-    return (
-        f"{' '.join(f'{name}: {_describe(one)}.' for name, one in words.items())} "
-        "The former gains are in force again; the joint holds."
-    )
+    text = ""
+    for name, trial in zip(("before", "after"), _compared(trials), strict=True):
+        response = trial.response
+        words = [
+            ", ".join(f"{register} {raw}" for register, raw in trial.gains.items()),
+            f"overshoot {np.degrees(response.overshoot_rad):.2f}°",
+            f"settling {response.settling_s:.2f} s",
+            f"short of its goal {np.degrees(response.steady_error_rad):.2f}°",
+            f"swings by {np.degrees(response.swing_rad):.2f}°"
+            if response.swings
+            else "comes to rest",
+        ]
+        text += f"{name}: {'; '.join(words)}. "
+    return f"{text}The former gains are in force again; the joint holds."
 
 
 def trial_frame(joint: str, trials: Sequence[Trial]) -> Frame:
@@ -102,15 +110,3 @@ def trial_frame(joint: str, trials: Sequence[Trial]) -> Frame:
 def _compared(trials: Sequence[Trial]) -> tuple[Trial, Trial]:
     """Return the trials of the present gains, and of the given or best found gains."""
     return trials[0], trials[1] if len(trials) == 2 else best_trial(trials)
-
-
-def _describe(trial: Trial) -> str:
-    response, gains = trial.response, trial.gains
-    words = [
-        ", ".join(f"{register} {raw}" for register, raw in gains.items()),
-        f"overshoot {np.degrees(response.overshoot_rad):.2f}°",
-        f"settling {response.settling_s:.2f} s",
-        f"short of its goal {np.degrees(response.steady_error_rad):.2f}°",
-        f"swings by {np.degrees(response.swing_rad):.2f}°" if response.swings else "comes to rest",
-    ]
-    return "; ".join(words)

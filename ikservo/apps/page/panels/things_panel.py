@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -66,15 +66,29 @@ class ThingsPanel:
     def frames(self, client: Client) -> list[Frame]:
         """Return the things, if they have changed since they were sent to a client."""
         things, arms = self._arm.scene.things, self._arm.scene.arms
-        joints = [self._joints(each) for each in arms]
+        joints: list[Vector | None] = []  # as last read; None for an arm that is closed
+        for arm in arms:
+            thread = self._find_arm(arm.name)
+            is_open = thread is not None and thread.arm.context is arm.context
+            joints.append(thread.snapshot.measured if thread is not None and is_open else None)
         around = things, arms, [None if q is None else q.round(_DECIMALS).tolist() for q in joints]
         if around != self._shown:
             self._shown = around
-            links = [_links(each, q) for each, q in zip(arms, joints, strict=True)]
+            moved, links = self._moved, list[Obstacle]()
+            for arm, q in zip(arms, joints, strict=True):  # a closed arm is drawn as it was left
+                links += arm.left or () if q is None else arm.links_at(q)
+            rows = [
+                thing_fields(each, moved.shift_m if moved and moved.name == each.name else 0.0)
+                for each in things
+            ]
+            rows += [  # the links of another arm are drawn separately
+                {"name": arm.name, "thing": "arm", "sizes": _arm_sizes(arm), "drawn": False}
+                for arm in arms
+            ]
             self._frame = {
                 "kind": "things",
-                "things": [self._fields(each) for each in things] + [_arm_row(e) for e in arms],
-                "links": [{**thing_fields(e), "shape": "cylinder"} for of in links for e in of],
+                "things": rows,
+                "links": [{**thing_fields(each), "shape": "cylinder"} for each in links],
             }
         if client.sent.get("things") is self._frame:
             return []
@@ -101,16 +115,16 @@ class ThingsPanel:
             case msg.AddThing() if len(scene.names) >= _MOST:
                 raise BadValueError("The number of things", len(scene.names), f"below {_MOST}")
             case msg.AddThing():
-                scene.add(
-                    message.shape, self._new_name(message.shape), **self._new(message.shape, joints)
-                )
+                self._add_new(message.shape, joints)
             case msg.AddArm():
                 self._add_other_arm(message.name)
             case msg.ChangeThing():
                 given = message.model_dump(
                     exclude_none=True, exclude={"kind", "seq", "seen", "name"}
                 )
-                sizes = self._sizes(message.name)
+                all_sizes = {each.name: _arm_sizes(each) for each in scene.arms}
+                all_sizes |= {each.name: describe_thing(each)[1] for each in scene.things}
+                sizes = all_sizes.get(message.name, {})
                 for key in given.keys() & sizes.keys():
                     if isinstance(given[key], tuple):
                         pairs = zip(given[key], sizes[key], strict=True)
@@ -145,36 +159,18 @@ class ThingsPanel:
         url = self._downloads.offer(Download(name, lambda: [text], "application/toml"))
         return {"kind": "download", "url": url, "name": name}
 
-    def _fields(self, thing: Obstacle) -> Fields:
-        moved = self._moved
-        return thing_fields(thing, moved.shift_m if moved and moved.name == thing.name else 0.0)
-
-    def _sizes(self, name: str) -> dict[str, Any]:
-        """Return the changeable fields of a thing or another arm; empty if there is none."""
-        arms = {each.name: _arm_sizes(each) for each in self._arm.scene.arms}
-        things = {each.name: describe_thing(each)[1] for each in self._arm.scene.things}
-        return {**arms, **things}.get(name, {})
-
-    def _joints(self, other: OtherArm) -> Vector | None:
-        """Return the last read joints (n,) of another arm; None once it is closed."""
-        thread = self._find_arm(other.name)
-        is_read = thread is not None and thread.arm.context is other.context
-        return thread.snapshot.measured if thread is not None and is_read else None
-
-    def _new_name(self, shape: str) -> str:
+    def _add_new(self, shape: str, joints: Vector) -> None:
+        """Add a thing on the table, in front of the arm."""
         taken = {*self._arm.scene.names, *self._arm.scene.held}
         names = (f"the {_TITLES[shape]} {number}" for number in itertools.count(1))
-        return next(name for name in names if name not in taken)
-
-    def _new(self, shape: str, joints: Vector) -> dict[str, Any]:
-        """Return place and size of a new thing: on the table, in front of the arm."""
-        half_m = 0.5 * _NEW_SIZE_M
-        place: dict[str, Any] = {"center_m": tuple(self._free_place(joints).tolist())}
+        name = next(name for name in names if name not in taken)
+        sizes: dict[str, Any] = {"radius_m": 0.5 * _NEW_SIZE_M}
         if shape == "box":
-            return {**place, "size_m": (_NEW_SIZE_M,) * 3}
-        if shape == "cylinder":
-            return {**place, "radius_m": half_m, "height_m": _NEW_SIZE_M}
-        return {**place, "radius_m": half_m}
+            sizes = {"size_m": (_NEW_SIZE_M,) * 3}
+        elif shape == "cylinder":
+            sizes["height_m"] = _NEW_SIZE_M
+        center_m = tuple(self._free_place(joints).tolist())
+        self._arm.scene.add(shape, name, center_m=center_m, **sizes)
 
     def _free_place(self, joints: Vector) -> Vector:
         """Find a place (3,) for a new thing in front of the arm: free, or with most clearance."""
@@ -202,16 +198,6 @@ class ThingsPanel:
             beside = np.maximum(np.subtract(thing.low_m, place), np.subtract(place, thing.high_m))
             gaps_m.append(float(np.linalg.norm(np.maximum(beside, 0.0))))
         return min(gaps_m) - 0.5 * math.sqrt(3.0) * _NEW_SIZE_M
-
-
-def _links(other: OtherArm, joints: Vector | None) -> Sequence[Obstacle]:
-    """Return the links of another arm, at its last position if it is closed."""
-    return other.left or () if joints is None else other.links_at(joints)
-
-
-def _arm_row(other: OtherArm) -> Fields:
-    """Return the changeable fields of another arm; its links are drawn separately."""
-    return {"name": other.name, "thing": "arm", "sizes": _arm_sizes(other), "drawn": False}
 
 
 def _arm_sizes(other: OtherArm) -> dict[str, Any]:

@@ -148,7 +148,11 @@ class VideoSource:
                 picture = self._picture
                 if picture is not None and picture.number != number:
                     number = picture.number
-                    yield _part(picture.jpeg)
+                    header = (
+                        "--picture\r\nContent-Type: image/jpeg\r\n"
+                        f"Content-Length: {len(picture.jpeg)}\r\n\r\n"
+                    )
+                    yield header.encode() + picture.jpeg + b"\r\n"
                 await asyncio.sleep(_LOOK_S)
         finally:
             self._watchers -= 1
@@ -222,8 +226,3 @@ class PictureCapture:
 
     def release(self) -> None:
         """Do nothing."""
-
-
-def _part(jpeg: bytes) -> bytes:
-    header = f"--picture\r\nContent-Type: image/jpeg\r\nContent-Length: {len(jpeg)}\r\n\r\n"
-    return header.encode() + jpeg + b"\r\n"

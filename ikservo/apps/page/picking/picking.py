@@ -10,7 +10,7 @@ hit. The lines are at most a pixel apart, so that they find everything a pixel w
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cache
 from typing import Literal, NamedTuple
@@ -166,35 +166,23 @@ class HitTester:
         below it; then objects, then fixed links. Within each kind, hits exactly under the pointer
         come before hits next to it, the nearest first.
         """
-        layers = [
-            self._link_candidates(at, context, q) for q in _drop_coincident_arms(context.arms)
-        ]
-        moving = [found for layer in layers for found in layer if found.kind == "link"]
-        fixed = [found for found in layers[-1] if found.kind == "fixed"]
-        ordered = [
-            *sorted(moving, key=_is_beside_pointer),
-            *self._object_candidates(at, context),
-            *fixed,
-        ]
-        return tuple(ordered)
-
-    def _link_candidates(
-        self, at: Vector, context: PointerContext, q: Vector
-    ) -> list[PickCandidate]:
-        hits = self._picker.pick_all_at(
-            context.camera, link_poses(self._chain, q, context.other_joints), at
-        )
-        found = [
-            PickCandidate(hit, "link" if self.columns(hit.link) else "fixed", q) for hit in hits
-        ]
-        return sorted(found, key=_is_beside_pointer)
-
-    def _object_candidates(self, at: Vector, context: PointerContext) -> list[PickCandidate]:
-        if self._objects is None:
-            return []
-        poses = dict.fromkeys(self._objects.names, np.eye(4))
-        hits = self._objects.pick_all_at(context.camera, poses, at)
-        return sorted((PickCandidate(hit, "object", None) for hit in hits), key=_is_beside_pointer)
+        camera, drawn = context.camera, list[Vector]()
+        moving, objects, fixed = (list[PickCandidate]() for _ in range(3))
+        for q in context.arms:
+            if any(float(np.abs(q - other).max()) < _SAME_RAD for other in drawn):
+                continue  # it coincides with the one before
+            drawn.append(q)
+            poses = link_poses(self._chain, q, context.other_joints)
+            hits = self._picker.pick_all_at(camera, poses, at)
+            moving += [PickCandidate(hit, "link", q) for hit in hits if self.columns(hit.link)]
+            fixed = [PickCandidate(hit, "fixed", q) for hit in hits if not self.columns(hit.link)]
+        if self._objects is not None:
+            poses = dict.fromkeys(self._objects.names, np.eye(4))
+            hits = self._objects.pick_all_at(camera, poses, at)
+            objects = [PickCandidate(hit, "object", None) for hit in hits]
+        for candidates in (moving, objects, fixed):
+            candidates.sort(key=_is_beside_pointer)
+        return (*moving, *objects, *fixed)
 
     def joint_at(
         self, at: Vector, context: PointerContext, found: PickCandidate | None
@@ -220,12 +208,3 @@ class HitTester:
 def _is_beside_pointer(found: PickCandidate) -> bool:
     """Check whether a hit is beside the pointer; a stable sort by this keeps the depth order."""
     return found.hit.away_px > 0.0
-
-
-def _drop_coincident_arms(arms: Sequence[Vector]) -> list[Vector]:
-    """Return the arms without those that coincide with an earlier one."""
-    kept = list[Vector]()
-    for q in arms:
-        if not any(float(np.abs(q - other).max()) < _SAME_RAD for other in kept):
-            kept.append(q)
-    return kept

@@ -22,7 +22,7 @@ from numpy.typing import ArrayLike
 from ikservo.apps.page.picking.projection import Camera, Viewport, view_rotation
 from ikservo.ik.workspace import quasi_random_joints
 from ikservo.ik.workspace_grid import side_plane
-from ikservo.kinematics import Chain, JointType
+from ikservo.kinematics import JointType
 from ikservo.kinematics.arrays import Matrix, Vector
 from ikservo.kinematics.se3 import make_pose
 from ikservo.model import Model
@@ -68,15 +68,24 @@ def arm_extent(model: Model) -> ArmExtent:
     chain, home = model.chain, home_joints(model)
     T_world_side = side_plane(chain, home)
     u = T_world_side[:3, 0]
-    pivot = T_world_side[:3, 3] + u * float(_first_pivot(chain, home) @ u)
-    yaw_rad, turns = math.atan2(float(u[1]), float(u[0])), _plane_rotation_sign(chain, home)
+    T, J = chain.forward_and_jacobian(home)
+    # The point of the first axis that is nearest to the tip; J = axis x (tip - pivot), axis.
+    first_pivot = T[:3, 3] + np.cross(J[3:, 0], J[:3, 0])
+    pivot = T_world_side[:3, 3] + u * float(first_pivot @ u)
+    yaw_rad, axis_z = math.atan2(float(u[1]), float(u[0])), float(J[5, 0])
+    is_upright = chain.kinds[0] is JointType.REVOLUTE and abs(axis_z) >= _VERTICAL_COSINE
+    turns = round(axis_z) if is_upright else 0
+    axes = J[3:].T
+    is_flat = all(kind is JointType.REVOLUTE for kind in chain.kinds) and (
+        float(np.abs(np.cross(axes, axes[0])).max(initial=0.0)) < _PARALLEL
+    )
     q = quasi_random_joints(chain, _SAMPLES)
     links = np.stack([T[:, :3, 3] for T in chain.link_poses(q).values()], axis=1)
     if model.floor_m is not None:
         links[..., 2] = np.maximum(links[..., 2], model.floor_m - _BELOW_TABLE_M)
     yaws_rad = yaw_rad + turns * (q[:, 0] - home[0])
     return ArmExtent(
-        across=_common_axis(chain, home),
+        across=axes[0] if is_flat else None,
         box_m=_bounding_box(links),
         own_m=_bounding_box((links - pivot) @ _vertical_axes(yaws_rad)),
         pivot_m=pivot,
@@ -97,29 +106,6 @@ def _vertical_axes(yaw_rad: ArrayLike) -> Matrix:
     rows = [[c, zero, s], [s, zero, -c], [zero, zero + 1.0, zero]]
     axes = np.array(rows)
     return axes if axes.ndim == 2 else np.moveaxis(axes, (0, 1), (-2, -1))
-
-
-def _first_pivot(chain: Chain, home: Vector) -> Vector:
-    """Compute the point (3,) of the first axis that is nearest to the tip."""
-    T, J = chain.forward_and_jacobian(home)
-    tip: Vector = T[:3, 3]
-    return tip + np.cross(J[3:, 0], J[:3, 0])  # J = axis x (tip - pivot); 0 for a prismatic joint
-
-
-def _plane_rotation_sign(chain: Chain, home: Vector) -> int:
-    """Return the rotation sign of the arm's own plane; 0 if the first axis is not vertical."""
-    axis_z = float(chain.jacobian(home)[5, 0])
-    if chain.kinds[0] is not JointType.REVOLUTE or abs(axis_z) < _VERTICAL_COSINE:
-        return 0
-    return round(axis_z)
-
-
-def _common_axis(chain: Chain, home: Vector) -> Vector | None:
-    """Compute the common direction (3,) of all revolute axes, if there is one."""
-    axes = chain.jacobian(home)[3:].T
-    deviation = float(np.abs(np.cross(axes, axes[0])).max(initial=0.0))
-    all_revolute = all(kind is JointType.REVOLUTE for kind in chain.kinds)
-    return axes[0] if all_revolute and deviation < _PARALLEL else None
 
 
 def _bounding_box(points_m: Matrix) -> Matrix:

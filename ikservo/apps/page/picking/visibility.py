@@ -234,9 +234,16 @@ class PostureAnalyser:
             camera: The client's camera.
             idle: Whether an analysis may start now.
         """
-        self._collect_result()
+        if self._busy is not None and self._busy[1].done():
+            number, future = self._busy
+            self._busy = None
+            self._cached[number] = future.result()
         cached = self._cached.get(client)
-        if cached is not None and _is_same_posture(cached, q, camera):
+        if (
+            cached is not None
+            and cached.camera == camera.fingerprint
+            and float(np.abs(cached.q - q).max(initial=0.0)) < _SAME_RAD
+        ):
             return cached
         if idle and self._busy is None:
             work = self._worker.submit(self._analyse, q.copy(), find_poses(), camera)
@@ -257,15 +264,3 @@ class PostureAnalyser:
     def _analyse(self, q: Vector, poses: dict[str, Matrix], camera: Camera) -> PostureAnalysis:
         seen = self._visibility.from_camera(poses, camera)
         return PostureAnalysis(q, camera.fingerprint, nearest_singularity(self._chain, q), seen)
-
-    def _collect_result(self) -> None:
-        if self._busy is None or not self._busy[1].done():
-            return
-        client, future = self._busy
-        self._busy = None
-        self._cached[client] = future.result()
-
-
-def _is_same_posture(cached: PostureAnalysis, q: Vector, camera: Camera) -> bool:
-    unmoved = float(np.abs(cached.q - q).max(initial=0.0)) < _SAME_RAD
-    return unmoved and cached.camera == camera.fingerprint

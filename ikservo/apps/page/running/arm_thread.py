@@ -27,7 +27,6 @@ from ikservo.apps.page.running.live_session import LiveSession
 from ikservo.arm import (
     DEAD_MAN_TIMEOUT_S,
     Arm,
-    JointState,
     MotionProgress,
     StopKind,
     StopReason,
@@ -187,7 +186,14 @@ class ArmThread:
                 self._take_stop(self._stop_reason)
         except IkservoError as error:
             self._lost = self._lost or isinstance(error, PortLostError)
-            self._end_session(self._notice_of_error(error))
+            message, hint = error.message, in_page(error.command_hint)
+            if self._lost and isinstance(error, PortError):
+                hint = _REOPEN_TEXT
+            elif self.arm.context.servos.overheated:  # the guard lowered the arm, or tried to
+                with contextlib.suppress(IkservoError):
+                    self.snapshot = self._update_positions()
+                message = describe_stop(message, self.snapshot.states)
+            self._end_session(StopNotice(message, hint))
 
     def on_cycle(self, cycle: ControlCycle) -> None:
         """Store a cycle's positions; poll telemetry once a second (``CycleObserver``)."""
@@ -301,7 +307,12 @@ class ArmThread:
 
     def _run_step(self) -> None:
         if self._acknowledged:
-            self._restart()
+            self._acknowledged, self._stop_reason = False, None
+            if self._lost:
+                self.arm.close("hold")
+                self._reopen_arm()  # raises again if the port is still lost
+            self.arm.acknowledge()
+            self.snapshot = replace(self.snapshot, stop_notice=None)
         reason = self._stop_reason or self.arm.stop_reason  # set by the page, or by another program
         if reason is not None and not self.snapshot.stop_notice:
             self._take_stop(reason)
@@ -310,7 +321,12 @@ class ArmThread:
             self._waiting_job = None
             self._poll_state(ignore_errors=True)
         elif self._torque_requests:
-            self._switch_torque(*self._torque_requests.popleft())
+            joint, on = self._torque_requests.popleft()
+            self.arm.runner.set_joint_torque(joint, on=on)
+            self.snapshot = self._update_positions()  # must precede the check for lost torque
+            self.log_message(
+                f"Torque of {joint} switched {'on' if on else 'off'} from the page.", ""
+            )
         elif self.calibration and self.calibration.requested:
             self._run_calibration(self.calibration)
         elif self._waiting_job is not None:
@@ -348,44 +364,22 @@ class ArmThread:
             self.snapshot = replace(self.snapshot, activity="", reference=None)
 
     def _poll_state(self, *, ignore_errors: bool = False) -> None:
-        """Read the arm's state while no session runs."""
+        """Read the arm's state while no session runs; log servos that lost torque by themselves."""
         try:
             before = self.snapshot.states
             self.snapshot = replace(self._update_positions(), reference=None)
             self._record_history()
-            self._log_lost_torque(before)
+            pairs = zip(before, self.snapshot.states, strict=True)
+            lost = [now for then, now in pairs if then.torque and not now.torque]
+            for names, alarms in describe_alarms(lost):
+                self.log_message(f"Torque switched off by an alarm: {names}: {alarms}.")
+            unexplained = [state.name for state in lost if not state.alarms]
+            if unexplained:
+                self.log_message(_TORQUE_LOST_TEXT.format(", ".join(unexplained)))
         except IkservoError:
             if not ignore_errors:
                 raise
         self._clock.sleep_until(self._clock.now_s() + _POLL_PERIOD_S)
-
-    def _switch_torque(self, joint: str, on: bool) -> None:
-        self.arm.runner.set_joint_torque(joint, on=on)
-        self.snapshot = self._update_positions()  # must precede the check for lost torque
-        self.log_message(f"Torque of {joint} switched {'on' if on else 'off'} from the page.", "")
-
-    def _log_lost_torque(self, before: tuple[JointState, ...]) -> None:
-        """Log servos that lost torque without a command since the previous reading."""
-        pairs = zip(before, self.snapshot.states, strict=True)
-        lost = [now for then, now in pairs if then.torque and not now.torque]
-        for names, alarms in describe_alarms(lost):
-            self.log_message(f"Torque switched off by an alarm: {names}: {alarms}.")
-        unexplained = [state.name for state in lost if not state.alarms]
-        if unexplained:
-            self.log_message(_TORQUE_LOST_TEXT.format(", ".join(unexplained)))
-
-    def _restart(self) -> None:
-        """Continue after a stop; a lost port is opened again.
-
-        Raises:
-            IkservoError: The port is still lost.
-        """
-        self._acknowledged, self._stop_reason = False, None
-        if self._lost:
-            self.arm.close("hold")
-            self._reopen_arm()
-        self.arm.acknowledge()
-        self.snapshot = replace(self.snapshot, stop_notice=None)
 
     def _take_stop(self, reason: StopReason) -> None:
         """End all activity at a stop; latch the stop unless the page has stopped a limp arm.
@@ -408,16 +402,6 @@ class ArmThread:
         ended = self.command.session_id
         self.snapshot = replace(self.snapshot, reference=None, ended_session=ended)
         self.log_message(text, "")
-
-    def _notice_of_error(self, error: IkservoError) -> StopNotice:
-        if self._lost and isinstance(error, PortError):
-            return StopNotice(error.message, _REOPEN_TEXT)
-        message = error.message
-        if self.arm.context.servos.overheated:  # the guard has lowered the arm, or tried to
-            with contextlib.suppress(IkservoError):
-                self.snapshot = self._update_positions()
-            message = describe_stop(message, self.snapshot.states)
-        return StopNotice(message, in_page(error.command_hint))
 
     def _end_session(self, stop_notice: StopNotice) -> None:
         """End the session: the stop must be acknowledged and Live switched on again."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 
 import numpy as np
 
@@ -47,27 +47,6 @@ class FollowLeader:
         Raises:
             IkservoError: The arm was stopped, or the leader failed.
         """
-
-        def note_refusal(error: RefusedError, _kept: Vector) -> None:
-            self.refusal = error.message
-            observer.log_message(error.message)
-
-        on_progress = self._progress_recorder(arm, observer)
-        result = follow_targets(arm, self._positions(), self._speed, on_progress, note_refusal)
-        if not self._finished.is_set():
-            raise StoppedError(
-                f"{self.feed.name} does not lead: {result.ended}.",
-                "Check both arms, then acknowledge.",
-            )
-
-    def _positions(self) -> Iterator[dict[str, float] | None]:
-        """Yield the leader's joints, once per control cycle."""
-        while not self._finished.is_set():
-            yield self.feed.positions()
-
-    def _progress_recorder(
-        self, arm: Arm, observer: JobObserver
-    ) -> Callable[[MotionProgress], None]:
         names = self.feed.joint_names
         columns = [arm.joint_index.column(name) for name in names]
 
@@ -79,4 +58,18 @@ class FollowLeader:
                 followed = (progress.setpoints_rad[columns], progress.joints_rad[columns])
                 self.lag.record(newest[0], led, self.feed.clock.now_s(), *followed)
 
-        return record
+        def note_refusal(error: RefusedError, _kept: Vector) -> None:
+            self.refusal = error.message
+            observer.log_message(error.message)
+
+        result = follow_targets(arm, self._positions(), self._speed, record, note_refusal)
+        if not self._finished.is_set():
+            raise StoppedError(
+                f"{self.feed.name} does not lead: {result.ended}.",
+                "Check both arms, then acknowledge.",
+            )
+
+    def _positions(self) -> Iterator[dict[str, float] | None]:
+        """Yield the leader's joints, once per control cycle."""
+        while not self._finished.is_set():
+            yield self.feed.positions()

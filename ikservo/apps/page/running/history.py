@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Generator, Sequence
 from dataclasses import dataclass
-from itertools import chain
 
 import numpy as np
 from numpy.typing import NDArray
@@ -102,7 +101,13 @@ class History:
         self._values = np.full(
             (capacity, len(_STORED) * len(joints) + len(_OF_LINE)), math.nan, dtype=np.float32
         )
-        self.channels = tuple(_channels(joints, prismatic))
+        of_joints = (
+            Channel(quantity, _UNITS.get(quantity, "mm" if is_m else "°"), joint)
+            for quantity in QUANTITIES[: -len(_OF_LINE)]
+            for joint, is_m in zip(joints, prismatic, strict=True)
+        )
+        of_line = (Channel(quantity, _UNITS[quantity]) for quantity in _OF_LINE)
+        self.channels = (*of_joints, *of_line)
         self.last_stop: HistorySlice | None = None
 
     @property
@@ -155,29 +160,16 @@ class History:
         order = np.arange(max(0, count - capacity + 1), count)
         times = self._times[order % capacity]
         first = int(np.searchsorted(times, start_s, side="right"))
-        values = self._values[order[first:] % capacity]
-        overwritten = max(0, self._count - capacity + 1 - int(order[first])) if len(values) else 0
-        return HistorySlice(
-            self.channels, times[first:][overwritten:], self._with_error(values[overwritten:])
-        )
-
-    def _with_error(self, stored: Table) -> Table:
-        """Return samples with the column ``error`` after goal and position."""
-        count = len(self._scale)
-        goal, position = stored[:, :count], stored[:, count : 2 * count]
-        return np.hstack((goal, position, goal - position, stored[:, 2 * count :]))
+        stored = self._values[order[first:] % capacity]
+        overwritten = max(0, self._count - capacity + 1 - int(order[first])) if len(stored) else 0
+        stored, n = stored[overwritten:], len(self._scale)
+        goal, position = stored[:, :n], stored[:, n : 2 * n]
+        values = np.hstack((goal, position, goal - position, stored[:, 2 * n :]))
+        return HistorySlice(self.channels, times[first:][overwritten:], values)
 
 
 def _or_nan(value: float | None) -> float:
     return math.nan if value is None else value
-
-
-def _channels(joints: Sequence[str], prismatic: Sequence[bool]) -> Generator[Channel]:
-    for quantity in QUANTITIES[: -len(_OF_LINE)]:
-        for joint, is_m in zip(joints, prismatic, strict=True):
-            yield Channel(quantity, _UNITS.get(quantity, "mm" if is_m else "°"), joint)
-    for quantity in _OF_LINE:
-        yield Channel(quantity, _UNITS[quantity])
 
 
 _CSV_UNITS = {"°": "deg", "mm": "mm", "%": "percent", "A": "a", "°C": "c", "V": "v", "ms": "ms"}
@@ -188,18 +180,17 @@ def csv_lines(recording: HistorySlice) -> Generator[str]:
 
     The first line has the names with their units; a value that was not measured is empty.
     """
-    yield ",".join(chain(["time_s"], map(_csv_name, recording.channels))) + "\r\n"
+    names = ["time_s"]
+    for channel in recording.channels:
+        parts = (channel.joint, channel.quantity, _CSV_UNITS.get(channel.unit, ""))
+        names.append("_".join(part for part in parts if part))
+    yield ",".join(names) + "\r\n"
     for start in range(0, len(recording.times_s), _CSV_ROWS):
         rows = slice(start, start + _CSV_ROWS)
-        pairs = zip(recording.times_s[rows].tolist(), recording.values[rows].tolist(), strict=True)
-        yield "".join(_csv_line(time_s, values) for time_s, values in pairs)
-
-
-def _csv_name(channel: Channel) -> str:
-    unit = _CSV_UNITS.get(channel.unit, "")
-    return "_".join(part for part in (channel.joint, channel.quantity, unit) if part)
-
-
-def _csv_line(time_s: float, values: list[float]) -> str:
-    cells = ["" if math.isnan(value) else f"{value:.6g}" for value in values]
-    return ",".join((f"{time_s:.3f}", *cells)) + "\r\n"
+        lines: list[str] = []
+        for time_s, values in zip(
+            recording.times_s[rows].tolist(), recording.values[rows].tolist(), strict=True
+        ):
+            cells = ["" if math.isnan(value) else f"{value:.6g}" for value in values]
+            lines.append(",".join((f"{time_s:.3f}", *cells)) + "\r\n")
+        yield "".join(lines)

@@ -42,12 +42,11 @@ class LimpPicture:
             pairs = zip(names, self._start.tolist(), strict=True)
             return np.array([known.get(name, start) for name, start in pairs])
         self._first = self._first or request.ticks
-        return np.array([self._moved(i, request.ticks) for i in range(len(self._maps))])
-
-    def _moved(self, column: int, ticks: Mapping[int, int]) -> float:
-        joint_map, start = self._maps[column], float(self._start[column])
-        turned = ticks[joint_map.servo_id] - self._first[joint_map.servo_id]
-        return joint_map.position(joint_map.exact_tick(start) + turned)
+        positions: list[float] = []
+        for joint_map, start in zip(self._maps, self._start.tolist(), strict=True):
+            turned = request.ticks[joint_map.servo_id] - self._first[joint_map.servo_id]
+            positions.append(joint_map.position(joint_map.exact_tick(start) + turned))
+        return np.array(positions)
 
 
 def show_calibration(scene: SceneState, view: CalibrationView, model: Model) -> SceneState:

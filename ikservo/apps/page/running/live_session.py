@@ -54,20 +54,13 @@ class LiveSession:
         if self._start is None:
             self._start = cycle.reference.copy()
         self.silent = self._lease.is_silent
-        if (
-            self.silent
-            or self.is_over
-            or command.speed != self.speed
-            or self._is_goal_withdrawn(command)
-        ):
+        if self.silent or self.is_over or command.speed != self.speed:
             return None
+        self._had_goal = self._had_goal or command.goal is not None
+        if self._had_goal and command.goal is None:
+            return None  # the goal was withdrawn: the arm brakes and holds
         self._last_goal = self._start if command.goal is None else command.goal
         return self._last_goal
-
-    def _is_goal_withdrawn(self, command: ArmCommand) -> bool:
-        """Check whether the goal was withdrawn; the arm then brakes and holds."""
-        self._had_goal = self._had_goal or command.goal is not None
-        return self._had_goal and command.goal is None
 
     @property
     def is_over(self) -> bool:

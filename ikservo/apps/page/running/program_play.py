@@ -110,16 +110,13 @@ class ProgramPlay:
             observer.on_idle()
             problems = {self._first: error.message}
         if problems:
-            self._refuse(problems, observer)
+            for index, reason in problems.items():
+                observer.log_message(f"Step {index + 1} of the program is impossible: {reason}")
+            by_number = {self._numbers[index]: reason for index, reason in problems.items()}
+            self.state = PlayState("bad", next(iter(by_number)), problems=by_number)
             return False
         self._note_step(self._first, "ok")
         return True
-
-    def _refuse(self, problems: Mapping[int, str], observer: JobObserver) -> None:
-        for index, reason in problems.items():
-            observer.log_message(f"Step {index + 1} of the program is impossible: {reason}")
-        by_number = {self._numbers[index]: reason for index, reason in problems.items()}
-        self.state = PlayState("bad", next(iter(by_number)), problems=by_number)
 
     def _play(self, run: ProgramRun, observer: JobObserver) -> None:
         count = len(self._numbers)

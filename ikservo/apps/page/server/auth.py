@@ -13,7 +13,7 @@ import secrets
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import TYPE_CHECKING, Any, TypeGuard, cast
+from typing import TYPE_CHECKING, Any, cast
 
 from uvicorn.protocols.http.h11_impl import H11Protocol
 
@@ -94,7 +94,15 @@ def is_allowed_origin(
         secure: Whether the connection is TLS.
     """
     unique = _single_headers(headers)
-    if unique is None or unique.get("host", "").lower() not in _own_hosts(*local, secure=secure):
+    if unique is None:
+        return False
+    address, port = local
+    ip = ipaddress.ip_address(address.partition("%")[0])
+    names = _LOOPBACK_HOSTS if ip.is_loopback else (f"[{ip}]" if ip.version == 6 else str(ip),)
+    hosts = [f"{name}:{port}" for name in names]
+    if port == (443 if secure else 80):  # browsers omit the default port
+        hosts += names
+    if unique.get("host", "").lower() not in hosts:
         return False
     origin = unique.get("origin")
     if origin is None:
@@ -117,16 +125,6 @@ def _single_headers(headers: Iterable[tuple[bytes, bytes]]) -> Mapping[str, str]
                 return None
             unique[key] = value.decode("latin-1")
     return unique
-
-
-def _own_hosts(address: str, port: int, *, secure: bool) -> frozenset[str]:
-    """Return the Host values that a browser may send for an own address."""
-    ip = ipaddress.ip_address(address.partition("%")[0])
-    hosts = _LOOPBACK_HOSTS if ip.is_loopback else (f"[{ip}]" if ip.version == 6 else str(ip),)
-    default_port = (
-        hosts if port == (443 if secure else 80) else ()
-    )  # browsers omit the default port
-    return frozenset((*(f"{name}:{port}" for name in hosts), *default_port))
 
 
 _POLICY = (
@@ -161,9 +159,12 @@ class OriginCheckMiddleware:
         secure = scope["scheme"] in ("https", "wss")
         local = tuple(scope["server"])
         if not is_allowed_origin(headers, local, upgrade=upgrade, secure=secure):
-            await (
-                send({"type": "websocket.close"}) if upgrade else _send_forbidden(send)
-            )  # reject both with 403
+            if upgrade:  # the server answers this with 403, too
+                await send({"type": "websocket.close"})
+                return
+            sent = [(b"content-type", b"text/plain"), *_SECURITY_HEADERS]
+            await send({"type": "http.response.start", "status": 403, "headers": sent})
+            await send({"type": "http.response.body", "body": _FORBIDDEN_TEXT})
             return
 
         async def send_strictly(message: Message) -> None:
@@ -172,12 +173,6 @@ class OriginCheckMiddleware:
             await send(message)
 
         await self._app(scope, receive, send_strictly)
-
-
-async def _send_forbidden(send: Send) -> None:
-    headers = [(b"content-type", b"text/plain"), *_SECURITY_HEADERS]
-    await send({"type": "http.response.start", "status": 403, "headers": headers})
-    await send({"type": "http.response.body", "body": _FORBIDDEN_TEXT})
 
 
 MAX_PENDING_CONNECTIONS = 24
@@ -205,7 +200,11 @@ class ConnectionLimiter(H11Protocol):
         """Register a connection; drop the oldest if there are too many."""
         super().connection_made(transport)
         self._idle_timer = self.loop.call_later(REQUEST_TIMEOUT_S, self._drop_idle_connection)
-        waiting = [other for other in self.connections if _is_pending(other)]
+        waiting = [
+            other
+            for other in self.connections
+            if isinstance(other, ConnectionLimiter) and not other.transport.is_closing()
+        ]
         if len(waiting) > MAX_PENDING_CONNECTIONS:
             min(waiting, key=_connected_since_s).transport.abort()
 
@@ -219,10 +218,6 @@ class ConnectionLimiter(H11Protocol):
         # Despite the type hints, the cycle is None before the first request.
         if self in self.connections and not self.cycle:
             self.transport.abort()
-
-
-def _is_pending(connection: object) -> TypeGuard[ConnectionLimiter]:
-    return isinstance(connection, ConnectionLimiter) and not connection.transport.is_closing()
 
 
 def _connected_since_s(connection: ConnectionLimiter) -> float:

@@ -75,7 +75,10 @@ def _make_pem(address: str) -> str:
     """Make a new private key (P-256) and its certificate (RFC 5280)."""
     key = ec.generate_private_key(ec.SECP256R1())
     name = x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, "ikservo view")])
-    now = datetime.now(UTC)
+    now, host = datetime.now(UTC), socket.gethostname()
+    ips = dict.fromkeys((address.partition("%")[0], "127.0.0.1", "::1"))
+    names: list[x509.GeneralName] = [x509.IPAddress(ipaddress.ip_address(ip)) for ip in ips]
+    names += [x509.DNSName(each) for each in (host, "localhost") if each.isascii()]
     certificate = (
         x509.CertificateBuilder()
         .subject_name(name)
@@ -84,7 +87,7 @@ def _make_pem(address: str) -> str:
         .serial_number(x509.random_serial_number())
         .not_valid_before(now - timedelta(days=1))  # clocks of other machines may be slow
         .not_valid_after(now + timedelta(days=_VALID_DAYS))
-        .add_extension(x509.SubjectAlternativeName(_names(address)), critical=False)
+        .add_extension(x509.SubjectAlternativeName(names), critical=False)
         .add_extension(x509.BasicConstraints(ca=False, path_length=None), critical=True)
         .sign(key, hashes.SHA256())
     )
@@ -94,15 +97,6 @@ def _make_pem(address: str) -> str:
         serialization.NoEncryption(),
     )
     return (private + certificate.public_bytes(serialization.Encoding.PEM)).decode("ascii")
-
-
-def _names(address: str) -> list[x509.GeneralName]:
-    ips = dict.fromkeys((address.partition("%")[0], "127.0.0.1", "::1"))
-    names: list[x509.GeneralName] = [x509.IPAddress(ipaddress.ip_address(ip)) for ip in ips]
-    host = socket.gethostname()
-    if host.isascii():
-        names.append(x509.DNSName(host))
-    return [*names, x509.DNSName("localhost")]
 
 
 def _checked_fingerprint(path: Path) -> str:
@@ -116,20 +110,17 @@ def _checked_fingerprint(path: Path) -> str:
             raise CertificateError(path, "others can read its key")
         certificate = x509.load_pem_x509_certificate(path.read_bytes())
         ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER).load_cert_chain(path)  # checks the key, too
-    except (OSError, ValueError) as error:
-        if isinstance(error, IkservoError):
-            raise
-        raise CertificateError(path, _why(error)) from error
+    except IkservoError:
+        raise
+    except ssl.SSLError as error:
+        why = "it holds no private key that fits the certificate"
+        raise CertificateError(path, why) from error
+    except OSError as error:
+        raise CertificateError(path, error.strerror or "it cannot be read") from error
+    except ValueError as error:
+        raise CertificateError(path, "it holds no certificate") from error
     if certificate.not_valid_after_utc < datetime.now(UTC):
         raise CertificateError(
             path, f"it has expired on {certificate.not_valid_after_utc:%Y-%m-%d}"
         )
     return certificate.fingerprint(hashes.SHA256()).hex(":").upper()
-
-
-def _why(error: Exception) -> str:
-    if isinstance(error, ssl.SSLError):
-        return "it holds no private key that fits the certificate"
-    if isinstance(error, OSError):
-        return error.strerror or "it cannot be read"
-    return "it holds no certificate"

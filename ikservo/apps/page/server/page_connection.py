@@ -100,11 +100,21 @@ class MessageFilter(Generic[_MessageT]):
             if self._bad > _MAX_BAD_MESSAGES:
                 raise RateLimitError("Too many invalid messages.") from error
             raise
-        if (
-            not _is_always_accepted(message)
-            and self._age_s(message.seen, now_s) > MAX_MESSAGE_AGE_S
-        ):
-            raise _stale_error(message)
+        # Holding is never too late; a page sends its viewport once, often during the slow first
+        # second of its layout.
+        is_always_accepted = isinstance(message, Stop | SetViewport) or (
+            isinstance(message, Heartbeat) and not message.visible
+        )
+        age_s = now_s - self._sent.get(message.seen + 1, now_s)  # since the scene after the drawn
+        if age_s > MAX_MESSAGE_AGE_S and not is_always_accepted:
+            is_movement = isinstance(message, Pointer | DragTool) and message.phase != "down"
+            if is_movement or isinstance(message, _STREAMED):
+                raise StaleMessageError("The message is too old to act on.", "Nothing has changed.")
+            raise StalePressError(
+                f"The picture on this page was more than {MAX_MESSAGE_AGE_S:.0f} s old: "
+                "nothing was done.",
+                "Do it again. If it persists, close other programs, and switch 3D off if it is on.",
+            )
         return message
 
     def _check_sequence(self, message: PageMessage) -> None:
@@ -115,32 +125,6 @@ class MessageFilter(Generic[_MessageT]):
         if message.seen < self.seen or message.seen not in self._sent:
             raise BadMessageError(f"Scene {message.seen} was never sent or is too old.")
         self._last_seq, self.seen = message.seq, message.seen
-
-    def _age_s(self, scene: int, now_s: float) -> float:
-        """Compute the time since the scene after the drawn one was sent."""
-        return now_s - self._sent.get(scene + 1, now_s)
-
-
-def _stale_error(message: PageMessage) -> StaleMessageError:
-    """Return the error for a message that is too old; streamed messages are not reported."""
-    is_movement = isinstance(message, Pointer | DragTool) and message.phase != "down"
-    if is_movement or isinstance(message, _STREAMED):
-        return StaleMessageError("The message is too old to act on.", "Nothing has changed.")
-    return StalePressError(
-        f"The picture on this page was more than {MAX_MESSAGE_AGE_S:.0f} s old: nothing was done.",
-        "Do it again. If it persists, close other programs, and switch 3D off if it is on.",
-    )
-
-
-def _is_always_accepted(message: PageMessage) -> bool:
-    """Check whether a message does not move the arm, or only makes it hold.
-
-    A page sends its viewport once, often during the slow first second of its layout.
-    """
-    only_holds = isinstance(message, Stop) or (
-        isinstance(message, Heartbeat) and not message.visible
-    )
-    return only_holds or isinstance(message, SetViewport)
 
 
 @dataclass(slots=True)

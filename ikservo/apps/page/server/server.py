@@ -227,21 +227,16 @@ class _WebSocketHandler(Generic[_MessageT]):
             await socket.close(_NONE_OPEN, "No such arm is open.")
             return
         try:
-            await self._accept_client(socket, permission, backend)
+            self._client_counts[permission] += 1
+            client_id = backend.connect(permission)
+            try:
+                messages = MessageFilter(self._clock.now_s(), self._channel.read)
+                await self._run_session(_ClientState(socket, client_id, backend, messages))
+            finally:
+                backend.disconnect(client_id)
+                self._client_counts[permission] -= 1
         except SessionEndedError as error:
             await socket.close(_CLOSED, error.message)
-
-    async def _accept_client(
-        self, socket: WebSocket, permission: Permission, backend: SessionBackend[_MessageT]
-    ) -> None:
-        self._client_counts[permission] += 1
-        client_id = backend.connect(permission)
-        try:
-            messages = MessageFilter(self._clock.now_s(), self._channel.read)
-            await self._run_session(_ClientState(socket, client_id, backend, messages))
-        finally:
-            backend.disconnect(client_id)
-            self._client_counts[permission] -= 1
 
     async def _run_session(self, state: _ClientState[_MessageT]) -> None:
         writing = asyncio.create_task(self._write_frames(state))
@@ -281,7 +276,11 @@ class _WebSocketHandler(Generic[_MessageT]):
                 state.ready.set()
 
     async def _write_frames(self, state: _ClientState[_MessageT]) -> None:
-        """Send new frames whenever a scene was drawn, one per refresh of the screen."""
+        """Send new frames whenever a scene was drawn, one per refresh of the screen.
+
+        Only the changed fields of scenes and status are sent; the page keeps the others. Scenes are
+        numbered, so that the age of replies is known.
+        """
         loop = asyncio.get_running_loop()
         while True:
             due_s = loop.time() + _MIN_FRAME_PERIOD_S
@@ -290,24 +289,17 @@ class _WebSocketHandler(Generic[_MessageT]):
             if state.filter.frames_in_flight < _MAX_FRAMES_AHEAD:
                 frames += state.backend.frames(state.client_id)
             for frame in frames:
+                kind = frame["kind"]
+                sent = state.changed_fields(frame) if kind in _KEPT_BY_PAGE else frame
+                if kind == "scene":
+                    sent = {**sent, "seq": state.filter.record_sent(self._clock.now_s())}
                 async with asyncio.timeout(_SLOW_CLIENT_S):  # unlike wait_for it makes no task
-                    await state.socket.send_text(self._number_frame(state, frame))
+                    await state.socket.send_text(to_json(sent).decode())
             with contextlib.suppress(TimeoutError):
                 async with asyncio.timeout(_SEND_TIMEOUT_S):
                     await state.ready.wait()
             await asyncio.sleep(due_s - loop.time())
             state.ready.clear()
-
-    def _number_frame(self, state: _ClientState[_MessageT], frame: Frame) -> str:
-        """Serialize a frame; scenes are numbered, so that the age of replies is known.
-
-        Only the changed fields of scenes and status are sent; the page keeps the others.
-        """
-        if frame["kind"] in _KEPT_BY_PAGE:
-            frame = state.changed_fields(frame)
-        if frame["kind"] == "scene":
-            frame = {**frame, "seq": state.filter.record_sent(self._clock.now_s())}
-        return to_json(frame).decode()
 
 
 @dataclass(slots=True)
@@ -384,23 +376,18 @@ def _listening_socket(host: str, ports: Sequence[int]) -> socket.socket:
             found.listen()  # clients that come early wait until the server runs
         except (OSError, OverflowError) as error:
             found.close()
-            is_in_use = getattr(error, "errno", None) == errno.EADDRINUSE
-            if not is_in_use or port == ports[-1]:
-                raise _cannot_serve(host, port, error) from error
+            why, code = getattr(error, "strerror", None) or error, getattr(error, "errno", None)
+            if code == errno.EADDRINUSE and port != ports[-1]:
+                continue
+            raise PortError(
+                f"The page cannot be served at {host}, port {port}: {why}.",
+                "Give an address of this machine with --listen; `ip address` shows them."
+                if code == errno.EADDRNOTAVAIL
+                else "Choose another port with --http-port, or 0 for any free port.",
+            ) from error
         else:
             return found
     raise ValueError("no port was given")
-
-
-def _cannot_serve(host: str, port: int, error: OSError | OverflowError) -> PortError:
-    why, code = getattr(error, "strerror", None) or error, getattr(error, "errno", None)
-    foreign = code == errno.EADDRNOTAVAIL
-    return PortError(
-        f"The page cannot be served at {host}, port {port}: {why}.",
-        "Give an address of this machine with --listen; `ip address` shows them."
-        if foreign
-        else "Choose another port with --http-port, or 0 for any free port.",
-    )
 
 
 def serve(app: Starlette, address: BoundAddress) -> None:
