@@ -13,7 +13,7 @@ from ikservo.remedies import in_page, in_python
 SOURCES = Path(ikservo.__file__).parent
 # What only commands do, and what is said on a terminal or a page only.
 COMMANDS_ONLY = re.compile(
-    r"cli/|apps/(page|calibrating|importing|lab|workbench)/|calibration/|maintenance/|core\.py"
+    r"cli/|apps/(agent|page|calibrating|importing|lab|workbench)/|calibration/|maintenance/|core\.py"
     r"|planning/calibrated_arm|apps/teaching/(dataset|lerobot_|hand_guiding)|apps/\w+/__init__"
     r"|apps/remote/zenoh_session|apps/cameras/(calibrate_|camera_by|camera_cal|camera_check|tip_)"
     r"|apps/cameras/picture_folder|apps/\w+/\w+_command"

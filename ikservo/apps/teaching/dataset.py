@@ -19,7 +19,6 @@ from ikservo.apps.teaching.recording import RecordingWriter
 from ikservo.calibration.calibration_file import read_calibration
 from ikservo.calibration.lerobot import find_lerobot, read_lerobot
 from ikservo.calibration.paths import calibrations_of
-from ikservo.calibration.records import Calibration
 from ikservo.cli.terminal import print_json, print_lines
 from ikservo.errors import CalibrationError, FileFormatError, InputError
 from ikservo.files.writing import FileWriteError, make_folder
@@ -83,7 +82,13 @@ def import_dataset(model: Model, folder: Path, options: DatasetOptions, *, json:
         if isinstance(error, FileWriteError):
             raise FileWriteError(error.path, error.why, kept="No episode was written") from error
         raise
-    _print_episodes(paths, dataset, json=json)
+    if json:
+        print_json("import-dataset", robot_type=dataset.robot_type, fps=dataset.fps,
+                   recordings=[str(path) for path in paths])  # fmt: skip
+        return
+    for path, episode in zip(paths, dataset.episodes, strict=True):
+        span_s = float(np.ptp(episode.times_s))
+        print_lines([f"{path}  {len(episode.times_s)} samples, {span_s:.1f} s"])
 
 
 def export_dataset(
@@ -105,8 +110,15 @@ def export_dataset(
 def _positions(values: Matrix, dataset: Dataset, model: Model, options: DatasetOptions) -> Matrix:
     if options.calibration:
         joints = read_lerobot(find_lerobot(options.calibration))
+        found = calibrations_of(model.name)
+        if not found:
+            raise CalibrationError(
+                f"{model.name} is not calibrated, so its zeros are not known.",
+                "Calibrate it, or take LeRobot's ranges: ikservo import lerobot ID",
+            )
+        newest = max((read_calibration(path) for path in found), key=lambda own: own.written)
         return positions_of_lerobot(
-            values, dataset.joints, joints, _own_calibration(model), model, percent=options.percent
+            values, dataset.joints, joints, newest, model, percent=options.percent
         )
     if dataset.robot_type not in _OWN_TYPES:
         raise CalibrationError(
@@ -119,23 +131,3 @@ def _positions(values: Matrix, dataset: Dataset, model: Model, options: DatasetO
         found = f"has the joints {', '.join(dataset.joints)}"
         raise FileFormatError(dataset.folder, "", found, f"{model.name}: {', '.join(own.names)}")
     return own.rows_to_positions(values[:, [dataset.joints.index(name) for name in own.names]])
-
-
-def _own_calibration(model: Model) -> Calibration:
-    found = calibrations_of(model.name)
-    if not found:
-        raise CalibrationError(
-            f"{model.name} is not calibrated, so its zeros are not known.",
-            "Calibrate it, or take LeRobot's ranges: ikservo import lerobot ID",
-        )
-    return max((read_calibration(path) for path in found), key=lambda own: own.written)
-
-
-def _print_episodes(paths: Sequence[Path], dataset: Dataset, *, json: bool) -> None:
-    spans_s = [float(np.ptp(episode.times_s)) for episode in dataset.episodes]
-    if json:
-        print_json("import-dataset", robot_type=dataset.robot_type, fps=dataset.fps,
-                   recordings=[str(path) for path in paths])  # fmt: skip
-        return
-    rows = zip(paths, dataset.episodes, spans_s, strict=True)
-    print_lines([f"{path}  {len(e.times_s)} samples, {span_s:.1f} s" for path, e, span_s in rows])

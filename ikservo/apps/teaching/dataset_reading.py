@@ -63,7 +63,7 @@ class Dataset:
 
 
 def require_pyarrow() -> None:
-    """Raise if pyarrow is not installed.
+    """Check that pyarrow is installed.
 
     Raises:
         IkservoError: The package is not installed.
@@ -135,7 +135,11 @@ def _value_names(path: Path, info: Mapping[str, object], column: str) -> list[st
 
 
 def _read_episodes(folder: Path, column: str, columns: list[int], width: int) -> Iterator[Episode]:
-    numbers, times_s, values = _read_frames(folder, column, width)
+    paths = sorted((folder / "data").glob("*/*.parquet"))
+    if not paths:
+        raise FileFormatError(folder / "data", "", "has no episodes", "chunk-000/file-000.parquet")
+    parts = [_read_file(path, column, width) for path in paths]
+    numbers, times_s, values = (np.concatenate(each) for each in zip(*parts, strict=True))
     for number in np.unique(numbers).tolist():
         rows = np.flatnonzero(numbers == number)
         rows = rows[np.argsort(times_s[rows], kind="stable")]
@@ -150,17 +154,8 @@ def _read_episodes(folder: Path, column: str, columns: list[int], width: int) ->
         yield episode
 
 
-def _read_frames(folder: Path, column: str, width: int) -> tuple[Vector, Vector, Matrix]:
-    """Read the episode's number (k,), the time (k,) and the values (k, width) of all frames."""
-    paths = sorted((folder / "data").glob("*/*.parquet"))
-    if not paths:
-        raise FileFormatError(folder / "data", "", "has no episodes", "chunk-000/file-000.parquet")
-    parts = [_read_file(path, column, width) for path in paths]
-    numbers, times_s, values = zip(*parts, strict=True)
-    return np.concatenate(numbers), np.concatenate(times_s), np.concatenate(values)
-
-
 def _read_file(path: Path, column: str, width: int) -> tuple[Vector, Vector, Matrix]:
+    """Read the episode's number (k,), the time (k,) and the values (k, width) of a file."""
     import pyarrow as pa  # noqa: PLC0415  # from the extra `dataset`
 
     pq: Any = importlib.import_module("pyarrow.parquet")  # its type hints are incomplete
@@ -185,7 +180,7 @@ def _read_file(path: Path, column: str, width: int) -> tuple[Vector, Vector, Mat
 
 
 def _check_size(path: Path, file: Any, names: Sequence[str], width: int) -> None:  # noqa: ANN401  # no types
-    """Refuse too many frames or values before reading any; a few bytes can expand to many."""
+    """Refuse too many frames or values before reading any, because a few bytes can become many."""
     metadata = file.metadata
     rows, values, size = metadata.num_rows, 0, 0
     for group in range(metadata.num_row_groups):

@@ -42,12 +42,12 @@ def write_dataset(
         folder: The folder of the data set; it must be new or empty.
         model: The arm of all recordings.
         recordings: The recordings, at least one.
-        fps: Frames per second; None: as in the first recording.
+        fps: Frames per second; None: the rate of the first recording.
         task: The task of the episodes, in a sentence.
 
     Raises:
         InputError: pyarrow is not installed, or the folder is not empty.
-        FileFormatError: A recording is of another arm.
+        FileFormatError: A recording was made with another arm.
         FileWriteError: A file cannot be written; no files are kept.
     """
     require_pyarrow()
@@ -59,24 +59,19 @@ def write_dataset(
     values = JointValues(model)
     episodes: list[Frames] = []
     for recording in recordings:
-        joints = _sample(recording, model, values, fps)
+        if (recording.header.arm, recording.header.joints) != (model.name, values.names):
+            found = f"has arm {recording.header.arm}, joints {', '.join(recording.header.joints)}"
+            raise FileFormatError("The recording", "", found, f"arm {model.name}")
+        begin_s, end_s = recording.times_s[[0, -1]]
+        times_s = begin_s + np.arange(1 + int((end_s - begin_s) * fps + 1e-6)) / fps
+        columns: list[Vector] = [
+            np.interp(times_s, recording.times_s, column) for column in recording.joints.T
+        ]
+        joints = values.rows_from_positions(np.stack(columns, axis=1))
         first = sum(len(each["index"]) for each in episodes)
         episodes.append(_frames(joints, len(episodes), first, fps))
     write_all_atomic(_files(folder, list(values.features), episodes, fps, task))
     return sum(len(each["index"]) for each in episodes)
-
-
-def _sample(recording: Recording, model: Model, values: JointValues, fps: int) -> Matrix:
-    """Sample the values (k, n) of a recording at the times of frames."""
-    if (recording.header.arm, recording.header.joints) != (model.name, values.names):
-        found = f"has arm {recording.header.arm}, joints {', '.join(recording.header.joints)}"
-        raise FileFormatError("The recording", "", found, f"arm {model.name}")
-    begin_s, end_s = recording.times_s[[0, -1]]
-    times_s = begin_s + np.arange(1 + int((end_s - begin_s) * fps + 1e-6)) / fps
-    columns: list[Vector] = [
-        np.interp(times_s, recording.times_s, column) for column in recording.joints.T
-    ]
-    return values.rows_from_positions(np.stack(columns, axis=1))
 
 
 def _frames(joints: Matrix, number: int, first: int, fps: int) -> Frames:

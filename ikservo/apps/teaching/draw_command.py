@@ -20,7 +20,7 @@ from ikservo.cli.quantities import parse_angle_rad, parse_length_m, parse_point_
 from ikservo.cli.session import open_from_options
 from ikservo.cli.terminal import print_status
 from ikservo.errors import BadValueError, format_point
-from ikservo.files.drawing import Drawing, read_drawing
+from ikservo.files.drawing import read_drawing
 from ikservo.planning.motions import Draw
 
 File = Annotated[
@@ -96,7 +96,12 @@ def command(
 
     ikservo draw path.csv --unit mm --origin 0.2,0,0.1 --tool-speed 30 --dry-run
     """
-    drawing = _read(file, unit, scale, width)
+    if scale is not None and width is not None:
+        raise BadValueError("The size of the drawing", "given twice", "either --scale or --width")
+    drawing = read_drawing(file, unit)
+    if width is not None:
+        drawing = drawing.with_width(width)
+    drawing = drawing.scaled(1.0 if scale is None else scale).simplified()
     orientation = tool.orientation()
     origin_m = None if origin is None else parse_point_m(origin)
     with open_from_options(connection, options, path.scene) as machine:
@@ -105,27 +110,13 @@ def command(
         motion = Draw(placed.strokes_m, lift_m=lift, tool_speed_m_s=tool_speed,
                       speed=speed, stance=orientation, within=path.within())  # fmt: skip
         plan = machine.plan(motion)
-        _announce_drawing(placed, origin_m)
+        along_x, along_y = (1000.0 * side_m for side_m in placed.size_m)
+        count = len(placed.strokes_m)
+        print_status(
+            f"{count} stroke{'s' if count > 1 else ''}, {along_x:.0f} mm along x and "
+            f"{along_y:.0f} mm along y, origin at {format_point(origin_m)}."
+        )
+        for what in placed.ignored:
+            print_status(f"Not drawn: {what}.")
         report = make_tip_motion(machine, plan, options)
     print_move_report(report, json=options.json)
-
-
-def _read(file: Path, unit: str | None, scale: float | None, width: float | None) -> Drawing:
-    """Read a drawing from a file and scale it."""
-    if scale is not None and width is not None:
-        raise BadValueError("The size of the drawing", "given twice", "either --scale or --width")
-    drawing = read_drawing(file, unit)
-    if width is not None:
-        drawing = drawing.with_width(width)
-    return drawing.scaled(1.0 if scale is None else scale).simplified()
-
-
-def _announce_drawing(drawing: Drawing, origin_m: tuple[float, ...]) -> None:
-    along_x, along_y = (1000.0 * side_m for side_m in drawing.size_m)
-    count = len(drawing.strokes_m)
-    print_status(
-        f"{count} stroke{'s' if count > 1 else ''}, {along_x:.0f} mm along x and {along_y:.0f} mm "
-        f"along y, origin at {format_point(origin_m)}."
-    )
-    for what in drawing.ignored:
-        print_status(f"Not drawn: {what}.")

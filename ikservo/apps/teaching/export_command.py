@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
 
@@ -69,7 +68,10 @@ def command(
     ikservo export dataset one.jsonl two.jsonl --arm so101 --to my_set --task "wave"
     """
     if kind == "csv":
-        _write_output(_recording_csv(recordings or []), to)
+        if not recordings or len(recordings) != 1:
+            count = "Several recordings are" if recordings else "No recording"
+            raise InputError(f"{count} given.", "Name one: ikservo export csv wave.jsonl")
+        _write_output(read_recording(recordings[0]).to_csv(), to)
     elif kind == "dataset":
         export_dataset(model_from_option(connection.arm), recordings or [], to, fps, task)
     elif kind == "lerobot":
@@ -81,13 +83,6 @@ def command(
         _write_output(text, to)
     else:
         raise UnknownNameError("format", kind, FORMATS)
-
-
-def _recording_csv(recordings: Sequence[Path]) -> str:
-    if len(recordings) != 1:
-        count = "Several recordings are" if recordings else "No recording"
-        raise InputError(f"{count} given.", "Name one: ikservo export csv wave.jsonl")
-    return read_recording(recordings[0]).to_csv()
 
 
 def _write_output(text: str, to: Path | None) -> None:

@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from ikservo.arm import OpenArm, open_arm
+from ikservo.arm import open_arm
 from ikservo.cli.completion import complete_arms
 from ikservo.cli.direction_prompt import check_directions_once
 from ikservo.cli.option_groups import Without
@@ -70,7 +70,15 @@ def command(
         open_arm(model, leader_port, uncalibrated=options.uncalibrated) as leading,
         open_from_options(connection, options) as machine,
     ):
-        _print_start(leading, machine)
+        print_status(
+            f"{machine.model.title} on {format_port(machine.port_name)} follows "
+            f"{leading.model.title} on {format_port(leading.port_name)}; Ctrl-C stops."
+        )
+        if any(state.torque for state in leading.where().joints):
+            print_status(
+                "The leader's torque is on. Switch it off with: "
+                f"ikservo relax --arm {leading.model.name} --port {leading.port_name}"
+            )
         warn_uncompiled()
         confirm_motion(machine, yes=options.yes)
         check_directions_once(machine, options)
@@ -79,11 +87,3 @@ def command(
             leading, speed=speed, until=lambda: end_s is not None and machine.clock.now_s() >= end_s
         )
     print_fields("follow", report, _FIELDS, json=options.json, order=_LINES)
-
-
-def _print_start(leading: OpenArm, machine: OpenArm) -> None:
-    print_status(f"{machine.model.title} on {format_port(machine.port_name)} follows "
-         f"{leading.model.title} on {format_port(leading.port_name)}; Ctrl-C stops.")  # fmt: skip
-    if any(state.torque for state in leading.where().joints):
-        print_status("The leader's torque is on. Switch it off with: "
-             f"ikservo relax --arm {leading.model.name} --port {leading.port_name}")  # fmt: skip

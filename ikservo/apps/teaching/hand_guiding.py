@@ -2,8 +2,8 @@
 
 Each servo stays in position mode: a goal that leads its joint by the sag under gravity makes the
 servo hold with just the torque of gravity. Each joint has an anchor, which stays until the hand has
-moved the joint by a small angle from it, and then follows at that distance. So the torque is that
-of gravity plus at most the stiffness times that angle, and an arm that is left alone rests.
+moved the joint by a small angle from it, and then follows at that distance. The torque is therefore
+that of gravity plus at most the stiffness times that angle, and an arm that is left alone rests.
 
 Current or duty modes would need an EEPROM write on a Dynamixel, and the arm would fall if the
 program were killed. In position mode it holds.
@@ -72,23 +72,21 @@ class HandGuiding:
     def state(self, time_s: float) -> TrajectoryPoint:
         """Compute the next goals (n,), at rest."""
         now_s = self._context.now_s()
-        self._follow(self._context.servos.measured, min(now_s - self._last_s, _MAX_STEP_S))
+        measured = self._context.servos.measured
+        weight = np.full_like(measured, np.inf)
+        weight[list(self._feed_forward.columns)] = self._feed_forward.weight(measured)
+        tolerance = np.where(weight < _UNLOADED, self._unloaded_tolerance, self._tolerance)
+        # The anchors move towards joints that deviate by more than the tolerance.
+        target = np.clip(self._anchor, measured - tolerance, measured + tolerance)
+        step = self._speed * min(now_s - self._last_s, _MAX_STEP_S)
+        self._anchor = self._anchor + np.clip(target - self._anchor, -step, step)
         self._last_s = now_s
         left = max(1.0 - (now_s - self._begun_s) / _FADE_S, 0.0)
         goals = np.clip(self._anchor + self._lead() + left * self._excess, *self._context.limits())
         return TrajectoryPoint.at_rest(np.where(self._moved_by_hand, goals, self._goals))
 
-    def _follow(self, measured: Vector, elapsed_s: float) -> None:
-        """Move the anchors towards joints (n,) that deviate by more than the tolerance."""
-        weight = np.full_like(measured, np.inf)
-        weight[list(self._feed_forward.columns)] = self._feed_forward.weight(measured)
-        tolerance = np.where(weight < _UNLOADED, self._unloaded_tolerance, self._tolerance)
-        target = np.clip(self._anchor, measured - tolerance, measured + tolerance)
-        step = self._speed * elapsed_s
-        self._anchor = self._anchor + np.clip(target - self._anchor, -step, step)
-
     def _lead(self) -> Vector:
-        """Compute the leads (n,) of goals over anchors that make servos carry the links."""
+        """Compute how far (n,) goals must lead the anchors so that the servos carry the links."""
         at_rest = TrajectoryPoint.at_rest(self._anchor)
         return self._feed_forward.offsets(at_rest, np.zeros_like(self._anchor))
 

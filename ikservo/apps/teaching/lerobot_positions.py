@@ -1,4 +1,4 @@
-"""Conversion of LeRobot's joint values, whose zeros are the middles of its sweep, to positions."""
+"""Convert LeRobot's joint values, whose zeros are the middles of its sweep, to positions."""
 
 from __future__ import annotations
 
@@ -6,9 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ikservo.calibration.joint_map import JointMap
 from ikservo.calibration.lerobot import LerobotJoint
-from ikservo.calibration.records import CalibratedJoint, Calibration
+from ikservo.calibration.records import Calibration
 from ikservo.errors import CalibrationError
 from ikservo.kinematics.arrays import Matrix, Vector
 from ikservo.model import Model
@@ -29,7 +28,7 @@ def positions_of_lerobot(
     """Compute positions (k, n), rad or m, from values (k, m) of a robot of LeRobot.
 
     Args:
-        values: Degrees from the middle of the sweep, or -100 to 100 of it; the gripper 0 to 100.
+        values: Degrees from the middle of the sweep, or -100 to 100 %; the gripper 0 to 100 %.
         names: The joint of each column of values.
         joints: LeRobot's calibration of the arm at that time.
         calibration: The same arm's calibration by ikservo, which has the zeros of the geometry.
@@ -49,28 +48,19 @@ def positions_of_lerobot(
                 "Choose the arm with --arm and LeRobot's file of it with --calibration.",
             )
         column = values[:, list(names).index(joint.name)]
-        is_percent = percent or joint.role == "gripper"
-        ticks = _ticks_of(column, theirs, percent=is_percent, is_gripper=joint.role == "gripper")
-        columns.append(_positions_of(ticks, theirs, own, own.joint_map(joint.joint_map)))
+        low, high = theirs.range_min, theirs.range_max
+        is_gripper = joint.role == "gripper"
+        if percent or is_gripper:
+            share = column / 100.0 if is_gripper else (column + 100.0) / 200.0
+            if theirs.drive_mode:
+                share = 1.0 - share
+            ticks = low + share * (high - low)
+        else:
+            ticks = (low + high) / 2.0 + column / _DEGREES_PER_TICK
+        # The servo's offset may have changed since the recording.
+        feetech = MODELS[own.servo.model].family is Family.FEETECH_STS
+        shift = theirs.homing_offset - own.servo.holds.get("homing_offset", 0)
+        reported = ticks + (shift if feetech else -shift)
+        joint_map = own.joint_map(joint.joint_map)
+        columns.append(np.array([joint_map.position(float(tick)) for tick in reported]))
     return np.stack(columns, axis=1)
-
-
-def _ticks_of(values: Vector, joint: LerobotJoint, *, percent: bool, is_gripper: bool) -> Vector:
-    """Compute the ticks (k,) that the servo reported with LeRobot's offset."""
-    low, high = joint.range_min, joint.range_max
-    if not percent:
-        return (low + high) / 2.0 + values / _DEGREES_PER_TICK
-    share = values / 100.0 if is_gripper else (values + 100.0) / 200.0
-    if joint.drive_mode:
-        share = 1.0 - share
-    return low + share * (high - low)
-
-
-def _positions_of(
-    ticks: Vector, theirs: LerobotJoint, own: CalibratedJoint, joint_map: JointMap
-) -> Vector:
-    """Compute positions (k,); the servo's offset may have changed since the recording."""
-    feetech = MODELS[own.servo.model].family is Family.FEETECH_STS
-    shift = theirs.homing_offset - own.servo.holds.get("homing_offset", 0)
-    reported = ticks + (shift if feetech else -shift)
-    return np.array([joint_map.position(float(tick)) for tick in reported])

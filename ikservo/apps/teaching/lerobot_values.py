@@ -44,8 +44,14 @@ class JointValues:
     """
 
     def __init__(self, model: Model) -> None:
-        self._joints = tuple(_value_of(model, joint.name, joint.joint_map.unit)
-                             for joint in model.joints)  # fmt: skip
+        joints: list[JointValue] = []
+        for joint in model.joints:
+            zero, factor = 0.0, 1000.0 if joint.joint_map.unit == "m" else math.degrees(1.0)
+            gripper = model.gripper
+            if gripper is not None and gripper.joint == joint.name:
+                zero, factor = gripper.closed, 100.0 / (gripper.open - gripper.closed)
+            joints.append(JointValue(joint.name, zero, factor))
+        self._joints = tuple(joints)
         self._zeros = np.array([joint.zero for joint in self._joints])
         self._factors = np.array([joint.factor for joint in self._joints])
 
@@ -86,10 +92,3 @@ class JointValues:
             joint = self._joints[i]
             positions[i] = joint.zero + float(values[joint.key]) / joint.factor
         return positions
-
-
-def _value_of(model: Model, name: str, unit: str) -> JointValue:
-    gripper = model.gripper
-    if gripper is not None and gripper.joint == name:
-        return JointValue(name, gripper.closed, 100.0 / (gripper.open - gripper.closed))
-    return JointValue(name, 0.0, 1000.0 if unit == "m" else math.degrees(1.0))

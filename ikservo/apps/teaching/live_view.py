@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import threading
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
@@ -17,17 +18,6 @@ if TYPE_CHECKING:
 
 FOXGLOVE_PORT = 8765
 """The port at which Foxglove looks for a server."""
-
-
-def _import_foxglove() -> Any:  # noqa: ANN401  # a module
-    try:
-        import foxglove  # noqa: PLC0415  # from an extra
-    except ImportError:
-        raise IkservoError(
-            "Foxglove needs the package foxglove-sdk, which is not installed.",
-            f"Install it: {install_command('foxglove')}",
-        ) from None
-    return foxglove
 
 
 def _listener(on_subscribe: Callable[[str], None]) -> object:
@@ -58,7 +48,13 @@ class FoxgloveServer:
     def __init__(self, port: int, name: str) -> None:
         if not 0 <= port <= 65535:
             raise BadValueError("The port", port, "0 to 65535")
-        self._module = _import_foxglove()
+        try:
+            self._module: Any = importlib.import_module("foxglove")  # from an extra
+        except ImportError:
+            raise IkservoError(
+                "Foxglove needs the package foxglove-sdk, which is not installed.",
+                f"Install it: {install_command('foxglove')}",
+            ) from None
         self._context = self._module.Context()
         self._channels: dict[Topic, Channel] = {}
         self._latched: dict[str, RosMessage] = {}

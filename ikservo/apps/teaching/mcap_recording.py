@@ -12,7 +12,7 @@ import json
 import platform
 import time
 from array import array
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
@@ -99,7 +99,7 @@ class RecordedArm:
         """Return the description of the arm; empty if it is not a URDF.
 
         Raises:
-            FileFormatError: A file has changed since it was loaded, and cannot be read any more.
+            FileFormatError: A file has changed since it was loaded, and can no longer be read.
         """
         return description_text(self.model)
 
@@ -107,7 +107,7 @@ class RecordedArm:
         """Return the texts of all attachments by name, except the description.
 
         Raises:
-            FileFormatError: A file has changed since it was loaded, and cannot be read any more.
+            FileFormatError: A file has changed since it was loaded, and can no longer be read.
         """
         path, texts = self.model.path, dict[str, str]()
         if path.suffix == ".toml":
@@ -255,7 +255,7 @@ class RosRecordingWriter:
         self._start_ns: int | None = None
         self._flushed_s = 0.0
         if urdf:
-            self._publish([self._messages.description(time.time_ns(), urdf)])
+            self._publish(self._messages.description(time.time_ns(), urdf))
         still = dict.fromkeys(self._names, 0.0)
         self._messages.transforms(0, still)  # the first messages are slow: they generate code
         self._messages.joint_states(0, still)
@@ -268,29 +268,26 @@ class RosRecordingWriter:
         """
         if self._start_ns is None:
             self._start_ns = time.time_ns() - round(time_s * _NS)
-        self._publish(self._messages_of(self._start_ns + round(time_s * _NS), sample))
+        time_ns = self._start_ns + round(time_s * _NS)
+        positions = self._by_name(sample.positions)
+        self._publish(self._messages.joint_states(time_ns, positions))
+        if sample.goals is not None:
+            self._publish(self._messages.goal(time_ns, self._by_name(sample.goals)))
+        self._publish(self._messages.transforms(time_ns, positions))
+        if sample.states:
+            self._publish(self._messages.diagnostics(time_ns, sample.states, sample.stopped_for))
         self.samples += 1
         if self.samples == 1 or time_s + self._period_s > self._flushed_s + _FLUSH_PERIOD_S:
             self._flushed_s = time_s
             for sink in self._sinks:
                 sink.flush()
 
-    def _messages_of(self, time_ns: int, sample: ArmSample) -> Iterator[RosMessage]:
-        positions = self._by_name(sample.positions)
-        yield self._messages.joint_states(time_ns, positions)
-        if sample.goals is not None:
-            yield self._messages.goal(time_ns, self._by_name(sample.goals))
-        yield self._messages.transforms(time_ns, positions)
-        if sample.states:
-            yield self._messages.diagnostics(time_ns, sample.states, sample.stopped_for)
-
     def _by_name(self, values: Any) -> dict[str, float]:  # noqa: ANN401  # (n,)
         return dict(zip(self._names, values.tolist(), strict=True))
 
-    def _publish(self, messages: Iterable[RosMessage]) -> None:
-        for message in messages:
-            for sink in self._sinks:
-                sink.publish(message)
+    def _publish(self, message: RosMessage) -> None:
+        for sink in self._sinks:
+            sink.publish(message)
 
 
 # reading
@@ -386,7 +383,10 @@ class _JointStateReader:
                 self._path, "the last sample", "is too late",
                 f"at most {MAX_SECONDS:.0f} s of samples",
             )  # fmt: skip
-        header = self._header or _foreign_header(names, times_s)
+        header = self._header
+        if header is None:  # another program made the recording
+            period_s = float(np.median(np.diff(times_s))) if len(times_s) > 1 else 1.0
+            header = RecordingHeader("", names, ("rad_or_m",) * len(names), period_s)
         return Recording(header, times_s[complete], table[complete], first_line=None)
 
     def _names(self) -> dict[str, None]:
@@ -438,25 +438,17 @@ class _JointStateReader:
         time_ns = stamp.sec * _NS + stamp.nanosec or log_time_ns
         if time_ns > _LATEST_NS:
             raise FileFormatError(self._path, where, "is too late", "a time of this century")
-        self._layout_of.append(self._layout(tuple(message.name), where))
-        self._times_ns.append(time_ns)
-        self._positions.extend(message.position)
-        if len(self._times_ns) > MAX_SAMPLES:
-            raise FileFormatError(
-                self._path, where, "is one too many", f"at most {MAX_SAMPLES} samples"
-            )
-
-    def _layout(self, names: tuple[str, ...], where: str) -> int:
-        """Return the number of the layout with these names."""
+        names = tuple(message.name)
         if names not in self._layouts:
             self._layouts[names] = len(self._layouts)
             if len(self._names()) > MAX_JOINTS or len(self._layouts) > _MAX_LAYOUTS:
                 found = f"has names unlike those of {len(self._layouts) - 1} others"
                 expected = f"at most {MAX_JOINTS} joints, in one order"
                 raise FileFormatError(self._path, where, found, expected)
-        return self._layouts[names]
-
-
-def _foreign_header(names: tuple[str, ...], times_s: Any) -> RecordingHeader:  # noqa: ANN401
-    period_s = float(np.median(np.diff(times_s))) if len(times_s) > 1 else 1.0
-    return RecordingHeader("", names, ("rad_or_m",) * len(names), period_s)
+        self._layout_of.append(self._layouts[names])
+        self._times_ns.append(time_ns)
+        self._positions.extend(message.position)
+        if len(self._times_ns) > MAX_SAMPLES:
+            raise FileFormatError(
+                self._path, where, "is one too many", f"at most {MAX_SAMPLES} samples"
+            )

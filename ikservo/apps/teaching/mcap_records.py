@@ -1,4 +1,4 @@
-"""Reader of MCAP records that never inflates more than the stated size."""
+"""Read MCAP records without inflating more than the stated size."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ MAGIC = b"\x89MCAP0\r\n"
 MAX_CHUNK_BYTES = 32 * 1024 * 1024
 """Largest inflated size of a chunk; writers make chunks of about 1 to 10 MiB."""
 
-# In all: of a small file; of a large one, several times its size.
+# Largest inflated size of all chunks: of a small file, and as a multiple of a large file's size.
 _MAX_INFLATED_BYTES, _MAX_RATIO = 256 * 1024 * 1024, 10
 _RECORD_HEAD, _MESSAGE, _DEFINITIONS = struct.Struct("<BQ"), 5, (3, 4)
 _MESSAGE_HEAD = struct.Struct("<HIQQ")
@@ -48,7 +48,7 @@ def read_records(path: Path, wanted: Container[int] = ()) -> Iterator[Any]:
     damaged file also ends early, with a warning that names the position.
 
     Raises:
-            FileFormatError: The file cannot be read.
+        FileFormatError: The file cannot be read.
     """
     require_file(path)
     import_mcap()
@@ -74,7 +74,9 @@ def read_records(path: Path, wanted: Container[int] = ()) -> Iterator[Any]:
                 raise
             except Exception as error:  # the reader has no error class for truncated files
                 if file.read(1):
-                    _warn_damaged(path, file.tell() - 1, error)
+                    where = f"{path} is damaged near byte {file.tell() - 1} ({error})"
+                    text = f"{where}; only the part before it is read."
+                    warnings.warn(text, RuntimeWarning, stacklevel=1)
     except OSError as error:
         raise FileFormatError(path, "", f"cannot be read ({error.strerror})") from error
 
@@ -155,8 +157,3 @@ _INFLATE: Mapping[str, Callable[[bytes, int], bytes]] = {
     "zstd": _inflate_zstd,
     "lz4": _inflate_lz4,
 }
-
-
-def _warn_damaged(path: Path, byte: int, error: Exception) -> None:
-    text = f"{path} is damaged near byte {byte} ({error}); only the part before it is read."
-    warnings.warn(text, RuntimeWarning, stacklevel=2)

@@ -34,7 +34,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self, cast
 
@@ -44,7 +44,7 @@ from pydantic import Field, PlainSerializer, PlainValidator, ValidationError, mo
 from ikservo.apps.teaching.replaying import Replay
 from ikservo.errors import BadValueError, FileFormatError
 from ikservo.files.reading import parse_toml, read_toml
-from ikservo.files.validation import Location, StrictModel, format_key_path, validation_issues
+from ikservo.files.validation import StrictModel, format_key_path, validation_issues
 from ikservo.files.writing import write_atomic
 from ikservo.model import Model
 from ikservo.model.arm_schema import Name
@@ -253,7 +253,12 @@ def _format_error(path: Path, error: ValidationError) -> FileFormatError:
     for issue in issues:
         if any(p[: len(issue.location)] == issue.location != p for p in places):
             continue  # the error of the value is reported instead
-        where = "".join(_format_place(issue.location))
+        location, where = issue.location, ""
+        if location[:1] == ("steps",) and len(location) > 1:
+            # Steps are counted from 1, as in the output of a run.
+            where = f"step {int(location[1]) + 1}{', ' if location[2:] else ''}"
+            location = location[2:]
+        where += format_key_path(location)
         expected = f"; expected {issue.expected}" if issue.expected else ""
         lines.append(f"{where}: {issue.found}{expected}")
     lines = list(dict.fromkeys(lines))
@@ -262,16 +267,6 @@ def _format_error(path: Path, error: ValidationError) -> FileFormatError:
     where, _, first = shown[0].partition(": ")
     found = "\n".join([first, *shown[1:]])
     return FileFormatError(path, where, found, "")
-
-
-def _format_place(location: Location) -> Iterator[str]:
-    """Yield ``step 2``, then its keys; steps are counted from 1, as in the output of a run."""
-    if location[:1] == ("steps",) and len(location) > 1:
-        yield f"step {int(location[1]) + 1}"
-        location = location[2:]
-        if location:
-            yield ", "
-    yield format_key_path(location)
 
 
 def write_program(path: Path, program: Program) -> None:

@@ -29,7 +29,6 @@ from ikservo.cli.options import (
 from ikservo.cli.session import confirm_motion, motion_progress_bar, open_from_options
 from ikservo.cli.terminal import print_json, print_lines, print_status, wait_for_enter
 from ikservo.errors import IkservoError, InputError
-from ikservo.model import Model
 
 File = Annotated[Path, typer.Argument(metavar="FILE", help="The program, a TOML file.")]
 First = Annotated[int, typer.Option("--from", metavar="STEP", help="Begin with this step.")]
@@ -44,7 +43,8 @@ def new(file: File, arm: ArmOption = None, *, overwrite: OverwriteOption = False
     model = model_from_option(arm)
     if file.exists() and not overwrite:
         raise IkservoError(f"File {file} exists.", "Replace it: --overwrite")
-    x, y, z = (round(float(value), 3) + 0.0 for value in _home_tip_m(model))  # never -0.0
+    tip_m = model.chain.forward(0.95 * model.chain_pose("home"))[:3, 3].tolist()
+    x, y, z = (round(float(value), 3) + 0.0 for value in tip_m)  # never -0.0
     steps = [
         ProgramStep(name="begin", pose="home"),
         ProgramStep(name="beside it", tip_m=(x, y, z), speed="slow"),
@@ -70,10 +70,11 @@ def check(
 
     ikservo program check tea.toml --port sim
     """
-    with _opened(file, connection, options, scene) as (_, program, steps):
-        checks = _check(steps, program, file, first, quiet=options.json)
+    with _opened(file, connection, options, scene) as (_, program, runner):
+        checks = _check(runner, program, file, first, quiet=options.json)
     if options.json:
-        print_json("program-check", steps=[_check_fields(each) for each in checks])
+        steps = [{"number": each.number, "does": each.step.description} for each in checks]
+        print_json("program-check", steps=steps)
 
 
 def run(
@@ -97,7 +98,17 @@ def run(
         check_directions_once(machine, options)
         results = _run(steps, program, first, wait=step)
     if options.json:
-        print_json("program-run", steps=[_result_fields(each) for each in results])
+        fields: list[dict[str, object]] = [
+            {
+                "number": each.number,
+                "repetition": each.repetition,
+                "does": each.step.description,
+                "duration_s": getattr(each.report, "duration_s", None),
+                "error_m": getattr(each.report, "error_m", None),
+            }
+            for each in results
+        ]
+        print_json("program-run", steps=fields)
     else:
         print_lines([f"steps     {len(results)} done"])
 
@@ -170,23 +181,3 @@ def _run(run: ProgramRun, program: Program, first: int, *, wait: bool) -> list[S
 
 def _print_step(number: int, program: Program, text: str) -> None:
     print_status(f"{number:>3}/{len(program.steps)}  {text}")
-
-
-def _check_fields(check: StepCheck) -> dict[str, object]:
-    return {"number": check.number, "does": check.step.description}
-
-
-def _result_fields(result: StepResult) -> dict[str, object]:
-    return {
-        "number": result.number,
-        "repetition": result.repetition,
-        "does": result.step.description,
-        "duration_s": getattr(result.report, "duration_s", None),
-        "error_m": getattr(result.report, "error_m", None),
-    }
-
-
-def _home_tip_m(model: Model) -> tuple[float, float, float]:
-    chain = model.chain
-    x, y, z = chain.forward(0.95 * model.chain_pose("home"))[:3, 3].tolist()
-    return x, y, z

@@ -34,7 +34,7 @@ class StepCheck:
     Attributes:
         number: The number of the step, from 1.
         step: The step.
-        error: Why the step is impossible; None if it is possible.
+        error: The reason why the step is impossible; None if it is possible.
     """
 
     number: int
@@ -110,7 +110,14 @@ class ProgramRun:
             numbers += range(begin + 1)
         for index in numbers:
             step = self._program.steps[index]
-            error = self._find_error(step, start)
+            error: IkservoError | None = None
+            context = self._arm.context
+            preflight = PreflightPlanner(context, start, self._poses)
+            try:
+                motion = self._motion(step)
+                start.joints = end_of_motion(context, preflight, motion, start.joints)
+            except IkservoError as refused:
+                error = refused
             yield StepCheck(index + 1, step, error)
 
     def run(self, first: int = 1, on_progress: OnProgress | None = None) -> Iterator[StepResult]:
@@ -129,8 +136,14 @@ class ProgramRun:
             for index in range(begin, len(self._program.steps)):
                 step = self._program.steps[index]
                 with self._arm.background.requested(stop_count):
-                    result = self._make(step, on_progress)
-                yield StepResult(index + 1, repetition, step, result)
+                    motion, report = self._motion(step), None
+                    if isinstance(motion, Wait):
+                        wait(self._arm.context, motion, self._on_wait, watch_health=self._has_moved)
+                    else:
+                        self._has_moved = True
+                        with self._arm.background.turn():
+                            report = run_motion(self._arm, motion, on_progress)
+                yield StepResult(index + 1, repetition, step, report)
             begin = 0
 
     def _index_of(self, number: int) -> int:
@@ -138,25 +151,6 @@ class ProgramRun:
         if not 1 <= number <= count:
             raise BadValueError("The step", number, f"1 to {count}")
         return number - 1
-
-    def _find_error(self, step: ProgramStep, start: PlannedStart) -> IkservoError | None:
-        """Plan a step, and let the next step start at its end; return why it is impossible."""
-        context = self._arm.context
-        preflight = PreflightPlanner(context, start, self._poses)
-        try:
-            start.joints = end_of_motion(context, preflight, self._motion(step), start.joints)
-        except IkservoError as error:
-            return error
-        return None
-
-    def _make(self, step: ProgramStep, on_progress: OnProgress | None) -> StepReport | None:
-        motion = self._motion(step)
-        if isinstance(motion, Wait):
-            wait(self._arm.context, motion, self._on_wait, watch_health=self._has_moved)
-            return None
-        self._has_moved = True
-        with self._arm.background.turn():
-            return run_motion(self._arm, motion, on_progress)
 
     def _motion(self, step: ProgramStep) -> MotionValue[Any]:
         """Return the motion of a step; a recording is in the program's folder.

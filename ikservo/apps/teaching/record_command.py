@@ -10,7 +10,7 @@ from typing import Annotated
 import typer
 
 from ikservo.apps.teaching.live_view import FOXGLOVE_PORT
-from ikservo.apps.teaching.recorder import RecordResult, RecordSettings, record_other_process
+from ikservo.apps.teaching.recorder import RecordSettings, record_other_process
 from ikservo.arm import OpenArm
 from ikservo.cli.model_options import model_from_option
 from ikservo.cli.options import (
@@ -83,7 +83,11 @@ def command(
             _offer_release(machine)
             report = machine.record(file, duration_s=duration, until=until, period_s=period,
                                     overwrite=overwrite, foxglove_port=live)  # fmt: skip
-    _print_record_report(report, json=json)
+    if json:
+        print_json("record", path=str(report.path), samples=report.samples,
+                   duration_s=report.duration_s)  # fmt: skip
+    else:
+        print_lines([f"{report.samples} samples in {report.duration_s:.2f} s: {report.path}"])
     if file.suffix not in _JSON_LINES and file.suffix != ".mcap":
         print_status(f"{file.name} has JSON lines; messages of ROS 2 are in a file named .mcap.")
 
@@ -112,11 +116,3 @@ def _first_sample_announcer() -> Callable[[], bool]:
         return False
 
     return never_ends
-
-
-def _print_record_report(report: RecordResult, *, json: bool) -> None:
-    if json:
-        print_json("record", path=str(report.path), samples=report.samples,
-                   duration_s=report.duration_s)  # fmt: skip
-    else:
-        print_lines([f"{report.samples} samples in {report.duration_s:.2f} s: {report.path}"])

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Protocol
@@ -296,7 +296,10 @@ def read_recording(path: Path | str) -> Recording:
     """
     path = parse_path(path)
     require_file(path)
-    recording = read_mcap(path) if _is_mcap_file(path) else read_json_lines(path)
+    is_mcap = False
+    with suppress(OSError, ValueError), path.open("rb") as file:  # the reader reports the error
+        is_mcap = file.read(len(MAGIC)) == MAGIC
+    recording = read_mcap(path) if is_mcap else read_json_lines(path)
     for what, values in (("a position", recording.joints), ("a time", recording.times_s)):
         if values.size and not float(np.abs(values).max()) <= _LARGEST:
             found, expected = f"has {what} of {np.abs(values).max():g}", f"at most {_LARGEST:g}"
@@ -305,11 +308,3 @@ def read_recording(path: Path | str) -> Recording:
 
 
 _LARGEST = 1e6  # rad, m or s; differences of larger numbers would overflow
-
-
-def _is_mcap_file(path: Path) -> bool:
-    try:
-        with path.open("rb") as file:
-            return file.read(len(MAGIC)) == MAGIC
-    except (OSError, ValueError):
-        return False  # the other reader reports the error

@@ -109,7 +109,7 @@ class ArmSample:
         positions: The measured joints (n,), rad or m.
         goals: The servos' goals (n,); None if they have none.
         states: The health of each joint; empty if it was not read in this sample.
-        stopped_for: Why the arm is stopped; empty if it is not, or if that is unknown.
+        stopped_for: The reason why the arm is stopped; empty if it is not stopped or unknown.
     """
 
     positions: Vector
@@ -402,11 +402,8 @@ def _text_tuple(value: object) -> tuple[str, ...]:
     if not isinstance(value, list):
         return ()
     items = cast("Sequence[object]", value)
-    return tuple(item for item in items if isinstance(item, str)) if _are_all_text(items) else ()
-
-
-def _are_all_text(items: Sequence[object]) -> bool:
-    return all(isinstance(item, str) for item in items)
+    texts = tuple(item for item in items if isinstance(item, str))
+    return texts if len(texts) == len(items) else ()
 
 
 def _finite_number(value: object) -> float | None:

@@ -78,11 +78,12 @@ def command(
         machine.poses.check_name(name)
         if not floating:
             _announce_teaching(machine, name, now=now, hold=hold)
-        _announce_saving(machine, name)
+        if name in machine.poses.user_poses():
+            print_status(f'It replaces the pose "{name}" in {machine.poses.path}.')
         if floating:
             _float(machine, name, duration, yes=options.yes)
-        elif not now:
-            _confirm_relaxing(machine, options)
+        elif not now and any(state.torque for state in machine.where().joints):
+            announce_lowering(machine, options)
         prompt = "Bring the arm into the pose, then press Enter."
         until = None if now or floating else lambda: wait_for_enter(prompt)
         positions = machine.teach(name, until, hold=hold)
@@ -151,13 +152,3 @@ def _announce_teaching(machine: OpenArm, name: str, *, now: bool, hold: bool) ->
         return
     first = "The arm is lowered and its torque goes off" if stiff else "Torque stays off"
     print_status(f'{first}; move it by hand. Enter saves its pose as "{name}", and {last}.')
-
-
-def _announce_saving(machine: OpenArm, name: str) -> None:
-    if name in machine.poses.user_poses():
-        print_status(f'It replaces the pose "{name}" in {machine.poses.path}.')
-
-
-def _confirm_relaxing(machine: OpenArm, options: MotionOptions) -> None:
-    if any(state.torque for state in machine.where().joints):
-        announce_lowering(machine, options)
