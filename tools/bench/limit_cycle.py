@@ -4,7 +4,7 @@ Run ``python tools/bench/limit_cycle.py LOGS [--every N]`` with the folder of th
 ``tools/identify_motor.py`` reads. After a step back to where the pendulum hangs, the logs are
 judged at their end: which of them oscillate, by how much from peak to peak, and how fast. The same
 steps are replayed on the simulated line with the servo as in the table, without play, and with
-the output friction of an arm. Figures belong in docs/servosim-truth.md.
+the output friction of an arm. Figures belong in docs/lab/simulated-motors.md.
 """
 
 from __future__ import annotations

@@ -3,7 +3,7 @@
 Run ``python tools/bench/motor_truth.py LOGS [--every N] [--pictures FOLDER]`` with the folder of
 the logs that ``tools/identify_motor.py`` reads. Each log is one conversation: gains and goals are
 written and positions read as on the bench, goals at the moments when the bench's servo received
-them. Figures belong in docs/servosim-truth.md.
+them. Figures belong in docs/lab/simulated-motors.md.
 """
 
 from __future__ import annotations
