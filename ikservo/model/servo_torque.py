@@ -124,9 +124,9 @@ _MX_28 = GearFriction(0.0256, 0.00996, 1.25, 0.0, 0.234)
 # Stiffness is the duty per rad times the torque at full duty: 0.163 P for the STS, P / 128 PWM
 # steps of 885 per tick for Dynamixel, P / 256 for the XL330. Motors and friction of STS3215,
 # STS3250 and XL330-M288 are fitted to logs of pendulums; others are scaled from those or from
-# published fits, see docs/lab/simulated-motors.md. The STS3215 is sold for 7.4 V and for 12 V. HLS3606M
-# and SCS225 have no entry: neither the meaning of a P gain with a current loop nor the speed of the
-# SCS225 is published. These get no feed-forward and no predicted sag.
+# published fits, see docs/lab/simulated-motors.md. The STS3215 is sold for 7.4 V and for 12 V.
+# HLS3606M and SCS225 have no entry: neither the meaning of a P gain with a current loop nor the
+# speed of the SCS225 is published. These get no feed-forward and no predicted sag.
 # fmt: off
 SERVO_TORQUES: Mapping[tuple[str, float | None], ServoTorque] = MappingProxyType(
     {   #                            N m/rad     P   N m    N m s    kg m²

@@ -92,7 +92,7 @@ class _Decoder:
         yield from self.flush()
         frame, end = _parse_frame(chunk.data, 0, status=False)
         if frame is None or end < len(chunk.data):
-            yield DecodedPacket(chunk.time_s, True, None, "bytes", "not a packet", chunk.data)
+            yield DecodedPacket(chunk.time_s, True, None, "bytes", "no packet", chunk.data)
             return
         self._sent = chunk.data
         self._note_spans(frame)
@@ -122,7 +122,7 @@ class _Decoder:
                 header_at = received.find(_HEADER_1, at + 1)
                 end = len(received) if header_at < 0 else header_at
                 junk = bytes(received[at:end])
-                yield DecodedPacket(self._since_s, False, None, "bytes", "not a packet", junk)
+                yield DecodedPacket(self._since_s, False, None, "bytes", "no packet", junk)
             else:
                 break
             at = end

@@ -84,7 +84,7 @@ def test_packet_log_names_line_faults(path, kind):
     bus.sync_read([1, 7], RegisterName.PRESENT_POSITION)
     bus.close()
     packets = decoded(path, "STS3215")
-    assert [p for p in packets if p.error == "not a packet"]
+    assert [p for p in packets if p.error == "no packet"]
     assert [p for p in packets if not p.sent and p.servo_id == 1 and not p.error]
 
 
