@@ -6,8 +6,6 @@ import contextlib
 from collections import deque
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any, cast
 
 import numpy as np
@@ -33,21 +31,32 @@ from ikservo.apps.agent.tool_results import (
 )
 from ikservo.arm import Arm
 from ikservo.arm.result_json import encode_fields
+from ikservo.arm.run_by_kind import end_of_motion
 from ikservo.clock import RealClock
-from ikservo.errors import IkservoError, RefusedError, UnknownNameError, printable
+from ikservo.errors import (
+    BadValueError,
+    IkservoError,
+    RefusedError,
+    UnknownNameError,
+    printable,
+)
 from ikservo.guard import StopKind, StopReason
 from ikservo.ik import Target, solve
+from ikservo.kinematics.arrays import Vector
 from ikservo.model import arm_names, load_model
 from ikservo.model.scene_file import describe_thing
 from ikservo.planning.motion_plan import MotionPlan
 from ikservo.planning.motions import MotionValue, MoveGripper, Wait
+from ikservo.planning.preflight_planner import PlannedStart, PreflightPlanner
 
 MAX_PROGRAM_STEPS = 200
 """Largest number of steps of a program, repetitions included."""
 
 _MAX_THINGS = 50
-_MAX_NAME = 80
+_MAX_NAME, _MAX_WORDS = 80, 500  # characters
+_MAX_SUNK_RAD = 0.1  # a limp arm sinks before a program begins
 _KEPT_REFUSALS = 20
+_BY_BUDGET = "--allow slow"
 
 
 class AgentArm:
@@ -75,9 +84,9 @@ class AgentArm:
         self.plans = PlanStore(clock)
         self._budget = Budget(allowance, clock)
         self._own_things: set[str] = set()
+        self._stops = arm.context.servos.stop_request
         self._refusals: deque[Refusal] = deque(maxlen=_KEPT_REFUSALS)
         self._last_picture: bytes | None = None
-        self._is_executing = False
 
     # reading
 
@@ -138,20 +147,21 @@ class AgentArm:
         """Keep an error for ``explain``, and write it into the journal."""
         names = ("target_m", "nearest_m", "instead_m", "binding", "along_m")
         details = {name: getattr(error, name) for name in names if getattr(error, name, None)}
-        kind = type(error).__name__
+        kind, words = type(error).__name__, quoted(error.message, _MAX_WORDS)
+        hint = quoted(error.hint, _MAX_WORDS)
         self._refusals.append(
-            Refusal(tool=tool, kind=kind, message=error.message, hint=error.hint, details=details)
+            Refusal(tool=tool, kind=kind, message=words, hint=hint, details=details)
         )
         with contextlib.suppress(IkservoError):  # a full disk must not hide the error itself
-            self.journal.write("refused", tool=tool, kind=kind, message=error.message)
+            self.journal.write("refused", tool=tool, kind=kind, message=words)
 
     # planning
 
     def plan(self, motion: MotionValue[Any]) -> OfferedMotion:
         """Plan a motion as the owner allows it, and keep it for ``execute``."""
-        motion = self.allowance.limited(motion)
+        motion, stops = self.allowance.limited(motion), self._stops.count
         plan = None if isinstance(motion, MoveGripper | Wait) else self.arm.plan(motion)
-        return self._offer([motion], plan, [_summary(motion, plan)])
+        return self._offer([motion], plan, [_summary(motion, plan)], None, stops)
 
     def check_program(self, text: str) -> CheckedProgram:
         """Plan each step of a program, and offer it if all are possible."""
@@ -162,31 +172,52 @@ class AgentArm:
                 f"The program has {count} steps with its repetitions.",
                 f"At most {MAX_PROGRAM_STEPS} are possible.",
             )
+        arm = self.arm
+        if program.arm != arm.model.name:
+            raise BadValueError(
+                "The program", f"one for {program.arm}", f"one for {arm.model.name}"
+            )
         motions = [
-            self.allowance.limited(step.to_motion(self.arm.model, program.speed_of(step)))
+            self.allowance.limited(step.to_motion(arm.model, program.speed_of(step)))
             for step in program.steps
         ]
-        with TemporaryDirectory() as folder:
-            run = find_part("program run")(self.arm, program, Path(folder), self.arm.poses)
-            steps = tuple(
-                StepReport(
-                    number=each.number,
-                    step=quoted(each.step.description),
-                    error=each.error.message if each.error else "",
-                )
-                for each in run.check()
-            )
+        start, stops = arm.runner.start_position(), self._stops.count
+        planned, steps = PlannedStart(start), list[StepReport]()
+        # The first step is planned again from the end of the last one, if the program repeats.
+        for index in (*range(len(motions)), *([0] if program.repeat > 1 else [])):
+            error = self._plan_step(motions[index], planned)
+            words = quoted(program.steps[index].description)
+            steps.append(StepReport(number=index + 1, step=words, error=error))
         if any(each.error for each in steps):
-            return CheckedProgram(steps=steps, plan=None)
-        offered = self._offer(
-            motions * program.repeat, None, [f"{each.number}: {each.step}" for each in steps]
-        )
-        return CheckedProgram(steps=steps, plan=offered)
+            return CheckedProgram(steps=tuple(steps), plan=None)
+        summary = [f"{number}: {_summary(each, None)}" for number, each in enumerate(motions, 1)]
+        if program.repeat > 1:
+            summary.append(f"all of this {program.repeat} times")
+        offered = self._offer(motions * program.repeat, None, summary, start, stops)
+        return CheckedProgram(steps=tuple(steps), plan=offered)
+
+    def _plan_step(self, motion: MotionValue[Any], planned: PlannedStart) -> str:
+        """Plan a step of a program, and move the planned start to its end; return its error."""
+        preflight = PreflightPlanner(self.arm.context, planned, self.arm.poses)
+        try:
+            if isinstance(motion, MoveGripper | Wait):
+                end = end_of_motion(self.arm.context, preflight, motion, planned.joints)
+            else:
+                end = preflight.plan(motion).goal
+        except IkservoError as error:
+            return quoted(error.message, _MAX_WORDS)
+        planned.joints = end
+        return ""
 
     def _offer(
-        self, motions: Sequence[MotionValue[Any]], plan: MotionPlan | None, summary: Sequence[str]
+        self,
+        motions: Sequence[MotionValue[Any]],
+        plan: MotionPlan | None,
+        summary: Sequence[str],
+        start: Vector | None,
+        stops: int,
     ) -> OfferedMotion:
-        offered = self.plans.offer(motions, plan, summary)
+        offered = self.plans.offer(motions, plan, summary, start, stops)
         self.journal.write("planned", plan=offered.id, summary=summary)
         return OfferedMotion(
             plan_id=offered.id,
@@ -205,9 +236,10 @@ class AgentArm:
 
     # moving
 
-    def ask(self, plan_id: str) -> OfferedPlan:
+    def ask(self, plan_id: str, client: str) -> OfferedPlan:
         """Let a plan wait for a person, unless the owner allows it; return it."""
         offered = self.plans.find(plan_id)
+        self.journal.write("asked", plan=plan_id, client=quoted(client))
         if self.allowance.consent is Consent.NOTHING:
             raise RefusedError(
                 "The owner of the arm allows no motion.",
@@ -218,7 +250,7 @@ class AgentArm:
         if self.allowance.consent is Consent.SIMULATOR:
             offered.answer, offered.answered_by = Answer.YES, "--allow simulator"
         elif self.allowance.consent is Consent.SLOW and self._budget.take(len(offered.motions)):
-            offered.answer, offered.answered_by = Answer.YES, "--allow slow"
+            offered.answer, offered.answered_by = Answer.YES, _BY_BUDGET
         else:
             offered.is_asked = True
         return offered
@@ -228,19 +260,28 @@ class AgentArm:
         offered = self.plans.find(plan_id)
         if offered.answer is not Answer.YES:
             raise RefusedError(f"Nobody has allowed plan {plan_id}.", "Call execute again.")
+        if offered.answered_by == _BY_BUDGET and not self._budget.take(0):
+            raise RefusedError("The time in which motions need no question is over.", "Plan again.")
         self.plans.take(plan_id)
         self.journal.write("execute", plan=plan_id, allowed_by=offered.answered_by)
-        self._is_executing = True
         try:
-            results = tuple(self._run(each, offered.plan) for each in offered.motions)
+            with self._stops.requested(offered.stops):  # a stop since then ends it, for good
+                self._stops.check_request()
+                self._check_start(offered.start)
+                results = tuple(self._run(each, offered.plan) for each in offered.motions)
         except BaseException as error:
             with contextlib.suppress(IkservoError):
                 self.journal.write("failed", plan=plan_id, error=str(error))
             raise
-        finally:
-            self._is_executing = False
         self.journal.write("done", plan=plan_id)
         return Execution(status="done", message="The motion has ended.", results=results)
+
+    def _check_start(self, start: Vector | None) -> None:
+        """Refuse a program if the arm is not at the joints (n,) where it begins."""
+        runner, units = self.arm.runner, self.arm.context.units_per_rad()
+        if start is None or (abs(runner.start_position() - start) <= _MAX_SUNK_RAD * units).all():
+            return
+        raise RefusedError("The arm is not where the program begins.", "Check the program again.")
 
     def _run(self, motion: MotionValue[Any], plan: MotionPlan | None) -> Mapping[str, Any]:
         """Execute one motion, exactly as it was planned if there is a plan."""
@@ -254,18 +295,17 @@ class AgentArm:
             result = arm.execute(replace(plan or arm.plan(motion), limp_arm=None))
         return {} if result is None else encode_fields(result)
 
-    def stop(self, reason: str) -> str:
+    def stop(self, reason: str, by: str = "The agent") -> str:
         """Brake and hold; only a person ends the stop."""
         words = quoted(reason) or "no reason given"
-        self.arm.request_stop(StopReason(StopKind.CLIENT, f"The agent stopped it: {words}"))
+        self.arm.request_stop(StopReason(StopKind.CLIENT, f"{by} stopped it: {words}"))
         with contextlib.suppress(IkservoError):
-            self.journal.write("stop", reason=words)
+            self.journal.write("stop", by=by, reason=words)
         return "Stopped. The arm holds until a person acknowledges it."
 
     def hold(self, reason: str) -> None:
-        """Stop a running motion, because the agent cannot see it any more."""
-        if self._is_executing:
-            self.arm.request_stop(StopReason(StopKind.CLIENT, reason))
+        """Stop a motion, even one that is about to begin: the agent cannot see it any more."""
+        self.arm.request_stop(StopReason(StopKind.CLIENT, reason))
 
     def acknowledge(self, who: str) -> None:
         """End a stop, for a person."""
@@ -327,16 +367,16 @@ class AgentArm:
         return SeenThing(point_m=_point(seen.point_m), thing=seen.thing and quoted(seen.thing))
 
 
-def quoted(text: str) -> str:
+def quoted(text: str, most: int = _MAX_NAME) -> str:
     """Return a text of a file or another program as data: one line, printable, cut short."""
     line = " ".join(printable(text).split())
-    return line if len(line) <= _MAX_NAME else f"{line[:_MAX_NAME]}…"
+    return line if len(line) <= most else f"{line[:most]}…"
 
 
 def _summary(motion: MotionValue[Any], plan: MotionPlan | None) -> str:
-    words = quoted(str(motion))
+    words = quoted(str(motion), _MAX_WORDS)
     if plan is None:
-        return words
+        return f"{words}, {motion.speed}" if motion.has_speed else words  # pyright: ignore[reportAttributeAccessIssue]
     x, y, z = (1000.0 * plan.tip_m).tolist()
     around = f", around: {quoted(plan.around)}" if plan.around else ""
     return (

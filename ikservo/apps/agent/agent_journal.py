@@ -52,6 +52,7 @@ class AgentJournal:
         text = json.dumps(line | {key: _bounded(each) for key, each in values.items()}) + "\n"
         with self._lock:
             try:
+                self.path.touch(0o600)
                 with self.path.open("a", encoding="utf-8") as file:
                     if file.tell() > MAX_BYTES:
                         raise FileWriteError(self.path, "the journal is full; restart the server")

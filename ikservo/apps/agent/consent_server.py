@@ -7,15 +7,17 @@ import json
 import secrets
 import socket
 import threading
+from base64 import b64encode
 from collections.abc import Awaitable, Callable, Generator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
+from hashlib import sha256
 from pathlib import Path
 from typing import Any, cast
 
 import uvicorn
 from starlette.applications import Starlette
 from starlette.requests import Request
-from starlette.responses import HTMLResponse, JSONResponse, Response
+from starlette.responses import HTMLResponse, JSONResponse, PlainTextResponse, Response
 from starlette.routing import Route
 
 from ikservo.apps.agent.agent_arm import AgentArm, quoted
@@ -25,12 +27,15 @@ from ikservo.files.reading import config_dir
 from ikservo.files.writing import write_atomic
 
 HOST = "127.0.0.1"
-_PAGE = Path(__file__).parent / "consent_page.html"
+_PAGE = (Path(__file__).parent / "consent_page.html").read_text("utf-8")
+_SCRIPT = _PAGE.partition("<script>")[2].partition("</script>")[0]
+_SCRIPT_HASH = b64encode(sha256(_SCRIPT.encode()).digest()).decode()
 _HEADERS = {
     "cache-control": "no-store",
     "referrer-policy": "no-referrer",
-    "content-security-policy": "default-src 'self'; img-src blob:; frame-ancestors 'none'; "
-    "script-src 'unsafe-inline'; style-src 'unsafe-inline'",
+    "content-security-policy": "default-src 'none'; connect-src 'self'; img-src blob:; "
+    f"script-src 'sha256-{_SCRIPT_HASH}'; style-src 'unsafe-inline'; frame-ancestors 'none'; "
+    "base-uri 'none'; form-action 'none'",
 }
 Handler = Callable[[Request], Awaitable[Response]]
 
@@ -58,7 +63,9 @@ def consent_server(agent: AgentArm) -> Generator[str]:
     finally:
         server.should_exit = True
         thread.join(2.0)
-        address_file().unlink(missing_ok=True)
+        with suppress(InputError):
+            if stored_address() == address:  # and not that of a later server
+                address_file().unlink(missing_ok=True)
 
 
 def address_file() -> Path:
@@ -87,19 +94,19 @@ def _make_app(agent: AgentArm, key: str, port: int) -> Starlette:
             origin = request.headers.get("origin")
             is_own = origin is None or origin.removeprefix("http://") in hosts
             if request.headers.get("host") not in hosts or not is_own:
-                return Response("This page is for this machine only.", 403)
+                return PlainTextResponse("This page is for this machine only.", 403)
             given = request.headers.get("authorization", "")
             if needs_key and not hmac.compare_digest(given.encode(), f"Bearer {key}".encode()):
-                return Response("The key in the address is wrong.", 401)
+                return PlainTextResponse("The key in the address is wrong.", 401)
             try:
                 return await handle(request)
             except IkservoError as error:
-                return Response(str(error), 409)
+                return PlainTextResponse(str(error), 409)
 
         return answer
 
     async def page(_: Request) -> Response:
-        return HTMLResponse(_PAGE.read_text("utf-8"), headers=_HEADERS)
+        return HTMLResponse(_PAGE, headers=_HEADERS)
 
     async def plans(_: Request) -> Response:
         asked = [{"id": each.id, "summary": list(each.summary)} for each in agent.plans.asked()]
@@ -116,7 +123,7 @@ def _make_app(agent: AgentArm, key: str, port: int) -> Starlette:
         return Response(status_code=204)
 
     async def stop(_: Request) -> Response:
-        agent.stop("a person pressed Stop")
+        agent.stop("the button of the page", "A person")
         return Response(status_code=204)
 
     async def acknowledge(_: Request) -> Response:

@@ -11,6 +11,7 @@ from typing import Any
 
 from ikservo.clock import Clock
 from ikservo.errors import RefusedError, UnknownNameError
+from ikservo.kinematics.arrays import Vector
 from ikservo.planning.motion_plan import MotionPlan
 from ikservo.planning.motions import MotionValue
 
@@ -41,6 +42,8 @@ class OfferedPlan:
         made_s: The time at which it was made.
         answer: The person's answer.
         answered_by: The place where the person answered.
+        start: The joints (n,) where a program begins; None for a single motion.
+        stops: The number of stops of the arm before it was made.
         is_asked: Whether the agent waits for an answer.
         is_used: Whether it was executed.
     """
@@ -50,6 +53,8 @@ class OfferedPlan:
     plan: MotionPlan | None
     summary: Sequence[str]
     made_s: float
+    start: Vector | None
+    stops: int
     answer: Answer = Answer.NONE
     answered_by: str = ""
     is_asked: bool = False
@@ -64,16 +69,20 @@ class PlanStore:
     """
 
     def __init__(self, clock: Clock) -> None:
-        self._clock, self._lock, self._taking = clock, threading.Lock(), threading.Lock()
+        self._clock, self._lock = clock, threading.RLock()
         self._plans: dict[str, OfferedPlan] = {}
 
     def offer(
-        self, motions: Sequence[MotionValue[Any]], plan: MotionPlan | None, summary: Sequence[str]
+        self,
+        motions: Sequence[MotionValue[Any]],
+        plan: MotionPlan | None,
+        summary: Sequence[str],
+        start: Vector | None = None,
+        stops: int = 0,
     ) -> OfferedPlan:
         """Keep a plan, and return it with its id."""
-        offered = OfferedPlan(
-            secrets.token_hex(4), tuple(motions), plan, tuple(summary), self._clock.now_s()
-        )
+        made_s, plan_id = self._clock.now_s(), secrets.token_hex(4)
+        offered = OfferedPlan(plan_id, tuple(motions), plan, tuple(summary), made_s, start, stops)
         with self._lock:
             while len(self._plans) >= MAX_PLANS:
                 del self._plans[next(iter(self._plans))]
@@ -105,7 +114,7 @@ class PlanStore:
 
     def take(self, plan_id: str) -> OfferedPlan:
         """Return a plan that is executed now, and never again; raises as ``find``."""
-        with self._taking:
+        with self._lock:
             offered = self.find(plan_id)
             offered.is_used = True
         return offered
@@ -119,8 +128,8 @@ class PlanStore:
         return [each for each in waiting if each.answer is Answer.NONE and each.made_s >= oldest_s]
 
     def answer(self, plan_id: str, answer: Answer, answered_by: str) -> None:
-        """Give a person's answer to a plan; the first answer counts. Raises as ``find``."""
-        offered = self.find(plan_id)
+        """Give a person's answer; a refusal ends an earlier consent. Raises as ``find``."""
         with self._lock:
-            if offered.answer is Answer.NONE:
+            offered = self.find(plan_id)
+            if offered.answer is Answer.NONE or answer is Answer.NO:
                 offered.answer, offered.answered_by = answer, answered_by

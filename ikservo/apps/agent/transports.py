@@ -53,6 +53,8 @@ def _serve_https(server: MCPServer[Any], listen: str, port: int) -> None:
         address = ipaddress.ip_address(listen)
     except ValueError:
         raise BadValueError("--listen", listen, "an IP address, such as 127.0.0.1") from None
+    if address.is_unspecified:
+        raise BadValueError("--listen", listen, "the address by which clients reach this machine")
     certificate = find_part("certificate")(listen)
     family = socket.AF_INET6 if address.version == 6 else socket.AF_INET
     try:
@@ -76,6 +78,8 @@ def _serve_https(server: MCPServer[Any], listen: str, port: int) -> None:
         access_log=False,
         ssl_certfile=str(certificate.path),
         ssl_keyfile=str(certificate.path),
+        ws="none",
+        timeout_graceful_shutdown=0,  # Ctrl-C ends the calls, so that the arm brakes
     )
     uvicorn.Server(config).run([listening])
 

@@ -117,7 +117,7 @@ def test_page_refuses_wrong_key_host_and_origin(asking):
 def test_person_stops_and_lets_move_again_on_the_page(asking):
     session, page = asking
     page("stop", "POST")
-    assert "a person pressed Stop" in json.loads(page("plans"))["stopped_for"]
+    assert "A person stopped it" in json.loads(page("plans"))["stopped_for"]
     page("acknowledge", "POST")
     assert json.loads(page("plans"))["stopped_for"] == ""
     assert session.agent.arm.stop_reason is None
@@ -136,9 +136,9 @@ def test_terminal_asks_for_each_plan_and_ends_with_server(open_session, monkeypa
                 return True
 
             monkeypatch.setattr(consent_terminal, "confirm", answer)
-            session.agent.ask(plan)
+            session.agent.ask(plan, "test")
             other = session.plan(wait={"duration_s": 1.0})
-            session.agent.ask(other)
+            session.agent.ask(other, "test")
             with pytest.raises(KeyboardInterrupt):
                 answer_in_terminal()
         assert session.agent.plans.find(plan).answer is Answer.YES

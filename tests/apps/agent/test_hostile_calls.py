@@ -129,7 +129,7 @@ def test_random_calls_with_consent_stay_inside_limits_and_region(open_session):
         assert run_calls(session, limited(2, 80, ("execute", "gripper"))) == []
         for y in (0.1, -0.1, 0.2, 0.0, 0.1, -0.1, 0.1):
             plan = session.plan(move_to={"position_m": [0.2, y, 0.12]})
-            if session.agent.ask(plan).answer.value == "yes":
+            if session.agent.ask(plan, "test").answer.value == "yes":
                 session.call("execute", plan_id=plan)
         assert session.agent.plans.asked() != []  # the budget of five motions is used up
         assert session.audit.faults() == []

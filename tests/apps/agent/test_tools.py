@@ -147,7 +147,7 @@ def test_owner_limits_hold_for_each_motion(open_session):
         )
         session.call("execute", plan_id=session.plan(move_to={"position_m": [0.22, 0, 0.12]}))
         third = session.plan(move_to={"position_m": NEAR})
-        session.agent.ask(third)
+        session.agent.ask(third, "test")
         assert [each.id for each in session.agent.plans.asked()] == [third]
         assert session.audit.faults() == []
 
