@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import threading
 from collections import deque
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -12,23 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ikservo.app_discovery import find_part
+from ikservo.apps.agent import tool_results as res
 from ikservo.apps.agent.agent_journal import AgentJournal
 from ikservo.apps.agent.allowance import Allowance, Budget, Consent
 from ikservo.apps.agent.plan_picture import draw_plan, encode_png, shrink_step, shrunk
 from ikservo.apps.agent.plan_store import Answer, OfferedPlan, PlanStore
-from ikservo.apps.agent.tool_results import (
-    ArmStatus,
-    ArmSummary,
-    CheckedProgram,
-    Execution,
-    OfferedMotion,
-    Point,
-    Reach,
-    Refusal,
-    SceneThing,
-    SeenThing,
-    StepReport,
-)
 from ikservo.arm import Arm
 from ikservo.arm.result_json import encode_fields
 from ikservo.arm.run_by_kind import end_of_motion
@@ -56,6 +45,7 @@ _MAX_THINGS = 50
 _MAX_NAME, _MAX_WORDS = 80, 500  # characters
 _MAX_SUNK_RAD = 0.1  # a limp arm sinks before a program begins
 _KEPT_REFUSALS = 20
+_BRAKE_TIMEOUT_S = 5.0  # braking takes 0.3 s; a busy machine is given more
 _BY_BUDGET = "--allow slow"
 
 
@@ -84,25 +74,25 @@ class AgentArm:
         self.plans = PlanStore(clock)
         self._budget = Budget(allowance, clock)
         self._own_things: set[str] = set()
-        self._stops = arm.context.servos.stop_request
-        self._refusals: deque[Refusal] = deque(maxlen=_KEPT_REFUSALS)
+        self._stops, self._executing = arm.context.servos.stop_request, threading.Lock()
+        self._refusals: deque[res.Refusal] = deque(maxlen=_KEPT_REFUSALS)
         self._last_picture: bytes | None = None
 
     # reading
 
-    def list_arms(self) -> list[ArmSummary]:
+    def list_arms(self) -> list[res.ArmSummary]:
         """Return the connected arm first, then the arms that ikservo knows."""
         own = self.arm.model
         known = [load_model(name) for name in arm_names() if name != own.name]
         return [
-            ArmSummary(name=each.name, title=quoted(each.title), is_connected=each is own)
+            res.ArmSummary(name=each.name, title=quoted(each.title), is_connected=each is own)
             for each in (own, *known)
         ]
 
-    def where(self) -> ArmStatus:
+    def where(self) -> res.ArmStatus:
         """Return the measured state."""
         state = self.arm.where()
-        return ArmStatus(
+        return res.ArmStatus(
             tip_m=_point(state.tip_m),
             positions=state.positions,
             is_holding=self.arm.context.servos.torque.is_on,
@@ -112,10 +102,10 @@ class AgentArm:
             budget=self._budget.left(),
         )
 
-    def reachable(self, position_m: Sequence[float]) -> Reach:
+    def reachable(self, position_m: Sequence[float]) -> res.Reach:
         """Solve for a point (3,) [m]; nothing moves, and no obstacle is considered."""
         found = solve(self.arm.chain, Target(position_m))
-        return Reach(
+        return res.Reach(
             is_reachable=found.reached,
             nearest_m=_point(found.nearest_m),
             error_m=found.position_error_m,
@@ -139,7 +129,7 @@ class AgentArm:
             "speeds": ["slow", "normal", "fast"],
         }
 
-    def explain(self) -> list[Refusal]:
+    def explain(self) -> list[res.Refusal]:
         """Return the latest errors of the tools, the newest first."""
         return list(reversed(self._refusals))
 
@@ -150,20 +140,20 @@ class AgentArm:
         kind, words = type(error).__name__, quoted(error.message, _MAX_WORDS)
         hint = quoted(error.hint, _MAX_WORDS)
         self._refusals.append(
-            Refusal(tool=tool, kind=kind, message=words, hint=hint, details=details)
+            res.Refusal(tool=tool, kind=kind, message=words, hint=hint, details=details)
         )
         with contextlib.suppress(IkservoError):  # a full disk must not hide the error itself
             self.journal.write("refused", tool=tool, kind=kind, message=words)
 
     # planning
 
-    def plan(self, motion: MotionValue[Any]) -> OfferedMotion:
+    def plan(self, motion: MotionValue[Any]) -> res.OfferedMotion:
         """Plan a motion as the owner allows it, and keep it for ``execute``."""
         motion, stops = self.allowance.limited(motion), self._stops.count
         plan = None if isinstance(motion, MoveGripper | Wait) else self.arm.plan(motion)
-        return self._offer([motion], plan, [_summary(motion, plan)], None, stops)
+        return self._offer(OfferedPlan([motion], plan, [_summary(motion, plan)], stops))
 
-    def check_program(self, text: str) -> CheckedProgram:
+    def check_program(self, text: str) -> res.CheckedProgram:
         """Plan each step of a program, and offer it if all are possible."""
         program = find_part("program")(text)
         count = len(program.steps) * program.repeat
@@ -182,19 +172,19 @@ class AgentArm:
             for step in program.steps
         ]
         start, stops = arm.runner.start_position(), self._stops.count
-        planned, steps = PlannedStart(start), list[StepReport]()
+        planned, steps = PlannedStart(start), list[res.StepReport]()
         # The first step is planned again from the end of the last one, if the program repeats.
         for index in (*range(len(motions)), *([0] if program.repeat > 1 else [])):
             error = self._plan_step(motions[index], planned)
             words = quoted(program.steps[index].description)
-            steps.append(StepReport(number=index + 1, step=words, error=error))
+            steps.append(res.StepReport(number=index + 1, step=words, error=error))
         if any(each.error for each in steps):
-            return CheckedProgram(steps=tuple(steps), plan=None)
+            return res.CheckedProgram(steps=tuple(steps), plan=None)
         summary = [f"{number}: {_summary(each, None)}" for number, each in enumerate(motions, 1)]
         if program.repeat > 1:
             summary.append(f"all of this {program.repeat} times")
-        offered = self._offer(motions * program.repeat, None, summary, start, stops)
-        return CheckedProgram(steps=tuple(steps), plan=offered)
+        offered = OfferedPlan(motions * program.repeat, None, summary, stops, start)
+        return res.CheckedProgram(steps=tuple(steps), plan=self._offer(offered))
 
     def _plan_step(self, motion: MotionValue[Any], planned: PlannedStart) -> str:
         """Plan a step of a program, and move the planned start to its end; return its error."""
@@ -209,19 +199,12 @@ class AgentArm:
         planned.joints = end
         return ""
 
-    def _offer(
-        self,
-        motions: Sequence[MotionValue[Any]],
-        plan: MotionPlan | None,
-        summary: Sequence[str],
-        start: Vector | None,
-        stops: int,
-    ) -> OfferedMotion:
-        offered = self.plans.offer(motions, plan, summary, start, stops)
-        self.journal.write("planned", plan=offered.id, summary=summary)
-        return OfferedMotion(
+    def _offer(self, offered: OfferedPlan) -> res.OfferedMotion:
+        plan = self.plans.offer(offered).plan
+        self.journal.write("planned", plan=offered.id, summary=offered.summary)
+        return res.OfferedMotion(
             plan_id=offered.id,
-            summary=tuple(summary),
+            summary=tuple(offered.summary),
             duration_s=None if plan is None else round(plan.duration_s, 2),
             tip_at_end_m=None if plan is None else _point(plan.tip_m),
             needs_consent=self.allowance.consent in (Consent.NOTHING, Consent.ASK),
@@ -255,8 +238,12 @@ class AgentArm:
             offered.is_asked = True
         return offered
 
-    def execute(self, plan_id: str) -> Execution:
+    def execute(self, plan_id: str) -> res.Execution:
         """Execute a plan that a person or the owner has allowed."""
+        with self._executing:
+            return self._execute(plan_id)
+
+    def _execute(self, plan_id: str) -> res.Execution:
         offered = self.plans.find(plan_id)
         if offered.answer is not Answer.YES:
             raise RefusedError(f"Nobody has allowed plan {plan_id}.", "Call execute again.")
@@ -265,7 +252,7 @@ class AgentArm:
         self.plans.take(plan_id)
         self.journal.write("execute", plan=plan_id, allowed_by=offered.answered_by)
         try:
-            with self._stops.requested(offered.stops):  # a stop since then ends it, for good
+            with self._stops.requested(offered.stops):  # a stop since then has ended it
                 self._stops.check_request()
                 self._check_start(offered.start)
                 results = tuple(self._run(each, offered.plan) for each in offered.motions)
@@ -274,7 +261,7 @@ class AgentArm:
                 self.journal.write("failed", plan=plan_id, error=str(error))
             raise
         self.journal.write("done", plan=plan_id)
-        return Execution(status="done", message="The motion has ended.", results=results)
+        return res.Execution(status="done", message="The motion has ended.", results=results)
 
     def _check_start(self, start: Vector | None) -> None:
         """Refuse a program if the arm is not at the joints (n,) where it begins."""
@@ -307,6 +294,12 @@ class AgentArm:
         """Stop a motion, even one that is about to begin: the agent cannot see it any more."""
         self.arm.request_stop(StopReason(StopKind.CLIENT, reason))
 
+    def end(self) -> None:
+        """Stop a running motion, and wait until it has ended."""
+        self.hold("The agent's server has ended.")
+        if self._executing.acquire(timeout=_BRAKE_TIMEOUT_S):
+            self._executing.release()
+
     def acknowledge(self, who: str) -> None:
         """End a stop, for a person."""
         self.journal.write("acknowledge", by=who)
@@ -314,15 +307,17 @@ class AgentArm:
 
     # surroundings
 
-    def things(self) -> list[SceneThing]:
+    def things(self) -> list[res.SceneThing]:
         """Return the things around the arm."""
         own, described = self._own_things, map(describe_thing, self.arm.scene.things)
         return [
-            SceneThing(name=quoted(thing.name), kind=kind, sizes=sizes, is_own=thing.name in own)
+            res.SceneThing(
+                name=quoted(thing.name), kind=kind, sizes=sizes, is_own=thing.name in own
+            )
             for thing, (kind, sizes) in zip(self.arm.scene.things, described, strict=True)
         ]
 
-    def add_thing(self, kind: str, name: str, sizes: Mapping[str, Any]) -> list[SceneThing]:
+    def add_thing(self, kind: str, name: str, sizes: Mapping[str, Any]) -> list[res.SceneThing]:
         """Add a thing that the arm must not touch."""
         if len(self._own_things) >= _MAX_THINGS:
             raise RefusedError(f"The agent has added {_MAX_THINGS} things.", "Remove one first.")
@@ -331,7 +326,7 @@ class AgentArm:
         self._own_things.add(name)
         return self.things()
 
-    def remove_thing(self, name: str) -> list[SceneThing]:
+    def remove_thing(self, name: str) -> list[res.SceneThing]:
         """Remove a thing that the agent has added; the owner's things stay."""
         if name not in self._own_things:
             raise UnknownNameError("thing of the agent", name, self._own_things)
@@ -350,7 +345,7 @@ class AgentArm:
         """Return the last picture as PNG; take one if there is none."""
         return self._last_picture or self.look()
 
-    def point_of_pixel(self, u: float, v: float, height_m: float | None = None) -> SeenThing:
+    def point_of_pixel(self, u: float, v: float, height_m: float | None = None) -> res.SeenThing:
         """Return the first point that a pixel of the picture of ``look`` sees.
 
         Args:
@@ -362,9 +357,9 @@ class AgentArm:
         u, v = step * u, step * v
         if height_m is not None:
             point_m = self.arm.camera.point_on_table(u, v, height_m)
-            return SeenThing(point_m=_point(point_m), thing=None)
+            return res.SeenThing(point_m=_point(point_m), thing=None)
         seen = self.arm.camera.point_seen(u, v)
-        return SeenThing(point_m=_point(seen.point_m), thing=seen.thing and quoted(seen.thing))
+        return res.SeenThing(point_m=_point(seen.point_m), thing=seen.thing and quoted(seen.thing))
 
 
 def quoted(text: str, most: int = _MAX_NAME) -> str:
@@ -376,7 +371,7 @@ def quoted(text: str, most: int = _MAX_NAME) -> str:
 def _summary(motion: MotionValue[Any], plan: MotionPlan | None) -> str:
     words = quoted(str(motion), _MAX_WORDS)
     if plan is None:
-        return f"{words}, {motion.speed}" if motion.has_speed else words  # pyright: ignore[reportAttributeAccessIssue]
+        return ", ".join(filter(None, (words, getattr(motion, "speed", ""))))
     x, y, z = (1000.0 * plan.tip_m).tolist()
     around = f", around: {quoted(plan.around)}" if plan.around else ""
     return (
@@ -385,6 +380,6 @@ def _summary(motion: MotionValue[Any], plan: MotionPlan | None) -> str:
     )
 
 
-def _point(position_m: Any) -> Point:  # noqa: ANN401  # an array (3,)
+def _point(position_m: Any) -> res.Point:  # noqa: ANN401  # an array (3,)
     x, y, z = np.round(np.asarray(position_m, dtype=float), 5).tolist()
     return x, y, z

@@ -101,4 +101,7 @@ def command(
         check_directions_once(arm, options)
         agent = AgentArm(arm, allowance, AgentJournal(arm.model.name))
         print_status(f"Journal: {agent.journal.path}")
-        serve_agent(agent, http_port, listen)
+        try:
+            serve_agent(agent, http_port, listen)
+        finally:
+            agent.end()

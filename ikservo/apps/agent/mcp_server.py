@@ -13,20 +13,10 @@ from mcp.server.mcpserver.exceptions import ToolError
 from mcp.types import ToolAnnotations
 from pydantic import Field
 
+from ikservo.apps.agent import tool_results as res
 from ikservo.apps.agent.agent_arm import AgentArm, quoted
 from ikservo.apps.agent.motion_schema import MotionArguments, Name, Number, Point, motion_arguments
 from ikservo.apps.agent.plan_store import Answer
-from ikservo.apps.agent.tool_results import (
-    ArmStatus,
-    ArmSummary,
-    CheckedProgram,
-    Execution,
-    OfferedMotion,
-    Reach,
-    Refusal,
-    SceneThing,
-    SeenThing,
-)
 from ikservo.errors import IkservoError
 from ikservo.planning.motions import MoveGripper
 
@@ -45,8 +35,11 @@ _POLL_S = 0.1
 _MAX_WAITING, _MAX_ERROR = 8, 1000  # calls, characters
 _PING_PERIOD_S = 1.0
 _PING_TIMEOUT_S = 3.0
-_READS = ToolAnnotations(read_only_hint=True)
-_WRITES = ToolAnnotations(read_only_hint=False)
+_READING = (
+    *("list_arms", "where", "reachable", "plan_picture", "scene_list", "look", "point_of_pixel"),
+    *("program_check", "explain"),
+)
+_WRITING = ("execute", "gripper", "stop", "scene_add", "scene_remove")
 
 
 def make_server(agent: AgentArm, where_to_allow: str) -> MCPServer[Any]:
@@ -56,28 +49,19 @@ def make_server(agent: AgentArm, where_to_allow: str) -> MCPServer[Any]:
         agent: The arm.
         where_to_allow: The place where a person allows plans, in words.
     """
-    server = MCPServer[Any]("ikservo", instructions=INSTRUCTIONS, log_level="ERROR")
+    server = MCPServer[Any]("ikservo", instructions=INSTRUCTIONS, log_level="CRITICAL")
     tools = ArmTools(agent, where_to_allow)
-    for read in (
-        tools.list_arms,
-        tools.where,
-        tools.reachable,
-        tools.plan_picture,
-        tools.scene_list,
-        tools.look,
-        tools.point_of_pixel,
-        tools.program_check,
-        tools.explain,
-    ):
-        server.add_tool(read, annotations=_READS)
-    for write in (tools.execute, tools.gripper, tools.stop, tools.scene_add, tools.scene_remove):
-        server.add_tool(write, annotations=_WRITES)
+    for name in (*_READING, *_WRITING):
+        hints = ToolAnnotations(read_only_hint=name in _READING)
+        server.add_tool(getattr(tools, name), annotations=hints)
 
-    async def plan(motion: MotionArguments) -> OfferedMotion:
+    async def plan(motion: MotionArguments) -> res.OfferedMotion:
         return await tools.plan(motion)
 
     plan.__annotations__["motion"] = motion_arguments()  # its fields are known at run time only
-    server.add_tool(plan, description=tools.plan.__doc__, annotations=_READS)
+    server.add_tool(
+        plan, description=tools.plan.__doc__, annotations=ToolAnnotations(read_only_hint=True)
+    )
 
     resource = server.resource
     resource("arm://description", mime_type="application/json")(tools.description)
@@ -100,19 +84,19 @@ class ArmTools:
         self._agent, self._where_to_allow = agent, where_to_allow
         self._turn, self._waiting = anyio.Lock(), 0
 
-    async def list_arms(self) -> list[ArmSummary]:
+    async def list_arms(self) -> list[res.ArmSummary]:
         """List the connected arm, then the arms that ikservo knows."""
         return await self._use("list_arms", self._agent.list_arms)
 
-    async def where(self) -> ArmStatus:
+    async def where(self) -> res.ArmStatus:
         """Measure the tip, the joints, and whether the arm is stopped."""
         return await self._use("where", self._agent.where, anyio.Lock())
 
-    async def reachable(self, position_m: Point) -> Reach:
+    async def reachable(self, position_m: Point) -> res.Reach:
         """Check whether the tip reaches a point inside the joint limits; ignores obstacles."""
         return await self._use("reachable", lambda: self._agent.reachable(position_m))
 
-    async def plan(self, motion: MotionArguments) -> OfferedMotion:
+    async def plan(self, motion: MotionArguments) -> res.OfferedMotion:
         """Plan one motion from where the arm is; nothing moves. Give exactly one kind of motion."""
         return await self._use("plan", lambda: self._agent.plan(motion.parse()))
 
@@ -121,7 +105,7 @@ class ArmTools:
         picture = await self._use("plan_picture", lambda: self._agent.picture_of(plan_id))
         return Image(data=picture, format="png")
 
-    async def execute(self, plan_id: Name, context: AnyContext) -> Execution:
+    async def execute(self, plan_id: Name, context: AnyContext) -> res.Execution:
         """Execute a plan once; waits up to 20 s for a person's consent if that is needed."""
         client = context.request_context.session.client_params
         name = client.client_info.name if client else "unknown"
@@ -130,7 +114,7 @@ class ArmTools:
             while offered.answer is Answer.NONE:
                 await anyio.sleep(_POLL_S)
         if offered.answer is Answer.NONE:
-            return Execution(
+            return res.Execution(
                 status="waiting_for_consent",
                 message=f"A person must allow plan {plan_id} {self._where_to_allow}. "
                 "Then call execute again.",
@@ -143,7 +127,7 @@ class ArmTools:
         to: Literal["open", "close"] | None = None,
         width_m: Annotated[Number, Field(ge=0)] | None = None,
         force: Annotated[Number, Field(gt=0, le=1)] | None = None,
-    ) -> Execution:
+    ) -> res.Execution:
         """Open or close the gripper, or set its width; it holds a thing that it meets."""
         offered = await self._use(
             "gripper", lambda: self._agent.plan(MoveGripper(to, width_m=width_m, force=force))
@@ -154,7 +138,7 @@ class ArmTools:
         """Brake and hold at once; only a person lets the arm move again."""
         return self._agent.stop(reason)
 
-    async def scene_list(self) -> list[SceneThing]:
+    async def scene_list(self) -> list[res.SceneThing]:
         """List the things around the arm that it avoids."""
         return await self._use("scene_list", self._agent.things)
 
@@ -166,7 +150,7 @@ class ArmTools:
         size_m: Point | None = None,
         radius_m: Number | None = None,
         height_m: Number | None = None,
-    ) -> list[SceneThing]:
+    ) -> list[res.SceneThing]:
         """Add a thing to avoid: box (size_m), cylinder (radius_m, height_m), sphere (radius_m)."""
         sizes = {"size_m": size_m, "radius_m": radius_m, "height_m": height_m}
         given = {key: value for key, value in sizes.items() if value is not None}
@@ -174,7 +158,7 @@ class ArmTools:
             "scene_add", lambda: self._agent.add_thing(kind, name, {"center_m": center_m, **given})
         )
 
-    async def scene_remove(self, name: Name) -> list[SceneThing]:
+    async def scene_remove(self, name: Name) -> list[res.SceneThing]:
         """Remove a thing that you have added; the owner's things stay."""
         return await self._use("scene_remove", lambda: self._agent.remove_thing(name))
 
@@ -184,11 +168,13 @@ class ArmTools:
 
     async def point_of_pixel(
         self, u: Number, v: Number, height_m: Number | None = None
-    ) -> SeenThing:
+    ) -> res.SeenThing:
         """Find the first point that a pixel (u right, v down) sees, or the one at a height."""
         return await self._use("point_of_pixel", lambda: self._agent.point_of_pixel(u, v, height_m))
 
-    async def program_check(self, text: Annotated[str, Field(max_length=50_000)]) -> CheckedProgram:
+    async def program_check(
+        self, text: Annotated[str, Field(max_length=50_000)]
+    ) -> res.CheckedProgram:
         """Check a program (TOML: format, arm, [[steps]]); if it is possible, execute runs it."""
         return await self._use("program_check", lambda: self._agent.check_program(text))
 
@@ -200,7 +186,7 @@ class ArmTools:
         """Return the last picture of the camera."""
         return await self._use("last_picture", self._agent.last_picture)
 
-    async def explain(self) -> list[Refusal]:
+    async def explain(self) -> list[res.Refusal]:
         """Explain why the last calls were refused, the newest first."""
         return self._agent.explain()
 

@@ -17,7 +17,7 @@ from ikservo.planning.motions import KINDS, SPEEDS, MotionValue, parse_motion
 from ikservo.planning.path_constraint import PathConstraint
 from ikservo.planning.tool_orientation import ToolOrientation
 
-MAX_POINTS = 1000
+MAX_POINTS = 300
 
 Number = Annotated[float, Field(ge=-1e6, le=1e6, allow_inf_nan=False)]
 Name = Annotated[str, Field(max_length=80)]
@@ -29,7 +29,7 @@ Points = Annotated[list[Point], Field(max_length=MAX_POINTS)]
 _OWN_TYPES: Mapping[str, Any] = {
     "speed": Literal[SPEEDS],
     "points_m": Points,
-    "strokes_m": Annotated[list[Points], Field(max_length=100)],
+    "strokes_m": Annotated[list[Points], Field(max_length=50)],
     "positions": Annotated[dict[Name, Number], Field(max_length=20)],
     "orientation": Annotated[list[Point], Field(min_length=3, max_length=3)],
     "to": Literal["open", "close"],

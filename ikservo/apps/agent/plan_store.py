@@ -5,7 +5,7 @@ from __future__ import annotations
 import secrets
 import threading
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Any
 
@@ -35,26 +35,26 @@ class OfferedPlan:
     """A plan that waits to be executed.
 
     Attributes:
-        id: A number that cannot be guessed.
         motions: The motions; several for a program.
         plan: The plan of a single motion; None for the gripper, a wait, and a program.
         summary: The plan in words, one line for each motion.
-        made_s: The time at which it was made.
-        answer: The person's answer.
-        answered_by: The place where the person answered.
-        start: The joints (n,) where a program begins; None for a single motion.
         stops: The number of stops of the arm before it was made.
+        start: The joints (n,) where a program begins; None for a single motion.
+        made_s: The time at which the store got it.
+        id: A number that cannot be guessed.
+        answer: The person's answer.
+        answered_by: Who answered.
         is_asked: Whether the agent waits for an answer.
         is_used: Whether it was executed.
     """
 
-    id: str
     motions: Sequence[MotionValue[Any]]
     plan: MotionPlan | None
     summary: Sequence[str]
-    made_s: float
-    start: Vector | None
-    stops: int
+    stops: int = 0
+    start: Vector | None = None
+    made_s: float = 0.0
+    id: str = field(default_factory=lambda: secrets.token_hex(4))
     answer: Answer = Answer.NONE
     answered_by: str = ""
     is_asked: bool = False
@@ -72,17 +72,9 @@ class PlanStore:
         self._clock, self._lock = clock, threading.RLock()
         self._plans: dict[str, OfferedPlan] = {}
 
-    def offer(
-        self,
-        motions: Sequence[MotionValue[Any]],
-        plan: MotionPlan | None,
-        summary: Sequence[str],
-        start: Vector | None = None,
-        stops: int = 0,
-    ) -> OfferedPlan:
-        """Keep a plan, and return it with its id."""
-        made_s, plan_id = self._clock.now_s(), secrets.token_hex(4)
-        offered = OfferedPlan(plan_id, tuple(motions), plan, tuple(summary), made_s, start, stops)
+    def offer(self, offered: OfferedPlan) -> OfferedPlan:
+        """Keep a plan, and return it."""
+        offered.made_s = self._clock.now_s()
         with self._lock:
             while len(self._plans) >= MAX_PLANS:
                 del self._plans[next(iter(self._plans))]

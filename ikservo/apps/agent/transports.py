@@ -78,6 +78,7 @@ def _serve_https(server: MCPServer[Any], listen: str, port: int) -> None:
         access_log=False,
         ssl_certfile=str(certificate.path),
         ssl_keyfile=str(certificate.path),
+        log_level="critical",
         ws="none",
         timeout_graceful_shutdown=0,  # Ctrl-C ends the calls, so that the arm brakes
     )

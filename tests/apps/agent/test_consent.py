@@ -13,7 +13,7 @@ from ikservo.apps.agent import consent_terminal
 from ikservo.apps.agent.allowance import Allowance, Consent
 from ikservo.apps.agent.consent_server import consent_server
 from ikservo.apps.agent.consent_terminal import answer_in_terminal
-from ikservo.apps.agent.plan_store import Answer, PlanStore
+from ikservo.apps.agent.plan_store import Answer, OfferedPlan, PlanStore
 from ikservo.errors import IkservoError, InputError, RefusedError, UnknownNameError
 from ikservo.planning.calibrated_arm import ZeroSource
 from ikservo.planning.motions import Wait
@@ -171,11 +171,11 @@ def test_allowance_that_does_not_fit_the_arm_is_refused(allowance, zeros):
 def test_plan_expires_and_oldest_is_forgotten():
     clock = VirtualClock()
     store = PlanStore(clock)
-    first = store.offer([Wait(1.0)], None, ["wait"])
+    first = store.offer(OfferedPlan([Wait(1.0)], None, ["wait"]))
     clock.sleep_until(clock.now_s() + 301.0)
     with pytest.raises(RefusedError, match="older than 5 minutes"):
         store.take(first.id)
-    ids = {store.offer([Wait(1.0)], None, ["wait"]).id for _ in range(50)}
+    ids = {store.offer(OfferedPlan([Wait(1.0)], None, ["wait"])).id for _ in range(50)}
     assert len(ids) == 50
     with pytest.raises(UnknownNameError):
         store.find(first.id)

@@ -189,6 +189,7 @@ def test_flood_of_calls_is_refused_but_stop_is_not(simulated):
 
 def test_cancelled_call_stops_the_arm(open_session):
     with open_session(port="sim:?pose=home&paced=1") as session:
+        session.agent.arm.enable()  # a limp arm sinks between plan and motion
         far = session.plan(move_joints={"positions": {"shoulder_pan": 1.5}, "speed": "slow"})
 
         async def cancel(client):

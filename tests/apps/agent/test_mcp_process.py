@@ -73,6 +73,8 @@ class McpProcess:
         return self.ask("tools/call", name=tool, arguments=arguments)["result"]
 
     def begin_motion(self):
+        hold = self.call("gripper", to="open")  # a limp arm sinks between plan and motion
+        assert not hold["isError"], hold
         plan = self.call("plan", motion=FAR)["structuredContent"]["plan_id"]
         number = self.begin("tools/call", name="execute", arguments={"plan_id": plan})
         time.sleep(1.5)
