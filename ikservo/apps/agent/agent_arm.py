@@ -55,11 +55,6 @@ class AgentArm:
     They raise an ``IkservoError`` if something cannot be read, planned or executed, if the owner or
     a person does not allow it, or if the journal cannot be written. The arm then holds.
 
-    Args:
-        arm: The open arm.
-        allowance: The decisions of the owner.
-        journal: Records each call.
-
     Attributes:
         arm: The arm.
         allowance: The decisions of the owner.
@@ -77,8 +72,6 @@ class AgentArm:
         self._stops, self._executing = arm.context.servos.stop_request, threading.Lock()
         self._refusals: deque[res.Refusal] = deque(maxlen=_KEPT_REFUSALS)
         self._last_picture: bytes | None = None
-
-    # reading
 
     def list_arms(self) -> list[res.ArmSummary]:
         """Return the connected arm first, then the arms that ikservo knows."""
@@ -144,8 +137,6 @@ class AgentArm:
         )
         with contextlib.suppress(IkservoError):  # a full disk must not hide the error itself
             self.journal.write("refused", tool=tool, kind=kind, message=words)
-
-    # planning
 
     def plan(self, motion: MotionValue[Any]) -> res.OfferedMotion:
         """Plan a motion as the owner allows it, and keep it for ``execute``."""
@@ -216,8 +207,6 @@ class AgentArm:
         if plan is None:
             raise RefusedError("Only a plan of a single motion of the arm has a picture.")
         return encode_png(draw_plan(self.arm, plan))
-
-    # moving
 
     def ask(self, plan_id: str, client: str) -> OfferedPlan:
         """Let a plan wait for a person, unless the owner allows it; return it."""
@@ -305,8 +294,6 @@ class AgentArm:
         self.journal.write("acknowledge", by=who)
         self.arm.acknowledge()
 
-    # surroundings
-
     def things(self) -> list[res.SceneThing]:
         """Return the things around the arm."""
         own, described = self._own_things, map(describe_thing, self.arm.scene.things)
@@ -346,13 +333,7 @@ class AgentArm:
         return self._last_picture or self.look()
 
     def point_of_pixel(self, u: float, v: float, height_m: float | None = None) -> res.SeenThing:
-        """Return the first point that a pixel of the picture of ``look`` sees.
-
-        Args:
-            u: Pixels to the right.
-            v: Pixels down.
-            height_m: Height above the table of the point that it sees; None: whatever it hits.
-        """
+        """Return the first point that a pixel (right, down) sees, or its point at a height."""
         step = shrink_step(self.arm.camera.model().lens.size)
         u, v = step * u, step * v
         if height_m is not None:

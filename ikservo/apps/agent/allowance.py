@@ -99,12 +99,7 @@ class Allowance:
 
 
 class Budget:
-    """Motions that need no question: a number of them, until a time.
-
-    Args:
-        allowance: The decisions of the owner.
-        clock: Measures the minutes.
-    """
+    """Motions that need no question: a number of them, until a time."""
 
     def __init__(self, allowance: Allowance, clock: Clock) -> None:
         self._left, self._clock = allowance.motions, clock

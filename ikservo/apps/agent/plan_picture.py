@@ -59,12 +59,7 @@ def draw_plan(arm: Arm, plan: MotionPlan) -> Picture:
 
 
 class _View:
-    """A parallel projection.
-
-    Args:
-        axes: The directions (2, 3) of right and up.
-        reach_m: Half of the width, metres; the base is in the middle.
-    """
+    """A parallel projection on axes (2, 3), right and up; the base is in the middle."""
 
     def __init__(self, axes: Matrix, reach_m: float) -> None:
         self.pixels = np.full((_SIZE, _SIZE, 3), 255, dtype=np.uint8)

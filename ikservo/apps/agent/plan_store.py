@@ -62,11 +62,7 @@ class OfferedPlan:
 
 
 class PlanStore:
-    """The plans of one server; safe in any thread.
-
-    Args:
-        clock: Measures their lifetime.
-    """
+    """The plans of one server; safe in any thread."""
 
     def __init__(self, clock: Clock) -> None:
         self._clock, self._lock = clock, threading.RLock()

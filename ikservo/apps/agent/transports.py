@@ -27,11 +27,6 @@ from ikservo.errors import BadValueError, PortError
 def serve_agent(agent: AgentArm, http_port: int | None, listen: str) -> None:
     """Serve an arm until the agent disconnects, or until Ctrl-C.
 
-    Args:
-        agent: The arm.
-        http_port: TCP port for HTTPS; None for standard input and output.
-        listen: IP address of that port.
-
     Raises:
         BadValueError: The address is not an IP address.
         PortError: The port is in use.
@@ -68,7 +63,7 @@ def _serve_https(server: MCPServer[Any], listen: str, port: int) -> None:
     security = TransportSecuritySettings(
         allowed_hosts=names, allowed_origins=[f"https://{name}" for name in names]
     )
-    app = _RequireKey(server.streamable_http_app(transport_security=security), key)
+    app = _require_key(server.streamable_http_app(transport_security=security), key)
     print_status(f"Address: https://{names[0]}/mcp")
     print_status(f"Header:  Authorization: Bearer {key}")
     print_status(f"SHA-256 of the certificate: {certificate.fingerprint}")
@@ -85,23 +80,16 @@ def _serve_https(server: MCPServer[Any], listen: str, port: int) -> None:
     uvicorn.Server(config).run([listening])
 
 
-class _RequireKey:
-    """Refuses requests without the key, before anything else is read of them.
+def _require_key(app: ASGIApp, key: str) -> ASGIApp:
+    """Return an application that answers 401 to requests without the key, before it reads them."""
+    expected = f"Bearer {key}".encode()
 
-    Args:
-        app: The application behind it.
-        key: The key.
-    """
+    async def answer(scope: Scope, receive: Receive, send: Send) -> None:
+        given = dict(scope.get("headers", ())).get(b"authorization", b"")
+        if scope["type"] == "http" and not hmac.compare_digest(given, expected):
+            refusal = Response("The key is wrong.\n", 401, {"www-authenticate": "Bearer"})
+            await refusal(scope, receive, send)
+        else:
+            await app(scope, receive, send)
 
-    def __init__(self, app: ASGIApp, key: str) -> None:
-        self._app, self._expected = app, f"Bearer {key}".encode()
-
-    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Pass on a request with the key; answer 401 to others."""
-        if scope["type"] == "http":
-            given = dict(scope["headers"]).get(b"authorization", b"")
-            if not hmac.compare_digest(given, self._expected):
-                refusal = Response("The key is wrong.\n", 401, {"www-authenticate": "Bearer"})
-                await refusal(scope, receive, send)
-                return
-        await self._app(scope, receive, send)
+    return answer

@@ -11,12 +11,13 @@ import pytest
 
 from ikservo.apps.agent import consent_terminal
 from ikservo.apps.agent.allowance import Allowance, Consent
-from ikservo.apps.agent.consent_server import consent_server
+from ikservo.apps.agent.consent_server import address_file, consent_server, stored_address
 from ikservo.apps.agent.consent_terminal import answer_in_terminal
 from ikservo.apps.agent.plan_store import Answer, OfferedPlan, PlanStore
 from ikservo.errors import IkservoError, InputError, RefusedError, UnknownNameError
 from ikservo.planning.calibrated_arm import ZeroSource
 from ikservo.planning.motions import Wait
+from ikservo.planning.path_constraint import PathConstraint
 from servosim.clock import VirtualClock
 
 NEAR = [0.22, 0.04, 0.12]
@@ -185,3 +186,32 @@ def test_terminal_reports_server_that_has_ended(monkeypatch):
     monkeypatch.setattr(consent_terminal, "stored_address", lambda: "http://127.0.0.1:9/#key")
     with pytest.raises(IkservoError, match="has disconnected"):
         answer_in_terminal()
+
+
+def test_refusal_ends_an_earlier_consent():
+    store = PlanStore(VirtualClock())
+    plan = store.offer(OfferedPlan([Wait(1.0)], None, ["wait"]))
+    for answer in (Answer.YES, Answer.NO, Answer.YES):
+        if plan.answer is not Answer.NO:
+            store.answer(plan.id, answer, "a person")
+    with pytest.raises(RefusedError, match="has refused"):
+        store.take(plan.id)
+
+
+def test_server_that_ends_keeps_the_address_of_a_later_one(open_session):
+    with open_session() as session, consent_server(session.agent):
+        with consent_server(session.agent) as later:
+            pass
+        with consent_server(session.agent) as later:
+            address_file().write_text(json.dumps({"address": "of another"}))
+        assert stored_address() == "of another" != later
+
+
+def test_motion_after_the_minutes_of_the_owner_is_refused(open_session):
+    region = PathConstraint(low_m=(-0.5, -0.4, 0.0), high_m=(0.5, 0.4, 0.5))
+    with open_session(consent=Consent.SLOW, within=region, minutes=0.001) as session:
+        plan = session.plan(wait={"duration_s": 0.1})
+        offered = session.agent.plans.find(plan)
+        offered.answer, offered.answered_by = Answer.YES, "--allow slow"  # just before the end
+        time.sleep(0.1)
+        assert "need no question is over" in session.call("execute", plan_id=plan)

@@ -165,3 +165,62 @@ def test_nothing_moves_without_a_line_in_the_journal(simulated, monkeypatch):
     monkeypatch.setattr("ikservo.apps.agent.agent_journal.MAX_BYTES", 10)
     assert "the journal is full" in simulated.call("execute", plan_id=plan)
     assert not simulated.has_moved
+
+
+def test_stop_ends_plans_made_before_it_for_good(simulated):
+    plan = simulated.plan(move_to={"position_m": NEAR})
+    simulated.call("stop")
+    simulated.agent.acknowledge("a person")
+    assert "stopped after this motion was requested" in simulated.call("execute", plan_id=plan)
+    assert not simulated.has_moved
+
+
+def test_call_cancelled_before_its_motion_begins_moves_nothing(simulated, monkeypatch):
+    plan, write = simulated.plan(move_to={"position_m": NEAR}), simulated.agent.journal.write
+
+    def cancelled(event, **values):
+        if event == "execute":
+            simulated.agent.hold("cancelled")
+        write(event, **values)
+
+    monkeypatch.setattr(simulated.agent.journal, "write", cancelled)
+    assert "cancelled" in simulated.call("execute", plan_id=plan)
+    assert not simulated.has_moved
+
+
+def test_journal_names_the_client_and_is_private(simulated):
+    simulated.call("execute", plan_id=simulated.plan(move_to={"position_m": NEAR}))
+    path = simulated.agent.journal.path
+    (asked,) = (each for each in read_journal(path) if " asked " in each)
+    assert "client: mcp" in asked
+    assert path.stat().st_mode & 0o077 == 0
+
+
+def test_program_begins_where_it_was_checked(simulated):
+    text = f'format = 1\narm = "so101"\n[[steps]]\ntip_m = {NEAR}\n'
+    checked = simulated.call("program_check", text=text)["plan"]["plan_id"]
+    moved = simulated.plan(move_joints={"positions": {"shoulder_pan": 0.5}})
+    assert simulated.call("execute", plan_id=moved)["status"] == "done"
+    assert "not where the program begins" in simulated.call("execute", plan_id=checked)
+
+
+def test_person_sees_steps_speeds_and_repetitions_of_a_program(simulated):
+    step = f'[[steps]]\nname = "{"harmless " * 8}"\ntip_m = {NEAR}\nspeed = "fast"\n'
+    text = f'format = 1\narm = "so101"\nrepeat = 3\n{step}'
+    summary = simulated.call("program_check", text=text)["plan"]["summary"]
+    assert summary == ["1: joints to (0.220, 0.040, 0.120) m, fast", "all of this 3 times"]
+
+
+def test_program_outside_the_region_is_not_offered(open_session):
+    region = PathConstraint(low_m=(0.1, -0.2, 0.05), high_m=(0.4, 0.2, 0.4))
+    text = 'format = 1\narm = "so101"\n[[steps]]\ntip_m = [0.2, 0.25, 0.12]\n'
+    with open_session(consent=Consent.SLOW, within=region) as session:
+        checked = session.call("program_check", text=text)
+        assert checked["plan"] is None
+        assert checked["steps"][0]["error"]
+
+
+def test_errors_are_cut_short(simulated):
+    words = simulated.call("program_check", text="a" * 40_000 + " = 1")
+    assert len(words) < 1200
+    assert len(json.dumps(simulated.call("explain"))) < 1500
