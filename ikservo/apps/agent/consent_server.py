@@ -114,8 +114,9 @@ def _make_app(agent: AgentArm, key: str, port: int) -> Starlette:
 
     async def answer_plan(request: Request) -> Response:
         answer = Answer.YES if request.url.path.endswith("/yes") else Answer.NO
-        agent.journal.write("answered", plan=request.path_params["plan"], answer=answer.value)
-        agent.plans.answer(request.path_params["plan"], answer, "a person")
+        plan = agent.plans.find(request.path_params["plan"])
+        agent.journal.write("answered", plan=plan.id, answer=answer.value)
+        agent.plans.answer(plan.id, answer, "a person")
         return Response(status_code=204)
 
     async def stop(_: Request) -> Response:

@@ -213,3 +213,46 @@ def test_error_of_disk_hides_no_other_error(simulated, monkeypatch):
 
     monkeypatch.setattr(simulated.agent.journal, "write", full)
     assert "cannot be reached" in simulated.plan(move_to={"position_m": [1.5, 0.0, 0.1]})
+
+
+def test_where_and_stop_answer_while_the_arm_moves(open_session):
+    with open_session(port="sim:?pose=home&paced=1") as session:
+        session.agent.arm.enable()
+        far = session.plan(move_joints={"positions": {"shoulder_pan": 1.5}, "speed": "slow"})
+
+        async def watch(client):
+            results = []
+
+            async def execute():
+                results.append(await client.call_tool("execute", {"plan_id": far}))
+
+            async with anyio.create_task_group() as group:
+                group.start_soon(execute)
+                await anyio.sleep(1.5)
+                with anyio.fail_after(2.0):
+                    where = await client.call_tool("where", {})
+                    state = await client.read_resource("arm://state")
+                    assert results == []
+                    await client.call_tool("stop", {})
+            return where, state, results[0]
+
+        where, state, result = session.run(watch)
+        assert 0.02 < where.structured_content["positions"]["shoulder_pan"] < 1.4
+        assert "shoulder_pan" in state.contents[0].text
+        assert "The agent stopped it" in result.content[0].text
+
+
+def test_refused_resources_do_not_delay_a_stop(simulated):
+    async def flood(client):
+        async def ask():
+            with pytest.raises(MCPError):
+                await client.read_resource("arm://picture")
+
+        async with anyio.create_task_group() as group:
+            for _ in range(60):
+                group.start_soon(ask)
+            await anyio.sleep(0.2)
+            with anyio.fail_after(2.0):
+                return await client.call_tool("stop", {})
+
+    assert not simulated.run(flood).is_error

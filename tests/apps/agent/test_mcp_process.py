@@ -13,9 +13,14 @@ import time
 import urllib.error
 import urllib.request
 
+import anyio
 import pytest
 
 pytest.importorskip("mcp")
+
+from mcp.client.client import Client
+from mcp.client.streamable_http import streamable_http_client
+
 FAR = {"move_joints": {"positions": {"shoulder_pan": 1.5}, "speed": "slow"}}
 
 
@@ -152,16 +157,21 @@ def test_damaged_messages_do_not_end_the_server(start):
     assert server.call("where")["structuredContent"]["is_holding"] in (True, False)
 
 
-def test_https_needs_key_host_and_origin(start):
-    server = start("--http-port", "0", port="sim:?pose=home", connect=False)
+def https_of(server):
+    """Return the address and the key that a server has printed, and a context that trusts it."""
     for _ in range(600):
         found = re.search(r"(https://\S+)/mcp\n.*Bearer (\S+)", "".join(server.errors))
         if found:
             break
         time.sleep(0.1)
-    address, key = found.groups()
     trusting = ssl.create_default_context()
     trusting.check_hostname, trusting.verify_mode = False, ssl.CERT_NONE
+    return *found.groups(), trusting
+
+
+def test_https_needs_key_host_and_origin(start):
+    server = start("--http-port", "0", port="sim:?pose=home", connect=False)
+    address, key, trusting = https_of(server)
 
     def status(**headers):
         body = {"jsonrpc": "2.0", "id": 1, "method": "initialize", "params": {
@@ -188,3 +198,31 @@ def test_https_needs_key_host_and_origin(start):
     assert status(authorization="Bearer x") == 401
     assert status(**bearer, host="evil.example") == 421
     assert status(**bearer, origin="https://evil.example") == 403
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
+def test_arm_brakes_when_the_https_server_is_ended(start, number):
+    httpx2 = pytest.importorskip("httpx2")
+    server = start("--http-port", "0", "--allow", "simulator", connect=False)
+    address, key, trusting = https_of(server)
+
+    async def move():
+        headers = {"authorization": f"Bearer {key}"}
+        async with httpx2.AsyncClient(verify=trusting, headers=headers, timeout=60) as http:
+            transport = streamable_http_client(f"{address}/mcp", http_client=http)
+            async with Client(transport, mode="legacy") as client, anyio.create_task_group() as all:
+                await client.call_tool("gripper", {"to": "open"})
+                planned = await client.call_tool("plan", {"motion": FAR})
+                plan = {"plan_id": planned.structured_content["plan_id"]}
+                all.start_soon(client.call_tool, "execute", plan)
+                await anyio.sleep(1.5)
+                server.process.send_signal(number)
+                await anyio.to_thread.run_sync(server.process.wait, 10)
+                all.cancel_scope.cancel()
+
+    with contextlib.suppress(Exception):  # the client misses its server
+        anyio.run(move)
+    assert server.process.poll() is not None, server.errors
+    events = [each["event"] for each in server.journal()]
+    assert events[-2:] == ["execute", "failed"] or events[-3:-1] == ["execute", "failed"], events
+    assert not any("Traceback" in line for line in server.errors)
