@@ -77,9 +77,10 @@ class McpProcess:
     def call(self, tool, **arguments):
         return self.ask("tools/call", name=tool, arguments=arguments)["result"]
 
-    def begin_motion(self):
+    def begin_motion(self, *, answers_pings=True):
         hold = self.call("gripper", to="open")  # a limp arm sinks between plan and motion
         assert not hold["isError"], hold
+        self.answers_pings = answers_pings
         plan = self.call("plan", motion=FAR)["structuredContent"]["plan_id"]
         number = self.begin("tools/call", name="execute", arguments={"plan_id": plan})
         time.sleep(1.5)
@@ -137,8 +138,7 @@ def test_arm_brakes_when_the_agent_is_gone(start, way):
 
 def test_arm_brakes_when_the_agent_stalls(start):
     server = start("--allow", "simulator")
-    server.answers_pings = False
-    result = server.wait_for(server.begin_motion())["result"]
+    result = server.wait_for(server.begin_motion(answers_pings=False))["result"]
     assert result["isError"]
     assert "has not answered" in result["content"][0]["text"]
 
