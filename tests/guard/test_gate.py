@@ -157,7 +157,7 @@ def test_gate_checks_every_joint_before_it_sends_any():
     assert (bus.sent, dict(gate.goals)) == ([{4: 2115}], {"elbow": 2048, "wrist": 2115})
 
 
-def test_refused_command_does_not_use_up_time_of_next():
+def test_refused_command_leaves_step_budget_to_next_command():
     gate, bus, clock = make_gate_at(2048)
     clock.time_s = 0.01
     gate.update_measured({"elbow": 2048}, 0.01)

@@ -100,7 +100,7 @@ def command(
         arm = require_own_port(machine)
         check_directions_once(arm, options)
         agent = AgentArm(arm, allowance, AgentJournal(arm.model.name))
-        print_status(f"AgentJournal: {agent.journal.path}")
+        print_status(f"Journal: {agent.journal.path}")
         try:
             serve_agent(agent, http_port, listen)
         finally:
