@@ -98,7 +98,7 @@ class GripperMotion:
         return abs(at - self._goal) <= _ARRIVED_RAD * self._per_horn
 
     def _update_rest(self, at: float) -> bool:
-        """Check whether the joint rests, and has pressed for long enough if it presses."""
+        """Check whether the joint rests; if it presses on something, for long enough."""
         now_s = self._context.now_s()
         if self.blocked:
             self._pressing = self._pressing.add_reading(now_s, {0: at})

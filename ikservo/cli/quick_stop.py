@@ -55,7 +55,7 @@ def quick_stop(args: Sequence[str]) -> int | None:
 
 
 def _stop_one(arm: str, port: str) -> StopAllResult:
-    """Stop one arm; the result is empty if the complete command is needed.
+    """Stop one arm; the result is empty if only the complete ``ikservo stop`` can do it.
 
     Args:
         arm: Its name; empty if unknown.

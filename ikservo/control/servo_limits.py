@@ -249,7 +249,7 @@ class ServoRamLimits:
             raise _pause_error()
 
     def reset_markers(self, servo_id: int, *, watchdog: bool = True) -> Mapping[Register, int]:
-        """Compute the RAM registers that a reset would change, with their present values.
+        """Return the RAM registers that a reset would change, with their present values.
 
         Args:
             servo_id: The servo.

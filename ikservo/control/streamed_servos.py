@@ -477,8 +477,8 @@ class StreamedServos:
     def hold(self, reason: StopReason) -> None:
         """Latch a stop and hold, until ``acknowledge``; never raises.
 
-        Every joint keeps its goal, slightly ahead of it; a joint that has an alarm or cannot follow
-        gets its position as goal, so that it stops pressing.
+        Every joint keeps its goal, which may be slightly ahead of its position. A joint with an
+        alarm, or one that cannot follow, gets its position as its goal, so that it stops pressing.
         """
         self.latch_stop(reason)
         self._reference = self._measured

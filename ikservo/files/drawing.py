@@ -229,7 +229,9 @@ def _check_svg(path: Path, text: str) -> None:
     except (ET.ParseError, DefusedXmlException, ValueError) as error:
         raise FileFormatError(path, "", f"is not XML ({error})", "an SVG file") from error
     if root.tag.rpartition("}")[2] != "svg":
-        raise FileFormatError(path, "", f"is XML, but {quote(root.tag)}, not svg", "an SVG file")
+        raise FileFormatError(
+            path, "", f"is XML with root {quote(root.tag)}, not svg", "an SVG file"
+        )
     elements, numbers, inherited = _SvgCost(path, root).of(root)
     sheets = sum(len(each.text or "") for each in root.iter() if each.tag.endswith("style"))
     for count, most, what in (

@@ -115,9 +115,9 @@ class CollisionChecker:
     ) -> float:
         """Check joint vectors (dof,) along a path, the first being the present posture.
 
-        An arm that touches the table, or itself, may move out: a pair in contact at the start may
-        stay as deep as it began until it is free, and must not touch again afterwards by more than
-        half a millimetre; the same holds for a pair within that distance at the start. A stream
+        An arm that touches the table, or itself, may move out. A pair in contact at the start may
+        stay at that depth until it separates; afterwards it may overlap by at most 0.5 mm. The same
+        holds for a pair that is within 0.5 mm of contact at the start. A stream
         checks two vectors: the present posture, and where it would stop. Between the vectors,
         joints move straight; the path is sampled more finely where a contact is possible.
 

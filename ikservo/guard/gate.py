@@ -237,8 +237,8 @@ class Gate:
         # Each second is used by only one step. This form of the comparison also refuses NaN.
         elif not self._passed_s <= now_s <= clock_s:
             raise RefusedError(
-                f"The time of the goals is {now_s} s, not between that of the last command, "
-                f"{self._passed_s} s, and now, {clock_s} s.",
+                f"The goals have the time {now_s} s, which is not between that of the last "
+                f"command, {self._passed_s} s, and now, {clock_s} s.",
                 "Nothing was sent.",
             )
         elapsed_s, commanded = now_s - self._passed_s, self._commanded(goals)

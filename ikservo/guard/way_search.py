@@ -49,7 +49,7 @@ class SearchedTool(Protocol):
 
     @property
     def projected(self) -> Matrix:
-        """Limits (k, 8) that a projection satisfies; see ``ik.kernel.tool_limits``."""
+        """Limits (k, 8) that a projection satisfies; see ``ikservo.kernels.tool_limits``."""
         ...
 
     @property

@@ -150,7 +150,7 @@ class ServoBus(RegisterAccess):
         """Write a register of many servos with one packet, to which servos do not reply.
 
         Raises:
-            RegisterAccessError: A register forbids its value; nothing was sent to any servo.
+            RegisterAccessError: A register does not allow its value; nothing was sent to any servo.
         """
         key = (tuple(values), ref)
         if key not in self._writings:
@@ -181,7 +181,7 @@ class ServoBus(RegisterAccess):
         Neighbouring registers use one packet, and so do servos as far as the family allows.
 
         Raises:
-            RegisterAccessError: A register forbids its value; nothing was sent to any servo.
+            RegisterAccessError: A register does not allow its value; nothing was sent to any servo.
         """
         own: dict[int, dict[Register, bytes]] = {}
         for servo_id, row in values.items():

@@ -1,4 +1,4 @@
-"""Registers of single servos: read, write, prepared writes; goals cannot wake a limp servo."""
+"""Access to registers of single servos; goals cannot switch on the torque of a limp servo."""
 
 from __future__ import annotations
 

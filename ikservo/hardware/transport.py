@@ -265,7 +265,7 @@ def refuse_other_machines(name: str) -> None:
 
 @cache
 def _find_plug_ins(name: str, group: str = ENTRY_POINT_GROUP) -> tuple[EntryPoint, ...]:
-    """Find the installed plug-ins of a name; searching all packages takes milliseconds."""
+    """Find the installed plug-ins with a name; searching all packages takes milliseconds."""
     return tuple(entry_points(group=group, name=name))
 
 

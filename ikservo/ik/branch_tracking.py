@@ -254,7 +254,7 @@ class Solver:
         return out, reached
 
     def _run_with_copies(self, solve: PoseKernel, T: ArrayLike, q0: ArrayLike) -> int:
-        """Solve for values that are not plain arrays, or raise an error that says what is wrong."""
+        """Solve with copies of arguments that are not plain arrays; raise if they are not valid."""
         try:
             pose, start = np.array(T, dtype=np.float64, order="C"), np.array(q0, dtype=np.float64)
         except (TypeError, ValueError, OverflowError):

@@ -172,7 +172,7 @@ class Chain:
         """Return the same chain with other origins ``T_parent_joint`` (4, 4) of some joints.
 
         Raises:
-            UnknownNameError: The arm has no joint of such a name.
+            UnknownNameError: The arm has no joint with that name.
             BadValueError: An origin is not an array (4, 4) of finite numbers.
         """
         if not isinstance(cast("object", origins), Mapping):

@@ -25,13 +25,13 @@ def _no_correction() -> Vector:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class GeometricErrors:
-    """Small corrections of an arm's geometry against its description.
+    """Small corrections to the described geometry of an arm.
 
     Attributes:
         base_m: Position of the described base (3,), metres, world coordinates.
         base_rad: Rotation vector (3,) of the described base.
-        origins_m: Translation of a joint's origin against its description (3,), metres, in its
-            parent's coordinates; the fixed joint before the tip is for the tool.
+        origins_m: Translation of a joint's origin relative to its description (3,), metres, in its
+            parent's coordinates; that of the fixed joint before the tip corrects the tool.
     """
 
     base_m: Vector = field(default_factory=_no_correction)

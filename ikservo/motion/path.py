@@ -274,7 +274,7 @@ class ArmPlane:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class OrientationInterpolation:
-    """An orientation that rotates evenly from one to another about one axis, in the arm plane.
+    """Interpolation of two orientations: even rotation about an axis fixed to the arm plane.
 
     Attributes:
         plane: The plane that the orientation is relative to.

@@ -585,7 +585,7 @@ def parse_motion(value: object) -> MotionValue[Any]:
     table = dict(cast("Mapping[object, object]", value)) if is_table else {}
     if len(table) != 1:
         raise BadValueError(
-            "The motion", _shorten(value), f"a table of one of {', '.join(motion_names())}"
+            "The motion", _shorten(value), f"a table with one key: {', '.join(motion_names())}"
         )
     ((kind, fields_of_kind),) = table.items()
     kind = str(check_choice("motion", kind, motion_names()))

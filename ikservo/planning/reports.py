@@ -81,7 +81,7 @@ class ArmState:
 
     @property
     def voltages_v(self) -> Vector:
-        """The servos' supply (n,), volts."""
+        """Supply voltages of the servos (n,), V."""
         return np.array([joint.voltage_v for joint in self.joints])
 
     @property

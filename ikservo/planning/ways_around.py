@@ -1,4 +1,4 @@
-"""Paths of the joints around obstacles on their straight path."""
+"""Joint-space paths around obstacles that block the straight path."""
 
 from __future__ import annotations
 

@@ -59,13 +59,13 @@ class Specimen:
         for name, compliance in self.compliances.items():
             if not 0.0 <= compliance <= MAX_COMPLIANCE:
                 most = f"0 to {MAX_COMPLIANCE:g} rad per N m"
-                raise SimulatorError(f"the compliance of {name} is {most}, not {compliance:g}")
+                raise SimulatorError(f"the compliance of {name} must be {most}, not {compliance:g}")
         for scale in (self.mass_scale, *self.mass_scales.values()):
             if not 0.0 < scale <= MAX_SCALE:
-                raise SimulatorError(f"a mass is scaled by 0 to {MAX_SCALE:g}, not {scale:g}")
+                raise SimulatorError(f"a mass must be scaled by 0 to {MAX_SCALE:g}, not {scale:g}")
         if not 0.0 <= self.payload_kg <= MAX_PAYLOAD_KG:
             most = f"0 to {MAX_PAYLOAD_KG:g} kg"
-            raise SimulatorError(f"a payload is {most}, not {self.payload_kg:g} kg")
+            raise SimulatorError(f"a payload must be {most}, not {self.payload_kg:g} kg")
 
     @property
     def changes_masses(self) -> bool:

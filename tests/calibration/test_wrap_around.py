@@ -134,5 +134,5 @@ def test_encoder_of_each_model_matches_its_data_sheet(model, ticks, per_turn):
     assert encoder.wraps == (ticks == 4096)
 
 
-def test_wrapped_difference_on_odd_circle_is_symmetric():
+def test_wrapped_difference_is_symmetric_for_odd_tick_count():
     assert [wrapped_difference(0, end, 5) for end in range(5)] == [0, 1, 2, -2, -1]

@@ -115,7 +115,7 @@ def test_pose_command_lists_poses_of_all_arms_without_a_port(run_cli, monkeypatc
 @pytest.mark.parametrize(
     ("hold", "says"), [("", "torque stays as it is"), (" --hold", "torque comes on")]
 )
-def test_teach_now_tells_torque_and_replaced_pose_first(run_cli, tmp_path, monkeypatch, hold, says):
+def test_teach_now_announces_torque_and_replaced_pose(run_cli, tmp_path, monkeypatch, hold, says):
     monkeypatch.setenv("IKSERVO_HOME", str(tmp_path))
     words = f"teach cup --now --arm so101 --port sim{hold}"
     first, again = run_cli(words), run_cli(words)

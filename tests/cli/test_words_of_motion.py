@@ -79,7 +79,7 @@ def test_jog_warns_once_of_an_uncompiled_solver(run_cli, monkeypatch, compiled):
         ("gripper close --force 2", "The force is 2."),
         ("teach cup", "Cannot ask: input is not a terminal."),
         ("teach cup --float", "Cannot ask: input is not a terminal."),
-        ("teach cup --float --now", "--float and --now exclude each other."),
+        ("teach cup --float --now", "--float and --now cannot be used together."),
         ("teach cup --for 2s --now", "--for can only be used with --float."),
         ("teach home --float --for 1s", "The name of the pose is home, a pose of the arm"),
         ("teach home --now", "The name of the pose is home, a pose of the arm file."),

@@ -111,7 +111,7 @@ def test_svg_text_is_not_drawn_and_reported(tmp_path):
     [
         ("hello", "is not XML"),
         ("<svg", "is not XML"),
-        ("<html/>", 'is XML, but "html"'),
+        ("<html/>", 'is XML with root "html"'),
         ("<svg/>", "has no lines to draw"),
         ('<!DOCTYPE s [<!ENTITY a "b">]><svg>&a;</svg>', "is not XML"),
         ('<svg xmlns="http://www.w3.org/2000/svg"><text>hi</text></svg>', "no lines to draw"),

@@ -131,7 +131,7 @@ def test_removing_a_missing_file_is_not_an_error(tmp_path):
     remove_durably(tmp_path / "nothing")
 
 
-def test_removed_file_is_gone(path):
+def test_remove_durably_deletes_file(path):
     remove_durably(path)
     assert not path.exists()
 

@@ -106,7 +106,7 @@ def test_clear_space_finds_plate_of_1_um_thickness():
         assert any(space.is_free(np.array([end, 0.3 * end])) for end in (start, goal))
 
 
-def test_clear_space_allows_pair_as_near_as_at_path_end():
+def test_clear_space_accepts_clearance_of_path_ends():
     checker = CollisionChecker(body("so101"), None, BOXES)
     q = np.random.default_rng(7).uniform(-1.2, 1.2, (400, checker.dof))
     near_m = checker.distances(q).min(axis=1)

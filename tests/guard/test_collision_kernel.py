@@ -70,12 +70,12 @@ def compare(body, q):
         np.testing.assert_allclose(compiled[pair], gap_m, atol=1e-9, err_msg=str(pair))
 
 
-def test_compiled_distances_equal_plain_body_for_all_joint_kinds():
+def test_compiled_distances_equal_numpy_for_all_joint_kinds():
     compare(every_kind_of_joint(), np.random.default_rng(1).uniform(-2.0, 2.0, (6, 4)))
 
 
 @pytest.mark.parametrize("name", ["so101", "open_manipulator_x", "planar2"])
-def test_compiled_distances_equal_plain_body_for_shipped_arms(name):
+def test_compiled_distances_equal_numpy_for_shipped_arms(name):
     chain = model_of(name).chain
     q = np.random.default_rng(2).uniform(chain.lower_rad, chain.upper_rad, (3, chain.dof))
     compare(body(name), q)

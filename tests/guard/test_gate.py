@@ -157,7 +157,7 @@ def test_gate_checks_every_joint_before_it_sends_any():
     assert (bus.sent, dict(gate.goals)) == ([{4: 2115}], {"elbow": 2048, "wrist": 2115})
 
 
-def test_refused_command_does_not_use_up_time_of_next():
+def test_refused_command_leaves_step_budget_to_next_command():
     gate, bus, clock = make_gate_at(2048)
     clock.time_s = 0.01
     gate.update_measured({"elbow": 2048}, 0.01)
@@ -407,7 +407,7 @@ class TestOneReadingOfTheClock:
     @pytest.mark.parametrize("time_s", [CYCLE_S + 1e-6, -1e-6, math.nan, math.inf])
     def test_goal_time_after_now_or_before_last_command_is_refused(self, time_s):
         gate, bus, _ = make_gate_at(2048, speed_tick_s=SLOW)
-        with pytest.raises(RefusedError, match=r"time of the goals .* not between"):
+        with pytest.raises(RefusedError, match=r"goals have the time .* not between"):
             gate.send({"elbow": 2049}, time_s)
         assert bus.sent == []
 

@@ -185,7 +185,7 @@ def test_telemetry_age_is_checked_for_every_servo():
         health.check_telemetry_age(11.5)
 
 
-def test_servo_in_alarm_still_counts_as_known():
+def test_telemetry_age_is_checked_after_servo_alarm():
     health = HealthMonitor(HealthLimits())
     with pytest.raises(ServoAlarmError):
         see(health, torque=False)

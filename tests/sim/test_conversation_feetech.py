@@ -220,7 +220,7 @@ def test_goal_write_does_not_switch_torque_on_during_alarm(make_port):
 
 
 @pytest.mark.parametrize(("goal", "driven_to"), [(3100, 3000), (3900, 500), (100, 500)])
-def test_goal_outside_limits_is_clamped_to_nearest_on_circle(make_port, goal, driven_to):
+def test_goal_is_clamped_to_nearer_limit_on_circle(make_port, goal, driven_to):
     servo = make_port("STS3215").line.servos[1]
     servo.write("min_position_limit", 500)
     servo.write("max_position_limit", 3000)

@@ -1,4 +1,4 @@
-"""Calibrate an arm: zeros, signs and ranges by hand, against its stops, by touching a sheet."""
+"""Calibrate zeros, signs and ranges: by hand, against end stops, or by touching a sheet."""
 
 from ikservo.app import App, Command
 

@@ -107,6 +107,6 @@ def _report_kept_joints(measured: MeasuredRanges) -> Generator[None]:
         if measured.travels:
             print_status(
                 f"Measured and kept for the next run: {', '.join(measured.travels)}. "
-                "Put the arm into its pose and give the same command to continue with the others."
+                "To continue with the others, put the arm into its pose and run this command again."
             )
         raise

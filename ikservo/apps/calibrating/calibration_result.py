@@ -46,7 +46,7 @@ class MeasuredJoint:
     swept: RangeSource
 
     def shift_ticks(self, shift: int) -> MeasuredJoint:
-        """Compute the same joint with ticks counted from ``shift``."""
+        """Return this joint with its ticks counted from ``shift``."""
         moved = self.joint_map.with_mounting(self.joint_map.sign, self.joint_map.zero_tick - shift)
         travel = TickRange(self.travel.low - shift, self.travel.high - shift)
         return MeasuredJoint(moved, travel, self.swept)
@@ -183,7 +183,7 @@ def build_calibration(
 def _apply_homing(
     state: CalibrationState, subject: JointUnderCalibration, configs: ServoConfigs
 ) -> tuple[Homing, MeasuredJoint]:
-    """Compute the homing of the joint's servo, and the joint in the ticks that it then reports."""
+    """Choose the homing of the joint's servo; also return the joint in its ticks after homing."""
     lead, found = configs[subject.servo_id], measure_joint(state, subject)
     homing = choose_homing(
         subject.name,

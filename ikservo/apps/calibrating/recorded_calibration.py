@@ -22,7 +22,7 @@ def read_recorded_calibration(path: Path) -> Calibration:
     if text is None:
         raise CalibrationError(
             f"No calibration is attached to {path}.",
-            "Recordings of calibrated arms have one, as MCAP: ikservo record FILE.mcap",
+            "It is attached when a calibrated arm is recorded as MCAP: ikservo record FILE.mcap",
         )
     return parse_calibration(path, text)
 

@@ -490,9 +490,9 @@ class _Problem:
         return state
 
     def deviations(self, state: _State, sigma: Vector, weight: Vector) -> Vector:
-        """Estimate the deviations of the four components.
+        """Estimate the standard deviations of the four components by leave-one-out prediction.
 
-        They come from the prediction of each sample by the others. Residuals are too small for a
+        Residuals are too small for a
         sample far from the others, because the fit has followed it.
         """
         noise = np.diagonal(self._noise, axis1=1, axis2=2)

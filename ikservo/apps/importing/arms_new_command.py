@@ -25,7 +25,9 @@ From = Annotated[
     Path | None,
     typer.Option("--from", metavar="PATH", help="URDF, xacro or MJCF, or a folder with one."),
 ]
-File = Annotated[str | None, typer.Option("--file", help="Which description of the folder.")]
+File = Annotated[
+    str | None, typer.Option("--file", help="Description to use, if the folder has several.")
+]
 Joint = Annotated[
     list[str] | None,
     typer.Option(
@@ -55,7 +57,7 @@ ServoOf = Annotated[
     typer.Option(
         "--servo",
         metavar="JOINT=ID[:MODEL]",
-        help="A servo; -ID if it counts against the axis. Repeatable.",
+        help="Servo of a joint; -ID if its ticks fall as the joint turns. Repeatable.",
     ),
 ]
 ServoModel = Annotated[

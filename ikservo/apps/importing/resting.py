@@ -83,10 +83,10 @@ def find_resting_place(folder: Path, pose: str = "home") -> RestingPlace:
 def _free_above(
     arm: Arm, resting: Mapping[str, float], start: Mapping[str, float]
 ) -> dict[str, float]:
-    """Return the lowest posture that is free on the straight path from the start to rest.
+    """Return the lowest free posture on the straight path from the start to the resting posture.
 
     A limp arm lies on its own parts, but the shapes of the guard are a little thicker than these.
-    If the path is blocked far above the resting posture, that posture is returned.
+    If the path is blocked far above the resting posture, the resting posture itself is returned.
     """
     found: dict[str, float] | None = None
     room_m = min(_ROOM_M, 0.8 * _sagged_clearance_m(arm, start))

@@ -1,4 +1,4 @@
-"""Test of an arm's accuracy and repeatability after ISO 9283, with its own joint sensors."""
+"""Test of accuracy and repeatability according to ISO 9283, with the arm's own sensors."""
 
 from __future__ import annotations
 

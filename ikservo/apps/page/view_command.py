@@ -62,7 +62,7 @@ Insecure = Annotated[
     bool,
     typer.Option(
         "--insecure",
-        help="Serve the network over plain HTTP, which others can read and change.",
+        help="Serve the page to the network without TLS; others can read and change the traffic.",
     ),
 ]
 Cameras = Annotated[

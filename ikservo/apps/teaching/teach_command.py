@@ -101,7 +101,7 @@ def command(
 
 def _check_options(*, now: bool, floating: bool, duration: float | None) -> None:
     if floating and now:
-        raise InputError("--float and --now exclude each other.", "Leave one of them out.")
+        raise InputError("--float and --now cannot be used together.", "Leave one of them out.")
     if duration is not None and not floating:
         raise InputError("--for can only be used with --float.", "Add --float, or leave it out.")
     if not now and duration is None and not sys.stdin.isatty():
@@ -114,9 +114,9 @@ def _float(machine: OpenArm, name: str, duration: float | None, *, yes: bool) ->
     """Announce and run hand guiding; the arm holds afterwards."""
     how = "until you press Enter" if duration is None else f"for {duration:g} s"
     print_status(
-        f"{machine.model.title} on {format_port(machine.port_name)}: torque comes on and carries "
-        f"the arm's weight {how}; guide it by hand. Ctrl-C ends it, too; it then holds, "
-        f'and its pose is saved as "{name}".'
+        f"{machine.model.title} on {format_port(machine.port_name)}: torque is switched on and "
+        f"carries the arm's weight {how}. Guide the arm by hand. Ctrl-C ends this, too. The arm "
+        f'then holds, and its pose is saved as "{name}".'
     )
     confirm_motion(machine, yes=yes)
     with _end_check(machine, duration) as ended:

@@ -81,7 +81,7 @@ Plotted = Annotated[
     typer.Argument(
         metavar="[REGISTER...|JOINT...]",
         autocompletion=_complete_registers,
-        help="Registers; for a joint, its angle in degrees.",
+        help="Registers, or joints, whose angle is then plotted in degrees.",
     ),
 ]
 Gains = Annotated[
@@ -101,7 +101,8 @@ ServoIds = Annotated[
     typer.Option("--id", metavar="ID[,ID...]", help="Servos: ids, or joints with --arm."),
 ]
 ServoModel = Annotated[
-    str | None, typer.Option("--model", help="Without --arm: its model, if it is not recognized.")
+    str | None,
+    typer.Option("--model", help="Without --arm: model of the servo, if it is not recognized."),
 ]
 BaudRate = Annotated[
     int | None,
@@ -117,7 +118,11 @@ Step = Annotated[
 ]
 Sine = Annotated[
     str | None,
-    typer.Option("--sine", metavar="HZ[,HZ]", help="A sine; with two frequencies: a chirp."),
+    typer.Option(
+        "--sine",
+        metavar="HZ[,HZ]",
+        help="Move in a sine; two frequencies: a chirp.",
+    ),
 ]
 Suggest = Annotated[bool, typer.Option("--suggest", help="Try about ten gains; suggest the best.")]
 DryRun = Annotated[bool, typer.Option("--dry-run", help="Print what would be written.")]

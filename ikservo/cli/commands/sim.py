@@ -61,7 +61,9 @@ def _with_identified(name: str, args: list[str]) -> list[str]:
         )
     read_identified(files[-1])
     if len(files) > 1:
-        print_status(f"{name} was identified on {len(files)} adapters; the last: {files[-1]}")
+        print_status(
+            f"{name} was identified on {len(files)} adapters; using the newest: {files[-1]}"
+        )
     return [*(arg for arg in args if arg != _AS_IDENTIFIED), "--parameters", str(files[-1])]
 
 

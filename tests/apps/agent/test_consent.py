@@ -69,7 +69,7 @@ def executing(session, plan):
     assert results
 
 
-def test_motion_waits_for_yes_of_a_person(asking):
+def test_motion_waits_for_consent_of_a_person(asking):
     session, page = asking
     plan = session.plan(move_to={"position_m": NEAR})
     with executing(session, plan) as results:

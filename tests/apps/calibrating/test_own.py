@@ -110,7 +110,7 @@ def test_swapped_servo_ids_are_noticed(mount_arm, pair):
     ("homing_offset", 900), ("min_position_limit", 5), ("max_position_limit", 4000),
     ("operating_mode", 1), ("phase", 28),
 ])  # fmt: skip
-def test_changed_register_behind_calibration_is_refused(mount_arm, register, number):
+def test_open_refuses_register_changed_since_calibration(mount_arm, register, number):
     arm = mount_arm("so101")
     servo = arm.line.servos[3]
     servo.write("lock", 0)

@@ -69,7 +69,7 @@ def test_doctor_names_trial_gains_and_former_gains_return(left):
 
 
 @pytest.mark.full
-def test_the_next_trial_begins_with_the_former_gains(left):
+def test_next_trial_restores_gains_left_by_killed_trial(left):
     with keeping_gains(left, SERVO) as present:
         assert present[P_GAIN] == 32
     assert trial_findings(left) == []

@@ -38,7 +38,7 @@ class RunMotion:
         self.title, self._motion = title, motion
 
     def run(self, arm: Arm, observer: JobObserver) -> None:
-        """Execute the motion; one that is refused before it moves the arm needs no stop.
+        """Execute the motion. If it is refused before the arm moves, nothing has to be stopped.
 
         Raises:
             IkservoError: The motion failed; the arm holds until that is acknowledged.

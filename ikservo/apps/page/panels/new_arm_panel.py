@@ -106,7 +106,7 @@ class NewArmPanel:
         if not self._is_local:
             raise BadMessageError(
                 "A page on another machine cannot create an arm.",
-                "In a terminal there: ikservo arms new",
+                "In a terminal of the machine with the arm: ikservo arms new",
             )
         if self.is_running:
             raise BadMessageError(
