@@ -115,6 +115,7 @@ def limited(seed, count, without=()):
     return calls
 
 
+@pytest.mark.full
 def test_random_calls_without_consent_move_nothing(open_session):
     with open_session(consent=Consent.NOTHING) as session:
         assert run_calls(session, limited(1, 150)) == []
@@ -122,11 +123,12 @@ def test_random_calls_without_consent_move_nothing(open_session):
         assert session.audit.torque == []
 
 
+@pytest.mark.full
 def test_random_calls_with_consent_stay_inside_limits_and_region(open_session):
     region = PathConstraint(low_m=(-0.5, -0.3, 0.02), high_m=(0.5, 0.3, 0.5))
     with open_session(consent=Consent.SLOW, within=region, motions=5) as session:
         session.agent.plans.asked()
-        assert run_calls(session, limited(2, 80, ("execute", "gripper"))) == []
+        assert run_calls(session, limited(2, 40, ("execute", "gripper"))) == []
         for y in (0.1, -0.1, 0.2, 0.0, 0.1, -0.1, 0.1):
             plan = session.plan(move_to={"position_m": [0.2, y, 0.12]})
             if session.agent.ask(plan, "test").answer.value == "yes":

@@ -17,6 +17,7 @@ import anyio
 import pytest
 
 pytest.importorskip("mcp")
+pytestmark = pytest.mark.full
 
 from mcp.client.client import Client
 from mcp.client.streamable_http import streamable_http_client
