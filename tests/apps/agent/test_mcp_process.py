@@ -17,11 +17,11 @@ import anyio
 import pytest
 
 pytest.importorskip("mcp")
-pytestmark = pytest.mark.full
 
 from mcp.client.client import Client
 from mcp.client.streamable_http import streamable_http_client
 
+pytestmark = pytest.mark.full
 FAR = {"move_joints": {"positions": {"shoulder_pan": 1.5}, "speed": "slow"}}
 
 
