@@ -14,14 +14,13 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from ikservo.apps.agent.tool_results import Point
 from ikservo.arm import Arm
 from ikservo.kinematics.arrays import Matrix, Vector
 from ikservo.planning.motion_plan import MotionPlan
 
 Picture = NDArray[np.uint8]
 """Colours (h, w, 3), red first."""
-
-Point = tuple[float, float, float]
 
 _SIZE = 320  # pixels of each view
 _GREY, _BLUE, _ORANGE = (150, 150, 150), (30, 90, 200), (230, 120, 0)
@@ -38,7 +37,9 @@ def draw_plan(arm: Arm, plan: MotionPlan) -> Picture:
     side = plan.tip_m * (1.0, 1.0, 0.0)
     length = float(np.linalg.norm(side))
     along = side / length if length > 1e-6 else np.array([1.0, 0.0, 0.0])
-    reach = 1.15 * float(np.abs(np.concatenate([before, after, path])).max())
+    farthest_m = float(np.abs(np.concatenate([before, after, path])).max())
+    corners = [abs(x) for each in arm.scene.things for x in (*each.low_m[:2], *each.high_m[:2])]
+    reach = 1.15 * min(max([farthest_m, *corners]), 1.5 * farthest_m)
     views = (
         (np.array([0.0, -1.0, 0.0]), np.array([1.0, 0.0, 0.0])),
         (along, np.array([0.0, 0.0, 1.0])),
