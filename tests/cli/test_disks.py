@@ -34,7 +34,7 @@ READ = {
     ("move", "scene"), ("pose", "scene"), ("setup", "restore"), ("test", "points"),
     ("gripper", "scene"), ("jog", "scene"), ("program check", "scene"), ("program run", "scene"),
     ("program check", "file"), ("program run", "file"), ("replay", "scene"),
-    ("serve", "scene"), ("view", "scene"),
+    ("serve", "scene"), ("view", "scene"), ("mcp", "scene"), ("mcp", "journal"),
 }  # fmt: skip
 # Those that name a file or folder which is written: command lines, and the file that is named in
 # the error. {} is the folder.
@@ -109,9 +109,9 @@ def test_every_file_option_is_listed_as_read_or_written():
 
 
 # What writes without files/writing.py: folders of sockets, a page in a folder of this process,
-# the null device, and pictures that are drawn into memory.
+# the null device, pictures that are drawn into memory, and lines that are appended to a journal.
 WRITERS = {
-    "files/writing.py", "serving/control_socket.py",
+    "files/writing.py", "serving/control_socket.py", "apps/agent/agent_journal.py",
     "serving/stop_marks.py", "apps/page/view_command.py",
     "cli/entry_point.py", "cli/plots.py",
 }  # fmt: skip

@@ -21,6 +21,7 @@ from ikservo.apps.importing.folder import check_name, check_new, load_draft
 from ikservo.apps.importing.resting import find_resting_place
 from ikservo.apps.importing.ruler import AXES, RulerJoint, describe_measured, parse_measured
 from ikservo.apps.importing.servo_assignment import assign_servos
+from ikservo.apps.importing.shapes import MeshStep
 from ikservo.apps.importing.tree import find_structures
 from ikservo.clock import RealClock
 from ikservo.errors import FileFormatError, IkservoError, InputError
@@ -91,11 +92,7 @@ def draft_new_arm(new: NewArm) -> EntryDialogue[list[ArmDraft]]:
             break
         if not step.done:
             yield Notice(f"Fitting capsules to {step.count} meshes: a few seconds for each.")
-        left = ""
-        if step.done:
-            left_s = (clock.now_s() - started_s) / step.done * (step.count - step.done)
-            left = f", about {left_s:.0f} s left"
-        yield Progress(f"mesh {step.done + 1} of {step.count}{left}: {step.name}")
+        yield Progress(_mesh_progress(step, clock.now_s() - started_s))
     check_new([draft.name for draft in drafts], new.folder, overwrite=new.overwrite)
     for draft in drafts:
         yield from _propose_home(draft)
@@ -104,6 +101,14 @@ def draft_new_arm(new: NewArm) -> EntryDialogue[list[ArmDraft]]:
     for draft in drafts:
         yield from _find_rest(draft)
     return drafts
+
+
+def _mesh_progress(step: MeshStep, elapsed_s: float) -> str:
+    """Describe which mesh is fitted, and estimate the remaining time."""
+    left = ""
+    if step.done:
+        left = f", about {elapsed_s / step.done * (step.count - step.done):.0f} s left"
+    return f"mesh {step.done + 1} of {step.count}{left}: {step.name}"
 
 
 def _read(new: NewArm) -> EntryDialogue[Description]:
