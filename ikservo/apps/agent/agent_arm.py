@@ -198,7 +198,8 @@ class AgentArm:
             summary=tuple(offered.summary),
             duration_s=None if plan is None else round(plan.duration_s, 2),
             tip_at_end_m=None if plan is None else _point(plan.tip_m),
-            needs_consent=self.allowance.consent in (Consent.NOTHING, Consent.ASK),
+            needs_consent=self.allowance.consent in (Consent.NOTHING, Consent.ASK)
+            or (self.allowance.consent is Consent.SLOW and not self._budget.left()["motions"]),
         )
 
     def picture_of(self, plan_id: str) -> bytes:
@@ -290,8 +291,9 @@ class AgentArm:
             self._executing.release()
 
     def acknowledge(self, who: str) -> None:
-        """End a stop, for a person."""
-        self.journal.write("acknowledge", by=who)
+        """End a stop, for a person, even if the journal is full."""
+        with contextlib.suppress(IkservoError):
+            self.journal.write("acknowledge", by=who)
         self.arm.acknowledge()
 
     def things(self) -> list[res.SceneThing]:

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any, cast
 
 from ikservo.errors import FileFormatError, InputError, printable
-from ikservo.files.reading import config_dir
+from ikservo.files.reading import config_dir, read_text
 from ikservo.files.writing import FileWriteError, make_folder
 
 MAX_BYTES = 20_000_000
@@ -88,22 +88,15 @@ def read_journal(path: Path) -> Iterator[str]:
     Raises:
         FileFormatError: The file cannot be read, or a line is not an event.
     """
-    try:
-        with path.open(encoding="utf-8", errors="replace") as file:
-            for number, line in enumerate(file, 1):
-                yield _format_line(path, number, line)
-    except OSError as error:
-        raise FileFormatError(path, "file", error.strerror or "cannot be read", "a file") from None
-
-
-def _format_line(path: Path, number: int, line: str) -> str:
-    try:
-        event = json.loads(line)
-        time, name = str(event.pop("time")), str(event.pop("event"))
-    except (ValueError, KeyError, AttributeError, TypeError, RecursionError):
-        raise FileFormatError(path, f"line {number}", "is not an event", "JSON lines") from None
-    rest = ", ".join(f"{key}: {value}" for key, value in cast("dict[str, Any]", event).items())
-    return printable(f"{time[11:19]}  {name:<9} {rest}".replace("\n", " "))
+    lines = read_text(path, 2 * MAX_BYTES).splitlines()
+    for number, line in enumerate(lines, 1):
+        try:
+            event = json.loads(line)
+            time, name = str(event.pop("time")), str(event.pop("event"))
+        except (ValueError, KeyError, AttributeError, TypeError, RecursionError):
+            raise FileFormatError(path, f"line {number}", "is not an event", "JSON lines") from None
+        rest = ", ".join(f"{key}: {value}" for key, value in cast("dict[str, Any]", event).items())
+        yield printable(f"{time[11:19]}  {name:<9} {rest}".replace("\n", " "))
 
 
 def _bounded(value: object) -> object:

@@ -74,7 +74,7 @@ class Allowance:
         if isinstance(motion, OwnMotion):
             raise RefusedError(
                 f"A motion of the kind {motion.kind} has no plan that a person could allow.",
-                "Use move_to, move_line, move_joints or pose.",
+                "Use move_to, move_line, move_joints or move_pose.",
             )
         if self.consent is Consent.SLOW:
             motion = motion.with_speed("slow")
@@ -88,7 +88,7 @@ class Allowance:
             if own is None:
                 raise RefusedError(
                     f"A motion of the kind {motion.kind} cannot be kept in the owner's region.",
-                    "Use move_to, move_line, move_joints or pose.",
+                    "Use move_to, move_line, move_joints or move_pose.",
                 )
             if own.constrains:
                 raise RefusedError(

@@ -98,7 +98,8 @@ def command(
 
     with exiting_on_signals(), open_from_options(connection, options, path.scene) as machine:
         arm = require_own_port(machine)
-        check_directions_once(arm, options)
+        if allow is not Consent.NOTHING:
+            check_directions_once(arm, options)
         agent = AgentArm(arm, allowance, AgentJournal(arm.model.name))
         print_status(f"Journal: {agent.journal.path}")
         try:

@@ -6,6 +6,7 @@ import hmac
 import ipaddress
 import secrets
 import socket
+import sys
 from typing import Any
 
 import anyio
@@ -38,6 +39,8 @@ def serve_agent(agent: AgentArm, http_port: int | None, listen: str) -> None:
             print_status("or in another terminal: ikservo mcp --approve")
         server = make_server(agent, "on the page or in the terminal (ikservo mcp --approve)")
         if http_port is None:
+            if sys.stdin.isatty():
+                print_status("Waiting for an agent on standard input. Ctrl-C ends this.")
             anyio.run(server.run_stdio_async)
         else:
             _serve_https(server, listen, http_port)

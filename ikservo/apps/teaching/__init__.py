@@ -67,6 +67,5 @@ APP = App(
     parts={
         "import recording": "ikservo.apps.teaching.mcap_recording:read_calibration_text",
         "program": "ikservo.apps.teaching.program:parse_program",
-        "program run": "ikservo.apps.teaching.program_run:ProgramRun",
     },
 )

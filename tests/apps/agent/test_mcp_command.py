@@ -1,5 +1,7 @@
 """`ikservo mcp`: options that contradict the arm, missing packages, and the journal."""
 
+import os
+
 import pytest
 
 from tests.cli.conftest import run_cli
@@ -42,3 +44,11 @@ def test_damaged_journal_names_its_line(run_cli, tmp_path):
     assert done.code == 2
     assert "line 2" in done.err
     assert "\x1b" not in done.out
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="this system has no pipes with a name")
+def test_journal_that_is_a_pipe_is_refused_without_waiting(run_cli, tmp_path):
+    os.mkfifo(tmp_path / "journal.jsonl")
+    done = run_cli(f"mcp --replay --journal {tmp_path / 'journal.jsonl'}")
+    assert done.code == 2
+    assert "journal.jsonl" in done.err

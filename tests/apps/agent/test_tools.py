@@ -224,3 +224,10 @@ def test_errors_are_cut_short(simulated):
     words = simulated.call("program_check", text="a" * 40_000 + " = 1")
     assert len(words) < 1200
     assert len(json.dumps(simulated.call("explain"))) < 1500
+
+
+def test_person_ends_a_stop_even_if_the_journal_is_full(simulated, monkeypatch):
+    simulated.call("stop")
+    monkeypatch.setattr("ikservo.apps.agent.agent_journal.MAX_BYTES", 10)
+    simulated.agent.acknowledge("a person")
+    assert simulated.agent.arm.stop_reason is None
