@@ -21,6 +21,7 @@ from ikservo.maintenance.recovery import recover
 from ikservo.model import load_model
 from ikservo.serving import stop_marks
 from ikservo.serving.control_client import request_stop, request_stop_of, stop_own_programs
+from ikservo.serving.control_socket import socket_path
 from tests.cli.fixtures_mounted_arm import PORT, connect_arm, write_calibration
 from tests.cli.test_recover import overload
 
@@ -224,4 +225,6 @@ def test_stop_on_full_disk_leaves_no_unfinished_mark(monkeypatch, tmp_path):
 
     monkeypatch.setattr(Path, "write_text", fill_up)
     stop_marks.leave_mark()
-    assert list((tmp_path / "run").iterdir()) == []
+    folder = socket_path("any port", "any arm").parent
+    assert folder.is_dir()
+    assert list(folder.glob(f"*.{os.getpid()}.new")) == []
