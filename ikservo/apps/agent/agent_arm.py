@@ -106,7 +106,7 @@ class AgentArm:
         )
 
     def description(self) -> dict[str, Any]:
-        """Return what the arm is: joints with limits in rad or m, poses, speeds."""
+        """Return the joints of the arm with their limits in rad or m, and its poses."""
         arm = self.arm
         lower, upper = arm.limits()
         return {
@@ -119,7 +119,6 @@ class AgentArm:
                 )
             },
             "poses": [quoted(name) for name in arm.poses.all_poses()],
-            "speeds": ["slow", "normal", "fast"],
         }
 
     def explain(self) -> list[res.Refusal]:

@@ -42,10 +42,10 @@ _READING = (
 _WRITING = ("execute", "gripper", "stop", "scene_add", "scene_remove")
 
 
-def make_server(agent: AgentArm, where_to_allow: str) -> MCPServer[Any]:
-    """Return the server of an arm; ``where_to_allow`` is where a person allows plans, in words."""
+def make_server(agent: AgentArm) -> MCPServer[Any]:
+    """Return the server of an arm."""
     server = MCPServer[Any]("ikservo", instructions=INSTRUCTIONS, log_level="CRITICAL")
-    tools = ArmTools(agent, where_to_allow)
+    tools = ArmTools(agent)
     for name in (*_READING, *_WRITING):
         hints = ToolAnnotations(read_only_hint=name in _READING)
         server.add_tool(getattr(tools, name), annotations=hints)
@@ -70,9 +70,8 @@ def make_server(agent: AgentArm, where_to_allow: str) -> MCPServer[Any]:
 class ArmTools:
     """The tools: each runs in a thread, one at a time; ``stop`` and ``where`` wait for no other."""
 
-    def __init__(self, agent: AgentArm, where_to_allow: str) -> None:
-        self._agent, self._where_to_allow = agent, where_to_allow
-        self._turn, self._waiting = anyio.Lock(), 0
+    def __init__(self, agent: AgentArm) -> None:
+        self._agent, self._turn, self._waiting = agent, anyio.Lock(), 0
 
     async def list_arms(self) -> list[res.ArmSummary]:
         """List the connected arm, then the arms that ikservo knows."""
@@ -106,8 +105,8 @@ class ArmTools:
         if offered.answer is Answer.NONE:
             return res.Execution(
                 status="waiting_for_consent",
-                message=f"A person must allow plan {plan_id} {self._where_to_allow}. "
-                "Then call execute again.",
+                message=f"A person must allow plan {plan_id}, on the page of this server or by "
+                "`ikservo mcp --approve`. Then call execute again.",
             )
         return await self._use("execute", lambda: self._agent.execute(plan_id), watched=context)
 
@@ -169,7 +168,7 @@ class ArmTools:
         return await self._use("program_check", lambda: self._agent.check_program(text))
 
     async def description(self) -> dict[str, Any]:
-        """Describe the arm: its joints with their limits in rad or m, its poses, its speeds."""
+        """Describe the arm: its joints with their limits in rad or m, and its poses."""
         return await self._use("description", self._agent.description)
 
     async def last_picture(self) -> bytes:

@@ -15,11 +15,8 @@ from ikservo.kinematics.arrays import Vector
 from ikservo.planning.motion_plan import MotionPlan
 from ikservo.planning.motions import MotionValue
 
-LIFETIME_S = 300.0
-"""Time after which a plan cannot be executed any more."""
-
-MAX_PLANS = 50
-"""Largest number of plans that are kept; the oldest is forgotten first."""
+LIFETIME_S = 300.0  # then a plan cannot be executed any more
+MAX_PLANS = 50  # that are kept; the oldest is forgotten first
 
 
 class Answer(StrEnum):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hmac
 import ipaddress
 import secrets
+import signal
 import socket
 import sys
 from typing import Any
@@ -37,11 +38,16 @@ def serve_agent(agent: AgentArm, http_port: int | None, listen: str) -> None:
         if agent.allowance.consent in (Consent.ASK, Consent.SLOW):
             print_status(f"A person allows plans here: {address}")
             print_status("or in another terminal: ikservo mcp --approve")
-        server = make_server(agent, "on the page or in the terminal (ikservo mcp --approve)")
+        server = make_server(agent)
         if http_port is None:
             if sys.stdin.isatty():
                 print_status("Waiting for an agent on standard input. Ctrl-C ends this.")
-            anyio.run(server.run_stdio_async)
+            # asyncio would end its tasks at Ctrl-C, and wait for the one that reads a line.
+            before = signal.signal(signal.SIGINT, signal.getsignal(signal.SIGTERM))
+            try:
+                anyio.run(server.run_stdio_async)
+            finally:
+                signal.signal(signal.SIGINT, before)
         else:
             _serve_https(server, listen, http_port)
 

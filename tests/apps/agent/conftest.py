@@ -23,7 +23,7 @@ class Session:
 
     def __init__(self, agent):
         self.agent, self.audit = agent, Auditor(agent.arm)
-        self.server = make_server(agent, "there")
+        self.server = make_server(agent)
 
     def run(self, work, mode="auto"):
         """Run an async function of a connected client, and return its result."""

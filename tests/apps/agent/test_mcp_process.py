@@ -122,7 +122,7 @@ def start(tmp_path):
         each.end()
 
 
-@pytest.mark.parametrize("way", ["close", "SIGTERM", "SIGHUP"])
+@pytest.mark.parametrize("way", ["close", "SIGINT", "SIGTERM", "SIGHUP"])
 def test_arm_brakes_when_the_agent_is_gone(start, way):
     server = start("--allow", "simulator")
     server.begin_motion()
