@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 
 from pydantic import JsonValue
@@ -67,14 +67,18 @@ def stop_arm(model: Model, port: str | None, clock: Clock | None = None) -> Stop
 
 def stop_remote_arms() -> StopAllResult:
     """Stop the arm at the address in ``IKSERVO_PORT`` and the arms of listed machines."""
-    stops: list[Callable[[], StopAllResult]] = []
+    with ThreadPoolExecutor() as pool:  # an arm without a reply must not delay the others
+        return StopAllResult.joined(pool.map(_attempt, _remote_stops()))
+
+
+def _remote_stops() -> Iterator[Callable[[], StopAllResult]]:
+    """Yield the stops; the first one runs even if a network that is loaded after it fails."""
     own = find_network(None)
     if own is not None:
         network, address = own
-        stops.append(lambda: StopAllResult((network.stop_arm(address),)))
-    stops += [each.stop_all_arms for each in installed_networks()]
-    with ThreadPoolExecutor() as pool:  # an arm without a reply must not delay the others
-        return StopAllResult.joined(pool.map(_attempt, stops))
+        yield lambda: StopAllResult((network.stop_arm(address),))
+    for each in installed_networks():
+        yield each.stop_all_arms
 
 
 def _attempt(stop: Callable[[], StopAllResult]) -> StopAllResult:

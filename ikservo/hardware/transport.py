@@ -326,9 +326,8 @@ class _LockedTransport:
         if self._files:
             self.read, self.write = self._files.read, self._files.write
         if isinstance(port, rfc2217.Serial):
-            self.reset_input_buffer = (
-                self._drain_input
-            )  # pyserial would wait for the server to agree
+            # pyserial would wait until the server agrees.
+            self.reset_input_buffer = self._drain_input
         self.abandoned = False
         abandon_in_forked_children(self)
 

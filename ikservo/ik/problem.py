@@ -251,7 +251,7 @@ class Options:
         position_first: Whether the position is met exactly and the orientation as well as possible
             after that, instead of weighing both; None: if the arm has fewer than six joints.
         turn_weight_m_rad: Position error in metres that weighs like a radian (``bounded``).
-        track: Whether to use one start, and never to leave its branch or a limit (``bounded``).
+        track: Whether to use one start, and never to pass a limit or change branch (``bounded``).
         nearest: Whether to search for the solution nearest the start if there are several
             (``auto``); otherwise the first one found is returned.
     """

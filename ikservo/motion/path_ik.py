@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ikservo.errors import CartesianPathError
-from ikservo.ik import NOT_LIMITED, Options, Solver, Tolerance
+from ikservo.ik import NOT_LIMITED, Options, Result, Solver, Tolerance
 from ikservo.kinematics import Chain
 from ikservo.kinematics.arrays import Matrix, Vector
 from ikservo.motion.path import OrientationInterpolation, ToolPath
@@ -61,22 +61,31 @@ def track_path(
     for fraction in np.linspace(0.0, 1.0, count)[1:].tolist():
         before = joints[-1]
         q = _solve_point(solver, path, orientation, fraction, before)
-        result, steps = solver.result, np.abs(q - before)
-        if result.position_error_m > _REACHED_M:
-            why = [str(limit) for limit in result.binding] or [NOT_LIMITED]
-        elif steps.max() > max_step_rad:
-            why = [f"{chain.names[int(steps.argmax())]} would have to jump (singularity)"]
-        else:
-            joints.append(q)
-            continue
-        raise CartesianPathError(
-            fraction * path.length,
-            path.at(fraction * path.length)[0].tolist(),
-            chain.forward(before)[:3, 3].tolist(),
-            why,
-            shape=path.shape,
-        )
+        why = _find_obstruction(chain, solver.result, np.abs(q - before), max_step_rad)
+        if why:
+            raise CartesianPathError(
+                fraction * path.length,
+                path.at(fraction * path.length)[0].tolist(),
+                chain.forward(before)[:3, 3].tolist(),
+                why,
+                shape=path.shape,
+            )
+        joints.append(q)
     return np.array(joints)
+
+
+def _find_obstruction(
+    chain: Chain, result: Result, steps: Vector, max_step_rad: float
+) -> list[str]:
+    """Find what keeps a step from its point, or the joint that it moves too far; empty if neither.
+
+    The comparisons are written so that NaN is refused, too.
+    """
+    if not result.position_error_m <= _REACHED_M:
+        return [str(limit) for limit in result.binding] or [NOT_LIMITED]
+    if not steps.max() <= max_step_rad:
+        return [f"{chain.names[int(steps.argmax())]} would have to jump (singularity)"]
+    return []
 
 
 def _solve_point(
