@@ -16,7 +16,7 @@ AT_REST_RAD_S = 0.1  # assumed: a shaft that moves faster than this is not block
 
 
 class FeetechProtections(AlarmBits):
-    """Protections of one servo; bits clear with their causes, an overload with a new goal."""
+    """Protections of one servo; bits clear with their causes, an overload with new torque."""
 
     def __init__(self, servo: Servo) -> None:
         super().__init__()
@@ -40,7 +40,7 @@ class FeetechProtections(AlarmBits):
         return bool(self.bits & self.servo.memory.get("unload_condition") & ~OVERLOAD)
 
     def clear_overload(self) -> None:
-        """Reset an overload after a write to torque or goal."""
+        """Reset an overload after a write to torque enable."""
         self.bits &= ~(OVERLOAD | CURRENT)
         self._overload_s = self._over_current_s = 0.0
         self.servo.drive.torque_limit = self.torque_limit()
@@ -161,7 +161,7 @@ class FeetechSeries:
         raise NotImplementedError
 
     def write_effects(self) -> dict[str, Callable[[], None]]:
-        """Return functions to call after writes to registers; they extend those of the family."""
+        """Return functions to call after writes; they add to or replace those of the family."""
         return {}
 
 

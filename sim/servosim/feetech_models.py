@@ -192,7 +192,7 @@ class StsSeries(FeetechSeries):
         }
 
     def write_effects(self) -> dict[str, Callable[[], None]]:
-        """Return functions to call after writes to registers; they extend those of the family."""
+        """Return functions to call after writes; they add to or replace those of the family."""
         servo = self.servo
         return {
             "torque_enable": self.set_torque,

@@ -143,7 +143,7 @@ class World:
             servo.changed = self.leave_idle
         if self._mover is not None:
             self._mover.place([joint.position for joint in self.joints])
-        self.placed = [joint.position for joint in self.joints]  # where it was before it sank
+        self.placed = [joint.position for joint in self.joints]  # before the arm sank or was moved
 
     @property
     def time_s(self) -> float:

@@ -492,8 +492,7 @@ class _Problem:
     def deviations(self, state: _State, sigma: Vector, weight: Vector) -> Vector:
         """Estimate the standard deviations of the four components by leave-one-out prediction.
 
-        Residuals are too small for a
-        sample far from the others, because the fit has followed it.
+        Residuals are too small for a sample far from the others, because the fit has followed it.
         """
         noise = np.diagonal(self._noise, axis1=1, axis2=2)
         squares = self.left_out(state, sigma, weight) ** 2 - noise

@@ -170,7 +170,7 @@ class HitTester:
         moving, objects, fixed = (list[PickCandidate]() for _ in range(3))
         for q in context.arms:
             if any(float(np.abs(q - other).max()) < _SAME_RAD for other in drawn):
-                continue  # it coincides with the one before
+                continue  # it coincides with an earlier one
             drawn.append(q)
             poses = link_poses(self._chain, q, context.other_joints)
             hits = self._picker.pick_all_at(camera, poses, at)
