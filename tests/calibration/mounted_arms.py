@@ -91,8 +91,8 @@ def make_mounted_arm(name, seed, *, gravity=False, **how):
             ``spoiled=False`` for servos with the registers of their arm file; ``specimen`` of
             servosim.
     """
-    chance = random.Random(f"{name} {seed}")
     model = load_model(name)
+    chance = random.Random(f"{model.name} {seed}")  # the same for an arm file in any folder
     arm = read_arm_file(model.path)
     entries = [_mount(entry, chance, how) for entry in arm.joints]
     arm = replace(arm, joints=tuple(entries))
