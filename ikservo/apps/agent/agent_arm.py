@@ -146,17 +146,17 @@ class AgentArm:
     def check_program(self, text: str) -> res.CheckedProgram:
         """Plan each step of a program, and offer it if all are possible."""
         program = find_part("program")(text)
+        if not program.is_sequence:
+            raise RefusedError("The program is not a fixed list of motions.", "Write each motion.")
         count = len(program.steps) * program.repeat
         if count > MAX_PROGRAM_STEPS:
             raise RefusedError(
                 f"The program has {count} steps with its repetitions.",
                 f"At most {MAX_PROGRAM_STEPS} are possible.",
             )
-        arm = self.arm
-        if program.arm != arm.model.name:
-            raise BadValueError(
-                "The program", f"one for {program.arm}", f"one for {arm.model.name}"
-            )
+        arm, name = self.arm, self.arm.model.name
+        if program.arm != name:
+            raise BadValueError("The program", f"one for {program.arm}", f"one for {name}")
         motions = [
             self.allowance.limited(step.to_motion(arm.model, program.speed_of(step)))
             for step in program.steps

@@ -5,7 +5,7 @@
     format = 1
     arm = "so101"
     speed = "slow"          # of steps without a speed of their own; default: normal
-    repeat = 2              # number of repetitions of all steps; default: 1
+    repeat = 2              # times that all steps are run; default: 1; or "until stopped"
 
     [[steps]]
     pose = "home"           # a pose of the arm file, or a taught one
@@ -26,6 +26,17 @@
 
     [[steps]]
     recording = "wave.jsonl"            # beside the program
+
+    [[steps]]
+    tip_m = [0.20, -0.05, 0.03]         # each repetition uses the next place of the grid
+    grid = { rows = 2, columns = 3, row_m = [0.0, 0.04, 0.0], column_m = [0.04, 0.0, 0.0] }
+    only_if = "grasped"                 # or "not grasped": what the gripper found last
+
+    [[steps]]
+    program = "stack.toml"              # all steps of another program, beside this one
+
+    [[steps]]
+    pause = "Put in the next part."     # until a person continues
 
     [[steps]]                           # any motion of `ikservo.planning.motions`, with its fields
     motion.move_through = { points_m = [[0.25, 0.0, 0.1], [0.25, 0.05, 0.15]], blend_m = 0.03 }
@@ -62,7 +73,9 @@ from ikservo.planning.motions import (
     parse_motion,
 )
 
-ACTIONS = ("pose", "tip_m", "joints", "gripper", "wait_s", "recording", "motion")
+ACTIONS = (
+    "pose", "tip_m", "joints", "gripper", "wait_s", "recording", "program", "pause", "motion"
+)  # fmt: skip
 """Actions of steps; each step has one. ``joints`` are given by ``deg`` and ``m``."""
 
 MAX_STEPS = 1000
@@ -85,6 +98,27 @@ Point = tuple[float, float, float]
 Speed = Literal["slow", "normal", "fast"]
 Label = Annotated[str, Field(min_length=1, max_length=80)]
 _LABEL, _SPEED = "1 to 80 characters", "slow, normal or fast"
+Repeat = Annotated[int, Field(ge=1, le=100_000)] | Literal["until stopped"]
+UNTIL_STOPPED = "until stopped"
+"""Value of ``repeat`` for a program that has no last repetition."""
+
+
+class Grid(StrictModel):
+    """``grid``: places in rows and columns, of which each repetition uses the next one."""
+
+    rows: Annotated[int, Field(ge=1, le=30)] = Field(description="a whole number from 1 to 30")
+    columns: Annotated[int, Field(ge=1, le=30)] = Field(description="a whole number from 1 to 30")
+    row_m: Point = Field(default=(0.0, 0.0, 0.0), strict=False, description=_POINT)
+    column_m: Point = Field(default=(0.0, 0.0, 0.0), strict=False, description=_POINT)
+
+    def place_m(self, first_m: Point, repetition: int) -> Point:
+        """Return the place of a repetition, counted from 1; the first place is ``first_m``."""
+        row, column = divmod((repetition - 1) % (self.rows * self.columns), self.columns)
+        x, y, z = (
+            at + row * down + column * across
+            for at, down, across in zip(first_m, self.row_m, self.column_m, strict=True)
+        )
+        return x, y, z
 
 
 class ProgramStep(StrictModel):
@@ -97,6 +131,10 @@ class ProgramStep(StrictModel):
         default=None, description="joints, line or arc; only in a step with tip_m"
     )
     via_m: Point | None = Field(default=None, strict=False, description=f"{_POINT}; only in an arc")
+    grid: Grid | None = Field(
+        default=None,
+        description="rows and columns from 1 to 30, row_m, column_m; only beside tip_m",
+    )
     deg: Mapping[Name, float] = Field(default={}, description="joint = degrees")
     m: Mapping[Name, float] = Field(default={}, description="joint = metres")
     gripper: Literal["open", "close"] | float | None = Field(
@@ -106,6 +144,11 @@ class ProgramStep(StrictModel):
         default=None, description="seconds, above 0 and at most 3600"
     )
     recording: Label | None = Field(default=None, description="a file, relative to the program")
+    program: Label | None = Field(default=None, description="a file, relative to the program")
+    pause: Label | None = Field(default=None, description="what a person does before continuing")
+    only_if: Literal["grasped", "not grasped"] | None = Field(
+        default=None, description="grasped or not grasped"
+    )
     speed: Speed | None = Field(default=None, description=_SPEED)
     tool_speed_m_s: Annotated[float, Field(gt=0, le=10)] | None = Field(
         default=None, description="m/s, of a line or an arc"
@@ -122,17 +165,33 @@ class ProgramStep(StrictModel):
     @property
     def description(self) -> str:
         """Description of the step, in a few words."""
-        if self.action == "joints":
+        if self.pause is not None:
+            words = f"pause: {self.pause}"
+        elif self.program is not None:
+            words = f"program {self.program}"
+        elif self.action == "joints":
             moved = [f"{name} {value:g}°" for name, value in self.deg.items()]
             words = ", ".join(moved + [f"{name} {value:g} m" for name, value in self.m.items()])
         else:
             words = str(self._to_motion())
+        words = f"if {self.only_if}, {words}" if self.only_if else words
         return f"{self.name}: {words}" if self.name else words
 
     @property
     def has_speed(self) -> bool:
         """Whether the action has a speed class."""
-        return self._to_motion().has_speed
+        return self.has_motion and self._to_motion().has_speed
+
+    @property
+    def has_motion(self) -> bool:
+        """Whether the step is one motion or a wait, and not a pause or another program."""
+        return self.pause is None and self.program is None
+
+    def at_repetition(self, repetition: int) -> ProgramStep:
+        """Return the step as a repetition of the program runs it: at its place of the grid."""
+        if self.grid is None or self.tip_m is None:
+            return self
+        return self.model_copy(update={"tip_m": self.grid.place_m(self.tip_m, repetition)})
 
     def to_motion(self, model: Model, speed: str) -> MotionValue[Any]:
         """Return the motion of the step.
@@ -187,13 +246,18 @@ class ProgramStep(StrictModel):
         actions = self._actions()
         if len(actions) != 1:
             raise ValueError(f"does {' and '.join(actions) or 'nothing'}")
-        if actions != ["tip_m"] and (self.path or self.via_m):
-            raise ValueError(f"has a path or via_m, but does {actions[0]}")
+        if actions != ["tip_m"] and (self.path or self.via_m or self.grid):
+            raise ValueError(f"has a path, via_m or a grid, but does {actions[0]}")
+        if self.grid and self.via_m:
+            raise ValueError("has a grid, which an arc cannot have")
         if (self.path == "arc") != (self.via_m is not None):
             raise ValueError("needs both: path = arc, and via_m")
         if self.tool_speed_m_s is not None and self.path not in ("line", "arc"):
             raise ValueError("has tool_speed_m_s without a line or an arc")
-        self._to_motion()  # raises if the motion refuses a value
+        if self.has_motion:
+            self._to_motion()  # raises if the motion refuses a value
+        elif self.speed is not None:
+            raise ValueError(f"has a speed, but does {actions[0]}")
         return self
 
 
@@ -203,8 +267,8 @@ class Program(StrictModel):
     format: Literal[1] = Field(description="1")
     arm: Name = Field(description="the arm's name")
     speed: Speed = Field(default="normal", description=_SPEED)
-    repeat: Annotated[int, Field(ge=1, le=100_000)] = Field(
-        default=1, description="a whole number from 1 to 100000"
+    repeat: Repeat = Field(
+        default=1, description="a whole number from 1 to 100000, or until stopped"
     )
     steps: tuple[ProgramStep, ...] = Field(
         strict=False, min_length=1, max_length=MAX_STEPS, description="tables [[steps]]"
@@ -213,6 +277,18 @@ class Program(StrictModel):
     def speed_of(self, step: ProgramStep) -> str:
         """Return the speed class of a step."""
         return step.speed or self.speed
+
+    @property
+    def repetitions(self) -> float:
+        """Number of repetitions; infinite until it is stopped."""
+        return math.inf if self.repeat == UNTIL_STOPPED else float(self.repeat)
+
+    @property
+    def is_sequence(self) -> bool:
+        """Whether it is a fixed list of motions: no condition, grid, pause, or other program."""
+        steps = self.steps
+        plain = all(s.has_motion and s.only_if is None and s.grid is None for s in steps)
+        return plain and self.repeat != UNTIL_STOPPED
 
 
 def read_program(path: Path | str) -> Program:

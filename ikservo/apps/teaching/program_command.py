@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Generator
+from collections import deque
+from collections.abc import Generator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
-from itertools import islice
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from ikservo.apps.teaching.program import Program, ProgramStep, read_program, write_program
-from ikservo.apps.teaching.program_run import ProgramRun, StepCheck, StepResult
+from ikservo.apps.teaching.program_run import NextStep, ProgramRun, StepCheck, StepReport
 from ikservo.arm import OpenArm
 from ikservo.arm.opening import require_own_port
 from ikservo.cli.direction_prompt import check_directions_once
@@ -32,6 +32,7 @@ from ikservo.errors import IkservoError, InputError
 
 File = Annotated[Path, typer.Argument(metavar="FILE", help="The program, a TOML file.")]
 First = Annotated[int, typer.Option("--from", metavar="STEP", help="Begin with this step.")]
+_KEPT_RESULTS = 100_000  # the latest ones of a program that is repeated until it is stopped
 EachStep = Annotated[bool, typer.Option("--step", help="Wait for Enter before each step.")]
 
 
@@ -90,9 +91,12 @@ def run(
 
     ikservo program run tea.toml --port sim          Ctrl-C stops the arm
     """
-    if step and not sys.stdin.isatty():
+    has_terminal = sys.stdin.isatty()
+    if step and not has_terminal:
         raise InputError("Cannot wait for Enter: input is not a terminal.", "Leave out --step.")
     with _opened(file, connection, options, scene) as (machine, program, steps):
+        if steps.pauses and not has_terminal:
+            raise InputError("A pause waits for Enter, but input is not a terminal.")
         _check(steps, program, file, first, quiet=options.json)
         confirm_motion(machine, yes=options.yes)
         check_directions_once(machine, options)
@@ -103,10 +107,10 @@ def run(
                 "number": each.number,
                 "repetition": each.repetition,
                 "does": each.step.description,
-                "duration_s": getattr(each.report, "duration_s", None),
-                "error_m": getattr(each.report, "error_m", None),
+                "duration_s": getattr(report, "duration_s", None),
+                "error_m": getattr(report, "error_m", None),
             }
-            for each in results
+            for each, report in results
         ]
         print_json("program-run", steps=fields)
     else:
@@ -160,21 +164,23 @@ def _check(
     return checks
 
 
-def _run(run: ProgramRun, program: Program, first: int, *, wait: bool) -> list[StepResult]:
+def _run(
+    run: ProgramRun, program: Program, first: int, *, wait: bool
+) -> Sequence[tuple[NextStep, StepReport | None]]:
     """Run the steps; print each before it begins, and after a failure where to continue."""
-    total = program.repeat * len(program.steps) - (first - 1)
-    done: list[StepResult] = []
+    done = deque[tuple[NextStep, StepReport | None]](maxlen=_KEPT_RESULTS)
     with motion_progress_bar() as on_progress:
-        steps = run.run(first, on_progress)
-        for made in range(total):
-            index = (first - 1 + made) % len(program.steps)
-            _print_step(index + 1, program, program.steps[index].description)
-            if wait:
-                wait_for_enter("Press Enter for this step, Ctrl-C to end.")
+        for each in run.steps(first):
+            _print_step(each.number, program, each.step.description)
             try:
-                done += islice(steps, 1)
+                if each.step.pause is not None:
+                    wait_for_enter("Press Enter to continue, Ctrl-C to end.")
+                elif wait:
+                    wait_for_enter("Press Enter for this step, Ctrl-C to end.")
+                done.append((each, run.run_step(each, on_progress)))
             except BaseException:
-                print_status(f"Stopped in step {index + 1}; begin there again: --from {index + 1}")
+                number = each.number
+                print_status(f"Stopped in step {number}; begin there again: --from {number}")
                 raise
     return done
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from ikservo.apps.teaching.program import Program, ProgramStep
+from ikservo.apps.teaching.program import UNTIL_STOPPED, Program, ProgramStep, read_program
 from ikservo.apps.teaching.replaying import Replay, position_at_rest
 from ikservo.arm.arm_parts import ArmParts
 from ikservo.arm.run_by_kind import end_of_motion, run_motion, wait
@@ -43,34 +43,38 @@ class StepCheck:
 
 
 @dataclass(frozen=True, slots=True)
-class StepResult:
-    """Result of a step that was run.
+class NextStep:
+    """A step that is to be run.
 
     Attributes:
-        number: The number of the step, from 1.
-        repetition: The repetition of the program, from 1.
-        step: The step.
-        report: The report of its motion; None for a wait.
+        number: The number of the step, from 1; steps of a called program have the caller's number.
+        repetition: The repetition of the whole program, from 1.
+        step: The step, at its place of the grid.
+        speed: Its speed class.
+        folder: The folder of its recording.
     """
 
     number: int
     repetition: int
     step: ProgramStep
-    report: StepReport | None
+    speed: str
+    folder: Path
 
 
 class ProgramRun:
-    """A program on an arm: check it, then run it whole, from a given step, or stepwise.
+    """A program on an arm: check it, then run its steps one by one.
 
     Args:
         arm: The arm.
         program: Its steps.
-        folder: The folder of the program, with its recordings.
+        folder: The folder of the program, with its recordings and the programs that it calls.
         poses: The poses of the arm.
         on_wait: Called regularly during a wait.
 
     Raises:
-        BadValueError: The program is for another arm.
+        BadValueError: The program, or one that it calls, is for another arm; or a called program
+            calls another one, or is repeated until it is stopped.
+        FileFormatError: A called program is malformed.
     """
 
     def __init__(
@@ -81,19 +85,41 @@ class ProgramRun:
         poses: PoseLibrary,
         on_wait: Callable[[], object] | None = None,
     ) -> None:
-        name = arm.context.model.name
-        if program.arm != name:
-            raise BadValueError("The program", f"one for {program.arm}", f"one for {name}")
         self._arm, self._program, self._folder, self._poses = arm, program, folder, poses
+        self._called = {
+            step.program: read_program(folder / step.program)
+            for step in program.steps
+            if step.program is not None
+        }
+        name = arm.context.model.name
+        for each in (program, *self._called.values()):
+            if each.arm != name:
+                raise BadValueError("The program", f"one for {each.arm}", f"one for {name}")
+        for file, called in self._called.items():
+            if called.repeat == UNTIL_STOPPED or any(step.program for step in called.steps):
+                raise BadValueError(
+                    f"The called program {file}",
+                    "one that calls another or never ends",
+                    "steps that end and call no program",
+                )
         self._on_wait = on_wait
+        self._stop_count = arm.background.stop_count
         self._has_moved = False  # torque may be off before the first motion
+        self._has_grasped = False
+
+    @property
+    def pauses(self) -> bool:
+        """Whether it pauses somewhere until a person continues."""
+        programs = (self._program, *self._called.values())
+        return any(step.pause is not None for each in programs for step in each.steps)
 
     def check(self, first: int = 1) -> Iterator[StepCheck]:
         """Plan each step from the end of the previous step; nothing moves.
 
         The first step starts at the present position. With ``repeat``, the first step is also
-        checked from the end of the last one. After an impossible step the check continues as if the
-        program did not have that step.
+        checked from the end of the last one, and each place of a grid is checked. Steps with a
+        condition are checked as if it were true. After an impossible step the check continues as if
+        the program did not have that step.
 
         Args:
             first: The step to begin with, from 1.
@@ -105,46 +131,115 @@ class ProgramRun:
         begin = self._index_of(first)
         self._arm.context.require_zeros()
         start = PlannedStart(position_at_rest(self._arm))
-        numbers = list(range(begin, len(self._program.steps)))
-        if self._program.repeat > 1:
-            numbers += range(begin + 1)
-        for index in numbers:
-            step = self._program.steps[index]
+        for each in self._checked_steps(self._program, self._folder, begin):
             error: IkservoError | None = None
             context = self._arm.context
             preflight = PreflightPlanner(context, start, self._poses)
             try:
-                motion = self._motion(step)
-                start.joints = end_of_motion(context, preflight, motion, start.joints)
+                if each.step.pause is None:
+                    motion = self._motion(each)
+                    start.joints = end_of_motion(context, preflight, motion, start.joints)
             except IkservoError as refused:
                 error = refused
-            yield StepCheck(index + 1, step, error)
+            yield StepCheck(each.number, each.step, error)
 
-    def run(self, first: int = 1, on_progress: OnProgress | None = None) -> Iterator[StepResult]:
-        """Run the steps, one for each result that the caller takes from the iterator.
+    def _checked_steps(
+        self, program: Program, folder: Path, begin: int, caller: int | None = None
+    ) -> Iterator[NextStep]:
+        """Yield the steps of a program until nothing new is in a repetition.
+
+        Args:
+            program: The program.
+            folder: Its folder.
+            begin: The index of the step to begin with.
+            caller: The number of the step that calls it.
+        """
+        places = max((s.grid.rows * s.grid.columns for s in program.steps if s.grid), default=1)
+        count = len(program.steps)
+        rounds = [(1, range(begin, count))]
+        rounds += [(n, range(count)) for n in range(2, int(min(places, program.repetitions)) + 1)]
+        if program.repetitions > len(rounds):
+            rounds.append((len(rounds) + 1, range(begin + 1)))
+        for repetition, indices in rounds:
+            for index in indices:
+                step, number = program.steps[index], caller or index + 1
+                if step.program is not None:
+                    called, path = self._called[step.program], folder / step.program
+                    yield from self._checked_steps(called, path.parent, 0, number)
+                else:
+                    at = step.at_repetition(repetition)
+                    yield NextStep(number, repetition, at, program.speed_of(step), folder)
+
+    def steps(self, first: int = 1) -> Iterator[NextStep]:
+        """Yield the steps to run; take the next one when the last one has ended.
+
+        Steps whose condition is false are left out. A repetition without any step is the last one.
 
         Args:
             first: The step to begin with, from 1; repetitions begin with the first step.
-            on_progress: Called in every control cycle.
 
         Raises:
             BadValueError: There is no such step.
-            IkservoError: A step failed; the arm holds where it is. See ``Arm``.
         """
-        begin, stop_count = self._index_of(first), self._arm.background.stop_count
-        for repetition in range(1, self._program.repeat + 1):
-            for index in range(begin, len(self._program.steps)):
-                step = self._program.steps[index]
-                with self._arm.background.requested(stop_count):
-                    motion, report = self._motion(step), None
-                    if isinstance(motion, Wait):
-                        wait(self._arm.context, motion, self._on_wait, watch_health=self._has_moved)
-                    else:
-                        self._has_moved = True
-                        with self._arm.background.turn():
-                            report = run_motion(self._arm, motion, on_progress)
-                yield StepResult(index + 1, repetition, step, report)
-            begin = 0
+        begin, repetition = self._index_of(first), 0
+        self._stop_count = self._arm.background.stop_count
+        while (repetition := repetition + 1) <= self._program.repetitions:
+            steps = list(enumerate(self._program.steps, 1))[begin:]
+            begin, has_run = 0, False
+            for number, step in steps:
+                for each in self._steps_of(step, number, repetition):
+                    yield each
+                    has_run = True
+            if not has_run:
+                return
+
+    def _steps_of(self, step: ProgramStep, number: int, repetition: int) -> Iterator[NextStep]:
+        """Yield a step, or the steps of the program that it calls, if its condition is true."""
+        if not self._applies(step):
+            return
+        if step.program is None:
+            at, speed = step.at_repetition(repetition), self._program.speed_of(step)
+            yield NextStep(number, repetition, at, speed, self._folder)
+            return
+        called, folder = self._called[step.program], (self._folder / step.program).parent
+        for inner in range(1, int(called.repetitions) + 1):
+            for each in called.steps:
+                if self._applies(each):
+                    at, speed = each.at_repetition(inner), called.speed_of(each)
+                    yield NextStep(number, repetition, at, speed, folder)
+
+    def _applies(self, step: ProgramStep) -> bool:
+        return step.only_if is None or (step.only_if == "grasped") == self._has_grasped
+
+    def run_step(self, step: NextStep, on_progress: OnProgress | None = None) -> StepReport | None:
+        """Run a step; return the report of its motion, or None for a wait or a pause.
+
+        The caller waits for the person during a pause.
+
+        Args:
+            step: The step.
+            on_progress: Called in every control cycle.
+
+        Raises:
+            IkservoError: The step failed; the arm holds where it is. See ``Arm``.
+        """
+        if step.step.pause is not None:
+            return None
+        with self._arm.background.requested(self._stop_count):
+            motion = self._motion(step)
+            if isinstance(motion, Wait):
+                self.wait(motion)
+                return None
+            self._has_moved = True
+            with self._arm.background.turn():
+                report = run_motion(self._arm, motion, on_progress)
+        if isinstance(report, GraspResult):
+            self._has_grasped = report.grasped
+        return report
+
+    def wait(self, motion: Wait) -> None:
+        """Wait, and watch the servos that hold."""
+        wait(self._arm.context, motion, self._on_wait, watch_health=self._has_moved)
 
     def _index_of(self, number: int) -> int:
         count = len(self._program.steps)
@@ -152,14 +247,14 @@ class ProgramRun:
             raise BadValueError("The step", number, f"1 to {count}")
         return number - 1
 
-    def _motion(self, step: ProgramStep) -> MotionValue[Any]:
+    def _motion(self, step: NextStep) -> MotionValue[Any]:
         """Return the motion of a step; a recording is in the program's folder.
 
         Raises:
             BadValueError: This arm cannot use it.
             UnknownNameError: There is no such joint.
         """
-        motion = step.to_motion(self._arm.context.model, self._program.speed_of(step))
+        motion = step.step.to_motion(self._arm.context.model, step.speed)
         if isinstance(motion, Replay):
-            return replace(motion, path=self._folder / motion.path)
+            return replace(motion, path=step.folder / motion.path)
         return motion

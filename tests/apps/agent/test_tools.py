@@ -116,6 +116,7 @@ def test_program_is_checked_then_run_as_one_plan(simulated):
         ('format = 1\narm = "koch"\n[[steps]]\nwait_s = 1.0\n', "one for koch"),
         ('format = 1\narm = "so101"\nrepeat = 1000\n[[steps]]\nwait_s = 1.0\n', "1000 steps"),
         ('format = 1\narm = "so101"\n[[steps]]\nrecording = "/etc/passwd"\n', "no plan"),
+        ('format = 1\narm = "so101"\n[[steps]]\nprogram = "/etc/passwd"\n', "not a fixed list"),
     ],
 )
 def test_program_that_cannot_be_run_is_refused(simulated, text, words):

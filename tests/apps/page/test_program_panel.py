@@ -9,7 +9,7 @@ from ikservo.apps.page.messages import program_messages as msg
 from ikservo.apps.page.messages.page_messages import BadMessageError
 from ikservo.apps.page.running.record_job import SUFFIX
 from ikservo.apps.page.server.auth import Permission
-from ikservo.apps.teaching.program import read_program
+from ikservo.apps.teaching.program import Program, ProgramStep, read_program, write_program
 from ikservo.planning.motions import MoveJoints, Wait
 from servosim.faults import Fault
 from servosim.joint import Hand, glide
@@ -206,6 +206,28 @@ def test_program_pauses_after_step_and_runs_single_steps(session):
     assert run(session, "step", third)["phase"] == "done"
     assert degrees(session, "wrist_roll") == pytest.approx(30.0, abs=0.5)
     assert panel(session).state_fields()["step"] == first
+
+
+def test_program_waits_in_a_pause_until_continue(session, own_folder):
+    own_folder.mkdir(parents=True, exist_ok=True)
+    steps = ({"wait_s": 0.01}, {"pause": "Put in the next part."}, {"wait_s": 0.01})
+    made = tuple(ProgramStep(**step) for step in steps)
+    write_program(own_folder / "parts.toml", Program(format=1, arm="so101", steps=made))
+    session.send_message(msg.ProgramFile, action="load", name="parts")
+    session.send_message(msg.SetProgram, speed="slow", repeat="until stopped")
+    seen = []
+
+    def answer(count):
+        state = panel(session).state_fields()
+        if state["phase"] == "waiting":
+            seen.append((state["reason"], state["repetition"]))
+            action = "play" if len(seen) < 20 else "pause"
+            session.send_message(msg.RunProgram, action=action)
+
+    state = run(session, on_cycle=answer)
+    assert state["phase"] == "paused"
+    assert seen[0] == ("Put in the next part.", 1)
+    assert seen[-1][1] > 5  # it is repeated
 
 
 def test_closed_page_stops_program(session):

@@ -150,11 +150,18 @@ def test_line_step_is_checked_from_end_of_previous_step(arm, tmp_path):
     assert through[-1].error is not None
 
 
+def run_steps(run, first=1, on_progress=None):
+    """Run the steps one after the other, and yield each when it has ended."""
+    for step in run.steps(first):
+        run.run_step(step, on_progress)
+        yield step
+
+
 @pytest.mark.full
 def test_program_steps_run_in_order_and_reach_last_target(arm, tmp_path):
     write_wave_recording("so101", tmp_path / "wave.jsonl")
     steps = (*KINDS, KINDS[0], {"tip_m": NEAR}, {"tip_m": FAR, "path": "line"})
-    made = list(run_of(arm, tmp_path, *steps).run())
+    made = list(run_steps(run_of(arm, tmp_path, *steps)))
     assert [each.number for each in made] == list(range(1, len(steps) + 1))
     assert np.linalg.norm(true_tip_m(arm) - FAR) < 0.003
 
@@ -162,7 +169,7 @@ def test_program_steps_run_in_order_and_reach_last_target(arm, tmp_path):
 @pytest.mark.full
 def test_program_started_at_step_2_repeats_from_step_1(arm, tmp_path):
     steps = [{"deg": {"wrist_roll": angle}} for angle in (2.0, 4.0, 6.0)]
-    made = list(run_of(arm, tmp_path, *steps, repeat=2).run(first=2))
+    made = list(run_steps(run_of(arm, tmp_path, *steps, repeat=2), 2))
     assert [(each.repetition, each.number) for each in made] == [
         (1, 2), (1, 3), (2, 1), (2, 2), (2, 3)
     ]  # fmt: skip
@@ -171,12 +178,12 @@ def test_program_started_at_step_2_repeats_from_step_1(arm, tmp_path):
 @pytest.mark.parametrize("number", [0, 4, -1])
 def test_start_at_missing_step_is_refused(arm, tmp_path, number):
     with pytest.raises(BadValueError, match="1 to 3"):
-        list(run_of(arm, tmp_path, *KINDS[:3]).run(first=number))
+        list(run_steps(run_of(arm, tmp_path, *KINDS[:3]), number))
 
 
 @pytest.mark.full
 def test_stop_ends_wait_step(arm, tmp_path):
-    run = run_of(arm, tmp_path, KINDS[1], {"wait_s": 3600.0}).run()
+    run = run_steps(run_of(arm, tmp_path, KINDS[1], {"wait_s": 3600.0}))
     next(run)
     arm.stop("Stopped by another terminal.")
     begin_s = clock_of(arm).now_s()
@@ -189,7 +196,7 @@ def test_stop_ends_wait_step(arm, tmp_path):
 @pytest.mark.parametrize("name", ["so101", "koch"])
 def test_a_supply_that_drops_during_a_wait_stops_the_program(tmp_path, name):
     with ikservo.open_arm(name, port="sim:?pose=home") as arm:
-        run = run_of(arm, tmp_path, {"deg": {"wrist_roll": 2.0}}, {"wait_s": 60.0}).run()
+        run = run_steps(run_of(arm, tmp_path, {"deg": {"wrist_roll": 2.0}}, {"wait_s": 60.0}))
         next(run)
         line = line_of(arm)
         line.faults.add(Fault("voltage", volts=3.6, at_s=line.world.time_s + 0.5))
@@ -202,7 +209,7 @@ def test_a_supply_that_drops_during_a_wait_stops_the_program(tmp_path, name):
 @pytest.mark.full
 def test_wait_step_ends_by_itself_without_fault(arm, tmp_path):
     steps = [{"wait_s": 1.0}, {"deg": {"wrist_roll": 2.0}}, {"wait_s": 4.0}]
-    assert len(list(run_of(arm, tmp_path, *steps).run())) == 3
+    assert len(list(run_steps(run_of(arm, tmp_path, *steps)))) == 3
 
 
 TWENTY = [
@@ -231,7 +238,7 @@ def test_fault_in_program_of_20_steps_needs_acknowledgement(arm, tmp_path, monke
             begun.append(name)
             cause(arm, FAULTS[name])
 
-    steps = run.run(on_progress=fail)
+    steps = run_steps(run, on_progress=fail)
     with pytest.raises((IkservoError, StoppedError)):
         collect(made, steps)
     assert [each.number for each in made] == list(range(1, 7))
@@ -240,10 +247,10 @@ def test_fault_in_program_of_20_steps_needs_acknowledgement(arm, tmp_path, monke
         reconnect(arm, monkeypatch)
     stands = registers(arm, "goal_position")
     with pytest.raises(RefusedError):
-        next(run.run(first=7))
+        next(run_steps(run, 7))
     assert registers(arm, "goal_position") == stands
     arm.acknowledge()
-    assert len(list(run.run(first=7))) == 14
+    assert len(list(run_steps(run, 7))) == 14
     assert abs(math.degrees(true_joints(arm)["wrist_roll"]) - 12.0) < 1.0
 
 

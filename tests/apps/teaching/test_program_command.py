@@ -81,8 +81,18 @@ MISTAKES = {
     'pos = "home"': "step 2, pos: is not a known key; expected pose",
     "tip_m = [0.2, 0.0]": "step 2, tip_m[2]: is missing; expected [x, y, z] in metres",
     'pose = "home"\nwait_s = 1': "step 2: does pose and wait_s",
+    "wait_s = 1\ngrid = { rows = 31, columns = 1 }": "step 2, grid.rows: is 31; "
+    "expected rows and columns from 1 to 30",
+    'only_if = "seen"\nwait_s = 1': 'step 2, only_if: is "seen"; expected grasped or not grasped',
     'speed = "quick"\nwait_s = 1': 'step 2, speed: is "quick"; expected slow, normal or fast',
 }
+
+
+def test_pause_without_a_terminal_is_refused_before_motion(run_cli, tmp_path):
+    path = write_steps(tmp_path / "a.toml", 'pause = "Put in the next part."')
+    result = run_cli(f"program run {path} {SIM} --yes")
+    assert (result.code, result.out) == (2, "")
+    assert "A pause waits for Enter, but input is not a terminal." in result.err
 
 
 def write_steps(path, *steps):
@@ -102,7 +112,7 @@ def test_program_mistake_gives_one_message_with_step_number(step, run_cli, tmp_p
 def test_program_mistakes_are_named_without_validator_words(run_cli, tmp_path):
     path = write_steps(tmp_path / "a.toml", *MISTAKES)
     err = run_cli(f"program check {path} --port sim").err
-    assert all(f"step {number}" in err for number in range(2, 7))
+    assert all(f"step {number}" in err for number in range(2, 9))
     assert not any(word in err for word in ("literal", "float", "more to correct", "steps["))
 
 

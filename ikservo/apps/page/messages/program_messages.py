@@ -10,7 +10,7 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from ikservo.apps.page.messages.message_fields import Name, PageMessage
-from ikservo.apps.teaching.program import Speed
+from ikservo.apps.teaching.program import Repeat, Speed
 
 StepNumber = Annotated[int, Field(ge=1, le=2**31)]
 Place = Annotated[int, Field(ge=0, le=1000)]
@@ -68,7 +68,7 @@ class SetProgram(PageMessage):
 
     kind: Literal["set_program"]
     speed: Speed
-    repeat: Annotated[int, Field(ge=1, le=100_000)]
+    repeat: Repeat
 
 
 class ProgramFile(PageMessage):

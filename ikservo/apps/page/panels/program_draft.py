@@ -11,6 +11,7 @@ from ikservo.apps.teaching.program import (
     MAX_STEPS,
     Program,
     ProgramStep,
+    Repeat,
     Speed,
     read_program,
     write_program,
@@ -82,7 +83,7 @@ class ProgramDraft:
         self._next_number = 1
         self.steps: tuple[DraftStep, ...] = ()
         self.speed: Speed = "slow"
-        self.repeat = 1
+        self.repeat: Repeat = 1
         self.name = ""
         self.changed = False
         self.revision = 0
@@ -134,7 +135,7 @@ class ProgramDraft:
         place = self.place_of(number)
         self._set_steps((*self.steps[:place], *self.steps[place + 1 :]))
 
-    def set_options(self, speed: Speed, repeat: int) -> None:
+    def set_options(self, speed: Speed, repeat: Repeat) -> None:
         """Set the speed of steps without a speed of their own, and the number of repetitions."""
         self.speed, self.repeat = speed, repeat
         self._note_change(changed=True)

@@ -166,6 +166,9 @@ class ProgramPanel:
                 raise InputError("No program is being played.", "Nothing has changed.")
             self._play.pause()
             return
+        if self._play is not None and self._is_busy and self._play.state.phase == "waiting":
+            self._play.resume()
+            return
         program = self.draft.program()
         first = 0 if message.step is None else self.draft.place_of(message.step)
         numbers = tuple(each.number for each in self.draft.steps)

@@ -14,8 +14,10 @@ from ikservo.apps.teaching.program import Program
 from ikservo.apps.teaching.program_run import ProgramRun
 from ikservo.arm import Arm
 from ikservo.errors import BusError, IkservoError
+from ikservo.planning.motions import Wait
 
-Phase = Literal["idle", "checking", "ok", "playing", "paused", "stopped", "bad", "done"]
+Phase = Literal["idle", "checking", "ok", "playing", "waiting", "paused", "stopped", "bad", "done"]
+_POLL_S = 0.1  # interval at which a pause asks whether it has ended
 
 
 @dataclass(frozen=True, slots=True)
@@ -23,10 +25,11 @@ class PlayState:
     """Progress of a program.
 
     Attributes:
-        phase: The present phase; ``bad`` after a check that found an impossible step.
+        phase: The present phase; ``bad`` after a check that found an impossible step; ``waiting``
+            in a step that pauses until a person continues.
         step: Number of the present or next step; None before the start.
         repetition: The repetition of the whole program, from 1.
-        reason: The reason why it was stopped at this step.
+        reason: The reason why it was stopped at this step, or what a person does in a pause.
         problems: Reasons why steps are impossible, by number; ``step`` is the first such step.
     """
 
@@ -63,7 +66,7 @@ class ProgramPlay:
     ) -> None:
         self._program, self._numbers, self._folder = program, numbers, folder
         self._first, self._action = first, action
-        self._pausing = threading.Event()
+        self._pausing, self._continuing = threading.Event(), threading.Event()
         self.state = PlayState("checking", numbers[first])
 
     @property
@@ -79,6 +82,10 @@ class ProgramPlay:
     def pause(self) -> None:
         """End after the present step; safe from any thread."""
         self._pausing.set()
+
+    def resume(self) -> None:
+        """Continue after a step that pauses; safe from any thread."""
+        self._continuing.set()
 
     def run(self, arm: Arm, observer: JobObserver) -> None:
         """Check the steps, then run them.
@@ -119,15 +126,19 @@ class ProgramPlay:
         return True
 
     def _play(self, run: ProgramRun, observer: JobObserver) -> None:
-        count = len(self._numbers)
-        total = self._program.repeat * count
-        steps = run.run(self._first + 1, observer.on_progress)
-        for made in range(self._first, total):
-            self._note_step(made % count, "playing", made // count + 1)
-            list(islice(steps, 1))
-            if made + 1 < total and (self._action == "step" or self._pausing.is_set()):
-                self._note_step((made + 1) % count, "paused", made // count + 1)
+        for made, each in enumerate(run.steps(self._first + 1)):
+            if made and (self._action == "step" or self._pausing.is_set()):
+                self._note_step(each.number - 1, "paused", each.repetition)
                 return
+            if each.step.pause is None:
+                self._note_step(each.number - 1, "playing", each.repetition)
+                run.run_step(each, observer.on_progress)
+            else:
+                self._continuing.clear()
+                number = self._numbers[each.number - 1]
+                self.state = PlayState("waiting", number, each.repetition, each.step.pause)
+                while not (self._continuing.is_set() or self._pausing.is_set()):
+                    run.wait(Wait(_POLL_S))
         self._note_step(0, "done")
 
     def _note_step(self, index: int, phase: Phase, repetition: int = 1) -> None:

@@ -6,6 +6,7 @@ import { $, createElement, setAttribute, setText, updateChoices } from "./elemen
 import { parseNumber } from "./number_field.js";
 
 const SPEEDS = ["slow", "normal", "fast"];
+const UNTIL_STOPPED = "until stopped";
 const NAME = /^[A-Za-z0-9_-]{1,64}$/;
 const formatTitle = (name) => name[0].toUpperCase() + name.slice(1);
 
@@ -66,9 +67,10 @@ export class Program {
   }
 
   sendOptions({ speed = this.program.speed }) {
-    const repeat = parseNumber($("program-repeat").value);
-    if (repeat === null || !Number.isInteger(repeat) || repeat < 1) {
-      this.refuse(`“${$("program-repeat").value.slice(0, 20)}” is not a number of times: a whole number from 1.`);
+    const words = $("program-repeat").value.trim();
+    const repeat = words === UNTIL_STOPPED ? words : parseNumber(words);
+    if (repeat !== UNTIL_STOPPED && !(Number.isInteger(repeat) && repeat >= 1)) {
+      this.refuse(`“${words.slice(0, 20)}” is not a number of times: a whole number from 1, or: ${UNTIL_STOPPED}.`);
       $("program-repeat").value = this.program.repeat;
     } else this.send("set_program", { speed, repeat });
   }
@@ -199,11 +201,12 @@ export class Program {
     if (!this.program) return;
     const { phase, step, reason, problems, pausing } = this.state;
     const reasons = new Map(problems.map((each) => [each.step, each.reason]));
-    if (reason) reasons.set(step, reason);
+    const waits = phase === "waiting";
+    if (reason && !waits) reasons.set(step, reason);
     const start = this.steps.findIndex(({ number }) => number === this.from);
     const running = ["checking", "playing"].includes(phase);
     for (const control of $("program").querySelectorAll("button, input, select")) control.disabled = !this.movable || running;
-    $("program-pause").disabled = !this.busy || !running || pausing;
+    $("program-pause").disabled = !this.busy || !(running || waits) || pausing;
     setText($("program-pause"), pausing ? "Pausing …" : "Pause after step");
     $("record-step").disabled = !(this.movable && !running) && !(this.busy && this.state.recording);
     setAttribute($("record-step"), "aria-pressed", Boolean(this.state.recording));
@@ -211,12 +214,13 @@ export class Program {
     $("add-recording").disabled ||= !this.program.recordings.length;
     for (const id of ["check", "play", "step", "save"]) $(`program-${id}`).disabled ||= !this.steps.length;
     $("program-load").disabled ||= !this.program.names.length;
-    setText($("program-play"), start > 0 ? `Play from ${start + 1}` : "Play");
+    if (waits) $("program-play").disabled = !this.busy;
+    setText($("program-play"), waits ? "Continue" : start > 0 ? `Play from ${start + 1}` : "Play");
     setText($("program-state"), this.describe());
     setAttribute($("program-state"), "class", phase);
     for (const row of this.rows) {
       const here = row.number === step;
-      const state = here && running ? "now" : reasons.has(row.number) ? "bad" : row.number === this.from ? "next" : "";
+      const state = here && (running || waits) ? "now" : reasons.has(row.number) ? "bad" : row.number === this.from ? "next" : "";
       if (state === "now" && row.element.className !== state && $("program").open) this.reveal(row.element);
       if (!this.dragged) setAttribute(row.element, "class", state);
       setAttribute(row.begin, "aria-pressed", row.number === this.from);
@@ -237,13 +241,15 @@ export class Program {
   }
 
   describe() {
-    const { phase, step, repetition } = this.state;
+    const { phase, step, repetition, reason } = this.state;
     const at = this.steps.findIndex(({ number }) => number === step) + 1;
-    const round = this.program.repeat > 1 ? `, time ${repetition} of ${this.program.repeat}` : "";
+    const { repeat } = this.program;
+    const round = repeat === UNTIL_STOPPED ? `, time ${repetition}` : repeat > 1 ? `, time ${repetition} of ${repeat}` : "";
     switch (phase) {
       case "checking": return `Checks step ${at} of ${this.steps.length}`;
       case "ok": return "Checked: every step is possible";
       case "playing": return `Step ${at} of ${this.steps.length}${round}`;
+      case "waiting": return `Step ${at}${round}: ${reason} Then press Continue.`;
       case "paused": return `Paused before step ${at}${round}`;
       case "stopped": return `Stopped in step ${at}`;
       case "bad": return `${this.describeProblems()} cannot be carried out; nothing has moved`;

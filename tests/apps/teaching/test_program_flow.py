@@ -1,0 +1,146 @@
+"""Conditions, grids, called programs, pauses and endless repetition of programs."""
+
+from itertools import islice
+
+import numpy as np
+import pytest
+
+import ikservo
+from ikservo.apps.teaching.program import Program, ProgramStep, read_program, write_program
+from ikservo.apps.teaching.program_run import ProgramRun
+from ikservo.errors import BadValueError, FileFormatError, LatchedStopError
+from tests.arm.simulated import true_tip_m
+from tests.arm.test_gripper import open_jaws, put_between
+
+NEAR = (0.22, 0.04, 0.12)
+GRID = {"rows": 2, "columns": 2, "row_m": (0.0, -0.04, 0.0), "column_m": (0.03, 0.0, 0.0)}
+WAIT = {"wait_s": 0.01}
+
+
+@pytest.fixture
+def arm():
+    with ikservo.open_arm("so101", port="sim:?pose=home") as machine:
+        yield machine
+
+
+def program(*steps, **options):
+    made = tuple(ProgramStep(**step) for step in steps)
+    return Program(format=1, arm=options.pop("arm", "so101"), steps=made, **options)
+
+
+def make_run(arm, folder, *steps, **options):
+    return ProgramRun(arm, program(*steps, **options), folder, arm.poses)
+
+
+def run_all(run, count=None):
+    """Run the steps, at most ``count``, and return their numbers."""
+    numbers = []
+    for step in islice(run.steps(), count):
+        run.run_step(step)
+        numbers.append(step.number)
+    return numbers
+
+
+def test_each_repetition_moves_to_the_next_place_of_a_grid(arm, tmp_path):
+    run, tips = make_run(arm, tmp_path, {"tip_m": NEAR, "grid": GRID}, repeat=5), []
+    for step in run.steps():
+        run.run_step(step)
+        tips.append(true_tip_m(arm))
+    places = [(0.22, 0.04), (0.25, 0.04), (0.22, 0.0), (0.25, 0.0), (0.22, 0.04)]
+    assert np.abs(np.array(tips)[:, :2] - places).max() < 0.003
+
+
+def test_a_grid_place_out_of_reach_is_found_before_any_motion(arm, tmp_path):
+    far = {**GRID, "rows": 1, "columns": 3, "column_m": (0.35, 0.0, 0.0)}
+    checks = list(make_run(arm, tmp_path, {"tip_m": NEAR, "grid": far}, repeat=3).check())
+    assert [check.error is None for check in checks] == [True, False, False]
+    few = list(make_run(arm, tmp_path, {"tip_m": NEAR, "grid": far}).check())
+    assert [check.error is None for check in few] == [True]  # one repetition uses one place
+
+
+def test_steps_if_grasped_are_left_out_when_the_gripper_is_empty(arm, tmp_path):
+    steps = ({"gripper": "close"}, {**WAIT, "only_if": "grasped"},
+             {**WAIT, "only_if": "not grasped"})  # fmt: skip
+    assert run_all(make_run(arm, tmp_path, *steps)) == [1, 3]
+
+
+@pytest.mark.full
+def test_steps_if_grasped_run_when_the_gripper_holds_a_thing(arm, tmp_path):
+    open_jaws(arm)
+    put_between(arm, 0.4)
+    steps = ({"gripper": "close"}, {**WAIT, "only_if": "grasped"},
+             {**WAIT, "only_if": "not grasped"})  # fmt: skip
+    assert run_all(make_run(arm, tmp_path, *steps)) == [1, 2]
+
+
+def test_called_program_runs_its_repetitions_within_one_step(arm, tmp_path):
+    write_program(tmp_path / "inner.toml", program(WAIT, WAIT, repeat=3))
+    run = make_run(arm, tmp_path, WAIT, {"program": "inner.toml"}, WAIT)
+    assert run_all(run) == [1, *[2] * 6, 3]
+    assert [check.number for check in run.check()] == [1, 2, 2, 2, 3]
+
+
+def test_called_program_of_another_arm_is_refused(arm, tmp_path):
+    write_program(tmp_path / "inner.toml", program(WAIT, arm="koch"))
+    with pytest.raises(BadValueError, match="one for koch"):
+        make_run(arm, tmp_path, {"program": "inner.toml"})
+
+
+@pytest.mark.parametrize("inner", [
+    program({"program": "inner.toml"}), program(WAIT, repeat="until stopped")
+], ids=["calls itself", "never ends"])  # fmt: skip
+def test_called_program_without_an_end_is_refused(arm, tmp_path, inner):
+    write_program(tmp_path / "inner.toml", inner)
+    with pytest.raises(BadValueError, match="calls another or never ends"):
+        make_run(arm, tmp_path, {"program": "inner.toml"})
+
+
+def test_missing_called_program_is_named(arm, tmp_path):
+    with pytest.raises(FileFormatError, match="gone"):
+        make_run(arm, tmp_path, {"program": "gone.toml"})
+
+
+def test_program_repeats_until_it_is_stopped(arm, tmp_path):
+    run = make_run(arm, tmp_path, WAIT, WAIT, repeat="until stopped")
+    assert run_all(run, 301) == [1, 2] * 150 + [1]
+    step = next(run.steps())
+    arm.stop("Stopped by the test.")
+    with pytest.raises(LatchedStopError):
+        run.run_step(step)
+
+
+def test_endless_program_ends_when_no_step_applies(arm, tmp_path):
+    run = make_run(arm, tmp_path, {**WAIT, "only_if": "grasped"}, repeat="until stopped")
+    assert run_all(run) == []
+
+
+def test_pause_is_left_to_the_caller_and_moves_nothing(arm, tmp_path):
+    run = make_run(arm, tmp_path, WAIT, {"pause": "Put in the next part."}, WAIT)
+    assert run.pauses
+    assert [step.step.pause for step in run.steps()] == [None, "Put in the next part.", None]
+    assert [check.error for check in run.check()] == [None] * 3
+
+
+@pytest.mark.parametrize(("step", "words"), [
+    ({"wait_s": 1.0, "grid": GRID}, "a grid, but does wait_s"),
+    ({"tip_m": NEAR, "path": "arc", "via_m": NEAR, "grid": GRID}, "an arc cannot have"),
+    ({"pause": "x", "speed": "slow"}, "has a speed, but does pause"),
+    ({"tip_m": NEAR, "grid": {**GRID, "rows": 31}}, "less than or equal to 30"),
+    ({**WAIT, "only_if": "seen"}, "grasped"),
+    ({"pause": "x", "program": "y.toml"}, "program and pause"),
+])  # fmt: skip
+def test_step_with_words_that_do_not_fit_is_refused(step, words):
+    with pytest.raises(ValueError, match=words):
+        ProgramStep(**step)
+
+
+def test_flow_words_survive_writing_and_reading(tmp_path):
+    steps = ({"tip_m": NEAR, "grid": GRID, "only_if": "grasped"}, {"program": "inner.toml"},
+             {"pause": "Put in the next part."})  # fmt: skip
+    written = program(*steps, repeat="until stopped")
+    write_program(tmp_path / "all.toml", written)
+    assert read_program(tmp_path / "all.toml") == written
+    assert [step.description for step in written.steps] == [
+        "if grasped, joints to (0.220, 0.040, 0.120) m", "program inner.toml",
+        "pause: Put in the next part."]  # fmt: skip
+    assert not written.is_sequence
