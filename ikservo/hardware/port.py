@@ -9,7 +9,6 @@ import threading
 from collections.abc import Collection, Generator, Iterable
 from dataclasses import dataclass
 from math import ceil
-from types import TracebackType
 from typing import NoReturn
 from weakref import WeakKeyDictionary
 
@@ -326,12 +325,7 @@ class Port(SdkPort):
     def __enter__(self) -> Port:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        at: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.closePort()
 
 

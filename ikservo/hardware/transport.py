@@ -19,7 +19,6 @@ from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 from select import select
 from time import monotonic
-from types import TracebackType
 from typing import Any, Protocol, cast
 from weakref import WeakSet
 
@@ -131,12 +130,7 @@ class PortLock:
     def __enter__(self) -> PortLock:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        at: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.release()
 
 

@@ -41,7 +41,38 @@ XL320_BAUD_RATES = {0: 9_600, 1: 57_600, 2: 115_200, 3: 1_000_000}
 XL320_ALARM_BITS = {0: Alarm.OVERLOAD, 1: Alarm.HEAT, 2: Alarm.VOLTAGE}
 
 
-class AX12A(ControlTable):
+class Dynamixel1:
+    """Rows that servos with protocol 1.0 have in common."""
+
+    #                                 addr size codec   unit          access area    raw range
+    model_number           = Register(   0, 2,  UINT,   NUMBER,       RO,    EEP)
+    firmware_version       = Register(   2, 1,  UINT,   NUMBER,       RO,    EEP)
+    id                     = Register(   3, 1,  UINT,   NUMBER,       RW,    EEP,       0,   253)
+    baud_rate              = Register(   4, 1,  UINT,   NUMBER,       RW,    EEP,       0,   254)
+    return_delay_time      = Register(   5, 1,  UINT,   US_2,         RW,    EEP,       0,   254)
+    temperature_limit      = Register(  11, 1,  UINT,   CELSIUS,      RW,    EEP,       0,   100)
+    min_voltage_limit      = Register(  12, 1,  UINT,   DECI_VOLT,    RW,    EEP,      50,   160)
+    max_voltage_limit      = Register(  13, 1,  UINT,   DECI_VOLT,    RW,    EEP,      50,   160)
+    max_torque             = Register(  14, 2,  UINT,   PER_1023,     RW,    EEP,       0,  1023)
+    status_return_level    = Register(  16, 1,  UINT,   NUMBER,       RW,    EEP,       0,     2)
+    alarm_led              = Register(  17, 1,  UINT,   NUMBER,       RW,    EEP,       0,   127)
+    shutdown               = Register(  18, 1,  UINT,   NUMBER,       RW,    EEP,       0,   127)
+    torque_enable          = Register(  24, 1,  UINT,   NUMBER,       RW,    RAM,       0,     1)
+    led                    = Register(  25, 1,  UINT,   NUMBER,       RW,    RAM,       0,     1)
+    torque_limit           = Register(  34, 2,  UINT,   PER_1023,     RW,    RAM,       0,  1023)
+    present_load           = Register(  40, 2,  SIGN10, PER_1023,     RO,    RAM)
+    present_voltage        = Register(  42, 1,  UINT,   DECI_VOLT,    RO,    RAM)
+    present_temperature    = Register(  43, 1,  UINT,   CELSIUS,      RO,    RAM)
+    registered             = Register(  44, 1,  UINT,   NUMBER,       RO,    RAM)
+    moving                 = Register(  46, 1,  UINT,   NUMBER,       RO,    RAM)
+    lock                   = Register(  47, 1,  UINT,   NUMBER,       RW,    RAM,       0,     1)
+
+    # The names that every family has
+    return_delay           = return_delay_time
+    max_temperature_limit  = temperature_limit
+
+
+class AX12A(Dynamixel1, ControlTable):
     """Small servo: 10-bit potentiometer over 300 degrees, alarms only in its replies."""
 
     model_name = "AX-12A"
@@ -54,49 +85,26 @@ class AX12A(ControlTable):
                          RegisterName.PROFILE_ACCELERATION, RegisterName.ALARMS})
 
     #                                 addr size codec   unit          access area    raw range
-    model_number           = Register(   0, 2,  UINT,   NUMBER,       RO,    EEP)
-    firmware_version       = Register(   2, 1,  UINT,   NUMBER,       RO,    EEP)
-    id                     = Register(   3, 1,  UINT,   NUMBER,       RW,    EEP,       0,   253)
-    baud_rate              = Register(   4, 1,  UINT,   NUMBER,       RW,    EEP,       0,   254)
-    return_delay_time      = Register(   5, 1,  UINT,   US_2,         RW,    EEP,       0,   254)
     cw_angle_limit         = Register(   6, 2,  UINT,   TICK_300,     RW,    EEP,       0,  1023)
     ccw_angle_limit        = Register(   8, 2,  UINT,   TICK_300,     RW,    EEP,       0,  1023)
-    temperature_limit      = Register(  11, 1,  UINT,   CELSIUS,      RW,    EEP,       0,   100)
-    min_voltage_limit      = Register(  12, 1,  UINT,   DECI_VOLT,    RW,    EEP,      50,   160)
-    max_voltage_limit      = Register(  13, 1,  UINT,   DECI_VOLT,    RW,    EEP,      50,   160)
-    max_torque             = Register(  14, 2,  UINT,   PER_1023,     RW,    EEP,       0,  1023)
-    status_return_level    = Register(  16, 1,  UINT,   NUMBER,       RW,    EEP,       0,     2)
-    alarm_led              = Register(  17, 1,  UINT,   NUMBER,       RW,    EEP,       0,   127)
-    shutdown               = Register(  18, 1,  UINT,   NUMBER,       RW,    EEP,       0,   127)
-    torque_enable          = Register(  24, 1,  UINT,   NUMBER,       RW,    RAM,       0,     1)
-    led                    = Register(  25, 1,  UINT,   NUMBER,       RW,    RAM,       0,     1)
     cw_compliance_margin   = Register(  26, 1,  UINT,   TICK_300,     RW,    RAM,       0,   255)
     ccw_compliance_margin  = Register(  27, 1,  UINT,   TICK_300,     RW,    RAM,       0,   255)
     cw_compliance_slope    = Register(  28, 1,  UINT,   TICK_300,     RW,    RAM,       0,   254)
     ccw_compliance_slope   = Register(  29, 1,  UINT,   TICK_300,     RW,    RAM,       0,   254)
     goal_position          = Register(  30, 2,  UINT,   TICK_300,     RW,    RAM,       0,  1023)
     moving_speed           = Register(  32, 2,  SIGN10, RPM_0_111,    RW,    RAM,   -1023,  1023)
-    torque_limit           = Register(  34, 2,  UINT,   PER_1023,     RW,    RAM,       0,  1023)
     present_position       = Register(  36, 2,  UINT,   TICK_300,     RO,    RAM)
     present_speed          = Register(  38, 2,  SIGN10, RPM_0_111,    RO,    RAM)
-    present_load           = Register(  40, 2,  SIGN10, PER_1023,     RO,    RAM)
-    present_voltage        = Register(  42, 1,  UINT,   DECI_VOLT,    RO,    RAM)
-    present_temperature    = Register(  43, 1,  UINT,   CELSIUS,      RO,    RAM)
-    registered             = Register(  44, 1,  UINT,   NUMBER,       RO,    RAM)
-    moving                 = Register(  46, 1,  UINT,   NUMBER,       RO,    RAM)
-    lock                   = Register(  47, 1,  UINT,   NUMBER,       RW,    RAM,       0,     1)
     punch                  = Register(  48, 2,  UINT,   PER_1023,     RW,    RAM,      32,  1023)
 
     # The names that every family has
-    return_delay           = return_delay_time
     min_position_limit     = cw_angle_limit
     max_position_limit     = ccw_angle_limit
-    max_temperature_limit  = temperature_limit
     profile_velocity       = moving_speed
     present_velocity       = present_speed
 
 
-class MX28(ControlTable):
+class MX28(Dynamixel1, ControlTable):
     """Medium servo: 12-bit magnetic encoder, PID gains, bulk read."""
 
     model_name = "MX-28"
@@ -109,48 +117,25 @@ class MX28(ControlTable):
     missing = frozenset({RegisterName.OPERATING_MODE, RegisterName.ALARMS})
 
     #                                 addr size codec   unit          access area    raw range
-    model_number           = Register(   0, 2,  UINT,   NUMBER,       RO,    EEP)
-    firmware_version       = Register(   2, 1,  UINT,   NUMBER,       RO,    EEP)
-    id                     = Register(   3, 1,  UINT,   NUMBER,       RW,    EEP,       0,   253)
-    baud_rate              = Register(   4, 1,  UINT,   NUMBER,       RW,    EEP,       0,   254)
-    return_delay_time      = Register(   5, 1,  UINT,   US_2,         RW,    EEP,       0,   254)
     cw_angle_limit         = Register(   6, 2,  UINT,   TICK_4096,    RW,    EEP,       0,  4095)
     ccw_angle_limit        = Register(   8, 2,  UINT,   TICK_4096,    RW,    EEP,       0,  4095)
-    temperature_limit      = Register(  11, 1,  UINT,   CELSIUS,      RW,    EEP,       0,   100)
-    min_voltage_limit      = Register(  12, 1,  UINT,   DECI_VOLT,    RW,    EEP,      50,   160)
-    max_voltage_limit      = Register(  13, 1,  UINT,   DECI_VOLT,    RW,    EEP,      50,   160)
-    max_torque             = Register(  14, 2,  UINT,   PER_1023,     RW,    EEP,       0,  1023)
-    status_return_level    = Register(  16, 1,  UINT,   NUMBER,       RW,    EEP,       0,     2)
-    alarm_led              = Register(  17, 1,  UINT,   NUMBER,       RW,    EEP,       0,   127)
-    shutdown               = Register(  18, 1,  UINT,   NUMBER,       RW,    EEP,       0,   127)
     multi_turn_offset      = Register(  20, 2,  SINT,   TICK_4096,    RW,    EEP,  -24576, 24576)
     resolution_divider     = Register(  22, 1,  UINT,   NUMBER,       RW,    EEP,       1,     4)
-    torque_enable          = Register(  24, 1,  UINT,   NUMBER,       RW,    RAM,       0,     1)
-    led                    = Register(  25, 1,  UINT,   NUMBER,       RW,    RAM,       0,     1)
     d_gain                 = Register(  26, 1,  UINT,   NUMBER,       RW,    RAM,       0,   254)
     i_gain                 = Register(  27, 1,  UINT,   NUMBER,       RW,    RAM,       0,   254)
     p_gain                 = Register(  28, 1,  UINT,   NUMBER,       RW,    RAM,       0,   254)
     goal_position          = Register(  30, 2,  SINT,   TICK_4096,    RW,    RAM,  -28672, 28672)
     moving_speed           = Register(  32, 2,  SIGN10, RPM_0_114,    RW,    RAM,   -1023,  1023)
-    torque_limit           = Register(  34, 2,  UINT,   PER_1023,     RW,    RAM,       0,  1023)
     present_position       = Register(  36, 2,  SINT,   TICK_4096,    RO,    RAM)
     present_speed          = Register(  38, 2,  SIGN10, RPM_0_114,    RO,    RAM)
-    present_load           = Register(  40, 2,  SIGN10, PER_1023,     RO,    RAM)
-    present_voltage        = Register(  42, 1,  UINT,   DECI_VOLT,    RO,    RAM)
-    present_temperature    = Register(  43, 1,  UINT,   CELSIUS,      RO,    RAM)
-    registered             = Register(  44, 1,  UINT,   NUMBER,       RO,    RAM)
-    moving                 = Register(  46, 1,  UINT,   NUMBER,       RO,    RAM)
-    lock                   = Register(  47, 1,  UINT,   NUMBER,       RW,    RAM,       0,     1)
     punch                  = Register(  48, 2,  UINT,   PER_1023,     RW,    RAM,       0,  1023)
     realtime_tick          = Register(  50, 2,  UINT,   MS_1,         RO,    RAM)
     goal_acceleration      = Register(  73, 1,  UINT,   DEG_S2_8_583, RW,    RAM,       0,   254)
 
     # The names that every family has
-    return_delay           = return_delay_time
     homing_offset          = multi_turn_offset
     min_position_limit     = cw_angle_limit
     max_position_limit     = ccw_angle_limit
-    max_temperature_limit  = temperature_limit
     profile_acceleration   = goal_acceleration
     profile_velocity       = moving_speed
     present_velocity       = present_speed
