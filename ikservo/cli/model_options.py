@@ -37,7 +37,8 @@ class PostureOptions:
         typer.Option(
             "--prefer",
             metavar="JOINT=POSITION",
-            help="Preferred joint position or pose, used if the target leaves freedom; repeatable.",
+            help="Preferred joint position or pose, used if the target leaves a choice; "
+            "repeatable.",
         ),
     ] = None
     weight: Annotated[
@@ -45,7 +46,7 @@ class PostureOptions:
         typer.Option(
             "--weight",
             metavar="JOINT=NUMBER",
-            help="Weight of a joint's preference; default: 1; 0: ignored; repeatable.",
+            help="Weight of a joint's preference; default: 1, and 0 ignores it; repeatable.",
         ),
     ] = None
 
@@ -153,7 +154,7 @@ def report_missing_freedom(chain: Chain, q: Vector, *, directed: bool) -> None:
     J = chain.jacobian(q)
     taken = int(np.linalg.matrix_rank(J[:3], _RANK_M)) + (2 if directed else 0)
     if taken >= chain.dof:
-        print_status("The target leaves this arm no freedom, so --prefer changes nothing.")
+        print_status("The target leaves this arm no choice of posture, so --prefer has no effect.")
 
 
 def _parse_pairs(

@@ -46,7 +46,9 @@ def check_plot_file(file: Path) -> None:
         IkservoError: matplotlib is not installed; the extra is named.
     """
     if file.suffix.lower() not in (".svg", ".png"):
-        raise InputError(f"{file} is neither .svg nor .png.", "Give --plot FILE.svg or FILE.png.")
+        raise InputError(
+            f"{file} is neither an .svg nor a .png file.", "Give --plot FILE.svg or FILE.png."
+        )
     if not file.absolute().parent.is_dir():
         raise InputError(f"There is no folder {file.parent}.", "Make it, or give another --plot.")
     if find_spec("matplotlib") is None:

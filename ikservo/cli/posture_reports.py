@@ -31,7 +31,7 @@ def torque_lines(chain: Chain, torques: Vector) -> list[str]:
     width = max(len(name) for name in chain.names)
     rows = zip(chain.names, chain.kinds, torques.tolist(), strict=True)
     return [
-        "joint torques of the force, without the arm's own weight:",
+        "joint torques from the force, without the arm's own weight:",
         *(
             f"{name:<{width}}  {value:+.3f} {'N' if kind is JointType.PRISMATIC else 'N m'}"
             for name, kind, value in rows

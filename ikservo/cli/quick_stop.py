@@ -111,8 +111,8 @@ def stop_every_arm() -> StopAllResult:
     joined = StopAllResult.joined(found)
     if not (joined.stopped or joined.errors):
         raise InputError(
-            "No program of yours has an arm open, and none is served on this machine.",
-            "A program that is still starting will move nothing. To stop the servos of an arm "
+            "None of your programs has an arm open, and no arm is served on this machine.",
+            "A program that is still starting will not move anything. To stop the servos of an arm "
             "directly: ikservo stop --arm NAME",
         )
     return joined

@@ -97,7 +97,8 @@ def open_from_options(
             if not each.port:
                 raise InputError(
                     f"{scene} does not name the port of {each.name}.",
-                    'Add it to its table, as in: port = "/dev/ttyUSB1". Arms on one page need no '
+                    'Add the port to its table, as in: port = "/dev/ttyUSB1". Arms on one page '
+                    "need no "
                     "port.",
                 )
     with (
@@ -188,7 +189,7 @@ def announce_lowering(machine: OpenArm, options: MotionOptions) -> None:
         if machine.stop_reason is not None:
             raise
         print_status(f"The arm cannot be lowered: {error.command_message}")
-        print_status("Torque will be switched off at its present pose: support it.")
+        print_status("Torque will be switched off in the present pose: support the arm.")
         confirm_motion(machine, yes=options.yes, question="Switch torque off?")
         return
     announce(plan, machine, options)
@@ -226,5 +227,5 @@ def motion_progress_bar() -> Generator[Callable[[MotionProgress], None] | None]:
 def warn_uncompiled() -> None:
     """Warn, before goals are streamed, that the solver is slow because it is not compiled."""
     if not is_compiled():
-        print_status("The solver is not compiled, so goals are late. Install a C compiler, then")
+        print_status("The solver is not compiled, so goals come late. Install a C compiler, then")
         print_status("reinstall ikservo; in a clone run: make build.")

@@ -92,7 +92,7 @@ def all_solutions(model: Model, target: Target, start: Vector) -> AnalyticSoluti
     arm = recognise_structure(chain, target.frame)
     if arm is None:
         raise InputError(
-            f"{model.title} has no closed-form solution for its arrangement of joints.",
+            f"{model.title} has no closed-form solution, because of its arrangement of joints.",
             "Omit --all for one numerical solution.",
         )
     found = solutions(chain, target, start)
@@ -272,8 +272,10 @@ def print_comparison(
                   target_m=target.position, limit_from=limit_sources(model))  # fmt: skip
     if json:
         return
-    compiled = "bounded runs compiled, the other methods as Python."
-    print_status(compiled if is_compiled() else "All methods run as Python: none is compiled.")
+    compiled = "The method `bounded` is compiled; the other methods run as Python."
+    print_status(
+        compiled if is_compiled() else "All methods run as Python, because none is compiled."
+    )
 
 
 def print_traces(chain: Chain, target: Target, results: Sequence[tuple[str, Result]]) -> None:

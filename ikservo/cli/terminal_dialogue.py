@@ -148,7 +148,7 @@ class AnswerOptions:
     ] = None
     yes: YesOption = False
     no_input: Annotated[
-        bool, typer.Option("--no-input", help="Never ask; a question is an error.")
+        bool, typer.Option("--no-input", help="Never ask; fail if a question is necessary.")
     ] = False
 
     def operator(self, read_script: Callable[[Path], Sequence[str]]) -> Operator:

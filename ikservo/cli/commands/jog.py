@@ -43,13 +43,14 @@ Speed = Annotated[
     str | None,
     typer.Option(
         "--speed",
-        help="Degrees/s of a joint, like 10; mm/s of the tip or a sliding joint, like 20mm.",
+        help="Degrees/s for a joint, such as 10; mm/s for the tip or a sliding joint, such as "
+        "20mm.",
     ),
 ]
 Duration = Annotated[
     float | None,
     typer.Option(
-        "--duration", parser=parse_time_s, help="Move for this time, without keys: 2, 0.5s."
+        "--duration", parser=parse_time_s, help="Move for this time, without a key: 2 or 0.5s."
     ),
 ]
 

@@ -24,7 +24,7 @@ Goals = Annotated[
     list[str],
     typer.Argument(
         metavar="JOINT=POSITION…",
-        help="Degrees or 0.2rad; sliding joints: 12mm.",
+        help="In degrees, or with a unit: 0.2rad; 12mm for a sliding joint.",
         autocompletion=complete_joints,
     ),
 ]

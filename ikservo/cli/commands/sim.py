@@ -70,8 +70,8 @@ def _with_identified(name: str, args: list[str]) -> list[str]:
 def _load_server() -> Callable[[list[str]], int]:
     if find_spec("termios") is None:  # Windows
         raise IkservoError(
-            "This system has no pseudo-terminals, and a simulated arm is served on one.",
-            "Commands simulate an arm themselves: add --port sim",
+            "This system has no pseudo-terminals, which `ikservo sim` needs.",
+            "Other commands can simulate an arm themselves: add --port sim",
         )
     for entry_point in entry_points(group=_GROUP, name="sim"):
         return cast("Callable[[list[str]], int]", entry_point.load())

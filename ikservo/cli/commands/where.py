@@ -72,7 +72,7 @@ def command(
 ) -> None:
     """Show where the arm is, measured by its servos; nothing moves.
 
-    If another ikservo program uses the port, it answers instead.
+    If another ikservo program uses the port, that program answers instead.
 
     ikservo where --arm so101 --port sim --visible-from 0.6,0.3,0.4
     """
