@@ -1,4 +1,4 @@
-"""Playing of a program: check all steps first, then run them together or one by one."""
+"""Job that plays a program: checks all steps first, then runs them together or one by one."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class PlayState:
         phase: The present phase; ``bad`` after a check that found an impossible step.
         step: Number of the present or next step; None before the start.
         repetition: The repetition of the whole program, from 1.
-        reason: The reason why it was stopped at this step.
+        reason: The reason why the program was stopped at this step.
         problems: Reasons why steps are impossible, by number; ``step`` is the first such step.
     """
 
@@ -48,7 +48,7 @@ class ProgramPlay:
         action: ``check`` only, ``play`` to the end, or run one ``step``.
 
     Attributes:
-        state: Its progress; written by the arm thread alone.
+        state: The progress; written by the arm thread alone.
     """
 
     is_planned = True
@@ -73,11 +73,11 @@ class ProgramPlay:
 
     @property
     def is_pausing(self) -> bool:
-        """Whether it pauses after the present step."""
+        """Whether the program will pause after the present step."""
         return self._pausing.is_set()
 
     def pause(self) -> None:
-        """End after the present step; safe from any thread."""
+        """Pause after the present step; safe from any thread."""
         self._pausing.set()
 
     def run(self, arm: Arm, observer: JobObserver) -> None:
