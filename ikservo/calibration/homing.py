@@ -127,6 +127,7 @@ def _check_fixed_homing(joint: str, travel: TickRange, encoder: Encoder) -> Homi
     if low < 0 or low + travel.width > encoder.ticks - 1:
         raise CalibrationError(
             f"{joint}: its travel crosses the encoder's wrap-around; this servo cannot shift it.",
-            "Remount the horn a few teeth further, so that the travel stays on one side of it.",
+            "Remount the horn a few teeth further, so that the travel stays on one side of the "
+            "wrap-around.",
         )
     return Homing(0, False, travel.low - low)

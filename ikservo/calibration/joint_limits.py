@@ -37,7 +37,7 @@ class Limits:
     def __post_init__(self) -> None:
         if not self.lower.value <= self.upper.value:
             raise CalibrationError(
-                f"{self.joint}: empty range, from {self._format_limit(self.lower)} "
+                f"{self.joint}: the range is empty, from {self._format_limit(self.lower)} "
                 f"to {self._format_limit(self.upper)}.",
                 "One of the two limits is wrong; calibrate this joint again.",
             )

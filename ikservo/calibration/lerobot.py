@@ -97,20 +97,20 @@ def lerobot_joints(calibration: Calibration) -> tuple[LerobotJoint, ...]:
 
 def lost_in_lerobot(calibration: Calibration) -> Iterator[str]:
     """Yield the parts of a calibration that LeRobot's file cannot represent, one line each."""
-    yield "LeRobot takes the middle of each range for zero; these zeros are not in its file."
+    yield "LeRobot uses the middle of each range as zero; these zeros are not in its file."
     for joint in calibration.joints:
         if joint.sign == -1:
             yield f"{joint.name} counts against its joint, and so do LeRobot's degrees."
         if joint.swept == "not swept":
-            yield f"{joint.name} was not swept; LeRobot gets a whole turn."
+            yield f"{joint.name} was not swept; LeRobot's file gets a full turn."
         if joint.extended and joint.swept != "not swept":
             yield f"{joint.name} counts beyond one turn, which LeRobot's range does not show."
         if any(end is not None for end in joint.user_range()):
-            yield f"LeRobot does not get your own limits of {joint.name}."
+            yield f"Your own limits of {joint.name} are not in LeRobot's file."
         for shadow in joint.shadows:
             yield f"Servo {shadow.id} of {joint.name} is left out: LeRobot has one servo per joint."
     if calibration.geometry:
-        yield "The links and the base from a touch-off are left out."
+        yield "The link and base corrections from a touch-off are left out."
 
 
 def _parse_integer(digits: str) -> int:

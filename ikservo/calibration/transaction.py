@@ -218,10 +218,10 @@ def recover(bus: ServoBus, journal_path: Path, *, calibrating: bool = False) -> 
     if reached is TransactionProgress.EVERYTHING:
         _save_file(journal)
         remove_durably(journal_path)
-        return "An interrupted calibration was complete in the servos; its file is saved now."
+        return "An interrupted calibration was complete in the servos; its file has now been saved."
     _restore_file(journal)
     remove_durably(journal_path)
-    return "An interrupted calibration had changed nothing yet; the previous one is valid."
+    return "An interrupted calibration had not changed anything yet; the previous one is valid."
 
 
 def _undo_search(bus: ServoBus, journal: Journal, journal_path: Path, *, calibrating: bool) -> str:
@@ -237,7 +237,10 @@ def _undo_search(bus: ServoBus, journal: Journal, journal_path: Path, *, calibra
         )
     _restore_servos(bus, journal)
     remove_durably(journal_path)
-    return "The servos had the settings of an interrupted search; the previous ones are restored."
+    return (
+        "The servos had the settings of an interrupted search; the previous settings have "
+        "been restored."
+    )
 
 
 def resume(bus: ServoBus, journal_path: Path) -> bool:
@@ -289,8 +292,8 @@ def _find_interrupted(bus: ServoBus, journal_path: Path) -> Journal | None:
         if servo is None or names - servo.table.registers.keys():
             raise CalibrationError(
                 f"{journal_path}: interrupted write to servo {change.id}, which has changed since.",
-                "Has the arm file changed? Use the earlier one, or remove this journal "
-                "and compare: ikservo calibration diff",
+                "Has the arm file changed? Use the earlier arm file, or remove this journal and "
+                "compare: ikservo calibration diff",
             )
     return journal
 
@@ -338,7 +341,7 @@ def _restore_file(journal: Journal) -> None:
 
 def _unfinished_error() -> CalibrationError:
     return CalibrationError(
-        "Writing a calibration was interrupted: some servos hold the new one, others the old.",
+        "Writing a calibration was interrupted: some servos hold the new values, others the old.",
         "Finish it: ikservo calibration resume. Or undo it: ikservo calibration revert.",
     )
 
