@@ -8,7 +8,7 @@ APP = App(
     commands={
         "camera": Command(
             "ikservo.apps.cameras.camera_command",
-            "Print the board of a camera, or check whether a camera has moved.",
+            "Make a calibration board, or check whether a camera has moved.",
             "Set up",
         ),
         "look": Command(

@@ -80,7 +80,7 @@ class ArmCamera:
             raise CalibrationError(
                 f"{self._context.model.name} was calibrated with camera "
                 f"{public_source(camera.source)}, not {public_source(source)}.",
-                "Name that camera, or calibrate this one under another name.",
+                "Use that camera, or calibrate this one under another name.",
             )
         return ArmCamera(self._context, self._scene, name)
 
@@ -162,7 +162,9 @@ class ArmCamera:
         """
         px, depth_m = self.model().project(finite_vector(point_m, 3, "The point"))
         if float(depth_m) <= 0.0:
-            raise InputError("The point is behind the camera.", "Choose one that it sees.")
+            raise InputError(
+                "The point is behind the camera.", "Choose a point that the camera sees."
+            )
         return float(px[0]), float(px[1])
 
     def _ray(self, u: float, v: float) -> Ray:
@@ -218,7 +220,7 @@ def known_camera(
         name = same[0] if len(same) == 1 else ""
     if name not in cameras:
         if len(cameras) > 1:
-            raise InputError(f"{arm} has several cameras.", f"Name one: {', '.join(cameras)}.")
+            raise InputError(f"{arm} has several cameras.", f"Choose one: {', '.join(cameras)}.")
         name = next(iter(cameras))
     return *cameras[name], name
 
@@ -252,7 +254,8 @@ def first_seen(ray: Ray, things: Iterable[Obstacle], z_m: float) -> SeenPoint:
     distance_m, name = min(hits, key=lambda hit: hit[0])
     if not np.isfinite(distance_m):
         raise InputError(
-            "The line of sight does not meet the table there.", "Choose a pixel that shows it."
+            "The line of sight does not meet the table there.",
+            "Choose a pixel that shows the table.",
         )
     return SeenPoint(ray.at(distance_m), name)
 
@@ -262,7 +265,7 @@ def size_error(found: tuple[int, ...], calibrated: tuple[int, int]) -> Calibrati
     seen, known = (" x ".join(map(str, size)) for size in (found, calibrated))
     return CalibrationError(
         f"The pictures are {seen}; the camera was calibrated with {known}.",
-        "Give the camera that was calibrated.",
+        "Use the camera that was calibrated.",
     )
 
 

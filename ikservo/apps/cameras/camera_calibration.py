@@ -375,7 +375,8 @@ class CameraCalibration:
                 break
         else:
             raise PictureError(
-                "The camera's brightness keeps changing.", "Switch its automatic exposure off."
+                "The brightness of the picture keeps changing.",
+                "Switch the camera's automatic exposure off.",
             )
         if self._last is not None and np.array_equal(picture, self._last):
             raise PictureError(*SAME_PICTURE)

@@ -61,7 +61,7 @@ def open_capture(source: str) -> Capture:
     """
     if HIDDEN in source and "://" in source:
         raise InputError(
-            f"The password of {source} is not stored.", "Give the whole address of the camera."
+            f"The password of {source} is not stored.", "Give the full address of the camera."
         )
     cv2 = _silent_opencv()
     if source.isdecimal():

@@ -313,7 +313,7 @@ def estimate_camera(
     if len(samples) < MIN_SAMPLES:
         raise CalibrationError(
             f"The board was seen in {len(samples)} pictures; at least {MIN_SAMPLES} are needed.",
-            "Show it in about 20 different postures, all over the picture.",
+            "Show the board in about 20 different postures, all over the picture.",
         )
     fullest = fit_camera(known, samples, Extent.ARM)
     found = {each: fit_camera(known, samples, each, fullest) for each in extents}

@@ -31,7 +31,7 @@ _STALE_PICTURES = 5  # number of old pictures that a driver may hold in its queu
 
 SAME_PICTURE = (
     "The camera delivers the same picture again and again.",
-    "Unplug it and plug it in.",
+    "Unplug the camera and plug it in again.",
 )
 """Message and hint of a camera that hangs."""
 
@@ -169,7 +169,7 @@ def find_board(board: Board, picture: Picture) -> BoardView:
     if len(ids) >= _MIN_CORNERS:
         return BoardView(ids, corners, (grey.shape[1], grey.shape[0]))
     if is_mirrored(board, grey):
-        raise PictureError("The picture is mirrored.", "Switch that off in the camera.")
+        raise PictureError("The picture is mirrored.", "Switch mirroring off in the camera.")
     if markers and not len(ids):
         raise PictureError(
             f"The picture shows too little of the board, or another board than {board.name}.",
@@ -178,9 +178,9 @@ def find_board(board: Board, picture: Picture) -> BoardView:
     contrast = float(grey.std())
     sharpness = float(cv2.Laplacian(grey, cv2.CV_64F).var()) / max(contrast**2, 1.0)
     if contrast > 5.0 and sharpness < _MIN_SHARPNESS:
-        raise PictureError("The picture is blurred.", "Focus the camera; more light helps.")
+        raise PictureError("The picture is blurred.", "Focus the camera, or add light.")
     raise PictureError(f"The board {board.name} is not in the picture.",
-                       "Hold it flat and well lit where the camera sees it.")  # fmt: skip
+                       "Hold the board flat and well lit where the camera sees it.")  # fmt: skip
 
 
 def guess_intrinsics(board: Board, views: Sequence[BoardView]) -> Intrinsics:
@@ -194,7 +194,7 @@ def guess_intrinsics(board: Board, views: Sequence[BoardView]) -> Intrinsics:
     cv = cast("Any", cv2)  # its stubs are incomplete
     if not views:
         raise CalibrationError(
-            f"No picture shows the board {board.name}.", "Take pictures that show it."
+            f"No picture shows the board {board.name}.", "Take pictures that show the board."
         )
     points = [board.corners_m()[view.ids].astype(np.float32) for view in views]
     pixels = [view.pixels.astype(np.float32) for view in views]
@@ -218,7 +218,7 @@ def guess_intrinsics(board: Board, views: Sequence[BoardView]) -> Intrinsics:
     if not rms < _MAX_FIRST_PX or not 0.2 < matrix[0, 0] / size[0] < 10.0:
         raise CalibrationError(
             "The pictures do not determine the lens of the camera.",
-            "Show the board near and far, and tilted, all over the picture.",
+            "Show the board near and far, tilted, and all over the picture.",
         )
     return Intrinsics(np.asarray(matrix), np.zeros(5), size)
 
@@ -288,7 +288,7 @@ def board_pose(board: Board, view: BoardView, intrinsics: Intrinsics) -> Matrix:
         points, view.pixels, intrinsics.matrix, intrinsics.distortion, flags=cv2.SOLVEPNP_IPPE
     )
     if not count or not float(np.ravel(errors)[0]) < _MAX_REPROJECTION_PX:
-        raise PictureError("The board is bent, or hard to see.", "Glue it on something flat.")
+        raise PictureError("The board is bent or hard to see.", "Glue the board on something flat.")
     turn, at = cv2.solvePnPRefineLM(
         points, view.pixels, intrinsics.matrix, intrinsics.distortion, turns[0], places[0]
     )

@@ -86,15 +86,16 @@ class TipZero:
             f" mm at the tip. The corrected tip is {1000.0 * self.off_m:.1f} mm from the click."
         ]
         said += [
-            f"Click {i} differs by {by:+.1f}°, more than its error, so it does not count."
+            f"Click {i} differs by {by:+.1f}°, more than its error, and is ignored."
             for i, (by, does) in enumerate(zip(self.others_deg, self.counts, strict=True), start=1)
             if not does
         ]
         if self.are_apart:
-            said.append("The two clicks that count differ by more than their error: click again.")
+            said.append("The two remaining clicks differ by more than their error: click again.")
         elif 2 * count <= clicks:
             said.append(
-                "Half of the clicks or more do not count, and may be the right ones: click again."
+                "Half of the clicks or more were ignored, and those may be the right ones: "
+                "click again."
             )
         return " ".join(said)
 
@@ -158,7 +159,9 @@ def find_tip_zero(
         are_apart,
         error_deg,
         error_mm / 1000.0,
-        "" if is_known else f"More clicks are better. {_next_posture(arm, model, joints)}".rstrip(),
+        ""
+        if is_known
+        else f"More clicks improve the result. {_next_posture(arm, model, joints)}".rstrip(),
         calibration,
         _with_last_zero(arm, calibration.with_cameras(cameras), q, moved, written),
     )
@@ -173,7 +176,7 @@ def save_tip_zero(arm: Arm, found: TipZero) -> Path:
     """
     if ArmBefore.of(arm).calibration != found.before:
         raise CalibrationError(
-            "The calibration has changed since the click.", "Open the arm again, and click."
+            "The calibration has changed since the click.", "Open the arm again, then click."
         )
     return save_calibration(found.calibration)
 
@@ -192,11 +195,15 @@ def _read_click(
     tips_m = chain.forward(tried)[:, :3, 3]
     off_m = np.linalg.norm(np.cross(tips_m - ray.origin_m, ray.direction), axis=1)
     best = int(np.argmin(off_m))
-    hint = "Click where the tip is, between the fingertips, in a picture of the arm as it stands."
+    hint = (
+        "Click where the tip is, between the fingertips, in a picture of the arm in its "
+        "present position."
+    )
     beside_mm = 1000.0 * float(off_m[best])
     if beside_mm > _OFF_MM + 2.0 * camera.after_mm:
         raise CalibrationError(
-            f"The click is {beside_mm:.0f} mm from every place where the tip can be.", hint
+            f"The click is {beside_mm:.0f} mm or more from every position that the tip can reach.",
+            hint,
         )
     px_per_deg = float(_px_per_deg(model, chain, tried[best : best + 1])[0])
     if px_per_deg < _LEAST_PX:
