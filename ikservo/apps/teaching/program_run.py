@@ -50,7 +50,7 @@ class StepResult:
         number: The number of the step, from 1.
         repetition: The repetition of the program, from 1.
         step: The step.
-        report: The report of its motion; None for a wait.
+        report: The report on the motion; None for a wait.
     """
 
     number: int
@@ -60,12 +60,12 @@ class StepResult:
 
 
 class ProgramRun:
-    """A program on an arm: check it, then run it whole, from a given step, or stepwise.
+    """A program on an arm, which can be checked, then run as a whole, from a step, or stepwise.
 
     Args:
         arm: The arm.
-        program: Its steps.
-        folder: The folder of the program, with its recordings.
+        program: The program.
+        folder: The folder that contains the program and its recordings.
         poses: The poses of the arm.
         on_wait: Called regularly during a wait.
 
@@ -121,7 +121,7 @@ class ProgramRun:
             yield StepCheck(index + 1, step, error)
 
     def run(self, first: int = 1, on_progress: OnProgress | None = None) -> Iterator[StepResult]:
-        """Run the steps, one for each result that the caller takes from the iterator.
+        """Run the steps; each result that the caller takes from the iterator runs one step.
 
         Args:
             first: The step to begin with, from 1; repetitions begin with the first step.
@@ -153,10 +153,10 @@ class ProgramRun:
         return number - 1
 
     def _motion(self, step: ProgramStep) -> MotionValue[Any]:
-        """Return the motion of a step; a recording is in the program's folder.
+        """Return the motion of a step; recordings are read from the program's folder.
 
         Raises:
-            BadValueError: This arm cannot use it.
+            BadValueError: This arm cannot perform the step.
             UnknownNameError: There is no such joint.
         """
         motion = step.to_motion(self._arm.context.model, self._program.speed_of(step))
