@@ -149,8 +149,8 @@ class AgentArm:
         count = len(program.steps) * program.repeat
         if count > MAX_PROGRAM_STEPS:
             raise RefusedError(
-                f"The program has {count} steps with its repetitions.",
-                f"At most {MAX_PROGRAM_STEPS} are possible.",
+                f"The program has {count} steps, including repetitions.",
+                f"At most {MAX_PROGRAM_STEPS} are allowed.",
             )
         arm = self.arm
         if program.arm != arm.model.name:
@@ -172,7 +172,7 @@ class AgentArm:
             return res.CheckedProgram(steps=tuple(steps), plan=None)
         summary = [f"{number}: {_summary(each, None)}" for number, each in enumerate(motions, 1)]
         if program.repeat > 1:
-            summary.append(f"all of this {program.repeat} times")
+            summary.append(f"all steps {program.repeat} times")
         offered = OfferedPlan(motions * program.repeat, None, summary, stops, start)
         return res.CheckedProgram(steps=tuple(steps), plan=self._offer(offered))
 
@@ -205,7 +205,7 @@ class AgentArm:
         """Return the picture of a plan as PNG."""
         plan = self.plans.find(plan_id).plan
         if plan is None:
-            raise RefusedError("Only a plan of a single motion of the arm has a picture.")
+            raise RefusedError("Only a plan with a single motion of the arm has a picture.")
         return encode_png(draw_plan(self.arm, plan))
 
     def ask(self, plan_id: str, client: str) -> OfferedPlan:
@@ -237,7 +237,7 @@ class AgentArm:
         if offered.answer is not Answer.YES:
             raise RefusedError(f"Nobody has allowed plan {plan_id}.", "Call execute again.")
         if offered.answered_by == _BY_BUDGET and not self._budget.take(0):
-            raise RefusedError("The time in which motions need no question is over.", "Plan again.")
+            raise RefusedError("The time in which motions need no approval is over.", "Plan again.")
         self.plans.take(plan_id)
         self.journal.write("execute", plan=plan_id, allowed_by=offered.answered_by)
         try:
@@ -274,10 +274,10 @@ class AgentArm:
     def stop(self, reason: str, by: str = "The agent") -> str:
         """Brake and hold; only a person ends the stop."""
         words = quoted(reason) or "no reason given"
-        self.arm.request_stop(StopReason(StopKind.CLIENT, f"{by} stopped it: {words}"))
+        self.arm.request_stop(StopReason(StopKind.CLIENT, f"{by} stopped the arm: {words}"))
         with contextlib.suppress(IkservoError):
             self.journal.write("stop", by=by, reason=words)
-        return "Stopped. The arm holds until a person acknowledges it."
+        return "Stopped. The arm holds until a person acknowledges the stop."
 
     def hold(self, reason: str) -> None:
         """Stop a motion, even one that is about to begin: the agent cannot see it any more."""

@@ -92,7 +92,7 @@ class Allowance:
                 )
             if own.constrains:
                 raise RefusedError(
-                    "The owner has set the constraint of the tool.", "Leave `within` out."
+                    "The owner has set the constraint of the tool.", "Leave out `within`."
                 )
             changes["within"] = self.within
         return replace(motion, **changes) if changes else motion

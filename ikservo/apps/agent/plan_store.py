@@ -86,14 +86,14 @@ class PlanStore:
         if offered is None:
             raise UnknownNameError("plan", plan_id, ())
         if offered.is_used:
-            raise RefusedError(f"Plan {plan_id} was executed already.", "Make another plan.")
+            raise RefusedError(f"Plan {plan_id} has already been executed.", "Make another plan.")
         if offered.answer is Answer.NO:
             raise RefusedError(
                 f"A person has refused plan {plan_id}.", "Ask the person what to change."
             )
         if self._clock.now_s() - offered.made_s > LIFETIME_S:
             raise RefusedError(
-                f"Plan {plan_id} is older than {LIFETIME_S / 60.0:g} minutes.", "Make it again."
+                f"Plan {plan_id} is older than {LIFETIME_S / 60.0:g} minutes.", "Plan again."
             )
         return offered
 

@@ -58,7 +58,7 @@ def _serve_https(server: MCPServer[Any], listen: str, port: int) -> None:
     except ValueError:
         raise BadValueError("--listen", listen, "an IP address, such as 127.0.0.1") from None
     if address.is_unspecified:
-        raise BadValueError("--listen", listen, "the address by which clients reach this machine")
+        raise BadValueError("--listen", listen, "the address at which clients reach this machine")
     certificate = find_part("certificate")(listen)
     family = socket.AF_INET6 if address.version == 6 else socket.AF_INET
     try:

@@ -48,7 +48,9 @@ def read_triangles(path: Path, data: bytes, link: str) -> Triangles:
         expected = f"one of {', '.join(_FORMATS)}"
         raise FileFormatError(path, place, f"its format is {suffix or 'unnamed'}", expected)
     if len(data) > _MAX_BYTES:
-        raise FileFormatError(path, place, "it is larger than 32 MiB", "a simpler collision mesh")
+        raise FileFormatError(
+            path, place, "the file is larger than 32 MiB", "a simpler collision mesh"
+        )
     if suffix == ".dae":
         check_collada(path, place, data, MAX_TRIANGLES)
     _check_count(path, place, _stated_triangles(suffix, data))

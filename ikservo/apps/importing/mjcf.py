@@ -125,7 +125,9 @@ def _read_whole(path: Path, place: Path, folder: Path, seen: set[Path]) -> tuple
             # The folder settings of the compiler must not change the name.
             inner = _resolve_inside(child, place, folder, child.attributes["file"])
             if inner.resolve() in seen:
-                raise child.error(f"includes {quote(inner.name)} again", "each file once")
+                raise child.error(
+                    f"includes {quote(inner.name)} again", "a file that includes each file once"
+                )
             if len(seen) == _MAX_INCLUDES:
                 raise FileFormatError(path, "", "it includes too many files", f"{_MAX_INCLUDES}")
             children += _read_whole(inner, place, folder, seen)[0].children
@@ -327,7 +329,7 @@ class _BodyTreeReader:
             self._links.append(_empty_link(name))
             self._joints.append(_fixed_joint(f"{name}_mount", self._names[body], name, T))
         things = [body for body in sorted(loose) if model.body_rootid[body] == body]
-        notes = tuple(f"{self._names[each]} is a loose object: it is left out." for each in things)
+        notes = tuple(f"{self._names[each]} is a loose object and is left out." for each in things)
         return Urdf("", tuple(self._links), tuple(self._joints), self._names[0], notes)
 
     def _add_joints(self, body: int) -> Vector:

@@ -159,7 +159,7 @@ def _choose_tips(description: Description, options: ImportOptions) -> EntryDialo
     except InputError as error:
         if "arms, with the tips" not in error.command_message:
             raise
-        asked = f"{error.command_message} Which ones, separated by spaces? Each becomes one arm."
+        asked = f"{error.command_message} Which tips, separated by spaces? Each becomes one arm."
         answer = yield Entry(asked, error.command_hint.partition(": ")[2])
         return replace(options, tips=tuple((answer or "").split()))
     only = structures[0]
@@ -194,7 +194,7 @@ def _propose_home(draft: ArmDraft) -> EntryDialogue[None]:
         draft.decisions.append("In the pose retracted all slides are at their lower limits; parts "
                                "of a telescope may overlap as deeply as there.")  # fmt: skip
     draft.decisions.append(
-        "The pose home is free of collisions, with the tool in front. Change it as you like."
+        "The pose home is free of collisions, with the tool in front. You can change it."
     )
 
 
@@ -214,11 +214,13 @@ def _find_rest(draft: ArmDraft) -> EntryDialogue[None]:
         return
     draft.poses = {**draft.poses, "rest": place.positions}
     draft.decisions.append(
-        f"The pose rest is where the simulated arm lay {place.sank_s:.0f} s after it was released "
-        "in home. A real arm must stay there when it is limp; check this."
+        f"The pose rest is where the simulated arm lay {place.sank_s:.0f} s after torque went "
+        f"off in home. A real arm must stay there when it is limp; check this."
     )
     if not place.still:
-        draft.decisions.append("It was still moving then: put the real arm there and check.")
+        draft.decisions.append(
+            "It was still moving at that time: put the real arm there and check."
+        )
     if math.isfinite(place.gap_m) and place.gap_m < 0.0:
         draft.decisions.append(
             f"In rest {' and '.join(place.pair)} overlap by {-1000 * place.gap_m:.0f} mm, because "

@@ -91,7 +91,7 @@ def find_structures(
         raise InputError(
             f"The description has {len(found)} arms, with the tips "
             f"{', '.join(each.tip for each in found)}.",
-            f"Choose one, or make one arm of each: {named}",
+            f"Choose one, or make one arm from each: {named}",
         )
     return found
 
@@ -131,7 +131,7 @@ def _structure(
         gripper = _own_jaws(urdf, joints)
     if gripper in joints:
         raise InputError(
-            f"The joint {gripper} of the jaws moves the tip {tip}.",
+            f"The jaw joint {gripper} moves the tip {tip}.",
             "Give the palm as --tip, or --gripper none.",
         )
     others = [name for name in candidates if name != tip and joints_to[name] == joints]

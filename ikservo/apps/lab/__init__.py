@@ -7,7 +7,7 @@ APP = App(
     commands={
         "monitor": Command(
             "ikservo.apps.lab.monitor_command",
-            "Log the health of the servos, and report what wears.",
+            "Log the health of the servos, and report wear.",
             "Set up",
         ),
         "test": Command(

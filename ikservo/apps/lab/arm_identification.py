@@ -168,7 +168,7 @@ def nominal_priors(model: Model, names: Sequence[str]) -> list[JointPrior]:
         if torque is None:
             raise RefusedError(
                 f"The motor of {name} ({joint.servo.model}) is unknown.",
-                "Only arms with servos of docs/lab/motors.md can be identified.",
+                "Only arms with servos listed in docs/lab/motors.md can be identified.",
             )
         priors.append(
             JointPrior(

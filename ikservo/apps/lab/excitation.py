@@ -186,7 +186,7 @@ def _draw_postures(
         postures += way[-1:]
     if len(postures) == 1:
         raise RefusedError(
-            "There is no room for the arm to move in.",
+            "The arm has no room to move.",
             "Clear its reach, or move it to another pose first: ikservo pose home",
         )
     return postures

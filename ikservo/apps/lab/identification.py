@@ -217,7 +217,8 @@ def _checked_windows(dynamics: Dynamics, recording: DriveRecording) -> SteadyWin
         if np.count_nonzero(windows.joint == j) < _MIN_WINDOWS:
             raise CalibrationError(
                 f"{name} has moved too little to be identified.",
-                "Give the arm more room: remove boxes and objects in its reach, or widen limits.",
+                "Give the arm more room: remove boxes and objects within its reach, or widen "
+                "its limits.",
             )
     return windows
 

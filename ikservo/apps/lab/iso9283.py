@@ -133,7 +133,7 @@ def path_crossings(measured: ArrayLike, points: ArrayLike, tangents: ArrayLike) 
         side = (path - point) @ tangent
         before = np.flatnonzero((side[:-1] <= 0.0) & (side[1:] > 0.0))
         if not len(before):
-            what, expected = "The measured path", "one that crosses each plane"
+            what, expected = "The measured path", "a path that crosses each plane"
             raise BadValueError(what, "not long enough", expected)
         fraction = side[before] / (side[before] - side[before + 1])
         crossings = path[before] + fraction[:, None] * (path[before + 1] - path[before])

@@ -31,7 +31,7 @@ APP = App(
                 ("restore", "Write a backup into a servo."),
                 ("packets", "Print a file of recorded packets."),
                 ("plot", "Plot registers or angles over time."),
-                ("tune", "Measure how the servo of a joint follows."),
+                ("tune", "Measure how well a joint follows its goals."),
             )
         },
         "doctor": Command(

@@ -121,7 +121,9 @@ def _find_servo(line: Port, settings: ServoSettings, wait_s: float) -> Dialogue[
         elif len(seen) > 1 or any(servo.shares_id for servo in seen):
             listed = "; ".join(map(str, seen))
             name = settings.servo.name
-            yield Notice(f"More than one servo answers: {listed}. Plug in only that of {name}.")
+            yield Notice(
+                f"More than one servo answers: {listed}. Plug in only the servo of {name}."
+            )
 
 
 def wait_for_unplugging(

@@ -169,7 +169,7 @@ def measure_sine(
     at_rad = start[column]
     if not lower <= at_rad - amplitude_rad <= at_rad + amplitude_rad <= upper:
         raise RefusedError(
-            f"{joint} has no room for {np.degrees(amplitude_rad):.3g}° to both sides.",
+            f"{joint} has no room for {np.degrees(amplitude_rad):.3g}° on both sides.",
             "Move it away from its limits, or choose a smaller amplitude.",
         )
     limits = context.planner.motion_limits("fast")[column]

@@ -151,7 +151,7 @@ def _spec_of(found: FoundServo, table: type[ControlTable] | None) -> ServoSpec:
     known = table or found.table
     if known is None:
         raise InputError(
-            f"{found} is not in the tables.", "Give a model with the same registers: --model"
+            f"{found} is an unknown model.", "Give a known model with the same registers: --model"
         )
     return ServoSpec(found.id, known)
 
@@ -313,7 +313,8 @@ def parse_register_value(register: Register, text: str) -> int:
         units = [name for name, (symbol, _) in _UNITS.items() if symbol == register.unit.symbol]
         listed = f", or a number with {' or '.join(units)}" if units else ""
         raise InputError(
-            f"{text!r} is not a value of {register}.", f"Give the raw integer of the sheet{listed}."
+            f"{text!r} is not a value of {register}.",
+            f"Give the raw integer from the data sheet{listed}.",
         )
     return register.to_raw(float(match[1]) * size)
 
@@ -445,7 +446,7 @@ def reset_servo(line: ServoLine, servo: ServoSpec) -> None:
         found = scan_servo(port, servo.id, candidate_baud_rates())
         if not found:
             raise ServoSilentError(
-                "does not reply after its reset", "Switch its power off and on, then scan.",
+                "does not reply after the reset", "Switch its power off and on, then scan.",
                 servo=str(servo), servo_id=servo.id, port=port.name,
             )  # fmt: skip
         change_address(port, servo, servo.id, rate)

@@ -64,7 +64,7 @@ def read_former(bus: ServoBus, servo: ServoSpec) -> dict[Register, int]:
         former = _FORMER.validate_python(json.loads(read_text(path, _MOST_BYTES)), strict=True)
         return {servo.table.registers[name]: raw for name, raw in former.items()}
     except (ValidationError, ValueError, KeyError, RecursionError) as error:
-        way_out = "numbers of registers; rename it, and switch the servo's power off and on"
+        way_out = "register values; rename the file, then switch the servo's power off and on"
         raise FileFormatError(path, "", "is damaged", way_out) from error
 
 

@@ -214,4 +214,4 @@ def test_motion_after_the_minutes_of_the_owner_is_refused(open_session):
         offered = session.agent.plans.find(plan)
         offered.answer, offered.answered_by = Answer.YES, "--allow slow"  # just before the end
         time.sleep(0.1)
-        assert "need no question is over" in session.call("execute", plan_id=plan)
+        assert "need no approval is over" in session.call("execute", plan_id=plan)

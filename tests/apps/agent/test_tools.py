@@ -60,7 +60,7 @@ def test_planned_motion_is_executed_once(simulated, mode):
     assert first.structured_content["status"] == "done"
     assert np.linalg.norm(true_tip_m(simulated.agent.arm) - NEAR) < 0.003
     assert second.is_error
-    assert "executed already" in second.content[0].text
+    assert "already been executed" in second.content[0].text
     assert simulated.audit.faults() == []
 
 
@@ -171,7 +171,7 @@ def test_stop_ends_plans_made_before_it_for_good(simulated):
     plan = simulated.plan(move_to={"position_m": NEAR})
     simulated.call("stop")
     simulated.agent.acknowledge("a person")
-    assert "stopped after this motion was requested" in simulated.call("execute", plan_id=plan)
+    assert "stopped after this motion had been requested" in simulated.call("execute", plan_id=plan)
     assert not simulated.has_moved
 
 
@@ -208,7 +208,7 @@ def test_person_sees_steps_speeds_and_repetitions_of_a_program(simulated):
     step = f'[[steps]]\nname = "{"harmless " * 8}"\ntip_m = {NEAR}\nspeed = "fast"\n'
     text = f'format = 1\narm = "so101"\nrepeat = 3\n{step}'
     summary = simulated.call("program_check", text=text)["plan"]["summary"]
-    assert summary == ["1: joints to (0.220, 0.040, 0.120) m, fast", "all of this 3 times"]
+    assert summary == ["1: joints to (0.220, 0.040, 0.120) m, fast", "all steps 3 times"]
 
 
 def test_program_outside_the_region_is_not_offered(open_session):
