@@ -155,7 +155,7 @@ def jog(arm: ArmParts, what: str, speed: float | None = None, *, wanted: KeepGoi
         BadValueError: The speed is zero, not finite or too high.
     """
     if not callable(wanted):
-        raise BadValueError("The argument wanted", shown(wanted), "a function")
+        raise BadValueError("The argument `wanted`", shown(wanted), "a function")
     context, runner = arm.context, arm.runner
     with runner.requested():
         speed_class = runner.allowed_speed("normal")

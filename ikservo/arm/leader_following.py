@@ -62,7 +62,7 @@ def shared_joints(leader: Model, follower: Model) -> list[str]:
         if own[name] != units[name]:
             raise InputError(
                 f"{name} is prismatic on one of the two arms and revolute on the other.",
-                "Such arms cannot be coupled.",
+                "These arms cannot be coupled.",
             )
     return shared
 

@@ -44,7 +44,7 @@ _CLOSED = (
 )
 _RELEASED = (
     StopReason(StopKind.RELEASED, "The program switched torque off during a motion."),
-    "Torque is off. Acknowledge first.",
+    "Torque is off. Acknowledge the stop first.",
 )
 _STOP_TIMEOUT_S = 1.0
 

@@ -111,7 +111,7 @@ def servo_specs(model: Model) -> list[ServoSpec]:
     if not model.joints:
         raise InputError(
             f"{model.path} has no servos.",
-            "To move an arm, describe its servos in an arm.toml and give that to --arm.",
+            "To move an arm, describe its servos in an arm.toml and give that file to --arm.",
         )
     return [
         ServoSpec(servo.id, control_table(servo.model), joint.name)
@@ -236,7 +236,7 @@ def require_own_port(arm: OpenArm) -> Arm:
         return arm
     raise RefusedError(
         f"This needs the servos' own port, which is not on this machine: {arm.port_name}",
-        "Run it there, with the port of the servos, once `ikservo serve` has ended.",
+        "Run this on that machine, with the port of the servos, after `ikservo serve` has ended.",
     )
 
 
@@ -250,8 +250,8 @@ def _open_remote(
     if uncalibrated or not collisions:
         option = "--uncalibrated" if uncalibrated else "--no-collision"
         raise InputError(
-            f"{option} is not possible for an arm on another machine.",
-            f"Give it to the program beside the arm: ikservo serve ... {option}",
+            f"{option} cannot be used for an arm on another machine.",
+            f"Give it to the server on that machine: ikservo serve ... {option}",
         )
     from ikservo.model.scene_file import KeepOutShape  # noqa: PLC0415  # only for this check
 
@@ -259,7 +259,7 @@ def _open_remote(
     if any(isinstance(each, KeepOutShape) for each in model.keep_out):
         raise InputError(
             "A scene cannot be given for an arm on another machine.",
-            "Put its things into the arm file of the program beside the arm.",
+            "Give the scene to the program that serves the arm there.",
         )
     return network.open_arm(model, address, on_exit)
 

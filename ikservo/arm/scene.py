@@ -389,7 +389,7 @@ class Scene:
         model = self._context.model
         if self._context.collision is None:
             raise RefusedError(
-                "This arm was opened without collision checks.", "A scene needs them."
+                "This arm was opened without collision checks.", "A scene needs collision checks."
             )
         if self._body is None or held is not self._held:
             body = collision_body_with_gripper(model)

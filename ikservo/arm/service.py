@@ -236,7 +236,7 @@ class ArmService:
             if holder is None:
                 left_s = _WATCH_PERIOD_S
             elif left_s <= 0.0:
-                silence = f"{holder.operator} was not heard for {limit_s:.1f} s"
+                silence = f"nothing was received from {holder.operator} for {limit_s:.1f} s"
                 self.lose(holder, f"{silence}; the arm holds its position.")
             closing.wait(min(max(left_s, 0.001), _WATCH_PERIOD_S))
 
@@ -256,6 +256,6 @@ class ArmService:
     def _wait_for_lock(self) -> None:
         if not self.arm.runner.lock.acquire(timeout=BRAKE_TIMEOUT_S):
             raise IkservoError(
-                "The program that moves the arm did not stop when told to.",
-                "End it, or switch off the arm's power.",
+                "The program that moves the arm did not stop on request.",
+                "End that program, or switch off the arm's power.",
             )

@@ -19,7 +19,7 @@ from ikservo.registers import RegisterName
 CTRL_C = StopReason(StopKind.CTRL_C, "Stopped; torque stays on.")
 STOPPED_BY_PROGRAM = StopReason(StopKind.PROGRAM, "Stopped by the program.")
 STOPPED_AFTER_REQUEST = StopReason(
-    StopKind.PROGRAM, "The arm was stopped after this motion was requested."
+    StopKind.PROGRAM, "The arm was stopped after this motion had been requested."
 )
 REQUEST_HINT = "Nothing was sent. Request it again once the arm may move."
 RELAX_HINT = "Switch torque off with: ikservo relax"

@@ -122,7 +122,7 @@ class StreamedServos:
         if len(known) < len(self.driven_joints):  # another thread acknowledged a stop in between
             self.stop_request.check_request()
             raise RefusedError(
-                "The servos have no goals.", "Nothing was sent. Request the motion again."
+                "The servos have no goals yet.", "Nothing was sent. Request the motion again."
             )
         return self._to_positions(known)
 

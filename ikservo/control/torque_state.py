@@ -84,7 +84,7 @@ class TorqueStateMachine:
         """
         if self._loop_running:
             raise RefusedError(
-                "The arm is moving.", "Wait for the motion's end, or stop it: arm.stop()."
+                "The arm is moving.", "Wait until the motion has ended, or stop it: arm.stop()."
             )
 
     def enabling(self, *, was_on: bool) -> None:

@@ -78,7 +78,7 @@ class Drawing:
         """
         largest = max(self.size_m)
         if not largest > 0.0:
-            raise BadValueError("The drawing", "a single point", "one with an extent")
+            raise BadValueError("The drawing", "a single point", "a drawing with an extent")
         return self.scaled(width_m / largest)
 
     def placed(self, origin_m: Sequence[float], angle_rad: float = 0.0) -> Drawing:
@@ -170,7 +170,7 @@ def _parse_row(path: Path, number: int, line: str, columns: int) -> list[float]:
         row = [float(word) for word in line.split(",")]
     except ValueError:
         raise FileFormatError(
-            path, f"line {number}", f"{quote(line)} is not numbers", expected
+            path, f"line {number}", f"{quote(line)} is not a list of numbers", expected
         ) from None
     if not all(math.isfinite(value) for value in row):
         raise FileFormatError(path, f"line {number}", f"{quote(line)} is not finite", expected)
@@ -238,7 +238,7 @@ def _check_svg(path: Path, text: str) -> None:
         (elements, _MAX_ELEMENTS, "elements, counted at each use"),
         (numbers, _MAX_NUMBERS, "numbers and commands in its paths"),
         (sheets * elements, _MAX_CSS_CHARS, "characters of style sheets to apply"),
-        (inherited * elements, _MAX_INHERITED, "attributes to hand down to its elements"),
+        (inherited * elements, _MAX_INHERITED, "attributes that its elements inherit"),
     ):
         if count > most:
             found = f"has {count:,} {what}"

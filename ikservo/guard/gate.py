@@ -151,7 +151,9 @@ class Gate:
             RefusedError: A tick is not an integer, or the time not finite.
         """
         if not math.isfinite(time_s):
-            raise RefusedError(f"The time of a measurement is {time_s} s.", "It was ignored.")
+            raise RefusedError(
+                f"The time of a measurement is {time_s} s.", "The measurement was ignored."
+            )
         measured = self._commanded(ticks)
         for joint, tick in measured:
             require_int_tick(joint.driven.joint, tick)

@@ -69,7 +69,7 @@ class TrackingMonitor:
             names = [self._names[i] for i in np.flatnonzero(self.lagging)]
             raise RefusedError(
                 f"{_not_following(names)}; motion stopped.",
-                "Check for obstacles, its cable, and its alarms: ikservo where",
+                "Check for obstacles, then the cable and the alarms of the joint: ikservo where",
             )
 
 
@@ -337,7 +337,7 @@ def power_lost_error(
 
 def overweight_error(joints: Sequence[str]) -> RefusedError:
     """Return the error of joints that do not follow because the arm is too heavy for them."""
-    hint = "Switch torque off, fold the arm by hand so that it reaches out less, then move again."
+    hint = "Switch torque off, fold the arm by hand to shorten its reach, then move again."
     too_weak = "the servo is too weak" if len(joints) == 1 else "their servos are too weak"
     found = f"{_not_following(joints)}; motion stopped: {too_weak}"
     return RefusedError(f"{found} to lift the arm from this posture.", hint)

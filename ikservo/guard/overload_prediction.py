@@ -165,8 +165,8 @@ class OverloadMonitor:
             elif joint.warned and left_s is not None and left_s <= _RELAX_LEFT_S and is_short:
                 joint.bound = near
                 self._news.append(
-                    f"{name} was relaxed {left_s:.1f} s before its servo protects itself: its goal "
-                    "stays close to the joint."
+                    f"The load of {name} was reduced {left_s:.1f} s before the servo would "
+                    f"protect itself: its goal stays close to the joint."
                 )
             if joint.bound is None:
                 continue

@@ -78,6 +78,6 @@ def simulated_port_url(name: str, arm_file: Path | None) -> str:
     if place and not place.startswith("/"):
         raise InputError(
             f"{name!r} is not a port.",
-            "Use --port sim, or sim:?seed=3, and name the arm with --arm.",
+            "Use --port sim or --port sim:?seed=3, and name the arm with --arm.",
         )
     return f"{_SIMULATED}:{arm_file.resolve()}{'?' if options else ''}{options}"

@@ -434,5 +434,5 @@ def _check_sharing(port: Port, baud_rate: int, own: _Opening, others: Iterable[_
     if any(other.arm == own.arm for other in others):
         raise PortError(
             f"An arm named {own.arm} is open at {port.name}, with other servos.",
-            "Give each arm on an adapter a name of its own in its arm.toml.",
+            "Give each arm on an adapter its own name in arm.toml.",
         )

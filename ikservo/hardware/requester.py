@@ -93,7 +93,7 @@ def silence_hint(
     if not replying:
         return (
             "No servo answers. Check the power supply and the first cable; "
-            "to try every baud rate: ikservo doctor"
+            "to try all baud rates: ikservo doctor"
         )
     first = next(place for place, servo in enumerate(requested) if servo.id in silent)
     silent_ids = [servo.id for servo in requested if servo.id in silent]

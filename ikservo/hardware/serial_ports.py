@@ -205,7 +205,7 @@ def line_hint(port_name: str, hint: str) -> str:
 
 _BUSY = {errno.EBUSY, errno.EAGAIN, errno.EWOULDBLOCK}
 _NO_TERMINAL = {errno.EISDIR, errno.ENOTTY, errno.EINVAL, errno.ENXIO, errno.ENODEV}
-_URL_FORMATS = "a network port is written like socket://192.168.1.5:4000"
+_URL_FORMATS = "a network port is written as socket://192.168.1.5:4000"
 
 
 def open_error(name: str, baud_rate: int, error: Exception) -> PortError:

@@ -68,7 +68,7 @@ def nearest_goal(joint: str, tick: int, accepted: tuple[int, int]) -> int:
     goal = min(max(tick, low), high)
     if abs(goal - tick) > MAX_ENABLING_TICKS:
         raise RefusedError(
-            f"{joint} is at tick {tick}, far outside the range {low} to {high} of its servo.",
+            f"{joint} is at tick {tick}, far outside the range of its servo, {low} to {high}.",
             "Move the joint by hand into its limits; torque stays off.",
         )
     return goal

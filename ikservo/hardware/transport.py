@@ -259,7 +259,8 @@ def refuse_other_machines(name: str) -> None:
     if _find_plug_ins(name.partition(":")[0], NETWORK_GROUP):
         raise PortError(
             f"{name} is an arm on another machine; this needs the servos' own port.",
-            "Run it there, with the serial port of the arm, once `ikservo serve` has ended.",
+            "Run this on that machine, with the serial port of the arm, after `ikservo serve` "
+            "has ended.",
         )
 
 

@@ -208,7 +208,7 @@ class Solver:
             BadValueError: There was no call yet.
         """
         if not self._worker.answer[0, 2 * self.chain.dof + ITERATIONS] >= 0.0:
-            raise BadValueError("The last problem", "missing", "a call before its result")
+            raise BadValueError("The last problem", "missing", "a call first, then its result")
         found = unpack_result(self.chain, self._worker.answer[0], "bounded")
         droop = self._droop
         return found if droop is None else replace(found, nearest_m=droop.lowered(found.nearest_m))

@@ -161,7 +161,8 @@ def effective_limits(moving: Sequence[Joint], joints: Sequence[Joint]) -> list[t
     for name, (low, high) in ranges.items():
         if low > high:
             raise InputError(
-                f"{name} has no value that keeps the joints that follow it in their limits.",
+                f"{name} has no position at which all joints that follow it are within their "
+                f"limits.",
                 "Check the limits, multipliers and offsets of its mimic joints.",
             )
     return list(ranges.values())

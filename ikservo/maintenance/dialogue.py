@@ -97,8 +97,8 @@ class Unasked(Enum):
 
     YES = "yes"
     NO = "no"
-    NEEDS_YES = "yes with --yes or a script, else no"
-    ERROR = "yes with --yes, else it is an error that names this option"
+    NEEDS_YES = "yes with --yes or a script; otherwise no"
+    ERROR = "yes with --yes; otherwise an error that names this option"
 
 
 @dataclass(frozen=True, slots=True)
@@ -226,7 +226,9 @@ class ScriptedAnswers:
         if unchanged_s <= _TIMEOUT_S:
             return None
         if not entry:
-            raise CalibrationError("The script ended before the calibration did.", "Add: accept")
+            raise CalibrationError(
+                "The script ended before the calibration was complete.", "Add: accept"
+            )
         raise request.missing
 
 

@@ -154,7 +154,7 @@ def run_direction_check(arm: Arm, motion: DirectionCheck) -> None:
         horn_rad = travel / arm.model.joint(name).travel_per_turn * math.tau
         if name != motion.joint and abs(horn_rad) > _MAX_OTHER_FRACTION * CHECK_ANGLE_RAD:
             raise CalibrationError(
-                f"{name} moved when only {motion.joint} was told to.",
+                f"{name} moved when only {motion.joint} was commanded.",
                 "Check for two servos with one id, or joints that are mechanically coupled.",
             )
 
@@ -198,7 +198,8 @@ def _check_followed(arm: Arm, motion: DirectionCheck, moved: float) -> None:
     if moved / motion.travel < _MIN_FOLLOW_FRACTION:
         text = arm.model.joint(motion.joint).joint_map.format
         raise CalibrationError(
-            f"{motion.joint} was told to move by {text(motion.travel)} and moved by {text(moved)}.",
+            f"{motion.joint} was commanded to move by {text(motion.travel)} and moved by "
+            f"{text(moved)}.",
             "Check for a loose horn or an obstacle.",
         )
 
@@ -223,7 +224,7 @@ def check_each_joint(arm: Arm, names: Sequence[str]) -> Dialogue[list[DirectionC
     lift = plan_lift(arm)
     if lift is not None:
         yield Notice(
-            f"The arm rests on something: {lift.joint} moves {lift.direction}, and stays there."
+            f"The arm rests on something: {lift.joint} moves {lift.direction} and stays there."
         )
         execute_lift(arm, lift)
         yield from _confirm_direction(arm, lift, searching=False)
@@ -286,8 +287,8 @@ def _confirm_direction(arm: Arm, motion: DirectionCheck, *, searching: bool) -> 
             f"{motion.joint} does not move as in the arm file; torque stays on.",
             f"Calibrate it by hand, which finds signs: {by_hand}"
             if searching
-            else "If another joint moved: check the ids in the arm file. If it went the other "
-            f"way: {by_hand} --joint {motion.joint}",
+            else "If another joint moved: check the ids in the arm file. If the joint went the "
+            f"other way: {by_hand} --joint {motion.joint}",
         )
 
 

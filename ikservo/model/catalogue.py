@@ -52,7 +52,7 @@ def find_arm(name_or_path: str | Path) -> Path:
             return shelf / text / ARM_FILE
     unknown = UnknownNameError("arm", _shorten_text(text), arm_names())
     if unknown.closest is None and _NAME.fullmatch(text):
-        unknown.command_hint += f" Give the folder of an arm of your own as a path: ./{text}"
+        unknown.command_hint += f" Give the folder of your own arm as a path: ./{text}"
     raise unknown
 
 

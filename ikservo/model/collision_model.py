@@ -101,7 +101,7 @@ def _require_capsules(model: Model) -> list[Capsule]:
         raise InputError(
             f"Contact cannot be checked: no link of {model.name} has a shape.",
             "Add <collision> shapes to its description, or use --no-collision "
-            "(collisions=False) if you see that the path is free.",
+            "(collisions=False) if you can see that the path is free.",
         )
     return capsules
 

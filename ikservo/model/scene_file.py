@@ -166,14 +166,16 @@ class _SceneHalfSpace(_Thing):
     point_m: Triple = Field(
         description="a point [x, y, z] of its surface, in metres, at most ±1000"
     )
-    normal: Triple = Field(description="the direction [x, y, z] in which it is free, at most ±1000")
+    normal: Triple = Field(description="the direction [x, y, z] of its free side, at most ±1000")
 
 
 class _SceneArm(_Thing):
     at_m: Triple = Field(description="where its base is: [x, y, z] in metres, at most ±10")
     rpy_deg: Triple = Field(default=(0.0, 0.0, 0.0), description="[roll, pitch, yaw] in degrees")
-    arm: Text | None = Field(default=None, description="which arm it is, if that is not its name")
-    port: Text | None = Field(default=None, description="where it is connected")
+    arm: Text | None = Field(
+        default=None, description="the arm's model, if it differs from the name"
+    )
+    port: Text | None = Field(default=None, description="the port of the arm")
 
 
 class _SceneFile(StrictModel):
@@ -235,7 +237,8 @@ def _refuse_arms(path: Path | str, arms: Sequence[PlacedArm]) -> None:
     if arms:
         raise RefusedError(
             f"{path} has another arm, {arms[0].name}, which is not open here.",
-            "Open both: on one page with ikservo view, or in a program with arm.scene.add_arm.",
+            "Open both arms: on one page with ikservo view, or in a program with "
+            "arm.scene.add_arm.",
         )
 
 

@@ -83,7 +83,7 @@ def arc_through_points(
     for names, (one, other) in pairs.items():
         if float(np.linalg.norm(one - other)) < _SAME_POINT_M:
             raise BadValueError(
-                "The arc", f"without size: {names} are the same", "three points on a circle"
+                "The arc", f"a point: {names} are the same", "three points on a circle"
             )
     a, b = via - start_m, end - start_m
     normal = np.cross(a, b)

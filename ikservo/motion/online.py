@@ -112,7 +112,7 @@ class OnlineTrajectory:
         clipped = np.clip(finite_vector(goal, len(self._limits), "The goal"), *self._bounds)
         self._check_time(time_s)
         if math.isfinite(self._end_s):
-            raise RefusedError("The motion has been ended.", "Start a new motion.")
+            raise RefusedError("The motion has already ended.", "Start a new motion.")
         if not np.array_equal(clipped, self._pieces[-1][1].goal):
             pieces = self._first_inside(self._candidate_trajectories(clipped, time_s))
             if check:

@@ -234,8 +234,8 @@ def rebase_trajectory(
     """
     if plan.names != tuple(names):
         raise RefusedError(
-            f"The plan moves {', '.join(plan.names)}, this arm has {', '.join(names)}.",
-            "Nothing was sent. Plan it with this arm.",
+            f"The plan moves {', '.join(plan.names)}, but this arm has {', '.join(names)}.",
+            "Nothing was sent. Plan the motion with this arm.",
         )
     apart_s = _time_apart_s(plan, goals, limits)
     if apart_s.max() > _SAG_TOLERANCE_S:

@@ -182,7 +182,9 @@ def _parser_of(place: str, name: str, hint: Any) -> Callable[[object], object]: 
     if hasattr(hint, "__metadata__"):
         return hint.__metadata__[0]
     if hint not in (bool, int, float, str):
-        raise TypeError(f"{place} needs a type with a check, such as Annotated[list, parse].")
+        raise TypeError(
+            f"{place} needs an annotated type with a parser, such as Annotated[list, parse]."
+        )
 
     def parse(value: object) -> object:
         accepted = (int, float) if hint is float else hint

@@ -70,7 +70,7 @@ class PathConstraint:
         if self.above_m is not None:
             self._set_vector("above_m", "The point of the plane")
         if (self.low_m is None) != (self.high_m is None):
-            raise BadValueError("The box of the tip", "given by one corner", "both corners")
+            raise BadValueError("The box of the tip", "given by only one corner", "both corners")
         if self.low_m is not None:
             low, high = (self._set_vector(n, "A corner of the box") for n in ("low_m", "high_m"))
             if not (low < high).all():

@@ -184,7 +184,9 @@ class Planner:
         """
         if stance.posture is not None:
             raise BadValueError(
-                "The tool orientation on a line", "given as a posture", "an orientation or nothing"
+                "The tool orientation on a line",
+                "given as a preferred posture",
+                "an orientation or nothing",
             )
         start = self._clip_to_limits(start)
         q = self._index.chain_joints(start)
@@ -209,7 +211,7 @@ class Planner:
                 raise BadValueError(
                     "The speed of the tool",
                     f"{tool_speed_m_s:g} m/s",
-                    "a speed at which the motion takes an hour at most",
+                    "a speed at which the motion takes at most an hour",
                 )
             plan = replace(plan, tool_speed=self._tool_speed(plan, tool_speed_m_s))
         return _with_target(plan, target, OrientationSolution(solution, error_rad), stance)

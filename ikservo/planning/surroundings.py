@@ -58,7 +58,7 @@ def other_moves(name: str) -> RefusedError:
     """Return the error of an arm that must not move because the named arm is moving."""
     return RefusedError(
         f"{name}, which is in reach, is moving.",
-        "Only one of the two arms may move at a time. Wait until it is at rest.",
+        "Only one of the two arms may move at a time. Wait until the other arm is at rest.",
     )
 
 

@@ -15,7 +15,7 @@ _MIN_SAMPLES = 200  # fewest samples of a motion
 _MAX_SAMPLES = 20_000  # most samples of a motion
 # Speeds that differ by less are equal, because even slight corners are passed slower.
 _SAME = 0.02
-_SHORT_OR_BENT = "acceleration and jerk of the joints, on a path so short or bent"
+_SHORT_OR_BENT = "acceleration and jerk of the joints on a path this short or curved"
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,7 +65,7 @@ class ToolSpeed:
         why = f" ({', '.join(self.limited_by)})" if self.limited_by else ""
         if self.top_m_s < (1.0 - _SAME) * self.requested_m_s:
             return f"not {requested}: {top} at most{why}"
-        return f"{requested}, but only {slowest} at the slowest place of the path{why}"
+        return f"{requested}, but only {slowest} at the slowest point of the path{why}"
 
 
 def sample_times_s(trajectory: Trajectory) -> list[float]:

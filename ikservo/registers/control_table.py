@@ -17,7 +17,7 @@ class Alarm(StrEnum):
     ENCODER = "position sensor fault"
     HEAT = "too hot"
     CURRENT = "too much current"
-    SHOCK = "electrical shock or too little power for the motor"
+    SHOCK = "electrical shock or insufficient motor power"
     OVERLOAD = "overload"
     UNKNOWN = "hardware alert, see its error register"
 

@@ -235,7 +235,7 @@ def _request_at(path: Path, device: str, command: ControlCommand, timeout_s: flo
     except OSError as error:
         raise IkservoError(
             f"The program that has {device} open does not answer ({error}).",
-            "End it and try again.",
+            "End that program and try again.",
         ) from None
 
 

@@ -117,7 +117,7 @@ class ArmLease:
             if self._holder is not None and not take_over:
                 raise RefusedError(
                     f"{self._holder.operator} controls the arm.",
-                    "Nothing was sent. It is free once that program has closed the arm.",
+                    "Nothing was sent. The arm is free once that program has closed it.",
                 )
             now_s = self._clock.now_s()
             self._holder = Holder(secrets.token_hex(16), operator, now_s)
@@ -175,7 +175,7 @@ class ArmLease:
             if not self._is_fresh(sent_s):
                 late_s = self._clock.now_s() - sent_s
                 raise RefusedError(
-                    f"A request came {late_s:.1f} s after it was made.",
+                    f"A request arrived {late_s:.1f} s after it was sent.",
                     "Nothing was sent. The network delays messages; try again.",
                 )
             self._request_number, self._received_s = number, self._clock.now_s()
