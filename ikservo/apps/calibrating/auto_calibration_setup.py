@@ -107,9 +107,7 @@ def restore_encoders(loose: TorqueOffArm, on_status: Callable[[str], None]) -> G
     try:
         yield
     except BaseException:
-        with contextlib.suppress(
-            BusError
-        ):  # the error raised in the block already names silent servos
+        with contextlib.suppress(BusError):  # the raised error already names silent servos
             _restore_registers(loose, on_status)
         raise
 

@@ -1,4 +1,4 @@
-"""Cameras: their pose, calibration of the arm's joints from pictures, and printed boards."""
+"""Cameras: their poses, calibration of the arm's joints from pictures, and printed boards."""
 
 from ikservo.app import App, Command
 

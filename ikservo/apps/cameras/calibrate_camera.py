@@ -1,4 +1,4 @@
-"""``ikservo calibrate --camera``: the arm shows a board to a camera and learns its own geometry."""
+"""``ikservo calibrate --camera``: calibrate camera and arm from pictures of a board."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ from ikservo.model import Model
 def calibrate_by_camera(
     connection: NamedServoConnection, options: CameraOptions, operator: Operator, *, json: bool
 ) -> None:
-    """Let the arm show its board to a camera, print the result, and save it if it helps.
+    """Let the arm show its board to a camera; print the result, and save an improvement.
 
     In a calibration by hand, the arm is limp and the user moves it.
 
@@ -99,7 +99,7 @@ def _kept_at_failure(folder: Path, arm: str, *, chosen: bool) -> Generator[None]
     """Tell the user how to go on if the calibration ends early.
 
     Args:
-        folder: The folder of the pictures; it is kept if they suffice for a calibration.
+        folder: The folder of the pictures, which is kept if they suffice for a calibration.
         arm: The name of the arm.
         chosen: Whether the user named the folder, which is then kept if it has a picture.
     """
@@ -121,7 +121,7 @@ def _kept_at_failure(folder: Path, arm: str, *, chosen: bool) -> Generator[None]
 
 
 def calibrate_from_pictures(model: Model, folder: Path, operator: Operator, *, json: bool) -> None:
-    """Repeat a calibration from its saved pictures and the calibration that the arm had then.
+    """Repeat a calibration from saved pictures and the calibration that the arm had then.
 
     Raises:
         CalibrationError: The pictures do not suffice.
@@ -141,7 +141,7 @@ def calibrate_from_pictures(model: Model, folder: Path, operator: Operator, *, j
     extents = before.extents(index.camera_name, by_hand=index.by_hand)
     result = pictures.result(missed, 0.0, extents, by_hand=index.by_hand)
     question = Question("Save this?", Unasked.YES)
-    if saved.calibration is not None:  # servos may have been remounted since
+    if saved.calibration is not None:  # servos may have been remounted since then
         print_status(f"Saving it replaces any calibration made after {saved.calibration.written}.")
         question = Question("Save this result nevertheless?", Unasked.NEEDS_YES)
     _tell_and_save(before, index.source, index.camera_name, result, operator, question, json=json)
@@ -157,7 +157,7 @@ def _tell_and_save(
     *,
     json: bool,
 ) -> None:
-    if json:  # stdout has the JSON only, but the user must see what to decide
+    if json:  # stdout has only the JSON, but the user must see what to decide
         print_status("\n".join(_describe(result)))
     else:
         print_lines(_describe(result), indent=2)
@@ -183,7 +183,7 @@ def _tell_and_save(
 
 
 def _describe(result: CameraResult) -> Iterator[str]:
-    """Yield the result of the pictures, line by line."""
+    """Yield lines that describe the result of the pictures."""
     estimate, fit = result.estimate, result.estimate.fit
     yield (
         f"{result.pictures} pictures in {result.duration_s:.0f} s. Error in test pictures: "
@@ -226,7 +226,7 @@ def _mm(metres: float) -> str:
 
 
 def _fields(result: CameraResult) -> dict[str, object]:
-    """Return the result of the pictures for ``--json``; SI units."""
+    """Return the result of the pictures for ``--json``, in SI units."""
     estimate, fit = result.estimate, result.estimate.fit
     return {
         "pictures": result.pictures,

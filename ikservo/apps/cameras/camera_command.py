@@ -1,4 +1,4 @@
-"""``ikservo camera``: boards, whether a camera has moved, and the tip in its picture."""
+"""``ikservo camera``: make boards, check whether a camera has moved, and click the tip."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ ACTIONS = {
     "check": ("--board", "--camera", "--camera-name", "--remember", "--within"),
     "tip": ("--camera-name", "--at"),
 }
-"""Actions, with the options of each besides --port and --json."""
+"""The actions, with the options of each besides --port and --json."""
 Action = Annotated[
     str,
     typer.Argument(

@@ -49,9 +49,7 @@ class FoxgloveServer:
         if not 0 <= port <= 65535:
             raise BadValueError("The port", port, "0 to 65535")
         try:
-            self._module: Any = importlib.import_module(
-                "foxglove"
-            )  # the package belongs to an extra
+            self._module: Any = importlib.import_module("foxglove")  # from an extra
         except ImportError:
             raise IkservoError(
                 "Foxglove needs the package foxglove-sdk, which is not installed.",

@@ -27,10 +27,7 @@ POSE_KEYS = (*_POSITION_KEYS, *_TURN_KEYS)
 _GRIPPER_KEY = "ee.gripper_pos"
 _STEP_KEYS = ("delta_x", "delta_y", "delta_z")
 _STEP_GRIPPER_KEY = "gripper"
-_CLOSE, _OPEN = (
-    0.0,
-    2.0,
-)  # commands of LeRobot's teleoperators; 1 means stay, for which some send -1
+_CLOSE, _OPEN = 0.0, 2.0  # from LeRobot's teleoperators; 1 means stay, as does -1
 _UNREACHED_M = 0.002  # a smaller error of a goal is not reported
 
 

@@ -18,9 +18,7 @@ __all__ = ["ArmMotion"]
 Vector = NDArray[np.float64]
 
 _LOG = logging.getLogger(__name__)
-_FRESH_S = (
-    DEAD_MAN_TIMEOUT_S / 2
-)  # the control loop runs and measures for longer than this after a goal
+_FRESH_S = DEAD_MAN_TIMEOUT_S / 2  # after a goal, the control loop runs for longer than this
 _QUIET_ACTIONS = 25  # time without a refusal after which the next one of its kind is logged
 _LOST = (ikservo.PortLostError, ikservo.ServoSilentError)
 

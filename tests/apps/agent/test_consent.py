@@ -118,7 +118,7 @@ def test_page_refuses_wrong_key_host_and_origin(asking):
 def test_person_stops_and_lets_move_again_on_the_page(asking):
     session, page = asking
     page("stop", "POST")
-    assert "A person stopped it" in json.loads(page("plans"))["stopped_for"]
+    assert "A person stopped the arm" in json.loads(page("plans"))["stopped_for"]
     page("acknowledge", "POST")
     assert json.loads(page("plans"))["stopped_for"] == ""
     assert session.agent.arm.stop_reason is None

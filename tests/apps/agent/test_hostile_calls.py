@@ -240,7 +240,7 @@ def test_where_and_stop_answer_while_the_arm_moves(open_session):
         where, state, result = session.run(watch)
         assert 0.02 < where.structured_content["positions"]["shoulder_pan"] < 1.4
         assert "shoulder_pan" in state.contents[0].text
-        assert "The agent stopped it" in result.content[0].text
+        assert "The agent stopped the arm" in result.content[0].text
 
 
 def test_refused_resources_do_not_delay_a_stop(simulated):

@@ -90,7 +90,7 @@ def test_stop_stays_until_a_person_acknowledges_it(simulated):
     plan = simulated.plan(move_to={"position_m": NEAR})
     simulated.call("stop", reason="a\x1b[2Jb")
     assert "stopped" in simulated.call("execute", plan_id=plan)
-    assert simulated.call("where")["stopped_for"] == "The agent stopped it: a\\x1b[2Jb"
+    assert simulated.call("where")["stopped_for"] == "The agent stopped the arm: a\\x1b[2Jb"
     assert not simulated.has_moved
     simulated.agent.acknowledge("a person")
     again = simulated.plan(move_to={"position_m": NEAR})
