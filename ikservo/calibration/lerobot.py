@@ -1,8 +1,8 @@
-"""LeRobot's calibration JSON: read, write, and where LeRobot stores it.
+"""LeRobot's calibration JSON: reading, writing, and LeRobot's storage folders.
 
 Ranges are in *homed* ticks, as the servo reports them with its offset. LeRobot's degrees are
 ``(tick - (min + max) / 2) * 360 / 4095``: zero is the middle of the recorded range, not the zero of
-the geometry. An import therefore gives ids and ranges, and the user sets the zero.
+the geometry. Therefore, an import gives ids and ranges, and the user sets the zero.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ _OLD_KEYS = {"motor_names", "start_pos", "calib_mode"}
 
 @dataclass(frozen=True, slots=True)
 class LerobotJoint:
-    """One joint of the file, with LeRobot's keys."""
+    """One joint in the file, with LeRobot's keys."""
 
     name: str
     id: int
@@ -53,7 +53,7 @@ def read_lerobot(path: Path) -> tuple[LerobotJoint, ...]:
 
 
 def parse_lerobot(path: Path, text: str) -> tuple[LerobotJoint, ...]:
-    """Parse the joints of a text in the order of the file; ``path`` is for messages."""
+    """Parse the joints from text in the order of the file; ``path`` is for messages."""
     try:
         table = parse_json(text, _parse_integer)
     except json.JSONDecodeError as error:
@@ -85,7 +85,7 @@ def dump_lerobot(joints: Sequence[LerobotJoint]) -> str:
 
 
 def lerobot_joints(calibration: Calibration) -> tuple[LerobotJoint, ...]:
-    """Return a calibration as LeRobot joints; ``lost_in_lerobot`` lists what is left out."""
+    """Return a calibration as LeRobot joints; ``lost_in_lerobot`` lists the omissions."""
     joints: list[LerobotJoint] = []
     for joint in calibration.joints:
         low, high = joint.travel_ticks if joint.swept != "not swept" else _FULL_TURN
@@ -156,7 +156,7 @@ _KINDS = ("robots", "teleoperators")
 
 
 def find_lerobot(id_or_path: str) -> Path:
-    """Find the file of an id or a path.
+    """Find the calibration file for an id or a path.
 
     Ids are searched below ``robots/<type>`` and ``teleoperators/<type>`` for every type, because
     LeRobot has renamed them: so100_follower, so101_follower, now so_follower.
