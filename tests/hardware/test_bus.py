@@ -151,7 +151,7 @@ class TestUnresponsiveServos:
         )
         assert line.clock.now_s() == before_s
 
-    def test_unresponsive_servo_is_asked_again_after_300_ms(self, unresponsive_bus, line):
+    def test_unresponsive_servo_is_polled_again_after_300_ms(self, unresponsive_bus, line):
         line.clock.s += 0.3
         line.expect(sync_request([1], 56, 2))
         assert unresponsive_bus.sync_read([1], RegisterName.PRESENT_POSITION).errors.keys() == {1}

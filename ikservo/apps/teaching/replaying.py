@@ -209,8 +209,8 @@ def _explain_contact(context: ArmContext, error: CollisionError, path: Matrix) -
         except CollisionError:
             continue
         error.command_hint = (
-            f"Switch torque off, move the arm by hand to the {place} of the recording, and "
-            f"replay it again: contacts at the start are then allowed."
+            f"Switch torque off, move the arm by hand to its posture at the {place} of the "
+            f"recording, and replay it again: contacts at the start are then allowed."
         )
         break
 

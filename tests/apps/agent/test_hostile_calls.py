@@ -138,7 +138,7 @@ def test_random_calls_with_consent_stay_inside_limits_and_region(open_session):
 
 @pytest.mark.campaign
 @pytest.mark.parametrize("name", ["so101", "koch"])
-def test_ten_thousand_hostile_calls(open_session, name):
+def test_agent_survives_10000_hostile_calls(open_session, name):
     with open_session(name, consent=Consent.SIMULATOR) as session:
         run_calls(session, limited(3, 200))
         tracemalloc.start()

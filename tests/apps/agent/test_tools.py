@@ -30,7 +30,7 @@ def test_every_tool_has_a_valid_schema_and_a_description(simulated):
         assert each.description
 
 
-def test_plan_takes_each_kind_of_motion_with_units(simulated):
+def test_plan_accepts_each_kind_of_motion_with_units(simulated):
     async def schema(client):
         return next(t for t in (await client.list_tools()).tools if t.name == "plan").input_schema
 
@@ -160,7 +160,7 @@ def test_journal_names_call_consent_and_result(simulated):
         assert words in text
 
 
-def test_nothing_moves_without_a_line_in_the_journal(simulated, monkeypatch):
+def test_agent_moves_nothing_without_journal_entry(simulated, monkeypatch):
     plan = simulated.plan(move_to={"position_m": NEAR})
     monkeypatch.setattr("ikservo.apps.agent.agent_journal.MAX_BYTES", 10)
     assert "the journal is full" in simulated.call("execute", plan_id=plan)
