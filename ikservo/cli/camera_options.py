@@ -1,4 +1,4 @@
-"""The options of a camera and its board, which several commands share."""
+"""The options for a camera and its board, which several commands share."""
 
 from __future__ import annotations
 

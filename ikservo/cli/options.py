@@ -1,4 +1,4 @@
-"""Options that commands share, most of them in groups that a command takes whole."""
+"""Options that commands share, most of them in groups."""
 
 from __future__ import annotations
 
@@ -115,7 +115,7 @@ UncalibratedOption = Annotated[
 
 @dataclass(frozen=True, kw_only=True)
 class ArmConnection:
-    """The arm of a command, and where it is connected."""
+    """The arm of a command, and its port."""
 
     arm: ArmOption = None
     port: PortOption = None
@@ -123,21 +123,21 @@ class ArmConnection:
 
 @dataclass(frozen=True, kw_only=True)
 class ServoConnection(ArmConnection):
-    """The arm of a command that needs the servos at a port of this machine."""
+    """The arm of a command that needs the servos on a port of this machine."""
 
     port: ServoPortOption = None
 
 
 @dataclass(frozen=True, kw_only=True)
 class NamedArmConnection(ArmConnection):
-    """The arm as the first argument of a command, and where it is connected."""
+    """The arm as the first argument of a command, and its port."""
 
     arm: ArmArgument = None
 
 
 @dataclass(frozen=True, kw_only=True)
 class NamedServoConnection(ArmConnection):
-    """The arm as the first argument, with its servos at a port of this machine."""
+    """The arm as the first argument, with its servos on a port of this machine."""
 
     arm: ArmArgument = None
     port: ServoPortOption = None
@@ -147,7 +147,7 @@ class NamedServoConnection(ArmConnection):
 class MotionOptions:
     """Options for opening the arm, for checks and questions before a motion, and for output.
 
-    A command that offers only some of them says so with ``Without``.
+    A command that offers only some of them excludes the others with ``Without``.
     """
 
     collision: Annotated[

@@ -19,7 +19,7 @@ _RADIANS = {"": math.pi / 180, "deg": math.pi / 180, "°": math.pi / 180, "rad":
 def parse_length_m(text: str | float) -> float:
     """Parse metres from ``0.25``, ``0.25m``, ``25cm`` or ``250mm``.
 
-    A number of at least 1 needs its unit, because it is rarely metres on a table.
+    A number of at least 1 needs a unit, because lengths on a table are rarely that large.
     """
     length_m = parse_coordinate_m(text)
     bare = str(text).strip()
@@ -34,7 +34,7 @@ def parse_length_m(text: str | float) -> float:
 def parse_coordinate_m(text: str | float) -> float:
     """Parse metres like ``parse_length_m``, but accept large numbers without a unit.
 
-    If they are millimetres, the point is out of reach, and the user is asked about that.
+    If they are meant as millimetres, the point is out of reach, and the user is asked.
     """
     return _parse_quantity(str(text), _METRES, "a length such as 0.25, 250mm or 25cm")
 
@@ -76,7 +76,7 @@ def parse_pixels(text: str | float) -> float:
 
 
 def parse_axis(text: str) -> tuple[float, float, float]:
-    """Parse a direction from ``x``, ``y`` or ``z``, or from three numbers like ``0,0,-1``."""
+    """Parse a direction from ``x``, ``y`` or ``z``, or from three numbers such as ``0,0,-1``."""
     if text.lower() in _AXES:
         return _AXES[text.lower()]
     parts = [
@@ -89,7 +89,7 @@ def parse_axis(text: str) -> tuple[float, float, float]:
 
 
 def parse_point_m(text: str) -> tuple[float, float, float]:
-    """Parse a point from three lengths like ``0.25,-50mm,0.1``, metres."""
+    """Parse a point in metres from three lengths such as ``0.25,-50mm,0.1``."""
     parts = text.split(",")
     if len(parts) != 3:
         raise typer.BadParameter(f"{text!r} is not a point such as 0.25,-50mm,0.1.")

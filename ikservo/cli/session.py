@@ -24,23 +24,23 @@ from ikservo.model import load_model
 from ikservo.model.scene_file import PlacedArm, with_scene_and_arms
 from ikservo.planning.motions import MotionValue
 
-_KEY_TIMEOUT_S = 2.0  # to wait for a second Ctrl-C of a user
-_SIGNAL_TIMEOUT_S = 1.0  # to wait for a second signal of a script
-_SLOW_PLAN_S = 1.0  # after this time the user is told why planning takes long
+_KEY_TIMEOUT_S = 2.0  # time to wait for a second Ctrl-C from a user
+_SIGNAL_TIMEOUT_S = 1.0  # time to wait for a second signal from a script
+_SLOW_PLAN_S = 1.0  # after this time, the user is told why planning takes long
 
 _REPEATABLE = (StopKind.CTRL_C, StopKind.TERMINATED)
 
 
 @contextmanager
 def second_interrupt_lowers(machine: OpenArm, clock: Clock | None = None) -> Generator[None]:
-    """On a second Ctrl-C or SIGTERM soon after the first one, lower the arm and switch torque off.
+    """On a second Ctrl-C or SIGTERM soon after the first, lower the arm and switch torque off.
 
     A stop for another reason ends the command at once; the arm holds.
 
     Args:
         machine: The arm that the command moves.
-        clock: Measures the wait for the second signal; None uses the computer's clock, for
-            simulated arms too, because the user acts in real time.
+        clock: Measures the wait for the second signal; None uses the computer's clock, also for
+            simulated arms, because the user acts in real time.
     """
     clock = clock or RealClock()
     try:
@@ -84,7 +84,7 @@ def _is_interrupted_again(machine: OpenArm, clock: Clock) -> bool:
 def open_from_options(
     connection: ArmConnection, options: MotionOptions | None = None, scene: Path | None = None
 ) -> Generator[OpenArm]:
-    """Open the arm of a command with the things of a scene; it keeps its position afterwards.
+    """Open the arm of a command with the things of a scene; afterwards, the arm holds.
 
     Raises:
         InputError: Another arm of the scene has no port.
@@ -126,7 +126,7 @@ def open_from_options(
 
 @contextmanager
 def _opened_beside(machine: OpenArm, placed: Sequence[PlacedArm]) -> Generator[None]:
-    """Open the other arms of a scene; they are only measured, and their positions avoided.
+    """Open the other arms of a scene, which are only measured, so that they can be avoided.
 
     Raises:
         RefusedError: The command's arm is on another machine, or another arm cannot be measured.

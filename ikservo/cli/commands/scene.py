@@ -1,4 +1,4 @@
-"""``ikservo scene``: the things of a scene file, and the poses of an arm that touch them."""
+"""``ikservo scene``: list the things in a scene file, and the poses that touch them."""
 
 from __future__ import annotations
 

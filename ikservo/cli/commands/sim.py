@@ -18,7 +18,7 @@ from ikservo.remedies import install_command
 _GROUP = "ikservo.servers"
 _AS_IDENTIFIED = "--as-identified"
 
-# All arguments but the arm's name are passed to the simulator, which has its own help.
+# All arguments except the arm's name are passed to the simulator, which has its own help.
 CONTEXT_SETTINGS: dict[str, Any] = {"ignore_unknown_options": True, "help_option_names": []}
 
 SimArguments = Annotated[list[str] | None, typer.Argument(metavar="[ARM] [OPTIONS]…")]
@@ -48,7 +48,7 @@ def _with_identified(name: str, args: list[str]) -> list[str]:
 
     Raises:
         InputError: The arm has not been identified yet.
-        FileFormatError: Its file is damaged.
+        FileFormatError: The file of the identified arm is damaged.
     """
     if _AS_IDENTIFIED not in args:
         return args
