@@ -55,7 +55,7 @@ class Drawing:
 
     @property
     def size_m(self) -> tuple[float, float]:
-        """Extent along x and along y."""
+        """Extent along x and along y, metres."""
         points = np.concatenate(self.strokes_m)
         along_x, along_y = np.ptp(points[:, :2], axis=0).tolist()
         return along_x, along_y
@@ -71,7 +71,7 @@ class Drawing:
         return replace(self, strokes_m=tuple(factor * stroke for stroke in self.strokes_m))
 
     def with_width(self, width_m: float) -> Drawing:
-        """Return the drawing scaled about its origin so that its larger side has the given length.
+        """Return the drawing, scaled about its origin so that its longer side has the given length.
 
         Raises:
             BadValueError: The width is not positive, or the drawing has no extent.
@@ -258,7 +258,7 @@ class _SvgCost:
         self._depth = 0
 
     def of(self, element: ET.Element) -> tuple[int, int, int]:
-        """Count the elements and numbers inside an element, and the most attributes to inherit.
+        """Count the elements, numbers and inheritable attributes inside an element.
 
         Raises:
             FileFormatError: A <use> contains itself, or elements are nested too deeply.
@@ -303,7 +303,7 @@ def _sample_segments(segments: Sequence[PathSegment]) -> Matrix:
 
 
 def _simplify(points: Matrix, tolerance: float) -> Matrix:
-    """Return the points (k, 3) that keep the line within a tolerance (Douglas and Peucker)."""
+    """Return the points (k, 3) that describe the line within a tolerance (Douglas and Peucker)."""
     keep = np.zeros(len(points), dtype=np.bool_)
     keep[[0, -1]] = True
     parts = [(0, len(points) - 1)]

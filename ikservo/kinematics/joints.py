@@ -169,7 +169,7 @@ def effective_limits(moving: Sequence[Joint], joints: Sequence[Joint]) -> list[t
 
 
 def _resolve_mimic(joint: Joint, by_name: Mapping[str, Joint]) -> tuple[Joint, float, float]:
-    """Return the leading joint, and scale and shift in ``value = scale * its value + shift``."""
+    """Return the leader, and scale and shift in ``value = scale * leader's value + shift``."""
     scale, shift, leader = 1.0, 0.0, joint
     for _ in by_name:
         if leader.mimic is None:

@@ -167,7 +167,7 @@ def read_arm_file(path: Path | str) -> ArmFile:
     """Read and check an ``arm.toml``; the URDF that it names is not opened.
 
     Raises:
-        FileFormatError: ``where`` is the place in broken TOML, or the path of the key.
+        FileFormatError: ``where`` is the place of the TOML error, or the path of the key.
     """
     path = Path(path)
     tables = read_toml(path)

@@ -216,7 +216,7 @@ class TestErrors:
 
     def test_silence_of_all_servos_suggests_power_or_baud_rate(self, feetech, line):
         line.expect("FF FF FE 06 82 38 02 01 02 3C")
-        with pytest.raises(ServoSilentError, match=r"Check the power supply .* every baud rate"):
+        with pytest.raises(ServoSilentError, match=r"Check the power supply .* all baud rates"):
             feetech.sync_read([1, 2], RegisterName.PRESENT_POSITION).require_all()
 
 

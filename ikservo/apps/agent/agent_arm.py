@@ -39,7 +39,7 @@ from ikservo.planning.motions import MotionValue, MoveGripper, Wait
 from ikservo.planning.preflight_planner import PlannedStart, PreflightPlanner
 
 MAX_PROGRAM_STEPS = 200
-"""Largest number of steps of a program, repetitions included."""
+"""Largest number of steps in a program, including repetitions."""
 
 _MAX_THINGS = 50
 _MAX_NAME, _MAX_WORDS = 80, 500  # characters
@@ -58,7 +58,7 @@ class AgentArm:
     Attributes:
         arm: The arm.
         allowance: The decisions of the owner.
-        plans: The plans that wait to be executed.
+        plans: The plans that are waiting to be executed.
         journal: Records each call.
     """
 
@@ -83,7 +83,7 @@ class AgentArm:
         ]
 
     def where(self) -> res.ArmStatus:
-        """Return the measured state."""
+        """Return the measured state of the arm."""
         state = self.arm.where()
         return res.ArmStatus(
             tip_m=_point(state.tip_m),
@@ -126,7 +126,7 @@ class AgentArm:
         return list(reversed(self._refusals))
 
     def note_error(self, tool: str, error: IkservoError) -> None:
-        """Keep an error for ``explain``, and write it into the journal."""
+        """Keep an error for ``explain``, and write it to the journal."""
         names = ("target_m", "nearest_m", "instead_m", "binding", "along_m")
         details = {name: getattr(error, name) for name in names if getattr(error, name, None)}
         kind, words = type(error).__name__, quoted(error.message, _MAX_WORDS)
@@ -177,7 +177,7 @@ class AgentArm:
         return res.CheckedProgram(steps=tuple(steps), plan=self._offer(offered))
 
     def _plan_step(self, motion: MotionValue[Any], planned: PlannedStart) -> str:
-        """Plan a step of a program, and move the planned start to its end; return its error."""
+        """Plan a step of a program, and move the planned start to its end; return any error."""
         preflight = PreflightPlanner(self.arm.context, planned, self.arm.poses)
         try:
             if isinstance(motion, MoveGripper | Wait):
@@ -253,7 +253,7 @@ class AgentArm:
         return res.Execution(status="done", message="The motion has ended.", results=results)
 
     def _check_start(self, start: Vector | None) -> None:
-        """Refuse a program if the arm is not at the joints (n,) where it begins."""
+        """Refuse a program if the arm is not at the joint positions (n,) where it begins."""
         runner, units = self.arm.runner, self.arm.context.units_per_rad()
         if start is None or (abs(runner.start_position() - start) <= _MAX_SUNK_RAD * units).all():
             return
@@ -280,7 +280,7 @@ class AgentArm:
         return "Stopped. The arm holds until a person acknowledges the stop."
 
     def hold(self, reason: str) -> None:
-        """Stop a motion, even one that is about to begin: the agent cannot see it any more."""
+        """Stop a motion, even one about to begin, because the agent can no longer see it."""
         self.arm.request_stop(StopReason(StopKind.CLIENT, reason))
 
     def end(self) -> None:
@@ -345,7 +345,7 @@ class AgentArm:
 
 
 def quoted(text: str, most: int = _MAX_NAME) -> str:
-    """Return a text of a file or another program as data: one line, printable, cut short."""
+    """Return a text from a file or another program as data: one line, printable, cut short."""
     line = " ".join(printable(text).split())
     return line if len(line) <= most else f"{line[:most]}…"
 

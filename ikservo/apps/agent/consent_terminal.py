@@ -20,7 +20,7 @@ def answer_in_terminal() -> None:
 
     Raises:
         InputError: No server is running.
-        IkservoError: The server has ended.
+        IkservoError: The server has stopped.
     """
     page, _, key = stored_address().partition("#")
     print_status("Waiting for plans of the agent; Ctrl-C ends this, not the agent.")

@@ -44,7 +44,7 @@ _WRITING = ("execute", "gripper", "stop", "scene_add", "scene_remove")
 
 
 def make_server(agent: AgentArm) -> MCPServer[Any]:
-    """Return the server of an arm."""
+    """Return the MCP server for an arm."""
     server = MCPServer[Any]("ikservo", instructions=INSTRUCTIONS, log_level="CRITICAL")
     tools = ArmTools(agent)
     for name in (*_READING, *_WRITING):
@@ -187,7 +187,7 @@ class ArmTools:
         turn: anyio.Lock | None = None,
         watched: AnyContext | None = None,
     ) -> T:
-        """Run the work of a tool, even if it is cancelled, when it is its turn; answer its errors.
+        """Run a tool's work when its turn comes, even after a cancellation; report its errors.
 
         The client of a ``watched`` call, which moves the arm, must stay alive meanwhile.
         """
@@ -212,7 +212,7 @@ class ArmTools:
         return result
 
     async def _hold_when_cancelled(self, results: Sequence[object]) -> None:
-        """Stop a motion whose call is cancelled, as at the end of the connection."""
+        """Stop the motion if its call is cancelled, for example when the connection ends."""
         try:
             await anyio.sleep_forever()
         finally:

@@ -90,7 +90,7 @@ def _serve_https(server: MCPServer[Any], listen: str, port: int) -> None:
 
 
 def _require_key(app: ASGIApp, key: str) -> ASGIApp:
-    """Return an application that answers 401 to requests without the key, before it reads them."""
+    """Return an application that answers 401 to requests without the key before reading them."""
     expected = f"Bearer {key}".encode()
 
     async def answer(scope: Scope, receive: Receive, send: Send) -> None:

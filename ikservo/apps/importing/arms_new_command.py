@@ -191,7 +191,7 @@ def _parse_pairs(
     """Parse options such as ``NAME=VALUE``.
 
     Raises:
-        BadValueError: A value does not have the form of the example.
+        BadValueError: A value does not have the same form as the example.
     """
     for text in texts or ():
         name, found, value = text.partition(sign)

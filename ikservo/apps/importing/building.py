@@ -1,4 +1,4 @@
-"""Conversion of a foreign tree to one draft per arm."""
+"""Convert a foreign tree to one draft per arm."""
 
 from __future__ import annotations
 
@@ -39,19 +39,19 @@ from ikservo.model.urdf_types import Urdf, UrdfJoint, UrdfJointType
 from ikservo.registers import control_table
 
 _LIFTERS = (("STS3215", 7.4), ("STS3215", 12.0), ("STS3250", None), ("XM540-W270", None))
-"""Servo models that may be assumed, the weakest first."""
+"""The servo models that the import may assume, the weakest first."""
 _MAX_SLIDE_M = 1.0  # assumed travel of a slide without limits, at most
 _MIN_FLOOR_M = -0.003  # parts that reach less far below the base do not lower the table
 
 
 @dataclass(frozen=True, slots=True)
 class ImportOptions:
-    """Decisions of the user. Those that are missing are made by the import and noted.
+    """The user's decisions. The import makes the missing ones itself and notes them.
 
     Attributes:
         base: The link at which the used part of the tree begins.
         tips: The links of the tools; one arm is made for each.
-        gripper: The joint of the jaws; empty: no jaws; None: it is searched for.
+        gripper: The joint of the jaws; empty: no jaws; None: search for it.
         base_frame: The rotation and shift of the base frame, in words.
         limits: Ranges by joint, degrees or millimetres.
         servos: Servos by joint.
@@ -87,7 +87,7 @@ def build_drafts(
 
     Raises:
         UnknownNameError: A link, joint or servo model does not exist.
-        InputError: There is no arm, or several and no tip was chosen.
+        InputError: There is no arm, or there are several and no tip was chosen.
     """
     urdf, decisions, dropped = description.urdf, list[str](), list(description.notes)
     if options.base:
@@ -265,7 +265,7 @@ def _lowest_m(urdf: Urdf, shapes: ShapeConversion) -> float:
 
 
 def _servo_model(draft: ArmDraft, options: ImportOptions) -> tuple[str, str]:
-    """Choose the servo model, and say why; drop the masses if no servo could lift them."""
+    """Choose the servo model and give the reason; drop the masses if no servo could lift them."""
     loads = _loads_nm(draft, options)
     choices = [(options.servo_model, None)] if options.servo_model else [*_LIFTERS]
     for model, supply_v in choices:

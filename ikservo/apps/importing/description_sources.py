@@ -24,12 +24,12 @@ _HEAD_BYTES = 64 * 1024
 
 @dataclass(slots=True)
 class Description:
-    """A description that was read.
+    """A robot description that has been read.
 
     Attributes:
         path: The file.
         urdf: Its links and joints.
-        packages: The packages that were found.
+        packages: The packages that it uses, as far as they were found.
         notes: The changes that made it a tree of joints that servos can drive.
     """
 
@@ -122,7 +122,7 @@ def read_foreign(
     allow_xacro: bool,
     folder: Path | None = None,
 ) -> Description:
-    """Read a foreign description; its meshes are only named.
+    """Read a foreign description, but not the meshes that it names.
 
     Args:
         path: The file.
@@ -167,7 +167,7 @@ _SHAPES = ("box", "cylinder", "sphere", "mesh")
 
 
 def _make_readable(root: XmlElement) -> list[str]:
-    """Repair what published files often have and no arm file can; return notes on the changes."""
+    """Repair common faults of published files that no arm file may have; return notes on them."""
     joints = [each for each in root.child_elements("joint") if "name" in each.attributes]
     notes: list[str] = []
     for joint in joints:

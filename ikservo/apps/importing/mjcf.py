@@ -58,8 +58,8 @@ _DROPPED_ATTRIBUTES = {"material": ("texture",), "compiler": ("texturedir",)}
 def arm_xml(path: Path, folder: Path) -> str:
     """Return an MJCF with its included files, reduced to the structure of the arm.
 
-    Pictures, height fields, key frames, cameras, sensors and actuators are left out before
-    anything is compiled. Meshes are named by their absolute path.
+    Textures, height fields, key frames, cameras, sensors and actuators are left out before
+    anything is compiled. Meshes are referred to by their absolute paths.
 
     Raises:
         FileFormatError: A file is outside the folder, too large or not a regular file, or the XML
@@ -104,7 +104,7 @@ def arm_xml(path: Path, folder: Path) -> str:
 
 
 def _read_whole(path: Path, place: Path, folder: Path, seen: set[Path]) -> tuple[XmlElement, int]:
-    """Read an MJCF and insert its included files; return it and how many files were read.
+    """Read an MJCF with its included files inserted; return it and the number of files read.
 
     Raises:
         FileFormatError: A file is outside the folder, included twice, or cannot be used.
@@ -139,7 +139,7 @@ _MULTIPLIES = ("replicate", "composite", "flexcomp", "attach", "model", "plugin"
 
 
 def _check_element(element: XmlElement) -> None:
-    """Refuse elements that multiply bodies or load other models, and reversed ranges."""
+    """Refuse elements that multiply bodies or load other models, and ranges that are reversed."""
     attributes = element.attributes
     if element.tag in _MULTIPLIES or (element.tag == "mesh" and "builtin" in attributes):
         raise element.error(f"<{element.tag}> cannot be used", "each body written out")
@@ -156,7 +156,7 @@ _SWITCHES = {"range": "limited", "actuatorfrcrange": "actuatorfrclimited"}
 
 @dataclass(slots=True)
 class _LineCount:
-    """The current line of written XML; elements keep their lines so that MuJoCo reports them."""
+    """Counts the written lines of XML, so that MuJoCo reports an element's original line."""
 
     show_lines: bool
     line: int = 1
@@ -244,8 +244,8 @@ _NO_INERTIA = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 def read_mjcf(path: Path, folder: Path | None = None) -> Urdf:
     """Read bodies, hinges, slides, geoms and sites of an MJCF.
 
-    Bodies and sites become links; each further joint of a body gets a link of its own. A robot
-    with a free base is fixed at its place; loose objects are left out. The names of all files are
+    Bodies and sites become links; each further joint of a body gets a separate link. A robot with a
+    free base is fixed where it stands; loose objects are left out. The names of all files are
     checked first, so that no file outside the model's folder is opened.
 
     Args:
@@ -253,7 +253,7 @@ def read_mjcf(path: Path, folder: Path | None = None) -> Urdf:
         folder: The folder that contains all its files; None: that of the MJCF.
 
     Raises:
-        FileFormatError: A file is outside the folder, MuJoCo refuses the model, or it has a
+        FileFormatError: A file is outside the folder, MuJoCo refuses the model, or the model has a
             joint that no servo can drive.
         InputError: The extra ``physics`` is not installed.
     """
@@ -387,7 +387,7 @@ class _BodyTreeReader:
         )
 
     def _find_mimic(self, joint: int) -> UrdfMimic | None:
-        """Find the joint that this one follows by an equality constraint; None without."""
+        """Find the joint that this one follows through an equality constraint, or None."""
         model, kinds = self._model, self._mujoco.mjtEq
         for i in range(model.neq):
             ties_joints = kinds(int(model.eq_type[i])) == kinds.mjEQ_JOINT

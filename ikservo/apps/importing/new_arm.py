@@ -44,7 +44,7 @@ class NewArm:
 
     Attributes:
         name: The name of the arm.
-        folder: The folder in which the arm's folder is made.
+        folder: The folder in which the arm's folder is created.
         source: A description, or a folder with one; None: the arm is measured.
         file: The file in that folder.
         joints: Measured joints, base to tip, if there is no description.
@@ -70,7 +70,7 @@ class NewArm:
 
 
 def draft_new_arm(new: NewArm) -> EntryDialogue[list[ArmDraft]]:
-    """Make drafts of the files of one or more arms; write nothing.
+    """Draft the files of one or more arms; write nothing.
 
     Raises:
         InputError: Options contradict each other, or the folder exists; the message names them.
@@ -104,7 +104,7 @@ def draft_new_arm(new: NewArm) -> EntryDialogue[list[ArmDraft]]:
 
 
 def _mesh_progress(step: MeshStep, elapsed_s: float) -> str:
-    """Describe which mesh is fitted, and estimate the remaining time."""
+    """Return a line that names the current mesh and estimates the remaining time."""
     left = ""
     if step.done:
         left = f", about {elapsed_s / step.done * (step.count - step.done):.0f} s left"
@@ -171,7 +171,7 @@ def _choose_tips(description: Description, options: ImportOptions) -> EntryDialo
 
 
 def _propose_home(draft: ArmDraft) -> EntryDialogue[None]:
-    """Search for the pose home of a draft; the pose rest equals it until it is found."""
+    """Search for a draft's pose ``home``; ``rest`` equals it until that pose is found too."""
     start = {
         joint.name: min(max(0.0, draft.joint(joint.name).lower), draft.joint(joint.name).upper)
         for joint in draft.joints
@@ -199,7 +199,7 @@ def _propose_home(draft: ArmDraft) -> EntryDialogue[None]:
 
 
 def _find_rest(draft: ArmDraft) -> EntryDialogue[None]:
-    """Find the pose rest of a draft, in which the simulated arm lies when it is limp."""
+    """Find a draft's pose ``rest``, in which the limp simulated arm lies."""
     yield Progress(f"letting the simulated {draft.name} sink")
     try:
         with tempfile.TemporaryDirectory() as name:

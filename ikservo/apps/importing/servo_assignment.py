@@ -152,7 +152,7 @@ def _ask_about(
 
 
 def _move_and_return(bus: ServoBus, servo_id: int) -> EntryDialogue[None]:
-    """Move a servo slowly to larger ticks and back; the others are limp, and so is it afterwards.
+    """Move a servo slowly to larger ticks and back, then make it limp like all the others.
 
     Each step is reported, so that the caller of the dialogue can end it at any step.
     """

@@ -230,7 +230,7 @@ def test_joint_without_stops_uses_wide_arm_file_range():
 
 def test_full_turn_is_refused_unless_joint_is_marked_continuous():
     hand = Hand(subject()).rest().accept().move(4300)
-    with pytest.raises(CalibrationError, match="whole turn"):
+    with pytest.raises(CalibrationError, match="full turn"):
         hand.accept()
     assert hand.say("continuous elbow").accept().state.stage is CalibrationStage.REVIEW
 
