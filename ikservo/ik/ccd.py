@@ -62,7 +62,7 @@ def best_rotation(E: Vector, v: Vector, axis: Vector) -> float:
 
 
 def best_translation(E: Vector, v: Vector) -> float:
-    """Compute the distance along v (m,) that brings the tip nearest to the target: (E·v) / (v·v)."""
+    """Compute the distance along v (m,) with the tip nearest to the target: ``(E·v) / (v·v)``."""
     size = float(v @ v)
     return float(E @ v) / size if size > _MIN_LEVER else 0.0
 

@@ -183,7 +183,7 @@ class _FloodFill:
             cells = self.mark_reached(q, tip_positions(self._chain, q))
 
     def _open_neighbours(self, cells: Cells) -> tuple[Cells, Matrix]:
-        """Return the open cells (m, 3) next to given ones (n, 3), and joints for the given cells."""
+        """Return the open cells (m, 3) next to given ones (n, 3), and joints for the latter."""
         around = (cells[:, None, :] + _NEIGHBOURS).reshape(-1, 3)
         origin = np.repeat(cells, len(_NEIGHBOURS), axis=0)
         exist = np.all((around >= 0) & (around < self._grid.shape), axis=1)

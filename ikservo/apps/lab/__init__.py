@@ -1,4 +1,4 @@
-"""Measurements of an arm: accuracy after ISO 9283, excitation, identification, health."""
+"""Measure an arm: accuracy according to ISO 9283, excitation, identification, health."""
 
 from ikservo.app import App, Command
 

@@ -1,4 +1,4 @@
-"""``ikservo identify``: the arm moves slowly and finds its masses, friction and stiffness."""
+"""``ikservo identify``: move the arm slowly to find its masses, friction and stiffness."""
 
 from __future__ import annotations
 
@@ -175,7 +175,7 @@ def _format(estimate: ParameterEstimate | None, sign: str = "") -> str:
 
 
 def _format_sum(one: ParameterEstimate | None, other: ParameterEstimate | None) -> str:
-    """Format the friction at rest, a sum of two parts that fade differently with speed."""
+    """Format the friction at rest, a sum of two parts that vary differently with speed."""
     if one is None or other is None:
         return "–"
     error = min(one.error, other.error)

@@ -1,4 +1,4 @@
-"""``ikservo test``: measure an arm's accuracy and repeatability after ISO 9283."""
+"""``ikservo test``: measure an arm's accuracy and repeatability according to ISO 9283."""
 
 from __future__ import annotations
 

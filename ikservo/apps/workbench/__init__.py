@@ -1,4 +1,4 @@
-"""Single servos and their bus: ids, registers, gains, faults."""
+"""Work on single servos and their bus: ids, registers, gains, faults."""
 
 from ikservo.app import App, Command
 

@@ -15,7 +15,7 @@ from ikservo.cli.terminal import print_status, progress_bar
 
 
 class BenchSubject(StrEnum):
-    """Subjects that can be measured."""
+    """What can be measured."""
 
     BUS = "bus"
 

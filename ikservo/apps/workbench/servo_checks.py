@@ -1,4 +1,4 @@
-"""Checks of single servos and their EEPROM."""
+"""Check single servos and their EEPROM."""
 
 from __future__ import annotations
 
@@ -322,14 +322,14 @@ def _check_trials(bus: ServoBus) -> Iterator[Finding]:
 
 
 def _format_servos(bus: ServoBus, servo_ids: Collection[int]) -> str:
-    """List servos with a common cause; if all are affected, give their number."""
+    """Return a list of servos with a common cause, or their number if all are affected."""
     if len(servo_ids) == len(bus.servos) > 1:
         return f"all {len(servo_ids)} servos"
     return ", ".join(str(bus.servos[i]) for i in servo_ids)
 
 
 def _format_range(values: Iterable[float], form: str) -> str:
-    """Format as ``11.9 to 12.1``, or as one number if all are equal."""
+    """Format values as ``11.9 to 12.1``, or as one number if all are equal."""
     ordered = sorted(values)
     ends = dict.fromkeys((f"{ordered[0]:{form}}", f"{ordered[-1]:{form}}"))
     return " to ".join(ends)

@@ -1,4 +1,4 @@
-"""``ikservo servo tune``: quick motions of a joint with its own, given and best gains."""
+"""``ikservo servo tune``: move a joint quickly with its present, given and best gains."""
 
 from __future__ import annotations
 
@@ -114,7 +114,7 @@ def tune_joint(
         connection: The arm.
         joint: The joint, or the id of its servo.
         settings: Gains to try, as ``p_gain=16``.
-        far_rad: The step, or the amplitude of a sine; None: the default.
+        far_rad: The size of the step, or the amplitude of the sine; None: the default.
         sine_hz: The lowest and the highest frequency of a sine; None: a step.
         suggest: Whether to search for better gains.
         yes: Whether to skip all questions.

@@ -1,4 +1,4 @@
-"""Registers of single servos, on an arm or alone on a line: find, read, write, reset."""
+"""Find, read, write and reset registers of single servos, on an arm or alone on a line."""
 
 from __future__ import annotations
 
@@ -66,14 +66,14 @@ class ServoLine:
 
     Attributes:
         bus: Their bus.
-        owner: Name of the folder of first EEPROM copies: the arm and its adapter, or the adapter.
+        owner: Name of the folder for first EEPROM copies: the arm and its adapter, or the adapter.
     """
 
     bus: ServoBus
     owner: str
 
     def find(self, target: str | None) -> ServoSpec:
-        """Find the servo of a joint or id; None: the only servo.
+        """Return the servo of a joint or with an id; None: the only servo.
 
         Raises:
             UnknownNameError: There is no such servo.
@@ -108,7 +108,7 @@ def open_servos(
     """Open the servos of an arm, or those that reply on a line.
 
     Args:
-        model: The arm; None for servos of no arm.
+        model: The arm; None for servos without an arm.
         port: See ``choose_port``.
         servo_id: Without an arm: search only this id; None: every id.
         table: Without an arm: its model, if it is known.
@@ -189,12 +189,12 @@ class RegisterReading:
 
     @property
     def value(self) -> float:
-        """Quantity in the register's unit."""
+        """The value in the register's unit."""
         return self.register.to_value(self.raw)
 
     @property
     def text(self) -> str:
-        """The quantity with its unit, angles in degrees; empty for a plain number."""
+        """The value with its unit, angles in degrees; empty for a plain number."""
         if not self.register.unit.symbol:
             return ""
         shown, factor = shown_unit(self.register)
@@ -258,7 +258,7 @@ def find_table(model_name: str) -> type[ControlTable]:
 
 
 def register_names(model_name: str | None) -> list[str]:
-    """Return the registers of a model, or of all known models if it is unknown or None."""
+    """Return a model's register names, or those of all known models if it is unknown or None."""
     tables = [MODELS[model_name]] if model_name and model_name in MODELS else MODELS.values()
     return sorted({name for table in tables for name in table.registers})
 
@@ -426,7 +426,8 @@ def restart_servo(line: ServoLine, servo: ServoSpec) -> None:
     """Restart a servo and wait until it replies; its torque is off unless a register keeps it on.
 
     Raises:
-        BusError: The servo refused, its family does not support that, or it does not reply again.
+        BusError: The servo refused, its family does not support a restart, or it does not reply
+            again.
     """
     line.bus.reboot(servo.id)
     wait_for_boot(line.bus, servo)

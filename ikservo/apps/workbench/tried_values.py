@@ -1,7 +1,7 @@
-"""Trial values in a servo: the former values are kept on disk until they are restored.
+"""Keep a servo's former values on disk while others are tried, until they are restored.
 
 A program that is killed during a trial leaves the trial values in force until the servo's power
-goes off; the file has the former values.
+goes off; the file holds the former values.
 """
 
 from __future__ import annotations
