@@ -29,17 +29,17 @@ CORE = App(
         ),
         "scene": Command(
             "",
-            "List the things of a scene file, and the poses that touch them.",
+            "List the things in a scene file, and the poses that touch them.",
             "Without an arm",
         ),
         "scene show": Command(
             "ikservo.cli.commands.scene:show",
-            "List names, places and sizes.",
+            "List names, positions and sizes.",
             "Without an arm",
         ),
         "scene check": Command(
             "ikservo.cli.commands.scene:check",
-            "Say which poses of an arm touch a thing.",
+            "Show which poses of an arm touch a thing.",
             "Without an arm",
         ),
         "workspace": Command(

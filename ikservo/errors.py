@@ -210,7 +210,8 @@ class PortBusyError(PortError):
         by = f" by {holder}" if holder else ""
         super().__init__(
             f"Port {name} is in use{by}.",
-            "End that program and try again. One program must open both arms of an adapter.",
+            "End that program and try again. Two arms on one adapter must be opened by one "
+            "program.",
         )
 
 
@@ -221,7 +222,7 @@ class PortLostError(PortError):
         self.name, self.why = name, why
         super().__init__(
             f"Lost connection to {name}: {why or 'device unplugged'}.",
-            "Check cable and power of the adapter, then start again.",
+            "Check the cable and the power of the adapter, then start again.",
         )
 
 

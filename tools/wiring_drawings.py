@@ -26,7 +26,7 @@ class Wiring:
     """The parts between the computer and the servos of an arm.
 
     Attributes:
-        arm: Its name.
+        arm: The name of the arm.
         adapter: Two lines of text.
         supply: Two lines of text.
         converter: The joint before which a converter lowers the voltage, and two lines of text.

@@ -1,4 +1,4 @@
-"""The arm of a user's program: plan, move, measure, stop, and switch torque off."""
+"""The arm in a user's program: plan, move, measure, stop, and switch torque off."""
 
 from __future__ import annotations
 
@@ -55,11 +55,11 @@ class Arm(MotionMethods):
 
     Attributes:
         model: The arm's model.
-        chain: Base to tool, inside this arm's limits in whole ticks.
-        zeros: The source of the zeros of its joints.
-        poses: Poses of its arm file, and taught poses.
+        chain: The joints from base to tool, inside this arm's limits in whole ticks.
+        zeros: The source of the joint zeros.
+        poses: The poses in the arm file, and taught poses.
         joint_index: The columns of the joints in vectors of all joints (n,).
-        preflight: Plans and checks its motions; for functions of this package.
+        preflight: Plans and checks motions; for functions of this package.
         background: Runs the motions that the program does not wait for; for functions of this
             package.
 
@@ -88,7 +88,7 @@ class Arm(MotionMethods):
         runner.on_overheat = self._lower
 
     def __repr__(self) -> str:
-        """Show arm, port and the reason of a stop; reads no servo."""
+        """Show the arm, its port and the reason for a stop, without reading a servo."""
         state = "open" if self._port.is_open else "closed"
         stopped = f", stopped: {self.stopped_for}" if self.stopped_for else ""
         return f"Arm({self.model.name!r} on {self.port_name!r}, {state}{stopped})"
@@ -125,7 +125,7 @@ class Arm(MotionMethods):
 
     @property
     def port_name(self) -> str:
-        """The name of the port the arm is on."""
+        """The name of the port to which the arm is connected."""
         return self._port.name
 
     @property
@@ -145,8 +145,9 @@ class Arm(MotionMethods):
     def clearance_m(self, positions: Positions) -> float:
         """Return the smallest distance of the body [m] to itself, the table and the boxes.
 
-        ``positions`` are by joint, rad or m, with measured values for the others; or of all joints
-        (n,). The distance is infinite if the arm is not calibrated or has no collision checks.
+        ``positions`` are by joint, rad or m, with measured values for the other joints, or of all
+        joints (n,). The distance is infinite if the arm is not calibrated or has no collision
+        checks.
         """
         return self.preflight.clearance_m(positions)
 
@@ -166,13 +167,13 @@ class Arm(MotionMethods):
         return self._runner.last_state()
 
     def close(self, on_exit: OnExit | None = None) -> None:
-        """Close the port, leaving the arm held or relaxed; the second call does nothing.
+        """Close the port and leave the arm holding or relaxed; a second call does nothing.
 
         Motions in the background are cancelled; another running motion ends with ``StoppedError``.
-        ``on_exit`` is ``hold`` or ``relax``, or as given to ``open_arm`` if None.
+        ``on_exit`` is ``hold`` or ``relax``; None uses the value given to ``open_arm``.
 
         Raises:
-            UnknownNameError: ``on_exit`` is neither; the arm stays open.
+            UnknownNameError: ``on_exit`` is neither of these; the arm stays open.
             RefusedError: The arm is to be relaxed, and a callback of its motion closes it.
         """
         chosen = check_exit(on_exit or self._on_exit)
@@ -181,9 +182,9 @@ class Arm(MotionMethods):
             self._runner.close(self.relax if chosen == "relax" else None, self._leave)
 
     def listen(self) -> None:
-        """Accept stop, state and relax commands of this user's other processes.
+        """Accept stop, state and relax commands from this user's other processes.
 
-        If one of them has stopped this program already, the arm is stopped.
+        If one of them has already stopped this program, the arm is stopped.
         """
         listener = self._context.servos.bus.stop_listener
         if not isinstance(listener, StopListener) or not listener.is_served:
@@ -231,11 +232,11 @@ class Arm(MotionMethods):
         self._runner.disable_torque()
 
     def reconnect(self, within_s: float = 10.0) -> None:
-        """Open the port again after the cable was pulled; moves nothing.
+        """Open the port again after the cable was unplugged; nothing moves.
 
-        Waits ``within_s`` for the adapter, known by its USB serial number. The arm stays stopped
-        until ``acknowledge``. Its servos may have been without power: torque is read again, and the
-        first motion is slow.
+        Waits ``within_s`` for the adapter, which is identified by its USB serial number. The arm
+        stays stopped until ``acknowledge``. The servos may have lost power, so torque is read
+        again, and the first motion is slow.
 
         Raises:
             BadValueError: The wait is not a number of seconds.
@@ -250,7 +251,7 @@ class Arm(MotionMethods):
         self._runner.return_within_limits()
 
     def request_stop(self, reason: StopReason) -> None:
-        """Stop as ``stop`` does, for a reason of any kind."""
+        """Stop the arm like ``stop``, for any kind of reason."""
         self._runner.request_stop(reason)
 
     @property
@@ -260,23 +261,23 @@ class Arm(MotionMethods):
 
     @property
     def stop_reason(self) -> StopReason | None:
-        """Reason of the stop, until ``acknowledge``; None if the arm is not stopped."""
+        """The reason for the stop, until ``acknowledge``; None if the arm is not stopped."""
         return self._runner.stop_reason
 
     def acknowledge(self) -> None:
-        """End a stop: the cause is gone, and the arm may be moved again; nothing moves yet."""
+        """Acknowledge a stop: the arm may be moved again, but nothing moves yet."""
         self._runner.acknowledge()
 
     def plan(self, motion: MotionValue[Any]) -> MotionPlan:
-        """Plan a motion from where the arm is; see ``MotionMethods.plan``."""
+        """Plan a motion from the present position; see ``MotionMethods.plan``."""
         return self.preflight.plan(check_motion(motion))
 
     def pose_within_limits(self, pose: str, start: Vector | None = None) -> PoseWithinLimits:
         """Clamp a named pose to this arm's limits, which may be narrower than the pose.
 
-        The rest pose is clamped however far it is outside: an arm must always be able to come down.
-        Other poses are clamped only if joints are on end stops, just outside a limit. ``start``
-        holds the present joints (n,); measured if None.
+        The rest pose is clamped however far it is outside, because an arm must always be able to
+        come down. Other poses are clamped only if joints are on end stops, just outside a limit.
+        ``start`` holds the present joints (n,); measured if None.
 
         Raises:
             UnknownNameError: There is no such pose.
@@ -318,7 +319,7 @@ class Arm(MotionMethods):
         Args:
             name: 1 to 64 of A-Z a-z 0-9 _ -; not a pose of the arm file.
             until: Returns once the arm has been moved by hand; an arm that holds is relaxed first.
-                If None, nothing is relaxed.
+                If None, the arm is not relaxed.
             hold: Whether torque is switched on afterwards.
 
         Raises:

@@ -23,32 +23,32 @@ class ArmParts(Protocol):
 
     @property
     def context(self) -> ArmContext:
-        """Context: servos, model, calibration and checks of the arm."""
+        """The servos, model, calibration and checks of the arm."""
         ...
 
     @property
     def runner(self) -> MotionRunner:
-        """Runner of its motions."""
+        """The runner of the arm's motions."""
         ...
 
     @property
     def preflight(self) -> PreflightPlanner:
-        """Planner and checker of its motions."""
+        """The planner and checker of the arm's motions."""
         ...
 
     @property
     def scene(self) -> Scene:
-        """Things around the arm, and things that its gripper holds."""
+        """The things around the arm, and the things that its gripper holds."""
         ...
 
     @property
     def background(self) -> Background:
-        """Runner of motions that the program does not wait for."""
+        """The runner of motions for which the program does not wait."""
         ...
 
 
 class ImportedMethod:
-    """A method whose module is imported at its first use, so that opening an arm stays fast.
+    """A method whose module is imported at its first use, to keep the opening of an arm fast.
 
     Args:
         place: ``package.module:name`` of a function that takes the object first.

@@ -1,4 +1,4 @@
-"""Common interface of open arms, with their servos on a port of this machine or of another one.
+"""Common interface of open arms, with servos on this machine or on another one.
 
 ``Arm`` and ``RemoteArm`` (``ikservo.apps.remote``) implement it. Code that takes either names it as
 the type; code that needs the servos takes an ``Arm``, see ``require_own_port`` in
@@ -38,14 +38,14 @@ if TYPE_CHECKING:
 
 
 class GoalStream(Protocol):
-    """Takes setpoints in a ``with`` block; see ``Arm.stream``.
+    """A stream that accepts setpoints in a ``with`` block; see ``Arm.stream``.
 
     Attributes:
-        unreached: The number of setpoints that were out of reach; the arm went as near as it could.
-        refused: The number that the guard refused; the arm kept the previous setpoint.
-        reason: Reason why the guard refused the last of them.
-        kept: The goal (n,) kept at the last refusal, rad or m; None before, or if the arm is on
-            another machine.
+        unreached: The number of setpoints out of reach; the arm moved as close to them as it could.
+        refused: The number of setpoints that the guard refused; the arm kept the previous one.
+        reason: The reason for the last refusal.
+        kept: The goal (n,) kept at the last refusal, rad or m; None before that, or if the arm is
+            on another machine.
     """
 
     unreached: int
@@ -54,7 +54,7 @@ class GoalStream(Protocol):
     kept: Vector | None
 
     def __enter__(self) -> Self:
-        """Start to take setpoints."""
+        """Start accepting setpoints."""
         ...
 
     def __exit__(
@@ -90,9 +90,9 @@ class OpenArm(MotionMethods, Protocol):
 
     Attributes:
         model: The arm's model.
-        chain: Base to tool, inside this arm's limits in whole ticks.
-        zeros: The source of the zeros of its joints.
-        poses: Poses of its arm file, and taught poses.
+        chain: The joints from base to tool, inside this arm's limits in whole ticks.
+        zeros: The source of the joint zeros.
+        poses: The poses in the arm file, and taught poses.
         joint_index: The columns of the joints in vectors of all joints (n,).
     """
 
@@ -112,17 +112,17 @@ class OpenArm(MotionMethods, Protocol):
 
     @property
     def is_remote(self) -> bool:
-        """Whether its servos are on another machine."""
+        """Whether the servos are on another machine."""
         ...
 
     @property
     def port_name(self) -> str:
-        """The name of the port the arm is on, or its address."""
+        """The name of the port to which the arm is connected, or the arm's address."""
         ...
 
     @property
     def clock(self) -> Clock:
-        """The clock of its motions: simulated time on a simulated bus of this machine."""
+        """The clock of the arm's motions: simulated time on a simulated bus of this machine."""
         ...
 
     def limits(self) -> tuple[Vector, Vector]:
@@ -151,7 +151,7 @@ class OpenArm(MotionMethods, Protocol):
         """Switch every servo's torque off; an arm that is not supported falls."""
 
     def reconnect(self, within_s: float = 10.0) -> None:
-        """Open the port again after the cable was pulled; refused on another machine."""
+        """Open the port again after the cable was unplugged; refused on another machine."""
 
     def return_within_limits(self) -> None:
         """Move joints that are a little outside their limits back inside, slowly."""
@@ -162,7 +162,7 @@ class OpenArm(MotionMethods, Protocol):
         ...
 
     def acknowledge(self) -> None:
-        """End a stop: the cause is gone, and the arm may be moved again; nothing moves yet."""
+        """Acknowledge a stop: the arm may be moved again, but nothing moves yet."""
 
     # poses and goals
 
@@ -177,7 +177,7 @@ class OpenArm(MotionMethods, Protocol):
         ...
 
     def jog(self, what: str, speed: float | None = None, *, wanted: KeepGoing) -> JogResult:
-        """Move a joint or the tip in one direction for as long as ``wanted`` returns True."""
+        """Move a joint or the tip in one direction while ``wanted`` returns True."""
         ...
 
     def follow(
@@ -198,7 +198,7 @@ class OpenArm(MotionMethods, Protocol):
         speed: str = "normal",
         on_progress: OnProgress | None = None,
     ) -> FollowResult:
-        """Follow another arm, guided by hand, joint by joint of the same name."""
+        """Follow another arm that is guided by hand, coupling joints of the same name."""
         ...
 
     def target_period_s(self) -> float:
@@ -213,9 +213,9 @@ class OpenArm(MotionMethods, Protocol):
         For functions of this package.
 
         Args:
-            joints: The joints that the follower has, too.
+            joints: The joints that the follower also has.
             period_s: Time between two items; an item is None if nothing newer is known.
-            until: Ends the measurements by returning True.
+            until: Returns True to end the measurements.
         """
         ...
 

@@ -35,11 +35,11 @@ class Stoppable(Protocol):
         """Brake the running motion and hold."""
 
     def acknowledge(self) -> None:
-        """End a stop."""
+        """Acknowledge a stop."""
 
     @property
     def stop_reason(self) -> StopReason | None:
-        """Reason of the stop; None if the arm is not stopped."""
+        """The reason for the stop; None if the arm is not stopped."""
         ...
 
     @property
@@ -75,7 +75,7 @@ class RunningMotion(Generic[T]):
 
     @property
     def done(self) -> bool:
-        """Whether the motion has ended; never waits."""
+        """Whether the motion has ended, without waiting."""
         return self._finished.is_set()
 
     @property
@@ -90,7 +90,8 @@ class RunningMotion(Generic[T]):
             timeout_s: Longest wait, by the computer's clock; None waits without limit.
 
         Raises:
-            NotSettledError: The motion has not ended by then; a ``TimeoutError``. It continues.
+            NotSettledError: The motion has not ended by then, and continues; also a
+                ``TimeoutError``.
             StoppedError: The motion was cancelled or stopped; the arm holds.
             KeyboardInterrupt: Ctrl-C; the arm was braked and holds.
             IkservoError: The error that the blocking call would have raised.
@@ -118,7 +119,7 @@ class RunningMotion(Generic[T]):
         return cast("T", self._report)
 
     def cancel(self) -> None:
-        """Brake within 0.3 s and hold; a motion that has not started never starts. Never waits.
+        """Brake within 0.3 s and hold, without waiting; a motion that has not started never starts.
 
         ``wait`` then raises ``StoppedError``. The next motion needs no ``acknowledge``. A motion
         that has ended is not changed.
@@ -135,7 +136,7 @@ class RunningMotion(Generic[T]):
                 self._arm.request_stop(CANCELLED)
 
     def join(self, timeout_s: float = _BRAKE_TIMEOUT_S) -> bool:
-        """Wait for the end without raising the motion's error; return whether it has ended."""
+        """Wait without raising the motion's error; return whether the motion has ended."""
         if threading.current_thread() is not self._thread:
             self._finished.wait(timeout_s)
         return self.done
@@ -145,14 +146,14 @@ class RunningMotion(Generic[T]):
         return self._result_or_raise().__await__()
 
     def __repr__(self) -> str:
-        """Show whether it has ended, and its result."""
+        """Show whether the motion has ended, and its result."""
         if not self.done:
             return "RunningMotion(running)"
         failed = self._error is not None
         return f"RunningMotion(done, {f'error {self._error!r}' if failed else repr(self._report)})"
 
     def __del__(self) -> None:
-        """Log an error that ``wait`` has not raised. Signals were already raised."""
+        """Log an error that ``wait`` has not raised; signals were already raised."""
         unraised = isinstance(self._error, Exception) and not self._raised
         if unraised and not self._cancelled:
             logging.getLogger("ikservo").error("A motion nobody waited for failed: %s", self._error)
@@ -191,7 +192,7 @@ class RunningMotion(Generic[T]):
                 self._finished.set()
 
     def _mark_ended(self) -> None:
-        """Acknowledge the stop of a cancellation, unless another stop was requested too."""
+        """Acknowledge the stop of a cancellation, unless another stop was also requested."""
         with self._state:
             self._moving = False
             if self._cancelled:
@@ -202,7 +203,7 @@ class RunningMotion(Generic[T]):
 
 
 Motion = RunningMotion
-"""Name of ``RunningMotion`` in version 0.1."""
+"""The name of ``RunningMotion`` in version 0.1."""
 
 _running_motions: weakref.WeakSet[RunningMotion[object]] = weakref.WeakSet()
 
@@ -254,14 +255,14 @@ class Background:
 
     @property
     def stop_count(self) -> int:
-        """Number of stops when the present action of this thread was requested."""
+        """The number of stops when the present action of this thread was requested."""
         return self._stop_request.count_at_request
 
     def requested(self, stop_count: int | None = None) -> AbstractContextManager[None]:
         """Mark the motions of this thread in the block as one request: a stop ends all of them.
 
         Args:
-            stop_count: The ``stop_count`` at the request; the present one if None.
+            stop_count: The ``stop_count`` at the request; None for the present one.
         """
         return self._stop_request.requested(stop_count)
 
@@ -307,7 +308,7 @@ class Background:
 
 
 def check_not_forked(process_id: int) -> None:
-    """Raise in a forked child: locks held by its parent's threads are never released there.
+    """Raise an error in a forked child, where locks of its parent's threads are never released.
 
     Args:
         process_id: The process that opened the arm.
@@ -324,7 +325,7 @@ def check_not_forked(process_id: int) -> None:
 
 
 def _cancel_all() -> None:
-    """Brake running motions when the program ends, before their threads end in mid-motion."""
+    """Brake running motions when the program ends, before their threads end."""
     motions = list(_running_motions)
     for motion in motions:
         motion.cancel()

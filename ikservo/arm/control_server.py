@@ -28,7 +28,7 @@ from ikservo.serving.control_socket import ListeningSocket, connect, open_socket
 from ikservo.serving.replies import error_fields
 
 RequestHandler = Callable[[Request], object]
-"""Executes a request and returns the result, JSON values; called in threads of its own."""
+"""Executes a request and returns the result as JSON values; called in separate threads."""
 
 _MAX_CLIENTS = 16
 _MAX_READING = 12  # clients that wait for the state of the arm; the other places are for stops
@@ -41,10 +41,10 @@ def serve(device: str, handler: RequestHandler, arm: str = "") -> ControlServer 
     Args:
         device: The port.
         handler: Executes requests.
-        arm: Name of the arm; used for the socket if another arm of the device listens already.
+        arm: The name of the arm, used for the socket if another arm on the device already listens.
 
     Returns:
-        The server; None if no safe socket can be made, because an arm works without it.
+        The server; None if no safe socket can be made, because an arm works without one.
     """
     try:
         listening = open_socket(socket_path(device)) or open_socket(socket_path(device, arm))
@@ -74,12 +74,12 @@ class ControlServer:
         abandon_in_forked_children(self)
 
     def abandon(self) -> None:
-        """Close a forked child's copy of the socket: its parent continues to listen."""
+        """Close the copy of the socket in a forked child; the parent continues to listen."""
         self._closing = True
         self._listening.socket.close()
 
     def close(self) -> None:
-        """Stop listening; waits a second for clients that are being served."""
+        """Stop listening; wait up to a second for clients that are being served."""
         if self._closing:
             return
         self._closing = True

@@ -30,7 +30,7 @@ OnRefused = Callable[[RefusedError, Vector], None]  # also takes the kept goal (
 
 
 class GoalSource(Protocol):
-    """Gives the goal of the joints in every control cycle; must not block."""
+    """A source of joint goals, one per control cycle; it must not block."""
 
     def next_goal(self, cycle: ControlCycle, /) -> Vector | None:
         """Return the goal (n,), rad or m, or None to brake and end."""
@@ -50,21 +50,21 @@ def follow_goals(
     settle_after_s: float = math.inf,
     by_tip: Callable[[], bool] = lambda: False,
 ) -> Vector | None:
-    """Follow joint goals that ``source`` gives in every control cycle, until it ends.
+    """Follow joint goals that ``source`` gives in every control cycle, until the source ends.
 
     Args:
         arm: The arm.
         source: Provides the goals.
         speed: The speed class.
-        jerk_factor: Factor of the jerk of the speed class. Values above 1 shorten brief motions;
-            the largest speed and acceleration stay.
+        jerk_factor: Factor on the jerk of the speed class. Values above 1 shorten brief motions;
+            the largest speed and acceleration stay the same.
         settle_after_s: Time at the goal after which joints are corrected by their measured
-            positions, as at the end of a motion; another goal ends the correction.
-        by_tip: Returns whether the goal is one of the tip; see ``settle_at``.
+            positions, as at the end of a motion; a new goal ends the correction.
+        by_tip: Returns whether the goal belongs to the tip; see ``settle_at``.
 
     Returns:
-        Reference of the joints (n,) at the end: the last accepted goal, or where braking ended
-        before it; None if no goal was accepted.
+        The reference of the joints (n,) at the end: the last accepted goal, or the position at
+        which braking ended; None if no goal was accepted.
 
     Raises:
         CalibrationError: The arm is not calibrated.
@@ -105,9 +105,9 @@ class _OnlineController:
     """Retargets an online trajectory to new goals.
 
     Attributes:
-        error: Error of the source, raised once the arm has braked.
+        error: The error of the source, raised once the arm has braked.
         settled_goal: See ``follow_goals``.
-        stands: Whether the arm has been at its goal for long enough to correct the joints.
+        stands: Whether the arm has been at its goal long enough to correct the joints.
         has_ended: Whether the source has ended.
     """
 
@@ -162,7 +162,7 @@ class _OnlineController:
                 trajectory.set_limits(self._motion_limits(self._speed))
 
     def is_settling_over(self, cycle: ControlCycle) -> bool:
-        """Check whether settling must end, because the goal has changed or the source ended."""
+        """Check whether settling must end because the goal has changed or the source has ended."""
         goal = self._next_goal(replace(cycle, reference=self._accepted))
         if goal is None:
             self.has_ended = True
@@ -200,7 +200,7 @@ class _OnlineController:
 
 
 class _TargetFollower:
-    """Turns a stream of targets into joint goals, one per control cycle."""
+    """Converts a stream of targets to joint goals, one per control cycle."""
 
     def __init__(
         self,
@@ -220,7 +220,7 @@ class _TargetFollower:
         self.reason = self.ended = ""
 
     def next_goal(self, cycle: ControlCycle) -> Vector | None:
-        """Compute the goal (n,); None once no target has come for too long."""
+        """Compute the goal (n,); None if no target has arrived for too long."""
         if self._goal is None:
             self._goal = self._context.servos.reference()
             self._dead_man.refresh(self._context.now_s())
@@ -262,12 +262,11 @@ def follow(
     """Follow a stream of targets, one in each control cycle, until it ends.
 
     Each cycle takes the next item: a ``Target``, a point (3,) [m], a pose (4, 4) of the tip,
-    positions by joint [rad or m], or None for nothing new; a generator may block for a while.
-    The arm goes there as fast as its speed class allows, without a stop or a jump, and keeps
-    its branch. A target is valid for 0.3 s: without a new one the arm then brakes where it is.
-
-    At the end the sag under load is corrected, as by ``move_to``, at the last target that the
-    guard accepted, or where the arm was braked; not after a stop or an error of the stream.
+    positions by joint [rad or m], or None for nothing new; a generator may block for a while. The
+    arm moves there as fast as its speed class allows, without a stop or a jump, and keeps its IK
+    branch. A target is valid for 0.3 s; without a new one, the arm then brakes. At the end, the sag
+    under load is corrected, as by ``move_to``, at the last target that the guard accepted or at the
+    position where the arm was braked, but not after a stop or an error of the stream.
 
     ``speed`` is the speed class; ``on_progress`` is called with a ``MotionProgress`` in every
     cycle.

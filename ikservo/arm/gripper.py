@@ -33,13 +33,13 @@ _ARRIVED_RAD = 0.05  # at the horn: a jaw this near its goal has reached it
 
 
 class GripperMotion:
-    """Moves the gripper's joint to its goal, and stops pressing if something blocks it.
+    """Moves the gripper's joint to its goal, and stops pressing if something blocks the joint.
 
     Args:
         context: The arm.
         speed: slow, normal or fast.
         joint: The gripper's joint.
-        goal: Its goal, rad or m.
+        goal: The goal of the joint, rad or m.
 
     Attributes:
         speed: slow, normal or fast.
@@ -72,7 +72,7 @@ class GripperMotion:
         return self._trajectory
 
     def on_cycle(self, cycle: ControlCycle) -> None:
-        """Retarget to match the measured joint; end the trajectory once the joint rests."""
+        """Retarget according to the measured joint; end the trajectory once the joint rests."""
         trajectory = self._trajectory
         if trajectory is None or math.isfinite(trajectory.duration_s):
             return
@@ -98,7 +98,7 @@ class GripperMotion:
         return abs(at - self._goal) <= _ARRIVED_RAD * self._per_horn
 
     def _update_rest(self, at: float) -> bool:
-        """Check whether the joint rests; if it presses on something, for long enough."""
+        """Check whether the joint rests, for long enough if it presses on something."""
         now_s = self._context.now_s()
         if self.blocked:
             self._pressing = self._pressing.add_reading(now_s, {0: at})
@@ -107,7 +107,7 @@ class GripperMotion:
         return self._resting.is_at_rest()
 
     def _update_blocking(self, at: float, goal: float) -> bool:
-        """Check whether the jaw is still although its goal is well ahead."""
+        """Check whether the jaw does not move although its goal is well ahead."""
         ahead = (goal - at) * math.copysign(1.0, self._goal - at)
         if ahead <= _MIN_LAG_RAD * self._per_horn:
             self._blocking = self._blocking.restarted()
@@ -192,7 +192,7 @@ def _require_gripper(context: ArmContext) -> Gripper:
 
 
 def _goal_position(context: ArmContext, gripper: Gripper, motion: MoveGripper) -> float:
-    """Compute the goal of the joint, inside this arm's limits."""
+    """Compute the goal of the gripper joint, inside this arm's limits."""
     column = context.index.column(gripper.joint)
     low, high = (float(side[column]) for side in context.limits())
     if motion.width_m is None:

@@ -1,4 +1,4 @@
-"""Jogging: a joint or the tip moves in one direction while a key is held."""
+"""Jogging: move a joint or the tip in one direction while a key is held."""
 
 from __future__ import annotations
 
@@ -25,13 +25,13 @@ JOG_DIRECTIONS = {
     "-x": (-1.0, 0.0, 0.0), "-y": (0.0, -1.0, 0.0), "-z": (0.0, 0.0, -1.0),
     "up": (0.0, 0.0, 1.0), "down": (0.0, 0.0, -1.0),
 }  # fmt: skip
-"""Directions in which the tip can be jogged, base frame."""
+"""Directions in which the tip can be jogged, in the base frame."""
 
 KeepGoing = Callable[[], bool | None]
 """Polled in every cycle: True continues, False ends the jog, None decides nothing."""
 
 NO_LONGER_REQUESTED = "no longer requested"
-"""Reason of the end of a jog that its caller ended."""
+"""Reason for the end of a jog that its caller has ended."""
 
 _MAX_DURATION_S = 60.0  # longest jog
 _MAX_M_S = 0.5  # largest speed of the tip
@@ -41,7 +41,7 @@ _AHEAD_S = 0.2  # the target of the tip is its position after this time
 
 
 class _JogTarget(Protocol):
-    """Chooses the next goal of a jog."""
+    """Chooser of the next goal of a jog."""
 
     def next_target(self, trajectory: OnlineTrajectory, time_s: float) -> Vector | str:
         """Return the next goal (n,) of the joints, or the reason why the jog ends."""
@@ -67,7 +67,7 @@ class _JointJog:
 
 
 class _CartesianJog:
-    """Moves the tip along a line from its start; each solution starts at the previous joints."""
+    """Moves the tip along a line from its start; each solution starts from the previous one."""
 
     def __init__(self, context: ArmContext, direction: Vector, speed_m_s: float) -> None:
         self._context, self._velocity = context, direction * speed_m_s
@@ -137,25 +137,25 @@ class _JogController:
 
 
 def jog(arm: ArmParts, what: str, speed: float | None = None, *, wanted: KeepGoing) -> JogResult:
-    """Move a joint or the tip in one direction for as long as ``wanted`` returns True.
+    """Move a joint or the tip in one direction while ``wanted`` returns True.
 
     Args:
         arm: The arm.
         what: A joint, or x, y, z, -x, -y, -z, up, down in the arm's base frame.
-        speed: rad/s of a joint (m/s of a slide) or m/s of the tip; negative to reverse. None: the
-            arm file's slow speed, or 0.05 m/s for the tip.
+        speed: rad/s for a joint (m/s for a slide) or m/s for the tip; negative to reverse. None:
+            the arm file's slow speed, or 0.05 m/s for the tip.
         wanted: Called in every control cycle: True continues, False brakes and holds, None decides
-            nothing; after 0.3 s of None the arm also brakes and holds.
+            nothing; after 0.3 s of None, the arm also brakes and holds.
 
     Returns:
-        The final position and the reason: no longer requested, a limit, or the guard.
+        The final position and the reason for the end: no longer requested, a limit, or the guard.
 
     Raises:
         UnknownNameError: There is no such joint or direction.
         BadValueError: The speed is zero, not finite or too high.
     """
     if not callable(wanted):
-        raise BadValueError("The argument wanted", shown(wanted), "a function")
+        raise BadValueError("The argument `wanted`", shown(wanted), "a function")
     context, runner = arm.context, arm.runner
     with runner.requested():
         speed_class = runner.allowed_speed("normal")

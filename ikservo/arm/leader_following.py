@@ -1,4 +1,4 @@
-"""Follow a leader arm, guided by hand, on another port or another machine."""
+"""Follow a leader arm that is guided by hand, on another port or another machine."""
 
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ def follow_arm(
     speed: str = "normal",
     on_progress: OnProgress | None = None,
 ) -> FollowResult:
-    """Follow another arm, guided by hand, joint by joint of the same name.
+    """Follow another arm that is guided by hand, coupling joints of the same name.
 
-    ``leader`` is an open arm on another port or another machine; its torque is left as it is,
+    ``leader`` is an open arm on another port or another machine; its torque stays unchanged, and
     its gripper leads the gripper. This arm keeps its own limits, and brakes if the leader does not
-    answer for 0.3 s. It ends when ``until``, called in every control cycle, returns True.
+    answer for 0.3 s. Following ends when ``until``, called in every control cycle, returns True.
 
     ``speed`` is the speed class; fast follows most closely. ``on_progress`` is called with a
     ``MotionProgress`` in every cycle.
@@ -45,7 +45,7 @@ def follow_arm(
 
 
 def shared_joints(leader: Model, follower: Model) -> list[str]:
-    """Return the joints that both arms have by name and kind.
+    """Return the joints that both arms have with the same name and kind.
 
     Raises:
         InputError: There is no such joint, or a joint is prismatic on one arm only.
@@ -62,7 +62,7 @@ def shared_joints(leader: Model, follower: Model) -> list[str]:
         if own[name] != units[name]:
             raise InputError(
                 f"{name} is prismatic on one of the two arms and revolute on the other.",
-                "Such arms cannot be coupled.",
+                "These arms cannot be coupled.",
             )
     return shared
 
@@ -76,10 +76,10 @@ def published_positions(
     """Yield the newest positions of shared joints, or None, in real time.
 
     Args:
-        newest: Returns the newest positions by joint, each of them once.
+        newest: Returns the newest positions by joint, each only once.
         shared: The joints that the leader has in common with the follower.
         cycle_time_s: Time between two items.
-        until: Ends the generator by returning True.
+        until: Returns True to end the generator.
     """
     for _ in Rate(RealClock(), cycle_time_s):
         if until and until():
@@ -94,13 +94,13 @@ def leader_positions(
     cycle_time_s: float,
     until: Callable[[], bool] | None = None,
 ) -> Iterator[dict[str, float] | None]:
-    """Yield the leader's measured joints by name in every cycle, or None without a reply.
+    """Yield the leader's measured joints by name in every cycle, or None if there is no reply.
 
     Args:
-        leader: The arm that is guided by hand; its torque is left as it is.
-        shared: The joints that it has in common with the follower.
+        leader: The arm that is guided by hand; its torque stays unchanged.
+        shared: The joints that the leader has in common with the follower.
         cycle_time_s: Time between two readings of the leader.
-        until: Ends the generator by returning True.
+        until: Returns True to end the generator.
     """
     for _ in Rate(leader.servos.clock, cycle_time_s):
         if until and until():

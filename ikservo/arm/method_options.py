@@ -1,4 +1,4 @@
-"""Signatures of methods that take their options as a ``TypedDict``, and points as numbers."""
+"""Signatures of methods that accept options as a ``TypedDict`` and points as numbers."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def with_options(
     Args:
         kind: The motion that the method executes; its fields have the defaults.
         options: The ``TypedDict`` of the options.
-        takes_point: Whether the method takes a point (3,), also as three numbers.
+        takes_point: Whether the method accepts a point (3,), also as three numbers.
     """
     names = inspect.get_annotations(cast("Any", options))
     defaults = {each.name: each.default for each in fields(cast("Any", kind))}
@@ -55,7 +55,7 @@ def with_options(
 
 
 class _Default:
-    """The default of an option whose value has many fields."""
+    """Short form of the default of an option whose value has many fields."""
 
     def __repr__(self) -> str:
         return "<default>"

@@ -1,7 +1,7 @@
-"""Methods of an arm that move it or plan, each by building a motion; and the stop of an arm.
+"""Methods that move an arm, plan or stop it; each builds a motion.
 
 Both kinds of ``OpenArm`` (``arm_protocol``) share them: an arm on a port and an arm on another
-machine. Each plans and executes in its own way.
+machine. Each kind plans and executes in its own way.
 """
 
 from __future__ import annotations
@@ -51,15 +51,15 @@ from ikservo.planning.tool_orientation import KEEP_BEST_EFFORT, ToolOrientation,
 R = TypeVar("R")
 
 Positions = Mapping[str, float] | ArrayLike
-"""Positions by joint, or of all joints (n,), rad or m."""
+"""Positions by joint name, or of all joints (n,), rad or m."""
 
 Points = Iterable[ArrayLike]
-"""Points (k, 3) [m], base frame."""
+"""Points (k, 3) [m] in the base frame."""
 
 GripperCommand = Literal["open", "close"]
 
 JawGoal = GripperCommand | float | None
-"""open, close, or the distance between the jaws [m]."""
+"""The goal of the jaws: open, close, or the distance between them [m]."""
 
 
 _PARTS = frozenset(
@@ -84,11 +84,11 @@ _PARTS = frozenset(
         "target_period_s",
     ]
 )
-"""Attributes that the package itself uses; ``dir`` of an arm leaves them out."""
+"""Attributes that only the package uses; ``dir`` of an arm omits them."""
 
 
 class JointOptions(TypedDict, total=False):
-    """Options of joint motions; methods that plan take no ``on_progress``."""
+    """Options of joint motions; planning methods do not accept ``on_progress``."""
 
     speed: str
     on_progress: OnProgress | None
@@ -106,8 +106,8 @@ class GoalOptions(JointOptions, total=False):
 class TipOptions(JointOptions, total=False):
     """Options of every motion of the tip; see ``MoveTo``.
 
-    ``orientation`` is the whole orientation R_base_tip (3, 3) instead of a stance. Arms with fewer
-    than six joints reach it at few points; they take a direction or a pitch.
+    ``orientation`` is the full orientation R_base_tip (3, 3) instead of a stance. Arms with fewer
+    than six joints reach it at few points; for these, give a direction or a pitch.
     """
 
     stance: ToolOrientation
@@ -160,7 +160,7 @@ class GripperOptions(TypedDict, total=False):
 
 
 class MotionMethods(Protocol):
-    """Methods that move, plan and stop; options that are not given have their defaults.
+    """Methods that move, plan and stop; omitted options have their defaults.
 
     Methods that move the arm block until it is at rest. With ``wait=False`` the motion runs in the
     background, and they return a ``RunningMotion``. ``on_progress`` is called with a
@@ -179,11 +179,11 @@ class MotionMethods(Protocol):
 
     @abstractmethod
     def close(self, on_exit: OnExit | None = None) -> None:
-        """Close the arm, held or relaxed; the second call does nothing."""
+        """Close the arm and leave it holding or relaxed; a second call does nothing."""
 
     @abstractmethod
     def enable(self) -> None:
-        """Switch torque on, so that nothing moves."""
+        """Switch torque on without any motion."""
 
     def hold(self) -> None:
         """Hold the present position: another name of ``enable``."""
@@ -199,16 +199,16 @@ class MotionMethods(Protocol):
 
     @abstractmethod
     def request_stop(self, reason: StopReason) -> None:
-        """Stop as ``stop`` does, for a reason of any kind."""
+        """Stop the arm like ``stop``, for any kind of reason."""
 
     @property
     @abstractmethod
     def stop_reason(self) -> StopReason | None:
-        """Reason of the stop, until ``acknowledge``; None if the arm is not stopped."""
+        """The reason for the stop, until ``acknowledge``; None if the arm is not stopped."""
 
     @property
     def stopped_for(self) -> str:
-        """Text of ``stop_reason``; empty if the arm is not stopped."""
+        """The text of ``stop_reason``; empty if the arm is not stopped."""
         reason = self.stop_reason
         return "" if reason is None else reason.text
 
@@ -219,7 +219,7 @@ class MotionMethods(Protocol):
 
     @abstractmethod
     def plan(self, motion: MotionValue[Any]) -> MotionPlan:
-        """Plan a motion of the tip or of joints from where the arm is; nothing moves.
+        """Plan a motion of the tip or of joints from the present position; nothing moves.
 
         Raises:
             UnreachableError: A point is out of reach.
@@ -241,14 +241,15 @@ class MotionMethods(Protocol):
     ) -> object:
         """Execute a plan or a motion, block until the arm is at rest, and return the result.
 
-        A motion is planned from where the arm holds once earlier motions have ended.
+        A motion is planned from the position at which the arm holds after earlier motions.
 
         Returns:
             A ``MoveResult`` for a plan of the tip; a ``JointMoveResult`` of the moved joints for a
             plan of joints; the motion's own result for a motion.
 
         Raises:
-            RefusedError: The arm has moved since the plan was made, or the guard stopped it.
+            RefusedError: The arm has moved since the plan was made, or the guard stopped the
+                motion.
         """
         check_callable("on_progress", on_progress)
         if not isinstance(plan, MotionValue):
@@ -262,7 +263,7 @@ class MotionMethods(Protocol):
     ) -> RunningMotion[R]:
         """Start a motion in the background, after earlier ones.
 
-        It counts as requested now: a later stop ends it, even before it has begun to move.
+        The motion counts as requested now: a later stop ends it, even before it has started.
         """
         check_callable("on_progress", on_progress)
         check_motion(motion)
@@ -270,7 +271,7 @@ class MotionMethods(Protocol):
 
     @property
     def _own_stops(self) -> int:
-        """Number of stops by this program, if the servos do not know of them at once."""
+        """The number of stops by this program, if the servos may not know of them yet."""
         return 0
 
     @abstractmethod
@@ -281,7 +282,7 @@ class MotionMethods(Protocol):
 
     @abstractmethod
     def _make(self, motion: MotionValue[R], on_progress: OnProgress | None, own_stops: int) -> R:
-        """Execute a motion that was requested when ``own_stops`` had the given value."""
+        """Execute a motion that was requested when the number of stops was ``own_stops``."""
 
     @overload
     def move_to(
@@ -300,7 +301,8 @@ class MotionMethods(Protocol):
         """Move the tip to a point (3,) [m]; options: see ``MoveTo`` and ``PointOptions``.
 
         Raises:
-            UnreachableError: No joint positions within the limits reach it; nothing has moved.
+            UnreachableError: No joint positions within the limits reach the point; nothing has
+                moved.
             OrientationError: The tool cannot have the orientation there; nothing has moved.
             IkservoError: The errors of every motion; see ``Arm``.
         """
@@ -363,10 +365,10 @@ class MotionMethods(Protocol):
     ) -> MoveResult | RunningMotion[MoveResult]:
         """Move the tip on an arc through a point (3,) [m] to an end (3,), or on a circle.
 
-        The arc begins where the tip is. Options: see ``MoveArc``.
+        The arc begins at the present tip position. Options: see ``MoveArc``.
 
         Raises:
-            BadValueError: The points are on one line, or the radius is zero; nothing has moved.
+            BadValueError: The points are collinear, or the radius is zero; nothing has moved.
             UnreachableError: A point of the arc is out of reach; nothing has moved. Others as for
                 ``move_to``.
         """
@@ -388,7 +390,7 @@ class MotionMethods(Protocol):
     def move_through(
         self, points_m: Points, *, wait: bool = True, **options: Unpack[ThroughOptions]
     ) -> MoveResult | RunningMotion[MoveResult]:
-        """Move the tip through points (k, 3) [m] without a stop; options: see ``MoveThrough``.
+        """Move the tip through points (k, 3) [m] without stopping; options: see ``MoveThrough``.
 
         Raises:
             UnreachableError: A point, or a line to it, is out of reach; nothing has moved. Others
@@ -420,7 +422,7 @@ class MotionMethods(Protocol):
     def draw(
         self, strokes_m: Iterable[ArrayLike], *, wait: bool = True, **options: Unpack[DrawOptions]
     ) -> MoveResult | RunningMotion[MoveResult]:
-        """Move the tip along strokes, points (k, 3) [m] each; options: see ``Draw``.
+        """Move the tip along strokes, each with points (k, 3) [m]; options: see ``Draw``.
 
         ``ikservo.read_drawing`` reads strokes from SVG and CSV files.
 
@@ -450,7 +452,7 @@ class MotionMethods(Protocol):
     def move_joints(
         self, positions: Positions, *, wait: bool = True, **options: Unpack[GoalOptions]
     ) -> JointMoveResult | RunningMotion[JointMoveResult]:
-        """Move some joints, given by name [rad or m]; the others stay. Or move all of them (n,).
+        """Move some joints, given by name [rad or m], or all joints (n,).
 
         Raises:
             UnknownNameError: There is no such joint.
@@ -507,7 +509,8 @@ class MotionMethods(Protocol):
         """Point the tool axis at a point (3,) [m]; the tip may move.
 
         Raises:
-            AimError: The limits do not allow it; nothing has moved. Others as for ``move_to``.
+            AimError: The limits do not allow this direction; nothing has moved. Others as for
+                ``move_to``.
         """
         on_progress = options.pop("on_progress", None)
         motion = LookAt(point_m, **_fields(LookAt, options))
@@ -530,7 +533,7 @@ class MotionMethods(Protocol):
         """Open or close the gripper, or move its jaws to a width; options: see ``MoveGripper``.
 
         ``to`` is open, close, or a width [m] if the arm file has widths. If an object blocks the
-        jaws they stop, and hold it with at most the given force.
+        jaws, they stop and hold it with at most the given force.
 
         Raises:
             IkservoError: The arm has no gripper.
@@ -552,7 +555,7 @@ class MotionMethods(Protocol):
         """Plan a motion of the tip to a point (3,) [m]; see ``move_to``.
 
         Raises:
-            UnreachableError: The point is out of reach; carries the nearest point in reach.
+            UnreachableError: The point is out of reach; the error has the nearest point in reach.
         """
         return self.plan(MoveTo(position_m, **_fields(MoveTo, options)))
 
@@ -573,14 +576,14 @@ class MotionMethods(Protocol):
 
     @with_options(MoveThrough, ThroughOptions)
     def plan_through(self, points_m: Points, **options: Unpack[ThroughOptions]) -> MotionPlan:
-        """Plan a motion through points (k, 3) [m] without a stop; see ``move_through``."""
+        """Plan a motion through points (k, 3) [m] without stopping; see ``move_through``."""
         return self.plan(MoveThrough(points_m, **_fields(MoveThrough, options)))
 
     @with_options(Draw, DrawOptions)
     def plan_drawing(
         self, strokes_m: Iterable[ArrayLike], **options: Unpack[DrawOptions]
     ) -> MotionPlan:
-        """Plan strokes of the tip, points (k, 3) [m] each; see ``draw``."""
+        """Plan strokes of the tip, each with points (k, 3) [m]; see ``draw``."""
         return self.plan(Draw(strokes_m, **_fields(Draw, options)))
 
     def plan_joints(
@@ -608,11 +611,11 @@ class MotionMethods(Protocol):
         return self.plan(MoveToRest())
 
     def plan_lowering(self) -> MotionPlan:
-        """Plan the slow motion to the rest pose, or the free part of it."""
+        """Plan the slow motion to the rest pose, or the part of it that is free."""
         return self.plan(Lower())
 
     def __getattr__(self, name: str) -> Any:  # noqa: ANN401  # whatever an app offers
-        """Return a method or an attribute that an app adds to open arms.
+        """Return a method or attribute that an app adds to open arms.
 
         Raises:
             AttributeError: No app adds this name.
@@ -622,7 +625,7 @@ class MotionMethods(Protocol):
     def _run(
         self, motion: MotionValue[R], on_progress: OnProgress | None, *, wait: bool
     ) -> R | RunningMotion[R]:
-        """Execute a motion, or start it.
+        """Execute a motion, or start it in the background.
 
         Raises:
             BadValueError: ``wait`` is not a boolean.
@@ -632,10 +635,10 @@ class MotionMethods(Protocol):
 
 
 def _fields(kind: type[MotionValue[Any]], options: Mapping[str, Any]) -> dict[str, Any]:
-    """Return options as fields of a kind of motion; an orientation becomes part of the stance.
+    """Return options as the fields of a motion; an orientation becomes part of the stance.
 
     Raises:
-        TypeError: There is no such option; the closest is suggested.
+        TypeError: There is no such option; the closest one is suggested.
     """
     names = [each.name for each in fields(kind) if each.kw_only]
     names += ["orientation"] if "stance" in names else []

@@ -1,4 +1,4 @@
-"""Runner of motions: one at a time, torque on safely, stops latched, states kept for threads."""
+"""Runner of motions, which handles torque, stops, faults and states for all threads."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ _CLOSED = (
 )
 _RELEASED = (
     StopReason(StopKind.RELEASED, "The program switched torque off during a motion."),
-    "Torque is off. Acknowledge first.",
+    "Torque is off. Acknowledge the stop first.",
 )
 _STOP_TIMEOUT_S = 1.0
 
@@ -55,7 +55,7 @@ _RETURN_HINT = "Nothing was sent. Move it back by hand, or request that motion: 
 _POLL_PERIOD_S = 0.02  # time in which ``state`` in another thread notices a motion
 
 TrajectoryFactory = Callable[[Vector], Trajectory]
-"""Makes a trajectory that starts where the joints are (n,), rad or m."""
+"""Function that makes a trajectory from the position of the joints (n,), rad or m."""
 
 
 class MotionRunner:
@@ -68,10 +68,10 @@ class MotionRunner:
 
     Attributes:
         loop: Streams trajectories to the servos.
-        watches_scene: Whether things may change, because the running motion checks its path.
-        caches_states: Whether joint states are read before each motion, for ``last_state``, also
-            when the motion runs in the main thread.
-        on_overheat: Called if a motion failed and a servo is too hot to hold; switches torque off.
+        watches_scene: Whether things may change because the running motion checks its path.
+        caches_states: Whether joint states are read before each motion for ``last_state``, even if
+            the motion runs in the main thread.
+        on_overheat: Called to switch torque off if a motion failed and a servo is too hot to hold.
     """
 
     def __init__(self, context: ArmContext) -> None:
@@ -97,7 +97,7 @@ class MotionRunner:
 
     @property
     def motion_running(self) -> bool:
-        """Whether a motion is running, in one control loop or several."""
+        """Whether a motion is running, in one or several control loops."""
         return self._servos.stop_request.motion_running
 
     @property
@@ -107,12 +107,12 @@ class MotionRunner:
 
     @property
     def stop_reason(self) -> StopReason | None:
-        """Reason of the stop, until it is acknowledged; None if the arm is not stopped."""
+        """The reason for the stop, until it is acknowledged; None if the arm is not stopped."""
         return self._servos.stop_reason
 
     @property
     def stop_text(self) -> str:
-        """Text of ``stop_reason``; empty if the arm is not stopped."""
+        """The text of ``stop_reason``; empty if the arm is not stopped."""
         return "" if self.stop_reason is None else self.stop_reason.text
 
     def state(self) -> ArmState:
@@ -170,7 +170,7 @@ class MotionRunner:
     def set_joint_torque(self, joint: str, *, on: bool) -> None:
         """Switch one joint's torque; its goal is set to its position first, so nothing moves.
 
-        A joint without torque falls, with all that it carries.
+        A joint without torque falls, with everything that it carries.
 
         Raises:
             RefusedError: A motion is running, or a stop was not acknowledged.
@@ -210,7 +210,7 @@ class MotionRunner:
         self.loop.request_stop(reason)
 
     def acknowledge(self) -> None:
-        """End a stop, so that the arm may be moved again."""
+        """Acknowledge a stop, so that the arm may be moved again."""
         check_not_forked(self._process_id)
         self._servos.acknowledge()
 
@@ -219,7 +219,7 @@ class MotionRunner:
         return self._servos.hold_measured(reason)
 
     def latch_stop(self, reason: StopReason) -> None:
-        """Refuse motions until ``acknowledge``; sends the servos nothing."""
+        """Refuse motions until ``acknowledge``; nothing is sent to the servos."""
         self._servos.latch_stop(reason)
 
     def reconnect(self, within_s: float) -> None:
@@ -234,7 +234,7 @@ class MotionRunner:
             self._servos.reconnect(adapter, within_s)
 
     def check_open(self) -> None:
-        """Raise if the arm was closed.
+        """Check that the arm was not closed.
 
         Raises:
             PortError: The arm was closed.
@@ -247,11 +247,12 @@ class MotionRunner:
     def close(self, relax: Callable[[], object] | None, leave: Callable[[], None]) -> None:
         """Close the port; another thread's motion ends with ``StoppedError`` first.
 
-        A fork of the process that opened it has no port to close, and relaxes nothing.
+        A fork of the process that opened the arm has no port to close, and relaxes nothing.
 
         Args:
-            relax: Lowers the arm before that; None leaves torque as it is.
-            leave: Tells other arms where this one stays, and ends services for other processes.
+            relax: Lowers the arm before that; None leaves torque unchanged.
+            leave: Tells other arms the final position of this one, and ends services for other
+                processes.
 
         Raises:
             RefusedError: The arm is to be relaxed, and a callback of its motion closes it.
@@ -278,7 +279,7 @@ class MotionRunner:
         """Hold the lock for one motion: torque on, signals handled, faults latched.
 
         Raises:
-            RefusedError: Another motion is running, of this arm or of one in reach, or a stop was
+            RefusedError: Another motion of this arm or of an arm in reach is running, or a stop was
                 not acknowledged.
             StoppedError: The arm was stopped after the motion was requested.
         """
@@ -320,11 +321,12 @@ class MotionRunner:
         """Run one trajectory as a motion.
 
         Args:
-            make: Makes the trajectory from the joints' position, with torque on.
+            make: Makes the trajectory from the position of the joints, with torque on.
             on_cycle: Called in every control cycle.
             speed: slow, normal or fast.
             profile_rad_s: See ``ControlLoop.run``.
-            compensated: See ``ControlLoop.run``; if False, it starts at the servos' goals.
+            compensated: See ``ControlLoop.run``; if False, the trajectory starts at the servos'
+                goals.
 
         Returns:
             The measured joints (n,) of the last control cycle, rad or m.
@@ -343,8 +345,8 @@ class MotionRunner:
     def return_within_limits(self) -> None:
         """Move joints that are a little outside their limits back inside, slowly.
 
-        A limp arm may sink there. Online trajectories must start inside, because the guard lets a
-        joint come back, but not move out again by a single tick.
+        A limp arm may sink beyond them. Online trajectories must start inside, because the guard
+        lets a joint return, but not move out again by a single tick.
 
         Raises:
             RefusedError: A joint is more than 5° outside at its horn, or the arm would touch
@@ -393,7 +395,7 @@ class MotionRunner:
         return "slow" if self._read_first_motion() else speed
 
     def check_speed(self, speed: str) -> None:
-        """Raise if a planned speed class is no longer allowed.
+        """Check that a planned speed class is still allowed.
 
         Raises:
             RefusedError: Torque was switched off after the motion was planned.
@@ -405,7 +407,7 @@ class MotionRunner:
             )
 
     def _read_first_motion(self) -> bool:
-        """Check whether no motion has completed since torque came on, or torque is off.
+        """Check whether torque is off, or no motion has been completed since torque came on.
 
         Servos are read if this is not known.
         """
@@ -414,10 +416,10 @@ class MotionRunner:
 
     @contextmanager
     def _after_motion(self, reason: StopReason, hint: str) -> Generator[None]:
-        """Hold the lock, after ending a running motion without braking.
+        """End a running motion without braking, then hold the lock.
 
-        The motion's own callback may call this and holds the lock already. The wait for a motion
-        that does not end is at most one second.
+        The callback of that motion may call this function while it already holds the lock. The wait
+        for a motion that does not end is at most one second.
         """
         servos = self._servos
         if servos.torque.is_moving:

@@ -1,4 +1,4 @@
-"""Arms on other machines: the plug-ins that open them by their address."""
+"""Plug-ins that open arms on other machines by their address."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 class ArmNetwork(Protocol):
-    """Opens arms on other machines; the object that an entry point of the group names."""
+    """Opens arms on other machines; entry points of the group name such an object."""
 
     def open_arm(self, model: Model, address: str, on_exit: OnExit) -> OpenArm:
         """Open the arm at an address.
@@ -42,13 +42,13 @@ class ArmNetwork(Protocol):
 
 
 def find_network(port: object) -> tuple[ArmNetwork, str] | None:
-    """Find the network of a port, and the address there; None for a port of this machine.
+    """Find the network for a port, and the address in it; None for a port on this machine.
 
     Args:
         port: Given by the user; ``IKSERVO_PORT`` if None.
 
     Raises:
-        BadValueError: The value is not a name of a port.
+        BadValueError: The value is not the name of a port.
     """
     address = named_port(parse_port(port))
     network = _load(address.partition(":")[0]) if ":" in address else None
@@ -56,7 +56,7 @@ def find_network(port: object) -> tuple[ArmNetwork, str] | None:
 
 
 def installed_networks() -> list[ArmNetwork]:
-    """Return every network that is installed."""
+    """Return all installed networks."""
     found = (_load(point.name) for point in entry_points(group=NETWORK_GROUP))
     return [network for network in found if network is not None]
 

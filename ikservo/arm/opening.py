@@ -60,7 +60,7 @@ if TYPE_CHECKING:
 def open_bus(model: Model, port: str | None = None, *, retries: int = 2) -> ServoBus:
     """Open the port of an arm's servos; nothing is sent yet.
 
-    From now on the user's other programs can stop this one.
+    From then on, the user's other programs can stop this one.
 
     Args:
         model: The arm.
@@ -69,7 +69,7 @@ def open_bus(model: Model, port: str | None = None, *, retries: int = 2) -> Serv
 
     Raises:
         InputError: The model names no servos.
-        PortError: There is no such port, none to choose from, or it cannot be opened.
+        PortError: There is no such port, there is none to choose from, or it cannot be opened.
     """
     specs = servo_specs(model)
     url, ids = resolve_port(model, port), [spec.id for spec in specs]
@@ -90,7 +90,7 @@ def disable_torque_unchecked(model: Model, port: str | None) -> None:
 
 
 def resolve_port(model: Model, port: str | None) -> str:
-    """Return the port's name for the transport; ``sim`` is resolved to a simulated copy of the arm.
+    """Return the port's name for the transport; ``sim`` becomes a simulated copy of the arm.
 
     Raises:
         NoPortError: There is no port to choose from.
@@ -103,7 +103,7 @@ def resolve_port(model: Model, port: str | None) -> str:
 
 
 def servo_specs(model: Model) -> list[ServoSpec]:
-    """Return every servo of an arm; further servos of a joint follow its first one.
+    """Return every servo of an arm; other servos of a joint follow its first servo.
 
     Raises:
         InputError: The model names no servos.
@@ -111,7 +111,7 @@ def servo_specs(model: Model) -> list[ServoSpec]:
     if not model.joints:
         raise InputError(
             f"{model.path} has no servos.",
-            "To move an arm, describe its servos in an arm.toml and give that to --arm.",
+            "To move an arm, describe its servos in an arm.toml and give that file to --arm.",
         )
     return [
         ServoSpec(servo.id, control_table(servo.model), joint.name)
@@ -134,14 +134,14 @@ def open_arm(
 ) -> OpenArm:
     """Open an arm; nothing moves and no torque changes.
 
-    On a port of this machine it is an ``Arm``.
+    On a port of this machine, the result is an ``Arm``.
 
     Args:
         arm: A name in the catalogue, a path to an arm file, or a loaded model.
         port: A serial port, ``sim`` for the simulated bus, ``zenoh:NAME@HOST`` for an arm that
             another machine serves, or None for the only adapter.
-        on_exit: State after ``close``: ``hold`` leaves torque as it is, ``relax`` lowers the arm to
-            its rest pose and switches torque off.
+        on_exit: State after ``close``: ``hold`` leaves torque unchanged, ``relax`` lowers the arm
+            to its rest pose and switches torque off.
         collisions: Whether paths are checked before the body moves: against the arm itself, the
             table and the boxes of its arm file.
         uncalibrated: Whether the user accepts the arm file's zeros, so that an arm without
@@ -149,7 +149,7 @@ def open_arm(
 
     Raises:
         UnknownNameError: There is no such arm.
-        NoPortError: There is no such port, or none to choose from.
+        NoPortError: There is no such port, or there is none to choose from.
         PortBusyError: Another process holds the port.
         ServoSilentError: Servos do not reply; they and unexpected servos are named.
         BadReplyError: Two servos have one id.
@@ -181,7 +181,7 @@ def open_own_arm(
     """Open an arm on a port of this machine; see ``open_arm``.
 
     Raises:
-        PortError: The arm is on another machine. Other errors are those of ``open_arm``.
+        PortError: The arm is on another machine. The other errors are those of ``open_arm``.
     """
     bus = open_bus(model, port)
     opened_port = bus.port
@@ -205,7 +205,7 @@ def open_own_arm(
 
 
 def _read_calibrated_arm(bus: ServoBus, model: Model, *, uncalibrated: bool) -> CalibratedArm:
-    """Check the servos on a bus and load their calibration; errors get an explanation."""
+    """Check the servos on a bus and load their calibration; add explanations to errors."""
     try:
         check_servo_models(bus)
         remember_port(model.name, bus.port.name)
@@ -227,7 +227,7 @@ def _read_calibrated_arm(bus: ServoBus, model: Model, *, uncalibrated: bool) -> 
 
 
 def require_own_port(arm: OpenArm) -> Arm:
-    """Return an open arm as an ``Arm``, for code that needs its servos.
+    """Return an open arm as an ``Arm``, for code that needs the servos.
 
     Raises:
         RefusedError: The servos are on another machine.
@@ -236,7 +236,7 @@ def require_own_port(arm: OpenArm) -> Arm:
         return arm
     raise RefusedError(
         f"This needs the servos' own port, which is not on this machine: {arm.port_name}",
-        "Run it there, with the port of the servos, once `ikservo serve` has ended.",
+        "Run this on that machine, with the port of the servos, after `ikservo serve` has ended.",
     )
 
 
@@ -250,8 +250,8 @@ def _open_remote(
     if uncalibrated or not collisions:
         option = "--uncalibrated" if uncalibrated else "--no-collision"
         raise InputError(
-            f"{option} is not possible for an arm on another machine.",
-            f"Give it to the program beside the arm: ikservo serve ... {option}",
+            f"{option} cannot be used for an arm on another machine.",
+            f"Give it to the server on that machine: ikservo serve ... {option}",
         )
     from ikservo.model.scene_file import KeepOutShape  # noqa: PLC0415  # only for this check
 
@@ -259,7 +259,7 @@ def _open_remote(
     if any(isinstance(each, KeepOutShape) for each in model.keep_out):
         raise InputError(
             "A scene cannot be given for an arm on another machine.",
-            "Put its things into the arm file of the program beside the arm.",
+            "Give the scene to the program that serves the arm there.",
         )
     return network.open_arm(model, address, on_exit)
 
@@ -283,7 +283,7 @@ def make_collision_checker(model: Model, own_chain: Chain | None = None) -> Coll
 
     Args:
         model: The arm.
-        own_chain: Its calibrated chain, whose links may deviate from what its sensors show.
+        own_chain: The calibrated chain, whose links may deviate from the sensor readings.
     """
     body = collision_body_with_gripper(model)
     checker = CollisionChecker(body, model.floor_m, model.keep_out, arm_sag(model, body))
@@ -307,7 +307,7 @@ def _make_compensator(
     driven_joints: Sequence[DrivenJoint],
     serial_number: str,
 ) -> GoalCompensator:
-    """Make the goal compensator; masses are used if zeros are known, preferably identified ones.
+    """Make the goal compensator; if zeros are known, it uses (preferably identified) masses.
 
     Raises:
         FileFormatError: The arm's identification is malformed.
@@ -329,12 +329,12 @@ def _make_compensator(
 
 
 def make_collision_filter(model: Model) -> Callable[[Matrix], NDArray[np.bool_]]:
-    """Return a function that checks configurations (n, dof) for collisions; True (n,) is free."""
+    """Return a function that checks configurations (n, dof); its result (n,) is True if free."""
     return CollisionChecker(collision_body(model), model.floor_m, model.keep_out).collision_free
 
 
 def _narrow_chain(chain: Chain, driven_joints: Sequence[DrivenJoint]) -> Chain:
-    """Return the chain inside the command limits, so that every solution is a valid goal."""
+    """Return the chain with the command limits, so that every solution is a valid goal."""
     by_joint: Mapping[str, DrivenJoint] = {driven.joint: driven for driven in driven_joints}
     missing = [name for name in chain.names if name not in by_joint]
     if missing:

@@ -1,4 +1,4 @@
-"""Another arm that an arm can reach: the present position of its links."""
+"""Another arm within reach of an arm, and the present position of its links."""
 
 from __future__ import annotations
 
@@ -24,13 +24,13 @@ class OtherArm:
     """Another arm near this one.
 
     Attributes:
-        name: For messages.
+        name: The name, for messages.
         context: The parts of the arm.
-        runner: Its motions.
-        T_base_other: Its base frame (4, 4) in that of this arm.
-        turn: Lock with which only one of the two arms moves at a time.
-        left: Its things when it was closed, as ``things`` returns them; None while it is open, or
-            if they could not be measured.
+        runner: The runner of the other arm's motions.
+        T_base_other: The base frame (4, 4) of the other arm in that of this arm.
+        turn: Lock that lets only one of the two arms move at a time.
+        left: The result of ``things`` when the other arm was closed; None while it is open, or if
+            nothing could be measured.
     """
 
     name: str
@@ -41,14 +41,14 @@ class OtherArm:
     left: list[KeepOutShape] | None = None
 
     def close(self) -> None:
-        """Remember its position, because nothing can be measured once it is closed."""
+        """Remember the arm's position, because nothing can be measured once it is closed."""
         with suppress(IkservoError), self.runner.lock:
             self.left = self.links_at(self.context.servos.measure_positions())
 
     def things(self, arm: object) -> list[KeepOutShape]:
-        """Measure the links and what the arm holds, as rounded rods in the base frame.
+        """Measure the links and held things of the arm, as rounded rods in the base frame.
 
-        A closed arm stays where it was when it was closed.
+        A closed arm counts as staying where it was when it was closed.
 
         Args:
             arm: This arm, which takes turns with the other one.
@@ -62,7 +62,7 @@ class OtherArm:
 
     @property
     def placed(self) -> PlacedArm:
-        """Its placement, in the keys of a scene file."""
+        """The placement of the arm, with the keys of a scene file."""
         (x, y, z), R = self.T_base_other[:3, 3].tolist(), self.T_base_other[:3, :3]
         path, port = self.context.model.path, self.context.port.name
         arm = catalogue_name(path) or str(path.absolute())
@@ -75,7 +75,7 @@ class OtherArm:
         )
 
     def links_at(self, joints: Vector) -> list[KeepOutShape]:
-        """Return its links at joints (n,), as ``things`` does.
+        """Return the links at joints (n,), in the form that ``things`` returns.
 
         Raises:
             RefusedError: The arm was opened without collision checks.

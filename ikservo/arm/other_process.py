@@ -1,4 +1,4 @@
-"""Commands to an arm that another process controls: stop it, read its state, relax it."""
+"""Stop, query or relax an arm that another process controls."""
 
 from __future__ import annotations
 
@@ -33,15 +33,15 @@ _RETRY_PERIOD_S = 0.02  # between two attempts meanwhile
 
 
 def stop_arm(model: Model, port: str | None, clock: Clock | None = None) -> StopResult:
-    """Stop an arm: by a command to the program that has its port open, or else on the port itself.
+    """Stop an arm by a command to the program that has its port open, or else on the port itself.
 
     Args:
         model: The arm.
-        port: Its port; None chooses it as for every command.
-        clock: Measures the wait for a program that does not listen yet.
+        port: The port of the arm; None chooses a port as in every command.
+        clock: Clock for the time to wait for a program that does not listen yet.
 
     Raises:
-        IkservoError: That program cannot stop it, or the port cannot be opened.
+        IkservoError: That program cannot stop the arm, or the port cannot be opened.
     """
     network_address = find_network(port)
     if network_address is not None:
@@ -72,7 +72,7 @@ def stop_remote_arms() -> StopAllResult:
 
 
 def _remote_stops() -> Iterator[Callable[[], StopAllResult]]:
-    """Yield the stops; the first one runs even if a network that is loaded after it fails."""
+    """Yield the stop functions; the first one runs even if a later network fails to load."""
     own = find_network(None)
     if own is not None:
         network, address = own
@@ -89,12 +89,12 @@ def _attempt(stop: Callable[[], StopAllResult]) -> StopAllResult:
 
 
 def query_state(model: Model, port: str | None) -> ArmState | None:
-    """Request an arm's state from the program that has its port open; None if no program has.
+    """Request an arm's state from the program that has its port open; None if there is none.
 
     An arm on another machine is opened there without taking control of it.
 
     Raises:
-        IkservoError: That program cannot tell the state.
+        IkservoError: That program cannot report the state.
     """
     if find_network(port) is not None:
         return None
@@ -105,10 +105,10 @@ def query_state(model: Model, port: str | None) -> ArmState | None:
 
 
 def request_relax(model: Model, port: str | None) -> JointMoveResult | None:
-    """Let the program that has an arm's port open relax it; None if no program has.
+    """Let the program that has an arm's port open relax the arm; None if there is none.
 
     Raises:
-        IkservoError: That program cannot relax it.
+        IkservoError: That program cannot relax the arm.
     """
     if find_network(port) is not None:
         return None
@@ -123,9 +123,9 @@ def _request(model: Model, device: str, command: ControlCommand, timeout_s: floa
 
 
 def halt_line(model: Model, port: str | None) -> StopOutcome:
-    """Open the port of an arm that no program has open, and hold every joint that has torque.
+    """Open the port of an arm that no program uses, and hold every joint that has torque.
 
-    Neither models nor calibration are checked: anything that moves is stopped.
+    Neither models nor calibration are checked, so that anything that moves is stopped.
 
     Raises:
         PortError: The port cannot be opened.
@@ -135,7 +135,7 @@ def halt_line(model: Model, port: str | None) -> StopOutcome:
 
 
 def _nominal_limits(model: Model) -> list[DrivenJoint]:
-    """Return the servo limits from the arm file alone, at a speed of 1 rad/s or m/s."""
+    """Return the servo limits from only the arm file, at a speed of 1 rad/s or m/s."""
     lags = load_lags(model, model.chain, model.payload_kg)
     return [
         DrivenJoint(

@@ -15,17 +15,17 @@ R = TypeVar("R")
 
 
 class OwnMotion(MotionValue[R]):
-    """A motion of an app: a step of programs, and an argument of ``Arm.execute`` and ``start``.
+    """A motion of an app, for steps of programs and for ``Arm.execute`` and ``start``.
 
-    It has no plan to show before it runs, and runs only on the machine of the servos.
+    Such a motion has no plan to show beforehand, and runs only on the machine of the servos.
     """
 
     @abstractmethod
     def run(self, arm: ArmParts, on_progress: OnProgress | None) -> R:
-        """Make the motion from where the arm holds, and return its result.
+        """Execute the motion from the position where the arm holds; return the result.
 
         Raises:
-            IkservoError: The motion cannot be made; the arm holds.
+            IkservoError: The motion cannot be executed; the arm holds.
         """
 
     @abstractmethod
@@ -33,5 +33,5 @@ class OwnMotion(MotionValue[R]):
         """Compute the joints (n,), rad or m, after the motion from ``start`` (n,); nothing moves.
 
         Raises:
-            IkservoError: The motion cannot be made from there.
+            IkservoError: The motion cannot be executed from there.
         """

@@ -1,4 +1,4 @@
-"""Executes plans: trajectory, settling, report; lowers an arm to its rest pose."""
+"""Execute plans with their trajectory, settling and report; lower an arm to its rest pose."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ _SAME_GOAL = 1e-6  # rad or m
 _PIECE_S = 0.3
 
 MoveReport = MoveResult | JointMoveResult
-"""Report on the end of a plan of the tip or of joints."""
+"""Report on the end of a plan for the tip or for joints."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -56,8 +56,8 @@ class ExecutedMotion:
     Attributes:
         plan: The plan; replanned if a limp arm has sunk since.
         settled: The joints at the end of the motion.
-        path_error: The distance of the tip from its path; None if there was none.
-        swung: The joints that swung during the motion, and how far.
+        path_error: The distance of the tip from its path; None if there was no path.
+        swung: The joints that swung during the motion, with their amplitudes.
     """
 
     plan: MotionPlan
@@ -79,7 +79,7 @@ def execute(arm: ArmParts, plan: MotionPlan, on_progress: OnProgress | None) -> 
 def plan_and_execute(
     arm: ArmParts, motion: MotionValue[Any], on_progress: OnProgress | None
 ) -> MoveReport:
-    """Plan a motion of the tip or of joints from where the arm holds, execute it, and report."""
+    """Plan a motion of the tip or of joints from the arm's present goal, execute it, and report."""
     executed = _run_around(arm, motion, None, on_progress)
     return _make_report(arm.context, executed, executed.plan.requested)
 
@@ -90,14 +90,14 @@ def _run_around(
     plan: MotionPlan | None,
     on_progress: OnProgress | None,
 ) -> ExecutedMotion:
-    """Execute a motion by its plan; replan each time an obstacle comes into its path.
+    """Execute the plan of a motion; replan each time an obstacle enters its path.
 
     The stop for replanning is acknowledged. Any other stop, even in the meantime, ends the request.
 
     Args:
         arm: The arm.
         motion: The motion; None if only its plan is known.
-        plan: The first plan; None if it is to be made.
+        plan: The first plan; None if it must still be made.
         on_progress: Called in every control cycle.
     """
     stops, replans = arm.context.servos.stop_request, getattr(motion, "replan", False)
@@ -122,8 +122,8 @@ def run_plan(arm: ArmParts, plan: MotionPlan, on_progress: OnProgress | None) ->
     """Execute a plan.
 
     Raises:
-        RefusedError: The arm has moved since the plan was made, there is no free path from where
-            a limp arm has sunk to, or the guard stopped the motion.
+        RefusedError: The arm has moved since the plan was made, there is no free path from the
+            position to which a limp arm has sunk, or the guard stopped the motion.
     """
     check_plan(plan)
     check_callable("on_progress", on_progress)
@@ -173,7 +173,7 @@ def _run_motion(
 
 
 def _checked_trajectory(context: ArmContext, plan: MotionPlan, start: Vector) -> Trajectory:
-    """Compute a plan's trajectory from the arm's position (n,).
+    """Compute the trajectory of a plan from the arm's position (n,).
 
     Raises:
         RefusedError: The arm has moved since the plan was made, something is in the way, a
@@ -195,13 +195,13 @@ def _checked_trajectory(context: ArmContext, plan: MotionPlan, start: Vector) ->
 
 
 class _PathWatch:
-    """Stops a motion before an obstacle that has come into the rest of its path.
+    """Stops a motion before an obstacle that has entered the rest of its path.
 
-    Whenever the scene has changed, the rest is checked again, one piece per cycle. The first
-    piece is longer than the stopping distance of the arm.
+    Whenever the scene has changed, the rest of the path is checked again, one piece per cycle. The
+    first piece is longer than the stopping distance of the arm.
 
     Args:
-        context: The arm; its path is free in the present scene.
+        context: The arm, whose path is free in the present scene.
     """
 
     def __init__(self, context: ArmContext) -> None:
@@ -223,9 +223,9 @@ class _PathWatch:
 
 
 def _backlash_goals(context: ArmContext, plan: MotionPlan) -> Vector | None:
-    """Compute goals (n,) from which joints with known backlash approach theirs from below.
+    """Compute goals (n,) from which joints with known backlash approach their own from below.
 
-    None for a line, which the tool must not leave, and if something is in the way.
+    The result is None for a line, which the tool must not leave, and if something is in the way.
     """
     goals, driven_joints = context.servos.goals(), context.servos.driven_joints
     backlash = np.array([context.model.joint(name).backlash for name in context.servos.names])
@@ -245,7 +245,7 @@ def _backlash_goals(context: ArmContext, plan: MotionPlan) -> Vector | None:
 def _make_report(
     context: ArmContext, executed: ExecutedMotion, joints: Mapping[str, float]
 ) -> MoveReport:
-    """Make the report of a motion of the tip or of joints, for the goals ``joints``."""
+    """Make the report on a motion of the tip or of joints with the goals ``joints``."""
     plan, result, path_error = executed.plan, executed.settled, executed.path_error
     if plan.target_m is None or plan.solution is None:
         return _make_joint_report(context, joints, executed)
@@ -295,7 +295,7 @@ def _make_joint_report(
 
 
 def _require_settled(result: SettlingResult, report: MoveResult | JointMoveResult) -> None:
-    """Raise, with the report, if joints still move by more than their backlash explains."""
+    """Raise an error with the report if joints still move more than their backlash explains."""
     if not result.unsettled:
         return
     names = ", ".join(result.unsettled)
@@ -360,7 +360,7 @@ def _max_error(measured: Mapping[str, float], goals: Mapping[str, float]) -> flo
 
 
 def check_plan(plan: object) -> None:
-    """Refuse a value that is not a plan.
+    """Check that a value is a plan.
 
     Raises:
         BadValueError: The value is not a plan.

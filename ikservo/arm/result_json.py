@@ -1,4 +1,4 @@
-"""Results of a served arm as JSON and back: listed dataclasses, arrays as lists."""
+"""Convert results of a served arm to JSON and back: listed dataclasses, arrays as lists."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ T = TypeVar("T")
 
 
 def _parse_array(value: object) -> NDArray[np.float64]:
-    """Parse an array from nested lists; the only text allowed are non-finite numbers."""
+    """Parse an array from nested lists; the only texts allowed are non-finite numbers."""
     try:
         return np.array(value, dtype=np.float64)
     except (TypeError, ValueError, OverflowError):  # OverflowError: an integer of 400 digits
@@ -75,7 +75,7 @@ FloatArray = Annotated[
     BeforeValidator(_parse_array),
     PlainSerializer(lambda value: _finite_or_text(value.tolist())),
 ]
-"""Array in a message: lists of numbers; ``nan`` and ``inf`` are text."""
+"""An array in a message: lists of numbers, with ``nan`` and ``inf`` as text."""
 
 _CONFIG = ConfigDict(extra="forbid", arbitrary_types_allowed=True, ser_json_inf_nan="strings")
 
@@ -97,7 +97,7 @@ def _schema_of(kind: type, left_out: frozenset[str]) -> type[BaseModel]:
 
 
 def _is_array(hint: object) -> bool:
-    """Check whether an annotation is an array's (in NumPy 2.5 an alias with its own origin)."""
+    """Check whether an annotation means an array (in NumPy 2.5, an alias with its own origin)."""
     return get_origin(hint) in (np.ndarray, NDArray)
 
 
@@ -129,10 +129,10 @@ def decode_fields(kind: type[T], fields: object, left_out: Mapping[str, object] 
 
 
 def encode_value(value: object) -> JsonValue:
-    """Encode a result as a JSON value: plain ones as they are, others with their type's name.
+    """Encode a result as a JSON value; values of listed types get the name of the type.
 
     Raises:
-        TypeError: A service may not return its type.
+        TypeError: A service may not return a value of this type.
     """
     name = type(value).__name__
     if RESULT_TYPES.get(name) is type(value):

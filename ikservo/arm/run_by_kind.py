@@ -1,4 +1,4 @@
-"""Runs a motion according to its kind, and computes where it would end."""
+"""Run a motion according to its kind, and compute where it would end."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _LONGEST_SLEEP_S = 0.05  # a wait notices a stop within this time
 
 
 def run_motion(arm: ArmParts, motion: MotionValue[R], on_progress: OnProgress | None) -> R:
-    """Make a motion from where the arm holds, and return its result; see ``Arm.execute``."""
+    """Execute a motion from where the arm holds; return its result. See ``Arm.execute``."""
     match cast("MotionValue[Any]", motion):
         case MoveGripper() as gripper:
             from ikservo.arm.gripper import run_gripper  # noqa: PLC0415
@@ -48,7 +48,7 @@ def end_of_motion(
         start: All joints, rad or m.
 
     Raises:
-        IkservoError: The motion cannot be made from there.
+        IkservoError: The motion cannot be executed from there.
     """
     match motion:
         case Wait():
@@ -78,8 +78,8 @@ def wait(
     Args:
         context: The arm.
         motion: The wait, with its duration.
-        on_wait: Called repeatedly meanwhile.
-        watch_health: Whether servos are read meanwhile.
+        on_wait: Called repeatedly during the wait.
+        watch_health: Whether the servos are monitored during the wait.
 
     Raises:
         StoppedError, RefusedError: The arm was stopped.

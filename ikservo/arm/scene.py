@@ -1,4 +1,4 @@
-"""The things around an arm while a program runs: added, removed, held by the gripper."""
+"""The things around an arm while a program runs, which can be added, removed or held."""
 
 from __future__ import annotations
 
@@ -42,19 +42,19 @@ _others_lock = threading.RLock()  # both scenes name arms in reach of each other
 
 
 class InScene(Protocol):
-    """An arm of this program."""
+    """An arm of this program that has a scene."""
 
     @property
     def scene(self) -> Scene:
-        """Things around the arm."""
+        """The things around the arm."""
         ...
 
 
 class Scene:
     """Things around an arm, in its base frame, and things that its gripper holds.
 
-    It begins with the things of the arm file and of the scene file. Motions that are planned
-    later avoid them; a plan that was begun before is checked again when it is executed. Things may
+    A scene begins with the things in the arm file and the scene file. Motions that are planned
+    later avoid them; an earlier plan is checked again when it is executed. Things may
     change while a planned motion runs: the arm stops before an obstacle in its path.
 
     Args:
@@ -99,7 +99,7 @@ class Scene:
             raise AttributeError(f"A scene has no {name!r}. {hint}")
 
     def __repr__(self) -> str:
-        """Show the names."""
+        """Show the names of all things."""
         return f"Scene({', '.join(self.names)}; held: {', '.join(self.held) or 'nothing'})"
 
     def add(self, kind: str, name: str, **sizes: Any) -> None:  # noqa: ANN401  # keys of a file
@@ -110,12 +110,13 @@ class Scene:
         Args:
             kind: box, cylinder, sphere or half_space.
             name: Name for messages; unique among things and links.
-            sizes: Its other keys.
+            sizes: The other keys of the thing.
 
         Raises:
             UnknownNameError: There is no such kind.
             BadValueError: The name is taken.
-            FileFormatError: A value is missing, unknown or of another type; names the key.
+            FileFormatError: A value is missing, unknown or of another type; the message names the
+                key.
             RefusedError: The arm moves without a plan.
         """
         with self._changing_things():
@@ -127,12 +128,12 @@ class Scene:
 
         ``arm.scene.change("the shelf", center_m=(0.3, 0.25, 0.1))``
 
-        For another arm, its place: ``at_m`` and ``rpy_deg``, as for ``add_arm``.
+        For another arm, give its place: ``at_m`` and ``rpy_deg``, as for ``add_arm``.
 
         Raises:
             UnknownNameError: There is no such thing.
-            BadValueError: Its new name is taken.
-            FileFormatError: A value is unknown or of another type; names the key.
+            BadValueError: The new name is taken.
+            FileFormatError: A value is unknown or of another type; the message names the key.
             RefusedError: The arm moves without a plan.
         """
         other = self._find_arm(parse_name(_NAME, name))
@@ -159,7 +160,7 @@ class Scene:
             )
 
     def load(self, path: Path | str) -> None:
-        """Add the things of a scene file.
+        """Add the things in a scene file.
 
         Raises:
             FileFormatError: The file is malformed.
@@ -174,7 +175,7 @@ class Scene:
             self._change({**self._things, **added}, self._held)
 
     def is_of_same_arm(self, other: Scene) -> bool:
-        """Check whether a scene is of the same arm: same file and same adapter or port."""
+        """Check whether a scene belongs to the same arm: same file, and same adapter or port."""
         one, another = (
             (each.model.path, each.serial_number or each.port.name)
             for each in (self._context, other._context)
@@ -215,21 +216,21 @@ class Scene:
     ) -> None:
         """Add another arm of this program, and this arm to its scene.
 
-        From then on only one of the two moves at a time, and avoids the other arm, which counts as
-        standing where it was when the motion began, even if a person moves it by hand; a
-        closed arm stays where it was when it was closed.
+        From then on, only one of the two moves at a time and avoids the other. The other arm counts
+        as standing where it was when the motion began, even if a person moves it by hand; a closed
+        arm counts as staying where it was when it was closed.
 
         ``left.scene.add_arm(right, "right", at_m=(0.0, -0.4, 0.0))``
 
         Args:
             other: The other arm, open and calibrated.
             name: Name for messages; unique among things and links.
-            at_m: The origin of its base frame (3,) in that of this arm.
-            rpy_deg: Roll, pitch and yaw of its base frame (3,) in that of this arm.
+            at_m: The origin (3,) of the other arm's base frame in that of this arm.
+            rpy_deg: Roll, pitch and yaw (3,) of the other arm's base frame in that of this arm.
             own_name: Name of this arm in the other scene; None uses the name of its model.
 
         Raises:
-            BadValueError: The name is taken, the place is not valid or that of this arm, or
+            BadValueError: The name is taken, the place is not valid or is that of this arm, or
                 ``other`` is not another arm.
             RefusedError: A motion of one of them is running, a position is unknown, or paths of one
                 of them are not checked.
@@ -288,8 +289,8 @@ class Scene:
     def attach(self, name: str) -> None:
         """Let the gripper hold a thing at its present place; it then moves with the tip.
 
-        It is checked as a part of the arm until it is released, also by opening the gripper. Its
-        weight counts as the arm file's payload, for which sag is compensated.
+        The thing is checked as a part of the arm until it is released, also by opening the gripper.
+        Its weight counts as the payload in the arm file, for which sag is compensated.
 
         Raises:
             UnknownNameError: There is no such thing.
@@ -308,10 +309,10 @@ class Scene:
             self._change(things, {**self._held, name: thing.moved(_inverse(self._tip_pose()))})
 
     def release(self, name: str | None = None) -> None:
-        """Leave a held thing where it is now; None releases all of them.
+        """Release a held thing at its present place; None releases all things.
 
         Raises:
-            UnknownNameError: The gripper does not hold it.
+            UnknownNameError: The gripper does not hold the thing.
             RefusedError: A motion is running.
         """
         if not self._held and name is None:
@@ -327,7 +328,7 @@ class Scene:
             self._change(things, held)
 
     def close(self) -> None:
-        """Tell the scenes of other arms where this one stays; its port is about to be closed."""
+        """Tell the scenes of other arms where this arm stays, before its port is closed."""
         for scene in self._others:
             scene._others[self].close()
 
@@ -372,7 +373,7 @@ class Scene:
 
     @contextmanager
     def _changing_things(self) -> Generator[None]:
-        """Keep others from changing the things in the block; a running motion checks them again."""
+        """Prevent other changes of the things in the block; a running motion then checks again."""
         locked = False
         while not (self._runner.watches_scene or locked):
             locked = self._runner.lock.acquire(timeout=_POLL_S)
@@ -389,7 +390,7 @@ class Scene:
         model = self._context.model
         if self._context.collision is None:
             raise RefusedError(
-                "This arm was opened without collision checks.", "A scene needs them."
+                "This arm was opened without collision checks.", "A scene needs collision checks."
             )
         if self._body is None or held is not self._held:
             body = collision_body_with_gripper(model)
@@ -405,7 +406,7 @@ def _pose_of_base(at_m: ArrayLike, rpy_deg: ArrayLike) -> Matrix:
     """Return the base frame (4, 4) of another arm.
 
     Raises:
-        BadValueError: The place is too far away, not valid, or where this arm stands.
+        BadValueError: The place is too far away, not valid, or the place of this arm.
     """
     at = bounded_vector(at_m, 3, FURTHEST_BASE_M, "at_m", "metres of the same table")
     if np.linalg.norm(at) < NEAREST_BASE_M:

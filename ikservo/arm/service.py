@@ -1,7 +1,7 @@
-"""An open arm as other programs use it, independent of their transport.
+"""The service of an open arm for other programs, independent of the transport.
 
-Anybody may stop the arm and read its state. One operator at a time moves it, under the lease. An
-operator who falls silent loses it, and the arm holds until somebody acknowledges that.
+Anyone may stop the arm and read its state. One operator at a time moves it, under the lease. An
+operator who falls silent loses the lease, and the arm holds until someone acknowledges the stop.
 
 A transport (``control_server`` for this machine, ``apps/remote/arm_server.py`` for others)
 identifies clients, parses their requests, calls this class, and encodes the results.
@@ -32,20 +32,20 @@ _WATCH_PERIOD_S = 0.05
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ArmDescription:
-    """Description of an arm, which another program needs besides its model.
+    """The description of an arm that another program needs besides the model.
 
     Attributes:
         version: The version of ikservo.
         arm: The arm's name.
-        port: Its port.
-        zeros: The name of the ``ZeroSource`` of its joints.
+        port: The port of the arm.
+        zeros: The name of the ``ZeroSource`` of the joints.
         joints: All joints, in the order of vectors (n,).
         lower: Lower limits (n,), rad or m.
         upper: Upper limits (n,), rad or m.
         chain: The joints from base to tip.
         chain_lower: Lower limits of the chain (dof,).
         chain_upper: Upper limits of the chain (dof,).
-        origins: The calibrated origin of each of its joints, T_parent_joint row by row (16,).
+        origins: The calibrated origin of each joint of the chain, T_parent_joint row by row (16,).
     """
 
     version: str
@@ -69,12 +69,12 @@ class ServableArm(OpenArm, Protocol):
 
     @property
     def runner(self) -> MotionRunner:
-        """Runner of its motions."""
+        """The runner of the arm's motions."""
         ...
 
 
 class ArmService:
-    """Requests of the clients of an open arm; every method is safe in any thread.
+    """Handles the requests of an open arm's clients; every method is safe in any thread.
 
     Args:
         arm: The arm.
@@ -113,12 +113,12 @@ class ArmService:
         An operator's stop of its own motion returns at once, because the motion reports its end.
 
         Args:
-            reason: Reason of the stop.
-            at_rest: Reason if no motion is running; ``reason`` if None.
+            reason: The reason for the stop.
+            at_rest: The reason if no motion is running; None uses ``reason``.
             lease: The lease of the client that asks.
 
         Raises:
-            IkservoError: The arm has not come to rest, or its servos cannot be told to hold.
+            IkservoError: The arm has not come to rest, or the servos cannot be commanded to hold.
         """
         arm, runner = self.arm, self.arm.runner
         is_operated = self.lease.moving is not None
@@ -147,8 +147,8 @@ class ArmService:
         """Stop the arm, lower it and switch torque off; it then stays stopped.
 
         Args:
-            stopped: Reason that ends a running motion.
-            relaxed: Reason why the arm does not move afterwards.
+            stopped: The reason that ends a running motion.
+            relaxed: The reason why the arm does not move afterwards.
 
         Raises:
             IkservoError: The arm does not come to rest, or cannot be lowered.
@@ -203,7 +203,7 @@ class ArmService:
     # the operator
 
     def release(self, lease: str) -> bool:
-        """Take back the lease that an operator returns; a running motion ends."""
+        """Accept the lease that an operator returns; a running motion ends."""
         holder = self.lease.holder
         if holder is None or holder.lease != lease:
             return False
@@ -212,7 +212,7 @@ class ArmService:
         )
 
     def lose(self, holder: Holder, text: str) -> bool:
-        """Withdraw a lease, and stop the motion that runs under it; return whether it was held."""
+        """Withdraw a lease and stop the motion under it; return whether it was in force."""
         if not self.lease.release(holder.lease):
             return False
         if self.lease.moving == holder:
@@ -220,7 +220,7 @@ class ArmService:
         return True
 
     def end_motion(self, text: str) -> None:
-        """Stop the motion that an operator has requested; ``text`` is the reason."""
+        """Stop the motion that an operator has requested, with ``text`` as the reason."""
         if self.lease.moving is not None:
             self.arm.request_stop(StopReason(StopKind.CLIENT, text))
         self._on_lost()
@@ -236,12 +236,12 @@ class ArmService:
             if holder is None:
                 left_s = _WATCH_PERIOD_S
             elif left_s <= 0.0:
-                silence = f"{holder.operator} was not heard for {limit_s:.1f} s"
+                silence = f"nothing was received from {holder.operator} for {limit_s:.1f} s"
                 self.lose(holder, f"{silence}; the arm holds its position.")
             closing.wait(min(max(left_s, 0.001), _WATCH_PERIOD_S))
 
     def close(self, text: str) -> None:
-        """Refuse control to everybody from now on, and stop an operator's motion for ``text``."""
+        """Refuse control to everyone from now on, and stop an operator's motion for ``text``."""
         self.lease.close()
         self.end_motion(text)
 
@@ -256,6 +256,6 @@ class ArmService:
     def _wait_for_lock(self) -> None:
         if not self.arm.runner.lock.acquire(timeout=BRAKE_TIMEOUT_S):
             raise IkservoError(
-                "The program that moves the arm did not stop when told to.",
-                "End it, or switch off the arm's power.",
+                "The program that moves the arm did not stop on request.",
+                "End that program, or switch off the arm's power.",
             )

@@ -28,13 +28,13 @@ _POLL_PERIOD_S = 0.1  # time in which a waiting sender notices the loop's end
 class SetpointMailbox:
     """Holds the newest setpoint, from the program to the control loop.
 
-    Simulated time could run far ahead of the program. It therefore waits for the next setpoint of a
-    sender with a fixed rate, and follows the computer's time for a sender without one.
+    Simulated time could run far ahead of the program. It therefore waits for the next setpoint from
+    a sender with a fixed rate, and follows real time for other senders.
 
     Args:
         clock: The clock of the arm.
-        period_s: Time between two setpoints of a sender with a fixed rate; None for a sender
-            without a fixed rate.
+        period_s: Time between two setpoints from a sender with a fixed rate; None for other
+            senders.
         ended: Returns whether the control loop has ended.
     """
 
@@ -74,13 +74,13 @@ class SetpointMailbox:
             self._changed.notify_all()
 
     def await_first(self) -> bool:
-        """Wait for a setpoint; return whether one came before the mailbox was closed."""
+        """Wait for a setpoint; return whether one arrived before the mailbox was closed."""
         with self._changed:
             self._changed.wait_for(lambda: self._closed or self._setpoint is not None)
             return not self._closed
 
     def setpoints(self) -> Iterator[CartesianOrJointTarget | None]:
-        """Yield the newest setpoint in each control cycle, or None; until closed."""
+        """In each control cycle until closed, yield the newest setpoint or None."""
         start_s, start_wall_s = self._clock.now_s(), time.monotonic()
         self._taken_s, self._late = start_s, False
         while not self._closed:
@@ -116,13 +116,13 @@ T = TypeVar("T")
 
 
 class SetpointStream:
-    """Takes setpoints in a ``with`` block; see ``Arm.stream``.
+    """A stream that accepts setpoints in a ``with`` block; see ``Arm.stream``.
 
     Attributes:
-        unreached: The number of setpoints that were out of reach; the arm went as near as it could.
-        refused: The number that the guard refused; the arm kept the previous setpoint.
-        reason: Reason why the guard refused the last of them.
-        kept: The goal (n,) that the arm kept at the last refusal, rad or m; None before.
+        unreached: The number of setpoints out of reach; the arm moved as close to them as it could.
+        refused: The number of setpoints that the guard refused; the arm kept the previous one.
+        reason: The reason for the last refusal.
+        kept: The goal (n,) that the arm kept at the last refusal, rad or m; None before that.
     """
 
     def __init__(self, arm: ArmParts, speed: str, rate_hz: float | None) -> None:
@@ -142,7 +142,7 @@ class SetpointStream:
         self.kept: Vector | None = None
 
     def __enter__(self) -> SetpointStream:
-        """Start to take setpoints; the arm moves with the first one.
+        """Start accepting setpoints; the arm moves from the first one on.
 
         Raises:
             RefusedError: The stream was used before, or another one is open.
@@ -170,7 +170,7 @@ class SetpointStream:
     def send(self, setpoint: Mapping[str, float] | ArrayLike | Target) -> None:
         """Send a setpoint; it replaces the previous one.
 
-        It returns at once; with ``rate_hz``, once the next setpoint is due.
+        The call returns at once or, with ``rate_hz``, once the next setpoint is due.
 
         Args:
             setpoint: Positions by joint, or of all joints (n,) in the order of ``names``, rad or m;
@@ -195,7 +195,7 @@ class SetpointStream:
 
     @property
     def progress(self) -> MotionProgress | None:
-        """The last control cycle: measured joints, setpoints, tip; None before the first."""
+        """The last control cycle with measured joints, setpoints and tip; None before the first."""
         return self._progress
 
     @property
@@ -209,7 +209,7 @@ class SetpointStream:
         return self._mailbox.put_count
 
     def __repr__(self) -> str:
-        """Show how many setpoints were sent and refused."""
+        """Show the numbers of setpoints sent and refused."""
         state = "closed" if self._has_ended else "open"
         return f"SetpointStream({state}, {self.sent} sent, {self.refused} refused)"
 
@@ -218,7 +218,7 @@ class SetpointStream:
         return self._motion is not None and self._motion.done
 
     def _follow_setpoints(self) -> None:
-        """Follow setpoints; hold while there are none."""
+        """Follow setpoints, and hold while there are none."""
         self._context.warm_up()
         while self._mailbox.await_first():
             setpoints = self._mailbox.setpoints()

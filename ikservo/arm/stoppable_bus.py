@@ -1,4 +1,4 @@
-"""A bus whose program can be stopped by the user's other programs as long as it is open."""
+"""A bus that lets the user's other programs stop the program that has opened it."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _STOPPED = "Stopped from another terminal."
 
 
 def stoppable(bus: ServoBus, arm: str = "") -> ServoBus:
-    """Let the user's other programs stop this program's use of a bus; return the bus.
+    """Let the user's other programs stop this program while it uses a bus; return the bus.
 
     Args:
         bus: The bus, which may switch torque on.
@@ -30,9 +30,9 @@ def stoppable(bus: ServoBus, arm: str = "") -> ServoBus:
 
 
 class StopListener:
-    """Receives stops from other programs for a bus; see ``stoppable``.
+    """Receives stops for a bus from other programs; see ``stoppable``.
 
-    After a stop no servo gets torque. Once an ``Arm`` has the bus, requests go to that arm.
+    After a stop, no servo gets torque. Once an ``Arm`` has the bus, requests go to that arm.
     The simulated bus of this process has no socket, because no other program can know it.
 
     Args:
@@ -70,7 +70,7 @@ class StopListener:
         return text
 
     def check_may_move(self) -> None:
-        """Raise if another program has stopped this one.
+        """Check that no other program has stopped this one.
 
         Raises:
             StoppedError: Another program has stopped this one.

@@ -1,4 +1,4 @@
-"""Targets solved one after the other: points, poses and joints on one branch of solutions."""
+"""Solve targets in sequence: points, poses and joints on one branch of solutions."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ _MAX_POSITION = 1000.0
 
 
 class TargetTracker:
-    """Solves targets in sequence, each from the last solution, so that the branch stays.
+    """Solves targets in sequence, each from the last solution, so that the branch is kept.
 
-    If a limit is in the way the joints go as near as they can.
+    If a limit is in the way, the joints move as close to the target as they can.
 
     Args:
-        chain: Base to tip.
+        chain: The joints from base to tip.
         index: All joints in the order of the vectors (n,).
     """
 
@@ -35,7 +35,7 @@ class TargetTracker:
         self._solvers: dict[tuple[object, ...], Solver] = {}
 
     def solve_joints(self, target: CartesianOrJointTarget, last: Vector) -> tuple[Vector, bool]:
-        """Find the joints (n,) for a target from the last ones, and whether they reach the target.
+        """Find the joints (n,) for a target from the last joints; return whether they reach it.
 
         Raises:
             BadValueError: The value is not a target, or a number in it is not finite.

@@ -1,8 +1,7 @@
 """Calibration of an arm: tick conversion, limits with their sources, and stored results.
 
-Contains the conversion of servo positions (`JointMap`, `Crank`, encoder wrap-around), joint
-`Limits`, calibration by hand (a pure state machine), LeRobot's files, and storage in a file and in
-the servos as one transaction.
+This package contains the conversion of servo positions (`JointMap`, `Crank`, encoder wrap-around),
+joint `Limits`, LeRobot's files, and the storage in file and servos as one transaction.
 """
 
 from ikservo.calibration.joint_limits import Limit, Limits

@@ -1,4 +1,4 @@
-"""The calibration file: TOML with a checksum, consistency checks, and where it is stored."""
+"""The calibration file: TOML with a checksum, consistency checks and storage."""
 
 from __future__ import annotations
 
@@ -144,7 +144,7 @@ def read_calibration(path: Path) -> Calibration:
 
 
 def parse_calibration(path: Path, text: str) -> Calibration:
-    """Parse the calibration in a text; ``path`` is its origin, for messages."""
+    """Parse a calibration from text; ``path`` is its origin, for messages."""
     tables = parse_toml(path, strip_checksum(path, text))
     found = tables.get("format")
     if isinstance(found, int) and not isinstance(found, bool) and found > FORMAT:
@@ -174,16 +174,16 @@ def load_calibration(arm: str, usb_serial_number: str) -> Calibration | None:
     """Load the calibration of an arm on an adapter; return None if it has no calibration.
 
     Raises:
-        FileFormatError: The file is damaged; the message says what can be done.
+        FileFormatError: The file is damaged; the message says what to do.
     """
     return load_calibration_file(calibration_path(arm, usb_serial_number), arm)
 
 
 def load_calibration_file(path: Path, arm: str) -> Calibration | None:
-    """Load the calibration in a file of an arm; return None if there is no such file.
+    """Load an arm's calibration from a file; return None if there is no such file.
 
     Raises:
-        FileFormatError: The file is damaged; the message says what can be done.
+        FileFormatError: The file is damaged; the message says what to do.
     """
     if not path.exists():
         return None
@@ -207,10 +207,10 @@ def backup_path(path: Path) -> Path:
 
 
 def restore_calibration(path: Path) -> Calibration:
-    """Restore the previous calibration in place of a damaged one, which is kept as .damaged.
+    """Replace a damaged calibration with the previous one; the damaged file is kept as .damaged.
 
     Raises:
-        FileFormatError: There is no previous calibration, or it cannot be used either.
+        FileFormatError: There is no previous calibration, or it cannot be used.
         InputError: The present calibration is not damaged.
         FileWriteError: The file cannot be written.
     """

@@ -1,4 +1,4 @@
-"""Homing offsets: place a servo's encoder wrap-around outside the joint's range.
+"""Homing offsets, which place a servo's encoder wrap-around outside the joint's range.
 
 A servo's *bare* tick is its sensor reading without the homing offset, modulo a revolution: it
 depends on how the horn is mounted and not on any register. The present position that the servo
@@ -42,7 +42,7 @@ class Homing:
     """Homing settings of a servo.
 
     Attributes:
-        offset: Value for its homing offset register.
+        offset: The value for the homing offset register.
         extended: Whether the servo must count beyond one revolution.
         shift: Reported tick = unwrapped bare tick - shift.
     """
@@ -71,12 +71,12 @@ def choose_homing(
     """Choose the homing settings for a travel; the present ones are kept if they suffice.
 
     Args:
-        joint: Its name, for messages.
+        joint: The name of the joint, for messages.
         family: The servo's protocol family.
-        travel: Bare ticks, unwrapped.
+        travel: The travel in bare ticks, unwrapped.
         offset: The homing offset that the servo holds now.
-        encoder: Its sensor.
-        counts_on: Whether a Dynamixel is in a multi-turn mode already.
+        encoder: The sensor of the servo.
+        counts_on: Whether a Dynamixel is already in a multi-turn mode.
 
     Raises:
         CalibrationError: The travel is a revolution or more, or crosses a wrap-around that cannot
@@ -97,7 +97,7 @@ def choose_homing(
 
 
 def _choose_sts_homing(travel: TickRange, offset: int, ticks_per_turn: int) -> Homing:
-    """Keep the offset if the wrap-around is outside the travel, else centre the travel."""
+    """Keep the offset if the wrap-around is outside the travel; otherwise, centre the travel."""
     margin = (ticks_per_turn - 1 - travel.width) // 2
     clear = min(_MIN_CLEARANCE, margin)
     low = (travel.low - offset) % ticks_per_turn
@@ -127,6 +127,7 @@ def _check_fixed_homing(joint: str, travel: TickRange, encoder: Encoder) -> Homi
     if low < 0 or low + travel.width > encoder.ticks - 1:
         raise CalibrationError(
             f"{joint}: its travel crosses the encoder's wrap-around; this servo cannot shift it.",
-            "Remount the horn a few teeth further, so that the travel stays on one side of it.",
+            "Remount the horn a few teeth further, so that the travel stays on one side of the "
+            "wrap-around.",
         )
     return Homing(0, False, travel.low - low)

@@ -28,7 +28,7 @@ _FRICTION, _SHARE = "N m, zero or more", "a number from 0 to 0.5"
 
 
 class IdentifiedJoint(StrictModel):
-    """``[[joints]]``: the servos of a joint and the mass that it carries up to the next one."""
+    """``[[joints]]``: the servos of a joint and the mass that it carries up to the next joint."""
 
     name: Name = Field(description="1 to 64 of the characters A-Z a-z 0-9 _ -")
     mass_scale: float = Field(gt=0, le=10, description="a factor of the arm file's mass")
@@ -49,7 +49,7 @@ class IdentifiedJoint(StrictModel):
 
 
 class IdentifiedArm(StrictModel):
-    """The whole file."""
+    """The content of an identification file."""
 
     format: Literal[1] = Field(description="1")
     arm: Name = Field(description="an arm's name")
@@ -61,7 +61,7 @@ class IdentifiedArm(StrictModel):
     )
 
     def joint(self, name: str) -> IdentifiedJoint | None:
-        """Return the joint of that name, or None."""
+        """Return the joint with a name, or None."""
         return next((joint for joint in self.joints if joint.name == name), None)
 
 

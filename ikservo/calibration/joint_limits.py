@@ -1,4 +1,4 @@
-"""Joint limits and their source."""
+"""Joint limits and their sources."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from ikservo.calibration.joint_map import JointUnit, format_position
 from ikservo.errors import CalibrationError
 
 MIN_RANGE_TICKS = 50
-"""Smallest range of a calibrated joint, ticks; with less travel the joint was not moved."""
+"""Smallest range of a calibrated joint, ticks; with less travel, the joint was not moved."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -16,7 +16,7 @@ class Limit:
     """One end of a joint's range.
 
     Attributes:
-        value: Radians, or metres for a prismatic joint.
+        value: The position in radians, or metres for a prismatic joint.
         source: The origin of the value, for messages: ``arm file``, ``servo register``,
             ``hand sweep of 2026-11-02``, ``user``.
     """
@@ -37,7 +37,7 @@ class Limits:
     def __post_init__(self) -> None:
         if not self.lower.value <= self.upper.value:
             raise CalibrationError(
-                f"{self.joint}: empty range, from {self._format_limit(self.lower)} "
+                f"{self.joint}: the range is empty, from {self._format_limit(self.lower)} "
                 f"to {self._format_limit(self.upper)}.",
                 "One of the two limits is wrong; calibrate this joint again.",
             )
@@ -50,10 +50,10 @@ class Limits:
         return cls(joint, Limit(lower, source), Limit(upper, source), unit)
 
     def intersect(self, other: Limits) -> Limits:
-        """Return the range inside both; if values are equal the first source stays.
+        """Return the range inside both; if values are equal, the first source is kept.
 
         Raises:
-            CalibrationError: The intersection is empty; both limits are named.
+            CalibrationError: The intersection is empty; the error names both limits.
         """
         return Limits(
             self.joint,

@@ -1,4 +1,4 @@
-"""Map between encoder ticks and joint positions, exact in both directions."""
+"""The map between encoder ticks and joint positions, exact in both directions."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ class Crank:
         return self.zero_rad - math.acos(min(1.0, max(-1.0, cosine)))
 
     def clamp_to_dead_centre(self, horn_rad: float) -> float:
-        """Compute a rotation of the horn from zero, clamped where the slider would reverse."""
+        """Clamp a rotation of the horn from zero to where the slider would reverse."""
         return min(self.zero_rad, max(self.zero_rad - math.pi, horn_rad))
 
     @property
@@ -86,10 +86,10 @@ class JointMap:
     Attributes:
         joint: Name of the joint.
         servo_id: Id of the servo on the bus.
-        sign: +1 if the joint position increases with the ticks, else -1.
+        sign: +1 if the joint position increases with the ticks, otherwise -1.
         zero_tick: The tick at position zero; may be between two ticks.
-        unit_per_tick: Radians (metres for a prismatic joint) per tick, positive; with a crank the
-            maximum.
+        unit_per_tick: Radians (metres for a prismatic joint) per tick, positive; the maximum with a
+            crank.
         unit: The unit of positions.
         crank: The crank between the horn and the joint, if any.
         horn_rad_per_tick: Rotation of the horn per tick.
@@ -114,7 +114,7 @@ class JointMap:
         ticks_per_turn: float,
         gear: float = 1.0,
     ) -> JointMap:
-        """Compute the map of a revolute joint; the horn makes ``gear`` turns per turn of it."""
+        """Compute the map of a revolute joint; the horn makes ``gear`` turns per joint turn."""
         horn = math.tau / ticks_per_turn
         return cls(joint, servo_id, sign, zero_tick, horn / gear, horn_rad_per_tick=horn)
 
@@ -128,7 +128,7 @@ class JointMap:
         ticks_per_turn: float,
         m_per_turn: float,
     ) -> JointMap:
-        """Compute the map of a prismatic joint that its servo drives by a rack or pinion."""
+        """Compute the map of a prismatic joint that is driven by a rack and pinion."""
         unit, horn = m_per_turn / ticks_per_turn, math.tau / ticks_per_turn
         return cls(joint, servo_id, sign, zero_tick, unit, "m", horn_rad_per_tick=horn)
 
@@ -142,7 +142,7 @@ class JointMap:
         ticks_per_turn: float,
         crank: Crank,
     ) -> JointMap:
-        """Compute the map of a prismatic joint that its servo drives by a crank and a rod."""
+        """Compute the map of a prismatic joint that is driven by a crank and a rod."""
         horn = math.tau / ticks_per_turn
         unit = crank.max_m_per_rad * horn
         return cls(joint, servo_id, sign, zero_tick, unit, "m", crank, horn)
@@ -199,7 +199,7 @@ class JointMap:
         return format_position(position, self.unit)
 
     def ticks_inside(self, lower: float, upper: float) -> tuple[int, int]:
-        """Compute the lowest and the highest tick whose positions are in [lower, upper].
+        """Compute the lowest and highest ticks whose positions are in [lower, upper].
 
         Raises:
             BadValueError: There is no tick inside.

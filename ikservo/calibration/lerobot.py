@@ -1,8 +1,8 @@
-"""LeRobot's calibration JSON: read, write, and where LeRobot stores it.
+"""LeRobot's calibration JSON: reading, writing, and LeRobot's storage folders.
 
 Ranges are in *homed* ticks, as the servo reports them with its offset. LeRobot's degrees are
 ``(tick - (min + max) / 2) * 360 / 4095``: zero is the middle of the recorded range, not the zero of
-the geometry. An import therefore gives ids and ranges, and the user sets the zero.
+the geometry. Therefore, an import gives ids and ranges, and the user sets the zero.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ _OLD_KEYS = {"motor_names", "start_pos", "calib_mode"}
 
 @dataclass(frozen=True, slots=True)
 class LerobotJoint:
-    """One joint of the file, with LeRobot's keys."""
+    """One joint in the file, with LeRobot's keys."""
 
     name: str
     id: int
@@ -53,7 +53,7 @@ def read_lerobot(path: Path) -> tuple[LerobotJoint, ...]:
 
 
 def parse_lerobot(path: Path, text: str) -> tuple[LerobotJoint, ...]:
-    """Parse the joints of a text in the order of the file; ``path`` is for messages."""
+    """Parse the joints from text in the order of the file; ``path`` is for messages."""
     try:
         table = parse_json(text, _parse_integer)
     except json.JSONDecodeError as error:
@@ -85,7 +85,7 @@ def dump_lerobot(joints: Sequence[LerobotJoint]) -> str:
 
 
 def lerobot_joints(calibration: Calibration) -> tuple[LerobotJoint, ...]:
-    """Return a calibration as LeRobot joints; ``lost_in_lerobot`` lists what is left out."""
+    """Return a calibration as LeRobot joints; ``lost_in_lerobot`` lists the omissions."""
     joints: list[LerobotJoint] = []
     for joint in calibration.joints:
         low, high = joint.travel_ticks if joint.swept != "not swept" else _FULL_TURN
@@ -97,20 +97,20 @@ def lerobot_joints(calibration: Calibration) -> tuple[LerobotJoint, ...]:
 
 def lost_in_lerobot(calibration: Calibration) -> Iterator[str]:
     """Yield the parts of a calibration that LeRobot's file cannot represent, one line each."""
-    yield "LeRobot takes the middle of each range for zero; these zeros are not in its file."
+    yield "LeRobot uses the middle of each range as zero; these zeros are not in its file."
     for joint in calibration.joints:
         if joint.sign == -1:
             yield f"{joint.name} counts against its joint, and so do LeRobot's degrees."
         if joint.swept == "not swept":
-            yield f"{joint.name} was not swept; LeRobot gets a whole turn."
+            yield f"{joint.name} was not swept; LeRobot's file gets a full turn."
         if joint.extended and joint.swept != "not swept":
             yield f"{joint.name} counts beyond one turn, which LeRobot's range does not show."
         if any(end is not None for end in joint.user_range()):
-            yield f"LeRobot does not get your own limits of {joint.name}."
+            yield f"Your own limits of {joint.name} are not in LeRobot's file."
         for shadow in joint.shadows:
             yield f"Servo {shadow.id} of {joint.name} is left out: LeRobot has one servo per joint."
     if calibration.geometry:
-        yield "The links and the base from a touch-off are left out."
+        yield "The link and base corrections from a touch-off are left out."
 
 
 def _parse_integer(digits: str) -> int:
@@ -156,7 +156,7 @@ _KINDS = ("robots", "teleoperators")
 
 
 def find_lerobot(id_or_path: str) -> Path:
-    """Find the file of an id or a path.
+    """Find the calibration file for an id or a path.
 
     Ids are searched below ``robots/<type>`` and ``teleoperators/<type>`` for every type, because
     LeRobot has renamed them: so100_follower, so101_follower, now so_follower.

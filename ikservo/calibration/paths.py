@@ -1,4 +1,4 @@
-"""Storage places of an arm's calibration and related files, by adapter."""
+"""Paths of an arm's calibration and related files, by adapter."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def journal_path(arm: str, usb_serial_number: str) -> Path:
 
 
 def confirmation_path(arm: str, usb_serial_number: str) -> Path:
-    """Return the file of the calibrations with which the arm's joints were last confirmed."""
+    """Return the file that records the last confirmation of the arm's joints."""
     return config_dir() / "confirmed" / f"{_file_stem(arm, usb_serial_number)}.txt"
 
 
@@ -63,7 +63,7 @@ def calibrations_of(arm: str) -> list[Path]:
 
 
 def identified_of(arm: str) -> list[Path]:
-    """Return the files of an identified arm on any adapter, by name."""
+    """Return the identification files of an arm on any adapter, by name."""
     return _files_of(config_dir() / "identified", arm)
 
 

@@ -1,4 +1,4 @@
-"""A calibration, or the part measured so far, as stored in its file; keys carry their units."""
+"""A complete or partial calibration, as stored in its file; keys contain their units."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ _MOVE, _ROTATION = "[x, y, z] in mm, each at most ±50", "[x, y, z] in degrees, 
 
 
 class CalibratedServo(StrictModel):
-    """A servo and the raw numbers that its EEPROM held when it was calibrated."""
+    """A servo, and the raw numbers that its EEPROM held at calibration."""
 
     id: int = Field(ge=0, le=252, description="a whole number from 0 to 252")
     model: Name = Field(description='a servo model, such as "STS3215"')
@@ -87,7 +87,7 @@ class CalibratedJoint(StrictModel):
         return (self.servo, *self.shadows)
 
     def recorded_range(self) -> tuple[float, float] | None:
-        """Return the recorded range [rad or m], less the margin; None if not recorded."""
+        """Return the recorded range [rad or m] minus the margin; None if not recorded."""
         low, high = _to_si(self.lower_deg, self.lower_m), _to_si(self.upper_deg, self.upper_m)
         return None if low is None or high is None else (low, high)
 
@@ -102,14 +102,14 @@ class CalibratedJoint(StrictModel):
 
 
 class CalibratedOrigin(StrictModel):
-    """The corrected origin of a joint, for a link of another length."""
+    """The corrected origin of a joint, for a link with another length."""
 
     joint: Name = Field(description="a joint between base and tip")
     moved_mm: tuple[Move, Move, Move] = Field(strict=False, description=_MOVE)
 
 
 class CalibratedGeometry(StrictModel):
-    """``[geometry]``: corrections of links and base against the arm file, by touch-off."""
+    """``[geometry]``: corrections of links and base relative to the arm file, by touch-off."""
 
     touched: datetime = Field(description="a date and time with its offset")
     touches: int = Field(ge=1, le=10_000, description="a whole number")
@@ -137,7 +137,7 @@ class SeenBoard(StrictModel):
 
 
 class TipClick(StrictModel):
-    """Zero of the last joint according to one click on the tip, with its standard errors."""
+    """The zero of the last joint according to one click on the tip, with its standard errors."""
 
     off_deg: float = Field(ge=-90.0, le=90.0, description="degrees, true minus measured position")
     click_deg: float = Field(ge=1e-4, description="degrees, standard error of the click")
@@ -180,7 +180,7 @@ class CalibratedCamera(StrictModel):
 
 
 class Calibration(StrictModel):
-    """A calibration file; each value is checked by itself."""
+    """The content of a calibration file; each value is checked on its own."""
 
     format: Annotated[Literal[1], BeforeValidator(_require_integer)] = Field(description="1")
     arm: Name = Field(description="an arm's name")
@@ -210,7 +210,7 @@ class Calibration(StrictModel):
         return self.model_copy(update={"camera": cameras.get(""), "cameras": named})
 
     def joint(self, name: str) -> CalibratedJoint | None:
-        """Return the joint of that name, or None."""
+        """Return the joint with a name, or None."""
         return next((joint for joint in self.joints if joint.name == name), None)
 
     def narrow_limits(self, joint: CalibratedJoint, limits: Limits) -> Limits:
@@ -230,7 +230,7 @@ class Calibration(StrictModel):
         return limits.intersect(Limits(joint.name, low, high, limits.unit))
 
     def source(self, joint: CalibratedJoint) -> str:
-        """Return the source of a joint's range: ``hand sweep of 2026-11-02``."""
+        """Return the source of a joint's range, such as ``hand sweep of 2026-11-02``."""
         sweeps = {"by LeRobot": "LeRobot's sweep", "by itself": "the arm's own sweep"}
         sweep = sweeps.get(joint.swept, "hand sweep")
         return f"{sweep} of {self.written:%Y-%m-%d}"
@@ -286,9 +286,9 @@ def read_partial(path: Path) -> PartialCalibration | None:
 def shift_zeros(
     joints: Sequence[CalibratedJoint], maps: Sequence[JointMap], zeros: Vector
 ) -> tuple[CalibratedJoint, ...]:
-    """Return joints with positions increased by ``zeros`` (dof,); those without a map stay.
+    """Return joints with positions increased by ``zeros`` (dof,); joints without a map stay.
 
-    The end stops do not move, nor do the user's limits, which are positions of the geometry.
+    The end stops do not move, nor do the user's limits, which are positions in the geometry.
     """
     shifts = {m.joint: (m, float(zero)) for m, zero in zip(maps, zeros, strict=True)}
     shifted = list(joints)

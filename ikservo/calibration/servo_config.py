@@ -1,4 +1,4 @@
-"""EEPROM registers that a calibration relies on: expected values and differences."""
+"""The EEPROM registers on which a calibration relies: expected values and differences."""
 
 from __future__ import annotations
 
@@ -39,10 +39,10 @@ class ServoConfig:
     """The configuration of a servo.
 
     Attributes:
-        id: Its bus id.
-        table: Its control table.
-        firmware: Its firmware version; empty if it reports none.
-        registers: Raw numbers of the registers that a calibration depends on, by name.
+        id: The bus id.
+        table: The control table.
+        firmware: The firmware version; empty if the servo does not report it.
+        registers: Raw numbers, by name, of the registers on which a calibration depends.
     """
 
     id: int
@@ -84,7 +84,7 @@ def is_multi_turn(held: Mapping[str, int]) -> bool:
 
 
 def calibration_registers(table: type[ControlTable]) -> list[Register]:
-    """Return the registers of a model that a calibration depends on."""
+    """Return the registers of a model on which a calibration depends."""
     roles = [table.find(role) for role in _ROLES if role not in table.missing]
     own = table.registers.get(_NAMES.get(table.family, ""))
     return [*roles, own] if own else roles
@@ -114,11 +114,11 @@ def expected_registers(
     """Compute the expected registers of a servo.
 
     Args:
-        config: Its present configuration; values are kept if possible.
-        offset: Its homing offset.
+        config: The present configuration of the servo; values are kept if possible.
+        offset: The homing offset.
         limits: Position limits, raw; None opens them if the present ones no longer mean the
             same positions, and keeps them if they do.
-        extended: Whether it must count beyond one revolution.
+        extended: Whether the servo must count beyond one revolution.
     """
     held = dict(config.registers)
     if config.table.family is Family.FEETECH_STS:
@@ -146,7 +146,7 @@ class RegisterMismatch:
 
     Attributes:
         joint: The servo's joint.
-        servo_id: Its id.
+        servo_id: The id of the servo.
         register: The name of the register; ``model`` for the servo itself.
         expected: The value in the file.
         found: The value in the servo.
@@ -172,7 +172,7 @@ def register_mismatches(
     for joint in calibration.joints:
         for servo in joint.servos:
             if servo.id not in config:
-                yield RegisterMismatch(joint.name, servo.id, "id", str(servo.id), "not this arm's")
+                yield RegisterMismatch(joint.name, servo.id, "id", str(servo.id), "not of this arm")
             else:
                 yield from _servo_mismatches(joint.name, servo, config[servo.id])
 
@@ -192,10 +192,11 @@ def _servo_mismatches(
 
 
 def raise_on_mismatch(contradictions: Iterable[RegisterMismatch]) -> None:
-    """Raise if there are mismatches.
+    """Check that there are no mismatches.
 
     Raises:
-        CalibrationError: Registers differ; the first is named with both values, and what to do.
+        CalibrationError: Registers differ; the error gives the first with both values, and the
+            remedy.
     """
     first, *more = [*contradictions, None]
     if first is None:

@@ -1,7 +1,7 @@
-"""Write calibration to servos and file as one journaled transaction: all of it, or nothing.
+"""Write a calibration to servos and file as one journaled transaction, all or nothing.
 
-The journal is on disk before the first servo is written and is removed after the file is. It
-contains both states, so that a later run can read from the servos how far the writing came, and
+The journal is on disk before the first servo is written, and is removed after the file is written.
+It contains both states, so that a later run can read from the servos how far the writing came, and
 finish or undo it.
 """
 
@@ -35,7 +35,7 @@ _Memory = Mapping[Annotated[str, Field(max_length=64)], int]
 
 
 class EepromChange(StrictModel):
-    """The change of one servo: its old and its new raw numbers."""
+    """The change of one servo, with old and new raw numbers."""
 
     id: int = Field(ge=0, le=252, description="a whole number from 0 to 252")
     old: _Memory = Field(description="register = raw number")
@@ -47,8 +47,8 @@ class Journal(StrictModel):
 
     Attributes:
         path: The calibration file.
-        old_text: Its old content; empty if there was none.
-        new_text: Its new content.
+        old_text: The old content of the file; empty if there was none.
+        new_text: The new content of the file.
         changes: The changes by servo, in the order of writing.
         temporary: Whether the new numbers only serve a search for end stops, and are never kept.
     """
@@ -96,7 +96,7 @@ class TransactionProgress(Enum):
 
 
 def plan_changes(bus: ServoBus, expected: Mapping[int, Mapping[str, int]]) -> list[EepromChange]:
-    """Plan the changes that give servos their expected registers, raw, by id and register.
+    """Plan the changes that give servos their expected raw numbers, by id and register.
 
     Raises:
         BusError: A servo does not reply.
@@ -122,13 +122,13 @@ def commit(
 ) -> None:
     """Write servos and file as one; after a failure both are restored.
 
-    Changes of a temporary transaction are restored, too, if a later one fails.
+    If a later transaction fails, the changes of a temporary one are also restored.
 
     Args:
         bus: The servos, torque off.
         journal_path: The journal during the transaction.
         path: The calibration file.
-        text: Its new content; empty for no file; ignored if temporary.
+        text: The new content of the file; empty for no file; ignored if temporary.
         changes: The new registers of the servos.
         temporary: Whether the changes only serve a search for end stops. The journal then stays
             until ``roll_back`` or the next ``commit``.
@@ -187,17 +187,17 @@ def progress(bus: ServoBus, journal: Journal) -> TransactionProgress:
 
 
 def recover(bus: ServoBus, journal_path: Path, *, calibrating: bool = False) -> str:
-    """Recover an interrupted transaction if no servo has to be written for that.
+    """Recover an interrupted transaction if that needs no write to a servo.
 
     A temporary transaction is undone if the servos are limp.
 
     Args:
         bus: The servos.
         journal_path: The journal.
-        calibrating: Whether the caller calibrates the arm, which undoes a temporary one at its end.
+        calibrating: Whether the caller calibrates the arm, and then undoes a temporary transaction.
 
     Returns:
-        What was done, for the user; empty if there was nothing to do.
+        Text for the user about what was done; empty if there was nothing to do.
 
     Raises:
         CalibrationError: Only some servos are changed, or servos with torque are changed for a
@@ -218,10 +218,10 @@ def recover(bus: ServoBus, journal_path: Path, *, calibrating: bool = False) -> 
     if reached is TransactionProgress.EVERYTHING:
         _save_file(journal)
         remove_durably(journal_path)
-        return "An interrupted calibration was complete in the servos; its file is saved now."
+        return "An interrupted calibration was complete in the servos; its file has now been saved."
     _restore_file(journal)
     remove_durably(journal_path)
-    return "An interrupted calibration had changed nothing yet; the previous one is valid."
+    return "An interrupted calibration had not changed anything yet; the previous one is valid."
 
 
 def _undo_search(bus: ServoBus, journal: Journal, journal_path: Path, *, calibrating: bool) -> str:
@@ -237,7 +237,10 @@ def _undo_search(bus: ServoBus, journal: Journal, journal_path: Path, *, calibra
         )
     _restore_servos(bus, journal)
     remove_durably(journal_path)
-    return "The servos had the settings of an interrupted search; the previous ones are restored."
+    return (
+        "The servos had the settings of an interrupted search; the previous settings have "
+        "been restored."
+    )
 
 
 def resume(bus: ServoBus, journal_path: Path) -> bool:
@@ -289,8 +292,8 @@ def _find_interrupted(bus: ServoBus, journal_path: Path) -> Journal | None:
         if servo is None or names - servo.table.registers.keys():
             raise CalibrationError(
                 f"{journal_path}: interrupted write to servo {change.id}, which has changed since.",
-                "Has the arm file changed? Use the earlier one, or remove this journal "
-                "and compare: ikservo calibration diff",
+                "Has the arm file changed? Use the earlier arm file, or remove this journal and "
+                "compare: ikservo calibration diff",
             )
     return journal
 
@@ -312,7 +315,7 @@ def _save_file(journal: Journal) -> None:
 
 
 def _text_of(path: Path) -> str:
-    """Return the text of a file, empty if there is none; also that of a damaged one."""
+    """Return the text of a file, even if it is damaged; empty if there is none."""
     if not path.exists():
         return ""
     require_file(path)
@@ -338,7 +341,7 @@ def _restore_file(journal: Journal) -> None:
 
 def _unfinished_error() -> CalibrationError:
     return CalibrationError(
-        "Writing a calibration was interrupted: some servos hold the new one, others the old.",
+        "Writing a calibration was interrupted: some servos hold the new values, others the old.",
         "Finish it: ikservo calibration resume. Or undo it: ikservo calibration revert.",
     )
 

@@ -29,7 +29,7 @@ def built_in_commands() -> Mapping[str, Command]:
 def all_commands() -> Mapping[str, Command]:
     """Return the commands of all apps, other distributions included; see ``built_in_commands``.
 
-    Problems with an app of another distribution are reported on the terminal, once.
+    Problems with an app of another distribution are reported once on the terminal.
     """
     apps, problems = installed_apps()
     for problem in problems:
@@ -52,7 +52,7 @@ class LazyCommandGroup(TyperGroup):
     """Imports the module of a command when that command is run.
 
     Attributes:
-        prefix: The beginning of the names of its commands: "" or such as "import ".
+        prefix: The beginning of its commands' names, such as "import "; may be empty.
     """
 
     prefix = ""
@@ -87,7 +87,7 @@ class LazyCommandGroup(TyperGroup):
         )
 
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:  # noqa: ANN401
-        """Find the named command; suggest the closest name if there is none."""
+        """Find the command with a name; suggest the closest name if there is none."""
         if len(args) > 1 and " ".join(args[:2]) in built_in_commands():  # such as "arms new"
             args = [" ".join(args[:2]), *args[2:]]
         if args and not args[0].startswith("-") and find_command(self.prefix + args[0]) is None:
@@ -106,7 +106,7 @@ class LazyCommandGroup(TyperGroup):
 
 
 def load_command(name: str, found: Command) -> Any:  # noqa: ANN401
-    """Import the module of a command, and return the command as click runs it."""
+    """Import the module of a command; return the command in the form that click runs."""
     from ikservo.cli.option_groups import with_options_of_groups  # noqa: PLC0415
 
     place, _, function = found.module.partition(":")

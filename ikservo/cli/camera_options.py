@@ -1,4 +1,4 @@
-"""The options of a camera and its board, which several commands share."""
+"""The options for a camera and its board, which several commands share."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ DEFAULT_BOARD = "5x7-12mm-4x4"
 
 BoardOption = Annotated[
     str,
-    typer.Option("--board", metavar="NAME", help="COLUMNSxROWS-SQUAREmm-FAMILY of the board."),
+    typer.Option("--board", metavar="NAME", help="Board, as COLUMNSxROWS-SQUAREmm-FAMILY."),
 ]
 CameraNameOption = Annotated[
     str,
@@ -50,7 +50,7 @@ class CameraOptions:
         typer.Option(
             "--from-pictures",
             metavar="FOLDER",
-            help="Repeat a calibration from the pictures in such a folder, without arm and camera.",
+            help="Repeat a calibration from the pictures in this folder, without arm or camera.",
         ),
     ] = None
     by_hand: Annotated[

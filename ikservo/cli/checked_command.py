@@ -1,4 +1,4 @@
-"""Arguments of every command: the arm by its bare name, and finite numbers only."""
+"""Checks of every command's arguments: a bare arm name, and only finite numbers."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ from typer.core import TyperCommand
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
-_LARGEST_NUMBER = 1e9  # products of such numbers are still finite
-_FREE_WORDS = ("FILE", "LEADER", "NAME")  # metavars of words that may equal an arm's name
+_LARGEST_NUMBER = 1e9  # products of numbers up to this size are still finite
+_FREE_WORDS = ("FILE", "LEADER", "NAME")  # metavars of arguments that may equal an arm's name
 
 
 def names_arm(word: str) -> bool:
@@ -27,7 +27,7 @@ def names_arm(word: str) -> bool:
 
 
 class CheckedCommand(TyperCommand):
-    """Accepts the arm as ``--arm`` or as a bare name, and only finite numbers of usual size."""
+    """Accepts the arm as ``--arm`` or as a bare name, and only finite numbers of normal size."""
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:  # noqa: ANN401
         """Parse arguments and check their numbers."""

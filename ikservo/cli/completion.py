@@ -29,7 +29,7 @@ def complete_arms(incomplete: str) -> list[str]:
 
 
 def complete_poses(ctx: Any, incomplete: str) -> list[str]:  # noqa: ANN401  # typer hides click's types
-    """Complete a prefix to poses of the chosen arm, taught ones included."""
+    """Complete a prefix to poses of the chosen arm, including taught poses."""
     from ikservo.planning.poses import known_pose_names  # noqa: PLC0415
 
     model = _model_from_context(ctx)
@@ -37,7 +37,7 @@ def complete_poses(ctx: Any, incomplete: str) -> list[str]:  # noqa: ANN401  # t
 
 
 def complete_joints(ctx: Any, incomplete: str) -> list[str]:  # noqa: ANN401
-    """Complete the joints of the chosen arm as ``NAME=``, without those given before."""
+    """Complete the joints of the chosen arm as ``NAME=``, except those already given."""
     model = _model_from_context(ctx)
     given = {str(goal).partition("=")[0] for goal in ctx.params.get("goals") or ()}
     names = [] if model is None else [joint.name for joint in model.joints]
@@ -45,7 +45,7 @@ def complete_joints(ctx: Any, incomplete: str) -> list[str]:  # noqa: ANN401
 
 
 def complete_jogs(ctx: Any, incomplete: str) -> list[str]:  # noqa: ANN401
-    """Complete the object of a jog: joints of the chosen arm, and directions of the tip."""
+    """Complete what to jog: joints of the chosen arm, and directions of the tip."""
     model = _model_from_context(ctx)
     names = [] if model is None else [joint.name for joint in model.joints]
     return _filter_by_prefix([*names, *_DIRECTIONS], incomplete)

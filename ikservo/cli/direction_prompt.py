@@ -21,19 +21,19 @@ from ikservo.model import Model
 
 
 def check_directions_once(machine: OpenArm, options: MotionOptions) -> bool:
-    """Run the test motion of all joints if the present files were not yet confirmed with it.
+    """Run the test motion of all joints, if it has not yet confirmed the present files.
 
-    Returns whether it ran; the arm may then hold at another position than the plan's start.
+    Returns whether the test ran; the arm may then hold at another position than the plan's start.
 
     An arm with unknown zeros moves in small steps that are each confirmed; it needs no test.
 
     Args:
         machine: The arm, before it moves.
-        options: Whether to skip the test, or the questions to the user.
+        options: Tell whether to skip the test or the questions to the user.
 
     Raises:
         CalibrationError: A joint is not the expected one.
-        InputError: No user is there to watch.
+        InputError: There is no user to watch.
     """
     if options.no_wiggle or not isinstance(machine, Arm):  # done by the program beside the arm
         return False
@@ -49,9 +49,9 @@ def check_directions_once(machine: OpenArm, options: MotionOptions) -> bool:
 def check_new_signs(
     model: Model, port: str | None, names: Sequence[str], operator: Operator
 ) -> bool:
-    """Offer the test motion for joints whose sign differs from the arm file; return whether it ran.
+    """Offer a test of joints whose sign differs from the arm file; return whether it ran.
 
-    If it is not confirmed now, the first motion of the arm starts with it.
+    If the user declines, the first motion of the arm starts with the test.
 
     Raises:
         CalibrationError: The user saw a joint move in the wrong direction.
@@ -74,7 +74,7 @@ def check_new_signs(
 
 
 def check_directions(machine: Arm, joints: Sequence[str], *, yes: bool, json: bool) -> None:
-    """Run the test motion of some joints, all if none are named, and record all as confirmed."""
+    """Run the test motion of some joints, or all if none are named; record all as confirmed."""
     motions = _check_each_joint(machine, joints, yes=yes)
     if json:
         moved = [

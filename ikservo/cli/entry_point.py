@@ -19,7 +19,7 @@ from ikservo.cli.terminal import print_json, print_status
 from ikservo.errors import ExitCode, IkservoError
 
 COMMAND = re.compile(r"\bikservo ([a-z]+)((?: (?!ikservo\b)[^\s,;()`]*[^\s,;()`.:?])*)")
-"""A command in a sentence: its name, and its arguments up to punctuation."""
+"""Pattern of a command in a sentence: its name, and its arguments up to punctuation."""
 
 _ARM_AS_OPTION = frozenset(
     [
@@ -54,7 +54,7 @@ _NO_PORT = frozenset(("arms", "ports", "sim", "solve", "workspace"))
 
 
 def with_connection_options(hint: str, args: Sequence[str]) -> str:
-    """Return a hint whose commands have the arm and port that the user gave.
+    """Return a hint in which commands have the arm and port that the user gave.
 
     Args:
         hint: A sentence with commands in it.
@@ -65,7 +65,7 @@ def with_connection_options(hint: str, args: Sequence[str]) -> str:
 
 
 def _with_arm_and_port(name: str, arguments: str, arm: str, port: str) -> str:
-    """Return a command with arm and port added if it takes them and has none."""
+    """Return a command with arm and port, if it accepts them and has none."""
     if "--help" in arguments:
         return f"ikservo {name}{arguments}"
     if arm and name in _ARM_AS_ARGUMENT:
@@ -127,7 +127,7 @@ class _Outcome:
     """Result of a command.
 
     Attributes:
-        code: Its exit code.
+        code: The exit code.
         interrupted: Whether Ctrl-C stopped it.
     """
 
@@ -138,7 +138,8 @@ class _Outcome:
 def console() -> NoReturn:
     """Run the command line of this process, and exit at once.
 
-    By then, everything is closed. If Ctrl-C has stopped the command, the process ends by SIGINT.
+    Before the exit, everything is closed. If Ctrl-C has stopped the command, the process ends by
+    SIGINT.
     """
     # NumPy reads this when it loads. The threads of BLAS spin while they wait for each other: on
     # busy cores, decomposing a small matrix took a hundred times the processor time, and slowed
@@ -162,7 +163,7 @@ def main(args: Sequence[str] | None = None) -> int:
     """Run one command.
 
     Args:
-        args: The command line after ``ikservo``; that of this process if None.
+        args: The command line after ``ikservo``; None uses that of this process.
 
     Returns:
         The exit code, see ``ExitCode``.
@@ -189,7 +190,7 @@ def _run_and_report(args: Sequence[str]) -> _Outcome:
 
 
 def _print_warning(message: Warning | str, *_: object, **__: object) -> None:
-    """Print a warning as a sentence, without the place in the code that gave it."""
+    """Print a warning as a sentence, without the place in the code that issued it."""
     print_status(str(message))
 
 
@@ -216,7 +217,7 @@ def _report_failure(error: BaseException, args: Sequence[str]) -> int:
 
 
 def _is_interrupt(error: BaseException) -> bool:
-    """Check whether Ctrl-C caused an error, and not the end of the input at a prompt."""
+    """Check whether Ctrl-C caused an error, rather than the end of input at a prompt."""
     chain = list(_error_chain(error))
     at_prompt = any(isinstance(each, EOFError) for each in chain)
     return not at_prompt and any(isinstance(each, KeyboardInterrupt) for each in chain)
@@ -254,7 +255,8 @@ def _run_command(args: list[str]) -> int:
     except typer.Abort:
         raise KeyboardInterrupt from None
     except Exception as error:
-        # typer vendors click without naming its errors; they are the ones with a format method.
+        # typer vendors click without naming its errors, which can be recognised by their format
+        # method.
         explain = getattr(error, "format_message", None)
         if explain is None:
             raise

@@ -30,14 +30,15 @@ LEANING = ("auto", "pseudo_inverse")
 
 @dataclass(frozen=True, kw_only=True)
 class PostureOptions:
-    """The posture that is preferred if the target leaves freedom."""
+    """The posture that is preferred if the target leaves a choice."""
 
     prefer: Annotated[
         list[str] | None,
         typer.Option(
             "--prefer",
             metavar="JOINT=POSITION",
-            help="Preferred joint position or pose, used if the target leaves freedom; repeatable.",
+            help="Preferred joint position or pose, used if the target leaves a choice; "
+            "repeatable.",
         ),
     ] = None
     weight: Annotated[
@@ -45,7 +46,7 @@ class PostureOptions:
         typer.Option(
             "--weight",
             metavar="JOINT=NUMBER",
-            help="Weight of a joint's preference; default: 1; 0: ignored; repeatable.",
+            help="Weight of a joint's preference; default: 1, and 0 ignores it; repeatable.",
         ),
     ] = None
 
@@ -55,7 +56,7 @@ class PostureOptions:
         A pose sets a preferred position for every joint; single joints may then override it.
 
         Args:
-            model: Has the poses and the joints' units.
+            model: The model with the poses and the units of the joints.
             chain: The joints of the posture.
 
         Raises:
@@ -96,7 +97,7 @@ class PostureOptions:
 
 
 def model_from_option(arm: str | None, tip: str | None = None) -> Model:
-    """Return the model of ``--arm``, as its arm file has it.
+    """Return the model of ``--arm`` from its arm file.
 
     Raises:
         InputError: No arm was given; known arms are listed.
@@ -112,8 +113,8 @@ def calibrated_model_from_option(arm: str | None, tip: str | None = None) -> Mod
 
     Raises:
         InputError: No arm was given; known arms are listed.
-        FileFormatError: Its calibration is damaged.
-        CalibrationError: Its calibration belongs to another arm.
+        FileFormatError: The calibration is damaged.
+        CalibrationError: The calibration belongs to another arm.
     """
     model = model_from_option(arm, tip)
     if not (model.joints and calibrations_of(model.name)):
@@ -127,7 +128,7 @@ def calibrated_model_from_option(arm: str | None, tip: str | None = None) -> Mod
 
 
 def describe_limit(model: Model, binding: ActiveLimit) -> str:
-    """Describe an active limit as text: ``j2 at its lower limit, 5.0° (arm file)``."""
+    """Describe an active limit, such as ``j2 at its lower limit, 5.0° (arm file)``."""
     joint = next((joint for joint in model.joints if joint.name == binding.joint), None)
     if joint is None:
         return str(binding)
@@ -143,23 +144,23 @@ def limit_sources(model: Model) -> list[str]:
 
 
 def report_missing_freedom(chain: Chain, q: Vector, *, directed: bool) -> None:
-    """Print a note if the target leaves no freedom for a preferred posture.
+    """Print a note if the target leaves no choice for a preferred posture.
 
     Args:
         chain: The arm.
         q: The joints (dof,) that were found.
-        directed: Whether the target has a direction besides its position.
+        directed: Whether the target has a direction in addition to its position.
     """
     J = chain.jacobian(q)
     taken = int(np.linalg.matrix_rank(J[:3], _RANK_M)) + (2 if directed else 0)
     if taken >= chain.dof:
-        print_status("The target leaves this arm no freedom, so --prefer changes nothing.")
+        print_status("The target leaves this arm no choice of posture, so --prefer has no effect.")
 
 
 def _parse_pairs(
     chain: Chain, texts: Sequence[str] | None, option: str, example: str
 ) -> list[tuple[int, str]]:
-    """Parse the joint columns and the texts given for them."""
+    """Parse options into joint columns and the texts given for them."""
     pairs, named = list[tuple[int, str]](), set[str]()
     for each in texts or ():
         name, equals, text = each.partition("=")

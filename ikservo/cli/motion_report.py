@@ -103,7 +103,7 @@ def make_tip_motion(
 ) -> MoveResult | None:
     """Announce and execute a plan of the tip; a dry run prints it and returns None.
 
-    The plan is made again if the directions of joints were tested first.
+    If the directions of joints were tested first, the plan is made again.
     """
     announce(plan, machine, options)
     if options.dry_run:
@@ -153,7 +153,7 @@ _RESULT_LINES = (
 
 
 def print_move_report(report: MoveResult | None, *, json: bool) -> None:
-    """Print the result of a tip motion, if one was made; exit 1 if the tip is off its target."""
+    """Print the result of a tip motion, if there was one; exit 1 if the tip missed its target."""
     if report is None:
         return
     print_fields("move", report, _RESULT, json=json, order=_RESULT_LINES, width=11)

@@ -1,4 +1,4 @@
-"""Options that commands share, most of them in groups that a command takes whole."""
+"""Options that commands share, most of them in groups."""
 
 from __future__ import annotations
 
@@ -40,10 +40,13 @@ ToolSpeedOption = Annotated[
         help="Constant speed of the tip on its path; default: as fast as --speed allows.",
     ),
 ]
-Length = Annotated[float, typer.Argument(parser=parse_coordinate_m, help="Metres, or like 120mm.")]
+Length = Annotated[
+    float,
+    typer.Argument(parser=parse_coordinate_m, help="In metres, or with a unit, such as 120mm."),
+]
 TipOption = Annotated[
     str | None,
-    typer.Option("--tip", help="Link of the URDF that is the tool; needed for a .urdf file."),
+    typer.Option("--tip", help="Name of the tool link in the URDF; required with a .urdf file."),
 ]
 ArmOption = Annotated[
     str | None,
@@ -97,7 +100,9 @@ StraightOption = Annotated[
 ]
 ThinkOption = Annotated[
     float,
-    typer.Option("--think", parser=parse_time_s, help="Longest search for a path around things."),
+    typer.Option(
+        "--think", parser=parse_time_s, help="Longest time to search for a path around obstacles."
+    ),
 ]
 OverwriteOption = Annotated[bool, typer.Option("--overwrite", help="Replace an existing file.")]
 UncalibratedOption = Annotated[
@@ -110,7 +115,7 @@ UncalibratedOption = Annotated[
 
 @dataclass(frozen=True, kw_only=True)
 class ArmConnection:
-    """The arm of a command, and where it is connected."""
+    """The arm of a command, and its port."""
 
     arm: ArmOption = None
     port: PortOption = None
@@ -118,21 +123,21 @@ class ArmConnection:
 
 @dataclass(frozen=True, kw_only=True)
 class ServoConnection(ArmConnection):
-    """The arm of a command that needs the servos at a port of this machine."""
+    """The arm of a command that needs the servos on a port of this machine."""
 
     port: ServoPortOption = None
 
 
 @dataclass(frozen=True, kw_only=True)
 class NamedArmConnection(ArmConnection):
-    """The arm as the first argument of a command, and where it is connected."""
+    """The arm as the first argument of a command, and its port."""
 
     arm: ArmArgument = None
 
 
 @dataclass(frozen=True, kw_only=True)
 class NamedServoConnection(ArmConnection):
-    """The arm as the first argument, with its servos at a port of this machine."""
+    """The arm as the first argument, with its servos on a port of this machine."""
 
     arm: ArmArgument = None
     port: ServoPortOption = None
@@ -142,7 +147,7 @@ class NamedServoConnection(ArmConnection):
 class MotionOptions:
     """Options for opening the arm, for checks and questions before a motion, and for output.
 
-    A command that offers only some of them says so with ``Without``.
+    A command that offers only some of them excludes the others with ``Without``.
     """
 
     collision: Annotated[
@@ -160,7 +165,7 @@ class MotionOptions:
         bool,
         typer.Option(
             "--no-wiggle",
-            help="Skip the 5° test of each joint after its arm file or calibration changed.",
+            help="Skip the 5° test of each joint after the arm file or calibration has changed.",
         ),
     ] = False
     tip: TipOption = None
@@ -178,7 +183,7 @@ class ToolOptions:
             "--pitch",
             parser=parse_angle_rad,
             metavar="DEG",
-            help="Pitch of the tool; 0: level, -90: straight down.",
+            help="Pitch of the tool: 0 is level, -90 points straight down.",
         ),
     ] = None
     roll_rad: Annotated[
@@ -187,7 +192,7 @@ class ToolOptions:
             "--roll",
             parser=parse_angle_rad,
             metavar="DEG",
-            help="Roll of the tool about its axis, clockwise seen from behind; 0: level.",
+            help="Roll of the tool about its axis, clockwise as seen from behind; 0 is level.",
         ),
     ] = None
     direction: Annotated[
@@ -197,7 +202,8 @@ class ToolOptions:
     keep: Annotated[
         bool,
         typer.Option(
-            "--keep", help="Keep the full orientation of the tool; refuse the motion if it cannot."
+            "--keep",
+            help="Keep the full orientation of the tool; refuse the motion if that is impossible.",
         ),
     ] = False
     within_rad: Annotated[
@@ -206,7 +212,7 @@ class ToolOptions:
             "--within",
             parser=parse_angle_rad,
             metavar="DEG",
-            help="Largest error of pitch, roll or direction; default: 0.5.",
+            help="Largest error allowed in pitch, roll or direction; default: 0.5.",
         ),
     ] = None
 
@@ -225,7 +231,7 @@ class ToolOptions:
 
 SceneOption = Annotated[
     Path | None,
-    typer.Option("--scene", metavar="FILE", help="TOML file of the things around the arm."),
+    typer.Option("--scene", metavar="FILE", help="TOML file with the things around the arm."),
 ]
 
 
@@ -240,7 +246,8 @@ class PathOptions:
             "--upright",
             parser=parse_angle_rad,
             metavar="DEG",
-            help="Largest tilt during the motion of a thing that is upright now, such as a cup.",
+            help="Largest tilt, during the motion, of an object that is upright now, such as a "
+            "cup.",
         ),
     ] = None
     keep_axis: Annotated[
@@ -248,7 +255,7 @@ class PathOptions:
         typer.Option(
             "--keep-axis",
             metavar="X,Y,Z:DEG",
-            help="Direction of the tool axis during the motion, and its largest error.",
+            help="Direction of the tool axis during the motion, and the largest error allowed.",
         ),
     ] = None
     keep_in: Annotated[

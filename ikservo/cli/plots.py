@@ -31,7 +31,8 @@ if TYPE_CHECKING:
 # pyright: reportUnknownMemberType=false, reportUnknownVariableType=false
 
 
-# Also distinguishable by colour-blind users (Okabe and Ito, Color Universal Design, 2008).
+# Colours that colour-blind users can also distinguish (Okabe and Ito, Color Universal Design,
+# 2008).
 _COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00")
 _DASHES = ("-", "--", "-.", ":")
 
@@ -43,10 +44,12 @@ def check_plot_file(file: Path) -> None:
 
     Raises:
         InputError: The file is neither .svg nor .png, or its folder does not exist.
-        IkservoError: matplotlib is not installed; the extra is named.
+        IkservoError: matplotlib is not installed; the error names the extra.
     """
     if file.suffix.lower() not in (".svg", ".png"):
-        raise InputError(f"{file} is neither .svg nor .png.", "Give --plot FILE.svg or FILE.png.")
+        raise InputError(
+            f"{file} is neither an .svg nor a .png file.", "Give --plot FILE.svg or FILE.png."
+        )
     if not file.absolute().parent.is_dir():
         raise InputError(f"There is no folder {file.parent}.", "Make it, or give another --plot.")
     if find_spec("matplotlib") is None:
@@ -64,7 +67,7 @@ def new_figure(width_in: float, height_in: float) -> Figure:
 
 
 def save_figure(figure: Figure, file: Path) -> None:
-    """Write the figure; the same figure gives the same bytes.
+    """Write the figure to a file; equal figures give equal bytes.
 
     Raises:
         FileWriteError: The file cannot be written.
@@ -79,7 +82,7 @@ def save_figure(figure: Figure, file: Path) -> None:
 
 
 def line_styles(names: Sequence[str]) -> list[tuple[str, str]]:
-    """Return colour and dashes of each line; a method looks the same in every figure."""
+    """Return the colour and dashes of each line, so that a method looks alike in all figures."""
     known = list(METHODS)
     places = [known.index(name) if name in known else i for i, name in enumerate(names)]
     return [(_COLOURS[i % 6], _DASHES[i // 6 % 4]) for i in places]
@@ -117,7 +120,7 @@ def label_length_axes(axes: Axes, across: str, up: str) -> None:
     axes.set_axisbelow(True)
 
 
-# Smaller values are drawn at this one, because the axis is logarithmic.
+# Smaller values are drawn at this value, because the axis is logarithmic.
 _FLOOR = 1e-6
 # The tolerance line is drawn only if a curve comes within this factor of it.
 _NEAR_FACTOR = 100.0
@@ -342,7 +345,7 @@ def plot_workspace(
 
 
 def axis_names(region: Workspace) -> tuple[str, str, str]:
-    """Return the base axis that each axis of the grid is parallel to, or ``out``."""
+    """Return the base axis to which each axis of the grid is parallel, or ``out``."""
     names = ("x", "y", "z")
     directions = np.abs(region.grid.T_world_grid[:3, :3])
     u, v, w = (

@@ -19,7 +19,7 @@ from ikservo.kinematics.arrays import Vector
 
 
 def joint_lines(positions: Mapping[str, tuple[float, JointUnit]]) -> list[str]:
-    """Return a line for each joint, from its position [rad or m] and unit by name."""
+    """Return one line per joint, given position [rad or m] and unit by name."""
     texts = {name: format_position(position, unit) for name, (position, unit) in positions.items()}
     name_width = max(map(len, texts), default=0)
     width = max(map(len, texts.values()), default=0)
@@ -27,11 +27,11 @@ def joint_lines(positions: Mapping[str, tuple[float, JointUnit]]) -> list[str]:
 
 
 def torque_lines(chain: Chain, torques: Vector) -> list[str]:
-    """Return one line per joint: its torque or force (dof,) due to a force at the tip."""
+    """Return one line per joint with its torque or force (dof,) from a force at the tip."""
     width = max(len(name) for name in chain.names)
     rows = zip(chain.names, chain.kinds, torques.tolist(), strict=True)
     return [
-        "joint torques of the force, without the arm's own weight:",
+        "joint torques from the force, without the arm's own weight:",
         *(
             f"{name:<{width}}  {value:+.3f} {'N' if kind is JointType.PRISMATIC else 'N m'}"
             for name, kind, value in rows
@@ -40,7 +40,7 @@ def torque_lines(chain: Chain, torques: Vector) -> list[str]:
 
 
 def posture_lines(chain: Chain, q: Vector) -> list[str]:
-    """Return lines on the conditioning of measured joints (dof,)."""
+    """Return lines about the conditioning of measured joints (dof,)."""
     return _conditioning_lines(conditioning(chain, q), nearest_singularity(chain, q))
 
 
@@ -50,7 +50,7 @@ def posture_fields(chain: Chain, q: Vector) -> dict[str, object]:
 
 
 def result_lines(result: Result) -> list[str]:
-    """Return lines on the conditioning of a solution."""
+    """Return lines about the conditioning of a solution."""
     return (
         []
         if result.conditioning is None

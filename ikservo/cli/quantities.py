@@ -19,37 +19,39 @@ _RADIANS = {"": math.pi / 180, "deg": math.pi / 180, "°": math.pi / 180, "rad":
 def parse_length_m(text: str | float) -> float:
     """Parse metres from ``0.25``, ``0.25m``, ``25cm`` or ``250mm``.
 
-    A number of at least 1 needs its unit, because it is rarely metres on a table.
+    A number of at least 1 needs a unit, because lengths on a table are rarely that large.
     """
     length_m = parse_coordinate_m(text)
     bare = str(text).strip()
     if abs(length_m) >= 1.0 and not bare[-1].isalpha():
         bare = bare.replace("\N{MINUS SIGN}", "-")
-        raise typer.BadParameter(f"{bare} would be metres. Did you mean {bare}mm? If not: {bare}m")
+        raise typer.BadParameter(
+            f"{bare} without a unit means metres. Did you mean {bare}mm? If not, write {bare}m"
+        )
     return length_m
 
 
 def parse_coordinate_m(text: str | float) -> float:
     """Parse metres like ``parse_length_m``, but accept large numbers without a unit.
 
-    If they are millimetres, the point is out of reach, and the user is asked about that.
+    If they are meant as millimetres, the point is out of reach, and the user is asked.
     """
-    return _parse_quantity(str(text), _METRES, "a length like 0.25, 250mm or 25cm")
+    return _parse_quantity(str(text), _METRES, "a length such as 0.25, 250mm or 25cm")
 
 
 def parse_angle_rad(text: str) -> float:
     """Parse radians from degrees, ``30`` or ``30deg``, or from ``0.2rad``."""
-    return _parse_quantity(text, _RADIANS, "an angle like 30, 30deg or 0.2rad")
+    return _parse_quantity(text, _RADIANS, "an angle such as 30, 30deg or 0.2rad")
 
 
 def parse_force_n(text: str) -> float:
     """Parse newtons from ``5``, ``5N`` or ``500mN``."""
-    return _parse_quantity(text, _NEWTONS, "a force like 5, 5N or 500mN")
+    return _parse_quantity(text, _NEWTONS, "a force such as 5, 5N or 500mN")
 
 
 def parse_time_s(text: str | float) -> float:
     """Parse seconds above 0 from ``2``, ``2s``, ``500ms`` or ``1min``."""
-    time_s = _parse_quantity(str(text), _SECONDS, "a time like 2, 2s, 500ms or 1min")
+    time_s = _parse_quantity(str(text), _SECONDS, "a time such as 2, 2s, 500ms or 1min")
     if time_s <= 0.0:
         raise typer.BadParameter(f"{text!r} is not a time above 0.")
     return time_s
@@ -58,7 +60,7 @@ def parse_time_s(text: str | float) -> float:
 def parse_tool_speed_m_s(text: str) -> float:
     """Parse m/s above 0 from ``50``, ``50mm/s``, ``5cm/s`` or ``0.05m/s``."""
     speed_m_s = _parse_quantity(
-        text.strip().removesuffix("/s"), _TOOL_SPEEDS, "a speed like 50, 50mm/s or 0.05m/s"
+        text.strip().removesuffix("/s"), _TOOL_SPEEDS, "a speed such as 50, 50mm/s or 0.05m/s"
     )
     if speed_m_s <= 0.0:
         raise typer.BadParameter(f"{text!r} is not a speed above 0.")
@@ -74,7 +76,7 @@ def parse_pixels(text: str | float) -> float:
 
 
 def parse_axis(text: str) -> tuple[float, float, float]:
-    """Parse a direction from ``x``, ``y`` or ``z``, or from three numbers like ``0,0,-1``."""
+    """Parse a direction from ``x``, ``y`` or ``z``, or from three numbers such as ``0,0,-1``."""
     if text.lower() in _AXES:
         return _AXES[text.lower()]
     parts = [
@@ -82,15 +84,15 @@ def parse_axis(text: str) -> tuple[float, float, float]:
     ]
     numbers = [float(part[1]) for part in parts if part is not None and not part[2]]
     if len(parts) != 3 or len(numbers) != 3:
-        raise typer.BadParameter(f"{text!r} is not a direction like x, or 0,0,-1.")
+        raise typer.BadParameter(f"{text!r} is not a direction such as x or 0,0,-1.")
     return (numbers[0], numbers[1], numbers[2])
 
 
 def parse_point_m(text: str) -> tuple[float, float, float]:
-    """Parse a point from three lengths like ``0.25,-50mm,0.1``, metres."""
+    """Parse a point in metres from three lengths such as ``0.25,-50mm,0.1``."""
     parts = text.split(",")
     if len(parts) != 3:
-        raise typer.BadParameter(f"{text!r} is not a point like 0.25,-50mm,0.1.")
+        raise typer.BadParameter(f"{text!r} is not a point such as 0.25,-50mm,0.1.")
     return (parse_length_m(parts[0]), parse_length_m(parts[1]), parse_length_m(parts[2]))
 
 

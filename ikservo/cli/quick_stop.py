@@ -27,7 +27,7 @@ _VALUES, _FLAGS = ("--arm", "--port"), ("--all", "--json")
 _ARM_NAME = re.compile(r"[A-Za-z0-9_-]{1,64}")
 _MAX_ARM_FILE_BYTES = 1_000_000
 _NETWORKS = "ikservo.networks"
-"""The entry point group ``ikservo.hardware.transport.NETWORK_GROUP``."""
+"""The name of the entry point group; equals ``ikservo.hardware.transport.NETWORK_GROUP``."""
 
 
 def quick_stop(args: Sequence[str]) -> int | None:
@@ -41,7 +41,7 @@ def quick_stop(args: Sequence[str]) -> int | None:
         no program has the arm's port open, or an argument is unknown.
 
     Raises:
-        IkservoError: That program cannot stop, or no program has an arm open.
+        IkservoError: That program cannot stop the arm, or no program has an arm open.
     """
     options = _read_options(args)
     if options is None:
@@ -58,7 +58,7 @@ def _stop_one(arm: str, port: str) -> StopAllResult:
     """Stop one arm; the result is empty if only the complete ``ikservo stop`` can do it.
 
     Args:
-        arm: Its name; empty if unknown.
+        arm: The name of the arm; empty if unknown.
         port: The given port; empty if none was given.
     """
     remote = offered_part("stop")
@@ -80,7 +80,7 @@ def _name_of(arm: str) -> str:
     if path.is_dir():
         path /= "arm.toml"
     try:
-        is_file = path.suffix == ".toml" and path.is_file()  # reading a pipe would wait
+        is_file = path.suffix == ".toml" and path.is_file()  # reading a pipe would block
         if not is_file or path.stat().st_size > _MAX_ARM_FILE_BYTES:
             return ""
         name: object = tomllib.loads(path.read_text("utf-8")).get("name")
@@ -92,7 +92,7 @@ def _name_of(arm: str) -> str:
 def stop_every_arm() -> StopAllResult:
     """Stop every arm whose port a program of this user has open, and those on other machines.
 
-    The latter are the arm at the address in ``IKSERVO_PORT`` and the arms of listed machines.
+    Those are the arm at the address in ``IKSERVO_PORT`` and the arms of listed machines.
 
     Raises:
         InputError: There is no such arm.
@@ -111,15 +111,15 @@ def stop_every_arm() -> StopAllResult:
     joined = StopAllResult.joined(found)
     if not (joined.stopped or joined.errors):
         raise InputError(
-            "No program of yours has an arm open, and none is served on this machine.",
-            "A program that is still starting will move nothing. To stop the servos of an arm "
+            "None of your programs has an arm open, and no arm is served on this machine.",
+            "A program that is still starting will not move anything. To stop the servos of an arm "
             "directly: ikservo stop --arm NAME",
         )
     return joined
 
 
 def report_stop(found: StopAllResult, *, as_json: bool) -> int:
-    """Print which arms were stopped and which were not, and return the exit code."""
+    """Print which arms were stopped and which were not; return the exit code."""
     if as_json:
         errors = [
             {"error": e.command_message, "hint": e.command_hint, "exit_code": int(e.exit_code)}
@@ -143,7 +143,7 @@ def report_stop(found: StopAllResult, *, as_json: bool) -> int:
 
 
 def _read_options(args: Sequence[str]) -> Mapping[str, str] | None:
-    """Read the options of a command line; None if the complete command has to read it."""
+    """Read the options of a command line; None if only the complete command can read them."""
     options, rest = dict[str, str](), list(args)
     while rest:
         name, equals, value = rest.pop(0).partition("=")

@@ -1,4 +1,4 @@
-"""Results as tables of fields: their keys with ``--json``, their lines or columns without it."""
+"""Results as tables of fields, which have keys with ``--json``, and lines or columns without."""
 
 from __future__ import annotations
 
@@ -17,10 +17,11 @@ class Field(Generic[Record]):
     """One field of a result.
 
     Attributes:
-        key: Its key with ``--json``; empty if it is not printed there.
-        label: Begins its line or heads its column; empty if it is printed with ``--json`` only.
-        text: Formats its text, or one text per line; None uses the value's text.
-        value: Returns its value for ``--json``; None uses the attribute named like the key.
+        key: The key with ``--json``; empty if the field is not printed there.
+        label: The beginning of the line, or the heading of the column; empty if the field is
+            printed only with ``--json``.
+        text: Formats the text, or one text per line; None uses the text of the value.
+        value: Returns the value for ``--json``; None uses the attribute with the name of the key.
     """
 
     key: str
@@ -29,7 +30,7 @@ class Field(Generic[Record]):
     value: Callable[[Record], object] | None = None
 
     def json_value(self, record: Record) -> object:
-        """Return the value with ``--json``."""
+        """Return the value that is printed with ``--json``."""
         return (self.value or attrgetter(self.key))(record)
 
     def texts(self, record: Record) -> list[str]:
@@ -62,9 +63,9 @@ def print_fields(
     Args:
         schema: The name of the JSON object.
         result: The result.
-        fields: Its fields.
+        fields: The fields of the result.
         json: Whether to print JSON.
-        order: Keys of the lines; if empty, all with a label, in their order.
+        order: The keys of the lines; if empty, all fields with a label, in their order.
         width: Columns of the labels.
     """
     if json:
@@ -94,10 +95,10 @@ def print_records(
         schema: The name of the JSON object.
         key: The key of the list.
         records: The results.
-        fields: The fields of each.
+        fields: The fields of each result.
         json: Whether to print JSON.
-        order: Keys of the columns; if empty, all with a label, in their order.
-        more: Further fields of the JSON object.
+        order: The keys of the columns; if empty, all fields with a label, in their order.
+        more: Additional fields of the JSON object.
     """
     if json:
         print_json(schema, **more, **{key: [json_values(each, fields) for each in records]})
@@ -108,7 +109,7 @@ def print_records(
 
 
 def json_values(record: Record, fields: Fields[Record]) -> dict[str, object]:
-    """Return the values of a record with ``--json``, by key."""
+    """Return the values of a record that are printed with ``--json``, by key."""
     return {field.key: field.json_value(record) for field in fields if field.key}
 
 

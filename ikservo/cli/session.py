@@ -24,23 +24,23 @@ from ikservo.model import load_model
 from ikservo.model.scene_file import PlacedArm, with_scene_and_arms
 from ikservo.planning.motions import MotionValue
 
-_KEY_TIMEOUT_S = 2.0  # to wait for a second Ctrl-C of a user
-_SIGNAL_TIMEOUT_S = 1.0  # to wait for a second signal of a script
-_SLOW_PLAN_S = 1.0  # after this time the user is told why planning takes long
+_KEY_TIMEOUT_S = 2.0  # time to wait for a second Ctrl-C from a user
+_SIGNAL_TIMEOUT_S = 1.0  # time to wait for a second signal from a script
+_SLOW_PLAN_S = 1.0  # after this time, the user is told why planning takes long
 
 _REPEATABLE = (StopKind.CTRL_C, StopKind.TERMINATED)
 
 
 @contextmanager
 def second_interrupt_lowers(machine: OpenArm, clock: Clock | None = None) -> Generator[None]:
-    """On a second Ctrl-C or SIGTERM soon after the first one, lower the arm and switch torque off.
+    """On a second Ctrl-C or SIGTERM soon after the first, lower the arm and switch torque off.
 
     A stop for another reason ends the command at once; the arm holds.
 
     Args:
         machine: The arm that the command moves.
-        clock: Measures the wait for the second signal; None uses the computer's clock, for
-            simulated arms too, because the user acts in real time.
+        clock: Measures the wait for the second signal; None uses the computer's clock, also for
+            simulated arms, because the user acts in real time.
     """
     clock = clock or RealClock()
     try:
@@ -84,7 +84,7 @@ def _is_interrupted_again(machine: OpenArm, clock: Clock) -> bool:
 def open_from_options(
     connection: ArmConnection, options: MotionOptions | None = None, scene: Path | None = None
 ) -> Generator[OpenArm]:
-    """Open the arm of a command with the things of a scene; it keeps its position afterwards.
+    """Open the arm of a command with the things of a scene; afterwards, the arm holds.
 
     Raises:
         InputError: Another arm of the scene has no port.
@@ -97,7 +97,8 @@ def open_from_options(
             if not each.port:
                 raise InputError(
                     f"{scene} does not name the port of {each.name}.",
-                    'Add it to its table, as in: port = "/dev/ttyUSB1". Arms on one page need no '
+                    'Add the port to its table, as in: port = "/dev/ttyUSB1". Arms on one page '
+                    "need no "
                     "port.",
                 )
     with (
@@ -125,7 +126,7 @@ def open_from_options(
 
 @contextmanager
 def _opened_beside(machine: OpenArm, placed: Sequence[PlacedArm]) -> Generator[None]:
-    """Open the other arms of a scene; they are only measured, and their positions avoided.
+    """Open the other arms of a scene, which are only measured, so that they can be avoided.
 
     Raises:
         RefusedError: The command's arm is on another machine, or another arm cannot be measured.
@@ -188,7 +189,7 @@ def announce_lowering(machine: OpenArm, options: MotionOptions) -> None:
         if machine.stop_reason is not None:
             raise
         print_status(f"The arm cannot be lowered: {error.command_message}")
-        print_status("Torque will be switched off at its present pose: support it.")
+        print_status("Torque will be switched off in the present pose: support the arm.")
         confirm_motion(machine, yes=options.yes, question="Switch torque off?")
         return
     announce(plan, machine, options)
@@ -226,5 +227,5 @@ def motion_progress_bar() -> Generator[Callable[[MotionProgress], None] | None]:
 def warn_uncompiled() -> None:
     """Warn, before goals are streamed, that the solver is slow because it is not compiled."""
     if not is_compiled():
-        print_status("The solver is not compiled, so goals are late. Install a C compiler, then")
+        print_status("The solver is not compiled, so goals come late. Install a C compiler, then")
         print_status("reinstall ikservo; in a clone run: make build.")

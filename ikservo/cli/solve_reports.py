@@ -1,4 +1,4 @@
-"""Print the results of ``ikservo solve``: solutions, a comparison, or why none exists."""
+"""Print the results of ``ikservo solve``: solutions, a comparison, or the reason for none."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ def ask_about_millimetres(chain: Chain, position_m: Sequence[float], command: st
     Args:
         chain: The arm.
         position_m: The point (3,) as interpreted in metres.
-        command: The command to suggest, ``{}`` for the point.
+        command: The command to suggest, with ``{}`` for the point.
     """
     meant = in_millimetres(chain, position_m)
     if meant:
@@ -74,7 +74,7 @@ class AnalyticSolutions:
     Attributes:
         structure: The recognised kinematic structure.
         results: One solution per branch, nearest to the start first.
-        freedom: Possible directions of the last link, by branch, if it is not determined.
+        freedom: Possible directions of the last link, by branch, if they are not determined.
     """
 
     structure: str
@@ -92,7 +92,7 @@ def all_solutions(model: Model, target: Target, start: Vector) -> AnalyticSoluti
     arm = recognise_structure(chain, target.frame)
     if arm is None:
         raise InputError(
-            f"{model.title} has no closed-form solution for its arrangement of joints.",
+            f"{model.title} has no closed-form solution, because of its arrangement of joints.",
             "Omit --all for one numerical solution.",
         )
     found = solutions(chain, target, start)
@@ -165,7 +165,7 @@ def print_result(
 ) -> None:
     """Print joints, error, active limits and conditioning of a solution.
 
-    With a force (3,) at the tip, the resulting joint torques are printed, too.
+    With a force (3,) at the tip, the resulting joint torques are also printed.
     """
     torques = None if force_n is None else joint_torques(model.chain, result.q, force_n)
     if json:
@@ -219,7 +219,8 @@ def _format_error_left(target: Target, result: Result, digits: int = 4) -> str:
     return f"{error_text} and {math.degrees(result.orientation_error_rad):.{digits}f}°"
 
 
-# A method's time is the minimum of so many runs, or of fewer if they take this long in total.
+# The time of a method is the minimum of this many runs, or of fewer if they take this long in
+# total.
 _RUNS, _ENOUGH_S = 5, 0.1
 
 
@@ -228,8 +229,8 @@ class MethodResult:
     """The result of one method for a target.
 
     Attributes:
-        method: Its name.
-        result: Its result, with the trace.
+        method: The name of the method.
+        result: The result, with its trace.
         time_s: The minimum time without a trace, after warm-up.
     """
 
@@ -266,14 +267,16 @@ def trace_errors(chain: Chain, target: Target, result: Result) -> list[tuple[flo
 def print_comparison(
     model: Model, entries: Sequence[MethodResult], target: Target, *, json: bool
 ) -> None:
-    """Print one row per method: reached, iterations, time, error."""
+    """Print one row per method with reached, iterations, time and error."""
     fields = _comparison_fields(model, with_angle=not target.only_position)
     print_records("compare", "methods", entries, fields, json=json,
                   target_m=target.position, limit_from=limit_sources(model))  # fmt: skip
     if json:
         return
-    compiled = "bounded runs compiled, the other methods as Python."
-    print_status(compiled if is_compiled() else "All methods run as Python: none is compiled.")
+    compiled = "The method `bounded` is compiled; the other methods run as Python."
+    print_status(
+        compiled if is_compiled() else "All methods run as Python, because none is compiled."
+    )
 
 
 def print_traces(chain: Chain, target: Target, results: Sequence[tuple[str, Result]]) -> None:
@@ -293,7 +296,7 @@ def print_traces(chain: Chain, target: Target, results: Sequence[tuple[str, Resu
 
 
 def _method_label(entry: MethodResult) -> str:
-    """Return the method's name, with the name of the method it delegated to, if any."""
+    """Return the method's name, with the name of the method to which it delegated, if any."""
     other = entry.result.method
     return entry.method if other == entry.method else f"{entry.method} (by {other})"
 

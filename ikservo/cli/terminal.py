@@ -1,4 +1,4 @@
-"""Terminal output and input: JSON, tables, folded lines, progress bars, keys and prompts.
+"""Terminal output and input: JSON, tables, folded lines, progress bars, keys, prompts.
 
 A prompt discards input typed before it was printed, because a key meant for an earlier prompt must
 not let an arm move or go limp. For the same reason no prompt has a default answer.
@@ -37,7 +37,7 @@ _MAX_ANSWER_BYTES = 4096
 
 
 def terminal_width(stream: TextIO) -> int | None:
-    """Return the columns of a terminal; None for other streams, which are not folded."""
+    """Return the width of a terminal in columns; None for other streams, which are not folded."""
     if not stream.isatty():
         return None
     columns = os.environ.get("COLUMNS", "")
@@ -174,7 +174,7 @@ def open_console(*, stderr: bool = False) -> Console:
 
 
 def print_text(text: str) -> None:
-    """Print text byte for byte on stdout, but without unprintable characters on a terminal."""
+    """Print text unchanged on stdout, except for unprintable characters on a terminal."""
     sys.stdout.write(printable(text) if sys.stdout.isatty() else text)
     sys.stdout.flush()
 
@@ -201,7 +201,7 @@ def _to_json_value(value: Any) -> object:  # noqa: ANN401
 
 
 Show = Callable[[str, float, float], None]
-"""Takes a description, the completed amount and the total, infinite if unknown."""
+"""Callback with a description, the completed amount, and the total (infinite if unknown)."""
 
 
 @contextmanager
@@ -226,7 +226,7 @@ def progress_bar() -> Generator[Show | None]:
 
 
 Keys = Callable[[], str]
-"""Returns the keys that were pressed since the last call, in order; empty for none."""
+"""Function that returns the keys pressed since the last call, in order; empty for none."""
 
 _MAX_KEY_BYTES = 1024
 # Arrow and function keys arrive as several characters, which must not be read as letter keys.
@@ -237,8 +237,8 @@ _ESCAPE_SEQUENCE = re.compile("\x1b(\\[[0-?]*[ -/]*[@-~]|O.|.)?", re.DOTALL)
 def read_keys() -> Generator[Keys]:
     """Yield a function that returns the keys pressed since its last call.
 
-    Input typed before that is discarded. At the end the terminal is restored, and unread input is
-    discarded, too.
+    Input typed before that is discarded. At the end, the terminal is restored and unread input is
+    discarded.
     """
     if sys.platform == "win32":
         _windows_keys()
@@ -277,7 +277,7 @@ def _windows_keys() -> str:
 
 
 def confirm(question: str) -> bool:
-    """Ask a question and return yes or no; repeat it for any other input, Enter included.
+    """Ask a question and return yes or no; repeat it for any other input, including Enter.
 
     Raises:
         typer.Abort: The input ended (Ctrl-D, or the terminal was closed).

@@ -43,8 +43,8 @@ from ikservo.maintenance.dialogue import (
 )
 
 _MAX_BAR_CHARS, _MIN_BAR_CHARS = 24, 8
-_OTHER_COLUMNS = 64  # characters in a row besides its bar
-_NARROW = _OTHER_COLUMNS + _MIN_BAR_CHARS  # below this width the arm file's range is omitted
+_OTHER_COLUMNS = 64  # width of a row without its bar, in characters
+_NARROW = _OTHER_COLUMNS + _MIN_BAR_CHARS  # below this, the arm file's range is omitted
 _REFRESH_STEPS = 4  # readings per screen update
 
 
@@ -64,7 +64,7 @@ class Operator:
 
     @classmethod
     def of(cls, entries: Sequence[str] | None, *, yes: bool, no_input: bool = False) -> Operator:
-        """Return the operator that the options of a command choose.
+        """Return the operator according to the options of a command.
 
         Args:
             entries: The answers of a script; None if there is none.
@@ -82,7 +82,8 @@ class Operator:
         """Run a dialogue to its end, and return its result.
 
         Raises:
-            InputError: There is neither a script nor a user; the options to use instead are named.
+            InputError: There is neither a script nor a user; the error names options to use
+                instead.
             CalibrationError: An answer of the script is not possible.
             IkservoError: The errors that the dialogue raises.
         """
@@ -111,7 +112,7 @@ class Operator:
         """Ask for a word or value until it is valid; return the default if nobody can be asked.
 
         Raises:
-            InputError: Nobody can be asked, and there is no default; the option is named.
+            InputError: Nobody can be asked, and there is no default; the error names the option.
         """
         while self.interactive:
             default = f" [{entry.default}]" if entry.default else ""
@@ -140,7 +141,7 @@ class Operator:
 
 @dataclass(frozen=True, kw_only=True)
 class AnswerOptions:
-    """Options that say who answers the questions of a calibration."""
+    """The options that determine who answers the questions of a calibration."""
 
     from_script: Annotated[
         Path | None,
@@ -148,11 +149,11 @@ class AnswerOptions:
     ] = None
     yes: YesOption = False
     no_input: Annotated[
-        bool, typer.Option("--no-input", help="Never ask; a question is an error.")
+        bool, typer.Option("--no-input", help="Never ask; fail if a question is necessary.")
     ] = False
 
     def operator(self, read_script: Callable[[Path], Sequence[str]]) -> Operator:
-        """Return the operator who answers; ``read_script`` reads answers from a file."""
+        """Return the operator who answers; ``read_script`` reads the answers from a file."""
         entries = None if self.from_script is None else read_script(self.from_script)
         return Operator.of(entries, yes=self.yes, no_input=self.no_input)
 
@@ -186,7 +187,7 @@ class _RequestScreen:
             print(f"\r\x1b[2K{printable(text)} …", end="", file=sys.stderr, flush=True)  # noqa: T201
 
     def show_and_answer(self, request: HandRequest) -> str | None:
-        """Show a request, and return the answer to it if there is one."""
+        """Show a request; return the answer if there is one."""
         if self._script is None and self._keys is None:
             if not (self._interactive and sys.stdin.isatty()):
                 raise InputError(

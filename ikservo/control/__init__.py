@@ -1,1 +1,1 @@
-"""The real-time part of an arm: servo group, feedback, control loop, stop requests."""
+"""The real-time part of an arm: servo group, feedback, control loop and stop requests."""

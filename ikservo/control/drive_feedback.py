@@ -1,4 +1,4 @@
-"""Duty, current, supply voltage and position of the joints' servos, read while they move."""
+"""Read duty, current, supply voltage and position of the joints' servos during motion."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ class DriveReader:
 
     Args:
         bus: The servos' bus.
-        joints: The command limits of each joint's leading servo, and the ids of its other servos.
+        joints: The command limits of each joint's first servo, and the ids of its other servos.
     """
 
     def __init__(self, bus: ServoBus, joints: Sequence[tuple[DrivenJoint, Sequence[int]]]) -> None:
@@ -38,7 +38,7 @@ class DriveReader:
                 self._keys[servo_id]["current"] = table.registers["present_current"]
 
     def p_gains(self) -> list[int | None]:
-        """Read the P gain of each joint's leading servo; None if it has no such register.
+        """Read the P gain of each joint's first servo; None if it has no such register.
 
         Raises:
             BusError: A servo does not answer.
@@ -54,9 +54,9 @@ class DriveReader:
         """Return duty, current [A], supply [V] and position of the servos (joints, most, 4).
 
         Duty and current are positive towards larger positions; a current without a measured
-        direction is a magnitude. Values that are not measured are NaN, as are unused rows of
-        joints with fewer servos. Further servos get the signs of their joint's first one. Positions
-        are those of the joint, rad or m, from its first servo. None if a reply is missing.
+        direction is a magnitude. Values that are not measured are NaN, as are unused rows of joints
+        with fewer servos. Other servos of a joint get the signs of its first servo. Positions are
+        those of the joint, rad or m, from its first servo. None if a reply is missing.
         """
         readings = self._bus.bulk_read(
             {servo_id: list(keys.values()) for servo_id, keys in self._keys.items()}, raw=True

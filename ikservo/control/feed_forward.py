@@ -1,4 +1,4 @@
-"""Feed-forward: the lead of goals with which joints follow a moving reference exactly.
+"""Feed-forward: the lead that goals need so that joints follow a moving reference.
 
 A position servo is a spring to its goal: it gives torque only while its joint lags. The torque that
 a motion needs is known from masses and motors, so the goal leads the reference by the lag::
@@ -33,7 +33,7 @@ _TINY_NM = 1e-6  # least dry friction, because weights are divided by it
 
 
 class FeedForward:
-    """Computes the lead of goals over an arm's reference; pure.
+    """Computes the lead of goals over an arm's reference, without side effects.
 
     Args:
         parameters: The parameters of the arm; joints without a drive have no offset.
@@ -42,7 +42,7 @@ class FeedForward:
     Attributes:
         parameters: The parameters of the arm.
         columns: The columns of the chain's joints among all joints.
-        dry_lag: Lag of each joint (dof,) behind its goal because of dry friction, rad or m.
+        dry_lag: Lag of each joint (dof,) behind its goal due to dry friction, rad or m.
     """
 
     def __init__(self, parameters: ArmParameters, columns: Sequence[int]) -> None:
@@ -70,7 +70,7 @@ class FeedForward:
     def inertia_s2(self, positions: Vector) -> Vector:
         """Compute the inertia of each joint with its motor over its stiffness (dof,), s².
 
-        0 if a motor is not known.
+        The result is 0 if a motor is not known.
 
         Args:
             positions: The positions of all joints (n,), rad or m.
@@ -123,7 +123,7 @@ class FeedForward:
             point: The reference: positions, velocities and accelerations (n,) of all joints.
             direction: The direction of the friction (n,), -1 to 1: the direction in which each
                 joint moves, 0 at rest.
-            held_s: Time for which a goal is held until the next one; its mean age is half of it.
+            held_s: Time for which a goal is held until the next one; its mean age is half of that.
             unmodelled: Additional load of the joints (..., n), given as the lag, rad or m, that it
                 would cause without friction; None: no load.
 
@@ -162,8 +162,8 @@ class _FrictionArrays:
     def torque(self, direction: Vector, qd: Vector, frictionless: Vector) -> Vector:
         """Compute the motor torque against friction (dof,), in the direction of the motion.
 
-        The gears' load g includes the friction itself: ``g = |a + d f|, f = c + l g + s g^2`` with
-        the load a without friction and the direction d.
+        The load g of the gears includes the friction itself: ``g = |a + d f|, f = c + l g + s g^2``
+        with the load a without friction and the direction d.
         """
         slow = np.exp(-np.abs(qd) / self._slow_rad_s)
         coulomb = self._coulomb + slow * self._slow

@@ -1,4 +1,4 @@
-"""Joint feedback: positions in every cycle, telemetry, register reads with retries."""
+"""Joint feedback: positions in every cycle, telemetry, and register reads with retries."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def read_register(bus: ServoBus, servo_ids: Iterable[int], name: RegisterName) -
 def read_registers(
     bus: ServoBus, keys_by_id: Mapping[int, Sequence[_Key]]
 ) -> dict[int, Mapping[_Key, int]]:
-    """Read raw registers, individually chosen for each servo.
+    """Read raw registers, chosen individually for each servo.
 
     Raises:
         BusError: Servos do not reply in any attempt; all of them are named.
@@ -56,7 +56,7 @@ def read_registers(
 
 
 def with_retries(clock: Clock, access: Callable[[], None]) -> None:
-    """Access a servo at rest; retry after a pause if that fails.
+    """Access a servo at rest; retry after a pause if the access fails.
 
     Raises:
         BusError: The last attempt failed.
@@ -140,7 +140,7 @@ class Feedback:
     def _retry_silent(self, readings: Readings[int]) -> dict[int, int]:
         """Read one silent servo with all retries, because the machine may just be busy.
 
-        Once it has replied, the other silent servos are read again, too.
+        Once it has replied, the other silent servos are also read again.
 
         Raises:
             ServoSilentError: Servos do not reply; all of them are named.
@@ -171,20 +171,20 @@ class Feedback:
 
 @dataclass(frozen=True, slots=True)
 class JointState:
-    """One joint as its servo reports it.
+    """The state of one joint as reported by its servo.
 
     Attributes:
         position_rad: Measured position; metres for a prismatic joint.
-        lower_rad: Lower limit, same unit.
-        upper_rad: Upper limit.
+        lower_rad: Lower limit, in the same unit.
+        upper_rad: Upper limit, in the same unit.
         limit_from: The source of the limits.
         load_percent: The load as a percentage of the stall torque or, if the servo measures it, of
             the maximum current.
         torque: Whether torque is on.
         alarms: The servo's alarms.
-        current_a: Current of the motor, if the servo measures it; without sign on a Feetech. While
-            the arm moves it may be older than other values.
-        goal_rad: The goal that was last sent, same unit as the position; None without torque.
+        current_a: Current of the motor, if the servo measures it; unsigned for a Feetech servo.
+            While the arm moves, it may be older than other values.
+        goal_rad: The last goal sent, in the unit of the position; None without torque.
     """
 
     name: str
@@ -217,7 +217,7 @@ def read_joint_states(
     Args:
         bus: The servos' bus.
         driven_joints: The joints, each with its servo, limits and speed.
-        ticks: The positions (n,) just measured.
+        ticks: The positions (n,) that were just measured.
 
     Raises:
         BusError: A servo does not answer.
@@ -257,7 +257,7 @@ def read_joint_states(
 
 
 def read_alarm_names(bus: ServoBus, servo_id: int) -> tuple[str, ...]:
-    """Read a servo's alarms by name; its replies may only flag that there is an alarm."""
+    """Read a servo's alarms by name, because replies may only flag that there is an alarm."""
     if not bus.alarms.get(servo_id):
         return ()
     with contextlib.suppress(BusError):

@@ -1,4 +1,4 @@
-"""Goals that keep joints on their reference: feed-forward, feedback, and soft starts."""
+"""Compute goals that keep joints on their reference: feed-forward, feedback, soft starts."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ _RATE_FILTER_S = 0.03  # time in which the speed of a motion seems to change whe
 
 
 class GoalCompensator:
-    """Turns the references of an arm's joints into the goals of their servos.
+    """Converts the references of an arm's joints to goals for their servos.
 
     The goal of a joint is its reference plus an offset: the feed-forward, the feedback of the
     joint's error, and at the beginning of a motion the difference to the previous offset, which
@@ -48,7 +48,7 @@ class GoalCompensator:
 
     Args:
         driven_joints: The joints, each with its servo, limits and speed.
-        columns: The columns of the chain's joints among them.
+        columns: The columns of the chain's joints among these joints.
         feed_forward: The feed-forward of the chain's joints; None if masses or motors are unknown.
     """
 
@@ -105,14 +105,14 @@ class GoalCompensator:
         cycle_time_s: float | None = None,
         measured: Vector | None = None,
     ) -> None:
-        """Begin a motion at a reference (n,) that the servos hold with given goals (n,).
+        """Begin a motion at a reference (n,), which the servos hold with given goals (n,).
 
         Args:
             reference: The reference of the joints.
-            goals: The goals that their servos hold.
+            goals: The goals that the servos hold.
             cycle_time_s: Time for which a goal is held until the next one; None keeps the previous
                 one.
-            measured: The measured positions; the reference if None.
+            measured: The measured positions; None uses the reference.
         """
         self._held_s = self._held_s if cycle_time_s is None else cycle_time_s
         self._reference_range, self._goal_range = (
@@ -139,7 +139,8 @@ class GoalCompensator:
     def preload(self, ahead: Vector, measured: Vector, elapsed_s: float) -> bool:
         """Press rotors against the driving flanks; return whether the motion may begin.
 
-        Called in each cycle until it returns True; goals for the start are sent in between.
+        The caller repeats this in each cycle until it returns True, and sends goals for the start
+        in between.
 
         Args:
             ahead: The first displacement of the reference (n,), rad or m.
@@ -163,7 +164,7 @@ class GoalCompensator:
         return direction is None
 
     def stuck_offsets(self, positions: Vector) -> tuple[Vector, Vector]:
-        """Compute the lowest and the highest offset (n,) with which friction keeps joints at rest.
+        """Compute the lowest and highest offsets (n,) at which friction keeps joints at rest.
 
         Args:
             positions: The measured positions (n,), rad or m.
@@ -269,7 +270,7 @@ class GoalCompensator:
         return 1.0 - share * share * (3.0 - 2.0 * share)
 
     def _modelled(self, point: TrajectoryPoint, direction: Vector | float) -> Vector:
-        """Return the feed-forward (n,) with the load and friction learned by feedback."""
+        """Return the feed-forward (n,) with the load and friction that feedback has learned."""
         return self._offset(self._feed_forwards(point, direction), direction)
 
     def _offset(self, rows: Matrix, direction: Vector | float) -> Vector:
@@ -288,7 +289,7 @@ class GoalCompensator:
         return self.feed_forward.offsets(point, directions, self._held_s, loads)
 
     def _inside(self, reference: Vector, offset: Vector) -> Vector:
-        """Return goals inside the limits, or not further outside than before in this motion.
+        """Return goals inside the limits, or no further outside than before in this motion.
 
         A reference that leaves the limits is passed on, so that the guard refuses it.
         """

@@ -40,10 +40,10 @@ class HealthPoller:
 
     Args:
         bus: The servos' bus.
-        names: Names of the servos by id: the joint; for a further servo, its id as well.
+        names: Names of the servos by id: the joint and, for an additional servo, its id.
         limits: The expected limits in the servos' RAM.
         health: Checks the telemetry.
-        overload: Receives each load, or each current if the servo's protection uses that.
+        overload: Receives each load reading, or each current if the servo's protection uses it.
         on_warning: Called with each new warning.
     """
 
@@ -113,7 +113,7 @@ class HealthPoller:
         self._health.check_telemetry_age(self._watched_s)
 
     def poll_round(self) -> None:
-        """Read all telemetry of all servos once; lost replies leave old values.
+        """Read all telemetry of all servos once; if a reply is lost, the old values stay.
 
         Raises:
             ServoAlarmError: A servo reports a fault, or was reset; see ``HealthMonitor``.
@@ -123,7 +123,7 @@ class HealthPoller:
             self._read_registers(servo_id, registers)
 
     def with_latest_telemetry(self, states: Sequence[JointState]) -> tuple[JointState, ...]:
-        """Return joints' states with the latest telemetry; reads no servo."""
+        """Return joint states with the latest telemetry, without reading a servo."""
         ids, latest = {name: servo_id for servo_id, name in self._names.items()}, list(states)
         for i, state in enumerate(states):
             servo_id = ids[state.name]
@@ -184,7 +184,7 @@ class HealthPoller:
         )
 
     def _counted_current(self, servo_id: int) -> Register | None:
-        """Return the current register of a servo whose protection uses the current."""
+        """Return the current register of a servo if its protection uses the current."""
         rule = self._overload.rules.get(self._names[servo_id])
         registers = self._bus.servos[servo_id].table.registers
         return registers.get("present_current") if rule and rule.full_a else None

@@ -1,4 +1,4 @@
-"""The control loop: its rate, setpoints and pauses, and how it slows down on a slow machine."""
+"""The control loop with its rate, setpoints, pauses, and slowdown on a slow machine."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def measure_cycle_time_s(servos: ServoGroup) -> float:
     """Read the positions a few times and choose the control cycle that the bus allows.
 
     Returns:
-        The time between two goals: 500 to 100 Hz, less on a slow bus.
+        The time between two goals: 500 to 100 Hz, or slower on a slow bus.
 
     Raises:
         BusError: A servo does not answer.
@@ -56,10 +56,10 @@ def measure_cycle_time_s(servos: ServoGroup) -> float:
 
 
 class TimeScaler:
-    """Turns the time of the clock into the time of a motion.
+    """Converts clock time to the time of a motion.
 
-    A motion whose time passes more slowly stays on its path and inside every limit. This is how it
-    brakes, and how it starts again after a delay of the program.
+    A motion whose time passes more slowly stays on its path and inside every limit. It brakes in
+    this way, and restarts in this way after a delay of the program.
 
     Args:
         cycle_time_s: The nominal time between two goals.
@@ -79,7 +79,7 @@ class TimeScaler:
         return self.rate <= 0.0
 
     def step(self, elapsed_s: float, *, braking: bool) -> float:
-        """Count one control cycle, adapt the rate, and return the time that the motion advances by.
+        """Count one control cycle and adapt the rate; return the advance of the motion.
 
         Called once per cycle, before the lag of the joints is checked.
 
@@ -102,7 +102,7 @@ class TimeScaler:
         return self.rate * gap_s
 
     def raise_if_too_slow(self) -> None:
-        """Raise if a machine that is too slow has braked the motion to a stop.
+        """Raise an error if the motion was braked to a stop because the machine is too slow.
 
         Raises:
             RefusedError: The machine is too slow.
@@ -122,13 +122,13 @@ class ControlCycle:
 
     Attributes:
         time_s: The time of the trajectory, not of the clock.
-        duration_s: The duration of the whole motion; infinite for one that continues until it is
-            ended.
+        duration_s: The duration of the whole motion; infinite for a motion that continues until it
+            is ended.
         goals: The servos' goals (n,), rad or m.
         reference: The reference of the joints (n,); goals lead it by the effect of load and
             friction.
         measured: The joints (n,); the last known position of a joint in ``lost``.
-        lost: Joints whose reply is missing.
+        lost: The joints whose reply is missing.
     """
 
     time_s: float
@@ -149,8 +149,8 @@ _RETURN_S = 0.5
 class SetpointSampler:
     """Samples the positions of a trajectory while its time advances.
 
-    After `restart_from` the trajectory pauses while setpoints go straight from the stopped joints
-    back to its position; then it continues.
+    After `restart_from`, the trajectory pauses while setpoints move straight from the stopped
+    joints back to its position; then it continues.
 
     Args:
         trajectory: The motion of the joints.
@@ -171,7 +171,7 @@ class SetpointSampler:
         return self._start is None and self.time_s >= self._trajectory.duration_s
 
     def restart_from(self, position: Vector) -> None:
-        """Start again from a position (n,), rad or m, where the servos were stopped."""
+        """Restart from a position (n,), rad or m, where the servos were stopped."""
         self._start, self._returned_s = position, 0.0
 
     def next_setpoint(self, gap_s: float) -> TrajectoryPoint:
@@ -196,7 +196,7 @@ class ControlLoop:
 
     Args:
         servos: The servos, torque on.
-        cycle_time_s: Time between two goals; None measures what the bus allows.
+        cycle_time_s: Time between two goals; None measures the time that the bus allows.
     """
 
     def __init__(self, servos: ServoGroup, cycle_time_s: float | None = None) -> None:
@@ -205,7 +205,7 @@ class ControlLoop:
 
     @property
     def cycle_time_s(self) -> float:
-        """The time between two goals, seconds; reads no servo.
+        """The time between two goals in seconds, without reading a servo.
 
         Raises:
             RefusedError: The time was neither given nor measured yet.
@@ -256,9 +256,9 @@ class ControlLoop:
             on_cycle: Called in each control cycle.
             speed_rad_s: The top speed of the motion at the horns, to which the servos are limited;
                 the arm's maximum if None.
-            profile_rad_s: The profile speed of the servos; None: the speed of the motion.
-            compensated: Whether the trajectory is the reference of the joints; otherwise it
-                consists of servo goals, and starts at the present goals.
+            profile_rad_s: The profile speed of the servos; None uses the speed of the motion.
+            compensated: Whether the trajectory is the reference of the joints; otherwise, it
+                consists of servo goals and starts at the present goals.
 
         Returns:
             The measured joints (n,) of the last cycle, rad or m.

@@ -1,4 +1,4 @@
-"""Presses rotors to the driving flanks of their gears before a motion begins."""
+"""Press rotors to the driving flanks of their gears before a motion begins."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ _MAX_S = 0.2  # longest wait before any motion; 1° of backlash of an STS3215 ta
 class Preload:
     """Leads the goals of resting joints until their rotors have crossed the backlash of the gears.
 
-    Otherwise rotors cross it at the beginning of the motion: arms with 1.7° of backlash began 7 mm
-    off their lines, and swung.
+    Otherwise, rotors cross it at the beginning of the motion: arms with 1.7° of backlash started 7
+    mm off their lines, and swung.
 
     Args:
         sides: The direction in which each joint (n,) will move: -1 or 1; 0 for joints without
@@ -43,7 +43,7 @@ class Preload:
 
         Args:
             measured: The joints (n,), rad or m.
-            direction: The direction of their friction so far, -1 to 1.
+            direction: The direction of friction so far (n,), -1 to 1.
             elapsed_s: Time since the last cycle.
         """
         self._for_s += elapsed_s

@@ -1,9 +1,9 @@
 """Steady timing of a control loop: real-time priority if allowed, short garbage collections.
 
-On a busy machine an ordinary thread wakes tens of milliseconds late, and a thread with real-time
-priority tenths of a millisecond late. Real-time priority is used only if the user has a limit above
+On a busy machine, an ordinary thread wakes tens of milliseconds late, but a thread with real-time
+priority only tenths of a millisecond. Real-time priority is used only if the user has a limit above
 zero on Linux (``ulimit -r``, ``rtprio`` in ``limits.conf``, ``LimitRTPRIO=`` of a systemd unit),
-because root may always take it, even if nobody has asked for it.
+because root may always use it, even if nobody has asked for it.
 """
 
 from __future__ import annotations
@@ -32,11 +32,11 @@ def allowed_priority() -> int:
 
 @contextmanager
 def steady_timing(clock: Clock) -> Generator[None]:
-    """Run a control loop in the block, undisturbed by other programs and by old objects.
+    """Run a control loop in the block, undisturbed by other programs and garbage collection.
 
     This thread gets the allowed real-time priority; programs that it starts do not. The garbage
     collector skips existing objects, so that no pause grows with the size of the program. With
-    virtual time nothing changes.
+    virtual time, nothing changes.
 
     Args:
         clock: The clock of the loop.

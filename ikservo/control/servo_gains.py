@@ -1,4 +1,4 @@
-"""Gains of servos in RAM: raised if the factory values are too low, and read for the model."""
+"""Raise servo gains in RAM if the factory values are too low, and read them for the model."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ _NO_GAINS: Mapping[str, int] = MappingProxyType({})
 
 
 def raise_gains(bus: ServoBus, servo_id: int, *, gripper: bool) -> None:
-    """Raise the gains of a servo whose defaults are too low; in RAM, and only upwards.
+    """Raise the gains of a servo in RAM if its defaults are too low.
 
     Raises:
         BusError: The servo does not answer.
@@ -44,7 +44,7 @@ _GAIN_NAMES = ("position_p_gain", "p_gain")
 
 
 def read_gain_shares(bus: ServoBus, driven_joints: Sequence[DrivenJoint]) -> list[float]:
-    """Read each joint's P gain as a fraction of the gain for which the table of motors is valid.
+    """Read each joint's P gain as a fraction of the gain for which the motor table is valid.
 
     The fraction is 1 if the gain or the register is not known.
 

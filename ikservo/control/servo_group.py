@@ -1,4 +1,4 @@
-"""The servos of an arm as one group: enable torque safely, read, hold, switch torque off."""
+"""The servos of an arm as a group: enable torque safely, read, hold, switch torque off."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ class ServoGroup(StreamedServos):
     Args:
         bus: The servos' bus.
         driven_joints: The joints, each with its servo, limits and speed.
-        shadows: Ids of further servos of a joint, by joint.
+        shadows: Ids of the additional servos of joints, by joint.
         clock: The bus's clock.
         health: The limits of temperature, load and supply.
         gripper: The joint that may hold something, with a limited force.
@@ -130,7 +130,7 @@ class ServoGroup(StreamedServos):
         self.torque.enabled()
 
     def enable_joint(self, joint: str, speed_rad_s: float) -> None:
-        """Switch one joint's torque on like ``enable``; the other joints stay as they are.
+        """Switch one joint's torque on like ``enable``; the other joints stay unchanged.
 
         Raises:
             ServoAlarmError, RefusedError, ServoRejectedError: The errors of ``enable``.
@@ -143,10 +143,10 @@ class ServoGroup(StreamedServos):
         self._switch_on((joint,))
 
     def disable_joint(self, joint: str) -> None:
-        """Switch one joint's torque off; its load falls.
+        """Switch one joint's torque off; everything that it carries falls.
 
         Raises:
-            BusError: Its servo does not answer.
+            BusError: The servo does not answer.
         """
         self.torque.releasing()
         servo_id = self._ids[self.names.index(joint)]
@@ -176,7 +176,7 @@ class ServoGroup(StreamedServos):
         return self._health_poller is not None and self._health_poller.is_overheated
 
     def measured_hold_positions(self) -> Vector:
-        """Read the start (n,) of a motion after ``enable``, rad or m; writes nothing.
+        """Read the start (n,) of a motion after ``enable``, rad or m, without writing anything.
 
         The start is the measured position; a gripper that holds already keeps its goal, because it
         may press on something. Waits until a sinking arm is at rest.
@@ -219,7 +219,7 @@ class ServoGroup(StreamedServos):
     def hold_measured(self, reason: StopReason) -> StopOutcome:
         """Latch a stop and hold the measured positions, while no control loop runs.
 
-        Servos that another program has moved stop; torque is not switched.
+        Servos that another program was moving stop; torque is not switched.
         """
         self.latch_stop(reason)
         return hold_servos(self._bus, self.driven_joints, self.clock)
@@ -246,11 +246,11 @@ class ServoGroup(StreamedServos):
         self._gate.check_range(self._to_ticks(positions), self._to_ticks(start))
 
     def with_latest_telemetry(self, states: tuple[JointState, ...]) -> tuple[JointState, ...]:
-        """Return joints' states with the latest telemetry of the motion; reads no servo."""
+        """Return joint states with the latest telemetry of the motion, without reading a servo."""
         return self._health_poller.with_latest_telemetry(states) if self._health_poller else states
 
     def link_statistics(self) -> LinkStatistics:
-        """Return the round trip and the losses of the line; reads no servo."""
+        """Return round-trip time and losses of the line, without reading a servo."""
         return LinkStatistics.of(self._bus.statistics.values())
 
     def profile_speeds(self, horn_rad_s: float) -> Vector:
@@ -266,7 +266,7 @@ class ServoGroup(StreamedServos):
         ])  # fmt: skip
 
     def drive_reader(self, names: Sequence[str]) -> DriveReader:
-        """Return a reader of duty, current and supply of the servos of given joints."""
+        """Return a reader for duty, current and supply of the servos of given joints."""
         driven_joints = {driven.joint: driven for driven in self.driven_joints}
         return DriveReader(
             self._bus, [(driven_joints[n], self._shadow_ids.get(n, ())) for n in names]
@@ -284,7 +284,7 @@ class ServoGroup(StreamedServos):
         return states
 
     def check_health(self) -> None:
-        """Raise if servos report a state that would end a motion at once.
+        """Check that no servo reports a state that would end a motion at once.
 
         Raises:
             ServoAlarmError: A servo reports an alarm, is too hot, or its supply is out of range.
@@ -361,7 +361,7 @@ def hold_ticks(
     """Read the tick at which each joint holds, or would hold when its torque comes on.
 
     A servo that already holds keeps its goal, because its load has pulled it slightly below; unless
-    the goal is an old one, far from the joint.
+    the goal is outdated and far from the joint.
 
     Raises:
         BusError: A servo does not answer.
@@ -386,7 +386,7 @@ def wait_until_settled(
     """Wait until the joints are at rest near their goals after torque came on.
 
     Returns:
-        Whether they are at rest; False if one second was not enough.
+        Whether the joints are at rest; False if one second was not enough.
     """
 
     def has_settled(still: StillnessDetector) -> bool:
@@ -404,11 +404,11 @@ def wait_until_still(
 ) -> None:
     """Wait until a sinking limp arm is at rest, so that plans start there.
 
-    Returns at once if the arm falls: torque must come on.
+    If the arm falls, the wait ends at once, because torque must come on.
 
     Args:
         driven_joints: The joints, each with its servo, limits and speed.
-        feedback: Measures them.
+        feedback: Measures the joints.
         clock: The bus's clock.
         timeout_s: Longest wait, because a hand may be moving the arm.
 
@@ -426,7 +426,7 @@ def wait_until_still(
 
 
 def verify_goals(bus: ServoBus, expected: Mapping[int, int]) -> None:
-    """Read goals back before torque comes on: a stale goal would make the joint jump.
+    """Read goals back before torque comes on, because a stale goal would make a joint jump.
 
     Raises:
         ServoRejectedError: A servo keeps another goal; torque stays off.

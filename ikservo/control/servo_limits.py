@@ -1,4 +1,4 @@
-"""Limits in servo RAM: profile, torque, watchdog; losing them shows that a servo was reset."""
+"""Limits in servo RAM (profile, torque, watchdog), whose loss reveals a reset."""
 
 from __future__ import annotations
 
@@ -35,8 +35,8 @@ def torque_limit_registers(bus: ServoBus, servo_id: int) -> tuple[Register, Regi
     """Return the RAM register that limits a servo's torque, and the register of its maximum.
 
     Feetech STS and older Dynamixel have a torque limit in RAM. Dynamixel X limits its current by
-    the goal current in current-based position mode, otherwise its duty by the goal PWM. None if the
-    model has no such register.
+    the goal current in current-based position mode, and otherwise its duty by the goal PWM. The
+    result is None if the model has no such register.
 
     Raises:
         BusError: The servo's mode cannot be read.
@@ -77,7 +77,7 @@ def read_overload_rule(bus: ServoBus, servo_id: int, gain_share: float) -> Overl
     Args:
         bus: The servos' bus.
         servo_id: The servo.
-        gain_share: Its P gain as a fraction of the gain in the table of motors.
+        gain_share: The P gain as a fraction of the gain in the motor table.
 
     Raises:
         BusError: The servo does not answer.
@@ -102,7 +102,7 @@ def read_overload_rule(bus: ServoBus, servo_id: int, gain_share: float) -> Overl
 
 
 def _read_current_limit(bus: ServoBus, servo_id: int) -> tuple[float, float]:
-    """Read current [A] and time [s] of Feetech's protection; 0 A if the servo has no such limit."""
+    """Read current [A] and time [s] of Feetech's protection; 0 A if there is no such limit."""
     registers = bus.servos[servo_id].table.registers
     limit = registers.get("protection_current")
     if limit is None or limit.unit.symbol != "A" or "over_current_time" not in registers:
@@ -127,10 +127,10 @@ class ServoRamLimits:
 
     Args:
         bus: The servos' bus.
-        servo_ids: The servos that goals are sent to.
-        unwatched: Servos without watchdog. A tripped watchdog sets the servo's goal to its
-            position, and a joint under load sinks from there further than it would move to its last
-            goal.
+        servo_ids: The servos to which goals are sent.
+        unwatched: Servos whose watchdog is not used. A tripped watchdog sets the servo's goal to
+            its position, and a joint under load sinks from there further than it would move to its
+            last goal.
     """
 
     def __init__(
@@ -145,7 +145,7 @@ class ServoRamLimits:
 
     @property
     def watchdog_ids(self) -> list[int]:
-        """Ids of the servos whose bus watchdog is used."""
+        """The ids of the servos whose bus watchdog is used."""
         return [i for i in self._watched if "bus_watchdog" in self._limit_registers(i)]
 
     def invalidate(self) -> None:
@@ -159,7 +159,7 @@ class ServoRamLimits:
 
         Args:
             servo_id: The servo.
-            keep_torque: Whether its torque limit is kept.
+            keep_torque: Whether to keep the torque limit.
 
         Raises:
             BusError: The servo does not answer.
@@ -195,7 +195,7 @@ class ServoRamLimits:
     def profile_speed_rad_s(self, servo_id: int, speed_rad_s: float) -> float:
         """Compute a servo's speed towards a goal in a motion with the given top speed, rad/s.
 
-        Infinite if its profile is a time, because it then has no speed.
+        The speed is infinite if the profile is a time, because there is then no speed.
         """
         return math.inf if self._time_based[servo_id] else _SPEED_MARGIN * speed_rad_s
 
@@ -218,7 +218,7 @@ class ServoRamLimits:
         self._armed = False
 
     def broadcast_watchdog_off(self) -> None:
-        """Disarm the watchdogs in an emergency: one packet to all, without replies."""
+        """Disarm the watchdogs in an emergency, by one packet to all servos without replies."""
         for servo_id in self.watchdog_ids[:1]:
             register = self._limit_registers(servo_id)["bus_watchdog"]
             self._bus.sync_write(register, dict.fromkeys(self.watchdog_ids, 0), raw=True)
@@ -253,7 +253,7 @@ class ServoRamLimits:
 
         Args:
             servo_id: The servo.
-            watchdog: Whether its watchdog, if armed, is among them.
+            watchdog: Whether to include the watchdog if it is armed.
         """
         if servo_id not in self._expected:
             return {}
@@ -273,7 +273,7 @@ class ServoRamLimits:
             return None
 
     def _write_watchdogs(self, counts: int) -> None:
-        """Write each watchdog and confirm it: a lost write would later look like a reset."""
+        """Write and confirm each watchdog, because a lost write would later look like a reset."""
         for servo_id in self.watchdog_ids:
             register = self._limit_registers(servo_id)["bus_watchdog"]
             write = partial(self._bus.write, servo_id, register, counts, raw=True)
@@ -300,7 +300,7 @@ class ServoRamLimits:
         self._write_limit(servo_id, speed, min(max(1, counts), speed.range[1]))
 
     def _write_limit(self, servo_id: int, register: Register, counts: int) -> None:
-        """Write a limit; the last one written is the reset marker."""
+        """Write a limit; the last limit written is the reset marker."""
         self._bus.write(servo_id, register, counts, raw=True)
         self._expected[servo_id] = {register: counts}
 

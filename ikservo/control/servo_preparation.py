@@ -1,4 +1,4 @@
-"""Prepares servos for a motion: limits set, watchdogs armed, telemetry read."""
+"""Prepare servos for a motion: set limits, arm watchdogs, read telemetry."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ def prepare_servos(
 ) -> float:
     """Set limits, arm watchdogs and read all telemetry; repeat if that took too long.
 
-    A watchdog that trips meanwhile resets the limits.
+    A watchdog that trips in the meantime resets the limits.
 
     Args:
         limits: The limits of the servos.
-        health_poller: Reads their telemetry; None before torque was first switched on.
+        health_poller: Reads the telemetry; None before torque was first switched on.
         clock: The bus's clock.
         horn_rad_s: The top speed of the motion.
 

@@ -18,8 +18,8 @@ class StillnessDetector:
 
     Attributes:
         window_s: Time for which nothing may have moved.
-        tolerance: The variation of positions that counts as rest.
-        least_readings: Minimum number of readings before anything counts as at rest.
+        tolerance: The largest variation of positions that counts as rest.
+        least_readings: Minimum number of readings before rest can be detected.
         readings: Times and positions within the window, and the last reading before it.
     """
 
@@ -79,10 +79,10 @@ def read_until_at_rest(
     timeout_s: float,
     ends: Callable[[StillnessDetector], bool] = StillnessDetector.is_at_rest,
 ) -> StillnessDetector:
-    """Read joints (n,) until nothing has moved within the detector's window, or time is up.
+    """Read joints (n,) until nothing has moved within the detector's window or time is up.
 
     Args:
-        detector: The window, which is divided evenly by the readings that it needs.
+        detector: The detector; its window is divided evenly by the readings that it needs.
         read: Measures the joints.
         clock: The clock.
         timeout_s: The longest time.

@@ -1,4 +1,4 @@
-"""Stop requests: their reason, signal handlers, and stopping all servos where they are."""
+"""Stop requests with their reasons, signal handlers, and a stop of all servos in place."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from ikservo.registers import RegisterName
 CTRL_C = StopReason(StopKind.CTRL_C, "Stopped; torque stays on.")
 STOPPED_BY_PROGRAM = StopReason(StopKind.PROGRAM, "Stopped by the program.")
 STOPPED_AFTER_REQUEST = StopReason(
-    StopKind.PROGRAM, "The arm was stopped after this motion was requested."
+    StopKind.PROGRAM, "The arm was stopped after this motion had been requested."
 )
 REQUEST_HINT = "Nothing was sent. Request it again once the arm may move."
 RELAX_HINT = "Switch torque off with: ikservo relax"
@@ -35,7 +35,7 @@ class StopRequest:
     Attributes:
         times: The number of stop requests since the last one was acknowledged.
         acknowledged: Whether the stop was acknowledged before its motion ended.
-        signal: The signal that requested first; 0 if no signal did.
+        signal: The signal that made the first request; 0 if no signal did.
     """
 
     def __init__(self) -> None:
@@ -51,12 +51,12 @@ class StopRequest:
 
     @property
     def reason(self) -> StopReason | None:
-        """Reason of the first request; None if there was none."""
+        """The reason for the first request; None if there was no request."""
         return self._reason
 
     @property
     def count(self) -> int:
-        """Number of stops since the arm was opened, without cancelled motions."""
+        """The number of stops since the arm was opened, without cancelled motions."""
         return self._count
 
     @property
@@ -65,7 +65,7 @@ class StopRequest:
         return self._motion_running
 
     def set(self, reason: StopReason, signal: int = 0) -> None:
-        """Request that the motion ends, for a signal if one is given."""
+        """Request the end of the motion, with the signal that caused it, if any."""
         self.signal = self.signal or signal
         self._reason = self._reason or reason
         self.acknowledged = False
@@ -88,8 +88,8 @@ class StopRequest:
         """Mark the actions of this thread in the block as one request.
 
         Args:
-            count: The ``count`` of stops when it was requested; the present one if None.
-            anew: Whether it is independent of a request that this thread may be executing already.
+            count: The ``count`` of stops at the request; None for the present one.
+            anew: Whether it is independent of a request that this thread may already be executing.
             withdrawn: Set by the requester to withdraw the request; its planning then ends, as
                 after a stop.
         """
@@ -109,7 +109,7 @@ class StopRequest:
 
     @property
     def marked_count(self) -> int | None:
-        """The ``count`` when this thread's present request was made; None if it is not marked."""
+        """The ``count`` when this thread's present request was made; None if there is no mark."""
         return None if self._marked is None else self._marked[0]
 
     @property
@@ -126,7 +126,7 @@ class StopRequest:
         return count != self.count or (withdrawn is not None and withdrawn.is_set())
 
     def check_request(self) -> None:
-        """Raise if this thread's request was withdrawn, or the arm was stopped after it.
+        """Check that this thread's request was not withdrawn, and the arm not stopped after it.
 
         Raises:
             StoppedError: The arm was stopped, even if that has been acknowledged since.
@@ -135,7 +135,7 @@ class StopRequest:
             raise StoppedError((self._reason or STOPPED_AFTER_REQUEST).text, REQUEST_HINT)
 
     def set_without_braking(self, reason: StopReason, hint: str) -> None:
-        """Request that the motion ends at once, without sending anything else."""
+        """Request the immediate end of the motion, without sending anything else."""
         self._without_braking, self._hint = True, hint
         self.set(reason)
 
@@ -149,28 +149,28 @@ class StopRequest:
             self._motion_running = before
 
     def raise_if_without_braking(self) -> None:
-        """Raise if the motion must end without braking.
+        """Raise an error if the motion must end without braking.
 
         Raises:
-            StoppedError: The motion must end; carries the reason.
+            StoppedError: The motion must end; the error has the reason.
         """
         if self._without_braking:
             self.raise_if_set()
 
     def raise_if_set(self, hint: str = "") -> None:
-        """Raise if a stop was requested.
+        """Raise an error if a stop was requested.
 
         Args:
             hint: The next step for the user; the usual hint if empty.
 
         Raises:
-            StoppedError: A stop was requested; carries the reason.
+            StoppedError: A stop was requested; the error has the reason.
         """
         if self:
             raise StoppedError((self._reason or STOPPED_BY_PROGRAM).text, hint or self._hint)
 
     def clear(self) -> None:
-        """Clear the request, because the arm holds or may be moved again."""
+        """Clear the request when the arm holds or may be moved again."""
         self._reason, self.times, self.signal = None, 0, 0
         self._without_braking, self._hint, self.acknowledged = False, RELAX_HINT, False
 
@@ -194,7 +194,7 @@ def check_pause(elapsed_s: float) -> None:
 
 
 def fault_reason(error: BaseException) -> StopReason:
-    """Return the reason of a stop that an error caused."""
+    """Return the reason for a stop that an error caused."""
     if isinstance(error, KeyboardInterrupt):
         return CTRL_C
     if isinstance(error, IkservoError):
@@ -236,9 +236,9 @@ def exit_exception(number: int, text: str) -> BaseException:
 
 @contextmanager
 def exiting_on_signals() -> Generator[None]:
-    """Turn SIGTERM and SIGHUP into ``SystemExit`` within the block, so that cleanup runs.
+    """Convert SIGTERM and SIGHUP to ``SystemExit`` within the block, so that cleanup runs.
 
-    A motion in the block brakes first. In threads other than the main one nothing changes.
+    A motion in the block brakes first. In threads other than the main one, nothing changes.
     """
     if threading.current_thread() is not threading.main_thread():
         yield
@@ -284,7 +284,7 @@ def _on_signal(number: int, _: FrameType | None) -> None:
 
 
 def _request_watched(number: int) -> bool:
-    """Stop every background motion that still runs; return whether there was one."""
+    """Stop every background motion that is still running; return whether there was one."""
     requests = [request for request, running in _watched_stops if running()]
     for request in requests:
         request.set(_reason_of(number), number)
@@ -301,7 +301,7 @@ def _signal_numbers() -> list[int]:
 
 @contextmanager
 def handle_signals(stop_request: StopRequest, loop_running: Callable[[], bool]) -> Generator[None]:
-    """Turn Ctrl-C, SIGTERM and SIGHUP into a stop request within the block.
+    """Convert Ctrl-C, SIGTERM and SIGHUP to a stop request within the block.
 
     If no control loop runs, the arm holds and ``KeyboardInterrupt`` is raised at once. The
     program's own handlers are kept. In threads other than the main one, which receives all signals,
@@ -355,7 +355,7 @@ class StopOutcome:
 
 
 def hold_servos(bus: ServoBus, driven_joints: Sequence[DrivenJoint], clock: Clock) -> StopOutcome:
-    """Hold every joint that has torque at its position; switches no torque."""
+    """Hold every joint that has torque at its position, without switching torque."""
     ids = {driven.servo_id: driven for driven in driven_joints}
     torque = bus.sync_read(ids, RegisterName.TORQUE_ENABLE, raw=True).values
     on = [i for i in torque if bus.is_torque_on(i)]
@@ -387,7 +387,7 @@ def hold_servos(bus: ServoBus, driven_joints: Sequence[DrivenJoint], clock: Cloc
 def _send_goals(
     bus: ServoBus, driven_joints: Sequence[DrivenJoint], clock: Clock, ticks: Mapping[int, int]
 ) -> None:
-    """Let servos hold their measured ticks, given by id."""
+    """Make servos hold their measured ticks, which are given by id."""
     ranges = {driven.servo_id: driven.tick_range for driven in driven_joints}
     pending = dict(ticks)
     for _ in range(_ATTEMPTS):  # a sync write has no reply, so goals are read back

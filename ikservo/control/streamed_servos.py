@@ -1,4 +1,4 @@
-"""Reads the joints and sends goals through the guard, in every cycle of a control loop."""
+"""Read the joints and send goals through the guard in every cycle of a control loop."""
 
 from __future__ import annotations
 
@@ -71,9 +71,10 @@ class StreamedServos:
         torque: Whether the servos hold, and whether a control loop is running.
         restarts: Number of times in this motion that the servos were started again after their
             watchdogs stopped them, because the program was delayed.
-        overload: Predicts when a servo will protect itself, and relaxes a pressing joint first.
+        overload: Predicts when a servo will protect itself, and relaxes a pressing joint before
+            that.
         warnings: The last warnings for the user, the oldest first.
-        warn: Called with each warning; ignores them by default.
+        warn: Called with each warning; by default, warnings are ignored.
     """
 
     def __init__(self, bus: ServoBus, driven_joints: Sequence[DrivenJoint], clock: Clock) -> None:
@@ -122,15 +123,15 @@ class StreamedServos:
         if len(known) < len(self.driven_joints):  # another thread acknowledged a stop in between
             self.stop_request.check_request()
             raise RefusedError(
-                "The servos have no goals.", "Nothing was sent. Request the motion again."
+                "The servos have no goals yet.", "Nothing was sent. Request the motion again."
             )
         return self._to_positions(known)
 
     def reference(self) -> Vector:
-        """Compute the reference of the joints (n,), rad or m; motions start there.
+        """Compute the reference of the joints (n,), rad or m, at which motions start.
 
-        Goals lead it by the effect of load and friction. The reference of a joint outside the
-        chain, such as a gripper, is its goal, because it may press on something.
+        Goals lead the reference by the effect of load and friction. The reference of a joint
+        outside the chain, such as a gripper, is its goal, because it may press on something.
         """
         return np.where(self.compensator.corrects, self._reference, self.goals())
 
@@ -139,7 +140,7 @@ class StreamedServos:
         self._reference = positions
 
     def refresh_reference(self) -> Vector:
-        """Measure the joints at rest, and move the reference of a joint that is far from it.
+        """Measure the joints at rest; move the reference of a joint that is far from it.
 
         When its torque comes on, a limp arm sags by the amount that its load explains. Its
         reference then stays, and the next motion begins by lifting it.
@@ -191,8 +192,8 @@ class StreamedServos:
 
         Args:
             point: The reference (n,), rad or m.
-            advance_s: The time by which its motion was advanced since the last cycle.
-            now_s: The clock's time for which it was computed.
+            advance_s: The time by which the motion was advanced since the last cycle.
+            now_s: The clock's time for which the reference was computed.
         """
         elapsed_s = now_s - self._reference_s
         if elapsed_s > STALL_S:  # the joints have come to rest
@@ -210,7 +211,7 @@ class StreamedServos:
 
     @property
     def goals_wire_s(self) -> float:
-        """Transmission time of the goals of all servos; they have no replies."""
+        """The transmission time of goals for all servos, which have no replies."""
         header = 14
         each = 1 + next(iter(self._bus.servos.values())).table.goal_position.size
         return self._bus.port.wire_s(header + each * len(self._bus.servos))
@@ -222,11 +223,11 @@ class StreamedServos:
 
     @property
     def stop_reason(self) -> StopReason | None:
-        """Reason of the stop, until it is acknowledged; None if the arm is not stopped."""
+        """The reason for the stop, until it is acknowledged; None if the arm is not stopped."""
         return self._gate.stop_reason
 
     def check_stop(self) -> None:
-        """Raise if a stop was not acknowledged.
+        """Check that no stop is waiting for an acknowledgement.
 
         Raises:
             RefusedError: The arm was stopped; the message says why.
@@ -240,7 +241,7 @@ class StreamedServos:
             self._gate.latch_stop(reason)
 
     def latch_stop(self, reason: StopReason) -> None:
-        """Refuse motions until ``acknowledge``; sends the servos nothing."""
+        """Refuse motions until ``acknowledge``; nothing is sent to the servos."""
         if reason is not self.stop_request.reason:  # was counted when requested
             self.stop_request.count_stop(reason)
         self._gate.latch_stop(reason)
@@ -248,7 +249,7 @@ class StreamedServos:
     def acknowledge(self) -> None:
         """Allow motions again after a stop; torque is checked and set again first.
 
-        A stopped motion still ends: while it runs, this takes effect at its end.
+        A stopped motion still ends; while it runs, the acknowledgement takes effect at its end.
         """
         if self.stop_request.motion_running:
             self.stop_request.acknowledged = bool(self.stop_request)
@@ -258,7 +259,7 @@ class StreamedServos:
         self.torque.acknowledged()
 
     def acknowledge_ended(self) -> None:
-        """Acknowledge a stop whose acknowledgement came before the stopped motion had ended."""
+        """Complete an acknowledgement that came before the stopped motion had ended."""
         if self.stop_request.acknowledged:
             self.acknowledge()
 
@@ -270,7 +271,7 @@ class StreamedServos:
 
         Args:
             speed_rad_s: The top speed of the motion at the horns; None uses the joints' own.
-            profile_rad_s: The profile speed of the servos; None: the speed of the motion.
+            profile_rad_s: The profile speed of the servos; None uses the speed of the motion.
 
         Raises:
             BusError: A servo does not answer.
@@ -391,7 +392,7 @@ class StreamedServos:
             raise
 
     def check_health(self) -> None:
-        """Read the telemetry of one servo between two motions, its torque still on.
+        """Read the telemetry of one servo between two motions, while its torque is on.
 
         Raises:
             BusError: The servo does not answer.
@@ -405,17 +406,17 @@ class StreamedServos:
         return self._gate.allowed_advance_s(elapsed_s)
 
     def send_goals(self, positions: Vector, now_s: float, reference: Vector | None = None) -> bool:
-        """Send goals (n,), rad or m, through the guard, with steps cut to what is allowed now.
+        """Send goals (n,), rad or m, through the guard, with steps cut to the allowed length.
 
         If a joint has no recent position reading, nothing is sent and the arm holds.
 
         Args:
             positions: The goals.
-            now_s: The clock's time for which they were computed.
-            reference: The reference of the joints (n,); None: the held positions.
+            now_s: The clock's time for which the goals were computed.
+            reference: The reference of the joints (n,); None for the held positions.
 
         Returns:
-            Whether they were sent uncut.
+            Whether the goals were sent uncut.
 
         Raises:
             RefusedError: The guard refuses them; nothing was sent.
@@ -440,12 +441,12 @@ class StreamedServos:
         return goals == requested
 
     def log_warning(self, text: str) -> None:
-        """Keep a warning for the user, and pass it on."""
+        """Store a warning for the user, and pass it to ``warn``."""
         self.warnings.append(text)
         self.warn(text)
 
     def _find_power_loss(self, error: BaseException) -> IkservoError | None:
-        """Return the error of joints that servos no longer hold, or None if that is unknown."""
+        """Return the error for joints that servos no longer hold, or None if that is unknown."""
         if not isinstance(error, (ServoSilentError, ServoAlarmError)):
             return None
         with contextlib.suppress(Exception):
@@ -477,8 +478,8 @@ class StreamedServos:
     def hold(self, reason: StopReason) -> None:
         """Latch a stop and hold, until ``acknowledge``; never raises.
 
-        Every joint keeps its goal, which may be slightly ahead of its position. A joint with an
-        alarm, or one that cannot follow, gets its position as its goal, so that it stops pressing.
+        Every joint keeps its goal, which may be slightly ahead of its position. A joint that has an
+        alarm or cannot follow gets its position as its goal, so that it stops pressing.
         """
         self.latch_stop(reason)
         self._reference = self._measured
@@ -529,7 +530,7 @@ class StreamedServos:
         """Write goals, each within its limits or at a position that was measured or sent before.
 
         Raises:
-            RefusedError: A goal is neither; nothing was sent.
+            RefusedError: A goal is neither of these; nothing was sent.
         """
         write_goals(
             self._bus,

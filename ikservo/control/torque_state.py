@@ -20,20 +20,20 @@ from ikservo.errors import RefusedError
 
 
 class TorqueState(Enum):
-    """The torque of an arm's servos, as far as it is known."""
+    """The known torque state of an arm's servos."""
 
     UNKNOWN = auto()
-    """Torque not read since opening, or since a fault, reconnection or acknowledgement."""
+    """Torque was not read since opening, or since a fault, reconnection or acknowledgement."""
     OFF = auto()
-    """Switched off by this program."""
+    """Torque was switched off by this program."""
     FIRST_MOTION = auto()
-    """On, but no motion has completed since it came on: the next one is slow."""
+    """Torque is on, but no motion has been completed since it came on; the next one is slow."""
     HOLDING = auto()
-    """On, each servo at its goal."""
+    """Torque is on, and each servo is at its goal."""
     MOVING = auto()
-    """On, and a control loop sends goals and checks the stop request in every cycle."""
+    """Torque is on, and a control loop sends goals and checks stop requests in every cycle."""
     LOWERING = auto()
-    """On, while an overheated arm is lowered to its rest pose; between two control loops."""
+    """Torque is on while an overheated arm is lowered to its rest pose, between control loops."""
 
 
 _ON = (TorqueState.FIRST_MOTION, TorqueState.HOLDING, TorqueState.LOWERING)
@@ -77,21 +77,21 @@ class TorqueStateMachine:
         return self._first_motion_due
 
     def check_idle(self) -> None:
-        """Raise if a control loop is running.
+        """Check that no control loop is running.
 
         Raises:
             RefusedError: A control loop is running.
         """
         if self._loop_running:
             raise RefusedError(
-                "The arm is moving.", "Wait for the motion's end, or stop it: arm.stop()."
+                "The arm is moving.", "Wait until the motion has ended, or stop it: arm.stop()."
             )
 
     def enabling(self, *, was_on: bool) -> None:
         """Record that torque is about to come on; until all servos have it, the state is unknown.
 
         Args:
-            was_on: Whether every servo had its torque on already.
+            was_on: Whether every servo already had its torque on.
         """
         self._first_motion_due = self._first_motion_due or not was_on
         self._at_rest = TorqueState.UNKNOWN
@@ -130,7 +130,7 @@ class TorqueStateMachine:
             self._at_rest = TorqueState.UNKNOWN
 
     def invalidated(self) -> None:
-        """Require that torque is enabled again before the next motion, which has other limits."""
+        """Require torque to be enabled again before the next motion, which has other limits."""
         self._at_rest = TorqueState.UNKNOWN
 
     def acknowledged(self) -> None:
@@ -138,7 +138,7 @@ class TorqueStateMachine:
         self._at_rest = TorqueState.UNKNOWN
 
     def reconnected(self) -> None:
-        """Record that the port was lost: the servos may have been without power."""
+        """Record that the port was lost, and the servos may have been without power."""
         self._at_rest, self._first_motion_due = TorqueState.UNKNOWN, True
 
     def releasing(self) -> None:
@@ -160,6 +160,6 @@ class TorqueStateMachine:
         self._at_rest = TorqueState.LOWERING
 
     def lowering_ended(self) -> None:
-        """Record that lowering has ended: torque is off, or the arm could not be lowered."""
+        """Record that lowering has ended because torque is off or the arm could not be lowered."""
         if self._at_rest is TorqueState.LOWERING:
             self._at_rest = TorqueState.UNKNOWN

@@ -1,4 +1,4 @@
-"""Feedback of tracking errors into goals: proportional, derivative, integral, and friction."""
+"""Feedback from tracking errors to goals: proportional, derivative, integral, friction."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ _MAX_STEP_S = 0.02  # a late cycle counts as at most this long: goals must not j
 
 
 class TrackingFeedback:
-    """Computes the change of goals from the error of joints against their reference.
+    """Computes the change of goals from the error of joints relative to their reference.
 
     ``fast = kp e + kd de/dt`` is added to the goals, with ``de/dt`` of the filtered error; it and
     its rate of change are bounded, and it fades if a joint swings. The integral is a load that the
@@ -60,7 +60,7 @@ class TrackingFeedback:
         integral: The load (n,), as the lag that it would cause without friction, rad or m; kept
             after a motion.
         friction: The lag (n,) by which friction exceeds the model's, rad or m; kept after a motion.
-        fast: Proportional and derivative part together (n,).
+        fast: Sum of the proportional and derivative parts (n,).
     """
 
     def __init__(self, per_horn_rad: Vector) -> None:
@@ -80,7 +80,7 @@ class TrackingFeedback:
         self.begin()
 
     def begin(self) -> None:
-        """Discard all but load, friction and swing counts at the beginning of a motion."""
+        """Discard all state except load, friction and swing counts at the beginning of a motion."""
         self.fast = np.zeros_like(self.integral)
         self._filtered = np.full_like(self.integral, np.nan)
         self._age_s = np.zeros_like(self.integral)
@@ -91,7 +91,7 @@ class TrackingFeedback:
 
         Args:
             inertia_s2: The inertia of each joint over its stiffness (n,), s²; 0 if not known.
-            pressed: The certainty that weight keeps its gears on one flank (n,), 0 to 1.
+            pressed: The certainty (n,), 0 to 1, that weight keeps a joint's gears on one flank.
         """
         low, high = (end + _PRESSED_PROPORTIONAL * pressed for end in _PROPORTIONAL_RANGE)
         stiffer = np.square(_SWING_RAD_S + _PRESSED_RAD_S * pressed) * inertia_s2 - 1.0
@@ -110,7 +110,7 @@ class TrackingFeedback:
         slope: Vector | float = 1.0,
         direction: Vector | float = 0.0,
     ) -> None:
-        """Take the errors (n,) of one cycle, rad or m.
+        """Process the errors (n,) of one cycle, rad or m.
 
         Args:
             error: Reference minus joint.
@@ -144,7 +144,7 @@ class TrackingFeedback:
         self._age_s = np.where(fresh, 0.0, self._age_s)
 
     def _next_fast(self, error: Vector, beyond: Vector, fresh: NDArray[np.bool_] | bool) -> Vector:
-        """Return the sum of both parts (n,); joints without a reply keep theirs."""
+        """Return the sum of both parts (n,); joints without a reply keep their values."""
         first = np.isnan(self._filtered)
         self._filtered = np.where(first & fresh, error, self._filtered)
         rate = (error - self._filtered) / (self._age_s + _FILTER_S)

@@ -1,4 +1,4 @@
-"""Counts how often the errors of joints reverse."""
+"""Count how often the errors of joints reverse."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ class TurnCounter:
     """Counts reversals of errors in quick succession: a joint that swings has many.
 
     Args:
-        least: Reversals by less than this (n,) are noise and stiction, rad or m.
+        least: Smallest reversal (n,), rad or m; smaller ones are noise and stiction.
         within_s: A reversal later than this after the previous one counts as the first again.
 
     Attributes:
@@ -25,7 +25,7 @@ class TurnCounter:
         self.begin()
 
     def begin(self) -> None:
-        """Discard everything but the settings: a motion begins."""
+        """Discard all counts at the beginning of a motion."""
         self._extreme = np.zeros_like(self._least)
         self._grows = np.ones(len(self._least), dtype=bool)
         self._since_s = np.full_like(self._least, np.inf)
@@ -36,7 +36,7 @@ class TurnCounter:
     def update(
         self, error: Vector, elapsed_s: float, *, fresh: NDArray[np.bool_] | bool
     ) -> NDArray[np.bool_]:
-        """Take the errors (n,) of one cycle; return which have just reversed.
+        """Process the errors (n,) of one cycle; return a mask of those that have just reversed.
 
         Args:
             error: The error of the joints, rad or m.

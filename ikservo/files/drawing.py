@@ -55,7 +55,7 @@ class Drawing:
 
     @property
     def size_m(self) -> tuple[float, float]:
-        """Extent along x and along y."""
+        """Extent along x and along y, metres."""
         points = np.concatenate(self.strokes_m)
         along_x, along_y = np.ptp(points[:, :2], axis=0).tolist()
         return along_x, along_y
@@ -71,14 +71,14 @@ class Drawing:
         return replace(self, strokes_m=tuple(factor * stroke for stroke in self.strokes_m))
 
     def with_width(self, width_m: float) -> Drawing:
-        """Return the drawing scaled about its origin so that its larger side has the given length.
+        """Return the drawing, scaled about its origin so that its longer side has the given length.
 
         Raises:
             BadValueError: The width is not positive, or the drawing has no extent.
         """
         largest = max(self.size_m)
         if not largest > 0.0:
-            raise BadValueError("The drawing", "a single point", "one with an extent")
+            raise BadValueError("The drawing", "a single point", "a drawing with an extent")
         return self.scaled(width_m / largest)
 
     def placed(self, origin_m: Sequence[float], angle_rad: float = 0.0) -> Drawing:
@@ -170,7 +170,7 @@ def _parse_row(path: Path, number: int, line: str, columns: int) -> list[float]:
         row = [float(word) for word in line.split(",")]
     except ValueError:
         raise FileFormatError(
-            path, f"line {number}", f"{quote(line)} is not numbers", expected
+            path, f"line {number}", f"{quote(line)} is not a list of numbers", expected
         ) from None
     if not all(math.isfinite(value) for value in row):
         raise FileFormatError(path, f"line {number}", f"{quote(line)} is not finite", expected)
@@ -238,7 +238,7 @@ def _check_svg(path: Path, text: str) -> None:
         (elements, _MAX_ELEMENTS, "elements, counted at each use"),
         (numbers, _MAX_NUMBERS, "numbers and commands in its paths"),
         (sheets * elements, _MAX_CSS_CHARS, "characters of style sheets to apply"),
-        (inherited * elements, _MAX_INHERITED, "attributes to hand down to its elements"),
+        (inherited * elements, _MAX_INHERITED, "attributes that its elements inherit"),
     ):
         if count > most:
             found = f"has {count:,} {what}"
@@ -258,7 +258,7 @@ class _SvgCost:
         self._depth = 0
 
     def of(self, element: ET.Element) -> tuple[int, int, int]:
-        """Count the elements and numbers inside an element, and the most attributes to inherit.
+        """Count the elements, numbers and inheritable attributes inside an element.
 
         Raises:
             FileFormatError: A <use> contains itself, or elements are nested too deeply.
@@ -303,7 +303,7 @@ def _sample_segments(segments: Sequence[PathSegment]) -> Matrix:
 
 
 def _simplify(points: Matrix, tolerance: float) -> Matrix:
-    """Return the points (k, 3) that keep the line within a tolerance (Douglas and Peucker)."""
+    """Return the points (k, 3) that describe the line within a tolerance (Douglas and Peucker)."""
     keep = np.zeros(len(points), dtype=np.bool_)
     keep[[0, -1]] = True
     parts = [(0, len(points) - 1)]

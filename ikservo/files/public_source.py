@@ -1,4 +1,4 @@
-"""Name a source of pictures without the passwords in its address."""
+"""Return the names of picture sources without the passwords in their addresses."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ def public_source(source: str) -> str:
     """Return the name of a source of pictures without passwords.
 
     All messages, pages and files use this name for a source. It keeps the scheme, host, port and
-    path, and the parts of the query that are known to be harmless; "…" replaces the rest. The
-    public name of a public name is the same name.
+    path, and the parts of the query that are known to be harmless; "…" replaces the rest. A name
+    that is already public stays the same.
     """
     scheme, separator, rest = source.rpartition("://") if "://" in source else ("", "", source)
     if not separator:

@@ -19,7 +19,7 @@ _MAX_NAME_CHARS = 1024
 
 
 def parse_path(value: object) -> Path:
-    """Parse the path of a file.
+    """Parse the path to a file.
 
     Raises:
         BadValueError: The value is neither text nor a path.
@@ -78,7 +78,7 @@ def parse_json(text: str | bytes, parse_int: Callable[[str], int] | None = None)
 
     Args:
         text: The text.
-        parse_int: Parses integers, if not all are accepted.
+        parse_int: The function that parses integers; None: all integers are accepted.
 
     Raises:
         ValueError: The text is not valid JSON, or not UTF-8.
@@ -101,7 +101,7 @@ def _no_number(name: str) -> NoReturn:
 
 
 def path_inside(folder: Path, name: str) -> Path | None:
-    """Return the resolved file of a relative name if it is under ``folder``, else None.
+    """Return the file with a relative name, resolved, if it is inside ``folder``, or None.
 
     The spelling is checked first, so that no file outside is accessed. Symbolic links are followed
     then, so that no link leads outside. The file itself is not opened and may be missing.

@@ -20,7 +20,7 @@ _BARE_KEY = re.compile(r"[A-Za-z0-9_-]+")
 
 
 class ValidationIssue(NamedTuple):
-    """One validation issue and its location."""
+    """A validation issue with its location."""
 
     location: Location
     found: str
@@ -88,7 +88,7 @@ def _make_issue(detail: ErrorDetails, model: type[BaseModel]) -> ValidationIssue
 
 
 def _resolve_location(location: Location, model: type[BaseModel]) -> tuple[type[BaseModel], str]:
-    """Follow a location down; return the last model on the path and the last description."""
+    """Follow a location; return the last model on its path and the last description."""
     expected, keys = "", iter(location)
     for key in keys:
         field = model.model_fields.get(str(key))
@@ -111,7 +111,7 @@ def _model_of_annotation(annotation: object) -> type[BaseModel] | None:
 
 
 def _format_value(value: object) -> str:
-    """Format a value as TOML would write it, cut short."""
+    """Format a value as in TOML, cut short."""
     match value:
         case bool():
             return str(value).lower()
@@ -139,7 +139,7 @@ def format_key_path(location: Location) -> str:
 
 
 class StrictModel(BaseModel):
-    """A table that is refused if a key is unknown or a value has another type.
+    """A table that is refused if a key is unknown or a value has the wrong type.
 
     Floats must be finite. It is immutable.
     """

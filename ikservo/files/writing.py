@@ -25,7 +25,7 @@ _UNCHANGED = "No existing file was changed"
 
 
 class FileWriteError(IkservoError, OSError):
-    """A file could not be written. The old content is unchanged, except by ``changed`` or ``kept``.
+    """A file could not be written; its old content is unchanged unless an attribute says otherwise.
 
     Attributes:
         path: The file.
@@ -78,7 +78,7 @@ def write_atomic(
 
 
 def write_all_atomic(files: Mapping[Path, bytes], *, private: bool = False) -> None:
-    """Replace files that belong together, or leave all unchanged if there is no room for one.
+    """Replace files that belong together, or leave all unchanged if there is not enough room.
 
     All are first written next to their targets. Renaming them needs no room.
 
@@ -112,7 +112,7 @@ def write_all_atomic(files: Mapping[Path, bytes], *, private: bool = False) -> N
 
 
 def make_folder(folder: Path) -> None:
-    """Create a folder and those above it if needed.
+    """Create a folder and its parents if needed.
 
     Raises:
         FileWriteError: The disk is full, read-only or broken.
@@ -136,7 +136,7 @@ def remove_durably(path: Path) -> None:
     """Remove a file durably; a missing one is not an error.
 
     Raises:
-        FileWriteError: The file stays, or may come back after a power cut; the message says so.
+        FileWriteError: The file stays, or may come back after a power cut; the message says which.
     """
     with _translating_os_errors(path):
         path.unlink(missing_ok=True)
@@ -147,7 +147,7 @@ def remove_durably(path: Path) -> None:
 
 @contextlib.contextmanager
 def exclusive_access(path: Path) -> Generator[None]:
-    """Let one program at a time read a file and replace it; other programs wait.
+    """Let only one program at a time read and replace a file; other programs wait.
 
     The lock is on a file next to it, because replacing the file changes its inode. That file stays.
     On Windows there is no lock.
@@ -180,7 +180,7 @@ def _translating_os_errors(path: Path, *, changed: bool = False) -> Generator[No
 
 
 def _make_folders(folder: Path, mode: int, made: list[Path]) -> None:
-    """Create a folder and those above it; append the new ones to ``made``."""
+    """Create a folder and its parents; append the new ones to ``made``."""
     if folder.is_dir():
         return
     _make_folders(folder.parent, mode, made)
@@ -233,12 +233,12 @@ _CHECKSUM = 'checksum = "sha256:'
 
 
 def with_checksum(body: str) -> str:
-    """Return a body with its checksum line above it."""
+    """Return a body with its checksum line in front."""
     return f"{_first_line(body)}\n{body}"
 
 
 def strip_checksum(path: Path, text: str) -> str:
-    """Return the body below the checksum, if the checksum is right.
+    """Return the body below the checksum line, if the checksum is correct.
 
     Raises:
         FileFormatError: There is no checksum, or it does not match the text.

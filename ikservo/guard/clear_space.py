@@ -1,4 +1,4 @@
-"""The space in which an arm keeps its distances, prepared for checks of many motions."""
+"""The space in which an arm keeps its clearances, prepared for checks of many motions."""
 
 from __future__ import annotations
 
@@ -35,13 +35,13 @@ _BENDING_STEP_RAD = 0.1
 
 
 class RigidBodies:
-    """Bodies that move as one: links without a joint between them share a frame.
+    """The rigid bodies of an arm: links without a joint between them share a frame.
 
     Args:
         body: The arm.
 
     Attributes:
-        frames: One row per body, like those of links; see ``kinematics.packed``.
+        frames: One row per body, in the format of link rows; see ``kinematics.packed``.
         capsules: The capsules in these frames, with frame numbers instead of link numbers.
         spheres: The sphere around each capsule, see ``first_contact``.
         balls: The spheres (links, 8) around the capsules of each link, with frame numbers.
@@ -83,7 +83,7 @@ class RigidBodies:
         self.pairs = np.column_stack([of[rows[:, :2]].astype(np.int64), rows[:, 2]])
 
     def masses(self, of_links: Matrix) -> Matrix:
-        """Return mass [kg] and centre [m] of each (n, 4) from those of the links (links, 4)."""
+        """Return mass [kg] and centre [m] of each body (n, 4) from those of links (links, 4)."""
         centres = (self._poses[:, :3, :3] @ of_links[:, 1:, None])[..., 0] + self._poses[:, :3, 3]
         masses = np.zeros((len(self.frames), 4))
         np.add.at(masses[:, 0], self._numbers, of_links[:, 0])
@@ -111,23 +111,23 @@ class RigidBodies:
 
 
 class ClearSpace:
-    """Postures, and straight motions between them, that keep their distances.
+    """The postures, and straight motions between them, that keep their clearances.
 
     Motions are checked without gaps: no distance is too small by a millimetre, even to thin things.
-    One thread at a time may use it. ``CollisionChecker.clear_space`` makes it.
+    Only one thread at a time may use it. ``CollisionChecker.clear_space`` makes it.
 
     Args:
         body: The arm.
-        rigid: Its rigid bodies.
+        rigid: The rigid bodies of the arm.
         shapes: The things (k, 17) without the table; see ``kinematics.packed``.
         floor_m: The height of the table; minus infinity for none.
         allowed_m: The distances (2, pairs) that capsules must keep: first row for the arm itself,
             second row for the sagging arm.
         sag: The sag of the arm under gravity; None if it is not considered.
-        load: Multiple of gravity under which it sags.
-        bends: Returns the positions of links (n, dof) from those of the joints' sensors; None for
-            an arm that is rigid behind them.
-        sampled_m: The distances (2, pairs) that searches must keep at their samples; None:
+        load: Multiple of gravity under which the arm sags.
+        bends: Returns the positions of links (n, dof) from sensor positions of the joints; None for
+            an arm that is rigid behind the sensors.
+        sampled_m: The distances (2, pairs) that searches must keep at their samples; None for
             ``allowed_m``.
 
     Attributes:
@@ -198,6 +198,6 @@ def _close_postures(start: Vector, goal: Vector) -> Matrix:
 
 
 def _with_largest(allowed_m: Matrix, links: int, shapes: int) -> Matrix:
-    """Append to the allowed distances (2, pairs) each link's largest one to any thing."""
+    """Append the largest distance of each link to any thing to the allowed ones (2, pairs)."""
     of_things = allowed_m[:, allowed_m.shape[1] - links * shapes :].reshape(2, shapes, links)
     return np.hstack([allowed_m, of_things.max(axis=1, initial=-np.inf)])

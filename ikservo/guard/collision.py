@@ -42,8 +42,8 @@ class CollisionChecker:
         body: The arm's capsules; if its vectors end with the gripper's joint, the jaws are
             checked at their position.
         floor_m: Height of the table in the base frame; None for none.
-        boxes: Further keep-out volumes.
-        sag: The sag of the joints from their goals in motion: paths are checked with and without
+        boxes: Other keep-out volumes.
+        sag: The sag of the joints from their goals in motion; paths are checked with and without
             it. None for an arm that does not yield.
 
     Attributes:
@@ -113,11 +113,11 @@ class CollisionChecker:
         rest: Vector | None = None,
         began_m: Vector | None = None,
     ) -> float:
-        """Check joint vectors (dof,) along a path, the first being the present posture.
+        """Check joint vectors (dof,) along a path that starts at the present posture.
 
-        An arm that touches the table, or itself, may move out. A pair in contact at the start may
-        stay at that depth until it separates; afterwards it may overlap by at most 0.5 mm. The same
-        holds for a pair that is within 0.5 mm of contact at the start. A stream
+        An arm that touches the table or itself may move out of the contact. A pair in contact at
+        the start may stay at that depth until it separates; afterwards it may overlap by at most
+        0.5 mm. The same holds for a pair that is within 0.5 mm of contact at the start. A stream
         checks two vectors: the present posture, and where it would stop. Between the vectors,
         joints move straight; the path is sampled more finely where a contact is possible.
 
@@ -136,7 +136,8 @@ class CollisionChecker:
             The smallest distance on the path [m], without sag.
 
         Raises:
-            CollisionError: The first pair that touches and the place of deepest contact are named.
+            CollisionError: Something would touch; the error names the first pair and the deepest
+                contact.
             BadValueError: A joint is not finite.
         """
         fractions, gap_m = refine_path(
@@ -182,15 +183,15 @@ class CollisionChecker:
     def clear_space(
         self, margin_m: float, ends: Matrix | None = None, load: float = 1.0
     ) -> ClearSpace:
-        """Return the postures, and the motions between them, that keep a distance.
+        """Return the space of postures, and of motions between them, that keep a distance.
 
         Args:
             margin_m: The distance.
             ends: Postures (k, dof) to include if they touch nothing: pairs that are nearer than
                 ``margin_m`` there may come as near as half of that on the path. Adjacent links
                 are always near each other: keeping all of it would need very small steps.
-            load: Multiple of gravity under which a yielding arm keeps the distance, too; 0 ignores
-                sag.
+            load: Multiple of gravity under which a yielding arm must also keep the distance; 0
+                ignores sag.
         """
         nearest_m = np.full(len(self._pairs_with_sag), np.inf)
         if ends is not None:
@@ -214,7 +215,7 @@ class CollisionChecker:
         return RigidBodies(self.body)
 
     def _allowed_of_capsules(self, near_m: Vector) -> Matrix:
-        """Return allowed distances (2, pairs) of capsules from those of pairs; row 1: sagging."""
+        """Return the allowed distances of capsules (2, …) from those of pairs; row 1 is for sag."""
         count = len(self.pairs)
         allowed_m = np.tile(near_m[:count] - self.overlap_m, (2, 1))
         if self.sag is not None:
@@ -271,8 +272,9 @@ class CollisionChecker:
     def distances_with_sag(self, path: Matrix, load: float = 1.0) -> Matrix:
         """Compute the distances (n, pairs + sagging) [m] in postures (n, dof).
 
-        First come those of every pair, then those to the surroundings with sag: an arm that lies on
-        the table sags only in this computation, so that a contact with sag is not one without.
+        First come the distances of every pair, then those to the surroundings with sag. An arm that
+        lies on the table sags only in this computation, so a contact with sag is not a contact
+        without it.
         """
         gap_m = self.distances(path)
         if self.sag is None:
@@ -293,10 +295,10 @@ class CollisionChecker:
         return np.where(been_free, again_m, np.minimum(gap_m[0], 0.0) - self._deeper_m(gap_m[0]))
 
     def _deeper_m(self, start_m: Vector) -> Vector:
-        """Compute the overlap [m] of each pair that is allowed beyond that at the start.
+        """Compute the overlap [m] of each pair that is allowed in addition to that at the start.
 
-        If only the sagging arm touches, it may use up half of the distance that the arm itself has
-        at the start.
+        If only the sagging arm touches, it may use half of the distance that the arm without sag
+        has at the start.
         """
         deeper_m = np.full(len(start_m), _DEEPER_M)
         if self.sag is not None:

@@ -1,4 +1,4 @@
-"""Finds a nearby posture in which an arm that touches something is free again."""
+"""Find a nearby posture in which an arm that touches something is free again."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def nearest_free_posture(
 ) -> Vector | None:
     """Find joints (dof,) near ``q`` (dof,) at which nothing touches, rad or m.
 
-    A joint outside its limits (dof,) may come back.
+    A joint outside its limits (dof,) may return.
 
     Returns:
         The posture; None if no small step frees the arm.

@@ -1,4 +1,4 @@
-"""A driven joint: its range, its speed, and the allowed lead of its goals."""
+"""A driven joint: its range and speed, and the allowed lead of its goals."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from ikservo.calibration import JointMap, Limits, format_position, format_source
 from ikservo.errors import RefusedError
 
 TickRow = Sequence[int | None]
-"""A tick of each joint, in the order of an arm's joints; None leaves a joint out."""
+"""A tick per joint, in the order of an arm's joints; None leaves a joint out."""
 
 MAX_TRAVEL_RAD = 60 * math.tau / 4096
 """Allowed travel of a horn after its program has died [rad]: 60 ticks of 4096."""
@@ -33,7 +33,8 @@ class DrivenJoint:
         speed: The maximum speed of goals, rad/s or m/s.
         stall_error: The distance from a goal at which friction may keep the joint, rad or m.
         lifting_lag_rad: The lag of the horn behind its goal while it lifts arm and payload, rad.
-        sag_rad: The lag of the horn behind its goal by the weight of arm and payload at rest, rad.
+        sag_rad: The lag of the horn behind its goal under the weight of arm and payload at rest,
+            rad.
     """
 
     joint_map: JointMap
@@ -55,18 +56,18 @@ class DrivenJoint:
 
     @cached_property
     def tick_range(self) -> tuple[int, int]:
-        """The lowest and the highest tick inside the limits."""
+        """The lowest and highest tick inside the limits."""
         return self.joint_map.ticks_inside(self.limits.lower.value, self.limits.upper.value)
 
     @property
     def position_range(self) -> tuple[float, float]:
-        """The lowest and the highest position that is an integer tick inside the limits."""
+        """The lowest and highest positions that are integer ticks inside the limits."""
         low, high = sorted(self.joint_map.position(tick) for tick in self.tick_range)
         return low, high
 
     @property
     def settled_range(self) -> tuple[float, float]:
-        """Lowest and highest position to which friction lets the joint settle.
+        """The lowest and highest positions at which friction lets the joint settle.
 
         No goal may pass a limit, and a joint stops before its goal.
         """
@@ -76,15 +77,15 @@ class DrivenJoint:
 
     @property
     def sinks_far(self) -> bool:
-        """Whether a servo that takes its position as its goal sinks far under the arm's weight.
+        """Whether a servo whose goal is set to its position sinks far under the arm's weight.
 
-        Far is more than ``MAX_TRAVEL_RAD``, with its payload in the heaviest posture.
+        Far means more than ``MAX_TRAVEL_RAD``, with payload in the heaviest posture.
         """
         return self.sag_rad > MAX_TRAVEL_RAD
 
     @property
     def at_rest_lead_rad(self) -> float:
-        """Allowed lead of a goal over the measured horn when nothing moves."""
+        """The allowed lead of a goal over the measured horn when nothing moves."""
         return min(max(self.lifting_lag_rad, _AT_REST_LEAD_RAD), _MAX_AT_REST_LEAD_RAD)
 
     def tick(self, position: float) -> int:
@@ -101,15 +102,15 @@ class DrivenJoint:
 
     @property
     def max_ticks_s(self) -> float:
-        """Maximum speed of goals, ticks per second."""
+        """The maximum speed of goals, ticks per second."""
         return self.speed / self.joint_map.unit_per_tick
 
     def max_lead_ticks(self, speed: float) -> int:
         """Compute the allowed lead of a goal over the measured joint in a motion.
 
-        It is the distance in 0.1 s at this speed [rad/s or m/s], but at most 60 ticks of 4096 on
-        the horn; plus the steady-state error of a servo under load: 0.12 rad on the horn, or more
-        if the joint needs it to lift the arm and its payload.
+        The lead is the distance in 0.1 s at this speed [rad/s or m/s], but at most 60 ticks of 4096
+        on the horn, plus the steady-state error of a servo under load: 0.12 rad on the horn, or
+        more if the joint needs more to lift the arm and its payload.
         """
         horn = self.joint_map.horn_rad_per_tick
         moving = min(
@@ -136,7 +137,7 @@ def require_int_tick(joint: str, tick: object) -> None:
     """Check that a tick is an integer.
 
     Raises:
-        RefusedError: The tick is not an integer; the joint is named.
+        RefusedError: The tick is not an integer; the error names the joint.
     """
     # bool is an int in Python, but True is not a position.
     if not isinstance(tick, int) or isinstance(tick, bool):

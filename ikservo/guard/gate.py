@@ -1,4 +1,4 @@
-"""The gate: every goal passes it before any byte is sent; step limit and stop latch."""
+"""The gate that every goal passes before any byte is sent, with step limit and stop latch."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from ikservo.guard.joint_gate import MAX_ELAPSED_S, JointGate
 
 
 class StopKind(Enum):
-    """Kind of reason why an arm was stopped; control flow depends only on this."""
+    """The kind of reason for a stop; control flow depends only on this."""
 
     CTRL_C = auto()
     """SIGINT, or ``KeyboardInterrupt`` in a callback."""
@@ -23,9 +23,9 @@ class StopKind(Enum):
     HANGUP = auto()
     """SIGHUP: the terminal was closed."""
     PROGRAM = auto()
-    """``Arm.stop`` of the program that moves the arm."""
+    """``Arm.stop`` in the program that moves the arm."""
     CANCELLED = auto()
-    """``Motion.cancel``."""
+    """``Motion.cancel`` in the program that moves the arm."""
     CLIENT = auto()
     """Another terminal, or the web page."""
     CLOSED = auto()
@@ -35,18 +35,18 @@ class StopKind(Enum):
     UNPLUGGED = auto()
     """The port was lost."""
     OBSTACLE = auto()
-    """Something came into the path of a motion."""
+    """Something entered the path of a motion."""
     FAULT = auto()
     """An error ended the motion."""
 
 
 @dataclass(frozen=True, slots=True)
 class StopReason:
-    """Reason why an arm was stopped.
+    """The reason why an arm was stopped.
 
     Attributes:
         kind: The kind of reason, for programs.
-        text: The text for the user; lines after the first are details.
+        text: The text for the user; the lines after the first give details.
     """
 
     kind: StopKind
@@ -69,11 +69,11 @@ class StopLatch:
 
     @property
     def reason(self) -> StopReason | None:
-        """Reason of the stop; None if the arm is not stopped."""
+        """The reason for the stop; None if the arm is not stopped."""
         return self._reason
 
     def latch_stop(self, reason: StopReason) -> None:
-        """Stop for a reason; the first reason is kept, because it causes the others."""
+        """Latch a stop for a reason; the first reason is kept, because it causes the others."""
         self._reason = self._reason or reason
 
     def acknowledge(self) -> StopReason | None:
@@ -82,10 +82,10 @@ class StopLatch:
         return reason
 
     def raise_if_stopped(self) -> None:
-        """Raise if a stop is latched.
+        """Raise an error if a stop is latched.
 
         Raises:
-            LatchedStopError: The arm was stopped; the reason is named.
+            LatchedStopError: The arm was stopped; the error has the reason.
         """
         if self._reason is not None:
             raise LatchedStopError(self._reason.headline)
@@ -105,18 +105,18 @@ class PassedGoals:
 
 
 class Gate:
-    """Passes commands to the servos that satisfy all checks; refuses others as a whole.
+    """Passes commands that satisfy all checks, and refuses other commands as a whole.
 
     A command is a goal tick for each of some joints. It passes if every goal is inside the joint's
     limits, none moves faster than its limit, and none leads the measured joint by more than its
-    maximum lead. A joint outside its limits may be moved back, never further out. After
+    maximum lead. A joint outside its limits may be moved back, but never further out. After
     `latch_stop` only `pass_hold` passes, until `acknowledge` and `pass_reset` are called.
 
     The gate writes nothing: the caller writes what passed, and then commits it. Goals that were
     not committed do not count as sent.
 
     Args:
-        limits: One per joint; commands have one tick per joint in this order.
+        limits: The limits of each joint; commands have one tick per joint in this order.
         clock: Measures the time since the last command.
     """
 
@@ -151,7 +151,9 @@ class Gate:
             RefusedError: A tick is not an integer, or the time not finite.
         """
         if not math.isfinite(time_s):
-            raise RefusedError(f"The time of a measurement is {time_s} s.", "It was ignored.")
+            raise RefusedError(
+                f"The time of a measurement is {time_s} s.", "The measurement was ignored."
+            )
         measured = self._commanded(ticks)
         for joint, tick in measured:
             require_int_tick(joint.driven.joint, tick)
@@ -159,7 +161,7 @@ class Gate:
             joint.update_measured(tick, time_s)
 
     def set_speeds(self, speeds: Sequence[float]) -> None:
-        """Set the joints' top speeds in the next motion, rad/s or m/s; lower ones allow less lead.
+        """Set the joints' top speeds for the next motion, rad/s or m/s; lower ones allow less lead.
 
         Raises:
             RefusedError: A speed is not above zero.
@@ -175,7 +177,7 @@ class Gate:
             joint.set_speed(speed)
 
     def allowed_advance_s(self, elapsed_s: float) -> float:
-        """Return the time by which a motion may advance; less than elapsed if a joint lags behind.
+        """Return the time by which a motion may advance; less than elapsed if a joint lags.
 
         A stream that advances its motion by this time, instead of the elapsed one, waits for the
         joints and so stays within the maximum lead.
@@ -185,7 +187,7 @@ class Gate:
         return min([joint.allowed_advance_s(elapsed_s) for joint in driven], default=elapsed_s)
 
     def eases(self) -> list[float]:
-        """Return the rate at which the goals of each joint may advance, 0 to 1; less if it lags."""
+        """Return the rate at which each joint's goals may advance, 0 to 1; lower if it lags."""
         return [joint.ease() for joint in self._joints]
 
     def stale_joints(self, now_s: float) -> tuple[str, ...]:
@@ -197,12 +199,12 @@ class Gate:
 
         Steps that are too long for the time since the last command, or for the maximum lead, are
         reduced, all joints by the same fraction. A goal that the joint could not reach within 50 ms
-        at full speed is not a late step but a jump: it is returned unchanged; `pass_goals` refuses
-        it.
+        at full speed is not a late step but a jump; it is returned unchanged, and `pass_goals`
+        refuses it.
 
         Args:
             goals: The desired ticks.
-            now_s: The time that is then passed to `pass_goals`.
+            now_s: The time that will be passed to `pass_goals`.
 
         Raises:
             RefusedError: A joint would leave its limits or was not measured recently, or a tick is
@@ -249,7 +251,7 @@ class Gate:
         return PassedGoals(goals, now_s)
 
     def pass_hold(self, ticks: TickRow) -> PassedGoals:
-        """Pass goals at which joints hold their positions, also while the arm is stopped.
+        """Pass goals at which joints hold their positions, even while the arm is stopped.
 
         Args:
             ticks: The present goals, the measured positions, or ticks between. A tick outside the
@@ -268,20 +270,20 @@ class Gate:
         return PassedGoals(inside, self._clock.now_s())
 
     def commit(self, passed: PassedGoals) -> None:
-        """Record that goals which passed were sent; later goals start there."""
+        """Record that passed goals were sent; later goals start from them."""
         for joint, tick in self._commanded(passed.ticks):
             joint.goal = tick
         self._passed_s = passed.time_s
 
     def latch_stop(self, reason: StopReason) -> None:
-        """Stop for a reason: from now on only `pass_hold` passes. Safe from any thread."""
+        """Latch a stop for a reason; then only `pass_hold` passes. Safe from any thread."""
         self._latch.latch_stop(reason)
 
     def check_stop(self) -> None:
-        """Raise if a stop is not acknowledged.
+        """Check that no stop is latched.
 
         Raises:
-            RefusedError: The arm was stopped; the reason is named.
+            RefusedError: The arm was stopped; the error has the reason.
         """
         self._latch.raise_if_stopped()
 
@@ -297,12 +299,12 @@ class Gate:
 
     @property
     def stop_reason(self) -> StopReason | None:
-        """Reason of the stop; None if the arm is not stopped."""
+        """The reason for the stop; None if the arm is not stopped."""
         return self._latch.reason
 
     @property
     def goals(self) -> TickRow:
-        """The goal tick of each joint that was last sent; None if no goal is in force."""
+        """The last goal tick sent to each joint; None if no goal is in force."""
         return tuple([joint.goal for joint in self._joints])
 
     @property
@@ -311,7 +313,7 @@ class Gate:
         return tuple([joint.measured for joint in self._joints])
 
     def check_range(self, goals: TickRow, start: Sequence[int]) -> None:
-        """Check distant goals before a motion to them; sends nothing.
+        """Check distant goals before a motion to them, without sending anything.
 
         Args:
             goals: The final goals, ticks.
@@ -333,7 +335,7 @@ class Gate:
             )
 
     def _commanded(self, ticks: TickRow) -> list[tuple[JointGate, int]]:
-        """Return the joints that a command does not leave out, each with its tick."""
+        """Return the joints in a command, each with its tick."""
         self._require_row(ticks)
         rows = zip(self._joints, ticks, strict=True)
         return [(joint, tick) for joint, tick in rows if tick is not None]

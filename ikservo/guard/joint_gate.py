@@ -1,4 +1,4 @@
-"""The checks of one joint's goals: its range, its speed, and their lead over the measured joint."""
+"""The checks of one joint's goals: range, speed, and lead over the measured joint."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ _EASE_FROM = 0.75
 
 
 class RateLimiter:
-    """Step limit of one joint's goals.
+    """The step limit of one joint's goals.
 
     Goals are integer ticks, so that a step may be one tick longer than the speed allows; the next
-    steps are shortened by it, because many small steps would otherwise exceed the speed.
+    steps are shortened by that tick, because many small steps would otherwise exceed the speed.
 
     Args:
         ticks_s: The maximum speed, ticks per second.
@@ -68,7 +68,7 @@ class JointGate:
         self.set_speed(driven.speed)
 
     def set_speed(self, speed: float) -> None:
-        """Set the maximum speed of the next motion, rad/s or m/s; a lower one allows less lead."""
+        """Set the maximum speed of the next motion, rad/s or m/s; low speeds allow less lead."""
         self._max_lead = self.driven.max_lead_ticks(speed)
         unit_per_tick = self.driven.joint_map.unit_per_tick
         self._ticks_s = min(speed / unit_per_tick, self.driven.max_ticks_s)
@@ -96,7 +96,7 @@ class JointGate:
         return self.goal
 
     def consume_step(self, tick: int, elapsed_s: float) -> None:
-        """Account for the step to a goal that is sent after a time."""
+        """Account for the step to a goal that is sent after an elapsed time."""
         self._rate.consume(abs(tick - self.last_goal()), elapsed_s)
 
     def is_stale(self, now_s: float) -> bool:
@@ -104,7 +104,7 @@ class JointGate:
         return not now_s - self._measured_s <= _STALE_S  # this form makes NaN stale
 
     def ease(self) -> float:
-        """Compute the rate at which goals may advance, 0 to 1; less from 3/4 of the lead on."""
+        """Compute the rate at which goals may advance, 0 to 1; lower from 3/4 of the lead on."""
         lead = self._lead()
         if lead is None:
             return 0.0
@@ -175,7 +175,7 @@ class JointGate:
             )
 
     def check_hold_goal(self, tick: int) -> None:
-        """Check that a goal keeps the joint still: between the last goal and the measured joint.
+        """Check that a goal keeps the joint still, between the last goal and the measured joint.
 
         Raises:
             RefusedError: The goal would move the joint.

@@ -1,4 +1,4 @@
-"""Monitors of a running motion: following error, lost communication, dead-man, servo health."""
+"""Monitors of a running motion: following error, communication, dead-man, servo health."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ class TrackingMonitor:
 
     Args:
         names: The joints.
-        max_error: The maximum following error of each (n,), rad or m.
+        max_error: The maximum following error of each joint (n,), rad or m.
     """
 
     def __init__(self, names: Sequence[str], max_error: Vector) -> None:
@@ -36,11 +36,11 @@ class TrackingMonitor:
     def for_limits(
         cls, limits: Sequence[DrivenJoint], speeds: Sequence[float] | None = None
     ) -> TrackingMonitor:
-        """Return a monitor of joints whose goals keep the gate's maximum lead.
+        """Return a monitor for joints whose goals keep the gate's maximum lead.
 
         Args:
             limits: The limits of the joints, in the order of the vectors (n,).
-            speeds: Maximum speeds of the joints in the motion, rad/s or m/s; None: their own.
+            speeds: Maximum speeds of the joints in the motion, rad/s or m/s; None for their own.
         """
         max_error = [
             _ERROR_FRACTION * driven.max_lead_ticks(speed) * driven.joint_map.unit_per_tick
@@ -57,7 +57,7 @@ class TrackingMonitor:
         """Compare goals and measured joints (n,), rad or m, once per cycle.
 
         Raises:
-            RefusedError: A joint has been too far behind for three cycles; it is named.
+            RefusedError: A joint has been too far behind for three cycles; the error names it.
         """
         # The comparison is written so that NaN counts as behind, too.
         behind = ~(np.abs(goals - measured) <= self._max_error)
@@ -69,7 +69,7 @@ class TrackingMonitor:
             names = [self._names[i] for i in np.flatnonzero(self.lagging)]
             raise RefusedError(
                 f"{_not_following(names)}; motion stopped.",
-                "Check for obstacles, its cable, and its alarms: ikservo where",
+                "Check for obstacles, then the cable and the alarms of the joint: ikservo where",
             )
 
 
@@ -78,7 +78,7 @@ class CommunicationMonitor:
 
     Args:
         names: The joints.
-        max_lost: The number of cycles at which it raises.
+        max_lost: The number of cycles after which an error is raised.
     """
 
     def __init__(self, names: Sequence[str], max_lost: int = 3) -> None:
@@ -94,7 +94,8 @@ class CommunicationMonitor:
         """Record the joints that replied in this cycle.
 
         Raises:
-            ServoSilentError: Joints were silent in too many consecutive cycles; they are named.
+            ServoSilentError: Joints were silent in too many consecutive cycles; the error names
+                them.
         """
         for name in self._row:
             self._row[name] = 0 if name in replied else self._row[name] + 1
@@ -106,11 +107,11 @@ class CommunicationMonitor:
 
 
 DEAD_MAN_TIMEOUT_S = 0.3
-"""Time for which a streamed command is valid [s]; without another the arm brakes and holds."""
+"""Time for which a streamed command is valid [s]; after that, the arm brakes and holds."""
 
 
 class DeadManSwitch:
-    """Checks whether the last command of a client is too old to move on.
+    """Checks whether the last command from a client is too old to continue a motion.
 
     Args:
         timeout_s: The time for which one command is valid.
@@ -121,12 +122,12 @@ class DeadManSwitch:
         self._fresh_s = -math.inf
 
     def refresh(self, time_s: float) -> None:
-        """Record that a command came; a command without a time, or an older one, does not count."""
+        """Record a command; a command without a time, or an older one, does not count."""
         if time_s < math.inf:
             self._fresh_s = max(self._fresh_s, time_s)
 
     def postpone(self, delay_s: float) -> None:
-        """Exclude a time in which the program was delayed, because no command could arrive."""
+        """Exclude the time of a program delay, in which no command could arrive."""
         self._fresh_s += delay_s
 
     def expired(self, time_s: float) -> bool:
@@ -142,17 +143,18 @@ _WARN_BELOW_C = 5.0
 
 @dataclass(frozen=True, slots=True)
 class ServoTelemetry:
-    """Telemetry of a servo under torque, without its position.
+    """The telemetry of a servo with torque on, without its position.
 
     Attributes:
-        joint: Its joint.
+        joint: The joint of the servo.
         time_s: Time of the reading.
-        temperature_c: Its temperature.
-        voltage_v: Its supply voltage.
-        load_percent: Its load in percent of its maximum, signed; None if it reports none.
-        torque: Whether its torque is on.
-        settings_intact: Whether its RAM still holds the written settings.
-        alarms: Its alarms, as text.
+        temperature_c: The temperature.
+        voltage_v: The supply voltage.
+        load_percent: The load in percent of the maximum, signed; None if the servo does not report
+            it.
+        torque: Whether torque is on.
+        settings_intact: Whether RAM still holds the settings that were written.
+        alarms: The alarms, as text.
     """
 
     joint: str
@@ -173,7 +175,7 @@ class _ThresholdFault:
 
 @dataclass(slots=True)
 class _Heating:
-    """Heating rate of a servo, measured between changes, because sensors report whole degrees."""
+    """The heating rate of a servo, measured between changes, as sensors report whole degrees."""
 
     degree_c: float = math.nan
     since_s: float = 0.0
@@ -188,14 +190,14 @@ class _Heating:
         self.degree_c, self.since_s = telemetry.temperature_c, telemetry.time_s
 
     def time_left(self, hold_c: float) -> str:
-        """Describe when a temperature will be reached; empty if it does not rise."""
+        """Describe when a temperature will be reached; empty if the temperature does not rise."""
         if self.rate_c_s <= 0.0 or hold_c == math.inf:
             return ""
         return f", at this rate in {(hold_c - self.degree_c) / self.rate_c_s:.0f} s"
 
 
 class HealthMonitor:
-    """Checks telemetry: a warning, or a reason to hold.
+    """Checks telemetry for warnings and for reasons to hold.
 
     Args:
         limits: The limits of the arm file.
@@ -220,7 +222,7 @@ class HealthMonitor:
         self.release = False
 
     def update(self, telemetry: ServoTelemetry) -> tuple[str, ...]:
-        """Update the monitored values, and return warnings for the user.
+        """Update the monitored values; return warnings for the user.
 
         Raises:
             ServoAlarmError: The arm must hold: a servo is too hot or overloaded, its supply is out
@@ -244,13 +246,13 @@ class HealthMonitor:
         )
 
     def _hold_c(self, joint: str) -> float:
-        """Return the lower one of the arm file's holding limit and the servo's trip temperature."""
+        """Return the lower of the arm file's holding limit and the servo's trip temperature."""
         hold_c = self._limits.hold_c
         # Lowering an overheated arm has no limit.
         return min(hold_c, self._trip_c.get(joint, hold_c)) if hold_c < math.inf else hold_c
 
     def check_telemetry_age(self, time_s: float) -> None:
-        """Check that every servo that was ever read was read recently.
+        """Check that every servo that has been read before was read recently.
 
         Raises:
             RefusedError: A servo was not read recently, so its status is unknown.
@@ -264,7 +266,7 @@ class HealthMonitor:
                 )
 
     def _find_faults(self, telemetry: ServoTelemetry) -> Iterator[_ThresholdFault]:
-        """Yield each fault; the comparisons are written so that NaN is a fault, too."""
+        """Yield each fault; the comparisons are written so that NaN is also a fault."""
         if not (telemetry.torque and telemetry.settings_intact):
             lost = "settings lost" if telemetry.torque else "torque is off"
             yield _ThresholdFault(f"was reset: {lost}", _RESET_HINT)
@@ -301,7 +303,7 @@ class HealthMonitor:
 
 
 def alarm_hint(alarms: Container[str]) -> str:
-    """Return advice for a servo's alarms, given as text."""
+    """Return advice on a servo's alarms, which are given as text."""
     if Alarm.VOLTAGE in alarms:
         return "Check the power supply and its cable. If the alarm stays: ikservo recover"
     return "Remove the load, or let the servo cool down. If the alarm stays: ikservo recover"
@@ -315,7 +317,7 @@ _RESET_HINT = (
 def power_lost_error(
     joints: Sequence[str], silent: Sequence[str], *, holds: bool
 ) -> ServoAlarmError | ServoSilentError:
-    """Return the error of an arm that has lost its power in a motion.
+    """Return the error for an arm that has lost its power during a motion.
 
     Args:
         joints: All joints.
@@ -336,8 +338,8 @@ def power_lost_error(
 
 
 def overweight_error(joints: Sequence[str]) -> RefusedError:
-    """Return the error of joints that do not follow because the arm is too heavy for them."""
-    hint = "Switch torque off, fold the arm by hand so that it reaches out less, then move again."
+    """Return the error for joints that do not follow because the arm is too heavy for them."""
+    hint = "Switch torque off, fold the arm by hand to shorten its reach, then move again."
     too_weak = "the servo is too weak" if len(joints) == 1 else "their servos are too weak"
     found = f"{_not_following(joints)}; motion stopped: {too_weak}"
     return RefusedError(f"{found} to lift the arm from this posture.", hint)
@@ -355,7 +357,7 @@ def say_what_fell(
     caught: Sequence[str],
     silent: Sequence[str],
 ) -> ServoAlarmError | ServoSilentError:
-    """Return the error that ended a motion, extended by what has fallen and what holds.
+    """Return the error that ended a motion, with added text on what has fallen and what holds.
 
     Args:
         error: The error.
@@ -375,7 +377,7 @@ def say_what_fell(
 
 
 def torque_lost_error(joints: Sequence[str]) -> ServoAlarmError:
-    """Return the error of joints whose servos have lost their torque in a motion."""
+    """Return the error for joints whose servos have lost their torque during a motion."""
     were, what = ("was", "joint") if len(joints) == 1 else ("were", "arm")
     text = f"{', '.join(joints)} {were} reset: torque is off. The {what} is limp and has fallen."
     return ServoAlarmError(text, _RESET_HINT)

@@ -1,4 +1,4 @@
-"""Predicts overload before a servo protects itself: how long and hard joints may press."""
+"""Predict overload before a servo protects itself, from how long and hard joints press."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ from ikservo.guard.driven_joint import DrivenJoint, TickRow
 
 @dataclass(frozen=True, slots=True)
 class OverloadRule:
-    """Conditions under which a servo counts as overloaded, by its registers or data sheet.
+    """The conditions, from registers or data sheet, under which a servo is overloaded.
 
     Attributes:
         output: Fraction of the full output, 0 to 1, above which a blocked servo is overloaded.
-        time_s: Time after which it protects itself.
+        time_s: Time after which the servo protects itself.
         output_per_rad: Fraction of the output per rad between goal and horn; 0 if unknown.
-        torque_limit: Largest fraction of the output that its present limits allow.
-        full_a: Current of the blocked motor at full output, if the protection uses current; 0 if it
+        torque_limit: Largest fraction of the output that the present limits allow.
+        full_a: Current of the blocked motor at full output if the protection uses current; 0 if it
             uses output.
     """
 
@@ -47,17 +47,17 @@ _LOAD_AGE_S = 0.3  # a reading of the load is valid for this time
 
 @dataclass(slots=True)
 class _Pressing:
-    """State of one joint.
+    """The state of one joint that may press.
 
     Attributes:
         tick: The position since ``still_s``, within the tolerance.
         output: Fraction of the output for its last goal.
         load: The last reading of the load as a signed fraction of the output.
-        since_s: Time since which it presses beyond the limit; NaN if it does not.
-        reached_s: Last time at which it was beyond the limit itself.
-        bound: Its goal when it was relaxed, which the motion does not pass; None if not relaxed.
+        since_s: Time since which the joint presses beyond the limit; NaN if it does not.
+        reached_s: Last time at which the joint was beyond the limit.
+        bound: The goal when the joint was relaxed, which the motion does not pass; None otherwise.
         warned: Whether the user was warned.
-        side: 1 if it presses to greater ticks, -1 if to smaller ones.
+        side: 1 if the joint presses towards greater ticks, -1 towards smaller ones.
     """
 
     tick: int = 0
@@ -73,16 +73,16 @@ class _Pressing:
 
 
 class OverloadMonitor:
-    """Predicts from goals and positions, which are read anyway, when a servo will protect itself.
+    """Predicts from goals and positions when a servo will protect itself.
 
-    A position loop gives the duty ``kp (goal - position)``, known one cycle before a reading could
-    show it; readings of the load are used as well if there are any.
+    The duty of a position loop is ``kp (goal - position)``, which is known one cycle before a
+    reading could show it; load readings are also used if there are any.
 
     Args:
         driven_joints: The joints.
 
     Attributes:
-        rules: The rules by joint; a joint without one is not watched.
+        rules: The rules by joint; a joint without a rule is not watched.
         relaxes: Whether the goals of pressing joints are pulled back before the protection acts.
     """
 
@@ -108,13 +108,13 @@ class OverloadMonitor:
         return max(self.rules[joint].time_s - (self._time_s - since_s), 0.0)
 
     def observe_load(self, joint: str, load: float, time_s: float) -> None:
-        """Take a reading of the load as a signed fraction of the full output."""
+        """Process a reading of the load as a signed fraction of the full output."""
         state = self._joints.get(joint)
         if state is not None:
             state.load, state.load_s = load, time_s
 
     def observe_current(self, joint: str, current_a: float, time_s: float) -> None:
-        """Take a reading of the current, signed or absolute, if the servo's protection uses it."""
+        """Process a current reading, signed or absolute, if the servo's protection uses it."""
         rule = self.rules.get(joint)
         if rule is not None and rule.full_a:
             self.observe_load(joint, current_a / rule.full_a, time_s)
@@ -126,13 +126,13 @@ class OverloadMonitor:
         time_s: float,
         references: Sequence[int] | None = None,
     ) -> tuple[str, ...]:
-        """Take the present goals and the measured ticks; return new warnings.
+        """Process the present goals and measured ticks; return new warnings.
 
         Args:
             goals: The goals.
             ticks: The ticks of the joints that replied.
             time_s: The time of the goals.
-            references: The reference of the joints; None: the goals.
+            references: The reference of the joints; None uses the goals.
         """
         self._time_s = time_s
         warnings, self._news = self._news, []
@@ -148,8 +148,8 @@ class OverloadMonitor:
     def draw_back(self, goals: Sequence[int], ticks: TickRow) -> list[int]:
         """Draw back the goals of joints that press too long.
 
-        Such a joint continues to press with 60 % of what its servo can bear, until its goal comes
-        back or the obstacle gives way. It does not follow a load that pushes it back.
+        Such a joint continues to press with 60 % of the output that its servo tolerates, until its
+        goal comes back or the obstacle gives way. It does not follow a load that pushes it back.
         """
         drawn = list(goals)
         for name in self.rules:
@@ -165,8 +165,8 @@ class OverloadMonitor:
             elif joint.warned and left_s is not None and left_s <= _RELAX_LEFT_S and is_short:
                 joint.bound = near
                 self._news.append(
-                    f"{name} was relaxed {left_s:.1f} s before its servo protects itself: its goal "
-                    "stays close to the joint."
+                    f"The load of {name} was reduced {left_s:.1f} s before the servo would "
+                    f"protect itself: its goal stays close to the joint."
                 )
             if joint.bound is None:
                 continue
@@ -179,8 +179,8 @@ class OverloadMonitor:
     def relaxed_goals(self, goals: TickRow, ticks: TickRow) -> list[int | None]:
         """Return goals nearer to the measured ticks for joints that press too hard after a motion.
 
-        A goal that is already that near is left out. No goal is moved away from the measured tick,
-        because other causes than the lag, such as an I gain, may add to the measured load.
+        A goal that is already near enough is left out. No goal is moved away from the measured
+        tick, because other causes than the lag, such as an I gain, may add to the measured load.
 
         Args:
             goals: The present goals.

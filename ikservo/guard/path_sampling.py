@@ -1,4 +1,4 @@
-"""Sampling of a path for its checks; samples are closer where a limit may be exceeded."""
+"""Sampling of paths for checks, with closer samples where a limit may be exceeded."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def sample_path(
 
 
 def sample_line(start: Vector, goal: Vector, unit_per_rad: Vector | float = 1.0) -> Matrix:
-    """Sample joints (k, n) on the straight line from a start to a goal, both included.
+    """Sample joints (k, n) on the straight line from a start to a goal, including both.
 
     Args:
         start: The start (n,), rad or m.
@@ -64,10 +64,11 @@ def refine_path(
     Args:
         path: Joints (k, n), straight between two of them.
         measure: Returns values (k, m) at joints (k, n).
-        unresolved_after: Returns the indices (i,) of such samples, from their values.
+        unresolved_after: Returns, from the values, the indices (i,) of samples before such
+            intervals.
 
     Returns:
-        The sampled fractions of the path (j,), and the values there (j, m).
+        The sampled fractions of the path (j,), and the values at these (j, m).
     """
     fractions, values = np.linspace(0.0, 1.0, len(path)), measure(path)
     for _ in range(_MAX_HALVINGS):

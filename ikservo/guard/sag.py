@@ -1,4 +1,4 @@
-"""Sag of the joints under the arm's own weight, compiled.
+"""Compiled computation of the joints' sag under the arm's own weight.
 
 ``kinematics.dynamics`` computes the same torques, and a test compares both; for the many postures
 of a path the kernel takes a fifth of the time.
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from ikservo.model.scene_file import KeepOutShape
 
 Sag = Callable[[Matrix], Matrix]
-"""Returns the displacement by gravity of the joints (n, dof) from goals (n, dof), rad or m."""
+"""Function that returns the displacement of joints (n, dof) from goals (n, dof) by gravity."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -46,13 +46,13 @@ class Weight:
 
 
 class GravitySag:
-    """The sag of an arm's joints: gravity's torque times their compliance.
+    """The sag of an arm's joints: the torque of gravity times their compliance.
 
     A joint does not sag past its end stops.
 
     Args:
         body: The arm.
-        weight: Its masses, and the compliance of its joints.
+        weight: The masses of the arm, and the compliance of its joints.
 
     Attributes:
         masses: (links, 4) mass [kg] and centre in the link's frame [m].
@@ -82,8 +82,8 @@ def arm_sag(model: Model, body: CollisionBody, held: Sequence[KeepOutShape] = ()
 
     Args:
         model: The arm.
-        body: Its links, and what it holds.
-        held: Things that it holds; together they count as the largest payload of its servos.
+        body: The links of the arm, and the things that it holds.
+        held: The things that the arm holds; together they count as the largest payload.
     """
     chain = body.chain
     masses = link_masses(model, chain)

@@ -1,9 +1,9 @@
 """Search for a path of the joints around obstacles on their straight path.
 
-The compiled search (`ikservo.kernels.way_search`) checks samples. A path that it finds is
-shortened, and proven free before it is returned. If a proof fails, the motion is removed from its
-tree, sampling becomes finer, and the search continues. Results are reproducible, because each
-search begins with the same seed, and counts its effort in postures, not seconds.
+The compiled search (`ikservo.kernels.way_search`) checks samples. A path is shortened, and is
+proven free before it is returned. If a proof fails, the motion is removed from its tree, sampling
+becomes finer, and the search continues. Results are reproducible, because each search begins with
+the same seed, and counts its effort in postures, not seconds.
 """
 
 from __future__ import annotations
@@ -71,13 +71,13 @@ class WaySearch:
     """A search for straight motions through postures (k, n) from a start to one of some goals.
 
     Args:
-        space: The space that is free.
+        space: The free space.
         start: The first posture (n,).
         goals: The possible ends (m, n).
         lower: The lowest positions (n,), finite.
         upper: The highest positions (n,).
-        body: For each joint of the body (dof, 3): its column in a posture, or -1; its unit; its
-            position if it has no column. None if a posture has all joints.
+        body: For each joint of the body (dof, 3): the column in a posture, or -1; the unit; the
+            position if there is no column. None if a posture has all joints.
         tool: The constraint of the tool on the path; None if it is free.
         columns: The column and unit of each joint of the tool's chain (dof of the chain, 2).
         seed: The seed of the random numbers.
@@ -85,8 +85,8 @@ class WaySearch:
             straight.
 
     Attributes:
-        has_ended: Whether nothing more will be found: a path was found, no end is free, or the
-            search has become too large.
+        has_ended: Whether the search is over: a path was found, no end is free, or the search has
+            become too large.
     """
 
     def __init__(
@@ -126,7 +126,7 @@ class WaySearch:
         self._plant(self._limits)
 
     def find(self, most: int, is_over: Callable[[], bool] = bool) -> Matrix | None:
-        """Continue until a path is found that is proven free.
+        """Continue until a path that is proven free is found.
 
         Args:
             most: The largest number of postures to check.
@@ -152,7 +152,7 @@ class WaySearch:
         return None
 
     def _has_met(self, until: int, is_over: Callable[[], bool]) -> bool:
-        """Let the trees grow by up to this many postures, and return whether they have met."""
+        """Let the trees grow by up to ``until`` postures; return whether they have met."""
         looked = self._kernel.LOOKED
         while self._state[looked] < until and not (self.has_ended or is_over()):
             before = self._state[looked]
@@ -164,7 +164,7 @@ class WaySearch:
     def _bound(
         self, name: str, limits: Matrix, nodes: Matrix, parents: IntVector, state: IntVector
     ) -> Callable[..., object]:
-        """Return an entry of the kernel that only needs the sample distance and the bound."""
+        """Return a kernel function that needs only the sample distance and the bound."""
         tool, dof = self._tool, len(self._columns)
         nothing = np.zeros((0, 8))
         return bind(
@@ -223,7 +223,7 @@ class WaySearch:
         """Return the shortest proven path; remove motions that are not free from the trees.
 
         Returns:
-            None if a motion was removed.
+            The path; None if a motion was removed.
         """
         out, home = self._branches()
         way, step_m = self._way(out, home), self._step_m
@@ -252,7 +252,7 @@ class WaySearch:
         return way
 
     def _branches(self) -> tuple[list[int], list[int]]:
-        """Return the rows from the meeting point to the start, and those to a goal."""
+        """Return the tree rows from the meeting point to the start, and those to a goal."""
         found = list[int](), list[int]()
         for rows, met in zip(found, self._state[self._kernel.MET :], strict=False):
             row = int(met)
@@ -282,7 +282,7 @@ class WaySearch:
         self._state[sizes + tree] = len(left)
 
     def _shortened(self, way: Matrix, step_m: float) -> Matrix:
-        """Return a path (k, n) without detours that are unnecessary according to samples."""
+        """Return a path (k, n) without the detours that samples show to be unnecessary."""
         room = len(way) + _ROOM
         nodes, state = np.zeros((2 * room, way.shape[1])), self._state.copy()
         nodes[: len(way)] = way

@@ -1,4 +1,4 @@
-"""Serial port, vendor packets, and typed registers of the servos on a bus."""
+"""Access to servos on a bus: serial port, vendor packets, and typed registers."""
 
 from __future__ import annotations
 

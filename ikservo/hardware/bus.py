@@ -1,4 +1,4 @@
-"""``ServoBus``: registers of all servos on one port, many at once, for all families."""
+"""``ServoBus``: read and write registers of all servos on one port, many at once."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ class ServoBus(RegisterAccess):
     def sync_read(
         self, servo_ids: Iterable[int], ref: RegisterRef, *, raw: bool = False
     ) -> Readings[int] | Readings[float]:
-        """Return a register of many servos; see ``bulk_read``."""
+        """Read one register of many servos; see ``bulk_read``."""
         readings = self.sync_read_many(servo_ids, (ref,), raw=raw)
         values = {servo_id: next(iter(row.values())) for servo_id, row in readings.values.items()}
         return Readings(values, readings.errors, readings.alarms, readings.hint)
@@ -86,7 +86,7 @@ class ServoBus(RegisterAccess):
     def sync_read_many(
         self, servo_ids: Iterable[int], refs: Sequence[_Key], *, raw: bool = False
     ) -> Readings[Mapping[_Key, int]] | Readings[Mapping[_Key, float]]:
-        """Return the same registers of many servos; see ``bulk_read``."""
+        """Read the same registers of many servos; see ``bulk_read``."""
         ids, keys = tuple(servo_ids), tuple(refs)
         plan = self._plans.get((ids, keys))
         if plan is None:
@@ -149,7 +149,8 @@ class ServoBus(RegisterAccess):
         """Write a register of many servos with one packet, to which servos do not reply.
 
         Raises:
-            RegisterAccessError: A register does not allow its value; nothing was sent to any servo.
+            RegisterAccessError: A register does not allow the given value; nothing was sent to any
+                servo.
         """
         key = (tuple(values), ref)
         if key not in self._writings:
@@ -180,7 +181,8 @@ class ServoBus(RegisterAccess):
         Neighbouring registers use one packet, and so do servos as far as the family allows.
 
         Raises:
-            RegisterAccessError: A register does not allow its value; nothing was sent to any servo.
+            RegisterAccessError: A register does not allow the given value; nothing was sent to any
+                servo.
         """
         own: dict[int, dict[Register, bytes]] = {}
         for servo_id, row in values.items():
@@ -234,7 +236,7 @@ class ServoBus(RegisterAccess):
         Args:
             serial_number: The serial number of the adapter, from ``serial_number_of`` before the
                 loss.
-            within_s: The time to wait for it.
+            within_s: The time to wait for the adapter.
 
         Raises:
             PortLostError: The adapter did not come back in time.
@@ -245,7 +247,7 @@ class ServoBus(RegisterAccess):
         self.sync_read(self.servos, RegisterName.TORQUE_ENABLE)
 
     def close(self) -> None:
-        """Stop listening for stops, and close the port."""
+        """Stop listening for stops from other programs, and close the port."""
         if self.stop_listener is not None:
             self.stop_listener.close()
         self.port.close()

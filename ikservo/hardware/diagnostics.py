@@ -27,14 +27,14 @@ _ODD_FAULTS = 8  # this many faults among the samples prove two servos
 
 
 def raise_explained(bus: ServoBus, error: IkservoError) -> None:
-    """Raise an error that explains a failed request, if possible; only pings and reads are sent.
+    """Raise an error that explains a failed request if possible; send only pings and reads.
 
     Two servos with one id damage or double each other's replies, or contradict the arm file. If
     servos are silent, others may be on the line; searching for them takes up to two seconds.
 
     Args:
         bus: The bus.
-        error: The error of the request.
+        error: The error with which the request failed.
 
     Raises:
         BadReplyError: Several servos reply at one id; all such ids are named.
@@ -133,7 +133,7 @@ def find_unexpected_servos(
 
 
 def _responding_servos(port: Port, rate: int, ids: Iterable[int]) -> Iterator[FoundServo]:
-    """Yield the servos of given ids that reply at a rate, in either framing."""
+    """Yield the servos with given ids that reply at a rate, in either framing."""
     try:
         port.setBaudRate(rate)
     except PortLostError:

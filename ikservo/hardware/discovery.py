@@ -14,20 +14,20 @@ _SIMULATED = "sim"
 
 
 def list_ports() -> list[str]:
-    """List the serial ports with a USB adapter behind them, by device name."""
+    """Return the device names of the serial ports that are USB adapters."""
     return [adapter.device for adapter in list_adapters()]
 
 
 def named_port(name: str | None) -> str:
-    """Return the port that the user names, here or in ``IKSERVO_PORT``; empty if none."""
+    """Return the port that the user named, here or in ``IKSERVO_PORT``; empty if none."""
     return name or os.environ.get(_VARIABLE, "")
 
 
 def choose_port(name: str | None, arm: str = "") -> str:
-    """Choose the port to use.
+    """Return the port to use.
 
-    The order is: the named port, ``IKSERVO_PORT``, the port on which this arm was last found, by
-    its USB serial number, and the only port if there is only one.
+    The first of these is taken: the named port, ``IKSERVO_PORT``, the port on which this arm was
+    last found, by its USB serial number, and the only port if there is only one.
 
     Args:
         name: The port given by the user, if any.
@@ -78,6 +78,6 @@ def simulated_port_url(name: str, arm_file: Path | None) -> str:
     if place and not place.startswith("/"):
         raise InputError(
             f"{name!r} is not a port.",
-            "Use --port sim, or sim:?seed=3, and name the arm with --arm.",
+            "Use --port sim or --port sim:?seed=3, and name the arm with --arm.",
         )
     return f"{_SIMULATED}:{arm_file.resolve()}{'?' if options else ''}{options}"

@@ -1,4 +1,4 @@
-"""Read, compare and write servo EEPROM, and the backup file of its values.
+"""Read, compare and write the EEPROM of servos, and the backup files with its values.
 
 ``backups/<owner>/id_003_STS3215.toml`` in the user's configuration folder::
 
@@ -37,8 +37,8 @@ class RegisterDifference:
 
     Attributes:
         register: The register.
-        found: The raw number that it holds.
-        expected: The raw number that it should hold.
+        found: The raw number in the register.
+        expected: The raw number that should be in the register.
     """
 
     register: Register
@@ -86,8 +86,8 @@ def update_eeprom(
 ) -> list[RegisterDifference]:
     """Write EEPROM registers that differ from the given raw numbers; return the changes.
 
-    Nothing is written if all are equal already, because EEPROM wears out. Afterwards every number
-    is read back. The memory is locked at the end, even after a failure, or if an earlier run was
+    Nothing is written if all are equal already, because EEPROM wears out. Every number is read back
+    afterwards. The memory is locked at the end, even after a failure, or if an earlier run was
     killed while it was unlocked.
 
     Raises:
@@ -152,7 +152,7 @@ def _unlocked_eeprom(bus: ServoBus, servo_id: int) -> Generator[None]:
 
 
 def lock_eeprom(bus: ServoBus, servo_id: int) -> None:
-    """Lock a servo's EEPROM if a program that was killed has left it unlocked.
+    """Lock a servo's EEPROM if a killed program has left it unlocked.
 
     Raises:
         BusError: The servo does not reply.
@@ -188,7 +188,7 @@ def backup_path(owner: str, servo: ServoSpec) -> Path:
 
     Args:
         owner: The arm's name, or the serial number of the adapter.
-        servo: The servo; another model at the same id has a file of its own.
+        servo: The servo; another model with the same id has a separate file.
     """
     folder = re.sub(r"[^A-Za-z0-9_-]", "_", owner) or "_"
     return config_dir() / "backups" / folder / f"id_{servo.id:03}_{servo.table.model_name}.toml"
@@ -200,10 +200,10 @@ def back_up_once(bus: ServoBus, owner: str, servo_ids: Iterable[int] | None = No
     Args:
         bus: The bus.
         owner: The arm's name, or the serial number of the adapter.
-        servo_ids: The servos; all of the bus if None.
+        servo_ids: The servos; None: all servos on the bus.
 
     Raises:
-        BusError: A servo does not reply; those before it have their copies.
+        BusError: A servo does not reply; the servos before it have been copied.
         FileWriteError: A file cannot be written.
     """
     written: list[Path] = []
@@ -216,7 +216,7 @@ def back_up_once(bus: ServoBus, owner: str, servo_ids: Iterable[int] | None = No
 
 
 def write_backup(bus: ServoBus, servo_id: int, path: Path) -> None:
-    """Write a copy of a servo's EEPROM; a file of this name is replaced.
+    """Write a copy of a servo's EEPROM; an existing file is replaced.
 
     Raises:
         BusError: The servo does not reply; nothing was written.
@@ -244,7 +244,7 @@ def backup_text(bus: ServoBus, servo_id: int) -> str:
 
 
 def read_backup(path: Path) -> Backup:
-    """Read the contents of a copy.
+    """Read a backup file.
 
     Raises:
         FileFormatError: The file is not a backup, or is damaged.
@@ -253,7 +253,7 @@ def read_backup(path: Path) -> Backup:
 
 
 def parse_backup(path: Path, text: str) -> Backup:
-    """Parse the text of a copy; the path is only for messages.
+    """Parse the text of a backup file; the path is only for messages.
 
     Raises:
         FileFormatError: The text is not a backup, or is damaged.
@@ -274,7 +274,7 @@ def parse_backup(path: Path, text: str) -> Backup:
 def _check_eeprom(
     path: Path, table: type[ControlTable], rows: Mapping[str, object]
 ) -> dict[str, int]:
-    """Return the numbers of a copy, which must be the model's whole EEPROM."""
+    """Return the numbers in a backup, which must cover the model's whole EEPROM."""
     registers = eeprom_registers(table)
     names = {register.name for register in registers}
     for name in rows.keys() - names:
@@ -295,7 +295,7 @@ def _check_eeprom(
 
 
 def firmware_version(bus: ServoBus, servo_id: int) -> str:
-    """Return a servo's firmware version as its vendor writes it.
+    """Return a servo's firmware version in the vendor's notation.
 
     Raises:
         BusError: The servo does not reply.

@@ -1,4 +1,4 @@
-"""The last check of every goal before its bytes, independent of the checks above it."""
+"""Check every goal once more just before it is sent, independently of the checks above."""
 
 from __future__ import annotations
 
@@ -27,12 +27,13 @@ def write_goals(
         bus: The servos.
         goals: Raw ticks by servo id.
         ranges: The lowest and the highest goal of each servo, inclusive.
-        reached: Returns where a servo is, or was sent before; called for a goal outside its range.
+        reached: Returns the tick at which a servo is, or to which it was last sent; called for a
+            goal outside its range.
         describe: Returns the message for a refused goal, given servo id and tick.
         confirmed: Whether each servo confirms its goal by a reply; if not, one packet carries all.
 
     Raises:
-        RefusedError: A goal is outside, or of a servo without a range; nothing was sent.
+        RefusedError: A goal is outside, or its servo has no range; nothing was sent.
         RegisterAccessError: The torque of a servo is off; nothing was sent.
         BusError: A servo does not confirm its goal.
     """

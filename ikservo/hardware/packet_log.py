@@ -1,4 +1,4 @@
-"""Record the bytes of a port in a file, and read such files.
+"""Record the bytes that a port sends and receives in a file, and read such files.
 
 A program whose environment variable ``IKSERVO_PACKETS`` names a file appends to it everything that
 its ports send and receive. The file is pcapng, which Wireshark opens: link type 147 (USER0), one
@@ -52,7 +52,7 @@ class LoggedBytes:
 
 
 def recorded_transport(transport: Transport, path: str, name: str) -> Transport:
-    """Return a transport whose bytes are recorded.
+    """Return a transport that records its bytes.
 
     Args:
         transport: Carries the bytes.
@@ -60,14 +60,14 @@ def recorded_transport(transport: Transport, path: str, name: str) -> Transport:
         name: The name of the port.
 
     Raises:
-        FileFormatError: The file exists and is not a regular one.
+        FileFormatError: The file exists and is not a regular file.
         FileWriteError: The file cannot be written.
     """
     return cast("Transport", _RecordedTransport(transport, Path(path), name))
 
 
 class _RecordedTransport:
-    """Passes everything to a transport, and writes what it sends and receives to a file.
+    """Passes everything on to a transport, and writes the bytes sent and received to a file.
 
     Each block is one write at the end of the file, so that several programs may share it and
     nothing is lost if one is killed. A full disk ends the recording, not the motion.
@@ -143,7 +143,7 @@ def read_packet_log(path: Path) -> Iterator[LoggedBytes]:
     """Read the traffic of ports; an incomplete last block is left out.
 
     Raises:
-        FileFormatError: The file is not a recording of packets, or is damaged.
+        FileFormatError: The file is not a packet recording, or is damaged.
     """
     require_file(path)
     opening = 0

@@ -41,7 +41,7 @@ class ReplyFault:
         servo_id: The receiver of the request.
         kind: Silent, garbled or refused.
         found: The event, as a predicate of the servo's name: "does not answer".
-        alarm_bits: Alarms reported by a refusing servo.
+        alarm_bits: The alarms reported by a servo that refuses.
         sent: The request.
         received: Everything that was received.
     """
@@ -135,7 +135,7 @@ class ScanResult:
 
 
 class PacketCodec(Protocol):
-    """Encoding of status packets in one protocol."""
+    """Codec for the status packets of one protocol."""
 
     @property
     def too_long(self) -> int:
@@ -143,7 +143,7 @@ class PacketCodec(Protocol):
         ...
 
     def frame_size(self, size: int) -> int:
-        """Return the bytes of a status packet with ``size`` bytes of data."""
+        """Return the number of bytes in a status packet with ``size`` bytes of data."""
         ...
 
     def scan(self, data: bytes, sizes: Collection[int], *, final: bool) -> ScanResult:

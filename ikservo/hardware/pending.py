@@ -1,4 +1,4 @@
-"""Pending replies, line health and adaptive timeout: which late bytes may still arrive.
+"""Track which late replies may still arrive, the health of the line, and the reply timeout.
 
 A status packet contains its sender and its length; it does not identify the request that it
 replies to. A request repeated while a reply is overdue may therefore receive the old reply.
@@ -24,7 +24,7 @@ _MARGIN_BYTES = 1.03  # clocks of servos and adapters differ by this much at mos
 
 
 class LineHealth:
-    """Health of the line: healthy after a number of clean requests, which each anomaly raises.
+    """Health of the line: it is healthy after enough clean requests; each anomaly demands more.
 
     Args:
         clean_requests: The number of clean requests until the line counts as healthy.
@@ -77,7 +77,7 @@ class ByteRateCheck:
         self._on_time = self._on_time + 1 if count <= since_s / byte_s * _MARGIN_BYTES + 1 else 0
 
     def reset(self) -> None:
-        """Start again, because bytes were discarded as stale and no reply came."""
+        """Start counting again, because bytes were discarded as stale and no reply came."""
         self._on_time = 0
 
 
@@ -137,7 +137,7 @@ class PendingReplies:
 
     @property
     def any_pending(self) -> bool:
-        """Whether a reply may be overdue; expired entries not yet removed also count."""
+        """Whether a reply may be overdue; expired entries that are not yet removed also count."""
         return bool(self._pending)
 
     def pending_until_s(self, servo_ids: _Ids, now_s: float) -> float | None:
@@ -201,7 +201,7 @@ class PendingReplies:
             span: The required range.
             now_s: The current time.
             health: The health of the line, see ``is_ambiguous``.
-            size_of: Returns the data bytes of the reply to a window of a given size.
+            size_of: Returns the number of data bytes in the reply for a window of a given size.
 
         Returns:
             The window, or None if replies of every length are pending.
@@ -276,7 +276,7 @@ class AdaptiveTimeout:
 
     @property
     def timeout_s(self) -> float:
-        """Wait beyond wire time and return delays, seconds."""
+        """Time to wait beyond wire time and return delays, seconds."""
         if self._learned < _LEARNED_REPLIES:
             return self.max_s
         learned_s = max(self.min_s, _MARGIN * self.typical_s)

@@ -172,7 +172,7 @@ def ping_ids(
 
 
 def ping_slot_s(port: Port, framing: Framing) -> float:
-    """Compute the time after which the next ping cannot collide with the reply to this one."""
+    """Compute the time after which the next ping cannot collide with the reply to this ping."""
     on_wire_s = port.wire_s(framing.ping_bytes + framing.reply_bytes)
     return on_wire_s + MAX_RETURN_DELAY_S + _USB_FRAME_S
 

@@ -1,4 +1,4 @@
-"""A serial port with the interface that both vendor SDKs expect: deadlines, flush, echo."""
+"""A serial port with the interface that both vendor SDKs expect."""
 
 from __future__ import annotations
 
@@ -67,11 +67,11 @@ class SdkPort:
         self.sent_all_s = self._packet_deadline_s = 0.0
 
     def wire_s(self, count: int) -> float:
-        """Compute the time of bytes on the wire, seconds."""
+        """Compute how long a number of bytes is on the wire, seconds."""
         return count * _BITS_PER_BYTE / self.baudrate
 
     def expected_at_s(self, expected: int, delays_s: float) -> float:
-        """Return when the reply to the last packet is complete if nothing is late.
+        """Return the time at which the reply to the last packet is complete if nothing is late.
 
         Args:
             expected: Bytes of the reply.
@@ -122,7 +122,7 @@ class SdkPort:
             self.clock.sleep_until(due_s)
 
     def openPort(self) -> bool:
-        """Check whether the port is open; it is opened by ``open_port``."""
+        """Check whether the port is open; ``open_port`` opens it."""
         return self.is_open
 
     def closePort(self) -> None:
@@ -144,11 +144,11 @@ class SdkPort:
             raise self._port_lost_error(error) from error
 
     def setPortName(self, port_name: str) -> None:
-        """Change the name in messages."""
+        """Change the port's name in messages."""
         self.name = port_name
 
     def getPortName(self) -> str:
-        """Return the name."""
+        """Return the port's name."""
         return self.name
 
     def setBaudRate(self, baudrate: int) -> bool:
@@ -198,13 +198,13 @@ class SdkPort:
         return len(self.sent) if written is None else written
 
     def setPacketTimeout(self, packet_length: int) -> None:
-        """Set the deadline of a packet of this many bytes from now."""
+        """Set the deadline for a packet of this many bytes, from now."""
         self._packet_deadline_s = (
             self.expected_at_s(packet_length, 0.0) + self.reply_timeout.timeout_s
         )
 
     def setPacketTimeoutMillis(self, msec: float) -> None:
-        """Set the deadline of a packet, milliseconds from now."""
+        """Set the deadline for a packet, milliseconds from now."""
         self._packet_deadline_s = self.clock.now_s() + msec / 1000
 
     def isPacketTimeout(self) -> bool:
@@ -253,7 +253,7 @@ class Port(SdkPort):
         abandon_in_forked_children(self)
 
     def connect(self, transport: Transport, name: str, baud_rate: int) -> None:
-        """Use another transport from now on; reset the measurements of the old one."""
+        """Use another transport from now on; discard the measurements on the old one."""
         super().connect(transport, name, baud_rate)
         self.byte_rate, self.health, self.pending = ByteRateCheck(), LineHealth(), PendingReplies()
         self.echoes: bool | None = None
@@ -294,7 +294,7 @@ class Port(SdkPort):
 
     @property
     def _echo_bytes(self) -> int:
-        """Number of received bytes that may be our own."""
+        """Return the number of received bytes that may be our own."""
         return 0 if self.echoes is False else len(self.sent)
 
     def reopen(self) -> Port:
@@ -340,7 +340,7 @@ class _ClosedTransport:
 
 
 class _ForeignTransport(_ClosedTransport):
-    """Replaces the transport that the parent of this process uses; keeps it, unclosed."""
+    """Replaces the transport that this process's parent uses, and keeps it without closing it."""
 
     def __init__(self, transport: object) -> None:
         vars(self)["_transport"] = transport
@@ -428,5 +428,5 @@ def _check_sharing(port: Port, baud_rate: int, own: _Opening, others: Iterable[_
     if any(other.arm == own.arm for other in others):
         raise PortError(
             f"An arm named {own.arm} is open at {port.name}, with other servos.",
-            "Give each arm on an adapter a name of its own in its arm.toml.",
+            "Give each arm on an adapter its own name in arm.toml.",
         )

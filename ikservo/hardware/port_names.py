@@ -67,7 +67,7 @@ def is_simulated(port_name: str) -> bool:
 def serial_number_of(name: str) -> str:
     """Return the USB serial number of the adapter behind a port's name; empty if it has none.
 
-    Call it while the adapter is plugged in, so that the adapter is recognised when it comes back.
+    Call this while the adapter is plugged in, so that the adapter is recognised when it comes back.
     The simulated bus uses its name.
     """
     if is_simulated(name):
@@ -85,7 +85,7 @@ def reconnect(port: Port, serial_number: str, within_s: float, clock: Clock | No
         port: The port that was lost.
         serial_number: From ``serial_number_of``, before the loss.
         within_s: The time to wait for it.
-        clock: The clock of the wait; the real one if None.
+        clock: The clock for the wait; the real one if None.
 
     Raises:
         PortLostError: The adapter did not come back in time.

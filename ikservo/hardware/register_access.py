@@ -1,4 +1,4 @@
-"""Access to registers of single servos; goals cannot switch on the torque of a limp servo."""
+"""Access to registers of single servos; no goal can switch on the torque of a limp servo."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from ikservo.hardware.servo import PingResult, ServoSpec, ServoStatistics
 from ikservo.registers import Alarm, Area, Register, RegisterName
 
 MAX_ENABLING_TICKS = 170
-"""Largest distance of a goal from a servo's position at which torque is switched on [tick].
+"""Largest distance between a goal and a servo's position at which torque is switched on [tick].
 
 A joint that is slightly outside its servo's limits comes back to them; a joint further outside is
 on another revolution and would turn all the way back.
@@ -24,7 +24,7 @@ on another revolution and would turn all the way back.
 
 
 class StopListening(Protocol):
-    """Receives stops from other programs for a bus."""
+    """Receives the stops that other programs send to a bus."""
 
     def check_may_move(self) -> None:
         """Raise ``StoppedError`` if another program has stopped this one."""
@@ -198,7 +198,7 @@ class RegisterAccess:
         Raises:
             RegisterAccessError: A goal is prepared for a servo whose torque is off now; nothing was
                 executed.
-            BusError: The torque of such a servo cannot be read.
+            BusError: The torque state of such a servo cannot be read.
         """
         for servo_id in sorted(self._prepared_goals):
             servo = self.servos[servo_id]

@@ -1,4 +1,4 @@
-"""Group registers into as few sync and bulk reads and writes as possible."""
+"""Group register accesses into as few sync and bulk reads and writes as possible."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ def batches(
     """Yield, for each request, the run of registers to read from each servo.
 
     Args:
-        own: The registers to read of each servo, by id.
+        own: The registers to read from each servo, by id.
         gap: See ``contiguous_runs``.
     """
     runs = {servo_id: contiguous_runs(registers, gap) for servo_id, registers in own.items()}
@@ -113,7 +113,7 @@ _LETTERS = {1: "B", 2: "H", 4: "I"}
 
 
 class ReplyLayout:
-    """Position of one servo's registers in the bytes of one reply.
+    """Positions of one servo's registers in the bytes of one reply.
 
     Args:
         servo: The servo.
@@ -198,7 +198,7 @@ class ReadBatch:
 
 @dataclass(frozen=True, slots=True)
 class ReadPlan:
-    """All batches of a reading, and its servos."""
+    """All batches for one group read, and the servos in it."""
 
     servo_ids: Sequence[int]
     batches: Sequence[ReadBatch]
@@ -206,7 +206,7 @@ class ReadPlan:
 
 @dataclass(frozen=True, slots=True)
 class WriteTarget:
-    """One servo's own register of a group write.
+    """One servo's own register in a group write.
 
     Attributes:
         place: Its family, the address and the size of the register.

@@ -43,7 +43,7 @@ class SilenceBackoff:
         return self._last[servo_id]
 
     def is_unresponsive(self, servo_id: int) -> bool:
-        """Check whether it has been silent for so long that a retry would waste time."""
+        """Check whether a servo has been silent for so long that a retry would waste time."""
         return bool(self._lost) and self._lost.get(servo_id, 0) >= _UNRESPONSIVE_AFTER
 
     def record(self, reply: Reply, clock: Clock) -> None:
@@ -93,7 +93,7 @@ def silence_hint(
     if not replying:
         return (
             "No servo answers. Check the power supply and the first cable; "
-            "to try every baud rate: ikservo doctor"
+            "to try all baud rates: ikservo doctor"
         )
     first = next(place for place, servo in enumerate(requested) if servo.id in silent)
     silent_ids = [servo.id for servo in requested if servo.id in silent]
@@ -162,7 +162,7 @@ class Requester:
         }
 
     def driver_of(self, servo: ServoSpec) -> ProtocolDriver:
-        """Return the driver of the servo's protocol."""
+        """Return the driver for the servo's protocol."""
         return self.drivers[servo.table.family]
 
     def request(
@@ -178,7 +178,7 @@ class Requester:
 
         Args:
             servo: The servo.
-            request: Description, for errors.
+            request: Description of the request, for errors.
             exchange: Sends the request once and returns the reply.
             repeat: Whether it may be repeated after a lost reply. If not, it is sent only when no
                 older reply can be mistaken for its own.
@@ -227,7 +227,7 @@ class Requester:
         return data, errors
 
     def make_error(self, servo: ServoSpec, fault: ReplyFault, request: str) -> BusError:
-        """Make the error that names servo, request and fault."""
+        """Return the error that names the servo, the request and the fault."""
         hint = self._diagnose_silence() if fault.kind is FaultKind.SILENT else ""
         if fault.kind is not FaultKind.REFUSED:
             hint = line_hint(self.port.name, hint)

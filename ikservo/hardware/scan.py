@@ -31,9 +31,9 @@ class FoundServo:
         protocol: The name of its framing, for messages.
         table: Its control table; None if the model is not known.
         model_number: Its model register; None if it is not readable.
-        firmware: Its version, as the vendor writes it.
-        voltage_v: Voltage at its plug.
-        temperature_c: Temperature inside.
+        firmware: Its firmware version, in the vendor's notation.
+        voltage_v: The voltage at its plug.
+        temperature_c: The temperature inside it.
         alarms: Its alarms.
         shares_id: Whether more than one servo replies at this id; their data are unknown.
     """
@@ -64,7 +64,7 @@ class FoundServo:
 def identify(
     port: Port, framing: Framing, servo_id: int, *, echoes: bool = False
 ) -> FoundServo | None:
-    """Identify the servo at an id at the port's baud rate; None if no servo replies.
+    """Identify the servo with an id at the port's baud rate; None if no servo replies.
 
     Raises:
         PortLostError: The port is lost.
@@ -171,7 +171,7 @@ class ScanProgress:
 
 
 OnScanStep = Callable[[ScanProgress], None]
-"""Progress callback of a scan."""
+"""Callback for the progress of a scan."""
 
 
 def candidate_baud_rates(first: int | None = None) -> list[int]:

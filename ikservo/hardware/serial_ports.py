@@ -1,4 +1,4 @@
-"""Serial ports of this machine: USB identity, the process that uses one, open errors."""
+"""Describe the serial ports of this machine: USB identity, users, errors on opening."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ _MAKERS = {0x0403: "FTDI", 0x10C4: "Silicon Labs", 0x1A86: "WCH", 0x2F5D: "ROBOT
 
 @dataclass(frozen=True, slots=True)
 class SerialAdapter:
-    """A serial port of a USB adapter.
+    """A serial port on a USB adapter.
 
     Attributes:
         device: The argument of ``--port``: ``/dev/ttyACM0``, ``COM3``.
@@ -88,7 +88,7 @@ class SerialAdapter:
 
     @property
     def usb(self) -> str:
-        """Vendor and product as ``lsusb`` writes them."""
+        """Vendor and product id in the notation of ``lsusb``."""
         return f"{self.vid:04x}:{self.pid:04x}"
 
     @property
@@ -160,7 +160,7 @@ _FOLDERS = (Path("/etc/udev/rules.d"), Path("/usr/lib/udev/rules.d"), Path("/run
 
 
 def read_rules() -> str:
-    """Read the rules from ``tools/60-ikservo.rules``, in the source or as copied into the wheel."""
+    """Read the udev rules from ``tools/60-ikservo.rules``, in the source or in the wheel."""
     package = Path(__file__).absolute().parents[1]
     shipped = package / "_rules"
     folder = shipped if shipped.is_dir() else package.parent / "tools"
@@ -168,7 +168,7 @@ def read_rules() -> str:
 
 
 def installed_rules() -> Path | None:
-    """Return the path of the installed rules, None if they are not installed."""
+    """Return the path of the installed udev rules; None if they are not installed."""
     return next((f / RULES_FILE for f in _FOLDERS if (f / RULES_FILE).exists()), None)
 
 
@@ -205,11 +205,11 @@ def line_hint(port_name: str, hint: str) -> str:
 
 _BUSY = {errno.EBUSY, errno.EAGAIN, errno.EWOULDBLOCK}
 _NO_TERMINAL = {errno.EISDIR, errno.ENOTTY, errno.EINVAL, errno.ENXIO, errno.ENODEV}
-_URL_FORMATS = "a network port is written like socket://192.168.1.5:4000"
+_URL_FORMATS = "a network port is written as socket://192.168.1.5:4000"
 
 
 def open_error(name: str, baud_rate: int, error: Exception) -> PortError:
-    """Return an error that explains why a port did not open, and what to do.
+    """Return an error that explains why a port did not open and what the user can do.
 
     Args:
         name: The name that the user gave.

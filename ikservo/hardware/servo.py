@@ -1,4 +1,4 @@
-"""Values about servos: specification, ping result, readings, statistics."""
+"""Values that describe servos: specification, ping result, readings, statistics."""
 
 from __future__ import annotations
 
@@ -50,11 +50,11 @@ class ServoStatistics:
     """The outcomes of the requests to one servo.
 
     Attributes:
-        requests: Requests, retries included.
+        requests: Requests, including retries.
         lost: Requests without a reply.
         garbled: Requests whose reply was unusable.
         refused: Requests that the servo refused.
-        retried: Requests repeated.
+        retried: Requests that were repeated.
         lost_in_a_row: Requests without a usable reply since the last good one.
         round_trips_s: Durations of the latest exchanges, seconds; a group counts as one exchange.
     """

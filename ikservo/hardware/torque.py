@@ -1,4 +1,4 @@
-"""Torque on and off, with a check of the supply voltage."""
+"""Switch torque on and off, with a check of the supply voltage."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from ikservo.registers import ControlTable, Family, RegisterName
 
 
 def torque_on(bus: ServoBus, servo_id: int) -> int:
-    """Enable torque of a servo at its position; return that tick.
+    """Switch a servo's torque on at its present position; return that tick.
 
     Its goal is set there and read back before torque is switched on, because a joint that was moved
     by hand would otherwise jump to an old goal. A joint slightly outside its servo's limits comes
@@ -38,7 +38,7 @@ def torque_on(bus: ServoBus, servo_id: int) -> int:
 
 
 def check_kept_goal(bus: ServoBus, servo_id: int, kept_tick: int, goal_tick: int) -> None:
-    """Check a goal that was read back before torque comes on.
+    """Check a goal that was read back, before torque is switched on.
 
     Raises:
         ServoRejectedError: The servo keeps another goal.
@@ -68,7 +68,7 @@ def nearest_goal(joint: str, tick: int, accepted: tuple[int, int]) -> int:
     goal = min(max(tick, low), high)
     if abs(goal - tick) > MAX_ENABLING_TICKS:
         raise RefusedError(
-            f"{joint} is at tick {tick}, far outside the range {low} to {high} of its servo.",
+            f"{joint} is at tick {tick}, far outside the range of its servo, {low} to {high}.",
             "Move the joint by hand into its limits; torque stays off.",
         )
     return goal
@@ -129,7 +129,7 @@ def _mode_error(servo: ServoSpec, reason: str) -> RefusedError:
 
 
 def torque_off(bus: ServoBus, servo_ids: Iterable[int]) -> dict[int, BusError]:
-    """Disable torque of all servos that can be reached; return the errors of the others.
+    """Switch off the torque of all servos that can be reached; return the errors of the others.
 
     Raises:
         PortLostError: The port is lost; no servo can be reached any more.

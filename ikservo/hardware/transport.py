@@ -1,4 +1,4 @@
-"""Byte transports: serial device, pyserial URL, entry point; the exclusive port lock.
+"""Open byte transports (serial device, pyserial URL, plug-in), with an exclusive lock.
 
 pyserial makes two system calls where one would suffice, before each read and after each write, so
 that another thread can wake it, which is not used here. With six servos that reply in sequence,
@@ -99,7 +99,7 @@ class FileDescriptorPort:
         return data
 
     def write(self, data: bytes, /) -> int:
-        """Send bytes; pyserial waits if the line does not accept all at once."""
+        """Send bytes; pyserial waits if the line does not accept all of them at once."""
         sent = os.write(self._port.fd, data)
         if sent < len(data):
             self._port.write(data[sent:])
@@ -190,7 +190,7 @@ class Transport(Protocol):
 
     @property
     def in_waiting(self) -> int:
-        """Number of bytes that have arrived and wait."""
+        """Number of bytes that have arrived and are waiting."""
         ...
 
     def read(self, size: int = 1, /) -> bytes:
@@ -253,7 +253,8 @@ def refuse_other_machines(name: str) -> None:
     if _find_plug_ins(name.partition(":")[0], NETWORK_GROUP):
         raise PortError(
             f"{name} is an arm on another machine; this needs the servos' own port.",
-            "Run it there, with the serial port of the arm, once `ikservo serve` has ended.",
+            "Run this on that machine, with the serial port of the arm, after `ikservo serve` "
+            "has ended.",
         )
 
 

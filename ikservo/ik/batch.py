@@ -53,7 +53,7 @@ class BatchResult:
         reached: Whether position and orientation are within the tolerance (m,).
         position_error_m: Distance from the target point (m,).
         orientation_error_rad: Angle from the target direction or orientation (m,); 0 if none.
-        iterations: Steps taken, restarts included (m,).
+        iterations: Number of steps, including restarts (m,).
     """
 
     q: Matrix
@@ -80,7 +80,7 @@ def solve_batch(
 ) -> BatchResult:
     """Solve m targets with ``bounded``, each from its own start; their order does not matter.
 
-    An arm that sags under its weight is solved as if it were rigid.
+    An arm that sags under its weight is treated as if it were rigid.
 
     Args:
         chain: The arm, or its model, its name, or the path of its file.
@@ -91,9 +91,9 @@ def solve_batch(
         kind: The part of the poses that counts: ``position``, ``direction`` or ``pose``; None
             means ``pose``.
         tool_axis: The axis (3,) in the frame's coordinates for ``direction``.
-        frame: The link to move there; the tip if None.
-        offset_m: The point (3,) of that link, metres; its origin if None.
-        options: Tolerance and search limits.
+        frame: The link to move to the target; the tip if None.
+        offset_m: The point (3,) on that link, metres; the link's origin if None.
+        options: Tolerance and limits of the search.
 
     Raises:
         BadValueError: A shape or a rotation is not valid, or a number is not finite.

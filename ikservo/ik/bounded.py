@@ -1,4 +1,4 @@
-"""The Python side of the production solver: prepare, run the kernel, read its result.
+"""Python side of the production solver: prepare the search, run the kernel, read the result.
 
 Minimises ``|E(q)|²`` by Gauss-Newton and Newton steps with an active set, from the start and, if
 that fails, from a fixed table of further starting points. The arithmetic is in ``kernels``.
@@ -40,7 +40,7 @@ from ikservo.kinematics.arrays import Vector
 def unpack_result(
     chain: Chain, answer: Vector, method: str, trace: tuple[Vector, ...] = ()
 ) -> Result:
-    """Unpack the result in one row of kernel output (2 dof + RESULT_TAIL,)."""
+    """Return the result that is packed in one row of kernel output (2 dof + RESULT_TAIL,)."""
     n, row = chain.dof, answer.copy()
     numbers: list[float] = row.tolist()
     tail, nearest = numbers[2 * n :], 2 * n + REACHED_POINT
@@ -84,11 +84,12 @@ def bounded(
 class Search:
     """The search for one kind of target: kernel and arrays, for one thread.
 
-    It must not hold the chain, its key in the cache, because neither would then ever be freed.
+    A search must not hold the chain, its key in the cache, because neither would then ever be
+    freed.
 
     Args:
         chain: The arm.
-        target: A target; others with the same frame, offset and tool axis can be solved, too.
+        target: A target; the search also solves others with the same frame, offset and tool axis.
         options: Limits and priorities.
         first: Starting points (dof,) in addition to the table.
     """
@@ -142,7 +143,7 @@ class _Searches(threading.local):
         self._prepared = WeakKeyDictionary[Chain, dict[_Key, Search]]()
 
     def find(self, chain: Chain, target: Target, options: Options) -> Search:
-        """Find the search for such targets; prepare it if necessary."""
+        """Return the search for such targets; prepare it if necessary."""
         offset = _offset_array(target)
         point = b"" if offset is None else offset.tobytes()
         axis = b"" if target.direction is None else target.axis.tobytes()

@@ -59,7 +59,7 @@ _MIN_BEND_RAD = 0.3
 
 
 class BranchMemory:
-    """The posture of a path before its target went out of reach.
+    """The posture on a path before its target went out of reach.
 
     Out of reach an arm stretches until it is straight, and could then bend to either side. The
     search for the first target within reach again therefore starts slightly towards the last joints
@@ -108,8 +108,8 @@ class Solver:
         kind: The part of the pose that counts: the position, the position and the direction of the
             tool axis, or the whole pose.
         tool_axis: The axis (3,) in the frame's coordinates for "direction".
-        frame: The link to move there; the tip if None.
-        offset_m: The point (3,) of that link, metres; its origin if None.
+        frame: The link to move to the target; the tip if None.
+        offset_m: The point (3,) on that link, metres; the link's origin if None.
         tolerance: The largest errors that count as reached; not used if ``options`` are given.
         options: Tolerance, search limits and priorities.
 
@@ -154,7 +154,7 @@ class Solver:
         self._side = BranchMemory(chain.dof)
 
     def _bound_kernel(self, ready: PackedProblem, options: Options) -> PoseKernel:
-        """Return the kernel with all arguments but pose and start."""
+        """Return the kernel with all arguments bound except pose and start."""
         from ikservo.kernels import single  # noqa: PLC0415  # loads with the first solver
 
         worker, idle = self._worker, np.zeros((len(self._idle), IDLE_WIDTH))
@@ -168,7 +168,7 @@ class Solver:
         return cast("PoseKernel", solve)
 
     def __repr__(self) -> str:
-        """Show the kind of target and the chain."""
+        """Return the kind of target and the chain as text."""
         return f"Solver(kind={self.kind!r}, {self.chain.dof} joints to {self.chain.tip!r})"
 
     def __call__(
@@ -205,10 +205,10 @@ class Solver:
         """The whole result of the last call: errors and active limits.
 
         Raises:
-            BadValueError: There was no call yet.
+            BadValueError: There has been no call yet.
         """
         if not self._worker.answer[0, 2 * self.chain.dof + ITERATIONS] >= 0.0:
-            raise BadValueError("The last problem", "missing", "a call before its result")
+            raise BadValueError("The last problem", "missing", "a call first, then its result")
         found = unpack_result(self.chain, self._worker.answer[0], "bounded")
         droop = self._droop
         return found if droop is None else replace(found, nearest_m=droop.lowered(found.nearest_m))
@@ -216,7 +216,7 @@ class Solver:
     def _solve_drooping(
         self, solve: PoseKernel, T: ArrayLike, q0: ArrayLike, out: Vector | None
     ) -> tuple[Vector, bool]:
-        """Run the kernel; for an arm that sags, with targets raised by its sag."""
+        """Run the kernel, for an arm that sags with targets that are raised by the sag."""
         if self._droop is None:
             return self._run_kernel(solve, T, q0, out)
         pose, q = finite_array(T, (4, 4), "T_world_tool"), finite_vector(q0, self.chain.dof, "q0")

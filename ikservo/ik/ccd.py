@@ -1,4 +1,4 @@
-"""Cyclic coordinate descent: move one joint after the other to its best position.
+"""Cyclic coordinate descent: move one joint after another to its best position.
 
 One joint alone moves the tip along a circle or a straight line, and its point nearest to the target
 is known in closed form; a joint moves towards it by at most `MAX_STEP` per sweep. No matrix is
@@ -62,7 +62,7 @@ def best_rotation(E: Vector, v: Vector, axis: Vector) -> float:
 
 
 def best_translation(E: Vector, v: Vector) -> float:
-    """Find the distance along v (m,) with the tip nearest to the target: ``(E·v) / (v·v)``."""
+    """Compute the distance along v (m,) with the tip nearest to the target: ``(E·v) / (v·v)``."""
     size = float(v @ v)
     return float(E @ v) / size if size > _MIN_LEVER else 0.0
 

@@ -1,4 +1,4 @@
-"""The closed-form method: all solutions, their ranking and refinement."""
+"""Closed-form method: all solutions, their ranking and refinement."""
 
 from __future__ import annotations
 
@@ -68,7 +68,7 @@ _MISSED_PER_DEVIATION = 1e3
 def solutions(chain: Chain, target: Target, q0: ArrayLike | None = None) -> tuple[Vector, ...]:
     """Compute joints (dof,) that meet the target, one for each branch, nearest to q0 first.
 
-    If the target leaves freedom, each branch returns the choice nearest the start: the wrist stays,
+    If the target leaves freedom, each branch gives the solution nearest the start: the wrist stays,
     and the last link keeps its direction as well as the limits allow. Angles that differ by full
     revolutions are one solution; the one nearest q0 is returned.
 
@@ -146,7 +146,7 @@ def _is_same_solution(a: Vector, b: Vector) -> bool:
 
 
 def initial_joints(chain: Chain, q0: ArrayLike | None) -> Vector:
-    """Return q0 (dof,) checked, or the middle of the limits."""
+    """Return q0 (dof,) after a check, or the middle of the limits."""
     return chain.mid_range() if q0 is None else finite_vector(q0, chain.dof, "q0")
 
 
@@ -225,7 +225,7 @@ def analytic_seeds(chain: Chain, target: Target, q0: ArrayLike | None = None) ->
 
 
 def _nearest_stretched(problem: AnalyticProblem, yaw: float) -> tuple[Vector, ...]:
-    """Find the joints whose planar links come nearest, best first."""
+    """Return the joints whose planar links come nearest, best first."""
     plane = problem.arm.plane
     found = nearest_planar_angles(
         plane.links(problem.tip.in_plane_part(problem.start_roll)),

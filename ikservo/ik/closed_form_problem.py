@@ -1,4 +1,4 @@
-"""The problem that a closed form solves: target, axis constraints, remaining freedom.
+"""Problem that a closed form solves: target, axis constraints, remaining freedom.
 
 Undoing the yaw φ brings the target point M and the target directions d to the arm's plane; the
 roll ψ moves the tool point w and the tool axes a. Planar joints rotate the part along the plane by
@@ -85,7 +85,7 @@ class AnalyticProblem:
     Attributes:
         arm: The structure of the arm.
         start: The start (dof,), anywhere.
-        held: The start inside the limits, where joints that do not matter stay.
+        held: The start inside the limits, at which joints without influence stay.
         point: The circle of the target point about the yaw axis.
         tip: The circle of the tool point about the roll axis.
         aims: The axis constraints: none, one for a direction, three for an orientation.
@@ -166,7 +166,7 @@ class AnalyticProblem:
                 yield self.candidate(yaw_rad, inside, roll_rad)
 
     def candidate(self, yaw_rad: float, angles: Angles, roll_rad: float) -> Candidate:
-        """Return the joints of yaw, planar angles and roll, and their orientation error."""
+        """Return the joints for yaw, planar angles and roll, and their orientation error."""
         alpha = sum(angles)
         misses = (aim.angle_error(yaw_rad, roll_rad, alpha) for aim in self.aims)
         return Candidate(self.joints(yaw_rad, angles, (roll_rad,)), max(misses, default=0.0))

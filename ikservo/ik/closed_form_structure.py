@@ -42,7 +42,7 @@ class RevoluteAxis:
     upper: float
 
     def sample_range(self, parts: Sequence[float]) -> tuple[float, ...]:
-        """Sample angles at the given fractions of the range, of a revolution if unlimited."""
+        """Return angles at the given fractions of the range, or of a revolution if unlimited."""
         lower = self.lower if math.isfinite(self.lower) else min(-math.pi, self.upper)
         upper = self.upper if math.isfinite(self.upper) else max(math.pi, lower)
         return tuple(min(lower + part * (upper - lower), upper) for part in parts)
@@ -238,7 +238,7 @@ def _are_parallel(a: RevoluteAxis, b: RevoluteAxis) -> bool:
 
 
 def _fit_plane(joints: tuple[RevoluteAxis, ...]) -> tuple[PlanarSubchain, float]:
-    """Find the plane across parallel joints, and the largest deviation from parallel [rad]."""
+    """Return the plane across parallel joints, and the largest deviation from parallel [rad]."""
     n = joints[0].axis
     frame = plane_frame(n)
     signs = tuple(1 if float(joint.axis @ n) > 0 else -1 for joint in joints)

@@ -143,7 +143,7 @@ def iterate(
     *,
     until_rest: bool = False,
 ) -> Result:
-    """Step from ``q0`` until the target is met, nothing moves any more, or the steps are used up.
+    """Take steps from ``q0`` until the target is met, nothing moves, or the steps are used up.
 
     There is one start and no restart, so the search ends if it stalls. It returns the best iterate.
 
@@ -152,7 +152,7 @@ def iterate(
         step: One iteration of the method.
         task: The residual function.
         q0: Start (dof,), rad or m; one outside the limits is first clipped to them.
-        options: Tolerance, maximum iterations, whether to keep them.
+        options: Tolerance, maximum number of iterations, and whether to keep the iterates.
         max_iterations: Maximum iterations if the options do not set them.
         until_rest: Whether to continue after the target is met, until nothing moves.
     """

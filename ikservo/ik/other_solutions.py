@@ -1,4 +1,4 @@
-"""Other solutions of a target: their number or family, and the one nearest to the start.
+"""Other solutions for a target: their number or family, and the one nearest to the start.
 
 A search converges to the solution to which its steps lead; with six joints this is the nearest
 solution in about two of three cases. The closed form has every solution; without it, searches that
@@ -112,7 +112,7 @@ def _continues_along(
 def nearest_solution(
     chain: Chain, target: Target, q0: Vector, options: Options, found: Result
 ) -> Result:
-    """Find a solution that is nearer to the start than ``found``; otherwise return ``found``.
+    """Return a solution that is nearer to the start than ``found``, or else ``found``.
 
     Args:
         chain: The arm.
@@ -146,7 +146,7 @@ def nearest_solution(
 
 
 def _solutions_around(chain: Chain, target: Target, q0: Vector, options: Options) -> Matrix:
-    """Compute the solutions (m, dof) of searches from around the start."""
+    """Compute the solutions (m, dof) of searches that begin around the start."""
     aside = _START_OFFSET_RAD * np.eye(chain.dof)
     starts = np.ascontiguousarray(chain.clip(np.vstack([q0 + aside, q0 - aside])))
     kind, ready = target_kind_of(target), problem_for_target(chain, target)

@@ -34,7 +34,7 @@ _NO_LENGTH_M = 1e-9
 
 
 def planar_tip(links: Sequence[complex], angles: Sequence[float]) -> complex:
-    """Return the tip of n links."""
+    """Return the position of the tip of n links."""
     tip, heading = 0j, 1.0 + 0j
     for link, angle in zip(links, angles, strict=True):
         heading *= cmath.rect(1.0, angle)
@@ -175,7 +175,7 @@ def allowed_arcs(
 def _open_arcs(
     ends: list[float], at_end: list[bool], after: list[bool]
 ) -> tuple[DirectionArc, ...]:
-    """Find the open pieces of the circle, and the open ends between closed pieces."""
+    """Return the open pieces of the circle, and the open ends between closed pieces."""
     if all(after):
         return (DirectionArc(ends[0], ends[0] + FULL_TURN_RAD),)
     count, arcs = len(ends), list[DirectionArc]()

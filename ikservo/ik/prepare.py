@@ -1,4 +1,4 @@
-"""Prepare a solve: pack chain and options for the kernel, choose start configurations.
+"""Prepare a solve: pack the chain and the options for the kernel, and choose the starts.
 
 Joints that do not influence a target keep their start position: joints behind the frame, and joints
 whose axis contains the target point. A search that starts elsewhere, or leaves a saddle, would move
@@ -149,7 +149,7 @@ def check_homogeneous_row(poses: Matrix, what: str) -> None:
 
 
 def target_kind(name: str) -> TargetKind:
-    """Return the kind of target of that name.
+    """Return the kind of target with that name.
 
     Raises:
         UnknownNameError: There is no such kind.
@@ -168,7 +168,7 @@ def load_kernel() -> Callable[..., int]:
 
 
 class SolverBuffers:
-    """The work arrays of one solve at a time; each thread needs its own.
+    """The work arrays for one solve at a time; each thread needs its own.
 
     Attributes:
         question: Target positions, then rotations row by row (m, 12).
@@ -226,7 +226,7 @@ def idle_joints(
     *,
     orientation: bool,
 ) -> tuple[IdleJoint, ...]:
-    """Find the joints that move neither the point nor its target orientation.
+    """Return the joints that move neither the point nor the orientation to reach.
 
     Args:
         chain: The arm.
@@ -251,7 +251,7 @@ def idle_joints(
 
 
 def _moving_joints(rows: Vector) -> NDArray[np.bool_]:
-    """Return which joints (dof,) move anything in rows (samples, 3, dof)."""
+    """Return a mask of the joints (dof,) that move anything in rows (samples, 3, dof)."""
     return np.abs(rows).max(axis=(0, 1)) > _NOTHING
 
 
@@ -259,7 +259,8 @@ def _moving_joints(rows: Vector) -> NDArray[np.bool_]:
 class PackedProblem:
     """An arm and one point of it, packed for the kernels.
 
-    It must not hold the chain, its key in the cache, because neither would then ever be freed.
+    A problem must not hold the chain, its key in the cache, because neither would then ever be
+    freed.
 
     Attributes:
         arm: The packed chain.

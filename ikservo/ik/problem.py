@@ -1,4 +1,4 @@
-"""An inverse kinematics problem: arm, target, options, tolerance."""
+"""Inverse kinematics problems: arm, target, options, tolerance."""
 
 from __future__ import annotations
 
@@ -59,10 +59,10 @@ class Target:
     """A position for a point of the arm, with an optional direction or orientation.
 
     Attributes:
-        position_m: Target position of the point (3,), metres, arm's base frame.
-        direction: Target direction of the tool axis (3,), base frame; any length but zero.
+        position_m: Target position (3,) of the point, metres, in the arm's base frame.
+        direction: Target direction (3,) of the tool axis, base frame; any length except zero.
         orientation: Target orientation R_world_tool (3, 3); not together with direction.
-        frame: The link the point belongs to; the tip if None.
+        frame: The link to which the point belongs; the tip if None.
         offset_m: The point in that link's coordinates (3,), metres; its origin if None.
         tool_axis: The axis (3,) in the link's coordinates for ``direction``.
         axis: The tool axis as a unit vector.
@@ -230,7 +230,7 @@ class Posture:
 
     Attributes:
         q: The preferred joints (dof,), rad or m.
-        weights: Weight of each joint (dof,); 0 leaves a joint free.
+        weights: The weight of each joint (dof,); 0 leaves the joint free.
     """
 
     q: ArrayLike
@@ -239,7 +239,7 @@ class Posture:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Options:
-    """The options of every method.
+    """The options for all methods.
 
     Attributes:
         tolerance: The error that counts as reached.
@@ -247,7 +247,7 @@ class Options:
             methods use only that.
         max_iterations: Maximum steps from one start; None uses the method's default.
         posture: Preferred configuration; methods without a null space ignore it.
-        trace: Whether the result contains every iterate.
+        trace: Whether the result contains all iterates.
         position_first: Whether the position is met exactly and the orientation as well as possible
             after that, instead of weighing both; None: if the arm has fewer than six joints.
         turn_weight_m_rad: Position error in metres that weighs like a radian (``bounded``).

@@ -1,4 +1,4 @@
-"""The result of a solve: joints, errors, active limits, and other solutions."""
+"""Result of a solve: joints, errors, active limits, and other solutions."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ _NUMBERS = {1: "one", 2: "two", 3: "three", 4: "four"}
 
 @dataclass(frozen=True, slots=True)
 class SolutionSet:
-    """The number of solutions of a target inside the limits.
+    """The number of solutions for a target inside the limits.
 
     Joints that do not move the point, and full revolutions of a joint, add no solutions.
 
@@ -92,7 +92,7 @@ class Result:
         position_error_m: Distance from the target point.
         orientation_error_rad: Angle from the target direction or orientation; 0 if none.
         binding: The limits that hold the arm back; empty when reached.
-        iterations: Steps taken, restarts included.
+        iterations: Number of steps, including restarts.
         nearest_m: The point at ``q`` (3,), metres, base frame.
         method: The solver that found it.
         trace: Every iterate (dof,), the start first, if requested.
@@ -137,7 +137,7 @@ class Result:
         fields["question"] = question
 
     def __str__(self) -> str:
-        """Show the solution and its error; ``repr`` shows all."""
+        """Return the solution and its error as text; ``repr`` shows everything."""
         q = ", ".join(f"{each:z.4f}" for each in self.q)
         held = f" ({', '.join(map(str, self.binding))})" if self.binding else ""
         off = f"{1e3 * self.position_error_m:.3f} mm, {self.orientation_error_rad:.4f} rad off"
@@ -214,7 +214,7 @@ def evaluate(
 
 
 def is_closer(a: Result, b: Result, tolerance: Tolerance) -> bool:
-    """Check whether a is the better result, by position first, then by orientation."""
+    """Check whether ``a`` is the better result, by position first, then by orientation."""
     return _rank_result(a, tolerance) < _rank_result(b, tolerance)
 
 

@@ -1,4 +1,4 @@
-"""Geometric subproblems: a cos + b sin = c, circles, rotations about two and three axes.
+"""Solve geometric subproblems: a cos + b sin = c, circles, rotations about two and three axes.
 
 The plane is a (3, 3) ``frame`` with rows e1, e2, n: a vector is e1 + i e2 *along* the plane and n
 *across* it. Rotating the parallel joints of the arm never changes what is across, which is why yaw

@@ -1,4 +1,4 @@
-"""The workspace: reachable points sampled inside the joint limits."""
+"""Workspace of an arm: reachable points, sampled inside the joint limits."""
 
 from __future__ import annotations
 
@@ -121,7 +121,7 @@ def workspace(
     samples: int = _SAMPLES,
     clear: Clear | None = None,
 ) -> Workspace:
-    """Find the cells that the tip can be in, inside the chain's limits.
+    """Find the cells that the tip can reach inside the chain's limits.
 
     Joint vectors that fill the limits evenly give the first reachable cells. From those the solver
     continues outwards: it solves for the centre of every cell next to a reachable one. A reachable
@@ -132,7 +132,7 @@ def workspace(
         T_world_plane: The frame (4, 4) whose plane w = 0 is the slice; None for the whole volume.
         cell_m: Edge of the cells; None: 5 mm for a slice and 25 mm for a volume.
         samples: The number of joint vectors to try first.
-        clear: Returns for joint vectors (n, dof) whether each is allowed (n,), for example free of
+        clear: Checks which joint vectors (n, dof) are allowed (n,), for example free of
             collisions; None allows all.
 
     Raises:
@@ -183,7 +183,7 @@ class _FloodFill:
             cells = self.mark_reached(q, tip_positions(self._chain, q))
 
     def _open_neighbours(self, cells: Cells) -> tuple[Cells, Matrix]:
-        """Find the open cells (m, 3) next to given ones (n, 3), and the joints of the latter."""
+        """Return the open cells (m, 3) next to given ones (n, 3), and joints for the latter."""
         around = (cells[:, None, :] + _NEIGHBOURS).reshape(-1, 3)
         origin = np.repeat(cells, len(_NEIGHBOURS), axis=0)
         exist = np.all((around >= 0) & (around < self._grid.shape), axis=1)

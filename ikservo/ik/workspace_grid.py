@@ -1,4 +1,4 @@
-"""The workspace as a voxel grid: slices and boundary polygons."""
+"""Workspace as a voxel grid: slices and boundary polygons."""
 
 from __future__ import annotations
 
@@ -128,7 +128,7 @@ def boundary_polygons(mask: NDArray[np.bool_]) -> tuple[Matrix, ...]:
 
 
 def _border_edges(mask: NDArray[np.bool_]) -> dict[Corner, list[Corner]]:
-    """Return the end corners of the border edges from each corner."""
+    """Return the corners at which the border edges from each corner end."""
     padded = np.pad(mask, 1)
     edges: dict[Corner, list[Corner]] = {}
     for (du, dv), start, end in _SIDES:

@@ -83,7 +83,7 @@ _ROLLS = (0.5, 0.25, 0.75, 0.0, 1.0, 0.125, 0.375, 0.625, 0.875)
 
 
 def solve_position(problem: AnalyticProblem) -> tuple[Candidate, ...]:
-    """Find the joints that meet the point with the wrist as at the start.
+    """Return the joints that meet the point with the wrist as at the start.
 
     The tool is rotated as near to the aims as the point allows. A roll that cannot meet the point
     is replaced by the first of a few others that can.

@@ -41,7 +41,7 @@ def finite_array(values: ArrayLike, shape: tuple[int, ...], what: str) -> Vector
     """Return ``values`` as an array of floats of that shape.
 
     Raises:
-        BadValueError: They are not numbers, not finite, or of another shape.
+        BadValueError: They are not numbers, not finite, or have the wrong shape.
     """
     return _require_finite(array_of_shape(values, shape, what), what)
 
@@ -50,7 +50,7 @@ def array_of_shape(values: ArrayLike, shape: tuple[int, ...], what: str) -> Vect
     """Return ``values`` as an array of floats of that shape, finite or not.
 
     Raises:
-        BadValueError: They are not numbers, or of another shape.
+        BadValueError: They are not numbers, or have the wrong shape.
     """
     if type(values) is np.ndarray and values.dtype is _FLOAT64 and values.shape == shape:
         return values
@@ -61,10 +61,10 @@ def array_of_shape(values: ArrayLike, shape: tuple[int, ...], what: str) -> Vect
 
 
 def bounded_vector(values: ArrayLike, size: int, most: float, what: str, expected: str) -> Vector:
-    """Return ``values`` as (size,) floats of magnitudes up to ``most``.
+    """Return ``values`` as (size,) floats with magnitudes up to ``most``.
 
     Raises:
-        BadValueError: The errors of ``finite_array``, or a number is larger than allowed.
+        BadValueError: ``finite_array`` refuses the values, or a number is larger than allowed.
     """
     array, is_short = array_of_shape(values, (size,), what), size <= _FEW
     if is_short and math.hypot(*array.tolist()) <= most:  # false for NaN, too

@@ -126,7 +126,7 @@ def independent_columns(
     Args:
         regressor: The regressor (m, p), one row per torque.
         typical: Size of each parameter (p,), so that effects on the torques can be compared.
-        tolerance: Effect that a column must add to earlier ones, in proportion to the largest
+        tolerance: Effect that a column must add to earlier ones, relative to the largest
             effect of all. Torques of the reduced regressor are exact to this.
 
     Raises:

@@ -44,7 +44,7 @@ class Bending:
         freeze_arrays(self)
 
     def deflection(self, q_link: ArrayLike) -> Vector:
-        """Compute the rotation of the links by gravity at their own joints (dof,) or (n, dof)."""
+        """Compute how far gravity rotates the links at their own joints (dof,) or (n, dof)."""
         torque = self.dynamics.gravity_torques(q_link)
         return -self.compliance * torque - self.half_play * self.side(torque)
 

@@ -1,4 +1,4 @@
-"""The moving bodies of a chain as stacked arrays: their poses and the twists of their joints.
+"""Moving bodies of a chain as stacked arrays: their poses and the twists of their joints.
 
 A body is a link behind a joint that q moves, with all links that are fixed to it. Links that q does
 not move (of a gripper beside the path to the tip) are fixed to the body that carries them. The
@@ -105,11 +105,11 @@ class BodyTree:
         return D
 
     def sum_to_tips(self, X: Matrix) -> Matrix:
-        """Return for each body the sum of X (n, …) over itself and all that carry it."""
+        """Return the sum of X (n, …) over each body and all bodies that carry it."""
         return (self.carries @ X.reshape(len(X), -1)).reshape(X.shape)
 
     def sum_to_base(self, X: Matrix) -> Matrix:
-        """Return for each body the sum of X (n, …) over itself and all that it carries."""
+        """Return the sum of X (n, …) over each body and all bodies that it carries."""
         return (self.carries.T @ X.reshape(len(X), -1)).reshape(X.shape)
 
     def joint_rates(self, qd: Matrix) -> Matrix:

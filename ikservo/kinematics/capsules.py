@@ -17,7 +17,7 @@ class Capsule:
     """All points within a radius of a segment, fixed to a link.
 
     Attributes:
-        link: Name of the link it moves with.
+        link: Name of the link with which it moves.
         start_m: One end of the segment (3,), link coordinates, metres.
         end_m: The other end (3,); equal for a sphere.
         radius_m: The radius.

@@ -65,10 +65,10 @@ class Chain:
 
     @classmethod
     def from_joints(cls, joints: Sequence[Joint], base: str, tip: str) -> Chain:
-        """Build the chain of a tree of joints, in any order, from ``base`` to ``tip``.
+        """Build the chain from ``base`` to ``tip`` in a tree of joints, given in any order.
 
         Raises:
-            InputError: No joint on the path to the tip moves, or mimics leave one no range.
+            InputError: No joint on the path to the tip moves, or mimics leave a joint no range.
             UnknownNameError: ``tip`` is not connected to ``base``, or a mimic's leader is missing.
         """
         paths = joints_to_each_link(joints, base)
@@ -326,7 +326,7 @@ def joint_torques(
     frame: str | None = None,
     offset_m: ArrayLike | None = None,
 ) -> Vector:
-    """Compute the joint torques of a force at a point of the arm: ``tau = Jᵀ F``.
+    """Compute the joint torques due to a force at a point of the arm: ``tau = Jᵀ F``.
 
     A small motion dq of the joints moves the point by ``J dq``, and the force does the work
     ``Fᵀ J dq``; torques that do the same work, ``tauᵀ dq``, are ``tau = Jᵀ F``. A force that pulls
@@ -339,7 +339,7 @@ def joint_torques(
         force_n: The force (3,), newtons, base frame; a suspended mass m pulls with
             (0, 0, -9.81 m).
         moment_nm: An additional moment (3,) on the link, newton metres, base frame.
-        frame: Name of the link that the force acts on; the tip if None.
+        frame: Name of the link on which the force acts; the tip if None.
         offset_m: The point (3,) in that link's coordinates, metres; its origin if None.
 
     Returns:

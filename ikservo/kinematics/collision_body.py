@@ -96,11 +96,11 @@ def _farthest(points_m: Matrix, is_known: bool, otherwise_m: float) -> float:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PairDistances:
-    """Distances of pairs of things in several postures.
+    """Distances between pairs of things in several postures.
 
     Attributes:
         pairs: The names of each pair: a link, and another link or a thing.
-        gap_m: Distances of their surfaces (n, pairs), metres; negative if they overlap.
+        gap_m: Distances between their surfaces (n, pairs), metres; negative if they overlap.
     """
 
     pairs: tuple[tuple[str, str], ...]
@@ -165,7 +165,7 @@ class CollisionBody:
         return body
 
     def link_distances(self, q: ArrayLike) -> PairDistances:
-        """Compute the distance of each checked pair of links, for q (n, dof)."""
+        """Compute the distance between the links of each checked pair, for q (n, dof)."""
         starts, ends = self._capsule_ends(q)
         i, j = self._ones, self._others
         distance = segment_distance(starts[:, i], ends[:, i], starts[:, j], ends[:, j])
@@ -175,7 +175,7 @@ class CollisionBody:
         return PairDistances(self.pairs, gap_m + self._overlap_m)
 
     def floor_distances(self, q: ArrayLike, height_m: float) -> PairDistances:
-        """Return the distance of each link above a table, for q (n, dof), without the root."""
+        """Return the height of each link above a table, for q (n, dof), without the root."""
         starts, ends = self._capsule_ends(q)
         lowest = np.minimum(starts[..., 2], ends[..., 2]) - self._radii_m - height_m
         return self._min_by_link(lowest, "the table")
@@ -183,7 +183,7 @@ class CollisionBody:
     def box_distances(
         self, q: ArrayLike, low_m: Vector, high_m: Vector, name: str
     ) -> PairDistances:
-        """Return the distance of each link from an upright box (3,) (3,), for q (n, dof)."""
+        """Return the distance from each link to an upright box (3,) (3,), for q (n, dof)."""
         starts, ends = self._capsule_ends(q)
         return self._min_by_link(
             segment_box_distance(starts, ends, low_m, high_m) - self._radii_m, name
@@ -220,7 +220,7 @@ class CollisionBody:
         return np.stack([a for a, _ in ends], axis=1), np.stack([b for _, b in ends], axis=1)
 
     def _min_by_link(self, gap_m: Matrix, other: str) -> PairDistances:
-        """Return the minimum distance of each link's capsules, without the root."""
+        """Return the minimum distance over each link's capsules, without the root."""
         owners = [capsule.link for capsule in self._capsules]
         first = [owners.index(link) for link in self._links]
         per_link = np.minimum.reduceat(gap_m, first, axis=1)

@@ -1,4 +1,4 @@
-"""Manipulability and the distance to the nearest singularity, lengths and angles kept apart.
+"""Manipulability and distance to the nearest singularity, with lengths and angles kept apart.
 
 Singular values of a Jacobian with rows in both metres and radians mean nothing. Here the linear
 rows are evaluated first, then the angular rows for joint motions that leave the point at rest. The
@@ -142,7 +142,7 @@ def nearest_singularity(
 
     Newton's steps reduce the smallest singular value to zero inside the limits, from the posture
     and from some around it. The result is certainly singular, but another singular posture may be
-    nearer. It is None if no singular posture is found.
+    nearer. The result is None if no singular posture is found.
 
     Args:
         chain: The arm.

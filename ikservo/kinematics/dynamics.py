@@ -79,7 +79,7 @@ class Dynamics:
         masses: Sequence[LinkMass],
         gravity_m_s2: ArrayLike = (0.0, 0.0, -GRAVITY_M_S2),
     ) -> Dynamics:
-        """Make the dynamics of a chain.
+        """Build the dynamics of a chain.
 
         Args:
             chain: The joints.
@@ -122,7 +122,8 @@ class Dynamics:
     def with_parameters(self, parameters: ArrayLike) -> Dynamics:
         """Return the same arm with other parameters (10 bodies,), for example identified ones.
 
-        They need not be those of real bodies: base parameters alone give the right torques.
+        The parameters need not be those of real bodies: base parameters alone give the right
+        torques.
 
         Raises:
             BadValueError: Their number is wrong, or one is not finite.

@@ -1,6 +1,6 @@
 """Geometric errors of a chain and their Jacobian, for kinematic calibration.
 
-No two arms are equal to a millimetre, because links are printed, screws have backlash and bases are
+No two arms agree to a millimetre, because links are printed, screws have backlash and bases are
 slightly tilted. ``GeometricErrors`` contains these errors; ``apply_geometric_errors`` builds the
 chain of such an arm.
 """
@@ -63,7 +63,7 @@ def apply_geometric_errors(chain: Chain, geometry: GeometricErrors) -> Chain:
 
 
 def identifiable_origins(chain: Chain) -> tuple[str, ...]:
-    """Return the joints with identifiable origins: all moving ones but the first.
+    """Return the joints with identifiable origins: all moving joints except the first.
 
     The fixed joint at the end of the path to the tip, if any, comes last; it places the tool.
     """

@@ -1,4 +1,4 @@
-"""The columns of a chain and its gripper in vectors of all of an arm's joints."""
+"""Columns of a chain and its gripper in vectors of all joints of an arm."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ _Columns = np.ndarray[tuple[int], np.dtype[np.intp]]
 
 @dataclass(frozen=True, slots=True)
 class JointIndex:
-    """Meaning of each column of a vector of all joints (n,).
+    """Meaning of each column in a vector of all joints (n,).
 
     Attributes:
         names: All joints, in the order of the vectors.
@@ -39,7 +39,7 @@ class JointIndex:
     def from_names(
         cls, names: Sequence[str], chain: Sequence[str], gripper: str | None = None
     ) -> JointIndex:
-        """Find the joints of a chain among all joints.
+        """Return the index of a chain's joints among all joints.
 
         Args:
             names: All joints.
@@ -47,7 +47,7 @@ class JointIndex:
             gripper: The gripper's joint if the collision body includes it.
 
         Raises:
-            ValueError: A joint of the chain is not among them.
+            ValueError: A joint of the chain is not among all joints.
         """
         names = tuple(names)
         columns = tuple(names.index(name) for name in chain)
@@ -64,11 +64,11 @@ class JointIndex:
         return self.names.index(joint)
 
     def chain_joints(self, joints: Matrix) -> Matrix:
-        """Compute the chain's columns (…, dof) of all joints (…, n)."""
+        """Return the chain's columns (…, dof) of vectors of all joints (…, n)."""
         return joints.take(self._chain_columns, axis=-1)
 
     def body_joints(self, joints: Matrix) -> Matrix:
-        """Compute the collision body's columns of all joints (…, n)."""
+        """Return the collision body's columns of vectors of all joints (…, n)."""
         return joints.take(self._body_columns, axis=-1)
 
     def with_chain(self, joints: Vector, q: Vector) -> Vector:
@@ -88,7 +88,7 @@ class JointIndex:
         return replaced
 
     def by_name(self, joints: Vector) -> dict[str, float]:
-        """Return the positions (n,) by joint."""
+        """Return the positions (n,) as a mapping by joint."""
         return dict(zip(self.names, joints.tolist(), strict=True))
 
     def outside_chain(self) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:

@@ -161,14 +161,15 @@ def effective_limits(moving: Sequence[Joint], joints: Sequence[Joint]) -> list[t
     for name, (low, high) in ranges.items():
         if low > high:
             raise InputError(
-                f"{name} has no value that keeps the joints that follow it in their limits.",
+                f"{name} has no position at which all joints that follow it are within their "
+                f"limits.",
                 "Check the limits, multipliers and offsets of its mimic joints.",
             )
     return list(ranges.values())
 
 
 def _resolve_mimic(joint: Joint, by_name: Mapping[str, Joint]) -> tuple[Joint, float, float]:
-    """Return the leading joint, and scale and shift in ``value = scale * its value + shift``."""
+    """Return the leader, and scale and shift in ``value = scale * leader's value + shift``."""
     scale, shift, leader = 1.0, 0.0, joint
     for _ in by_name:
         if leader.mimic is None:

@@ -1,4 +1,4 @@
-"""Rays: the line of sight of a pixel, and where it meets planes and things."""
+"""Rays, such as the line of sight of a pixel, and where they meet planes and things."""
 
 from __future__ import annotations
 

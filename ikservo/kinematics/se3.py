@@ -27,7 +27,7 @@ def skew(v: ArrayLike) -> Matrix:
 
 
 def exp_so3(w_rad: ArrayLike) -> Matrix:
-    """Compute the rotation (3, 3) about the vector ``w_rad`` (3,) by its length (Rodrigues)."""
+    """Compute the rotation (3, 3) about a vector ``w_rad`` (3,) by its length (Rodrigues)."""
     w = np.asarray(w_rad, dtype=np.float64)
     theta = math.sqrt(float(w @ w))
     # a = sin(θ)/θ and b = (1 - cos θ)/θ²

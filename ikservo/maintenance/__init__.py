@@ -1,1 +1,1 @@
-"""Work on an arm besides moving it: calibration, diagnostics, recovery, new servos."""
+"""Maintenance of an arm: calibration, diagnostics, recovery, new servos."""

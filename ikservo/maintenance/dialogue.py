@@ -2,9 +2,9 @@
 
 A dialogue is a generator. It yields a `Notice`, a `Progress`, a `Question`, a `HandRequest` or an
 `Entry`, and receives a word such as ``accept``, or None as long as there is no answer. It contains
-every text, and knows no terminal, page or file: a terminal (`ikservo.cli.terminal_dialogue`), the
-page (`ikservo.apps.page.running.calibration_panel`) and a script (`ScriptedAnswers`) answer the
-same values.
+all texts and is independent of terminal, page and file: a terminal
+(`ikservo.cli.terminal_dialogue`), the page (`ikservo.apps.page.running.calibration_panel`) and a
+script (`ScriptedAnswers`) answer the same values.
 """
 
 from __future__ import annotations
@@ -62,10 +62,11 @@ class Choice:
     """An answer that is possible now.
 
     Attributes:
-        answer: Its word, as used in a script.
-        label: A few words on its effect; empty if it need not be offered.
-        key: Its key on a terminal; empty if there is none.
-        wait_s: The time without a change after which a script gives it; None if it cannot yet.
+        answer: The word for the answer, as used in a script.
+        label: A few words on the effect; empty if the answer need not be offered.
+        key: The key on a terminal; empty if there is none.
+        wait_s: The time without a change after which a script gives this answer; None if it cannot
+            yet.
         joints: The joints, one of which must be named after the word; empty if none.
         joint: The joint that the key means; empty if there is none now.
     """
@@ -93,12 +94,12 @@ class Progress:
 
 
 class Unasked(Enum):
-    """The answer to a question if nobody can be asked."""
+    """What happens with a question if nobody can be asked."""
 
     YES = "yes"
     NO = "no"
-    NEEDS_YES = "yes with --yes or a script, else no"
-    ERROR = "yes with --yes, else it is an error that names this option"
+    NEEDS_YES = "yes with --yes or a script; otherwise no"
+    ERROR = "yes with --yes; otherwise an error that names this option"
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,9 +109,9 @@ class Question:
     Attributes:
         text: The question.
         unasked: The answer if nobody can be asked.
-        stage: The part of the dialogue that it belongs to.
+        stage: The part of the dialogue to which it belongs.
         label: A few words on the effect of ``accept``.
-        more: Further answers if there are buttons.
+        more: Additional answers if there are buttons.
     """
 
     text: str
@@ -120,7 +121,7 @@ class Question:
     more: tuple[Choice, ...] = ()
 
     def offers(self, answer: str | None) -> bool:
-        """Check whether a word is ``accept`` or one of the further answers."""
+        """Check whether a word is ``accept`` or one of the additional answers."""
         return answer in (ACCEPT, *(choice.answer for choice in self.more))
 
 
@@ -130,10 +131,10 @@ class Entry:
 
     Attributes:
         text: The question.
-        option: The option of the command line that answers it beforehand.
+        option: The command-line option that answers the question beforehand.
         default: The answer if the user only presses Enter or nobody can be asked; empty if an
             answer is required.
-        choices: The possible answers; empty if any text is.
+        choices: The possible answers; empty if any text is allowed.
     """
 
     text: str
@@ -147,17 +148,18 @@ class HandRequest:
     """A task for the user with the limp arm; yielded again with each reading of its servos.
 
     Attributes:
-        stage: The part of the dialogue that it belongs to.
-        step: The progress of the dialogue: ``Step 2 of 9``.
+        stage: The part of the dialogue to which it belongs.
+        step: The progress of the dialogue, such as ``Step 2 of 9``.
         text: The task of the user.
         at_s: The time of the reading.
         choices: The possible answers; the first is given if there is no script and no user.
-        progress: Values that differ once the user has done something.
-        missing: The error if nothing is done for a minute.
+        progress: Values that change when the user does something.
+        missing: The error if the user does nothing for a minute.
         readings: The joints to show while they are moved; None if there are none.
         current: The name of the joint to move; empty if it may be any joint.
         ticks: The unwrapped tick of each servo, by id.
-        error: The error that refused the last answer, until the next answer; None if accepted.
+        error: The error that refused the last answer, until the next answer; None if it was
+            accepted.
     """
 
     stage: str
@@ -179,7 +181,7 @@ class HandRequest:
 
     @property
     def error_text(self) -> str:
-        """The reason why the last answer was refused, and what to do; empty if it was not."""
+        """The reason why the last answer was refused, and the remedy; empty if it was accepted."""
         return f"{self.error.message} {self.error.command_hint}" if self.error else ""
 
 
@@ -192,7 +194,7 @@ EntryDialogue: TypeAlias = Generator[
 
 
 class ScriptedAnswers:
-    """Answers requests in sequence, each once its waiting time is over.
+    """Answers requests in sequence, each after its waiting time.
 
     Args:
         entries: The answers in order; None gives the first choice of every request.
@@ -226,7 +228,9 @@ class ScriptedAnswers:
         if unchanged_s <= _TIMEOUT_S:
             return None
         if not entry:
-            raise CalibrationError("The script ended before the calibration did.", "Add: accept")
+            raise CalibrationError(
+                "The script ended before the calibration was complete.", "Add: accept"
+            )
         raise request.missing
 
 
@@ -238,7 +242,7 @@ def read_answers(
     Args:
         path: The file.
         known: The possible answers; a second word stands for any name.
-        former: New words by old words, which are still accepted.
+        former: The new words by the old ones, which are still accepted.
 
     Raises:
         FileFormatError: The file cannot be read, or a line is not an answer.

@@ -1,8 +1,8 @@
 """Small test motions that confirm each joint and its direction.
 
-Ids, models and offsets can agree although two joints are exchanged, a sign is mirrored or the
-geometry is another arm's, because a servo only measures itself. The user's confirmation is thus
-saved with a fingerprint of everything on which it depends, and repeated if that changes.
+Ids, models and offsets can agree although two joints are swapped, a sign is wrong or the geometry
+belongs to another arm, because a servo only measures itself. The user's confirmation is thus saved
+with a fingerprint of everything on which it depends, and repeated if that changes.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from ikservo.model import Model, ModelJoint
 from ikservo.model.tool import describe_direction
 
 CHECK_ANGLE_RAD = math.radians(5.0)
-"""Rotation of the horn [rad]."""
+"""Rotation of the horn in a test motion [rad]."""
 
 _MIN_FOLLOW_FRACTION = 0.5  # fraction of the motion
 _MAX_OTHER_FRACTION = 0.3  # fraction of the motion; joints that move further are coupled
@@ -34,7 +34,7 @@ _LIFT_RAD = 2.0 * CHECK_ANGLE_RAD
 _MIN_CLEARANCE_M = 0.001
 
 Clearance = Callable[[Mapping[str, float]], float]
-"""Returns the clearance [m] of a configuration, given as joint positions by name."""
+"""Function that returns the clearance [m] at joint positions by name."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,9 +42,9 @@ class DirectionCheck:
     """A small test motion of one joint.
 
     Attributes:
-        joint: Its name.
+        joint: The name of the joint.
         travel: The displacement, rad or m, signed.
-        direction: Description for the user: ``so that the tool goes to the left``.
+        direction: Description for the user, such as ``so that the tool goes to the left``.
     """
 
     joint: str
@@ -70,10 +70,10 @@ def plan_direction_check(arm: Arm, name: str) -> DirectionCheck:
 
 
 def plan_lift(arm: Arm) -> DirectionCheck | None:
-    """Plan the motion of the joint that lifts an arm best off its support.
+    """Plan the motion of the joint that best lifts an arm off its support.
 
     Returns:
-        None if it is clear, or no motion of a single joint lifts it.
+        The motion; None if the arm is clear, or no motion of a single joint lifts it.
     """
     names = [joint.name for joint in arm.model.joints]
     return _plan_best_lift(arm, names, arm.clearance_m, _CLEAR_M)
@@ -82,8 +82,8 @@ def plan_lift(arm: Arm) -> DirectionCheck | None:
 def check_clearance_m(arm: Arm, name: str) -> float:
     """Compute the clearance of the body during the test motion of a joint and back.
 
-    It is the smaller of the clearances at the start and at the better of the two ends; negative
-    if the body would touch something.
+    The result is the smaller of the clearances at the start and at the better of the two ends;
+    negative if the body would touch something.
     """
     return _test_clearance(arm, name)(_measured_positions(arm))
 
@@ -92,7 +92,7 @@ def plan_clearance(arm: Arm, name: str) -> DirectionCheck | None:
     """Plan the motion of another joint that best clears the test motion of a joint.
 
     Returns:
-        None if it is clear, or no motion of a single joint clears it.
+        The motion; None if the path is clear, or no motion of a single joint clears it.
     """
     others = [joint.name for joint in arm.model.joints if joint.name != name]
     return _plan_best_lift(arm, others, _test_clearance(arm, name), _MIN_CLEARANCE_M)
@@ -123,7 +123,7 @@ def _make_check(arm: Arm, start: Mapping[str, float], name: str, travel: float) 
 
 
 def execute_lift(arm: Arm, motion: DirectionCheck) -> None:
-    """Move a joint as ``plan_lift`` or ``plan_clearance`` chose; it stays there.
+    """Move a joint as planned by ``plan_lift`` or ``plan_clearance``; it stays there.
 
     Raises:
         CalibrationError: The joint did not follow.
@@ -136,7 +136,7 @@ def execute_lift(arm: Arm, motion: DirectionCheck) -> None:
 
 
 def run_direction_check(arm: Arm, motion: DirectionCheck) -> None:
-    """Move a joint and back, and check that it and nothing else moves.
+    """Move a joint and return it, and check that only this joint moves.
 
     Raises:
         CalibrationError: The joint did not follow, or another joint moved as well.
@@ -154,7 +154,7 @@ def run_direction_check(arm: Arm, motion: DirectionCheck) -> None:
         horn_rad = travel / arm.model.joint(name).travel_per_turn * math.tau
         if name != motion.joint and abs(horn_rad) > _MAX_OTHER_FRACTION * CHECK_ANGLE_RAD:
             raise CalibrationError(
-                f"{name} moved when only {motion.joint} was told to.",
+                f"{name} moved when only {motion.joint} was commanded.",
                 "Check for two servos with one id, or joints that are mechanically coupled.",
             )
 
@@ -189,7 +189,7 @@ def _possible_travels(arm: Arm, joint: ModelJoint, horn_rad: float = _LIFT_RAD) 
 
 
 def _range(arm: Arm, joint: ModelJoint) -> tuple[float, float]:
-    """Return the limits of a joint, within those of the arm file; beyond these are end stops."""
+    """Return the limits of a joint within the arm file's limits, outside of which are end stops."""
     state, limits = arm.where()[joint.name], joint.limits
     return max(state.lower_rad, limits.lower.value), min(state.upper_rad, limits.upper.value)
 
@@ -198,7 +198,8 @@ def _check_followed(arm: Arm, motion: DirectionCheck, moved: float) -> None:
     if moved / motion.travel < _MIN_FOLLOW_FRACTION:
         text = arm.model.joint(motion.joint).joint_map.format
         raise CalibrationError(
-            f"{motion.joint} was told to move by {text(motion.travel)} and moved by {text(moved)}.",
+            f"{motion.joint} was commanded to move by {text(motion.travel)} and moved by "
+            f"{text(moved)}.",
             "Check for a loose horn or an obstacle.",
         )
 
@@ -210,7 +211,7 @@ def _measured_positions(arm: Arm) -> dict[str, float]:
 def check_each_joint(arm: Arm, names: Sequence[str]) -> Dialogue[list[DirectionCheck]]:
     """Enable an arm, and confirm the named joints by test motions; return the motions.
 
-    If every joint is then confirmed, that is saved.
+    If every joint is then confirmed, the confirmation is saved.
 
     Raises:
         CalibrationError: A joint is not the expected one; torque stays on.
@@ -223,7 +224,7 @@ def check_each_joint(arm: Arm, names: Sequence[str]) -> Dialogue[list[DirectionC
     lift = plan_lift(arm)
     if lift is not None:
         yield Notice(
-            f"The arm rests on something: {lift.joint} moves {lift.direction}, and stays there."
+            f"The arm rests on something: {lift.joint} moves {lift.direction} and stays there."
         )
         execute_lift(arm, lift)
         yield from _confirm_direction(arm, lift, searching=False)
@@ -236,7 +237,7 @@ def check_each_joint(arm: Arm, names: Sequence[str]) -> Dialogue[list[DirectionC
 def show_directions(
     arm: Arm, names: Sequence[str], *, searching: bool = False
 ) -> Dialogue[list[DirectionCheck]]:
-    """Move each of some joints slightly and back, and ask whether it moved as described.
+    """Move each of the joints slightly and back, and ask whether it moved as described.
 
     Args:
         arm: The arm, torque on.
@@ -286,8 +287,8 @@ def _confirm_direction(arm: Arm, motion: DirectionCheck, *, searching: bool) -> 
             f"{motion.joint} does not move as in the arm file; torque stays on.",
             f"Calibrate it by hand, which finds signs: {by_hand}"
             if searching
-            else "If another joint moved: check the ids in the arm file. If it went the other "
-            f"way: {by_hand} --joint {motion.joint}",
+            else "If another joint moved: check the ids in the arm file. If the joint went the "
+            f"other way: {by_hand} --joint {motion.joint}",
         )
 
 
@@ -301,7 +302,7 @@ def directions_confirmed(model: Model, port_name: str) -> bool:
 
 
 def confirm_directions(model: Model, port_name: str) -> None:
-    """Save that the user has confirmed the joints, if a file can be written."""
+    """Save the user's confirmation of the joints if a file can be written."""
     path = confirmation_path(model.name, serial_number_of(port_name))
     with contextlib.suppress(FileWriteError):
         write_atomic(path, _fingerprint(model, port_name) + "\n")

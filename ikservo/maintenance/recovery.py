@@ -25,10 +25,10 @@ class RecoveryResult:
 
     Attributes:
         servo: The servo.
-        before: Its alarms before.
-        after: Its alarms afterwards.
-        action: The text for the user on what was done.
-        torque: Whether its torque is on; None if it does not reply.
+        before: The alarms before the recovery.
+        after: The alarms after the recovery.
+        action: The action taken, as text for the user.
+        torque: Whether torque is on; None if the servo does not reply.
     """
 
     servo: ServoSpec
@@ -39,7 +39,7 @@ class RecoveryResult:
 
     @property
     def healthy(self) -> bool:
-        """Whether it replies and has no alarm."""
+        """Whether the servo replies and has no alarm."""
         return self.torque is not None and not self.after
 
 

@@ -1,4 +1,4 @@
-"""Description of an arm: its files, the catalogue of arms, and the model built from them."""
+"""Describe arms: their files, the catalogue, and the model built from them."""
 
 from ikservo.model.arm_model import Model, ModelJoint, ModelServo, SpeedClass
 from ikservo.model.catalogue import arm_names, find_arm

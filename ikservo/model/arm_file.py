@@ -159,7 +159,7 @@ def _check_gripper(gripper: ArmGripper, joints: Sequence[ArmJoint]) -> Iterator[
         growing = all(first > 0 and second > 0 for first, second in steps)
         falling = all(first > 0 > second for first, second in steps)
         if pairs and not (steps and (growing or falling)):
-            expected = "two or more pairs, both numbers growing or one growing and one falling"
+            expected = "two or more pairs, both numbers rising, or one rising and one falling"
             yield ValidationIssue(("gripper", key), "is not monotonic", expected)
 
 
@@ -167,7 +167,7 @@ def read_arm_file(path: Path | str) -> ArmFile:
     """Read and check an ``arm.toml``; the URDF that it names is not opened.
 
     Raises:
-        FileFormatError: ``where`` is the place in broken TOML, or the path of the key.
+        FileFormatError: ``where`` is the place of the TOML error, or the path of the key.
     """
     path = Path(path)
     tables = read_toml(path)

@@ -1,4 +1,4 @@
-"""The model of an arm: joints, servos, gripper, health limits."""
+"""Model of an arm: joints, servos, gripper, health limits."""
 
 from __future__ import annotations
 
@@ -29,11 +29,11 @@ class Gripper:
     """The joint that moves the jaws.
 
     Attributes:
-        joint: Its name.
+        joint: The name of this joint.
         closed: The position at which the jaws meet, rad or m; the end of its range on that side.
         open: The position at which they are furthest apart.
-        widths: Pairs of a position [rad or m] and the distance of the jaws there [m], by position;
-            linear between. Empty if not measured.
+        widths: Pairs of a position [rad or m] and the distance between the jaws there [m], by
+            position; linear between. Empty if not measured.
     """
 
     joint: str
@@ -42,14 +42,14 @@ class Gripper:
     widths: tuple[tuple[float, float], ...] = ()
 
     def width_m(self, position: float) -> float | None:
-        """Compute the distance of the jaws at a position, metres; None if unknown."""
+        """Compute the distance between the jaws at a position, metres; None if unknown."""
         if not self.widths:
             return None
         positions, widths_m = zip(*self.widths, strict=True)
         return float(np.interp(position, positions, widths_m))
 
     def range_m(self) -> tuple[float, float] | None:
-        """Return the smallest and the greatest distance of the jaws, if known."""
+        """Return the smallest and the largest distance between the jaws, if known."""
         closed_m, open_m = self.width_m(self.closed), self.width_m(self.open)
         if closed_m is None or open_m is None:
             return None
@@ -64,7 +64,7 @@ class Gripper:
 
 @dataclass(frozen=True, slots=True)
 class HealthLimits:
-    """Thresholds to warn, to hold and to release; ``[health]`` of the arm file.
+    """Thresholds for a warning, a hold and a release; ``[health]`` in the arm file.
 
     Attributes:
         warn_c: Temperature from which the user is warned.
@@ -106,7 +106,7 @@ class ModelServo:
 
     @property
     def measures_current(self) -> bool:
-        """Whether it has a sensor for the current of its motor."""
+        """Whether the servo has a sensor for its motor's current."""
         return "present_current" in MODELS[self.model].registers
 
 
@@ -148,7 +148,7 @@ class Obstacle(Protocol):
 
     @property
     def name(self) -> str:
-        """Name for messages: ``the cup``."""
+        """Name for messages, such as ``the cup``."""
         ...
 
     @property
@@ -163,7 +163,7 @@ class Obstacle(Protocol):
 
     @property
     def row(self) -> Vector:
-        """The thing as a row (17,) for the kernels; see ``kinematics.packed``."""
+        """The obstacle as a row (17,) for the kernels; see ``kinematics.packed``."""
         ...
 
 
@@ -172,7 +172,7 @@ class KeepOutBox:
     """An upright box that the arm must not touch.
 
     Attributes:
-        name: Name for messages: ``the cup``.
+        name: Name for messages, such as ``the cup``.
         low_m: Its lowest corner (3,), metres, base frame.
         high_m: Its highest corner (3,).
 
@@ -213,7 +213,7 @@ class Model:
         floor_m: Height of the table in the base frame; None if not given.
         keep_out: Further obstacles.
         health: The health limits of its servos.
-        auto_unsafe: The reason why it must not search for its own stops; empty if it may.
+        auto_unsafe: The reason why it must not search for its end stops; empty if it may.
         gripper: The gripper; None if it has none.
         base_frame: The reason why the base frame differs from the convention of the catalogue (x
             forward, y left, z up, origin on the first axis at the mounting surface); empty if it
@@ -251,7 +251,7 @@ class Model:
         return cls(name, title, chain, urdf, (), {}, {}, None, 0, path)
 
     def __repr__(self) -> str:
-        """Show its name, joints and poses."""
+        """Return the model's name, joints and poses as text."""
         joints = ", ".join(joint.name for joint in self.joints) or ", ".join(self.chain.names)
         poses = ", ".join(self.poses) or "none"
         return f"Model({self.name!r}: {self.title}; joints {joints}; poses {poses})"

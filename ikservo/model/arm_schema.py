@@ -54,7 +54,7 @@ class ArmSpeed(StrictModel):
 
 
 class ArmSpeeds(StrictModel):
-    """The three speeds that can be chosen."""
+    """The three selectable speeds."""
 
     slow: ArmSpeed = Field(description="a table [speeds.slow]")
     normal: ArmSpeed = Field(description="a table [speeds.normal]")
@@ -171,14 +171,14 @@ class ArmGripper(StrictModel):
 
 
 class ArmCalibration(StrictModel):
-    """``[calibration]``: whether the arm may search for its own stops."""
+    """``[calibration]``: whether the arm may search for its end stops."""
 
     auto: bool = Field(default=True, description="true or false")
     reason: Text | None = Field(default=None, description=_TEXT)
 
 
 class ArmFile(StrictModel):
-    """An ``arm.toml``; each value is checked by itself."""
+    """The contents of an ``arm.toml``; each value is checked on its own."""
 
     format: Annotated[Literal[1], BeforeValidator(_require_integer)] = Field(description="1")
     name: Name = Field(description=_NAME)
@@ -211,7 +211,7 @@ class ArmFile(StrictModel):
     _folder: Path = PrivateAttr(default=Path())
 
     def model_post_init(self, context: Mapping[str, Path] | None, /) -> None:
-        """Store the folder of the file; relative names are resolved from there."""
+        """Store the folder of the file; relative names are resolved against it."""
         self._folder = context["folder"] if context else Path()
 
     @property

@@ -1,4 +1,4 @@
-"""The placement of an arm's base in words: ``base = "rotate 90, raise 0.05"``."""
+"""Place an arm's base by a description in words: ``base = "rotate 90, raise 0.05"``."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def parse_frame(text: str) -> Matrix:
     """Parse the pose (4, 4) that words like ``rotate 90, raise 0.05`` describe.
 
     ``rotate`` turns to the left [deg], ``forward``, ``left`` and ``raise`` shift [m], and ``upside
-    down`` turns over. They are applied in order, along the axes of the table.
+    down`` turns over. The steps are applied in order, along the axes of the table.
 
     Raises:
         BadValueError: The text does not have this form.
@@ -80,7 +80,7 @@ def turn_base(urdf: Urdf, T: Matrix) -> Urdf:
 
 
 def moved_shape(shape: Shape, T: Matrix) -> Shape:
-    """Return a shape of one frame in another frame, in which the first has a pose (4, 4)."""
+    """Return a shape in another frame, in which the shape's present frame has a pose (4, 4)."""
     T_shape = T @ make_pose(shape.xyz_m, rotation_rpy(*shape.rpy_rad))
     return replace(shape, xyz_m=pose_origin(T_shape), rpy_rad=pose_rpy(T_shape))
 

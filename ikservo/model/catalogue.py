@@ -1,4 +1,4 @@
-"""The catalogue: arms that ship with ikservo, and arms of other distributions."""
+"""Catalogue of arms: those that ship with ikservo, and those from other distributions."""
 
 from __future__ import annotations
 
@@ -28,9 +28,9 @@ def arm_names() -> list[str]:
 
 
 def find_arm(name_or_path: str | Path) -> Path:
-    """Find the ``arm.toml`` or ``.urdf`` of a name or path.
+    """Return the ``arm.toml`` or ``.urdf`` to which a name or path refers.
 
-    A name becomes part of a path only if the listing of a catalogue folder has it. A text that has
+    A name becomes part of a path only if it is listed in a catalogue folder. A text that has
     a separator or ends in .toml, .urdf, .xacro or .xml is a path to such a file, or to a folder
     with an ``arm.toml``. No file is opened.
 
@@ -52,7 +52,7 @@ def find_arm(name_or_path: str | Path) -> Path:
             return shelf / text / ARM_FILE
     unknown = UnknownNameError("arm", _shorten_text(text), arm_names())
     if unknown.closest is None and _NAME.fullmatch(text):
-        unknown.command_hint += f" Give the folder of an arm of your own as a path: ./{text}"
+        unknown.command_hint += f" Give the folder of your own arm as a path: ./{text}"
     raise unknown
 
 
@@ -63,7 +63,7 @@ def catalogue_name(path: Path) -> str | None:
 
 
 def _arm_folders() -> tuple[Path, ...]:
-    """Return the folders with one folder per arm; ours come first, so that our names win."""
+    """Return the folders that hold one folder per arm; ours come first, so that our names win."""
     package = Path(__file__).absolute().parents[1]
     shipped = package / "_configs"
     return (shipped if shipped.is_dir() else package.parent / "configs", *_folders_of_others())
@@ -71,7 +71,7 @@ def _arm_folders() -> tuple[Path, ...]:
 
 @cache
 def _folders_of_others() -> tuple[Path, ...]:
-    """Return the folders of arms that other distributions name in their entry points."""
+    """Return the folders with arms that other distributions name in their entry points."""
     if not other_packages_have(ARMS_GROUP):
         return ()
     from importlib.metadata import entry_points  # noqa: PLC0415  # slow, seldom needed

@@ -1,4 +1,4 @@
-"""The collision capsules of an arm with its gripper."""
+"""Build the collision capsules of an arm with its gripper."""
 
 from __future__ import annotations
 
@@ -73,7 +73,7 @@ def capsules_of(model: Model) -> list[Capsule]:
 def _without_contained(capsules: list[Capsule]) -> list[Capsule]:
     """Remove capsules inside another capsule, such as the balls at the ends of a cylinder.
 
-    Capsules are convex, so one contains another if it contains both ends of it.
+    Capsules are convex, so one contains another if it contains both of the other's ends.
     """
     if len(capsules) < 2:
         return capsules
@@ -101,7 +101,7 @@ def _require_capsules(model: Model) -> list[Capsule]:
         raise InputError(
             f"Contact cannot be checked: no link of {model.name} has a shape.",
             "Add <collision> shapes to its description, or use --no-collision "
-            "(collisions=False) if you see that the path is free.",
+            "(collisions=False) if you can see that the path is free.",
         )
     return capsules
 

@@ -1,4 +1,4 @@
-"""The dynamics of an identified arm: its masses and drives replace those of the tables."""
+"""Dynamics of an identified arm: its masses and drives replace those from the tables."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from ikservo.model.servo_torque import GearFriction, find_servo_torque
 def identified_parameters(
     model: Model, chain: Chain, identified: IdentifiedArm
 ) -> ArmParameters | None:
-    """Return the identified parameters of an arm, or those of the tables for unidentified joints.
+    """Return an arm's identified parameters; unidentified joints have those from the tables.
 
     Args:
         model: The masses and servos.

@@ -1,4 +1,4 @@
-"""The drive of each joint of an arm: stiffness, damping, friction and inertia of its servos."""
+"""Drives of an arm's joints: stiffness, damping, friction and inertia of their servos."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class JointDrive:
         friction: Dry friction of the gears.
         startup_nm: Torque that the firmware adds in the direction of an error.
         delay_s: Mean time from a goal's packet until the servo's loop acts on it.
-        sustained_nm: Torque that blocked motors may give for long; infinite if unknown.
+        sustained_nm: Torque that blocked motors may produce for a long time; infinite if unknown.
     """
 
     stiffness_nm_rad: float
@@ -49,7 +49,8 @@ class JointDrive:
 
         Args:
             speed_rad_s: The speed; its sign does not matter.
-            load_nm: Load of the gears: the difference of the motor's and the outer torque.
+            load_nm: Load on the gears: the difference between the motor's torque and the outer
+                torque.
         """
         gears = self.friction
         slow = exp(-abs(speed_rad_s) / gears.slow_rad_s)
@@ -60,10 +61,10 @@ class JointDrive:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ArmParameters:
-    """The dynamics of one arm: the torques that motion needs and that its servos give.
+    """The dynamics of one arm: the torques that motion needs and those that its servos provide.
 
     Attributes:
-        dynamics: The bodies that the chain's joints move, a payload included.
+        dynamics: The bodies that the chain's joints move, including a payload.
         drives: The drive of each joint of the chain (dof,); None if the motor of its servo is not
             known.
     """
@@ -73,7 +74,7 @@ class ArmParameters:
 
 
 def nominal_parameters(model: Model, chain: Chain) -> ArmParameters | None:
-    """Return the parameters from the arm file's masses and the tables of its servos' motors.
+    """Return the parameters from the arm file's masses and the tables for its servos.
 
     Args:
         model: The masses and servos.
@@ -94,7 +95,7 @@ def nominal_parameters(model: Model, chain: Chain) -> ArmParameters | None:
 
 
 def joint_drive(joint: ModelJoint, supply_v: float | None) -> JointDrive | None:
-    """Compute the drive of a joint from the tables of its servos; None if a servo is unknown."""
+    """Compute the drive of a joint from its servos' tables; None if a servo is unknown."""
     servos = (joint.servo, *joint.shadows)
     torques = [find_servo_torque(servo.model, supply_v) for servo in servos]
     known = [torque for torque in torques if torque is not None]

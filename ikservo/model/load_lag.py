@@ -1,4 +1,4 @@
-"""The lag of a servo behind its goal while it lifts or holds the arm in its heaviest posture."""
+"""Lag of servos behind their goals while they lift or hold the arm in its heaviest posture."""
 
 from __future__ import annotations
 
@@ -65,12 +65,12 @@ def load_lags(model: Model, chain: Chain, payload_kg: float = 0.0) -> dict[str, 
 
 
 def sustained_lag(drive: JointDrive) -> float:
-    """Compute the largest lag of a joint, rad or m, at which its servos may press for long."""
+    """Compute the largest lag of a joint, rad or m, that its servos can sustain."""
     return drive.sustained_nm / drive.stiffness_nm_rad
 
 
 def can_lift(servo: ServoTorque, load_nm: float) -> bool:
-    """Check whether a servo lifts a load with half of the torque that it may give for long."""
+    """Check whether a servo lifts a load with half of the torque that it can sustain."""
     return 2.0 * lifting_torque_nm(servo.friction, load_nm) <= servo.sustained_nm
 
 

@@ -1,4 +1,4 @@
-"""Find the file of a mesh that a description names, inside the model's folder only."""
+"""Find the mesh files that a description names, inside the model's folder only."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ _PACKAGE, _FILE = "package://", "file://"
 
 
 def resolve_mesh_path(filename: str, urdf: Path, folder: Path) -> Path | None:
-    """Find the file of a mesh's name if it is under the model's folder, else None.
+    """Return the file to which a mesh's name refers if it is in the model's folder, else None.
 
     A relative name is resolved from the URDF. ``package://NAME/REST`` is REST or NAME/REST, in the
     model's folder or in the URDF's. ``file://`` is an absolute path. The spelling of the name is

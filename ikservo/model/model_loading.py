@@ -45,7 +45,7 @@ def build_chain(urdf: Urdf, tip: str) -> Chain:
 
     Raises:
         UnknownNameError: The URDF has no such link.
-        InputError: No joint moves it.
+        InputError: No joint moves the link.
     """
     joints = [
         Joint(
@@ -66,7 +66,7 @@ def build_chain(urdf: Urdf, tip: str) -> Chain:
 
 
 MAX_LINKS, MAX_MOVING_JOINTS = 200, 100
-"""Largest numbers of links and moving joints of a description.
+"""Largest numbers of links and moving joints in a description.
 
 Jacobians grow with the square of the joints, and the matrices of the masses with the cube. The
 pairs of links that are checked for collisions grow with the square of the links; each pair takes

@@ -1,4 +1,4 @@
-"""Scene files: things around an arm, including other arms, in its base frame."""
+"""Read and write scene files: things around an arm, including other arms, in its base frame."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ class KeepOutShape:
     """A thing that the arm must not touch: a turned box, a cylinder or a ball.
 
     Attributes:
-        name: Name for messages: ``the cup``.
+        name: Name for messages, such as ``the cup``.
         row: The thing (17,), metres, base frame; see ``kinematics.packed``.
     """
 
@@ -57,7 +57,7 @@ class KeepOutShape:
         return replace(self, row=row)
 
     def capsules(self, link: str) -> list[Capsule]:
-        """Return capsules that cover it, if its row is in the coordinates of a link."""
+        """Return capsules that cover the thing, whose row is in the coordinates of the link."""
         R, centre, half = self.row[:9].reshape(3, 3), self.row[9:12], self.row[12:15]
         if self.row[IS_CYLINDER]:
             covering = [Capsule(link, -half * _Z, half * _Z, float(half[0]))]
@@ -119,7 +119,7 @@ class PlacedArm:
 
 
 def capsule_shape(name: str, capsule: Capsule, margin_m: float) -> KeepOutShape:
-    """Return a capsule that is enlarged by a margin, as a thing."""
+    """Return a capsule, enlarged by a margin, as a thing."""
     along = capsule.end_m - capsule.start_m
     length_m = float(np.linalg.norm(along))
     R = rotation_z_to(along / length_m) if length_m > 0.0 else np.eye(3)
@@ -166,14 +166,16 @@ class _SceneHalfSpace(_Thing):
     point_m: Triple = Field(
         description="a point [x, y, z] of its surface, in metres, at most ±1000"
     )
-    normal: Triple = Field(description="the direction [x, y, z] in which it is free, at most ±1000")
+    normal: Triple = Field(description="the direction [x, y, z] of its free side, at most ±1000")
 
 
 class _SceneArm(_Thing):
     at_m: Triple = Field(description="where its base is: [x, y, z] in metres, at most ±10")
     rpy_deg: Triple = Field(default=(0.0, 0.0, 0.0), description="[roll, pitch, yaw] in degrees")
-    arm: Text | None = Field(default=None, description="which arm it is, if that is not its name")
-    port: Text | None = Field(default=None, description="where it is connected")
+    arm: Text | None = Field(
+        default=None, description="the arm's model, if it differs from the name"
+    )
+    port: Text | None = Field(default=None, description="the port of the arm")
 
 
 class _SceneFile(StrictModel):
@@ -235,7 +237,8 @@ def _refuse_arms(path: Path | str, arms: Sequence[PlacedArm]) -> None:
     if arms:
         raise RefusedError(
             f"{path} has another arm, {arms[0].name}, which is not open here.",
-            "Open both: on one page with ikservo view, or in a program with arm.scene.add_arm.",
+            "Open both arms: on one page with ikservo view, or in a program with "
+            "arm.scene.add_arm.",
         )
 
 
@@ -249,7 +252,7 @@ def make_shape(kind: str, name: str, sizes: dict[str, Any]) -> KeepOutShape:
 
     Raises:
         UnknownNameError: There is no such kind.
-        FileFormatError: A value is missing, unknown or of another type; the key is named.
+        FileFormatError: A value is missing, unknown or of the wrong type; the key is named.
         BadValueError: A direction has no length.
     """
     check_choice("kind of thing", kind, KINDS)
@@ -295,7 +298,7 @@ def turned_deg(R: Matrix) -> tuple[float, float, float]:
 
 
 def scene_text(things: Sequence[Obstacle], arms: Sequence[PlacedArm] = ()) -> str:
-    """Return the text of a scene file with some things and other arms."""
+    """Return the text of a scene file with the given things and other arms."""
     lines = list[str]()
     tables = [(thing.name, *describe_thing(thing)) for thing in things]
     for each in arms:
@@ -353,7 +356,7 @@ def _check_names(
 
 
 KINDS = tuple(name for name in _SceneFile.model_fields if name not in ("margin_m", "arm"))
-"""The kinds of things."""
+"""The kinds of things in a scene file."""
 
 
 def _things(scene: _SceneFile) -> Iterator[KeepOutShape]:

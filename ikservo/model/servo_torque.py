@@ -1,4 +1,4 @@
-"""Torque of servos at their horns: stiffness, damping, friction, and torque at full duty."""
+"""Torque figures of servos at their horns: stiffness, damping, friction, full duty."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ class GearFriction:
     """Dry friction of a servo's gears, which grows with their load and is greater at low speed.
 
     ``|tau| <= coulomb + load g + square g^2 + exp(-|w| / slow_rad_s) (slow + slow_load g)`` with
-    the load g of the gears, the difference of the motor's and the outer torque. This is model m4 of
-    Duclusaud, Passault et al., "Extended Friction Models for the Physics Simulation of Servo
-    Actuators" (2024), plus a part that grows with the square of the load.
+    the load g on the gears, the difference between the motor's torque and the outer torque. This is
+    model m4 of Duclusaud, Passault et al., "Extended Friction Models for the Physics Simulation of
+    Servo Actuators" (2024), plus a part that grows with the square of the load.
 
     Attributes:
         coulomb_nm: Friction of the unloaded gears.
@@ -84,7 +84,7 @@ class ServoTorque:
 
     @property
     def sustained_nm(self) -> float:
-        """Torque from an error that a blocked servo may keep for long."""
+        """Torque from a position error that a blocked servo may keep for a long time."""
         return (self.sustained_duty - self.startup_duty) * self.full_duty_nm
 
     def full_current_a(self, nominal_v: float) -> float:
@@ -185,7 +185,7 @@ GRIPPER_P_GAINS: Mapping[str, int] = MappingProxyType(
 
 
 def find_servo_torque(model: str, supply_v: float | None) -> ServoTorque | None:
-    """Find the figures of a model at a supply voltage; None if they are unknown.
+    """Return the torque figures of a model at a supply voltage; None if they are unknown.
 
     Args:
         model: The model of the servo.

@@ -1,4 +1,4 @@
-"""The tool frame and the names of directions."""
+"""Tool frame and names of directions."""
 
 from __future__ import annotations
 

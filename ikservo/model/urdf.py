@@ -1,4 +1,4 @@
-"""Read a URDF: its links, joints and mesh paths; check the tree, and warn of common mistakes."""
+"""Read a URDF (links, joints, mesh paths), check its tree, and warn about common mistakes."""
 
 from __future__ import annotations
 
@@ -128,7 +128,7 @@ _NO_INERTIA = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
 FindMesh = Callable[[str], Path | None]
-"""Function that returns the file of a mesh's name, or None if it cannot be used."""
+"""Function that returns the file for a mesh's name, or None if the mesh cannot be used."""
 
 
 def parse_link(
@@ -169,7 +169,7 @@ def parse_link(
 
 
 def _find_colour(visual: XmlElement, materials: Mapping[str, Triple]) -> Triple | None:
-    """Find the colour of a visual shape: that of its own material, or of the material it names."""
+    """Return a visual shape's colour: that of its own material, or of the material it names."""
     for material in visual.child_elements("material"):
         named = materials.get(material.attributes.get("name", ""))
         return named if (own := _read_colour(material)) is None else own
@@ -225,10 +225,10 @@ _Part = UrdfLink | UrdfJoint
 
 
 def find_root(path: Path, links: Sequence[UrdfLink], joints: Sequence[UrdfJoint]) -> str:
-    """Find the name of the only link that is not the child of a joint.
+    """Return the name of the only link that is not the child of a joint.
 
     Raises:
-        FileFormatError: Names occur twice, links are missing, or the links are not one tree.
+        FileFormatError: Names occur twice, links are missing, or the links do not form one tree.
     """
     if not links:
         raise FileFormatError(path, "", "the robot has no links", "at least one <link>")

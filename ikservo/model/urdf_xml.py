@@ -35,7 +35,7 @@ class XmlElement:
     text_chars: int = 0
 
     def error(self, found: str, expected: str = "") -> FileFormatError:
-        """Return the error that points at this element."""
+        """Return an error that points to this element."""
         return FileFormatError(self.path, f"line {self.line}", found, expected)
 
     def child_elements(self, tag: str) -> list[XmlElement]:
@@ -73,7 +73,7 @@ class XmlElement:
     def number(
         self, attribute: str, default: float | None = None, most: float = LARGEST_NUMBER
     ) -> float:
-        """Return one finite number whose size is at most ``most``."""
+        """Return one finite number whose magnitude is at most ``most``."""
         if default is not None and attribute not in self.attributes:
             return default
         return self._parse_numbers(attribute, 1, "one finite number", most)[0]
@@ -152,7 +152,7 @@ class _ElementBuilder:
 
     @property
     def where(self) -> str:
-        """Position of the parser."""
+        """Position of the parser in the file."""
         return f"line {self.expat.CurrentLineNumber}"
 
     def start(self, tag: str, attributes: dict[str, str]) -> None:
@@ -196,7 +196,7 @@ _HEAD_BYTES = 64 * 1024
 
 
 def is_mjcf(path: Path) -> bool:
-    """Check whether a file begins like an MJCF."""
+    """Check whether a file begins as an MJCF does."""
     try:
         with path.open("rb") as file:
             return b"<mujoco" in file.read(_HEAD_BYTES)

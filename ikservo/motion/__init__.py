@@ -1,4 +1,4 @@
-"""Trajectories in time: pure functions, and the loop timer of the stream."""
+"""Trajectories in time as pure functions, and the timer of the control loop."""
 
 from ikservo.clock import Rate
 from ikservo.motion.cartesian import CartesianTrajectory, straight_lines

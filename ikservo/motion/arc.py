@@ -20,18 +20,18 @@ _MAX_ANGLE_RAD = 20.0 * math.pi  # ten turns
 
 
 class ArcPath:
-    """An arc of a circle, by its length.
+    """An arc of a circle, parametrised by its length.
 
     Args:
         center_m: The centre (3,), metres.
         start_m: The start (3,), metres.
-        normal: The unit vector (3,) about which it turns, perpendicular to the radius.
+        normal: The unit vector (3,) about which the arc turns, perpendicular to the radius.
         angle_rad: The angle of the arc; negative for the opposite direction.
 
     Attributes:
         radius_m: The radius.
         length: The length of the arc, metres.
-        shape: The name of the path in a message.
+        shape: The name of the path in messages.
     """
 
     shape = "arc"
@@ -44,11 +44,11 @@ class ArcPath:
 
     @property
     def breakpoints(self) -> list[float]:
-        """Distances of its ends."""
+        """The distances of both ends."""
         return [0.0, self.length]
 
     def path_length(self) -> float:
-        """Return its length."""
+        """Return the length of the arc, metres."""
         return self.length
 
     def at(self, distance: float) -> tuple[Vector, Vector, Vector]:
@@ -67,11 +67,11 @@ def arc_through_points(
     Args:
         start_m: The start (3,).
         via_m: The via point (3,).
-        end_m: The end (3,); with ``full_circle`` another point to pass.
+        end_m: The end (3,); with ``full_circle``, another point to pass.
         full_circle: Whether the arc continues to its start.
 
     Raises:
-        BadValueError: Two points are the same, all are on one line, or a number is not finite.
+        BadValueError: Two points are the same, all points are collinear, or a number is not finite.
     """
     via = finite_vector(via_m, 3, "The via point of the arc")
     end = finite_vector(end_m, 3, "The end of the arc")
@@ -83,7 +83,7 @@ def arc_through_points(
     for names, (one, other) in pairs.items():
         if float(np.linalg.norm(one - other)) < _SAME_POINT_M:
             raise BadValueError(
-                "The arc", f"without size: {names} are the same", "three points on a circle"
+                "The arc", f"a point: {names} are the same", "three points on a circle"
             )
     a, b = via - start_m, end - start_m
     normal = np.cross(a, b)
@@ -110,9 +110,9 @@ def arc_about_axis(
 ) -> ArcPath:
     """Compute the arc that a start (3,) [m] describes about an axis.
 
-    The axis goes through ``center_m`` (3,) [m] along ``normal`` (3,), of any length. The circle
-    goes through the start, counter-clockwise seen against the normal; the centre need not be in
-    its plane.
+    The axis passes through ``center_m`` (3,) [m] along ``normal`` (3,), of any length. The circle
+    passes through the start, counter-clockwise as seen against the normal; the centre need not be
+    in its plane.
 
     Raises:
         BadValueError: The start is on the axis, the normal is zero, the angle is zero or more than

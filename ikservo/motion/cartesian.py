@@ -1,4 +1,4 @@
-"""Cartesian trajectories: the tool along a line or curve, with its orientation."""
+"""Cartesian trajectories: motions of the tool along a line or curve, with its orientation."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ class CartesianJointPath:
     """The joints along a Cartesian path of the tool.
 
     Attributes:
-        spline: The joints (dof,) over a distance that is at least the path's.
+        spline: The joints (dof,) over a distance that is at least the length of the path.
         orientation_error_rad: The orientation error along the path (k,).
     """
 
@@ -64,17 +64,18 @@ def solve_cartesian_path(
 
     The tool keeps its orientation, relative to the arm plane of arms that have one, or rotates
     evenly to the orientation at ``end``. If the arm cannot keep it everywhere, the tool rotates
-    evenly to the nearest orientation at the path's end; otherwise its orientation is free.
+    evenly to the nearest possible orientation at the end of the path; if that fails, the
+    orientation is free.
 
     Args:
         chain: The arm.
         start: The joints at the start (dof,).
         path: The path of the tip, metres, base frame.
-        end: Joints (dof,) with the final orientation; None to keep the one at the start.
+        end: Joints (dof,) with the final orientation; None to keep the orientation at the start.
         strict: Whether the orientation must be kept in the world exactly.
 
     Raises:
-        CartesianPathError: The path cannot be followed; the furthest place reached is named.
+        CartesianPathError: The path cannot be followed; the error names the furthest point reached.
     """
     final = start if end is None else end
     start_rotation, end_rotation = (chain.forward(q)[:3, :3] for q in (start, final))
@@ -210,8 +211,8 @@ def straight_lines(
 ) -> BlendedPath:
     """Return straight lines from a start (3,) through points (k, 3) [m], their corners rounded.
 
-    The lines are left at the blend's distance from each point but the last, at most half of a line,
-    and the curve passes the point within 3/8 of that distance.
+    The curve leaves the lines at the blend's distance from each point except the last, at most at
+    half of a line, and passes the point within 3/8 of that distance.
 
     Raises:
         BadValueError: A number is not finite, or a blend is not positive.
@@ -223,12 +224,12 @@ def straight_lines(
 class CartesianTrajectory(PathTrajectory):
     """A motion of a chain's joints that moves its tip along a path, from rest to rest.
 
-    It deviates from the path by less than half a millimetre. The speed of the tip is constant
+    The tip deviates from the path by less than half a millimetre. The speed of the tip is constant
     except on its ramps, if the limits of the joints allow it; in a rounded corner it is lower.
 
     The tool's orientation is kept as well as the arm can: arms of four and five joints keep pitch
     and roll in the upright plane that their first joint rotates, others the complete orientation.
-    With ``end`` the tool rotates evenly to its orientation there.
+    With ``end``, the tool rotates evenly to the orientation of these joints.
 
     Args:
         chain: The arm; ``start`` is inside its limits.
@@ -236,7 +237,8 @@ class CartesianTrajectory(PathTrajectory):
         path: The path of the tip from the start, metres, base frame.
         limits: The kinematic limits of each joint.
         speed_m_s: The maximum speed of the tip; a radian of the tool counts as 0.1 m.
-        tool_speed_m_s: The speed of the tip alone, at most ``speed_m_s``; None for the fastest.
+        tool_speed_m_s: The speed of only the tip, at most ``speed_m_s``; None for as fast as
+            possible.
         end: Joints (dof,) with the final orientation of the tool, as far as the arm can reach it on
             its branch.
         strict: Whether the orientation must be kept in the world exactly.
@@ -246,8 +248,8 @@ class CartesianTrajectory(PathTrajectory):
         orientation_error_rad: The orientation error along the path (n,).
 
     Raises:
-        CartesianPathError: A point of the path is out of reach, or only reachable by a jump of the
-            joints; the place and the cause are named.
+        CartesianPathError: A point of the path is out of reach, or can only be reached by a jump of
+            the joints; the error names place and cause.
         BadValueError: A number is not finite, or a speed is not positive.
     """
 

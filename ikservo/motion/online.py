@@ -23,12 +23,12 @@ _Pieces = tuple[tuple[float, RuckigMotion], ...]
 class OnlineTrajectory:
     """A trajectory of n joints whose goal can change while it runs, until it is stopped.
 
-    Each goal is reached as fast as the limits allow, at rest and all joints together, without a
-    stop or a jump in position, velocity or acceleration. Positions stay inside their bounds at
-    every instant, also while braking for a new goal.
+    Each goal is reached as fast as the limits allow, by all joints at the same time and at rest,
+    without a stop or a jump in position, velocity or acceleration. Positions stay inside their
+    bounds at every instant, also while braking for a new goal.
 
-    Times are the trajectory's own and never decrease; states before the last two goals are
-    discarded. One thread may set goals while another reads states.
+    Times are relative to the trajectory's start and never decrease; states before the last two
+    goals are discarded. One thread may set goals while another reads states.
 
     Args:
         start: The start: joints at rest (n,), rad or m, or the state of a running motion, which
@@ -74,17 +74,17 @@ class OnlineTrajectory:
 
     @property
     def duration_s(self) -> float:
-        """Time at which it is finally at rest; infinite until it is stopped."""
+        """The time at which the trajectory is finally at rest; infinite until it is stopped."""
         return self._end_s
 
     @property
     def goal(self) -> Vector:
-        """Final position (n,): the last goal, clipped to the bounds."""
+        """The final position (n,): the last goal, clipped to the bounds."""
         return self._pieces[-1][1].goal.copy()
 
     @property
     def settles_at_s(self) -> float:
-        """Time at which it will be at rest at its goal, unless the goal changes."""
+        """The time at which the joints will be at rest at their goal, unless the goal changes."""
         since_s, move = self._pieces[-1]
         return since_s + move.duration_s
 
@@ -107,12 +107,12 @@ class OnlineTrajectory:
 
         Raises:
             BadValueError: The goal's shape is wrong, a number is not finite, or the time decreases.
-            RefusedError: The trajectory was stopped. It is unchanged.
+            RefusedError: The trajectory was stopped, and stays unchanged.
         """
         clipped = np.clip(finite_vector(goal, len(self._limits), "The goal"), *self._bounds)
         self._check_time(time_s)
         if math.isfinite(self._end_s):
-            raise RefusedError("The motion has been ended.", "Start a new motion.")
+            raise RefusedError("The motion has already ended.", "Start a new motion.")
         if not np.array_equal(clipped, self._pieces[-1][1].goal):
             pieces = self._first_inside(self._candidate_trajectories(clipped, time_s))
             if check:
@@ -122,7 +122,7 @@ class OnlineTrajectory:
         return clipped
 
     def set_limits(self, limits: Sequence[KinematicLimits]) -> None:
-        """Set the limits of motions from the next goal on; they must not be slower than before."""
+        """Set the limits from the next goal on; they must not be slower than before."""
         self._limits = tuple(limits)
 
     def stop(self, time_s: float) -> None:
@@ -141,7 +141,7 @@ class OnlineTrajectory:
         self._aimed_s, self._end_s = time_s, max(self.settles_at_s, time_s)
 
     def _candidate_trajectories(self, goal: Vector, time_s: float) -> Iterator[_Pieces]:
-        """Yield motions to a goal, the best first; the last is through the old goal."""
+        """Yield motions to a goal, the best first; the last one passes the old goal."""
         before, current = _piece_at(self._pieces, time_s), self.state(time_s)
         for together in (True, False):
             try:
@@ -154,7 +154,7 @@ class OnlineTrajectory:
         )
 
     def _candidate_stops(self, time_s: float) -> Iterator[_Pieces]:
-        """Yield motions to rest, the fastest first; the last is the present motion."""
+        """Yield motions to rest, the fastest first; the last one is the present motion."""
         try:
             stop = stop_trajectory(self.state(time_s), self._limits)
             yield _piece_at(self._pieces, time_s), (time_s, stop)
@@ -187,7 +187,7 @@ def _piece_at(pieces: _Pieces, time_s: float) -> tuple[float, RuckigMotion]:
 
 
 def _check_bound(values: ArrayLike | None, n: int, default: float) -> Vector:
-    """Compute one end of the bounds; continuous joints have an infinite one."""
+    """Compute one side of the bounds, which is infinite for continuous joints."""
     given = np.full(n, default) if values is None else np.asarray(values, dtype=np.float64)
     if given.shape != (n,):
         raise BadValueError("A vector of limits", f"of shape {given.shape}", f"shape ({n},)")

@@ -21,11 +21,11 @@ class Path(Protocol):
 
     @property
     def length(self) -> float:
-        """Distance at its end; it starts at 0."""
+        """The distance at the end of the path, which starts at 0."""
         ...
 
     def at(self, distance: float) -> tuple[Vector, Vector, Vector]:
-        """Return the point, its slope and its bend (n,): the curve and two derivatives."""
+        """Return point, slope and bend (n,): the curve and its first two derivatives."""
         ...
 
     def max_derivatives(self, begin: float, end: float) -> tuple[Vector, Vector, Vector]:
@@ -40,19 +40,19 @@ class ToolPath(Protocol):
     """A path of the tip (3,) in metres, which the joints have to follow.
 
     Attributes:
-        shape: The name of the path in a message.
+        shape: The name of the path in messages.
     """
 
     shape: str
 
     @property
     def length(self) -> float:
-        """Distance at its end; it starts at 0."""
+        """The distance at the end of the path, which starts at 0."""
         ...
 
     @property
     def breakpoints(self) -> list[float]:
-        """Distances at which its kind changes, and both ends."""
+        """The distances at which the kind of the path changes, and both ends."""
         ...
 
     def path_length(self) -> float:
@@ -71,21 +71,21 @@ _SAME_POINT_M = 1e-9
 class BlendedPath:
     """Straight lines through points in n dimensions, with a blend instead of each corner.
 
-    In a blend the slope changes from one line's direction to the other's by the polynomial
-    3x² - 2x³, so that slope and bend are continuous. The curve then passes each corner within 3/8
-    of the blend, stays inside the box of its points, and is never longer than the lines.
+    In a blend, the slope changes from the direction of one line to that of the other with the
+    polynomial 3x² - 2x³, so that slope and bend are continuous. The curve then passes each corner
+    within 3/8 of the blend, stays inside the box of its points, and is never longer than the lines.
 
     Args:
         points: The points (k, n).
-        blends: The distance before each of the k - 2 inner points at which the line is left; at
-            most half of a line is used.
+        blends: The distance before each of the k - 2 inner points at which the curve leaves the
+            line; at most half of a line is used.
         order: The norm that measures distances: 2 for metres in space, inf for joints.
 
     Raises:
         BadValueError: A blend is not positive.
 
     Attributes:
-        shape: The name of the path in a message.
+        shape: The name of the path in messages.
     """
 
     shape = "line"
@@ -101,7 +101,7 @@ class BlendedPath:
 
     @property
     def breakpoints(self) -> list[float]:
-        """Distances at which blends begin and end, and both ends."""
+        """The distances at which blends begin and end, and both ends of the path."""
         return [*self._begins, self.length]
 
     def path_length(self) -> float:
@@ -126,7 +126,7 @@ class BlendedPath:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _BlendSegment:
-    """A line, or a blend of two: its slope changes from one direction (n,) to the other."""
+    """A line, or a blend of two lines, in which the slope changes between directions (n,)."""
 
     begin: float
     end: float
@@ -152,7 +152,7 @@ class _BlendSegment:
 def _drop_repeated_points(
     points: Matrix, blends: Sequence[float], order: float
 ) -> tuple[Matrix, list[float]]:
-    """Remove points equal to the previous one, and their blends."""
+    """Remove points that equal the previous one, and their blends."""
     kept, kept_blends = [points[0]], list[float]()
     radii = [0.0, *blends, 0.0]
     for point, blend in zip(points[1:], radii[1:], strict=True):
@@ -199,7 +199,7 @@ class SplinePath:
         points: The points (k, n).
 
     Attributes:
-        distances: The distances of its points.
+        distances: The distances of the points.
         length: The distance of the last point.
     """
 
@@ -253,7 +253,7 @@ class ArmPlane:
 
     Args:
         chain: The arm.
-        in_world: Whether orientations are in the world frame in any case.
+        in_world: Whether orientations are in the world frame for every arm.
     """
 
     def __init__(self, chain: Chain, *, in_world: bool = False) -> None:
@@ -277,7 +277,7 @@ class OrientationInterpolation:
     """Interpolation of two orientations: even rotation about an axis fixed to the arm plane.
 
     Attributes:
-        plane: The plane that the orientation is relative to.
+        plane: The plane to which the orientation is relative.
         start: The orientation R_plane_tool (3, 3) at the start.
         rotation_rad: The rotation vector (3,) of the whole rotation, in the plane.
     """
@@ -297,7 +297,7 @@ class OrientationInterpolation:
 
     @classmethod
     def constant(cls, plane: ArmPlane, R_world_tool: Matrix, q: Vector) -> OrientationInterpolation:
-        """Make a constant orientation, the one at joints (dof,)."""
+        """Make a constant orientation, as it is at joints (dof,)."""
         return cls.between(plane, (R_world_tool, q), (R_world_tool, q))
 
     def at(self, fraction: float, q: Vector) -> Matrix:

@@ -30,7 +30,7 @@ def track_path(
     orientation: OrientationInterpolation | None,
     count: int,
 ) -> Matrix:
-    """Follow a path with the tip; position exactly, orientation as well as possible.
+    """Follow a path with the tip: position exactly, orientation as well as possible.
 
     Args:
         chain: The arm.
@@ -43,7 +43,8 @@ def track_path(
         The joints at equal distances (count, dof).
 
     Raises:
-        CartesianPathError: The path leaves the arm's reach on this branch; the place is named.
+        CartesianPathError: The path leaves the arm's reach on this branch; the error names the
+            place.
     """
     span = chain.upper_rad - chain.lower_rad
     margin = np.where(np.isfinite(span), _INSIDE * span, 0.0)
@@ -77,9 +78,9 @@ def track_path(
 def _find_obstruction(
     chain: Chain, result: Result, steps: Vector, max_step_rad: float
 ) -> list[str]:
-    """Find what keeps a step from its point, or the joint that it moves too far; empty if neither.
+    """Find what keeps a step from its point, or the joint that moves too far; empty if none.
 
-    The comparisons are written so that NaN is refused, too.
+    The comparisons are written so that NaN is also refused.
     """
     if not result.position_error_m <= _REACHED_M:
         return [str(limit) for limit in result.binding] or [NOT_LIMITED]

@@ -1,4 +1,4 @@
-"""Point-to-point joint motions, jerk-limited and synchronised, and the stop from any state."""
+"""Jerk-limited, synchronised joint motions from point to point, and stops from any state."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from ikservo.motion.trajectory import KinematicLimits, TrajectoryPoint
 
 
 def position_bounds(trajectory: Trajectory) -> tuple[Vector, Vector]:
-    """Compute the lowest and the highest positions (n,) of a trajectory.
+    """Compute the lowest and highest positions (n,) of a trajectory.
 
     ruckig's own ``position_extrema`` contains only instants of changing jerk, but a joint that
     reverses does so between two of them.
@@ -59,7 +59,7 @@ def _segment_extremes(
 
 
 def _zero_velocity_times(v: float, a: float, j: float, time_s: float) -> list[float]:
-    """Compute the times of ``v + a t + j t² / 2 = 0`` between 0 and a time."""
+    """Compute the times between 0 and a time at which ``v + a t + j t² / 2 = 0``."""
     root = a * a - 2.0 * j * v
     if root < 0.0:
         return []
@@ -77,7 +77,7 @@ class RuckigMotion:
 
     Args:
         start: The start state.
-        end: The end state, which is kept afterwards.
+        end: The end state, which continues afterwards.
         trajectory: The computed motion.
         top_speeds: The maximum speed of each joint, rad/s or m/s.
 
@@ -127,14 +127,15 @@ class RuckigMotion:
 class JointMove(RuckigMotion):
     """A motion of n joints to a goal.
 
-    It may start in the middle of another motion: a new goal is then reached without a stop and
-    without a jump in position, velocity or acceleration.
+    The motion may start in the middle of another motion; the new goal is then reached without a
+    stop and without a jump in position, velocity or acceleration.
 
     Args:
         start: The start: joints at rest (n,), rad or m, or the state of a running motion.
         goal: The end: joints at rest (n,), or a state in motion.
         limits: The kinematic limits of each joint.
-        together: Whether all joints arrive at the same time; otherwise each as soon as it can.
+        together: Whether all joints arrive at the same time; otherwise, each arrives as soon as it
+            can.
 
     Raises:
         BadValueError: A shape is wrong or a number is not finite.
@@ -207,7 +208,7 @@ def _calculate_trajectory(parameters: InputParameter, n: int) -> Trajectory:
     """Return the fastest trajectory.
 
     ruckig reports most failures by an exception and the others by its result; all are checked,
-    because a trajectory that was not found could lead anywhere.
+    because an invalid trajectory could lead anywhere.
     """
     trajectory = Trajectory(n)
     try:

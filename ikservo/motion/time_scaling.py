@@ -1,4 +1,4 @@
-"""Time scaling of paths: as fast as joint velocity and acceleration limits allow."""
+"""Time scaling of paths, as fast as joint velocity and acceleration limits allow."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ _UNBOUNDED = 1e6  # limit along a curve that hardly moves any joint
 
 @dataclass(frozen=True, slots=True)
 class _SpeedZone:
-    """A stretch of the curve with its own limits along it."""
+    """A stretch of the curve with its own limits on speed, acceleration and jerk."""
 
     begin: float
     end: float
@@ -46,7 +46,7 @@ class _SpeedZone:
 class TimeScaling:
     """Fast time scaling of a curve, from rest to rest.
 
-    With s the distance, the joints do ``q̇ = q' ṡ``, ``q̈ = q'' ṡ² + q' s̈`` and
+    With the distance s, the joints have ``q̇ = q' ṡ``, ``q̈ = q'' ṡ² + q' s̈`` and
     ``q⃛ = q''' ṡ³ + 3 q'' ṡ s̈ + q' s⃛``. The curve is cut into zones; in each, bounds on its
     derivatives give the speed, acceleration and jerk along it that keep all three inside the
     limits, at every instant and not only at samples. Zones are passed without acceleration at
@@ -54,9 +54,9 @@ class TimeScaling:
 
     Args:
         curve: The curve.
-        limits: The kinematic limits of each of its n values.
+        limits: The kinematic limits of each of the curve's n values.
         top_speed: The maximum speed along the curve.
-        marks: Distances at which the curve changes its kind, both ends included.
+        marks: Distances at which the kind of the curve changes, including both ends.
     """
 
     def __init__(
@@ -101,7 +101,7 @@ class TimeScaling:
 
     @property
     def duration_s(self) -> float:
-        """Its duration."""
+        """The duration of the motion in seconds."""
         return self._begins[-1]
 
     def at(self, time_s: float) -> tuple[float, float, float]:
@@ -124,7 +124,7 @@ class _PathAccelerationBounds:
     def make_zones(
         self, begin: float, end: float, derivatives: tuple[Vector, Vector, Vector]
     ) -> Iterator[_SpeedZone]:
-        """Yield limits of a stretch for each share of acceleration and jerk that bends may use."""
+        """Yield limits of a stretch for each fraction of acceleration and jerk used by bends."""
         slope, bend, twist = derivatives
         fastest = min(self._top, _min_ratio(self._speeds, slope))
         by_bend = _min_ratio(self._accelerations, bend)
@@ -141,13 +141,13 @@ class _PathAccelerationBounds:
 
 
 def _min_ratio(limit: Vector, by: Vector) -> float:
-    """Compute the minimum of ``limit / by``, ignoring values that do not change."""
+    """Compute the minimum of ``limit / by``, ignoring values of ``by`` that are zero."""
     pairs = zip(limit.tolist(), by.tolist(), strict=True)  # few: NumPy would take longer
     return min((a / b for a, b in pairs if b > a / _UNBOUNDED), default=_UNBOUNDED)
 
 
 def _shortest_s(zone: _SpeedZone, first: float, second: float) -> float:
-    """Compute the time through a zone, from one speed to another, if the jerk had no limit."""
+    """Compute the time through a zone, from one speed to another, for unlimited jerk."""
     length, most = zone.end - zone.begin, zone.speed
     peak = math.sqrt(zone.acceleration * length + 0.5 * (first * first + second * second))
     if peak <= most:
@@ -161,7 +161,7 @@ def _passing_state(distance: float, speed: float) -> TrajectoryPoint:
 
 
 def _speeds_between(zones: Sequence[_SpeedZone]) -> list[float]:
-    """Compute the speeds at the zones' edges: rest at the ends, else the maximum of both sides."""
+    """Compute the speeds at the edges of zones: zero at the ends, else the largest possible."""
     speeds = [0.0, *(min(a.speed, b.speed) for a, b in pairwise(zones)), 0.0]
     for i, zone in enumerate(zones):
         speeds[i + 1] = _reachable_speed(zone, speeds[i], speeds[i + 1])
@@ -185,7 +185,7 @@ def _reachable_speed(zone: _SpeedZone, speed: float, goal_speed: float) -> float
 
 
 def _required_distance(zone: _SpeedZone, speed: float, goal_speed: float) -> float:
-    """Compute the distance from one speed to a higher one, acceleration 0 at both ends."""
+    """Compute the distance from one speed to a higher one, with acceleration 0 at both ends."""
     gain, knee = goal_speed - speed, zone.acceleration**2 / zone.jerk
     if gain < knee:
         time_s = 2.0 * math.sqrt(gain / zone.jerk)
@@ -200,8 +200,8 @@ class PathTrajectory:
     Args:
         curve: The path of the joints.
         limits: The kinematic limits of each joint.
-        top_speed: The maximum speed along the curve, in its own measure per second.
-        marks: Distances at which the curve changes its kind, both ends included.
+        top_speed: The maximum speed along the curve, in the unit of its distance per second.
+        marks: Distances at which the kind of the curve changes, including both ends.
     """
 
     def __init__(
@@ -216,17 +216,17 @@ class PathTrajectory:
 
     @property
     def start(self) -> Vector:
-        """Joints (n,) at its start."""
+        """The joints (n,) at the start."""
         return self._curve.at(0.0)[0]
 
     @property
     def goal(self) -> Vector:
-        """Joints (n,) at its end."""
+        """The joints (n,) at the end."""
         return self._curve.at(self._curve.length)[0]
 
     @property
     def duration_s(self) -> float:
-        """Its duration."""
+        """The duration of the motion in seconds."""
         return self._law.duration_s
 
     def at(self, time_s: float) -> Vector:
@@ -243,15 +243,16 @@ class PathTrajectory:
 class JointWaypointTrajectory(PathTrajectory):
     """A motion of n joints from point to point that rests only at its end.
 
-    Between two waypoints all joints are synchronised. Every joint passes each waypoint but the last
-    within 3/8 of the blend. No joint leaves the range of the waypoints.
+    Between two waypoints all joints are synchronised. Every joint passes each waypoint except the
+    last within 3/8 of the blend. No joint leaves the range of the waypoints.
 
     Args:
         start: The start, at rest (n,), rad or m.
         points: The waypoints (k, n).
         limits: The kinematic limits of each joint.
         blends: The distance from each of the k - 1 inner points, in the joint that moves furthest,
-            at which the straight path is left; at most half of it. One number is used for all.
+            at which the motion leaves the straight path; at most half of it. One number is used for
+            all points.
 
     Raises:
         BadValueError: A shape is wrong, a number is not finite, or a blend is not positive.

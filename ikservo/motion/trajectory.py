@@ -1,4 +1,4 @@
-"""Trajectories: the protocol, their samples, kinematic limits, subsets and concatenation."""
+"""The trajectory protocol, samples, kinematic limits, subsets and concatenation."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from ikservo.kinematics.arrays import Vector, freeze_arrays
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TrajectoryPoint:
-    """Position, velocity and acceleration of n joints; rad, or m for prismatic ones."""
+    """Position, velocity and acceleration of n joints, in rad, or m for prismatic joints."""
 
     position: Vector
     velocity: Vector
@@ -36,11 +36,11 @@ class Trajectory(Protocol):
 
     @property
     def duration_s(self) -> float:
-        """Its duration; infinite for a trajectory that runs until it is stopped."""
+        """The duration in seconds; infinite for a trajectory that runs until it is stopped."""
         ...
 
     def state(self, time_s: float) -> TrajectoryPoint:
-        """Return position, velocity and acceleration (n,) at a time; at rest after its end."""
+        """Return position, velocity and acceleration (n,) at a time; at rest after the end."""
         ...
 
 
@@ -64,7 +64,7 @@ class KinematicLimits:
 
     @property
     def stopping_time_s(self) -> float:
-        """Time from full speed to rest."""
+        """The time from full speed to rest."""
         return (
             self.speed_rad_s / self.acceleration_rad_s2
             + self.acceleration_rad_s2 / self.jerk_rad_s3
@@ -84,7 +84,7 @@ class SubsetTrajectory:
 
     Args:
         trajectory: The trajectory of the moving joints.
-        columns: Their indices among the n joints.
+        columns: The indices of the moving joints among the n joints.
         start: The start of all joints (n,), rad or m.
     """
 
@@ -93,7 +93,7 @@ class SubsetTrajectory:
 
     @property
     def duration_s(self) -> float:
-        """Its duration."""
+        """The duration of the motion in seconds."""
         return self._trajectory.duration_s
 
     def state(self, time_s: float) -> TrajectoryPoint:
@@ -113,7 +113,7 @@ class SubsetTrajectory:
 
 
 class ConcatenatedTrajectory:
-    """A trajectory that continues with a second one where it comes to rest.
+    """A trajectory that continues with a second one after it has come to rest.
 
     Args:
         first: The first trajectory; ends at rest.
@@ -125,7 +125,7 @@ class ConcatenatedTrajectory:
 
     @property
     def duration_s(self) -> float:
-        """The duration of both."""
+        """The duration of both trajectories."""
         return self._first.duration_s + self._second.duration_s
 
     def state(self, time_s: float) -> TrajectoryPoint:

@@ -1,1 +1,1 @@
-"""Motions as values, and the plans made and checked from them before anything moves."""
+"""Motions as values, and plans that are made and checked before anything moves."""

@@ -1,4 +1,4 @@
-"""The model of one particular arm: arm file, calibration file, check against its servos."""
+"""The model of one particular arm: arm file and calibration, checked against the servos."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     from ikservo.kinematics.geometric_errors import GeometricErrors
 
 MAX_UNCALIBRATED_STEP_RAD = math.radians(10.0)
-"""Longest motion of an uncalibrated joint at once, as rotation of its horn [rad]."""
+"""Longest single motion of an uncalibrated joint, as rotation of its horn [rad]."""
 
 _HINT = (
     "Calibrate it: ikservo calibrate {arm}. Until then: ikservo joints, at most 10° at a time "
@@ -74,13 +74,13 @@ class ZeroSource(Enum):
         """Refuse long motions of single joints if zeros are unknown.
 
         Args:
-            arm: Its name.
+            arm: The name of the arm.
             start: The joints (n,), rad or m.
-            goal: Their goals (n,).
+            goal: The goals of the joints (n,).
             steps: The longest motion of each joint, in the order of the vectors.
 
         Raises:
-            CalibrationError: A joint would move further.
+            CalibrationError: A joint would move further than that.
         """
         if self.are_known:
             return
@@ -95,10 +95,10 @@ class ZeroSource(Enum):
 def check_calibration_matches(
     calibration: Calibration, model: Model, usb_serial_number: str
 ) -> None:
-    """Compare a calibration with the arm file and the adapter.
+    """Check a calibration against the arm file and the adapter.
 
     Raises:
-        CalibrationError: The calibration is another arm's, or the arm file has changed since.
+        CalibrationError: The calibration belongs to another arm, or the arm file has changed since.
     """
     path = calibration_path(model.name, usb_serial_number)
     own = (calibration.arm, calibration.usb_serial_number)
@@ -111,7 +111,7 @@ def check_calibration_matches(
 
 
 def check_joints_match(calibration: Calibration, model: Model, path: str) -> None:
-    """Compare the joints of a calibration with the arm file's.
+    """Check the joints of a calibration against the arm file.
 
     Raises:
         CalibrationError: The arm file has other servos or another chain.
@@ -153,8 +153,8 @@ class CalibratedArm:
     """The joints of the arm on a bus, with this arm's zeros and ranges.
 
     Attributes:
-        zeros: The source of its zeros.
-        calibration: Its calibration file, or None.
+        zeros: The source of the zeros.
+        calibration: The calibration file, or None.
     """
 
     def __init__(
@@ -179,10 +179,10 @@ class CalibratedArm:
         return joint_map.with_mounting(joint_map.sign, joint_map.zero_tick - turns)
 
     def limits(self, joint: ModelJoint, joint_map: JointMap) -> Limits:
-        """Return the joint's range within arm file, calibration and servo registers.
+        """Return the joint's range that arm file, calibration and servo registers allow.
 
         Raises:
-            CalibrationError: They have no common range; the two that exclude it are named.
+            CalibrationError: There is no common range; the two limits that exclude it are named.
         """
         own, servo_id = self._calibrated_joint(joint), joint.servo.id
         low = self._bus.read(servo_id, RegisterName.MIN_POSITION_LIMIT, raw=True)
@@ -198,7 +198,7 @@ class CalibratedArm:
         return limits.intersect(_limits_from_registers(joint_map, registers))
 
     def chain(self) -> Chain:
-        """Return the arm's chain with its own links, base and bending, as far as calibrated."""
+        """Return the arm's chain with its own links, base and bending, if they are calibrated."""
         chain = self._model.chain
         return chain if self.calibration is None else own_chain(self._model, self.calibration)
 
@@ -207,7 +207,7 @@ class CalibratedArm:
 
 
 def own_chain(model: Model, calibration: Calibration) -> Chain:
-    """Return the chain of an arm with the links, base and bending of its calibration."""
+    """Return the chain of an arm with links, base and bending from its calibration."""
     filed, chain = calibration.geometry, model.chain
     if filed is not None:
         from ikservo.kinematics.geometric_errors import apply_geometric_errors  # noqa: PLC0415
@@ -225,7 +225,7 @@ def bent_chain(model: Model, chain: Chain, calibration: Calibration) -> Chain:
 
 
 def known_bending(model: Model, chain: Chain, calibration: Calibration | None) -> Bending:
-    """Return the bending of a chain's links according to a calibration; zero without one."""
+    """Return the bending of a chain's links from a calibration; zero without a calibration."""
     found = [calibration and calibration.joint(name) for name in chain.names]
     compliance = np.array([joint.compliance if joint else 0.0 for joint in found])
     half_play = np.radians([joint.play_deg / 2.0 if joint else 0.0 for joint in found])
@@ -241,7 +241,7 @@ def load_calibration_for(
     """Load the calibration of the arm on a bus.
 
     Args:
-        bus: Its servos.
+        bus: The servos of the arm.
         model: The arm file's model.
         uncalibrated: Whether the user accepts the arm file's zeros.
 
@@ -275,7 +275,7 @@ def load_calibration_for(
 
 
 def check_servo_models(bus: ServoBus) -> None:
-    """Compare the servos' models with the arm file's.
+    """Check the models of the servos against the arm file.
 
     Raises:
         CalibrationError: A servo is of another model.
@@ -316,17 +316,17 @@ def registers_allow(joint_map: JointMap, limits: Limits, registers: tuple[int, i
 
 
 def calibrated_limits(calibration: Calibration, own: CalibratedJoint, joint: ModelJoint) -> Limits:
-    """Return the range within arm file, calibration and the user's limits.
+    """Return the range that arm file, calibration and the user's limits allow.
 
     Raises:
-        CalibrationError: They have no common range; the two that exclude it are named.
+        CalibrationError: There is no common range; the two limits that exclude it are named.
     """
     encoder = encoder_of(MODELS[own.servo.model])
     return calibration.narrow_limits(own, limit_to_one_turn(joint.limits, joint.joint_map, encoder))
 
 
 def limit_to_one_turn(limits: Limits, joint_map: JointMap, encoder: Encoder) -> Limits:
-    """Limit a joint to one revolution if the arm file gives it no limits."""
+    """Limit a joint to one revolution if the arm file does not limit it."""
     if math.isfinite(limits.upper.value - limits.lower.value):
         return limits
     half = (encoder.ticks / 2 - 2) * joint_map.unit_per_tick
@@ -336,11 +336,11 @@ def limit_to_one_turn(limits: Limits, joint_map: JointMap, encoder: Encoder) -> 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CalibratedModel:
-    """An arm as its files describe it.
+    """An arm as described by its files.
 
     Attributes:
         model: The model with this arm's links, its chain and joints inside this arm's ranges.
-        file: The calibration that they come from; None if there is only the arm file.
+        file: The calibration on which it is based; None if there is only the arm file.
         others: Older calibrations of arms of this kind, on other adapters.
     """
 
@@ -350,14 +350,14 @@ class CalibratedModel:
 
 
 def calibrated_model(model: Model) -> CalibratedModel:
-    """Read the calibrations of an arm and return it with the newest one; opens no bus.
+    """Read the calibrations of an arm, without a bus; return the arm with the newest one.
 
     A URDF without an arm file has no servos, and therefore no calibration.
 
     Raises:
         FileFormatError: A calibration is malformed.
-        CalibrationError: The newest one has other servos or another chain than the arm file, or
-            leaves a joint no range.
+        CalibrationError: The newest calibration has other servos or another chain than the arm
+            file, or leaves a joint without a range.
     """
     read = {path: read_calibration(path) for path in calibrations_of(model.name) if model.joints}
     if not read:

@@ -31,16 +31,16 @@ _JAW_TOUCH_M = 0.004  # omx_f's jaws need 2.9 mm where its arm has sunk out of i
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ArmContext:
-    """The parts of an arm; its functions take this and a ``MotionRunner``.
+    """The parts of an arm; functions of an arm take this and a ``MotionRunner``.
 
     Attributes:
         model: The arm's model.
-        chain: Base to tip, inside this arm's limits.
-        servos: Its servos.
+        chain: The joints from base to tip, inside this arm's limits.
+        servos: The servos of the arm.
         port: The serial port of the servos.
-        planner: Plans motions; reads no servo.
+        planner: Plans motions without reading a servo.
         surroundings: The surroundings of the arm.
-        zeros: The source of the zeros of its joints.
+        zeros: The source of the joint zeros.
         index: The columns of the joints in a vector of all joints (n,).
         serial_number: The serial number of the USB adapter; empty if there is none.
     """
@@ -93,12 +93,12 @@ class ArmContext:
 
     @property
     def collision(self) -> CollisionChecker | None:
-        """Checker of the body's paths; None if they are not checked."""
+        """The checker of the body's paths; None if paths are not checked."""
         return self.surroundings.checker
 
     @property
     def checked_collision(self) -> CollisionChecker | None:
-        """Collision checker; None if paths are not checked or positions are unknown."""
+        """The collision checker; None if paths are not checked or positions are unknown."""
         return self.collision if self.zeros.are_known else None
 
     def now_s(self) -> float:
@@ -114,7 +114,7 @@ class ArmContext:
         self.zeros.require_known(self.model.name)
 
     def limits(self) -> tuple[Vector, Vector]:
-        """Return the lowest and the highest positions (n,) in whole ticks, read-only."""
+        """Return the lowest and highest positions (n,) in whole ticks, read-only."""
         low, high = zip(
             *(driven.position_range for driven in self.servos.driven_joints), strict=True
         )
@@ -136,7 +136,7 @@ class ArmContext:
         return on_progress and (lambda cycle: on_progress(self.progress(cycle)))
 
     def warm_up(self) -> None:
-        """Load what solving and checking need, because that takes too long in a control loop."""
+        """Load the code that solving and checking need, which takes too long in a control loop."""
         q = self.chain.clip(np.zeros(self.chain.dof))
         Solver(self.chain, "position").track(self.chain.forward(q), q)
         if self.collision is not None:
@@ -151,7 +151,7 @@ class ArmContext:
             joints: All joints (n,).
 
         Returns:
-            Infinite if paths are not checked or positions are unknown.
+            The distance; infinite if paths are not checked or positions are unknown.
         """
         checker = self.checked_collision
         if checker is None:
@@ -161,13 +161,13 @@ class ArmContext:
     def is_in_contact(
         self, joints: Vector, load: float = 1.0, distance_m: float = _CONTACT_M
     ) -> bool:
-        """Check whether the body touches itself, the table or a box at joints (n,), or nearly.
+        """Check whether the body touches, or nearly touches, itself, the table or a box.
 
         An arm that would touch if it sagged also counts.
 
         Args:
             joints: All joints.
-            load: Multiple of gravity under which it sags.
+            load: Multiple of gravity under which the arm sags.
             distance_m: Distance below which a pair nearly touches.
         """
         if self.checked_collision is None:
@@ -181,7 +181,7 @@ class ArmContext:
         The gripper, which may hold something, keeps its position.
 
         Returns:
-            None if no step frees the arm, or if paths are not checked.
+            The joints; None if no step frees the arm, or if paths are not checked.
         """
         checker = self.checked_collision
         if checker is None:
@@ -199,7 +199,7 @@ class ArmContext:
         """Check the path of a trajectory as it will be streamed.
 
         Returns:
-            The smallest distance of the body [m] on it; see ``clearance_m``.
+            The smallest distance of the body [m] on the path; see ``clearance_m``.
 
         Raises:
             RefusedError: Something would be touched.
@@ -253,7 +253,7 @@ class ArmContext:
             )
 
     def check_gripper_path(self, start: Vector, goal: Vector) -> None:
-        """Check the straight path of the jaws alone between two positions of the joints (n,).
+        """Check only the straight path of the jaws between two positions of the joints (n,).
 
         Capsules are thicker than jaws, and a limp arm has sunk onto its table and itself. Jaws have
         little force and stop at obstacles, so small overlaps are allowed, and contacts of the
@@ -281,10 +281,10 @@ class ArmContext:
         return np.array([joint.travel_per_turn / math.tau for joint in joints])
 
     def check_recorded_path(self, start: Vector, recorded: Matrix) -> None:
-        """Check the path of the joints to a recorded path (k, n), and along it.
+        """Check the path of the joints to the start of a recorded path (k, n), and along that path.
 
-        Contacts at ``start`` (n,) may occur again, as deep; but not with a box in which the
-        recording begins, because the box may have been added later.
+        Contacts at ``start`` (n,) may occur again, with the same depth, except with a box in which
+        the recording begins, because the box may have been added later.
 
         Raises:
             RefusedError: Something would be touched.

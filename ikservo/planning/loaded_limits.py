@@ -1,4 +1,4 @@
-"""Limits of joints under load: goals lead their joints, and must not pass a limit either."""
+"""Limits of joints under load: goals lead their joints and must not pass a limit."""
 
 from __future__ import annotations
 
@@ -21,16 +21,16 @@ def limits_under_load(
 ) -> Chain | None:
     """Return a chain whose limits leave room for the goals that move the arm along a path.
 
-    A limit moves inwards by the largest lead that is needed where the goal would pass it.
+    A limit moves inwards by the largest lead that is needed where the goal would pass the limit.
 
     Args:
         chain: The arm, inside the limits of its goals.
-        parameters: Its masses and drives.
+        parameters: The masses and drives of the arm.
         joints: Joints along the path (k, dof), rad or m, in the chain's order.
-        friction: Whether to leave room for friction of moving joints, too, and not only weight.
+        friction: Whether to leave room for the friction of moving joints and not only for weight.
 
     Returns:
-        None if no goal would pass a limit.
+        The chain; None if no goal would pass a limit.
     """
     directions = np.zeros_like(joints)
     if friction and len(joints) > 1:
@@ -48,13 +48,13 @@ def limits_under_load(
 
 
 def goal_leads(parameters: ArmParameters, joints: Matrix, directions: Matrix) -> Matrix:
-    """Compute the lead of goals over slowly moving joints against gravity and friction, rad or m.
+    """Compute the lead of goals over slow joints against gravity and friction, rad or m.
 
     Args:
         parameters: Masses and drives of the arm.
         joints: Positions (k, dof).
         directions: The directions of the joints (k, dof), as multiples of friction: 1 and -1 for
-            the friction of their model, 0 for none.
+            the friction in the model, 0 for none.
     """
     torques = parameters.dynamics.gravity_torques(joints)
     leads = np.zeros_like(torques)

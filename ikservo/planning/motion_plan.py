@@ -28,9 +28,9 @@ class NearLimit:
     """A joint that comes close to one of its limits along the path.
 
     Attributes:
-        joint: Its name.
+        joint: The name of the joint.
         side: ``lower`` or ``upper``.
-        margin: The distance that it keeps from the limit, rad or m.
+        margin: The distance that the joint keeps from the limit, rad or m.
         unit: ``rad`` or ``m``.
     """
 
@@ -42,12 +42,12 @@ class NearLimit:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MotionPlan:
-    """A motion that could start now.
+    """A planned motion that could start now.
 
     Attributes:
         start: The joints (n,) at the start, rad or m.
         goal: The joints (n,) at the end.
-        trajectory: All joints over time; exactly what was checked is streamed.
+        trajectory: All joints over time; exactly the checked motion is streamed.
         tip_m: The tip (3,) at the goal, metres.
         path_m: The length of the tip's path.
         duration_s: The duration of the motion.
@@ -60,13 +60,14 @@ class MotionPlan:
         orientation_error_rad: The largest angle between the tool and its requested orientation.
         orientation_requested: Whether an orientation of the tool was requested.
         orientation_change_rad: The angle between the tool's orientations at start and goal.
-        speed_reduced: Whether it is slower than requested: the first motion with torque is slow.
-        is_cartesian: Whether the tip goes along straight lines or arcs.
+        speed_reduced: Whether the motion is slower than requested, because the first one with
+            torque is slow.
+        is_cartesian: Whether the tip moves along straight lines or arcs.
         cartesian_s: Duration of these lines or arcs, which end the trajectory.
-        tool_speed: The speed of the tip along them; None if none was requested.
-        via_pose: The retract pose in between; empty if the path is direct.
+        tool_speed: The speed of the tip along lines or arcs; None if none was requested.
+        via_pose: The intermediate retract pose; empty if the path is direct.
         around: The contact on the straight path that this path avoids; empty if there is none.
-        kept: The constraint of the tool, and how much of it is used, described.
+        kept: Description of the tool constraint and of how much of it is used.
         clearance_m: Smallest distance of the body on the path to itself, the table and the boxes;
             infinite if paths are not checked.
         planning_s: The time that planning took.
@@ -74,9 +75,9 @@ class MotionPlan:
         units: ``rad`` or ``m`` for each joint.
         motion: The requested motion.
         requested: The requested goals of joints, rad or m by name; empty for a motion of the tip.
-        clamped: The joints that stop at a limit short of the requested pose, described.
-        limp_arm: The context of the limp arm for which it was made; None if the arm held. A limp
-            arm may sink until its torque comes on: then the plan is made again.
+        clamped: Descriptions of joints that stop at a limit short of the requested pose.
+        limp_arm: The context of the limp arm for which the plan was made; None if the arm held. A
+            limp arm may sink until its torque comes on; the plan is then made again.
     """
 
     start: Vector
@@ -113,7 +114,7 @@ class MotionPlan:
         freeze_arrays(self)
 
     def sample(self, dt_s: float = 0.01) -> SampledTrajectory:
-        """Sample the motion as arrays: times (k,), positions and velocities (k, n).
+        """Sample the motion as arrays of times (k,), positions and velocities (k, n).
 
         Args:
             dt_s: Time between two samples; the last sample is at the motion's end.
@@ -136,7 +137,7 @@ class MotionPlan:
         return self.sample(dt_s).to_csv(path, overwrite=overwrite)
 
     def __repr__(self) -> str:
-        """Show goal, length of the tip's path and duration."""
+        """Show the goal, the length of the tip's path, and the duration."""
         ends = zip(self.names, self.goal.tolist(), strict=True)
         goal = ", ".join(f"{name}: {at:.4f}" for name, at in ends)
         return (
@@ -176,7 +177,7 @@ def time_limiting_joints(
         velocity: Velocities along the path (k, n).
         acceleration: Accelerations along the path (k, n).
         limits: The kinematic limits of each joint.
-        names: Their names.
+        names: The names of the joints.
     """
     texts: list[str] = []
     for i, (name, limit) in enumerate(zip(names, limits, strict=True)):
@@ -196,7 +197,7 @@ def near_limits(
         joints: Joints along the path (k, n), rad or m.
         lower: The lower limits (n,); infinite if there is none.
         upper: The upper limits (n,).
-        names: Their names.
+        names: The names of the joints.
         units: ``rad`` or ``m`` for each joint.
     """
     found: list[tuple[float, NearLimit]] = []
@@ -226,16 +227,17 @@ def rebase_trajectory(
 ) -> Trajectory:
     """Compute the plan's trajectory, started from the goals (n,) that the servos hold.
 
-    They equal the plan's start within a tick, or lie slightly inside if a limp joint was outside
-    its limits. A motion of joints then starts there; a line is preceded by a motion to its start.
+    The goals equal the plan's start within a tick, or lie slightly inside if a limp joint was
+    outside its limits. A motion of joints then starts from the goals; a line is preceded by a
+    motion to its start.
 
     Raises:
-        RefusedError: The arm has moved since the plan was made, or the plan is another arm's.
+        RefusedError: The arm has moved since the plan was made, or the plan belongs to another arm.
     """
     if plan.names != tuple(names):
         raise RefusedError(
-            f"The plan moves {', '.join(plan.names)}, this arm has {', '.join(names)}.",
-            "Nothing was sent. Plan it with this arm.",
+            f"The plan moves {', '.join(plan.names)}, but this arm has {', '.join(names)}.",
+            "Nothing was sent. Plan the motion with this arm.",
         )
     apart_s = _time_apart_s(plan, goals, limits)
     if apart_s.max() > _SAG_TOLERANCE_S:
@@ -260,19 +262,20 @@ def _time_apart_s(plan: MotionPlan, goals: Vector, limits: Sequence[KinematicLim
 
 
 RETRACT_POSES = ("home", "rest")
-"""Poses to try, in this order; every arm file has them."""
+"""Retract poses to try, in this order; every arm file has them."""
 
 
 def via_pose_plan(
     first: MotionPlan, then: MotionPlan, pose: str, orientation_change_rad: float
 ) -> MotionPlan:
-    """Return a plan that goes to a pose, stops there, and continues from it.
+    """Return a plan that moves to a pose, stops there, and continues from it.
 
     Args:
         first: Plan to the pose.
         then: Plan from the pose.
-        pose: Its name.
-        orientation_change_rad: Change from the start of the first to the goal of the second.
+        pose: The name of the pose.
+        orientation_change_rad: Change of orientation from the start of ``first`` to the goal of
+            ``then``.
     """
     return replace(
         then,
@@ -298,7 +301,7 @@ class PoseWithinLimits:
 
     Attributes:
         positions: The positions by joint, rad or m.
-        changed: The joints that stop at a limit short of the pose, described.
+        changed: Descriptions of joints that stop at a limit short of the pose.
     """
 
     positions: dict[str, float]
@@ -313,13 +316,14 @@ def clamp_positions(
 ) -> PoseWithinLimits:
     """Clamp joint positions that are slightly beyond the limits.
 
-    A clamped joint stays as far inside its limit as friction may keep it from a goal there.
+    A clamped joint stays inside its limit by the distance at which friction may stop it.
 
     Args:
-        positions: The positions by joint, rad or m; joints that are not named keep theirs.
+        positions: The positions by joint, rad or m; other joints keep their position.
         driven_joints: The joints, in the order of ``start``.
-        start: The present joints (n,). A joint that is beyond its limit need not come inside.
-        max_rad: Joints further beyond, at the horn, are not clamped; the guard refuses them.
+        start: The present joints (n,). A joint that is beyond its limit need not move inside.
+        max_rad: Joints that are further beyond, as an angle of the horn, are not clamped; the guard
+            refuses them.
     """
     clamped, changed = dict(positions), list[str]()
     for driven, at in zip(driven_joints, start.tolist(), strict=True):
@@ -347,8 +351,8 @@ def clamp_pose(
 ) -> PoseWithinLimits:
     """Clamp a named pose to the limits; see ``clamp_positions``.
 
-    The rest pose is clamped however far it is beyond: an arm must always be able to come down.
-    Other poses may have joints on their end stops, just beyond a limit.
+    The rest pose is clamped however far it is outside, because an arm must always be able to come
+    down. Other poses may have joints on their end stops, just beyond a limit.
     """
     max_rad = math.inf if name == "rest" else _END_STOP_RAD
     return clamp_positions(pose, driven_joints, start, max_rad)

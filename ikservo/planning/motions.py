@@ -4,7 +4,7 @@ A motion is frozen and checked when it is created; points are metres in the arm'
 is planned by ``Arm.plan``, executed by ``Arm.execute``, and started in the background by
 ``Arm.start``. The methods of ``Arm`` (``move_to``, ``gripper``, …) build it from their arguments.
 
-As JSON or TOML a motion is a table with one key, its kind; fields that have their default are left
+In JSON or TOML, a motion is a table with one key, its kind; fields with default values are left
 out::
 
     {"move_line": {"position_m": [0.25, 0.05, 0.15], "tool_speed_m_s": 0.05}}
@@ -41,13 +41,13 @@ from ikservo.planning.reports import GraspResult, JointMoveResult, MoveResult
 from ikservo.planning.tool_orientation import KEEP_BEST_EFFORT, ToolOrientation, check_orientation
 
 SPEEDS = ("slow", "normal", "fast")
-"""The speed classes of every arm file."""
+"""The speed classes in every arm file."""
 
 R = TypeVar("R")
 Point = tuple[float, float, float]
 
 THINK_S = 3.0
-"""Default time for the search for a path around things [s]."""
+"""Default time to search for a path around obstacles [s]."""
 
 _MAX_WAIT_S = 3600.0
 _PLAIN = (str, bool, float, tuple)
@@ -129,9 +129,9 @@ class MotionValue(Generic[R]):
     """Base of all kinds of motions; ``R`` is the type of the result.
 
     Attributes:
-        kind: The name of its kind in JSON and TOML, such as ``move_to``.
-        starts_at_tip: Whether its path begins where the tip is, so that a folded arm cannot unfold
-            first.
+        kind: The name of the kind in JSON and TOML, such as ``move_to``.
+        starts_at_tip: Whether the path begins at the present tip, so that a folded arm cannot
+            unfold first.
     """
 
     kind: ClassVar[str]
@@ -150,11 +150,11 @@ class MotionValue(Generic[R]):
 
     @property
     def has_speed(self) -> bool:
-        """Whether it has a speed class."""
+        """Whether the motion has a speed class."""
         return hasattr(self, "speed")
 
     def with_speed(self, speed: str) -> MotionValue[R]:
-        """Return the motion at a speed class (slow, normal, fast); unchanged if it has none."""
+        """Return the motion at a speed class (slow, normal, fast), if it has one."""
         return replace(self, speed=speed) if self.has_speed else self  # pyright: ignore[reportCallIssue]
 
     def _check(self) -> None:
@@ -167,22 +167,24 @@ class MotionValue(Generic[R]):
 
 @cache
 def _parsers_of(kind: type[MotionValue[Any]]) -> Mapping[str, Callable[[object], object]]:
-    """Return the field checks of a kind of motion, which are written with the field types."""
+    """Return the parsers of a motion's fields, which are part of the field types."""
     hints = get_type_hints(kind, include_extras=True)
     names = [each.name for each in fields(cast("Any", kind))]
     return {name: _parser_of(f"{kind.__name__}.{name}", name, hints[name]) for name in names}
 
 
 def _parser_of(place: str, name: str, hint: Any) -> Callable[[object], object]:  # noqa: ANN401
-    """Return the check of a field: that of ``Annotated[type, parse]``, or one of its plain type.
+    """Return the parser of a field, from ``Annotated[type, parse]`` or for its plain type.
 
     Raises:
-        TypeError: The type has no check.
+        TypeError: The type has no parser.
     """
     if hasattr(hint, "__metadata__"):
         return hint.__metadata__[0]
     if hint not in (bool, int, float, str):
-        raise TypeError(f"{place} needs a type with a check, such as Annotated[list, parse].")
+        raise TypeError(
+            f"{place} needs an annotated type with a parser, such as Annotated[list, parse]."
+        )
 
     def parse(value: object) -> object:
         accepted = (int, float) if hint is float else hint
@@ -195,20 +197,20 @@ def _parser_of(place: str, name: str, hint: Any) -> Callable[[object], object]: 
 
 @dataclass(frozen=True)
 class MoveTo(MotionValue[MoveResult]):
-    """The tip moves to a point on the fastest path of the joints.
+    """Motion of the tip to a point, on the fastest path of the joints.
 
     Attributes:
         position_m: The point (3,), metres, base frame.
         speed: The speed class of the arm file: slow, normal or fast. The first motion after torque
             comes on is slow.
-        stance: The orientation of the tool at the end. By default the arm keeps the present one as
-            well as it can.
-        straight: Whether the joints must move straight; otherwise they go around obstacles.
+        stance: The orientation of the tool at the end. By default, the arm keeps the present
+            orientation as well as it can.
+        straight: Whether the joints must move straight; otherwise, they may move around obstacles.
         within: The constraint of the tool during the whole motion.
-        think_s: Time after which the search for a path around things gives up, s. If it is longer
-            than ``THINK_S``, the rest is used to shorten the path.
-        replan: Whether the arm continues on another path if an obstacle comes into its path. It
-            stops before the obstacle in any case.
+        think_s: Time after which the search for a path around obstacles gives up, s. If it is
+            longer than ``THINK_S``, the rest is used to shorten the path.
+        replan: Whether the arm continues on another path if an obstacle enters its path. It stops
+            before the obstacle in any case.
     """
 
     position_m: TargetPoint
@@ -226,13 +228,13 @@ class MoveTo(MotionValue[MoveResult]):
 
 @dataclass(frozen=True)
 class MoveLine(MotionValue[MoveResult]):
-    """The tip moves to a point on a straight line; the tool turns evenly along it.
+    """Motion of the tip to a point on a straight line, along which the tool turns evenly.
 
     Attributes:
         position_m: The point (3,), metres, base frame.
-        tool_speed_m_s: The speed of the tip, constant except for the ramps at both ends, as far as
-            the joints and the speed class (0.1, 0.25 or 0.5 m/s) allow; the plan's ``tool_speed``
-            tells what is reached. None: the fastest.
+        tool_speed_m_s: The speed of the tip, constant except for the ramps at both ends, if the
+            joints and the speed class (0.1, 0.25 or 0.5 m/s) allow it; the plan's ``tool_speed``
+            has the speed that is reached. None: as fast as possible.
         speed: See ``MoveTo``.
         stance: See ``MoveTo``.
         within: See ``MoveTo``.
@@ -255,14 +257,14 @@ class MoveLine(MotionValue[MoveResult]):
 
 @dataclass(frozen=True)
 class MoveArc(MotionValue[MoveResult]):
-    """The tip moves on an arc from its position: through a point to an end, or about a centre.
+    """Motion of the tip on an arc: through a point to an end, or about a centre.
 
     Attributes:
         via_m: A point (3,) [m] that the arc passes.
-        end_m: Its end (3,) [m].
+        end_m: The end (3,) [m] of the arc.
         full_circle: Whether the circle through the tip, the via point and the end is closed.
         center_m: The centre (3,) [m] of the arc, instead of a via point and an end.
-        normal: The direction (3,) of its axis; seen against it the arc is counter-clockwise.
+        normal: The direction (3,) of the arc's axis; seen against it, the arc is counter-clockwise.
         angle_rad: The angle of the arc, negative for clockwise.
         tool_speed_m_s: See ``MoveLine``.
         speed: See ``MoveTo``.
@@ -270,7 +272,7 @@ class MoveArc(MotionValue[MoveResult]):
         within: See ``MoveTo``.
 
     Raises:
-        BadValueError: Neither a via point with an end nor a centre is given, or both.
+        BadValueError: Neither or both of these are given: a via point with an end, or a centre.
     """
 
     starts_at_tip = True
@@ -318,13 +320,13 @@ class MoveArc(MotionValue[MoveResult]):
 
 @dataclass(frozen=True)
 class MoveThrough(MotionValue[MoveResult]):
-    """The tip moves through points without a stop, and rests at the last one.
+    """Motion of the tip through points without stopping; it rests at the last one.
 
     Attributes:
         points_m: The points (k, 3), metres, base frame.
-        blend_m: Distance within which the tip passes each point but the last.
+        blend_m: Distance within which the tip passes each point except the last.
         line: Whether the tip moves on straight lines; otherwise the joints do.
-        tool_speed_m_s: See ``MoveLine``; on lines only.
+        tool_speed_m_s: See ``MoveLine``; only on lines.
         speed: See ``MoveTo``.
         stance: See ``MoveTo``; at the last point.
         within: See ``MoveTo``.
@@ -363,12 +365,12 @@ class MoveThrough(MotionValue[MoveResult]):
 
 @dataclass(frozen=True)
 class Draw(MotionValue[MoveResult]):
-    """The tip moves along strokes, lifted between them.
+    """Motion of the tip along strokes, lifted between them.
 
     Attributes:
         strokes_m: The points (k, 3) of each stroke, metres, base frame.
-        lift_m: The height of the tip above the strokes before the first, between two and after the
-            last.
+        lift_m: The height of the tip above the drawing before the first stroke, between strokes,
+            and after the last.
         tool_speed_m_s: See ``MoveLine``; along a stroke.
         speed: See ``MoveTo``.
         stance: See ``MoveTo``.
@@ -395,12 +397,12 @@ class Draw(MotionValue[MoveResult]):
 
 
 TipMotion = MoveTo | MoveLine | MoveArc | MoveThrough | Draw
-"""Motions of the tip. A motion with ``path_from`` needs nothing else for planning."""
+"""The motions of the tip. A motion with ``path_from`` needs nothing else for planning."""
 
 
 @dataclass(frozen=True)
 class MoveJoints(MotionValue[JointMoveResult]):
-    """Some joints move, the others stay.
+    """Motion of some joints; the others stay.
 
     Attributes:
         positions: The goals by joint, rad or m.
@@ -438,10 +440,10 @@ class MoveJoints(MotionValue[JointMoveResult]):
 
 @dataclass(frozen=True)
 class MovePose(MotionValue[JointMoveResult]):
-    """The joints move to a pose, clamped to the limits.
+    """Motion of the joints to a pose that is clamped to the limits.
 
     Attributes:
-        name: The name of a pose of the arm file, or of a taught pose.
+        name: The name of a pose in the arm file, or of a taught pose.
         speed: See ``MoveTo``.
         straight: See ``MoveTo``.
         within: See ``MoveTo``.
@@ -463,12 +465,12 @@ class MovePose(MotionValue[JointMoveResult]):
 
 @dataclass(frozen=True)
 class MoveToRest(MotionValue[JointMoveResult]):
-    """The joints move slowly to the rest pose, through another pose if necessary."""
+    """Slow motion of the joints to the rest pose, through another pose if necessary."""
 
 
 @dataclass(frozen=True)
 class LookAt(MotionValue[JointMoveResult]):
-    """The tool axis turns to a point; the tip may move: for cameras and pan-tilts.
+    """Motion that points the tool axis at a point, for cameras and pan-tilts; the tip may move.
 
     Attributes:
         point_m: The point (3,), metres, base frame.
@@ -485,18 +487,18 @@ class LookAt(MotionValue[JointMoveResult]):
 
 @dataclass(frozen=True)
 class Lower(MotionValue[JointMoveResult]):
-    """The joints move slowly to the rest pose, or as far towards it as the path is free."""
+    """Slow motion of the joints to the rest pose, or towards it as far as the path is free."""
 
 
 @dataclass(frozen=True)
 class MoveGripper(MotionValue[GraspResult]):
-    """The jaws open, close, or move to a width; they stop at an object and hold it.
+    """Motion that opens or closes the jaws or moves them to a width; they stop at an object.
 
     Attributes:
         to: open or close; None if a width is given.
         width_m: The distance between the jaws, metres.
-        force: Fraction of the servo's torque that it may use, up to 1; None: 0.3. The minimum
-            overcomes the friction of its gears: 0.05, for a 7.4 V STS3215 0.1.
+        force: Fraction of its torque that the servo may use, up to 1; None: 0.3. The minimum
+            overcomes the friction of the gears: 0.05, or 0.1 for a 7.4 V STS3215.
     """
 
     to: Annotated[str | None, _choice("motion of the gripper", ("open", "close"))] = None
@@ -514,10 +516,10 @@ class MoveGripper(MotionValue[GraspResult]):
 
 @dataclass(frozen=True)
 class Wait(MotionValue[None]):
-    """The arm holds for a time.
+    """Wait during which the arm holds.
 
     Attributes:
-        duration_s: Duration, above 0 and at most an hour.
+        duration_s: The duration in seconds, above 0 and at most an hour.
     """
 
     duration_s: Annotated[float, _number("The wait")]
@@ -536,7 +538,7 @@ KINDS: Mapping[str, type[MotionValue[Any]]] = {
         TipMotion | (MoveJoints | MovePose | LookAt | MoveToRest | Lower | MoveGripper | Wait)
     )
 }
-"""The kinds of motions of the core, by their names in JSON and TOML."""
+"""The kinds of motions in the core, by their names in JSON and TOML."""
 
 
 def motion_names() -> list[str]:
@@ -545,7 +547,7 @@ def motion_names() -> list[str]:
 
 
 def motion_kind(name: str) -> type[MotionValue[Any]]:
-    """Return the kind of motion of a name.
+    """Return the kind of motion with a name.
 
     Raises:
         UnknownNameError: There is no such kind.
@@ -618,7 +620,7 @@ def _shorten(value: object) -> str:
 
 
 def _from_fields(what: str, kind: Callable[..., object], given: object) -> object:
-    """Return a dataclass from its fields as JSON values."""
+    """Make a dataclass from its fields as JSON values."""
     if not isinstance(given, Mapping):
         raise BadValueError(what, _shorten(given), "a table of its fields")
     values = in_american(cast("Mapping[str, object]", given))
@@ -640,7 +642,7 @@ def _from_fields(what: str, kind: Callable[..., object], given: object) -> objec
 
 
 def in_american(given: Mapping[str, R]) -> dict[str, R]:
-    """Return fields or options by their names, which may also be given in British spelling."""
+    """Return fields or options by their American names; British spelling is also accepted."""
     return {"center_m" if name == "centre_m" else name: value for name, value in given.items()}
 
 
@@ -649,7 +651,7 @@ _NESTED: Mapping[str, Callable[..., object]] = {
     "posture": Posture,
     "within": PathConstraint,
 }
-"""The fields that are dataclasses."""
+"""The fields whose values are dataclasses."""
 
 
 def _format_point(point_m: ArrayLike) -> str:

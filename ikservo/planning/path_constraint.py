@@ -1,4 +1,4 @@
-"""Constraints on the tool during a whole motion: its tilt, and the place of the tip."""
+"""Constraints on the tool during a whole motion: its tilt and the position of the tip."""
 
 from __future__ import annotations
 
@@ -34,12 +34,12 @@ class PathConstraint:
     """Constraints on the tool from the start of a motion to its end; none by default.
 
     Attributes:
-        upright_rad: The largest tilt of the axis that points up in the gripper at the start, such
-            as a cup's: its angle to the vertical. Rotation about the vertical is free.
+        upright_rad: The largest angle to the vertical of the axis that points up in the gripper at
+            the start, such as the axis of a cup. Rotation about the vertical is free.
         axis: A direction (3,), base frame, near which the tool axis stays.
         axis_rad: The largest angle between the two.
         low_m: The lowest corner (3,) of a box in which the tip stays.
-        high_m: Its highest corner (3,).
+        high_m: The highest corner (3,) of the box.
         above_m: A point (3,) of a plane above which the tip stays.
         normal: The direction (3,) that counts as above the plane.
 
@@ -70,7 +70,7 @@ class PathConstraint:
         if self.above_m is not None:
             self._set_vector("above_m", "The point of the plane")
         if (self.low_m is None) != (self.high_m is None):
-            raise BadValueError("The box of the tip", "given by one corner", "both corners")
+            raise BadValueError("The box of the tip", "given by only one corner", "both corners")
         if self.low_m is not None:
             low, high = (self._set_vector(n, "A corner of the box") for n in ("low_m", "high_m"))
             if not (low < high).all():
@@ -93,12 +93,12 @@ class PathConstraint:
 
 
 UNCONSTRAINED = PathConstraint()
-"""No constraint."""
+"""The absence of a constraint."""
 
 
 @dataclass(frozen=True, slots=True)
 class _ToolLimit:
-    """A limit of one angle [rad] or distance [m], and the words for its violation."""
+    """A limit on one angle [rad] or distance [m], and the text for its violation."""
 
     words: str
     unit: str
@@ -108,7 +108,7 @@ class _ToolLimit:
     world: Vector  # angle: the direction (3,); distance: a point of the plane
 
     def row(self, excess: float) -> Vector:
-        """Return the limit relaxed by an excess (8,); see ``tool_limits``."""
+        """Return the limit, relaxed by an excess, as a row (8,); see ``tool_limits``."""
         most = self.most + excess
         if self.unit == "°":
             return np.array([1.0, 2.0 * math.sin(0.5 * most), *self.body, *self.world])
@@ -175,13 +175,13 @@ class ConstrainedTool:
         return found
 
     def check(self, path: Matrix) -> tuple[str, ...]:
-        """Check joints (n, dof) along a path, straight between two of them.
+        """Check joints (n, dof) along a path that is straight between samples.
 
         Returns:
-            The used part of each limit, as text.
+            The part of each limit that is used, as text.
 
         Raises:
-            ConstraintError: A limit is exceeded; the message says how far and where.
+            ConstraintError: A limit is exceeded; the message says by how much and where.
         """
         fractions, excess = refine_path(path, self.excess, self._unresolved_intervals)
         at, worst = np.unravel_index(np.argmax(excess), excess.shape)
@@ -207,11 +207,11 @@ class ConstrainedTool:
         """Find joints (dof,) nearby that are well inside the limits.
 
         Args:
-            joints: The joints (dof,) to start from.
+            joints: The joints (dof,) from which to start.
             target_m: The required position of the tip (3,); None if it is free.
 
         Returns:
-            None if there are none.
+            The joints; None if there are none.
         """
         q, point_m = joints.copy(), np.zeros(3) if target_m is None else target_m
         aims = target_m is not None

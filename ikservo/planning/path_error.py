@@ -1,4 +1,4 @@
-"""Path error of a Cartesian motion: measured tip against the commanded path."""
+"""Path error of a Cartesian motion: measured tip compared with the commanded path."""
 
 from __future__ import annotations
 
@@ -24,8 +24,8 @@ class PathDeviation:
     """The distance of the measured tip from the commanded path, over a motion's control cycles.
 
     Attributes:
-        rms_m: Root mean square.
-        max_m: Largest distance.
+        rms_m: The root mean square distance.
+        max_m: The largest distance.
     """
 
     rms_m: float
@@ -38,7 +38,7 @@ class PathRecorder:
 
     Args:
         trajectory: The motion of all joints.
-        cartesian_s: Time, up to its end, for which the tip follows the path; 0 for none.
+        cartesian_s: Time at the end of the motion in which the tip follows the path; 0 for none.
     """
 
     trajectory: Trajectory
@@ -74,8 +74,8 @@ def path_deviations_m(measured: tuple[Vector, Matrix], commanded: tuple[Vector, 
     """Compute the distances (k,) [m] of measured points from a commanded path.
 
     The distance is to the nearest point of the part of the path that was commanded from one second
-    before the measurement: lagging along the path is not a path error, as in ISO 9283, and on a
-    path that crosses itself the other branch does not count.
+    before the measurement: as in ISO 9283, a lag along the path is not a path error, and on a path
+    that crosses itself, the other branch does not count.
 
     Args:
         measured: Times (k,) [s] and points (k, 3) [m].

@@ -1,4 +1,4 @@
-"""Plans motions of one arm: to a point, along a line, through points, of single joints."""
+"""Plan motions of one arm: to a point, along a line, through points, or of single joints."""
 
 from __future__ import annotations
 
@@ -94,16 +94,16 @@ class PointGoal:
     stance: ToolOrientation
 
     def reached_by(self, plan: MotionPlan) -> MotionPlan:
-        """Return a plan that ends here, with its target and the tool's orientation set."""
+        """Return a plan that ends here, with the target and the tool's orientation filled in."""
         return _with_target(plan, self.target, self.solved, self.stance)
 
 
 class Planner:
-    """Plans motions of one arm; pure, it reads no servo.
+    """Plans motions of one arm without side effects; reads no servo.
 
     Args:
         model: The arm's model.
-        chain: Base to tool inside this arm's limits.
+        chain: The joints from base to tool, inside this arm's limits.
         index: The joints in the order of the vectors (n,) of plans.
     """
 
@@ -128,7 +128,8 @@ class Planner:
         """Plan a motion of the tip from the joints ``start`` (n,) to a point (3,) [m].
 
         Raises:
-            UnreachableError: No joints inside the limits reach it; carries the nearest point.
+            UnreachableError: No joints inside the limits reach the point; the error has the nearest
+                one.
             OrientationError: The tool cannot have the requested orientation there.
             BadValueError: The point is not three finite numbers.
             UnknownNameError: There is no such speed.
@@ -148,7 +149,7 @@ class Planner:
         stance: ToolOrientation = KEEP_BEST_EFFORT,
         tool_speed_m_s: float | None = None,
     ) -> MotionPlan:
-        """Plan straight lines of the tip through points (k, 3) [m], their corners rounded.
+        """Plan straight lines of the tip through points (k, 3) [m], with rounded corners.
 
         See ``plan_path``.
 
@@ -184,7 +185,9 @@ class Planner:
         """
         if stance.posture is not None:
             raise BadValueError(
-                "The tool orientation on a line", "given as a posture", "an orientation or nothing"
+                "The tool orientation on a line",
+                "given as a preferred posture",
+                "an orientation or nothing",
             )
         start = self._clip_to_limits(start)
         q = self._index.chain_joints(start)
@@ -209,7 +212,7 @@ class Planner:
                 raise BadValueError(
                     "The speed of the tool",
                     f"{tool_speed_m_s:g} m/s",
-                    "a speed at which the motion takes an hour at most",
+                    "a speed at which the motion takes at most an hour",
                 )
             plan = replace(plan, tool_speed=self._tool_speed(plan, tool_speed_m_s))
         return _with_target(plan, target, OrientationSolution(solution, error_rad), stance)
@@ -222,7 +225,7 @@ class Planner:
         blend_m: float,
         stance: ToolOrientation = KEEP_BEST_EFFORT,
     ) -> MotionPlan:
-        """Plan a motion of the joints that passes points (k, 3) [m] without a stop.
+        """Plan a motion of the joints that passes points (k, 3) [m] without stopping.
 
         Raises:
             UnreachableError: A point is out of reach.
@@ -247,7 +250,7 @@ class Planner:
     def plan_along(
         self, start: Vector, points: Sequence[Vector], speed: str, blend: float
     ) -> MotionPlan:
-        """Plan a motion of the joints through points (n,), their corners rounded; rests at the end.
+        """Plan a motion of the joints through points (n,), with rounded corners and a final rest.
 
         Args:
             start: All joints.
@@ -259,7 +262,7 @@ class Planner:
         return self._make_plan(start, trajectory, speed)
 
     def constrained_tool(self, within: PathConstraint, start: Vector) -> ConstrainedTool | None:
-        """Return the tool with a constraint from joints (n,) on; None without a constraint."""
+        """Return the tool, constrained from joints (n,) on; None without a constraint."""
         if not within.constrains:
             return None
         q = self._index.chain_joints(start)
@@ -271,7 +274,7 @@ class Planner:
         """Check the tool's constraint along a trajectory; return how much of it is used.
 
         Raises:
-            ConstraintError: The constraint is violated; the message says how far and where.
+            ConstraintError: The constraint is violated; the message says by how much and where.
         """
         tool = self.constrained_tool(within, trajectory.state(0.0).position)
         if tool is None:
@@ -290,8 +293,8 @@ class Planner:
         If ``tool`` is constrained, the solutions are inside its limits.
 
         Returns:
-            Distinct solutions: first the one found from ``start`` (n,), then by their distance;
-            empty if there is none.
+            Distinct solutions: first the one found from ``start`` (n,), then the others by
+            distance; empty if there is none.
         """
         target, q0 = Target(position_m), self._index.chain_joints(start)
         if stance.keep:
@@ -325,7 +328,7 @@ class Planner:
     def plan_to_joints(
         self, start: Vector, positions: Mapping[str, float], speed: str
     ) -> MotionPlan:
-        """Plan a motion of some joints, each to its position in rad (m for a prismatic one).
+        """Plan a motion of some joints to positions in rad (m for a prismatic joint).
 
         Raises:
             BadValueError: No joint is named, or a position is not finite.
@@ -344,7 +347,7 @@ class Planner:
         """Plan a motion after which the tool axis points at a point (3,) [m].
 
         Raises:
-            AimError: No joints inside the limits were found that point at it.
+            AimError: No joints inside the limits that point at the point were found.
         """
         from ikservo.ik.sight import solve_sight  # noqa: PLC0415  # few motions aim
 
@@ -367,7 +370,7 @@ class Planner:
         )
 
     def dynamic_load_factor(self, speed: str) -> float:
-        """Compute the load in multiples of the arm's weight while it brakes at a speed class."""
+        """Compute the load while braking at a speed class, in multiples of the arm's weight."""
         reach_m = max(
             float(np.linalg.norm(self._chain.forward(self._model.chain_pose(pose))[:2, 3]))
             for pose in self._model.poses
@@ -378,13 +381,14 @@ class Planner:
         """Return all joints (n,) with the tip at a point (3,) [m], near the joints ``start`` (n,).
 
         Raises:
-            UnreachableError: No joints inside the limits reach it; carries the nearest point.
+            UnreachableError: No joints inside the limits reach the point; the error has the nearest
+                one.
         """
         solved = self._solve_orientation(start, Target(point_m), KEEP_BEST_EFFORT)
         return self._index.with_chain(start, solved.solution.q)
 
     def path_start(self, start: Vector) -> Vector:
-        """Compute the tip (3,) [m] where a path begins for the joints ``start`` (n,).
+        """Compute the tip (3,) [m] at which a path from the joints ``start`` (n,) begins.
 
         Joints of the chain that are outside their limits start at the limit.
         """
@@ -408,9 +412,9 @@ class Planner:
         return float(np.linalg.norm(log_so3(R_b @ R_a.T)))
 
     def motion_limits(self, speed: str) -> list[KinematicLimits]:
-        """Return the kinematic limits of each joint; a slide moves as fast as its horn turns it.
+        """Return the kinematic limits of each joint; those of a slide follow from its horn.
 
-        A joint's speed is limited, whatever the speed class, so that it travels at most
+        In every speed class, the speed of a joint is limited so that it travels at most
         ``guard.MAX_TRAVEL_RAD`` after the last goal.
 
         Raises:
@@ -447,7 +451,7 @@ class Planner:
         return solved if solved.solution.reached else None
 
     def _clip_to_limits(self, joints: Vector) -> Vector:
-        """Return all joints (n,) with those of the chain inside its limits."""
+        """Return all joints (n,), with the chain's joints clipped to its limits."""
         return self._index.with_chain(joints, self._chain.clip(self._index.chain_joints(joints)))
 
     def _follow_under_load(
@@ -465,7 +469,8 @@ class Planner:
         See ``CartesianTrajectory`` for ``q``, ``path``, ``tool_speed_m_s``, ``end``, ``strict``.
 
         Raises:
-            CartesianPathError: The path cannot be followed; the message says if load is the cause.
+            CartesianPathError: The path cannot be followed; the message says whether load is the
+                cause.
         """
         limits = self.motion_limits(speed)
 
@@ -536,7 +541,7 @@ class Planner:
 def _with_target(
     plan: MotionPlan, target: Target, solved: OrientationSolution, stance: ToolOrientation
 ) -> MotionPlan:
-    """Return the plan with its target and the tool's orientation there."""
+    """Return the plan with its target and the tool's orientation at the target."""
     return replace(
         plan,
         target_m=target.position,

@@ -47,18 +47,18 @@ class _PoseFile(StrictModel):
 
 
 class PoseLibrary:
-    """The poses of one arm: those of its arm file, and the taught poses.
+    """The poses of one arm: from its arm file, and taught poses.
 
     Args:
         model: The arm.
-        usb_serial_number: The serial number of its adapter; empty if there is none.
+        usb_serial_number: The serial number of the adapter; empty if there is none.
     """
 
     def __init__(self, model: Model, usb_serial_number: str) -> None:
         self._model, self.path = model, pose_path(model.name, usb_serial_number)
 
     def __repr__(self) -> str:
-        """Show the names of the poses of the arm file."""
+        """Show the names of the poses in the arm file."""
         return f"Poses({', '.join(self._model.poses)}; taught ones: taught())"
 
     def get_pose(self, name: str) -> Positions:
@@ -78,7 +78,7 @@ class PoseLibrary:
         return known[name]
 
     def all_poses(self) -> dict[str, Positions]:
-        """Return every pose by name, the arm file's first.
+        """Return all poses by name, those of the arm file first.
 
         Raises:
             FileFormatError: The file of the taught poses is malformed.
@@ -89,7 +89,8 @@ class PoseLibrary:
         """Return the taught poses by name.
 
         Raises:
-            FileFormatError: Their file is malformed, another arm's, or does not fit the joints.
+            FileFormatError: The file is malformed, belongs to another arm, or does not fit the
+                joints.
         """
         if not self.path.exists():
             return {}
@@ -102,10 +103,10 @@ class PoseLibrary:
         return {name: self._positions_of(name, pose) for name, pose in read.poses.items()}
 
     def check_name(self, name: str) -> str:
-        """Check that a pose can be taught under a name, and return it.
+        """Check that a pose can be taught under a name; return the name.
 
         Raises:
-            BadValueError: The name is malformed, or that of a pose of the arm file.
+            BadValueError: The name is malformed, or belongs to a pose in the arm file.
         """
         if not isinstance(cast("object", name), str) or not _NAME.fullmatch(name):
             raise BadValueError("The name of the pose", shown(name), _EXPECTED_NAME)
@@ -116,7 +117,7 @@ class PoseLibrary:
         return name
 
     def save(self, name: str, positions: Positions) -> Path:
-        """Save a pose, replacing one of that name; return the file.
+        """Save a pose, replacing any pose with that name; return the file.
 
         Args:
             name: See ``check_name``.
@@ -124,8 +125,8 @@ class PoseLibrary:
 
         Raises:
             BadValueError: The name cannot be used.
-            FileFormatError: The file is malformed; it is left as it is.
-            FileWriteError: The disk is full or not writable; the file is left as it is.
+            FileFormatError: The file is malformed, and stays unchanged.
+            FileWriteError: The disk is full or not writable; the file stays unchanged.
         """
         poses = {**self.user_poses(), self.check_name(name): positions}
         tables = {name: self._pose_tables(pose) for name, pose in sorted(poses.items())}
@@ -175,12 +176,12 @@ def teach(
 
 
 def pose_path(arm: str, usb_serial_number: str) -> Path:
-    """Return the path of an arm's taught poses: ``poses/so101-58FA083.toml``."""
+    """Return the path of an arm's taught poses, such as ``poses/so101-58FA083.toml``."""
     return config_dir() / "poses" / calibration_path(arm, usb_serial_number).name
 
 
 def known_pose_names(model: Model) -> list[str]:
-    """Return the names of an arm's poses with any adapter, for completion."""
+    """Return the names of an arm's poses on all adapters, for completion."""
     stems = [path.stem for path in pose_path(model.name, "").parent.glob("*.toml")]
     own = [stem for stem in stems if stem == model.name or stem.startswith(f"{model.name}-")]
     taught = [

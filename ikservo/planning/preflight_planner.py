@@ -1,4 +1,4 @@
-"""Plans checked before they run: from the start position, within limits, free of collisions."""
+"""Make plans and check them before they run: start position, limits and collisions."""
 
 from __future__ import annotations
 
@@ -68,7 +68,7 @@ _STEPS_UP_M = (0.0, 0.03, 0.06, 0.1)
 
 
 class MotionStart(Protocol):
-    """Start of a motion, and its allowed speed; ``MotionRunner`` knows the present ones."""
+    """The start of a motion and its allowed speed; ``MotionRunner`` knows the present ones."""
 
     def start_position(self) -> Vector:
         """Return the start (n,), rad or m."""
@@ -84,11 +84,11 @@ class MotionStart(Protocol):
 
 
 class PlannedStart:
-    """Start of a motion that is only planned so far.
+    """The start of a motion that is only being planned.
 
     Args:
         joints: All joints (n,).
-        allowed: The speed class in which it would run; empty uses that of the motion.
+        allowed: The speed class in which the motion would run; empty for the motion's own.
     """
 
     def __init__(self, joints: Vector, allowed: str = "") -> None:
@@ -134,7 +134,7 @@ class _MotionRequest:
 
 
 class PreflightPlanner:
-    """Plans the motions of an arm and checks their paths; moves nothing.
+    """Plans the motions of an arm and checks their paths without moving it.
 
     Args:
         context: The arm.
@@ -149,9 +149,9 @@ class PreflightPlanner:
     def plan(self, motion: MotionValue[Any]) -> MotionPlan:
         """Plan a motion of the tip or of joints from the start position and check its path.
 
-        It uses the present things around the arm, even if they change meanwhile. A folded arm
-        touches itself on nearly every path: it leaves that contact first, unless the motion starts
-        at the tip.
+        The plan uses the present things around the arm, even if they change meanwhile. A folded arm
+        touches itself on nearly every path, so it leaves that contact first, unless the motion
+        starts at the tip.
 
         Raises:
             UnreachableError: A point is out of reach; nothing has moved.
@@ -159,7 +159,8 @@ class PreflightPlanner:
                 violate a constraint.
             StoppedError: The arm was stopped meanwhile.
             CalibrationError: The arm is not calibrated.
-            BadValueError: The motion has no plan: it is not of the tip or of joints.
+            BadValueError: The motion has no plan, because it is not a motion of the tip or of
+                joints.
         """
         since_s = perf_counter()
         with self._servos.stop_request.requested():
@@ -219,7 +220,7 @@ class PreflightPlanner:
             raise
 
     def _plan_to_point(self, request: _MotionRequest, motion: MoveTo) -> MotionPlan:
-        """Plan a motion to a point; if that is impossible, name a point that is accepted."""
+        """Plan a motion to a point; if that is impossible, name a point that would be accepted."""
         try:
             return self._plan_tip(request)
         except OrientationError:
@@ -290,7 +291,7 @@ class PreflightPlanner:
         return replace(plan, requested=goals)
 
     def _ask_about_degrees(self, goals: Mapping[str, float]) -> str:
-        """Return a hint if goals in radians are outside the limits but inside them as degrees."""
+        """Return a hint if goals are outside the limits as radians but inside them as degrees."""
         driven_joints = {driven.joint: driven for driven in self._servos.driven_joints}
         for name, goal in goals.items():
             lower, upper = (
@@ -382,7 +383,7 @@ class PreflightPlanner:
         return clamp_pose("rest", rest, self._servos.driven_joints, start)
 
     def plan_from_held(self, motion: MotionValue[Any]) -> MotionPlan:
-        """Plan from where the arm holds, because a limp arm may sink before its torque is on."""
+        """Plan from where the arm holds, because a limp arm may sink before torque-on."""
         plan = self.plan(motion)
         if self._servos.torque.is_on:
             return plan
@@ -395,7 +396,7 @@ class PreflightPlanner:
 
         Args:
             request: The motion.
-            direct: Its direct plan; None makes it here.
+            direct: The direct plan of the motion; None makes it here.
 
         Raises:
             RefusedError: The arm would touch itself, the table or a box, or violate a constraint.
@@ -419,7 +420,8 @@ class PreflightPlanner:
     ) -> Iterator[MotionPlan]:
         """Yield free plans instead of a direct one: around obstacles, or out of a contact.
 
-        An arm that touches something leaves it first. The error says what else can be done.
+        An arm that touches something leaves the contact first. The error says what else can be
+        done.
         """
         touches = request.arm.clearance_m(request.start) < 0.0
         blocked = error if isinstance(error, BlockedError) else None
@@ -443,7 +445,7 @@ class PreflightPlanner:
     ) -> Iterator[MotionPlan]:
         """Yield free plans of the joints around the obstacle on the straight path.
 
-        For a line the error says that the joints can go around, if they can.
+        For a line, the error says whether the joints can move around the obstacle.
         """
         motion, start, think_s = request.motion, request.start, request.think_s
         if isinstance(motion, MoveTo | MoveJoints):
@@ -482,7 +484,7 @@ class PreflightPlanner:
     def _ways_around(
         self, request: _MotionRequest, goals: Matrix, is_over: Callable[[], bool]
     ) -> Iterator[MotionPlan]:
-        """Yield plans around things to one of the goals (m, n), the best first, until time is up.
+        """Yield plans around obstacles to one of the goals (m, n), best first, until time is up.
 
         An arm that touches something leaves that contact first.
         """
@@ -505,7 +507,7 @@ class PreflightPlanner:
                     yield plan if first is None else self._join(first, plan, "")
 
     def _exits(self, request: _MotionRequest, load_factor: float) -> Iterator[MotionPlan]:
-        """Yield short motions with free paths from a contact to postures where nothing touches."""
+        """Yield short motions, with free paths, from a contact to postures without contact."""
         arm, start, allowed = request.arm, request.start, request.allowed
         if not arm.is_in_contact(start, load_factor, 0.0):
             return
@@ -520,7 +522,7 @@ class PreflightPlanner:
                 yield self._check_clear(leaving, self._plan_directly(leaving))
 
     def _ways_out(self, request: _MotionRequest) -> Iterator[tuple[str, MotionPlan]]:
-        """Yield motions out of a contact, and the retract poses where they end ("" for none).
+        """Yield motions out of a contact, with their final retract poses ("" for none).
 
         The first one moves only as far as needed to touch nothing.
         """
@@ -575,8 +577,8 @@ def plan_motion(
     Raises:
         UnreachableError: A point is out of reach.
         OrientationError: The tool cannot have the requested orientation there.
-        AimError: The tip cannot point at the point.
-        BadValueError: Its path cannot be made from this start.
+        AimError: The tool cannot point at the point.
+        BadValueError: The path of the motion cannot be made from this start.
     """
     match motion:
         case MoveTo():

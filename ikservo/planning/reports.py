@@ -1,4 +1,4 @@
-"""Results as values: arm state, progress and result of a motion, sampled trajectories."""
+"""Results as values: the state of an arm, and progress and result of a motion."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from ikservo.kinematics.arrays import Matrix, Vector, freeze_arrays
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ArmState:
-    """The measured state of the arm: as a tuple of joints, as arrays, and by joint name.
+    """The measured state of the arm as a tuple of joints, as arrays, and by joint name.
 
     Arrays have one element per joint, (n,), in the order of ``names``; rad, or m for prismatic
     joints. ``state["elbow_flex"]`` is the state of one joint.
 
     Attributes:
         tip_m: The tip (3,), metres, base frame.
-        joints: Base to tip, gripper last.
+        joints: The joints from base to tip, the gripper last.
         orientation: The orientation of the tool, R_base_tip (3, 3); NaN if it is unknown.
     """
 
@@ -56,7 +56,7 @@ class ArmState:
 
     @property
     def positions(self) -> dict[str, float]:
-        """Measured positions by joint, rad or m, as ``move_joints`` takes them."""
+        """The measured positions by joint, rad or m, in the form that ``move_joints`` accepts."""
         return {joint.name: joint.position_rad for joint in self.joints}
 
     @property
@@ -81,12 +81,12 @@ class ArmState:
 
     @property
     def voltages_v(self) -> Vector:
-        """Supply voltages of the servos (n,), V."""
+        """The supply voltages of the servos (n,), V."""
         return np.array([joint.voltage_v for joint in self.joints])
 
     @property
     def loads_percent(self) -> Vector:
-        """Loads of the servos (n,), see ``JointState``; NaN if a servo has none."""
+        """The loads of the servos (n,); see ``JointState``. NaN if a servo does not report it."""
         loads = (joint.load_percent for joint in self.joints)
         return np.array([np.nan if load is None else load for load in loads])
 
@@ -101,7 +101,7 @@ class ArmState:
         return f"tip {format_point(self.tip_m)}; {positions}; {describe_torque(self.joints)}"
 
     def __repr__(self) -> str:
-        """Show the tip and the positions; the rest is in ``joints``."""
+        """Show the tip and the positions; ``joints`` has the rest."""
         positions = ", ".join(f"{name}: {at:.4f}" for name, at in self.positions.items())
         tip = ", ".join(f"{x:z.4f}" for x in self.tip_m)
         return f"ArmState(tip_m=({tip}), positions={{{positions}}})"
@@ -112,11 +112,11 @@ class MotionProgress:
     """The state of a motion in one control cycle.
 
     Attributes:
-        elapsed_s: Time of the motion; behind the clock if it was slowed down.
+        elapsed_s: The time of the motion, which is behind the clock if the motion was slowed down.
         duration_s: The duration of the whole motion; infinite for a motion that continues until it
             is ended.
         tip_m: The measured tip (3,), metres, base frame.
-        joints_rad: The measured joints (n,), rad or m; without a reply, as last measured.
+        joints_rad: The measured joints (n,), rad or m; without a reply, the last measurement.
         setpoints_rad: The setpoints of the joints (n,); the servos' goals lead them by the effect
             of load and friction.
         names: The joints, in the order of the arrays.
@@ -144,7 +144,7 @@ OnProgress = Callable[[MotionProgress], None]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MoveResult:
-    """Report of a motion to a point.
+    """Report on a motion to a point.
 
     Attributes:
         target_m: The requested point (3,), metres, base frame.
@@ -156,7 +156,7 @@ class MoveResult:
         binding: The active limits of the solution, and the joints that did not arrive.
         orientation_error_rad: The largest angle between the tool and its requested orientation.
         motion_s: Time from the first goal to the planned end of the motion.
-        settling_s: Time from there until every joint had settled.
+        settling_s: Time from the planned end until every joint had settled.
         orientation_requested: Whether an orientation of the tool was requested.
         orientation_change_rad: The angle between the tool's orientations at start and end.
         path_error_rms_m: The distance of the measured tip from the commanded path, root mean square
@@ -184,18 +184,18 @@ class MoveResult:
         freeze_arrays(self)
 
     def __str__(self) -> str:
-        """Show the error and the duration; ``repr`` shows all."""
+        """Show the error and the duration; ``repr`` shows all fields."""
         off = f"{1e3 * self.error_m:.1f} mm off {format_point(self.target_m)}"
         return _ended(self.reached, off, self.duration_s, self.binding)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class JointMoveResult:
-    """Report of a motion of joints; rad, or m for prismatic joints.
+    """Report on a motion of joints; rad, or m for prismatic joints.
 
     Attributes:
         goal_rad: The goals of the joints that were named.
-        measured_rad: Their measured positions.
+        measured_rad: The measured positions of these joints.
         measured_tip_m: The tip at the measured joints (3,).
         error_rad: The largest error of a joint.
         duration_s: Time from the first goal to rest.
@@ -215,24 +215,24 @@ class JointMoveResult:
         freeze_arrays(self)
 
     def __str__(self) -> str:
-        """Show the error and the duration; ``repr`` shows all."""
+        """Show the error and the duration; ``repr`` shows all fields."""
         off = f"{', '.join(self.goal_rad)} at most {self.error_rad:.4f} off"
         return _ended(self.reached, off, self.duration_s, self.binding)
 
 
 @dataclass(frozen=True, slots=True)
 class GraspResult:
-    """Report of a motion of the gripper.
+    """Report on a motion of the gripper.
 
     Attributes:
-        grasped: Whether the closing jaws were blocked before their goal for half a second, mostly
+        grasped: Whether the closing jaws were blocked before their goal for half a second, usually
             by an object between them. Jaws whose friction exceeds their force look the same to the
-            servo: try more force if that is possible.
-        reached: Whether they are at their goal.
+            servo; in that case, try more force.
+        reached: Whether the jaws are at their goal.
         position_rad: The position of the gripper's joint, rad or m.
         width_m: The distance between the jaws; None if the arm file has no widths.
-        load_percent: The servo's load, in percent of its torque or current.
-        force: The fraction of its torque that it may use.
+        load_percent: The load of the servo, in percent of its torque or current.
+        force: The fraction of its torque that the servo may use.
         duration_s: The duration of the motion.
     """
 
@@ -245,7 +245,7 @@ class GraspResult:
     duration_s: float
 
     def __str__(self) -> str:
-        """Show whether something is grasped, and where; ``repr`` shows all."""
+        """Show whether something is grasped, and where; ``repr`` shows all fields."""
         at = f"{self.position_rad:.3f}" if self.width_m is None else f"{1e3 * self.width_m:.1f} mm"
         return (
             f"{'grasped' if self.grasped else 'nothing grasped'} at {at}; {self.duration_s:.1f} s"
@@ -254,13 +254,13 @@ class GraspResult:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ReplayResult:
-    """Report of the replay of a recording.
+    """Report on the replay of a recording.
 
     Attributes:
-        samples: The number of its samples.
+        samples: The number of samples in the recording.
         duration_s: The duration of the replay.
-        slowdown: The factor by which it was slower than recorded, because the recording exceeded
-            the limits.
+        slowdown: The factor by which the replay was slower than the recording, because the
+            recording exceeded the limits.
         error_rad: The largest error of a joint at the last sample, rad or m.
         measured_rad: The joints at the end, rad or m by name.
         measured_tip_m: The tip at the end (3,), metres.
@@ -277,7 +277,7 @@ class ReplayResult:
         freeze_arrays(self)
 
     def __str__(self) -> str:
-        """Show the length and the error; ``repr`` shows all."""
+        """Show the length and the error; ``repr`` shows all fields."""
         slower = f", {self.slowdown:.1f} times slower than recorded" if self.slowdown > 1 else ""
         return (
             f"{self.samples} samples in {self.duration_s:.1f} s{slower}; error {self.error_rad:.4f}"
@@ -290,7 +290,7 @@ def _ended(reached: bool, off: str, duration_s: float, binding: Sequence[str]) -
 
 
 def describe_alarms(states: Sequence[JointState]) -> list[tuple[str, str]]:
-    """Group the servos that report alarms: the names and the alarms of each group."""
+    """Group the servos that report alarms; return the names and the alarms of each group."""
     by_alarms: dict[str, list[str]] = {}
     for state in states:
         by_alarms.setdefault(", ".join(state.alarms), []).append(state.name)
@@ -298,7 +298,7 @@ def describe_alarms(states: Sequence[JointState]) -> list[tuple[str, str]]:
 
 
 def describe_torque(states: Sequence[JointState]) -> str:
-    """Return ``torque stays on``, or the servos that are limp."""
+    """Return the text ``torque stays on``, or which servos are limp."""
     limp = [state.name for state in states if not state.torque]
     if not limp:
         return "torque stays on"
@@ -309,18 +309,18 @@ def describe_torque(states: Sequence[JointState]) -> str:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FollowResult:
-    """Report of how the arm followed a stream of targets.
+    """Report on how the arm followed a stream of targets.
 
     Attributes:
         setpoints: The number of targets.
-        unreached: The number of targets that were out of reach; the arm went as near as it could.
-        refused: The number that the guard refused; the arm kept the previous one.
-        reason: Reason why the guard refused the last of them.
-        ended: Reason of its end: the end of the stream, or a time-out.
+        unreached: The number of targets out of reach; the arm moved as close to them as it could.
+        refused: The number of targets that the guard refused; the arm kept the previous one.
+        reason: The reason for the last refusal.
+        ended: The reason for the end: the end of the stream, or a time-out.
         measured_rad: The joints at the end, corrected, rad or m by name.
         measured_tip_m: The tip at the end (3,), metres.
         duration_s: Time from the first target to rest, including the correction.
-        warnings: The warnings during the motion: heat, or a servo that soon protects itself.
+        warnings: The warnings during the motion: heat, or a servo that will soon protect itself.
     """
 
     setpoints: int
@@ -339,11 +339,12 @@ class FollowResult:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class JogResult:
-    """Report of a jog.
+    """Report on a jog.
 
     Attributes:
-        ended: The reason: no longer requested, a limit, or the message of the guard.
-        blocked: Whether it cannot continue in this direction: a limit or the guard ended it.
+        ended: The reason for the end: no longer requested, a limit, or the message of the guard.
+        blocked: Whether the jog cannot continue in this direction because a limit or the guard
+            ended it.
         measured_rad: The joints at the end, rad or m by name.
         measured_tip_m: The tip at the end (3,), metres.
         duration_s: The duration of the jog.

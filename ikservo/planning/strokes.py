@@ -1,4 +1,4 @@
-"""Plans drawings: strokes of the tip at a constant speed, and the paths above them in between."""
+"""Plan drawings: strokes of the tip at a constant speed, and the lifted paths between them."""
 
 from __future__ import annotations
 
@@ -29,8 +29,8 @@ _SAME_POINT_M = 1e-6  # a point nearer to the previous point of its stroke is le
 def plan_drawing(planner: Planner, drawing: Draw, start: Vector, speed: str) -> MotionPlan:
     """Plan a whole drawing from the joints ``start`` (n,).
 
-    The joints move to above the first point; the tip goes down, along each stroke, up, and above
-    the next one, and ends above the last point.
+    The joints move the tip above the first point; the tip then moves down, along the stroke, up,
+    and above the next stroke, and ends above the last point.
 
     Raises:
         UnreachableError: A point is out of reach; the first one and its stroke are named.
@@ -86,7 +86,7 @@ def _stroke_path(stroke: Matrix) -> BlendedPath:
 
 
 def _join(plans: Sequence[MotionPlan]) -> MotionPlan:
-    """Join plans, each of which starts where the previous one ends, into one."""
+    """Join plans, each of which starts where the previous one ends, into one plan."""
     trajectory = plans[0].trajectory
     for plan in plans[1:]:
         trajectory = ConcatenatedTrajectory(trajectory, plan.trajectory)

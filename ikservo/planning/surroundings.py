@@ -1,4 +1,4 @@
-"""The surroundings of an arm: things, and other arms, of which one moves at a time."""
+"""The surroundings of an arm: things and other arms; only one arm moves at a time."""
 
 from __future__ import annotations
 
@@ -55,19 +55,19 @@ class Turn:
 
 
 def other_moves(name: str) -> RefusedError:
-    """Return the error of an arm that must not move because the named arm is moving."""
+    """Return the error for an arm that must not move because the named arm is moving."""
     return RefusedError(
         f"{name}, which is in reach, is moving.",
-        "Only one of the two arms may move at a time. Wait until it is at rest.",
+        "Only one of the two arms may move at a time. Wait until the other arm is at rest.",
     )
 
 
 class AnotherArm(Protocol):
-    """Another arm that an arm can reach."""
+    """Another arm within reach of an arm."""
 
     @property
     def name(self) -> str:
-        """Name for messages."""
+        """The name for messages."""
         ...
 
     @property
@@ -89,8 +89,8 @@ class Surroundings:
     """The present surroundings of an arm.
 
     Attributes:
-        checker: Checks paths; a change replaces it, and leaves checkers that are in use unchanged.
-            None if paths are not checked.
+        checker: Checks paths; None if paths are not checked. A change replaces it and leaves
+            checkers that are in use unchanged.
         others: The other arms in reach.
         contacts: The pairs of the checker, and their depths when the arm came into contact
             (pairs,), as negative distances [m], -inf for no contact; None: not known.
@@ -106,7 +106,7 @@ class Surroundings:
     _lock: RLock = field(default_factory=RLock, repr=False)
 
     def place(self, body: CollisionBody, things: Sequence[Obstacle], sag: Sag | None) -> None:
-        """Put the arm's body among things; other arms keep their last seen position."""
+        """Put the arm's body among things; other arms keep their last measured position."""
         with self._lock:
             self._body, self._things, self._sag = body, tuple(things), sag
             self._put_among(self._seen)
@@ -121,7 +121,7 @@ class Surroundings:
         return self.contacts[1]
 
     def note_contacts(self, q: Vector) -> None:
-        """Record new contacts of an arm at rest (dof,), and contacts that have ended."""
+        """Record new contacts of an arm at rest at joints (dof,), and contacts that have ended."""
         if self.checker is not None:
             gap_m, known_m = self.checker.distances(q[None])[0], self.contacts_began_m()
             began_m = gap_m if known_m is None else np.where(np.isinf(known_m), gap_m, known_m)

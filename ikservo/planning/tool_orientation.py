@@ -1,4 +1,4 @@
-"""The tool orientation of a motion, and joint positions that have it at a point."""
+"""The tool orientation of a motion, and solutions for the joints that have it at a point."""
 
 from __future__ import annotations
 
@@ -24,19 +24,20 @@ from ikservo.motion.path import ArmPlane
 class ToolOrientation:
     """A constraint on the tool's orientation; none by default.
 
-    Without a constraint the tool keeps its orientation as well as the arm can: arms with six joints
-    the complete orientation; arms with four or five its pitch, then its roll, in the plane that
-    their first joint rotates. A constraint must be met within half a degree, or within
-    ``within_rad``, which is used up only if something is in the way.
+    Without a constraint, the tool keeps its orientation as well as the arm can: arms with six
+    joints keep the complete orientation; arms with four or five joints keep pitch, then roll, in
+    the plane that their first joint rotates. A constraint must be met within half a degree, or
+    within ``within_rad``, which is used up only if something is in the way.
 
     Attributes:
         pitch_rad: The angle of the tool axis above the horizontal: -π/2 is straight down.
-        roll_rad: The rotation about the tool axis, clockwise from behind the tool; 0 is level.
-        direction: The direction of the tool axis (3,), base frame, any length.
+        roll_rad: The rotation about the tool axis, clockwise as seen from behind the tool; 0 is
+            level.
+        direction: The direction of the tool axis (3,), base frame, of any length.
         keep: Whether the complete orientation of the start is kept in the base frame.
-        posture: Preferred joint positions instead, if the point leaves freedom (lecture L10).
+        posture: Preferred joint positions instead, if the point leaves a choice (lecture L10).
         orientation: The complete orientation R_base_tip (3, 3). An arm with fewer than six joints
-            reaches it at few points only.
+            reaches it at only a few points.
         within_rad: The largest deviation of the tool from the pitch, roll, direction or
             orientation.
 
@@ -110,11 +111,11 @@ class ToolOrientation:
 
     @property
     def tolerance_rad(self) -> float:
-        """Largest deviation of the tool from the requested orientation."""
+        """The largest accepted deviation of the tool from the requested orientation."""
         return ORIENTATION_TOLERANCE_RAD if self.within_rad is None else self.within_rad
 
     def varied(self, random: np.random.Generator) -> ToolOrientation:
-        """Return a random orientation within the tolerance; the same one without a tolerance."""
+        """Return a random orientation within the tolerance, or this one without a tolerance."""
         if self.within_rad is None:
             return self
         most, axis = self.within_rad, random.normal(size=3)
@@ -145,11 +146,11 @@ class ToolOrientation:
 
 
 KEEP_BEST_EFFORT = ToolOrientation()
-"""No constraint."""
+"""The absence of a constraint."""
 
 
 def check_orientation(stance: object, orientation: ArrayLike | None = None) -> ToolOrientation:
-    """Check the constraint; a complete orientation (3, 3) may be given instead.
+    """Check and return the constraint; a complete orientation (3, 3) may be given instead.
 
     Raises:
         BadValueError: The value is not a ``ToolOrientation``, or both are given.
@@ -173,7 +174,7 @@ class OrientationSolution:
     """Joints for a point, and the orientation error of the tool there.
 
     Attributes:
-        solution: The solver's result; ``reached`` and its error are those of the position.
+        solution: The solver's result; ``reached`` and its error refer to the position.
         error_rad: The angle between the tool and its requested orientation.
     """
 
@@ -221,7 +222,7 @@ class OrientationSolver:
         self._first = chain.forward(start)[:3, :3]
 
     def candidates(self, plain: Result) -> Iterator[OrientationSolution]:
-        """Yield solutions, those near the unconstrained one first."""
+        """Yield solutions, starting with those near the unconstrained one."""
         whole = self._target_rotation()
         if whole is not None:
             yield from self._solve_target(whole, plain.q)
@@ -243,7 +244,7 @@ class OrientationSolver:
         return Target((0.0, 0.0, 0.0), orientation=self._stance.orientation).rotation
 
     def evaluate(self, solution: Result) -> OrientationSolution:
-        """Evaluate the largest angle of the tool to the requested orientation in a solution."""
+        """Compute the largest angle between tool and requested orientation in a solution."""
         R, stance, errors = self._tool_rotation(solution.q), self._stance, [0.0]
         if stance.pitch_rad is not None:
             errors.append(abs(self._tool.pitch_rad(R) - stance.pitch_rad))
@@ -284,7 +285,7 @@ class OrientationSolver:
         )
 
     def _describe_orientation(self, q: Vector) -> str:
-        """Describe the tool's orientation at joints (dof,), in the terms of a constraint."""
+        """Describe the tool's orientation at joints (dof,) in terms of the constraint."""
         R = self._tool_rotation(q)
         roll_rad = self._tool.roll_rad(R, self._outward_rad(q))
         x, y, z = (R @ self._tool.approach_axis).tolist()
@@ -358,20 +359,20 @@ class OrientationSolver:
 def solve_with_orientation(
     chain: Chain, tool: ToolFrame, target: Target, stance: ToolOrientation, start: Vector
 ) -> OrientationSolution:
-    """Solve joints for a point: the position exactly, then the orientation as well as possible.
+    """Solve for the joints at a point: position exactly, then orientation as well as possible.
 
     Args:
         chain: The arm.
-        tool: Its axes.
+        tool: The axes of the tool.
         target: The point.
         stance: The requested orientation.
-        start: The present joints (dof,): the start, and the orientation to keep.
+        start: The present joints (dof,), which define the start and the orientation to keep.
 
     Returns:
         The solution; if ``solution.reached`` is false, the point is out of reach.
 
     Raises:
-        OrientationError: The error of a requested orientation is more than its tolerance.
+        OrientationError: The error of a requested orientation exceeds its tolerance.
     """
     plain = solve(chain, target, start, posture=stance.posture)
     if not plain.reached or stance.posture is not None:

@@ -1,4 +1,4 @@
-"""Tool speed of a Cartesian motion: the requested speed, and what the joints allow."""
+"""Tool speed of a Cartesian motion: the requested speed, and the speed that joints allow."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ _MIN_SAMPLES = 200  # fewest samples of a motion
 _MAX_SAMPLES = 20_000  # most samples of a motion
 # Speeds that differ by less are equal, because even slight corners are passed slower.
 _SAME = 0.02
-_SHORT_OR_BENT = "acceleration and jerk of the joints, on a path so short or bent"
+_SHORT_OR_BENT = "acceleration and jerk of the joints on a path this short or curved"
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,8 +25,8 @@ class ToolSpeed:
     Attributes:
         requested_m_s: The constant speed that was requested.
         top_m_s: The highest speed of the motion.
-        slowest_m_s: The lowest speed between the first and the last instant at the requested speed;
-            the highest speed if that is never reached.
+        slowest_m_s: The lowest speed between the first and last instants at the requested speed;
+            the highest speed if the requested one is never reached.
         limited_by: The limit that keeps the tool from the requested speed.
     """
 
@@ -41,7 +41,7 @@ class ToolSpeed:
         return self.slowest_m_s >= (1.0 - _SAME) * self.requested_m_s
 
     def with_reasons(self, joints: tuple[str, ...], speed: str, cap_m_s: float) -> ToolSpeed:
-        """Return the speed with its limiting reasons, if it is not as requested.
+        """Return the speed, with the reasons why it is limited if it is not as requested.
 
         Args:
             joints: The joints at their top speed or acceleration.
@@ -65,7 +65,7 @@ class ToolSpeed:
         why = f" ({', '.join(self.limited_by)})" if self.limited_by else ""
         if self.top_m_s < (1.0 - _SAME) * self.requested_m_s:
             return f"not {requested}: {top} at most{why}"
-        return f"{requested}, but only {slowest} at the slowest place of the path{why}"
+        return f"{requested}, but only {slowest} at the slowest point of the path{why}"
 
 
 def sample_times_s(trajectory: Trajectory) -> list[float]:

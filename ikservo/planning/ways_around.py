@@ -14,10 +14,10 @@ from ikservo.planning.context import ArmContext
 from ikservo.planning.path_constraint import ConstrainedTool
 
 BLENDS_RAD = (0.3, 0.1, 0.03, 0.01, 0.003)
-"""Distances before a corner at which joints may begin to turn, the roundest path first [rad]."""
+"""Distances before a corner at which joints may begin to turn, the largest first [rad]."""
 
 MARGINS_M = (0.01, 0.003, 0.0003)
-"""Distances that paths keep from everything, the largest first [m]."""
+"""Clearances of paths from all obstacles, the largest first [m]."""
 
 _EFFORT = 1000  # postures to check for a distance before the next one; doubles in each round
 _WIDE_EFFORT = 500  # the same for the largest distance: if it can be kept, a path is found soon
@@ -50,7 +50,7 @@ def ways_around(
         takes_time: Whether a path is shortened until the search must end.
 
     Yields:
-        Paths with smaller and smaller distances, until the search ends.
+        Paths with decreasing clearance, until the search ends.
 
     Raises:
         StoppedError: The arm was stopped meanwhile.

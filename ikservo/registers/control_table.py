@@ -1,4 +1,4 @@
-"""Control tables: facts of a servo model, register names shared by all families, alarms."""
+"""Control tables of servo models, register names common to all families, and alarms."""
 
 from __future__ import annotations
 
@@ -17,18 +17,18 @@ class Alarm(StrEnum):
     ENCODER = "position sensor fault"
     HEAT = "too hot"
     CURRENT = "too much current"
-    SHOCK = "electrical shock or too little power for the motor"
+    SHOCK = "electrical shock or insufficient motor power"
     OVERLOAD = "overload"
     UNKNOWN = "hardware alert, see its error register"
 
 
 def decode_alarms(bits: int, meaning: Mapping[int, Alarm]) -> frozenset[Alarm]:
-    """Decode the alarms that a status byte reports.
+    """Decode the alarms in a status byte.
 
     Args:
-        bits: The byte as the servo gives it.
-        meaning: The alarm of each bit number, from the servo's table. A bit that the datasheet does
-            not name is reported as ``Alarm.UNKNOWN``.
+        bits: The byte as sent by the servo.
+        meaning: The alarm for each bit number, from the servo's table. A bit that the data sheet
+            does not name is reported as ``Alarm.UNKNOWN``.
     """
     if not bits:
         return frozenset()
@@ -37,7 +37,7 @@ def decode_alarms(bits: int, meaning: Mapping[int, Alarm]) -> frozenset[Alarm]:
 
 
 class Family(StrEnum):
-    """Protocol family of a servo; the value is the one in arm.toml."""
+    """The protocol family of a servo; the value is the name in arm.toml."""
 
     FEETECH_STS = "feetech_sts"
     FEETECH_SCS = "feetech_scs"
@@ -66,7 +66,7 @@ class FeetechMode(IntEnum):
 
 
 class RegisterName(StrEnum):
-    """Registers that most families have, whatever their vendors call them.
+    """Common names for registers that most families have under different vendor names.
 
     ``bus.read(3, RegisterName.PRESENT_VOLTAGE)`` finds ``present_voltage`` in a Feetech servo and
     ``present_input_voltage`` in a Dynamixel.
@@ -110,15 +110,15 @@ class ControlTable:
         alarm_bits: The meaning of each bit of the alarm register.
         eeprom_lock: The register that must be 0 for EEPROM writes to be stored, if the family has
             one that can be unlocked again.
-        position_modes: Numbers of the operating mode that hold a position, the one of a single
-            turn first; empty for a family without such a register.
+        position_modes: Numbers of the operating modes that hold a position, single-turn mode first;
+            empty for a family without such a register.
         fine_speed_bit: Bit of the register ``phase`` that makes a count of speed 1 tick/s instead
             of 50; 0 if the unit is fixed.
         bulk_read: Whether the model supports bulk read; only used for protocol 1.0.
         missing: Register names that the model does not have.
-        lacks: Rows of its series that the model does not have, by their vendor's names.
+        lacks: Rows of the series that the model does not have, by their vendor names.
         non_idempotent: Raw writes that must not be repeated after a lost reply, as (name, number).
-        registers: Every register by its vendor's name, by address.
+        registers: Every register by its vendor name, ordered by address.
     """
 
     model_name: ClassVar[str] = ""
@@ -161,7 +161,7 @@ class ControlTable:
     alarms: ClassVar[Register]
 
     def __init_subclass__(cls) -> None:
-        """List the registers of the table: the rows of its series, replaced by its own rows."""
+        """Collect the registers: the rows of the series, overridden by the table's own rows."""
         rows = [entry for each in reversed(cls.__mro__) for entry in vars(each).values()]
         own = (row for row in rows if isinstance(row, Register) and row.name not in cls.lacks)
         merged = {row.name: row for row in own}
@@ -169,7 +169,7 @@ class ControlTable:
 
     @classmethod
     def find(cls, ref: Register | RegisterName) -> Register:
-        """Find this model's register by name, or by another model's register of the same name.
+        """Find this model's register by name or by the same register of another model.
 
         Raises:
             UnknownNameError: This model has no such register.

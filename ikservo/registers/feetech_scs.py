@@ -1,6 +1,6 @@
 """Feetech SCS servos, big-endian, with a potentiometer (SCSCL memory table; SCS15 manual 1.02).
 
-The numbers of SCS15 and SCS225 and the rows of the second series are those of Feetech's program
+The model numbers of SCS15 and SCS225 and the rows of the second series come from Feetech's program
 FD 1.9.8.
 """
 

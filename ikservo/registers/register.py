@@ -1,4 +1,4 @@
-"""One register of a control table: address, access, unit, and the encoding of its number."""
+"""A register of a control table: address, access, unit, and encoding of its number."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ class Codec(Protocol):
         ...
 
     def span(self, size: int) -> tuple[int, int]:
-        """Return the lowest and the highest number that a word of ``size`` bytes can encode."""
+        """Return the lowest and highest numbers that a word of ``size`` bytes can encode."""
         ...
 
 
 @dataclass(frozen=True, slots=True)
 class Unsigned:
-    """The word is the number."""
+    """Encoding in which the word is the number."""
 
     def to_word(self, number: int, size: int) -> int:
         """Return the number itself."""
@@ -38,31 +38,31 @@ class Unsigned:
         return word
 
     def span(self, size: int) -> tuple[int, int]:
-        """Return 0 and all bits set."""
+        """Return 0 and the number with all bits set."""
         return 0, (1 << 8 * size) - 1
 
 
 @dataclass(frozen=True, slots=True)
 class TwosComplement:
-    """Dynamixel protocol 2.0: the highest bit of the word has negative weight."""
+    """Encoding of Dynamixel protocol 2.0, in which the highest bit has negative weight."""
 
     def to_word(self, number: int, size: int) -> int:
         """Compute the number modulo the word's span."""
         return number & (1 << 8 * size) - 1
 
     def to_number(self, word: int, size: int) -> int:
-        """Compute the word, less its span if the highest bit is set."""
+        """Compute the number: the word, minus its span if the highest bit is set."""
         return word - (1 << 8 * size) if word >> 8 * size - 1 else word
 
     def span(self, size: int) -> tuple[int, int]:
-        """Return the lowest and the highest two's complement number."""
+        """Return the lowest and highest two's complement numbers."""
         half = 1 << 8 * size - 1
         return -half, half - 1
 
 
 @dataclass(frozen=True, slots=True)
 class SignMagnitude:
-    """Feetech: one bit is the direction, the bits below it are the magnitude.
+    """Encoding of Feetech, in which one bit is the direction and the bits below the magnitude.
 
     Attributes:
         bit: The number of the direction bit; it differs from register to register.
@@ -71,11 +71,11 @@ class SignMagnitude:
     bit: int
 
     def to_word(self, number: int, size: int) -> int:
-        """Compute the magnitude, with the direction bit if the number is negative."""
+        """Compute the word: the magnitude, with the direction bit if the number is negative."""
         return 1 << self.bit | -number if number < 0 else number
 
     def to_number(self, word: int, size: int) -> int:
-        """Compute the bits below the direction bit, negated if that bit is set."""
+        """Compute the number: the bits below the direction bit, negated if that bit is set."""
         magnitude = word & (1 << self.bit) - 1
         return -magnitude if word >> self.bit & 1 else magnitude
 
@@ -96,7 +96,7 @@ class Access(Enum):
 
 
 class Area(Enum):
-    """Whether a register survives loss of power."""
+    """The memory area of a register, which decides whether it survives loss of power."""
 
     EEPROM = "EEPROM"
     RAM = "RAM"
@@ -104,24 +104,24 @@ class Area(Enum):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Register:
-    """A row of the datasheet's control table.
+    """A row of the control table in the data sheet.
 
-    Its content has three notations: ``bytes`` as on the line, ``raw`` the signed integer of the
-    datasheet (ticks, tenths of a volt), ``value`` the quantity in the register's unit. Each row
-    equals only itself.
+    The content has three notations: ``bytes`` as on the line; ``raw``, the signed integer in the
+    data sheet (ticks, tenths of a volt); and ``value``, the quantity in the register's unit. Each
+    row equals only itself.
 
     Attributes:
-        address: First byte.
+        address: The address of the first byte.
         size: Number of bytes.
         codec: The encoding of the number.
         unit: The quantity of one count.
-        access: Whether it can be written.
+        access: Whether the register can be written.
         area: EEPROM or RAM.
         lower: Lowest raw number that may be written; by default the lowest possible.
         upper: Highest raw number that may be written.
         name: The vendor's English name in snake_case, taken from the table's attribute.
-        byte_order: Taken from the table of the register.
-        range: The lowest and the highest raw number that may be written.
+        byte_order: The byte order, taken from the table of the register.
+        range: The lowest and highest raw numbers that may be written.
     """
 
     address: int
@@ -155,12 +155,12 @@ class Register:
 
     @property
     def is_writable(self) -> bool:
-        """Whether it can be written."""
+        """Whether the register can be written."""
         return self.access is Access.RW
 
     @property
     def steady(self) -> bool:
-        """Whether it changes only when it is written, so that two readings must agree."""
+        """Whether the register changes only when it is written, so that two readings must agree."""
         return self.access is Access.RW or self.area is Area.EEPROM
 
     def encode(self, raw: int) -> bytes:

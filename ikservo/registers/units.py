@@ -1,4 +1,4 @@
-"""Quantity of one count of a register, in SI units."""
+"""The quantity of one count of a register, in SI units."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ class Unit:
     """A scale from a register's integer to a quantity.
 
     Attributes:
-        symbol: The unit of the quantity, or empty for a plain number.
+        symbol: The unit of the quantity; empty for a plain number.
         step: The quantity of one count, or ``None`` for a plain number.
     """
 

@@ -1,1 +1,1 @@
-"""Messages of ROS 2 without ROS: types, encoding, and the messages of an arm."""
+"""ROS 2 messages without ROS: types, encoding, and the messages of an arm."""

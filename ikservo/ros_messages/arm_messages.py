@@ -1,4 +1,4 @@
-"""The state of an arm as messages of ROS 2: joints, goals, link poses, health, description."""
+"""The state of an arm as ROS 2 messages: joints, goals, link poses, health, description."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from ikservo.ros_messages.message_types import encode, make
 
 @dataclass(frozen=True, slots=True)
 class Topic:
-    """A topic.
+    """A ROS 2 topic.
 
     Attributes:
         name: Name with its leading slash.
@@ -39,11 +39,11 @@ DESCRIPTION = Topic("/robot_description", "std_msgs/msg/String", latched=True)
 
 @dataclass(frozen=True, slots=True)
 class RosMessage:
-    """A message, encoded.
+    """An encoded ROS 2 message.
 
     Attributes:
         topic: The topic of the message.
-        time_ns: Time of its content, nanoseconds since 1970.
+        time_ns: Time of the content, nanoseconds since 1970.
         data: The encoded message, CDR.
     """
 
@@ -60,7 +60,7 @@ class ArmMessages:
 
     Args:
         model: The arm.
-        chain: Its own chain, calibrated.
+        chain: The calibrated chain of the arm.
     """
 
     def __init__(self, model: Model, chain: Chain) -> None:
@@ -70,15 +70,15 @@ class ArmMessages:
         self._servo_ids = {joint.name: joint.servo.id for joint in model.joints}
 
     def joint_states(self, time_ns: int, positions: Mapping[str, float]) -> RosMessage:
-        """Return measured positions, rad or m by joint."""
+        """Return the message with measured positions, rad or m by joint."""
         return self._joints(JOINT_STATES, time_ns, positions)
 
     def goal(self, time_ns: int, positions: Mapping[str, float]) -> RosMessage:
-        """Return the servos' goals, rad or m by joint."""
+        """Return the message with the servos' goals, rad or m by joint."""
         return self._joints(GOAL, time_ns, positions)
 
     def transforms(self, time_ns: int, positions: Mapping[str, float]) -> RosMessage:
-        """Return the poses of all links in their parents at positions of all joints."""
+        """Return the message with link poses in their parents, at positions of all joints."""
         T = self._transforms.poses(np.array([positions[name] for name in self._names]))
         turned = quaternions(T[:, :3, :3]).tolist()
         rows = [
@@ -105,7 +105,7 @@ class ArmMessages:
         stopped_for: str = "",
         warning: str = "",
     ) -> RosMessage:
-        """Return the health of the arm and of each servo."""
+        """Return the message with the health of the arm and of each servo."""
         own = self._status(
             self._model.name, self._model.title,
             _ERROR if stopped_for else _WARN if warning else _OK,
@@ -116,7 +116,7 @@ class ArmMessages:
         return _message(DIAGNOSTICS, time_ns, header=_header(time_ns), status=status)
 
     def description(self, time_ns: int, urdf: str) -> RosMessage:
-        """Return the URDF."""
+        """Return the message with the URDF."""
         return _message(DESCRIPTION, time_ns, data=urdf)
 
     def _joints(self, topic: Topic, time_ns: int, positions: Mapping[str, float]) -> RosMessage:

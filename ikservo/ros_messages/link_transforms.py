@@ -12,7 +12,7 @@ from ikservo.kinematics.joints import ChainJoint
 
 
 class LinkTransforms:
-    """Computes the pose of every link but the base in its parent.
+    """Computes the pose of every link except the base in its parent.
 
     Args:
         chain: The arm.
@@ -31,14 +31,15 @@ class LinkTransforms:
         self.links = tuple((step.joint.parent, step.joint.child) for step in self._steps)
 
     def poses(self, positions: Vector) -> Matrix:
-        """Return T_parent_link (k, 4, 4) at positions (n,), rad or m; the jaws move, too."""
+        """Return T_parent_link (k, 4, 4) at positions (n,), rad or m, including the jaws."""
         return np.array([step.joint.origin @ step.motion(positions) for step in self._steps])
 
 
 def _column_of_all(step: ChainJoint, chain: Chain, names: Sequence[str]) -> ChainJoint:
     """Return a joint that takes its value from the vector of all joints.
 
-    This includes a joint beside the path to the tip, which the chain holds still, such as a jaw.
+    This also holds for a joint beside the path to the tip, such as a jaw, which the chain does not
+    move.
     """
     joint = step.joint
     if step.scale:
@@ -54,8 +55,8 @@ def _column_of_all(step: ChainJoint, chain: Chain, names: Sequence[str]) -> Chai
 def quaternions(R: Matrix) -> Matrix:
     """Return x, y, z, w (k, 4) of rotations (k, 3, 3), w >= 0.
 
-    It is the eigenvector of the largest eigenvalue of a symmetric matrix that is built from the
-    elements of R, and is exact for every angle.
+    The quaternion is the eigenvector for the largest eigenvalue of a symmetric matrix built from
+    the elements of R, and is exact for every angle.
 
     Source: I. Y. Bar-Itzhack, New method for extracting the quaternion from a rotation matrix,
     J. Guidance, Control, and Dynamics 23 (2000).

@@ -1,4 +1,4 @@
-"""Messages of ROS 2: their types, their encoding as CDR, the hashes of their definitions."""
+"""ROS 2 messages: types, encoding as CDR, and hashes of their definitions."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def _store() -> Typestore:
 
 
 def make(kind: str, **fields: Any) -> Any:  # noqa: ANN401  # classes that rosbags generates
-    """Make a message of a type, as in ``sensor_msgs/msg/JointState``.
+    """Make a message of a type such as ``sensor_msgs/msg/JointState``.
 
     Raises:
         IkservoError: rosbags is not installed.
@@ -50,7 +50,7 @@ def encode(kind: str, message: object) -> bytes:
 
 
 def decode(kind: str, data: bytes) -> Any:  # noqa: ANN401
-    """Decode the message in CDR.
+    """Decode a message from CDR.
 
     Bytes after its last field are ignored, because ROS 2's ``serialize_message`` leaves some there,
     up to 16 per point of a trajectory.
@@ -72,7 +72,7 @@ def decode(kind: str, data: bytes) -> Any:  # noqa: ANN401
 
 @cache
 def definition(kind: str) -> str:
-    """Return the definition of a message with all referenced ones, as in recordings."""
+    """Return the definition of a message with all referenced definitions, as in recordings."""
     return _store().generate_msgdef(kind, ros_version=2)[0]
 
 

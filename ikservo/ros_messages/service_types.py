@@ -1,6 +1,6 @@
-"""Types of ROS 2 Jazzy that rosbags does not know: services, and the action of trajectories.
+"""Types of ROS 2 Jazzy that rosbags does not know: services and the trajectory action.
 
-For its hash, a service is described as a message of request, response and event, and an action as
+For its hash, a service is described as a message with request, response and event, and an action as
 two services and a message that contain the goal's id.
 """
 

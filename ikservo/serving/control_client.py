@@ -1,7 +1,7 @@
 """Commands to the control server of an open arm, and their messages.
 
-A request contains no pickle, code or file name: only a command of a fixed list, and a secret if the
-socket has no permissions.
+A request contains no pickle, code or file name, only a command from a fixed list, and a secret if
+the socket has no permissions.
 
 ``ikservo stop`` imports this module and nothing larger: no NumPy, pydantic or pyserial, because
 importing them takes longer than an arm brakes.
@@ -36,7 +36,7 @@ _KEYS = {"schema", "do", "secret"}
 
 
 class ControlCommand(StrEnum):
-    """The commands of other processes."""
+    """The commands that other processes may send."""
 
     STOP = "stop"
     WHERE = "where"
@@ -46,11 +46,11 @@ class ControlCommand(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Request:
-    """A request of another process.
+    """A request from another process.
 
     Attributes:
         do: The command.
-        secret: Proves that it is the same user, if the socket has no permissions.
+        secret: Proves that the client is the same user if the socket has no permissions.
     """
 
     do: ControlCommand
@@ -63,7 +63,7 @@ def encode_request(request: Request) -> bytes:
 
 
 def decode_request(line: bytes) -> Request:
-    """Decode the request in a line.
+    """Decode a request from a line.
 
     Raises:
         InputError: The line is too long, not JSON, or not a request of this schema.
@@ -120,9 +120,9 @@ class StopResult:
     """The outcome of stopping an arm.
 
     Attributes:
-        arm: Its name.
-        port: Its port.
-        moving: Whether another program was moving it.
+        arm: The name of the arm.
+        port: The port of the arm.
+        moving: Whether another program was moving the arm.
         held: The joints that hold.
         limp: Joints without torque; nothing was changed there.
         silent: Joints that did not reply.
@@ -142,7 +142,7 @@ class StopResult:
         """Return the outcome in the reply to a stop, without ``result_json``, which loads slowly.
 
         Raises:
-            IkservoError: The reply is of another version.
+            IkservoError: The reply is from another version.
         """
         match cast("Any", result):
             case {
@@ -165,8 +165,8 @@ class StopAllResult:
     """The outcome of stopping several arms.
 
     Attributes:
-        stopped: The arms that have confirmed it.
-        errors: Errors of arms that could not be stopped, or did not confirm it.
+        stopped: The arms that have confirmed the stop.
+        errors: Errors for arms that could not be stopped or did not confirm the stop.
     """
 
     stopped: tuple[StopResult, ...] = ()
@@ -191,13 +191,13 @@ def send_command(
         device: The port, by any of its names.
         command: The command.
         timeout_s: The time that the reply may take; relaxing is slow.
-        arm: The arm's name, needed if the process has two arms at the device.
+        arm: The arm's name, needed if the process has two arms on the device.
 
     Returns:
-        The result, JSON values, or None if no process listens.
+        The result as JSON values, or None if no process listens.
 
     Raises:
-        IkservoError: The command failed there; carries its message and its exit code.
+        IkservoError: The command failed there; the error has its message and exit code.
     """
     own = _request_at(socket_path(device, arm), device, command, timeout_s) if arm else None
     return own or _request_at(socket_path(device), device, command, timeout_s)
@@ -207,7 +207,7 @@ def broadcast_command(command: ControlCommand, timeout_s: float = 10.0) -> list[
     """Send a command to every process of this user that has a device open.
 
     Returns:
-        The result, JSON values, or the ``IkservoError``, of each process that listens.
+        The result as JSON values, or the ``IkservoError``, from each process that listens.
     """
 
     def request(path: Path) -> object:
@@ -235,7 +235,7 @@ def _request_at(path: Path, device: str, command: ControlCommand, timeout_s: flo
     except OSError as error:
         raise IkservoError(
             f"The program that has {device} open does not answer ({error}).",
-            "End it and try again.",
+            "End that program and try again.",
         ) from None
 
 
@@ -253,14 +253,14 @@ def _exchange_lines(connection: socket.socket, request: Request, timeout_s: floa
 
 
 def request_stop(device: str, arm: str) -> StopResult | None:
-    """Stop an arm through the program that has its port open; return None if no program has.
+    """Stop an arm through the program that has its port open; return None if there is none.
 
     Args:
         device: The port, by any of its names.
         arm: The arm's name.
 
     Raises:
-        IkservoError: That program cannot stop it.
+        IkservoError: That program cannot stop the arm.
     """
     leave_mark(device, arm)
     reply = send_command(device, ControlCommand.STOP, BRAKE_TIMEOUT_S + 2.0, arm)
@@ -282,7 +282,7 @@ def request_stop_of(arm: str) -> StopAllResult:
 
 
 def stop_own_programs() -> StopAllResult:
-    """Stop every arm whose port a program of this user has open, or is about to open."""
+    """Stop every arm whose port is open, or about to be opened, by a program of this user."""
     leave_mark()
     stopped: list[StopResult] = []
     errors: list[IkservoError] = []

@@ -1,8 +1,8 @@
 """The local socket address of an open arm: a Unix socket, or else a loopback port.
 
-A Unix socket is guarded by the permissions of its folder and its own. A port on the loopback could
-be reached by every user of the machine, so its number is in a file that only this user may read,
-together with a secret that every request must contain.
+A Unix socket is guarded by its own permissions and those of its folder. A port on the loopback
+could be reached by every user of the machine, so its number is in a file that only this user may
+read, together with a secret that every request must contain.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ def socket_path(device: str, arm: str = "") -> Path:
 
     Args:
         device: The port.
-        arm: The arm's name, if another arm at this device listens at the path without a name.
+        arm: The arm's name, if another arm on this device listens at the path without a name.
     """
     real = device if "://" in device else os.path.realpath(device)
     real += f"#{arm}" if arm else ""
@@ -48,7 +48,7 @@ def socket_paths() -> list[Path]:
 
 
 def make_private_directory(folder: Path) -> None:
-    """Create the folder, accessible to this user only.
+    """Create the folder so that only this user can access it.
 
     Raises:
         IkservoError: The folder belongs to another user, or is not a folder.
@@ -72,7 +72,7 @@ def _socket_folder() -> Path:
 
 
 def _shorten_path(path: Path) -> Path:
-    """Find a short path for one that is too long for an address."""
+    """Find a short path as a replacement for one that is too long for an address."""
     folder = hashlib.sha256(os.fsencode(path.parent)).hexdigest()[:16]
     return Path(tempfile.gettempdir()) / f"ikservo-{_user_id()}" / f"{folder}-{path.name}"
 
@@ -117,7 +117,7 @@ class ListeningSocket:
 
 
 def open_socket(path: Path) -> ListeningSocket | None:
-    """Listen at a path; None if another process listens there already.
+    """Listen at a path; return None if another process already listens there.
 
     Raises:
         OSError: The socket cannot be created.
@@ -189,7 +189,7 @@ def _file_identity(path: Path) -> tuple[int, int]:
 
 
 def _read_address_file(path: Path) -> tuple[int, str]:
-    """Read port and secret from the file; a malformed file is a ValueError."""
+    """Read port and secret from the file; a malformed file raises ValueError."""
     row = json.loads(path.read_text("utf-8")[:1024])
     match row:
         case {"port": int(port), "secret": str(secret)} if 0 < port < 65536:
@@ -199,7 +199,7 @@ def _read_address_file(path: Path) -> tuple[int, str]:
 
 
 def _peer_user(connection: socket.socket) -> int | None:
-    """Return the user on the other end of a Unix socket, if the system tells it (Linux)."""
+    """Return the user on the other end of a Unix socket, if the system reports it (Linux)."""
     option = getattr(socket, "SO_PEERCRED", None)
     if option is None:
         return None

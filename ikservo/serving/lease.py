@@ -1,4 +1,4 @@
-"""The lease of control: one operator at a time, who must send regularly, and no old goals."""
+"""The lease of control for one operator at a time, who must send messages regularly."""
 
 from __future__ import annotations
 
@@ -35,14 +35,14 @@ class Holder:
 
 
 def is_fresh(sent_s: float, now_s: float, timeout_s: float = DEAD_MAN_TIMEOUT_S) -> bool:
-    """Check whether a message counts: neither old nor from the future."""
+    """Check whether a message counts because it is neither old nor from the future."""
     return -_MAX_AHEAD_S <= now_s - sent_s <= timeout_s
 
 
 class ArmLease:
     """The lease of one arm; every method is safe in any thread.
 
-    On the network, messages of its holder have numbers and time stamps of the server's clock.
+    On the network, messages from its holder have numbers and time stamps by the server's clock.
     Messages that are older than the dead-man time-out, repeated, or overtaken are dropped.
 
     Args:
@@ -80,7 +80,7 @@ class ArmLease:
 
     @contextmanager
     def motion(self, lease: str) -> Generator[None]:
-        """Mark a motion as running within the block: from now on its operator must send messages.
+        """Mark a motion as running within the block, in which its operator must send messages.
 
         Raises:
             LeaseLostError: The motion is requested under a lease that is no longer valid.
@@ -95,7 +95,7 @@ class ArmLease:
             self._moving = None
 
     def close(self) -> None:
-        """Take the lease back forever; a motion that runs under it stays in ``moving``."""
+        """Take back the lease permanently; a motion that runs under it stays in ``moving``."""
         with self._lock:
             self._holder, self._closed = None, True
 
@@ -104,7 +104,7 @@ class ArmLease:
 
         Args:
             operator: The name of the operator.
-            take_over: Whether to take it from the present holder, as pages of one person do.
+            take_over: Whether to take it from the present holder, as the pages of one person do.
 
         Raises:
             RefusedError: Another operator controls the arm, or the lease was closed.
@@ -117,7 +117,7 @@ class ArmLease:
             if self._holder is not None and not take_over:
                 raise RefusedError(
                     f"{self._holder.operator} controls the arm.",
-                    "Nothing was sent. It is free once that program has closed the arm.",
+                    "Nothing was sent. The arm is free once that program has closed it.",
                 )
             now_s = self._clock.now_s()
             self._holder = Holder(secrets.token_hex(16), operator, now_s)
@@ -126,7 +126,7 @@ class ArmLease:
             return self._holder
 
     def release(self, lease: str) -> bool:
-        """Take the lease back; return whether the given one was valid."""
+        """Take back the lease; return whether the given lease was valid."""
         with self._lock:
             if not self.is_held_by(lease):
                 return False
@@ -151,7 +151,7 @@ class ArmLease:
         return self.silence_s() > self.timeout_s
 
     def accept_setpoint(self, lease: str, number: int, sent_s: float) -> bool:
-        """Check whether a setpoint counts: from the holder, newer than the last, and not old."""
+        """Check whether a setpoint is from the holder, newer than the last one, and not too old."""
         with self._lock:
             if not (
                 self.is_held_by(lease) and number > self._setpoint_number and self._is_fresh(sent_s)
@@ -162,7 +162,7 @@ class ArmLease:
             return True
 
     def check_request(self, lease: str, number: int, sent_s: float) -> None:
-        """Refuse a request that is not the holder's, is repeated, or has come too late.
+        """Refuse a request that is not from the holder, is repeated, or arrives too late.
 
         Raises:
             RefusedError: The request is refused; nothing has moved.
@@ -175,7 +175,7 @@ class ArmLease:
             if not self._is_fresh(sent_s):
                 late_s = self._clock.now_s() - sent_s
                 raise RefusedError(
-                    f"A request came {late_s:.1f} s after it was made.",
+                    f"A request arrived {late_s:.1f} s after it was sent.",
                     "Nothing was sent. The network delays messages; try again.",
                 )
             self._request_number, self._received_s = number, self._clock.now_s()

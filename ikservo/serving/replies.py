@@ -1,9 +1,9 @@
-"""Replies of a served arm as JSON, the same over the control socket and the network.
+"""Replies of a served arm as JSON, for both the control socket and the network.
 
 A reply has a ``result`` (see ``result_json``) or an ``error``: its class, message, hint, exit code
 and details, from which the other end recreates the error.
 
-``ikservo stop`` imports this module: no NumPy, pydantic or pyserial.
+``ikservo stop`` imports this module, so it must not import NumPy, pydantic or pyserial.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ _MAX_CHARS = 4096
 
 
 def error_fields(error: BaseException) -> dict[str, Any]:
-    """Return an error as JSON values; an error from elsewhere counts as a failure.
+    """Return an error as JSON values; errors of other libraries become a general failure.
 
     Message and hint are in terms of the command line; details are the other attributes with plain
     values.
@@ -83,10 +83,10 @@ def _from_json(value: object) -> object:
 
 
 def result_in(reply: Mapping[str, Any]) -> object:
-    """Return the result in a reply, JSON values.
+    """Return the result in a reply as JSON values.
 
     Raises:
-        IkservoError: The error in the reply, or an invalid reply.
+        IkservoError: The reply contains an error, or is invalid.
     """
     match reply:
         case {"error": {**fields}}:
@@ -98,7 +98,7 @@ def result_in(reply: Mapping[str, Any]) -> object:
 
 
 def other_version_error() -> IkservoError:
-    """Return the error of a reply with unexpected fields."""
+    """Return the error for a reply with unexpected fields."""
     return IkservoError(
         "The program that has the arm open sent an unexpected reply.",
         f"It may be another version of ikservo. {SAME_VERSION}",
@@ -106,7 +106,7 @@ def other_version_error() -> IkservoError:
 
 
 def _is_detail(kind: type[IkservoError], name: str) -> bool:
-    """Check whether an attribute is a detail of one error, and not an attribute of its class."""
+    """Check whether an attribute is a detail of one error rather than of its class."""
     shared = ("command_message", "command_hint", "exit_code", "args")
     return name.isidentifier() and name[0] != "_" and name not in shared and not hasattr(kind, name)
 

@@ -1,8 +1,8 @@
 """Marks that ``ikservo stop`` leaves for programs that have not opened their port yet.
 
 A stop counts for every program of this user that was started before it. A program that has an arm
-open is asked through its control socket; a program that is still starting finds the mark when it
-opens the port. Times are those of the machine's monotonic clock, which all its programs share.
+open gets the stop through its control socket; a program that is still starting finds the mark when
+it opens the port. Times are those of the machine's monotonic clock, which all its programs share.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ _MAX_AGE_S = 600.0
 
 
 def leave_mark(device: str = "", arm: str = "") -> None:
-    """Keep programs that were started before now from moving; do nothing if it cannot write.
+    """Keep programs that were started before now from moving; ignore write errors.
 
     Args:
         device: The port of the arm; every port if empty.
@@ -53,7 +53,7 @@ def has_mark(device: str, arm: str) -> bool:
 
 
 def forget_marks() -> None:
-    """Ignore earlier stops for arms that this program opens next, because it knows of them."""
+    """Ignore earlier stops for arms that this program opens next, because it knows about them."""
     global _forgotten_s  # noqa: PLW0603  # one for the whole program, as its start
     _forgotten_s = time.monotonic()
 
@@ -64,7 +64,7 @@ _imported_s, _forgotten_s = time.monotonic(), 0.0
 def _started_s() -> float:
     """Return the time when this program was started, on the monotonic clock, if known exactly.
 
-    On systems that do not tell it, this is the time when this module was imported.
+    On systems that do not report it, the result is the time when this module was imported.
     """
     try:
         after_name = Path("/proc/self/stat").read_bytes().rpartition(b")")[2].split()

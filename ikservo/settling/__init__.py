@@ -1,1 +1,1 @@
-"""The end of a motion: joints are corrected by their measured positions until they rest."""
+"""The end of a motion, in which joints are corrected by their measured positions."""

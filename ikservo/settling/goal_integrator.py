@@ -1,4 +1,4 @@
-"""The goal of one joint while the arm settles: integrated, braked, softened during a swing."""
+"""The goal of one joint during settling: integrated, braked, and softened during a swing."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ _NOISE_TICKS = 1
 
 
 class Saturation(Enum):
-    """Kind of limit of a joint's correction."""
+    """The kind of limit that ends a joint's correction."""
 
     LOAD = auto()
     """The goal leads the joint by as much as the guard allows at rest."""
@@ -45,11 +45,11 @@ class Saturation(Enum):
 
 @dataclass(frozen=True, slots=True)
 class SaturationReason:
-    """Reason why the goal of a joint cannot move further.
+    """The reason why the goal of a joint cannot move further.
 
     Attributes:
         kind: The kind of limit.
-        text: Text for the user, with the binding limit and its source.
+        text: The text for the user, with the active limit and its source.
     """
 
     kind: Saturation
@@ -59,12 +59,12 @@ class SaturationReason:
 class GoalIntegrator:
     """Integrates the error of a joint into its goal.
 
-    It ends at the target tick. A joint without load sticks and then jumps by a tick or two. When it
-    has crossed the target, or is pressed away from it, one tick away counts as arrived: reversing
-    would cross its backlash and make it jump further. Each time it jumps over the target again, the
-    accepted distance doubles. While it moves its goal goes back, against its speed, so that the
-    jump is short. A joint that swings is softened until it rests (``SwingDamper``), and then
-    corrected slowly; if that starts swings repeatedly, its goal stays.
+    Correction ends at the target tick. A joint without load sticks and then jumps by a tick or two.
+    When it has crossed the target, or is pressed away from it, one tick away counts as arrived:
+    reversing would cross its backlash and make it jump further. Each time it jumps over the target
+    again, the accepted distance doubles. While the joint moves, its goal moves back, against its
+    speed, so that the jump is short. A joint that swings is softened until it rests
+    (``SwingDamper``), and then corrected slowly; if that starts swings repeatedly, its goal stays.
 
     Args:
         driven: The joint with its servo and limits.
@@ -110,7 +110,7 @@ class GoalIntegrator:
 
     @property
     def arrived(self) -> bool:
-        """Whether the joint is as near to its target as it can get."""
+        """Whether the joint is as close to its target as it can get."""
         beside = abs(self.error_ticks)
         low, high = self._stuck
         # Gears without load would have to change their flank on the way to the target.
@@ -124,12 +124,12 @@ class GoalIntegrator:
 
     @property
     def has_swung(self) -> bool:
-        """Whether the joint swings or has swung, and may do so again."""
+        """Whether the joint swings, or has swung and may do so again."""
         return self._swing.swings or self._swing.rests > 0
 
     @property
     def swing_ticks(self) -> int:
-        """Distance between the last two reversals of the joint."""
+        """The distance between the last two reversals of the joint."""
         return self._swing.ticks
 
     def has_swung_at(self, time_s: float) -> bool:
@@ -138,7 +138,7 @@ class GoalIntegrator:
 
     @property
     def saturation_reason(self) -> SaturationReason | None:
-        """Reason why the goal cannot move further; None if it can."""
+        """The reason why the goal cannot move further; None if it can."""
         if self._is_lead_limited():
             return SaturationReason(Saturation.LOAD, "load too high (correction limit reached)")
         end = self._high if self._side > 0 else self._low
@@ -164,7 +164,7 @@ class GoalIntegrator:
     def goal_at(self, after_s: float) -> float:
         """Compute the goal's tick at a time after the last update.
 
-        A goal outside the limits that has come nearer to them does not go back out.
+        A goal outside the limits that has moved closer to them does not move back out.
         """
         goal = self._inside(self.goal + self._rate * after_s + self._along - self._brake)
         low, high = self.driven.tick_range
@@ -174,7 +174,7 @@ class GoalIntegrator:
     def update(
         self, tick: int, time_s: float, elapsed_s: float, *, correcting: bool = True
     ) -> None:
-        """Take the measured position, and choose the speed of the goal; 0 if not correcting."""
+        """Process the measured position, and choose the speed of the goal; 0 if not correcting."""
         self.goal = self._inside(self.goal + self._rate * elapsed_s)
         self._track_motion(tick, time_s)
         moves = bool(self._rate) or abs(self._brake) >= 1.0

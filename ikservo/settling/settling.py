@@ -1,4 +1,4 @@
-"""Settling after a motion: measure, correct and integrate until the joints are at their goals."""
+"""Settling after a motion: measure and correct until the joints are at their goals."""
 
 from __future__ import annotations
 
@@ -40,10 +40,10 @@ class SettlingTrajectory:
 
     Args:
         driven_joints: The joints, each with its servo, limits and speed.
-        goals: Their goals (n,), ticks.
+        goals: The goals of the joints (n,), ticks.
         targets: The targets of the joints, ticks; None for a joint that keeps its goal.
         limits: The kinematic limits of each joint.
-        stuck: The lowest and the highest leads of goals (n,) with which friction keeps the joints.
+        stuck: The lowest and highest leads of goals (n,) at which friction keeps the joints still.
         is_reached: Returns whether the tool is at its target at the measured joints (n,), even if
             not every joint is at its own; goals then stay, and the trajectory ends at rest.
     """
@@ -74,7 +74,7 @@ class SettlingTrajectory:
 
     @property
     def duration_s(self) -> float:
-        """Time at which it ended; infinite until all joints have settled."""
+        """The time at which settling ended; infinite until all joints have settled."""
         return self._end_s
 
     def state(self, time_s: float) -> TrajectoryPoint:
@@ -85,12 +85,12 @@ class SettlingTrajectory:
         )
 
     def update(self, time_s: float, measured: Vector, *, end: bool = False) -> None:
-        """Take the measured joints (n,); end the trajectory when they have arrived.
+        """Process the measured joints (n,); end the trajectory when they have arrived.
 
         Args:
             time_s: The time.
             measured: The joints.
-            end: Whether to stop correcting, and end as soon as the joints are at rest.
+            end: Whether to stop correcting and end as soon as the joints are at rest.
         """
         self._reached = self._is_reached(measured)
         correcting = time_s < _MAX_DURATION_S and not (self._reached or end)
@@ -167,12 +167,15 @@ def _describe_residual(joint: GoalIntegrator, time_s: float) -> str:
         return f"{joint_map.joint} is {missing} short: {why}"
     swing = joint_map.format(joint.swing_ticks * joint_map.unit_per_tick)
     verb = "swings" if joint.moves_at(time_s) else "swung"
-    return f"{joint_map.joint} {verb} by {swing} and is {missing} off: no load presses its gears"
+    return (
+        f"{joint_map.joint} {verb} by {swing} and is {missing} off: no load presses its "
+        f"gears together"
+    )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SettlingResult:
-    """The end of a motion.
+    """The result of settling at the end of a motion.
 
     Attributes:
         measured: The joints (n,), rad or m.
@@ -193,7 +196,7 @@ class SettlingResult:
 
     @property
     def duration_s(self) -> float:
-        """Time from the first goal to rest."""
+        """The time from the first goal to rest."""
         return self.motion_s + self.settling_s
 
 
@@ -206,9 +209,9 @@ def settle(
     motion_s: float,
     below: Vector | None = None,
 ) -> SettlingResult:
-    """Correct the goals until the joints are at their target, or as near as possible.
+    """Correct the goals until the joints are at their target, or as close as possible.
 
-    If a joint cannot move further the others compensate for it, once.
+    If a joint cannot move further, the others compensate for it once.
 
     Args:
         loop: Streams to the servos.
@@ -217,7 +220,7 @@ def settle(
         limits: The kinematic limits of each joint.
         speed_rad_s: The motion's top speed at the horns.
         motion_s: The duration of the motion.
-        below: Goals (n,) to which joints with known backlash go first, see ``backlash_approach``.
+        below: Goals (n,) to which joints with known backlash move first; see ``backlash_approach``.
 
     Raises:
         StoppedError, RefusedError, BusError, ServoAlarmError: See ``ControlLoop.run``.
@@ -244,7 +247,7 @@ def settle_at(
     *,
     by_tip: bool = False,
 ) -> Vector:
-    """Correct the arm's goals until its joints are at ``goal`` (n,), or as near as possible.
+    """Correct the arm's goals until its joints are at ``goal`` (n,), or as close as possible.
 
     A gripper keeps its goal, because it may hold something.
 
@@ -254,8 +257,8 @@ def settle_at(
         goal: The positions of the joints, rad or m.
         speed: slow, normal or fast.
         is_over: Called in each control cycle; returns whether to end as soon as the joints rest.
-        by_tip: Whether to use the ticks that bring the tip nearest to its place at ``goal``, as
-            after a motion to a point; otherwise the ticks nearest to each joint's position.
+        by_tip: Whether to use the ticks that bring the tip closest to its position at ``goal``, as
+            after a motion to a point; otherwise, the ticks closest to each joint's position.
 
     Returns:
         The measured joints (n,) of the last control cycle.
@@ -268,15 +271,15 @@ def settle_at(
 
 
 def lift_to_start(context: ArmContext, loop: ControlLoop, start: Vector, horn_rad_s: float) -> None:
-    """Bring a sagged arm back to ``start`` (n,), where the tip will begin to follow a path.
+    """Bring a sagged arm back to ``start`` (n,), where the tip will start to follow a path.
 
     A limp arm sags as its torque comes on; its goals are at ``start``. A motion of joints may begin
-    by lifting it, but a line would begin off its path.
+    by lifting the arm, but a line would begin off its path.
 
     Args:
         context: The arm, in a motion.
         loop: Runs that motion.
-        start: The joints that its servos hold, rad or m.
+        start: The joints that the servos hold, rad or m.
         horn_rad_s: The motion's top speed at the horns.
     """
     servos, columns = context.servos, list(context.index.chain)

@@ -1,4 +1,4 @@
-"""Finds joints that swing in the backlash of their gears, and brings a joint to rest."""
+"""Find joints that swing in the backlash of their gears, and bring them to rest."""
 
 from __future__ import annotations
 
@@ -63,12 +63,12 @@ class SwingDamper:
         return min(max(along, -_MAX_TICKS), _MAX_TICKS)
 
     def update(self, tick: int, time_s: float, elapsed_s: float, *, goal_moves: bool) -> None:
-        """Take the measured position of one cycle.
+        """Process the measured position of one cycle.
 
         Args:
             tick: The position.
             time_s: Time of the measurement.
-            elapsed_s: Time since the last one.
+            elapsed_s: Time since the last measurement.
             goal_moves: Whether the joint is corrected.
         """
         if not self._has_begun:
@@ -89,7 +89,7 @@ class SwingDamper:
             self._share = min(self._share + elapsed_s / _SOFTEN_S, 1.0)
 
     def _turn_round(self, tick: int) -> None:
-        """Count a reversal; the joint is at a tick in its new direction."""
+        """Count a reversal of the joint, which is at a tick in its new direction."""
         self._has_turned = True
         self.ticks = abs(self._extreme - self._turn)
         is_sure = self.steady_s > _AT_REST_S or self.ticks > _STICTION_TICKS
@@ -102,7 +102,7 @@ class SwingDamper:
         """Check whether a joint that seems to be at rest may only be reversing its direction.
 
         Args:
-            still_s: Time for which it has not moved.
+            still_s: Time for which the joint has not moved.
         """
         return self._has_turned and min(still_s, self.steady_s) < _AT_REST_S
 
@@ -111,7 +111,7 @@ class SwingDamper:
         return time_s - self._since_s >= _MAX_SWING_S
 
     def rest(self) -> None:
-        """Forget the swing, because the joint rests and is corrected again."""
+        """Forget the swing when the joint rests and is corrected again."""
         self.rests += 1
         self._turn = self._extreme = self._at
         self._turns = self._share = 0.0
@@ -139,7 +139,7 @@ class MotionSwings:
         self._last_s = 0.0
 
     def record(self, cycle: ControlCycle) -> None:
-        """Take the measurements of a control cycle."""
+        """Process the measurements of a control cycle."""
         elapsed_s, self._last_s = cycle.time_s - self._last_s, cycle.time_s
         fresh = ~np.isin(self._names, cycle.lost)
         turned = self._turns.update(cycle.measured - cycle.reference, elapsed_s, fresh=fresh)
@@ -148,7 +148,7 @@ class MotionSwings:
         self._widest = np.where(swings, np.maximum(self._widest, self._turns.width), self._widest)
 
     def notes(self) -> tuple[str, ...]:
-        """Return a note for each joint that swung, with the distance."""
+        """Return a note about each joint that swung, with its amplitude."""
         found = zip(self._maps, self._widest.tolist(), strict=True)
         return tuple(
             f"{each.joint} swung by up to {each.format(width)} as it moved"

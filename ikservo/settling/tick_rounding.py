@@ -1,4 +1,4 @@
-"""Round goals to whole ticks: best tool position, compensation, approach against backlash."""
+"""Round goals to whole ticks for the best tool position, and approach against backlash."""
 
 from __future__ import annotations
 
@@ -36,11 +36,11 @@ def round_to_ticks(
     Every joint's rounding moves the tool slightly; a few ticks in one joint compensate for that of
     another. The search is for the integers d with the least ``|E - A d|²``, where A is the motion
     of the tool per tick of each joint: three rows for its position, three for its rotation away
-    from the one at ``q``, weighted by ``ROTATION_WEIGHT_M``. All combinations within some ticks are
-    tried, except for the joint that moves the tool most: its best tick follows from theirs.
+    from the one at ``q``, weighted by ``ROTATION_WEIGHT_M``. All combinations within a few ticks
+    are tried, except for the joint that moves the tool most: its best tick follows from the others.
 
     Args:
-        chain: Base to tool.
+        chain: The joints from base to tool.
         target_m: The target of the tip (3,), metres.
         q: The solver's result (dof,), rad or m.
         driven_joints: The joints of the chain, in its order.
@@ -74,12 +74,11 @@ def chain_ticks(
     """Compute the ticks of a goal of all joints (n,); None for joints outside the chain.
 
     Args:
-        chain: Base to tool.
+        chain: The joints from base to tool.
         index: The columns of the chain's joints.
         driven_joints: The joints, each with its servo, limits and speed.
         goal: The positions, rad or m.
-        by_tip: Whether the tip is to be nearest to its goal, see ``round_to_ticks``; otherwise each
-            joint.
+        by_tip: Whether to round for the tip, see ``round_to_ticks``; otherwise, for each joint.
     """
     q, own = index.chain_joints(goal), [driven_joints[column] for column in index.chain]
     found = [driven.tick(at) for driven, at in zip(own, q.tolist(), strict=True)]
@@ -115,7 +114,7 @@ def _best_steps(
 
 
 def _step_grid(A: Matrix, low: Vector, high: Vector) -> Matrix:
-    """Compute all steps (k, dof) of all joints but the one that moves the tool most."""
+    """Compute all steps (k, dof) of all joints except the one that moves the tool most."""
     order = np.argsort(-_squared_norms(A.T), kind="stable")[1:]
     axes = [np.zeros(1)] * A.shape[1]
     span, tried = _search_span(len(order))
@@ -157,11 +156,11 @@ _MAX_STEP_RAD = 0.05
 def compensate(chain: Chain, target_m: Vector, q: Vector, held: Collection[str]) -> Vector | None:
     """Compute joints (dof,) near ``q`` that bring the tip to its target while some are held.
 
-    Damped least squares (lecture L8) without the columns of the held joints: the smallest step of
-    the others.
+    Damped least squares (lecture L8) without the columns of the held joints give the smallest step
+    of the others.
 
     Args:
-        chain: Base to tool.
+        chain: The joints from base to tool.
         target_m: The target of the tip (3,), metres.
         q: The joints (dof,), rad or m.
         held: Names of the joints that stay.
@@ -189,17 +188,17 @@ _REACHED_ERRORS = 2.0  # distance of the tool, as a multiple of the rms error of
 
 
 class SettlingTarget:
-    """The ticks at which a motion should end.
+    """The target ticks for the end of a motion.
 
     Joints of the chain that do not take part in a motion of joints keep their measured position:
     their goals lead it by the sag under load, which changes with the arm's posture.
 
     Args:
-        chain: Base to tool.
+        chain: The joints from base to tool.
         index: The columns of the chain's joints.
         driven_joints: The joints, each with its servo, limits and speed.
         plan: The motion.
-        measured: The joints before it (n,), rad or m.
+        measured: The joints before the motion (n,), rad or m.
 
     Attributes:
         ticks: The tick of each joint; None for a joint outside the chain that does not take part: a
@@ -234,9 +233,9 @@ class SettlingTarget:
             self.ticks = self._round_to_nearest(plan.target_m, q, ())
 
     def is_reached(self, measured: Vector) -> bool:
-        """Check whether the tool is at its target, as far as the joints' sensors show.
+        """Check whether the tool is at its target according to the joints' sensors.
 
-        Always False for a motion of joints, because they have their own targets.
+        The result is always False for a motion of joints, because these have their own targets.
 
         Args:
             measured: All joints (n,), rad or m.
@@ -253,7 +252,7 @@ class SettlingTarget:
         """Compute the ticks of all joints if some cannot move further; None if that does not help.
 
         Args:
-            held: The joints that stay where they are.
+            held: The joints that cannot move further.
             measured: All joints (n,), rad or m.
         """
         if self._target_m is None or not set(held) & set(self._chain.names):
@@ -288,12 +287,12 @@ def backlash_approach(
     """Compute goals (n,) from which each joint with known backlash approaches its goal from below.
 
     The flank of the backlash on which a joint comes to rest depends on its direction of approach
-    and its braking, so positions with the same reading can be a backlash apart. Therefore the joint
-    first goes below its goal by its backlash, then up.
+    and its braking, so positions with the same reading can be a backlash apart. Therefore, the
+    joint first moves below its goal by its backlash, then up.
 
     Args:
         goals: The servos' goals at the end of a motion (n,), rad or m.
-        moved: Whether each joint took part in it (n,).
+        moved: Whether each joint (n,) took part in the motion.
         backlash: The backlash of each joint (n,) and the friction that keeps it from its goal, in
             both directions together, rad or m; 0 if the backlash is unknown.
         driven_joints: The joints, in the same order.

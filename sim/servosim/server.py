@@ -93,29 +93,47 @@ def _make_parser() -> argparse.ArgumentParser:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     add = parser.add_argument
-    add("arm", nargs="?", type=Path, help="an arm")
+    add("arm", nargs="?", type=Path, help="name or folder of the arm")
     add(
         "--servo",
         dest="groups",
         type=_parse_servos,
         action="append",
         metavar="IDS:MODEL",
-        help="servos without an arm, as 4:sts3215, 1-3:xl430-w250 or 1:sts3215@115200; "
-        "may be repeated",
+        help="servos without an arm, such as 4:sts3215, 1-3:xl430-w250 or 1:sts3215@115200; may "
+        "be repeated",
     )
-    add("--protocol", type=int, choices=(1, 2), help="protocol of --servo Dynamixel X servos")
-    add("--baud", type=_parse_rate, help="baud rate of the servos (--servo: factory setting)")
-    add("--urdf", type=Path, metavar="FILE", help="geometry of the arm (default: that of its file)")
+    add(
+        "--protocol", type=int, choices=(1, 2), help="protocol of the Dynamixel X servos in --servo"
+    )
+    add(
+        "--baud",
+        type=_parse_rate,
+        help="baud rate of the servos (default with --servo: factory setting)",
+    )
+    add(
+        "--urdf", type=Path, metavar="FILE", help="geometry of the arm (default: from its arm file)"
+    )
     add("--pose", help="start pose of the arm (rest)")
-    add("--seed", type=int, help="seed of random numbers and of the arm's tolerances (none)")
+    add("--seed", type=int, help="seed for random numbers and for the arm's tolerances (none)")
     add("--link", type=Path, help="symbolic link to the port, removed at exit")
-    add("--faults", type=Path, metavar="FILE", help="faults to inject, TOML or JSON")
-    add("--no-wire-time", dest="wire_time", action="store_false", help="bytes take no time")
-    add("--physics", action="store_true", help="bodies and contacts from MuJoCo")
+    add("--faults", type=Path, metavar="FILE", help="TOML or JSON file with faults to inject")
+    add(
+        "--no-wire-time",
+        dest="wire_time",
+        action="store_false",
+        help="transmit bytes without delay",
+    )
+    add("--physics", action="store_true", help="simulate bodies and contacts with MuJoCo")
     add("--backlash-deg", type=float, metavar="DEG", help="backlash of the arm's gears")
-    add("--mass-scale", type=float, metavar="FACTOR", help="factor of the arm's masses (1)")
+    add("--mass-scale", type=float, metavar="FACTOR", help="factor for the arm's masses (1)")
     add("--payload-g", type=float, metavar="GRAMS", help="mass in the arm's jaws (0)")
-    add("--parameters", type=Path, metavar="FILE", help="masses and motors of one arm, TOML")
+    add(
+        "--parameters",
+        type=Path,
+        metavar="FILE",
+        help="TOML file with the masses and motors of one arm",
+    )
     add(
         "--hand",
         choices=HANDS,
@@ -127,9 +145,9 @@ def _make_parser() -> argparse.ArgumentParser:
         help="a goal written to an STS servo does not switch its torque on",
     )
     add("--log", type=Path, metavar="FILE", help="write each frame to this file")
-    add("--audit", type=Path, metavar="FILE", help="write a report at exit, JSON")
-    add("--control", type=Path, metavar="PATH", help="unix socket for commands, JSON lines")
-    add("--echo", action="store_true", help="the host hears its own bytes")
+    add("--audit", type=Path, metavar="FILE", help="write a JSON report to this file at exit")
+    add("--control", type=Path, metavar="PATH", help="Unix socket for commands in JSON lines")
+    add("--echo", action="store_true", help="echo the host's own bytes")
     add("--noise", type=float, default=0.0, help="probability that a byte has a flipped bit (0)")
     add("--usb-frame-ms", type=float, default=0.0, metavar="MS", help="USB frame time (0)")
     add("--latency-ms", type=float, default=0.0, metavar="MS", help="FTDI latency timer (0)")

@@ -113,7 +113,7 @@ def test_force_too_small_to_move_jaws_is_refused_with_least(name, least):
 
 
 @pytest.mark.full
-def test_soft_object_is_pressed_until_it_yields_no_more(so101):
+def test_soft_object_is_pressed_until_it_stops_yielding(so101):
     open_jaws(so101)
     closed, opened = jaws(so101).closed, jaws(so101).open
     there, end = (closed + share * (opened - closed) for share in (0.6, 0.3))

@@ -81,7 +81,7 @@ def test_corrected_goal_stays_in_limits_and_names_the_limit():
 
 
 @pytest.mark.parametrize("ticks", [[1980] * 5, [2000] * 5])
-def test_goal_that_can_go_on_or_has_arrived_is_not_saturated(ticks):
+def test_goal_that_can_move_or_has_arrived_is_not_saturated(ticks):
     joint = creep()
     feed(joint, ticks)
     assert joint.saturation_reason is None
@@ -102,7 +102,7 @@ def test_unloaded_joint_is_not_moved_through_backlash_for_a_tick(stuck, left):
     assert (goals[-1] == 1995) == left
 
 
-def test_joint_that_jumps_to_and_fro_is_left_at_nearer_side():
+def test_joint_that_jumps_back_and_forth_rests_at_nearer_side():
     joint = creep()
     for away in (-5, 4, -4):
         feed(joint, [2000 + away] * 5)
@@ -212,7 +212,7 @@ def test_joint_that_keeps_swinging_is_reported_with_amplitude(ticks, degrees):
     assert trajectory.unsettled_joints == ()
     (residual,) = trajectory.residuals
     assert residual.startswith(f"elbow swings by {degrees}° and is 0.")
-    assert residual.endswith("° off: no load presses its gears")
+    assert residual.endswith("° off: no load presses its gears together")
 
 
 def test_noise_of_two_ticks_is_not_reported_as_swing():
@@ -292,7 +292,7 @@ def test_swinging_joint_without_wanted_position_keeps_its_goal():
     assert set(sent) == {2000.0}
 
 
-def test_goal_does_not_leap_with_a_leaping_joint():
+def test_goal_does_not_jump_with_a_jumping_joint():
     joint = creep()
     feed(joint, [1990] * 10)
     before = joint.goal_at(0.0)

@@ -36,5 +36,5 @@ def test_own_motion_refuses_field_of_wrong_type(fields):
 
 
 def test_own_motion_names_field_whose_type_has_no_check():
-    with pytest.raises(TypeError, match=r"Unchecked\.joints needs a type with a check"):
+    with pytest.raises(TypeError, match=r"Unchecked\.joints needs an annotated type"):
         Unchecked()

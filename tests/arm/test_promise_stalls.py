@@ -16,7 +16,7 @@ MOST_RESTARTS = 10  # of Dynamixels that stopped themselves, in one motion
 
 @pytest.mark.full
 @few_or_many(2, 40)
-def test_program_stall_up_to_5_s_does_not_make_goals_leap(seeds, capsys):
+def test_program_stall_up_to_5_s_does_not_make_goals_jump(seeds, capsys):
     stalls = longest = 0
     for seed in seeds:
         name = FAMILIES[seed % 2]

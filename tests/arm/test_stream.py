@@ -107,7 +107,7 @@ def test_stop_of_control_loop_stays_until_acknowledged(arm):
 
 @pytest.mark.sample(1)
 @pytest.mark.parametrize("stall_s", [0.06, 0.3, 5.0])
-def test_goals_continue_without_leap_after_a_stall(stall_s):
+def test_goals_continue_without_jump_after_a_stall(stall_s):
     with ikservo.open_arm("so101", port="sim") as arm:
         arm.enable()
         auditor, clock, stalled = Auditor(arm), clock_of(arm), []

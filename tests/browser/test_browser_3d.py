@@ -216,7 +216,7 @@ def test_slow_3d_frames_fall_back_to_canvas_until_3d_is_chosen(onlooker):
 def test_lost_webgl_context_falls_back_until_it_is_restored(onlooker):
     onlooker.page.evaluate("window.ikservo.rendering.renderer.forceContextLoss()")
     onlooker.wait_for("!scene.webgl && items.some((item) => item.style === 'measured')")
-    gave_up = "The graphics driver has failed, so the view is 2D."
+    gave_up = "The graphics driver failed, so the view is 2D."
     assert onlooker.page.inner_text("#render-note") == gave_up
     onlooker.page.click("#render-3d")
     assert onlooker.page.inner_text("#render-note") == gave_up

@@ -44,7 +44,7 @@ def test_chosen_solver_and_preferred_posture_apply_to_a_drag(operator):
     operator.page.click("#preference summary")
     operator.page.click("#preferred button[value=rest]")
     operator.wait_for("status.preference.pose === 'rest' && status.preference.note")
-    operator.page.get_by_label("How strongly elbow_flex").fill("0.3")
+    operator.page.get_by_label("Weight of the preferred posture for elbow_flex").fill("0.3")
     operator.wait_for("status.preference.weights.elbow_flex === 0.3")
     operator.page.click("#solvers button[value=auto]")
     operator.page.click("#preferred button[value=none]")

@@ -99,7 +99,7 @@ def test_torque_switch_needs_two_presses_for_off_and_one_for_on(operator):
         return registers(operator.served.arm, "torque_enable")
 
     switch.click()
-    assert switch.inner_text() == "It may fall. Sure?"
+    assert switch.inner_text() == "The joint may fall. Sure?"
     assert all(torque().values())
     switch.click()
     until(lambda: not torque()[own])

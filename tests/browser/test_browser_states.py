@@ -55,7 +55,7 @@ def test_click_on_picture_older_than_1_s_says_it_did_nothing(operator):
         operator.click(operator.tip_px() + FAR / 2)
         if reported.is_visible():
             break
-    assert "Do it again" in page.inner_text("#banner-hint")
+    assert "Try again" in page.inner_text("#banner-hint")
     assert operator.served.goals() == before
     assert page.locator("#log", has_text="nothing was done").count() == 1
 

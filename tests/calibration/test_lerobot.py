@@ -217,7 +217,7 @@ def test_lerobot_export_of_servo_without_offset_has_zero():
     assert (found.homing_offset, found.drive_mode) == (0, 0)
 
 
-ZEROS = "LeRobot takes the middle of each range for zero; these zeros are not in its file."
+ZEROS = "LeRobot uses the middle of each range as zero; these zeros are not in its file."
 UNSWEPT = {"swept": "not swept", "lower_deg": None, "upper_deg": None}
 
 
@@ -226,14 +226,14 @@ UNSWEPT = {"swept": "not swept", "lower_deg": None, "upper_deg": None}
     [
         ({}, []),
         ({"sign": -1}, ["elbow counts against its joint, and so do LeRobot's degrees."]),
-        (UNSWEPT, ["elbow was not swept; LeRobot gets a whole turn."]),
-        ({**UNSWEPT, "extended": True}, ["elbow was not swept; LeRobot gets a whole turn."]),
+        (UNSWEPT, ["elbow was not swept; LeRobot's file gets a full turn."]),
+        ({**UNSWEPT, "extended": True}, ["elbow was not swept; LeRobot's file gets a full turn."]),
         (
             {"extended": True},
             ["elbow counts beyond one turn, which LeRobot's range does not show."],
         ),
-        ({"user_lower_deg": 3.0}, ["LeRobot does not get your own limits of elbow."]),
-        ({"user_upper_deg": 3.0}, ["LeRobot does not get your own limits of elbow."]),
+        ({"user_lower_deg": 3.0}, ["Your own limits of elbow are not in LeRobot's file."]),
+        ({"user_upper_deg": 3.0}, ["Your own limits of elbow are not in LeRobot's file."]),
     ],
 )
 def test_lerobot_export_warns_of_lost_values_per_joint(changes, warning):

@@ -193,7 +193,7 @@ def test_recovery_without_journal_does_nothing(interrupted):
 
 def test_recovery_drops_transaction_that_reached_no_servo(interrupted):
     interrupted.leave_journal().path.write_text(NEW_TEXT)
-    assert "had changed nothing yet" in interrupted.act(recover)
+    assert "had not changed anything yet" in interrupted.act(recover)
     assert (interrupted.path.read_text(), interrupted.is_over()) == (OLD_TEXT, True)
 
 
@@ -201,13 +201,15 @@ def test_recovery_saves_file_if_every_servo_was_written(interrupted):
     interrupted.leave_journal()
     for servo_id in interrupted.ids:
         interrupted.hold(servo_id, NEW)
-    assert "its file is saved now" in interrupted.act(recover)
+    assert "its file has now been saved" in interrupted.act(recover)
     assert (interrupted.path.read_text(), interrupted.is_over()) == (NEW_TEXT, True)
 
 
 def test_recovery_of_partial_transaction_asks_the_operator(interrupted):
     interrupted.leave_journal().hold(2, NEW)
-    with pytest.raises(CalibrationError, match=r"(?s)some servos hold the new one.*resume.*revert"):
+    with pytest.raises(
+        CalibrationError, match=r"(?s)some servos hold the new values.*resume.*revert"
+    ):
         interrupted.act(recover)
     assert (interrupted.path.read_text(), interrupted.is_over()) == (OLD_TEXT, False)
 
@@ -286,7 +288,7 @@ def test_recovery_does_not_write_a_locked_servo(interrupted, monkeypatch):
 
 def test_recovery_leaves_servos_without_lock_alone(tmp_path):
     dynamixels = Interrupted(tmp_path, "open_manipulator_x").leave_journal()
-    assert "had changed nothing yet" in dynamixels.act(recover)
+    assert "had not changed anything yet" in dynamixels.act(recover)
 
 
 # --- a journal of other servos

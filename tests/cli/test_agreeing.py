@@ -96,7 +96,7 @@ def test_relax_warns_before_asking_if_overload_stops_lowering(run_cli, monkeypat
     assert result.code == 2
     first, second, question = result.err.splitlines()[-4:-1]
     assert first.startswith("The arm cannot be lowered: shoulder_lift reports an alarm: overload")
-    assert second == "Torque will be switched off at its present pose: support it."
+    assert second == "Torque will be switched off in the present pose: support the arm."
     assert "input is not a terminal" in question
 
 

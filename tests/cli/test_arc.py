@@ -59,8 +59,8 @@ def test_move_announces_tool_speed_that_is_not_reached(run_cli):
         ("arc --center 0.21,0,0.03 --normal y", 8, "the table"),
         ("move 0.2 0 0.1 --line --tool-speed 0", 2, "not a speed above 0"),
         ("move 0.2 0 0.1 --line --tool-speed -5", 2, "not a speed above 0"),
-        ("move 0.2 0 0.1 --line --tool-speed quick", 2, "is not a speed like"),
-        ("move 0.2 0 0.1 --line --tool-speed nan", 2, "is not a speed like"),
+        ("move 0.2 0 0.1 --line --tool-speed quick", 2, "is not a speed such as"),
+        ("move 0.2 0 0.1 --line --tool-speed nan", 2, "is not a speed such as"),
         ("move 0.2 0 0.1 --tool-speed 50", 2, "Expected a straight line"),
     ],
 )

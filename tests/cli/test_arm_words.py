@@ -33,7 +33,7 @@ def parsed(name, words):
 
 
 @pytest.mark.parametrize("name", sorted(set(NAMES) - WITHOUT_ARM))
-def test_command_takes_arm_by_option(name, monkeypatch):
+def test_command_accepts_arm_as_option(name, monkeypatch):
     monkeypatch.setenv("IKSERVO_ARM", "px100")
     words = NEEDED.get(name, "")
     assert parsed(name, f"{words} --arm so101") == "so101"
@@ -41,7 +41,7 @@ def test_command_takes_arm_by_option(name, monkeypatch):
 
 
 @pytest.mark.parametrize("name", sorted(set(NAMES) - WITHOUT_ARM - {"view", *AS_ARGUMENT}))
-def test_command_takes_arm_by_bare_name(name):
+def test_command_accepts_arm_as_bare_name(name):
     words = NEEDED.get(name, "")
     assert parsed(name, f"so101 {words}") == "so101"
     assert parsed(name, f"{words} --json" if name == "where" else words) is None

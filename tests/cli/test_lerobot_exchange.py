@@ -75,8 +75,8 @@ def test_lerobot_export_reports_what_it_cannot_express(arm, run_cli, tmp_path):
     path.write_text(lerobot_text(arm))
     imported(arm, run_cli, path)
     result = run_cli("export lerobot --arm so101").err
-    assert "middle of each range for zero" in result
-    assert "wrist_roll was not swept; LeRobot gets a whole turn." in result
+    assert "middle of each range as zero" in result
+    assert "wrist_roll was not swept; LeRobot's file gets a full turn." in result
 
 
 @pytest.mark.full

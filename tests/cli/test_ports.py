@@ -98,7 +98,7 @@ def test_ports_watch_names_the_unplugged_adapter(run_cli, monkeypatch):
     set_ports(monkeypatch, [FEETECH, U2D2], [FEETECH, U2D2], [FEETECH, U2D2], [FEETECH])
     result = run_cli("ports --watch --events 1")
     assert result.out == "unplugged  /dev/ttyUSB0  FT232H (U2D2)\n"
-    assert result.err.startswith("Here now: /dev/ttyACM0, /dev/ttyUSB0.\n")
+    assert result.err.startswith("Plugged in now: /dev/ttyACM0, /dev/ttyUSB0.\n")
 
 
 @pytest.mark.usefixtures("no_waiting")

@@ -51,7 +51,7 @@ def test_move_uses_preferred_joint_position(run_cli):
 def test_preferred_posture_without_freedom_changes_nothing(run_cli):
     result = run_cli("solve 0.15 0.05 0.05 --arm planar2 --prefer joint1=90")
     assert result.code == 0
-    assert "no freedom" in result.err
+    assert "no choice of posture" in result.err
 
 
 @pytest.mark.parametrize(

@@ -73,7 +73,7 @@ def test_wait_for_enter_ignores_enter_typed_before_it(terminal):
     terminal.type("\n")
     terminal.texts = ["\x04"]  # Ctrl-D: nothing else is waiting
     with pytest.raises(typer.Abort):
-        wait_for_enter("Bring the arm into the pose, then press Enter.")
+        wait_for_enter("Move the arm to the pose, then press Enter.")
 
 
 def test_motion_prompt_ignores_enter_typed_before_it(terminal):

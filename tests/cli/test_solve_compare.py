@@ -213,9 +213,9 @@ def test_solve_trace_that_does_not_arrive_exits_7(run_cli):
     [
         ("--all --compare", "--all has no iterations"),
         ("--all --trace", "--all has no iterations"),
-        ("--all --method ccd", "--all chooses the method itself"),
-        ("--compare --method ccd", "--compare chooses the method itself"),
-        ("--plot arm.gif", "arm.gif is neither .svg nor .png"),
+        ("--all --method ccd", "--all chooses the method"),
+        ("--compare --method ccd", "--compare chooses the method"),
+        ("--plot arm.gif", "arm.gif is neither an .svg nor a .png file"),
         ("--plot nowhere/arm.svg", "There is no folder nowhere"),
         ("--direction 1,0", "'1,0' is not a direction"),
         ("--direction 1,0,up", "'1,0,up' is not a direction"),
@@ -315,7 +315,7 @@ def test_solve_compare_says_which_methods_are_compiled(run_cli, monkeypatch, com
     monkeypatch.setattr("ikservo.cli.solve_reports.is_compiled", lambda: compiled)
     methods = run_cli(f"{POINT} --compare --json").json["methods"]
     assert [m["method"] for m in methods if m["compiled"]] == ["bounded"] * compiled
-    assert ("bounded runs compiled" in run_cli(f"{POINT} --compare").err) == compiled
+    assert ("`bounded` is compiled" in run_cli(f"{POINT} --compare").err) == compiled
 
 
 def test_joints_beyond_limits_are_not_asked_about_in_degrees(run_cli):

@@ -251,7 +251,7 @@ def test_touch_accuracy_test_repeats_points_for_repeatability(arm, truth, tmp_pa
     ("words", "message"),
     [
         ("--touch", "Cannot ask: input is not a terminal."),
-        ("--points points", "Points are touched with --touch only."),
+        ("--points points", "--points and --touches need --touch."),
         ("--touch --touches 0 --yes", "--touches"),
         ("--touch --points nowhere --yes", "nowhere"),
     ],

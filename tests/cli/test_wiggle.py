@@ -175,7 +175,7 @@ def test_wiggle_finds_a_mirrored_sign(monkeypatch, run_cli, watcher):
     arm = connect_arm(monkeypatch, NAME, zero=2048, sign=-1, spoiled=False)
     watcher(arm)
     done = run_cli(f"calibrate {NAME} --port {PORT} --wiggle --uncalibrated")
-    assert (done.code, "If it went the other way" in done.err) == (6, True)
+    assert (done.code, "If the joint went the other way" in done.err) == (6, True)
 
 
 @pytest.mark.full

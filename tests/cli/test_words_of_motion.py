@@ -38,7 +38,7 @@ def test_stop_command_lists_torque_of_every_joint(run_cli):
 def test_stop_command_without_arm_needs_an_open_program(run_cli):
     result = run_cli("stop")
     assert result.code == 2
-    assert result.err.startswith("No program of yours has an arm open, and none is served")
+    assert result.err.startswith("None of your programs has an arm open, and no arm is served")
     assert "ikservo stop --arm" in result.err
 
 

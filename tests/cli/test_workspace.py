@@ -116,7 +116,7 @@ def test_workspace_plot_without_matplotlib_names_the_extra(run_cli, tmp_path, mo
         ("--slice top --height nan", "'nan' is not a length"),
         ("--slice top --cell 0", "length above 0"),
         ("--slice top --cell 1e-7", "larger cells"),
-        ("--slice top --plot reach.pdf", "neither .svg nor .png"),
+        ("--slice top --plot reach.pdf", "neither an .svg nor a .png"),
         ("--point 0.1 0.2 up", "'up' is not a length"),
         ("--point 0.1 0.2", "--point"),
     ],

@@ -46,7 +46,7 @@ def test_compensated_first_goal_continues_the_goal_in_force(compensator, start):
     np.testing.assert_allclose(first[:5], start[:5] + 0.02, atol=1e-3)
 
 
-def test_compensated_goals_of_beginning_motion_do_not_leap(compensator, start):
+def test_compensated_goals_do_not_jump_at_start_of_motion(compensator, start):
     compensator.begin(start, start + 0.05)
     goals = goals_of(compensator, start, 0.3, 0.5)
     assert np.abs(np.diff(goals, axis=0)).max() < 0.006  # 4 ticks

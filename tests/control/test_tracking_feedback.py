@@ -58,7 +58,7 @@ def test_feedback_rate_is_right_if_every_other_reply_is_lost(feedback):
     assert feedback.fast == pytest.approx(whole.fast, rel=0.02)
 
 
-def test_feedback_does_not_leap_when_replies_return(feedback):
+def test_feedback_does_not_jump_when_replies_return(feedback):
     errors = [0.0] * 10 + [0.0] * 3 + [0.1] * 10
     offsets = fed(feedback, errors, replies=[True] * 10 + [False] * 3 + [True] * 10)
     assert np.abs(np.diff(offsets)).max() < 5 * TICK_RAD

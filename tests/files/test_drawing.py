@@ -53,7 +53,7 @@ def test_csv_drawing_empty_line_begins_a_new_stroke(tmp_path):
         ("", None, "is empty"),
         ("x,y\n", None, "has no points"),
         ("# nothing\n", None, "has no points"),
-        ("1,2\n3;4\n", None, 'line 2: "3;4" is not numbers'),
+        ("1,2\n3;4\n", None, 'line 2: "3;4" is not a list of numbers'),
         ("1,2\nnan,4\n", None, 'line 2: "nan,4" is not finite'),
         ("1,2\n1,inf\n", None, "line 2"),
         ("1,2\n3,4,5\n", None, "line 2: has 3 numbers"),
@@ -61,7 +61,7 @@ def test_csv_drawing_empty_line_begins_a_new_stroke(tmp_path):
         ("x_mm,y_m\n1,2\n", None, "mixes units"),
         ("x_mm,y_mm\n1,2\n", "m", "unit is m, and mm in the header"),
         ("1,2\n", "inch", 'unit is "inch"'),
-        ("a,b\n1,2\n", None, 'line 1: "a,b" is not numbers'),
+        ("a,b\n1,2\n", None, 'line 1: "a,b" is not a list of numbers'),
         ("\n".join(f"{i},0" for i in range(20_001)), None, "more than 20000 points"),
     ],
 )

@@ -38,11 +38,11 @@ DRAWINGS = {
     "long transforms": (f'<path transform="{"scale(1)" * 30_000}"/>', "numbers and commands"),
     "many attributes": (
         f"<g {' '.join(f'a{i}=' + repr('1') for i in range(3000))}>{LINE * 9000}</g>",
-        "attributes to hand down",
+        "attributes that its elements inherit",
     ),
     "many style declarations": (
         f'<g style="{"".join(f"p{i}:b;" for i in range(3000))}">{LINE * 9000}</g>',
-        "attributes to hand down",
+        "attributes that its elements inherit",
     ),
     "style sheets": (f"<style>{'.a{{}}' * 9000}</style>{LINE * 9000}", "style sheets to apply"),
 }

@@ -390,7 +390,7 @@ SLOW = 2000  # ticks/s: 40 in 20 ms and one of rounding, 101 in 50 ms
 
 
 class TestOneReadingOfTheClock:
-    def test_gate_judges_step_by_time_given_with_goal(self):
+    def test_gate_checks_step_by_time_given_with_goal(self):
         gate, bus, clock = make_gate_at(2048, speed_tick_s=SLOW)
         clock.time_s = 5 * CYCLE_S  # held up since the reading
         gate.send({"elbow": 2048 + 40}, CYCLE_S)
@@ -495,7 +495,7 @@ class TestCut:
         goals = {"elbow": 2048 + 40, "wrist": 2048}
         assert gate.shorten_goals(goals, CYCLE_S) == goals
 
-    def test_shorten_goals_of_nothing_is_empty(self):
+    def test_shorten_goals_of_empty_command_is_empty(self):
         gate, _, _ = make_gate_at(2048, speed_tick_s=SLOW)
         assert gate.shorten_goals({}, CYCLE_S) == {}
 

@@ -147,7 +147,7 @@ def test_alarm_lists_flags_reported_by_servo():
     [(Alarm.VOLTAGE, "Check the power supply"), (Alarm.OVERLOAD, "Remove the load"),
      (Alarm.HEAT, "Remove the load, or let the servo cool down")],
 )  # fmt: skip
-def test_alarm_hint_fits_alarm(alarm, remedy):
+def test_alarm_hint_matches_alarm(alarm, remedy):
     with pytest.raises(ServoAlarmError) as caught:
         see(alarms=frozenset({str(alarm)}))
     assert caught.value.hint.startswith(remedy)

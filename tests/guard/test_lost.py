@@ -22,7 +22,7 @@ def test_all_silent_joints_are_named():
         losses.update(())
 
 
-def test_answer_restarts_count_of_lost_cycles():
+def test_reply_restarts_count_of_lost_cycles():
     losses = CommunicationMonitor(["elbow", "wrist"])
     for answered in (ONE, ONE, BOTH, ONE, ONE):
         losses.update(answered)

@@ -161,7 +161,7 @@ def storm(count, seed):
 
 
 @few_or_many(1, 1000)
-def test_storm_of_random_commands_never_breaks_gate_laws(seeds, capsys):
+def test_random_commands_never_break_gate_rules(seeds, capsys):
     found = [storm(10_000, seed) for seed in seeds]
     passed, wrong = (sum(column) for column in zip(*found, strict=True))
     log(capsys, f"{10_000 * len(seeds):,} commands: {passed:,} passed, {wrong} against a law")

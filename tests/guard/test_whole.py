@@ -13,6 +13,6 @@ def test_require_int_tick_accepts_integers(tick):
 
 
 @pytest.mark.parametrize("tick", [0.0, float("nan"), True, False, "1", None, np.int64(3), [1]])
-def test_require_int_tick_refuses_everything_else(tick):
+def test_require_int_tick_refuses_other_types(tick):
     with pytest.raises(RefusedError, match="The goal of elbow is"):
         require_int_tick("elbow", tick)

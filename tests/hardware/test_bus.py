@@ -151,7 +151,7 @@ class TestUnresponsiveServos:
         )
         assert line.clock.now_s() == before_s
 
-    def test_unresponsive_servo_is_asked_again_after_300_ms(self, unresponsive_bus, line):
+    def test_unresponsive_servo_is_polled_again_after_300_ms(self, unresponsive_bus, line):
         line.clock.s += 0.3
         line.expect(sync_request([1], 56, 2))
         assert unresponsive_bus.sync_read([1], RegisterName.PRESENT_POSITION).errors.keys() == {1}
@@ -216,7 +216,7 @@ class TestErrors:
 
     def test_silence_of_all_servos_suggests_power_or_baud_rate(self, feetech, line):
         line.expect("FF FF FE 06 82 38 02 01 02 3C")
-        with pytest.raises(ServoSilentError, match=r"Check the power supply .* every baud rate"):
+        with pytest.raises(ServoSilentError, match=r"Check the power supply .* all baud rates"):
             feetech.sync_read([1, 2], RegisterName.PRESENT_POSITION).require_all()
 
 

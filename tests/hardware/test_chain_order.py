@@ -34,7 +34,7 @@ CHAIN = [ServoSpec(i, STS3215, name) for i, name in enumerate(NAMES, 1)]
         (
             [1, 2, 3, 4, 5, 6],
             "No servo answers. Check the power supply and the first cable; "
-            "to try every baud rate: ikservo doctor",
+            "to try all baud rates: ikservo doctor",
         ),
     ],
 )

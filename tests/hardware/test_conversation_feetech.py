@@ -95,7 +95,7 @@ def test_alarm_is_reported_beside_values(arm):
 
 def test_wrong_baud_rate_makes_all_servos_silent(simulated):
     bus, _ = simulated("so101", baud_rate=115_200)
-    with pytest.raises(ServoSilentError, match="every baud rate"):
+    with pytest.raises(ServoSilentError, match="all baud rates"):
         bus.sync_read(IDS, RegisterName.PRESENT_POSITION).require_all()
 
 

@@ -134,7 +134,7 @@ def test_torque_off_write_without_reply_counts_as_off():
     assert not bus.is_torque_on(2)
 
 
-def test_servo_goes_off_if_enabling_ends_without_torque_on():
+def test_servo_torque_goes_off_if_enabling_is_incomplete():
     bus, at_tick = limp_bus("STS3215")
     with bus.enabling({1: at_tick}):
         bus.write(1, GOAL, at_tick, raw=True)

@@ -75,7 +75,7 @@ def test_ping_sweep_reports_progress_per_ping(on_line):
     assert counts == list(range(1, 11))
 
 
-def test_one_by_one_sweep_gives_up_silent_id_after_three_pings(on_line):
+def test_one_by_one_sweep_skips_silent_id_after_three_pings(on_line):
     counts = []
     ping_ids(on_line("so101"), ONE, [99] * 8, counts.append, echoes=False, one_by_one=True)
     assert counts == [1, 2, 3]

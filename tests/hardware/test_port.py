@@ -43,7 +43,7 @@ class TestOpening:
         "name", ["socket://", "socket://host", "socket://h:99999", "rfc2217://"]
     )
     def test_incomplete_url_is_answered_with_example(self, name):
-        with pytest.raises(NoPortError, match=r"written like socket://192\.168\.1\.5:4000"):
+        with pytest.raises(NoPortError, match=r"written as socket://192\.168\.1\.5:4000"):
             open_port(name, 1_000_000)
 
     @pytest.mark.parametrize(

@@ -84,7 +84,7 @@ def test_silent_servo_never_delays_cycle_by_over_5_ms(models, silent):
 
 
 @six
-def test_silent_servo_is_asked_about_four_times_per_second(models):
+def test_silent_servo_is_polled_four_times_per_second(models):
     bus = make_bus(models)
     goals = goals_of(bus)
     add_faults(bus, ("silent", {"id": 3}))

@@ -49,7 +49,7 @@ def test_pull_along_link_axis_turns_no_joint_beyond_link(method):
     np.testing.assert_allclose(result.q[2:], q0[2:], atol=1e-12)
 
 
-def test_saddle_is_left_without_moving_joints_behind_frame():
+def test_solver_leaves_saddle_without_moving_joints_beyond_frame():
     chain = load_model("wx250s").chain
     frame, q0 = middle_of("wx250s")[1], np.zeros(6)
     T = chain.forward(q0, frame)

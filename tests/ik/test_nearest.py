@@ -33,7 +33,7 @@ def way(q, q0):
 
 @pytest.mark.parametrize("kind", ["position", "direction", "pose"])
 @pytest.mark.parametrize("name", ["wx250s", "vx300s", "so101"])
-def test_answer_is_nearest_of_closed_form_solutions(name, kind):
+def test_solution_is_nearest_of_closed_form_solutions(name, kind):
     for chain, target, q0 in questions(name, kind, 25):
         result = solve(chain, target, q0)
         assert result.reached

@@ -29,7 +29,7 @@ def test_solve_reaches_every_reachable_point(a, b, c):
 
 @settings(max_examples=60, deadline=None)
 @given(st.floats(-1, 1), st.floats(-1, 1), st.floats(-1, 1))
-def test_answer_is_always_inside_joint_limits(x, y, z):
+def test_solution_is_always_inside_joint_limits(x, y, z):
     result = solve(ARM, Target((x, y, z)), restarts=4)
     assert (result.q >= ARM.lower_rad).all()
     assert (result.q <= ARM.upper_rad).all()

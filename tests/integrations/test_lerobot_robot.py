@@ -211,7 +211,7 @@ def test_pose_has_priority_over_joint_positions_in_ee_mode(connected):
     assert robot.get_observation()["shoulder_pan.pos"] == pytest.approx(0.0, abs=0.5)
 
 
-def test_action_of_another_kind_names_its_option(connected):
+def test_lerobot_action_of_another_kind_names_its_option(connected):
     robot = connected(action="joint")
     with pytest.raises(ValueError, match="action=ee_delta"):
         robot.send_action(STAY)

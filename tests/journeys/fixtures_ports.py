@@ -37,7 +37,7 @@ class Bench:
     """An arm on a port.
 
     Attributes:
-        arm: Its name.
+        arm: The name of the arm.
         kind: One of ``LINES``.
         port: The value for ``--port``.
         world: The simulated arm; for ``sim`` the one that was opened last, None before.

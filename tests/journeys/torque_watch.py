@@ -13,7 +13,7 @@ class Enabling:
     """Torque of a servo came on.
 
     Attributes:
-        servo_id: Its id.
+        servo_id: The id of the servo.
         goal_ticks: Distance between the goal in force and the position, counts of its sensor.
         outside_ticks: Distance of the position outside its own limits: a limp arm may rest there,
             and no servo accepts such a goal.

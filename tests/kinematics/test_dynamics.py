@@ -300,7 +300,7 @@ def test_dynamics_refuse_invalid_joint_vector(bad):
 
 
 @pytest.mark.parametrize("column", [1, 2])
-def test_rates_of_other_shape_than_q_are_refused(column):
+def test_rates_with_another_shape_than_q_are_refused(column):
     motion = [np.zeros(5)] * 3
     motion[column] = np.zeros((3, 5))
     what = ("q", "qd", "qdd")[column]

@@ -28,7 +28,7 @@ def placed(tmp_path):
     return copy
 
 
-def test_base_words_become_rotation_and_offset():
+def test_base_placement_words_become_rotation_and_offset():
     T = make_pose(np.zeros(3), exp_so3([0.0, 0.0, np.pi / 2]))
     lifted = make_pose(np.array([0.2, 0.0, 0.05]))
     assert np.allclose(parse_frame("rotate 90, raise 0.05, forward 0.2"), lifted @ T)
@@ -59,12 +59,12 @@ def test_arm_on_turned_base_moves_to_point_of_table(placed):
         assert arm.where().tip_m == pytest.approx((0.0, 0.25, 0.2), abs=0.003)
 
 
-def test_unknown_base_words_are_refused(placed):
+def test_unknown_base_placement_words_are_refused(placed):
     with pytest.raises(FileFormatError, match="base"):
         load_model(placed("sideways 3"))
 
 
 @pytest.mark.parametrize("base", ["rotate 1e300", "raise inf", "left nan", "forward -1e9"])
-def test_base_amount_out_of_range_is_refused(base):
+def test_base_placement_amount_out_of_range_is_refused(base):
     with pytest.raises(BadValueError):
         parse_frame(base)

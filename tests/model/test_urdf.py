@@ -126,7 +126,7 @@ def test_missing_lower_limit_is_zero(urdf_path: Path, urdf_text: str) -> None:
     assert joint(read_urdf(urdf_path), "elbow").lower == 0
 
 
-def test_missing_effort_is_infinite(urdf_path: Path, urdf_text: str) -> None:
+def test_missing_effort_limit_is_infinite(urdf_path: Path, urdf_text: str) -> None:
     urdf_path.write_text(urdf_text.replace(' effort="1.9"', ""))
     assert joint(read_urdf(urdf_path), "elbow").effort == math.inf
 

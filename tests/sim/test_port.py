@@ -51,7 +51,7 @@ def test_read_with_time_out_zero_returns_at_once(make_port):
     assert port.read(6) == b""
 
 
-def test_polling_in_waiting_lets_time_pass(make_port):
+def test_polling_in_waiting_advances_simulated_time(make_port):
     port = make_port("STS3215")
     port.write(PING)
     polls = 0

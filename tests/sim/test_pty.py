@@ -99,7 +99,7 @@ def test_servo_continues_from_its_position_after_server_stall(bus, client, hold_
     assert servo.read("present_position") - before_tick < 100
 
 
-def test_small_server_delay_is_made_up_for(bus, client, hold_up):
+def test_simulated_time_catches_up_after_small_delay(bus, client, hold_up):
     world = bus.line.world
     bus.process_events()
     before_s = world.time_s

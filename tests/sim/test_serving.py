@@ -156,42 +156,42 @@ class TestRemote:
     def ask(self, port, request):
         return RemoteControl(None, port.line).respond(json.dumps(request))
 
-    def test_control_state_reports_servos_and_joints(self, make_port):
+    def test_state_command_reports_servos_and_joints(self, make_port):
         answer = self.ask(make_port("STS3215"), {"do": "state"})
         servo = answer["servos"][0]
         assert (servo["id"], servo["model"], servo["position"]) == (1, "STS3215", 2048)
         assert answer["joints"]["servo_1"]["position_deg"] == 0.0
 
-    def test_control_place_moves_joint(self, make_port):
+    def test_place_command_moves_joint(self, make_port):
         port = make_port("STS3215")
         self.ask(port, {"do": "place", "joint": "servo_1", "deg": 90})
         assert port.line.servos[1].read("present_position") == 3072
 
-    def test_control_place_keeps_joint_inside_its_stops(self, make_port):
+    def test_place_command_keeps_joint_inside_its_stops(self, make_port):
         port = make_port("SCS0009")
         self.ask(port, {"do": "place", "joint": "servo_1", "deg": 9000})
         assert port.line.world.joint("servo_1").position == pytest.approx(math.radians(150))
 
-    def test_control_hand_leads_joint_to_angle(self, make_port):
+    def test_hand_command_leads_joint_to_angle(self, make_port):
         port = make_port("STS3215")
         self.ask(port, {"do": "hand", "joint": "servo_1", "deg": 45})
         port.clock.sleep_until(2)
         assert port.line.world.joint("servo_1").position == pytest.approx(math.pi / 4, abs=0.01)
 
-    def test_control_release_removes_hand(self, make_port):
+    def test_release_command_removes_hand(self, make_port):
         port = make_port("STS3215")
         self.ask(port, {"do": "hand", "joint": "servo_1", "deg": 45})
         self.ask(port, {"do": "hand", "joint": "servo_1", "release": True})
         assert port.line.world.hands == {}
 
-    def test_control_fault_starts_at_once(self, make_port):
+    def test_fault_command_starts_at_once(self, make_port):
         port = make_port("STS3215")
         port.clock.sleep_until(1)
         self.ask(port, {"do": "fault", "fault": {"kind": "silent", "count": 1}})
         port.write(PING)
         assert port.read(6) == b""
 
-    def test_control_disconnects_and_connects_servo(self, make_port):
+    def test_control_socket_disconnects_and_connects_servo(self, make_port):
         port = make_port("STS3215")
         for do, answer in (("disconnect", b""), ("connect", bytes.fromhex("FFFF010200FC"))):
             assert self.ask(port, {"do": do, "servo": 1}) == {"ok": True}
@@ -236,7 +236,7 @@ class TestRemote:
             ('{"do": "voltage", "volts": NaN}', "volts = nan is not between 0 and 60"),
         ],
     )
-    def test_control_explains_invalid_request(self, make_port, text, error):
+    def test_control_socket_explains_invalid_request(self, make_port, text, error):
         answer = RemoteControl(None, make_port("STS3215").line).respond(text)
         assert not answer["ok"]
         assert error in answer["error"]
@@ -273,7 +273,7 @@ def dynamixel(path, baud=1_000_000):
     return port
 
 
-def test_loose_servos_answer_at_factory_baud_rate(server):
+def test_servos_without_arm_answer_at_factory_baud_rate(server):
     _, path = server("--servo", "1-2:xl430-w250", "--servo", "5:xl330-m288")
     port = dynamixel(path, 57_600)
     packets = dynamixel_sdk.PacketHandler(2.0)
@@ -282,7 +282,7 @@ def test_loose_servos_answer_at_factory_baud_rate(server):
     assert answers == [(1060, 0, 0), (1060, 0, 0), (1200, 0, 0)]
 
 
-def test_loose_servos_speak_protocol_1_on_request(server):
+def test_servos_without_arm_speak_protocol_1_on_request(server):
     _, path = server("--servo", "1:xl430-w250", "--baud", "1000000", "--protocol", "1")
     port = dynamixel(path)
     answer = first_reply(dynamixel_sdk.PacketHandler(1.0).ping, port, 1)

@@ -110,7 +110,7 @@ def test_lead_tip_refuses_point_out_of_reach(port):
     assert port.line.world.hands == {}
 
 
-def test_loose_servos_have_no_tip():
+def test_servos_without_arm_have_no_tip():
     with pytest.raises(SimulatorError, match="no arm with a tip"):
         make_bench_world([BenchServo(1, "STS3215")]).lead_tip(POINT_M)
 

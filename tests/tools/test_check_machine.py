@@ -22,7 +22,7 @@ def test_raspberry_pi_without_headers_names_packages(tmp_path):
     assert missing_text("Linux aarch64", "/usr/bin/c++", tmp_path).endswith(ADVICE)
 
 
-def test_raspberry_pi_with_compiler_and_headers_lacks_nothing(headers):
+def test_raspberry_pi_with_compiler_and_headers_misses_nothing(headers):
     assert missing_text("Linux aarch64", "/usr/bin/c++", headers) == ""
 
 

@@ -1,4 +1,4 @@
-"""Agents: a server of the Model Context Protocol, with plans, consent and a journal."""
+"""Server of the Model Context Protocol for agents, with plans, consent and a journal."""
 
 from ikservo.app import App, Command
 

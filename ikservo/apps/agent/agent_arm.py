@@ -39,7 +39,7 @@ from ikservo.planning.motions import MotionValue, MoveGripper, Wait
 from ikservo.planning.preflight_planner import PlannedStart, PreflightPlanner
 
 MAX_PROGRAM_STEPS = 200
-"""Largest number of steps of a program, repetitions included."""
+"""Largest number of steps in a program, including repetitions."""
 
 _MAX_THINGS = 50
 _MAX_NAME, _MAX_WORDS = 80, 500  # characters
@@ -58,7 +58,7 @@ class AgentArm:
     Attributes:
         arm: The arm.
         allowance: The decisions of the owner.
-        plans: The plans that wait to be executed.
+        plans: The plans that are waiting to be executed.
         journal: Records each call.
     """
 
@@ -83,7 +83,7 @@ class AgentArm:
         ]
 
     def where(self) -> res.ArmStatus:
-        """Return the measured state."""
+        """Return the measured state of the arm."""
         state = self.arm.where()
         return res.ArmStatus(
             tip_m=_point(state.tip_m),
@@ -126,7 +126,7 @@ class AgentArm:
         return list(reversed(self._refusals))
 
     def note_error(self, tool: str, error: IkservoError) -> None:
-        """Keep an error for ``explain``, and write it into the journal."""
+        """Keep an error for ``explain``, and write it to the journal."""
         names = ("target_m", "nearest_m", "instead_m", "binding", "along_m")
         details = {name: getattr(error, name) for name in names if getattr(error, name, None)}
         kind, words = type(error).__name__, quoted(error.message, _MAX_WORDS)
@@ -151,8 +151,8 @@ class AgentArm:
         count = len(program.steps) * program.repeat
         if count > MAX_PROGRAM_STEPS:
             raise RefusedError(
-                f"The program has {count} steps with its repetitions.",
-                f"At most {MAX_PROGRAM_STEPS} are possible.",
+                f"The program has {count} steps, including repetitions.",
+                f"At most {MAX_PROGRAM_STEPS} are allowed.",
             )
         arm, name = self.arm, self.arm.model.name
         if program.arm != name:
@@ -172,12 +172,12 @@ class AgentArm:
             return res.CheckedProgram(steps=tuple(steps), plan=None)
         summary = [f"{number}: {_summary(each, None)}" for number, each in enumerate(motions, 1)]
         if program.repeat > 1:
-            summary.append(f"all of this {program.repeat} times")
+            summary.append(f"all steps {program.repeat} times")
         offered = OfferedPlan(motions * program.repeat, None, summary, stops, start)
         return res.CheckedProgram(steps=tuple(steps), plan=self._offer(offered))
 
     def _plan_step(self, motion: MotionValue[Any], planned: PlannedStart) -> str:
-        """Plan a step of a program, and move the planned start to its end; return its error."""
+        """Plan a step of a program, and move the planned start to its end; return any error."""
         preflight = PreflightPlanner(self.arm.context, planned, self.arm.poses)
         try:
             if isinstance(motion, MoveGripper | Wait):
@@ -205,7 +205,7 @@ class AgentArm:
         """Return the picture of a plan as PNG."""
         plan = self.plans.find(plan_id).plan
         if plan is None:
-            raise RefusedError("Only a plan of a single motion of the arm has a picture.")
+            raise RefusedError("Only a plan with a single motion of the arm has a picture.")
         return encode_png(draw_plan(self.arm, plan))
 
     def ask(self, plan_id: str, client: str) -> OfferedPlan:
@@ -237,7 +237,7 @@ class AgentArm:
         if offered.answer is not Answer.YES:
             raise RefusedError(f"Nobody has allowed plan {plan_id}.", "Call execute again.")
         if offered.answered_by == _BY_BUDGET and not self._budget.take(0):
-            raise RefusedError("The time in which motions need no question is over.", "Plan again.")
+            raise RefusedError("The time in which motions need no approval is over.", "Plan again.")
         self.plans.take(plan_id)
         self.journal.write("execute", plan=plan_id, allowed_by=offered.answered_by)
         try:
@@ -253,7 +253,7 @@ class AgentArm:
         return res.Execution(status="done", message="The motion has ended.", results=results)
 
     def _check_start(self, start: Vector | None) -> None:
-        """Refuse a program if the arm is not at the joints (n,) where it begins."""
+        """Refuse a program if the arm is not at the joint positions (n,) where it begins."""
         runner, units = self.arm.runner, self.arm.context.units_per_rad()
         if start is None or (abs(runner.start_position() - start) <= _MAX_SUNK_RAD * units).all():
             return
@@ -274,13 +274,13 @@ class AgentArm:
     def stop(self, reason: str, by: str = "The agent") -> str:
         """Brake and hold; only a person ends the stop."""
         words = quoted(reason) or "no reason given"
-        self.arm.request_stop(StopReason(StopKind.CLIENT, f"{by} stopped it: {words}"))
+        self.arm.request_stop(StopReason(StopKind.CLIENT, f"{by} stopped the arm: {words}"))
         with contextlib.suppress(IkservoError):
             self.journal.write("stop", by=by, reason=words)
-        return "Stopped. The arm holds until a person acknowledges it."
+        return "Stopped. The arm holds until a person acknowledges the stop."
 
     def hold(self, reason: str) -> None:
-        """Stop a motion, even one that is about to begin: the agent cannot see it any more."""
+        """Stop a motion, even one about to begin, because the agent can no longer see it."""
         self.arm.request_stop(StopReason(StopKind.CLIENT, reason))
 
     def end(self) -> None:
@@ -345,7 +345,7 @@ class AgentArm:
 
 
 def quoted(text: str, most: int = _MAX_NAME) -> str:
-    """Return a text of a file or another program as data: one line, printable, cut short."""
+    """Return a text from a file or another program as data: one line, printable, cut short."""
     line = " ".join(printable(text).split())
     return line if len(line) <= most else f"{line[:most]}…"
 

@@ -15,13 +15,13 @@ from ikservo.files.reading import config_dir, read_text
 from ikservo.files.writing import FileWriteError, make_folder
 
 MAX_BYTES = 20_000_000
-"""Size at which a journal is full; nothing moves without a line in it."""
+"""Size at which a journal is full; without a line in the journal nothing moves."""
 
 _MAX_TEXT = 1000  # characters of a value
 
 
 class AgentJournal:
-    """Appends lines to a new file; safe in any thread.
+    """Appends lines to a new journal file; safe in any thread.
 
     Args:
         arm: The name of the arm, a part of the file's name.

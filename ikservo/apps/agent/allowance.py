@@ -1,4 +1,4 @@
-"""What the owner of an arm allows an agent: a consent mode, a region, and a budget."""
+"""What an arm's owner allows an agent: a consent mode, a region, and a budget."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ class Allowance:
     Attributes:
         consent: Who allows a motion.
         within: The region in which the tip stays, and other constraints on the tool.
-        motions: Number of motions without a question.
+        motions: Number of motions that need no question.
         minutes: Minutes from the start during which motions need no question.
     """
 
@@ -66,10 +66,10 @@ class Allowance:
             )
 
     def limited(self, motion: MotionValue[Any]) -> MotionValue[Any]:
-        """Return a motion as the owner allows it: in the region, and never replanned.
+        """Return a motion with the owner's limits: it stays in the region and is never replanned.
 
         Raises:
-            RefusedError: It cannot be planned before it runs, or cannot be kept in the region.
+            RefusedError: The motion cannot be planned first, or cannot be kept in the region.
         """
         if isinstance(motion, OwnMotion):
             raise RefusedError(
@@ -92,14 +92,14 @@ class Allowance:
                 )
             if own.constrains:
                 raise RefusedError(
-                    "The owner has set the constraint of the tool.", "Leave `within` out."
+                    "The owner has set the constraint of the tool.", "Leave out `within`."
                 )
             changes["within"] = self.within
         return replace(motion, **changes) if changes else motion
 
 
 class Budget:
-    """Motions that need no question: a number of them, until a time."""
+    """Budget of motions that need no question: a number of them, until a given time."""
 
     def __init__(self, allowance: Allowance, clock: Clock) -> None:
         self._left, self._clock = allowance.motions, clock
@@ -115,6 +115,6 @@ class Budget:
             return True
 
     def left(self) -> Mapping[str, float]:
-        """Return the motions and the minutes that are left."""
+        """Return the numbers of motions and minutes that are left."""
         minutes = max(0.0, (self._end_s - self._clock.now_s()) / 60.0)
         return {"motions": self._left, "minutes": round(minutes, 1)}

@@ -82,7 +82,7 @@ def stored_address() -> str:
 
 
 def _make_app(agent: AgentArm, key: str, port: int) -> Starlette:
-    """Return the application: each request but that of the page itself needs the key."""
+    """Return the application; every request except the one for the page itself needs the key."""
     hosts = {f"{name}:{port}" for name in (HOST, "localhost")}
 
     def checked(handle: Handler, *, needs_key: bool = True) -> Handler:
@@ -90,7 +90,7 @@ def _make_app(agent: AgentArm, key: str, port: int) -> Starlette:
             origin = request.headers.get("origin")
             is_own = origin is None or origin.removeprefix("http://") in hosts
             if request.headers.get("host") not in hosts or not is_own:
-                return PlainTextResponse("This page is for this machine only.", 403)
+                return PlainTextResponse("This page can be opened on this machine only.", 403)
             given = request.headers.get("authorization", "")
             if needs_key and not hmac.compare_digest(given.encode(), f"Bearer {key}".encode()):
                 return PlainTextResponse("The key in the address is wrong.", 401)

@@ -20,7 +20,7 @@ def answer_in_terminal() -> None:
 
     Raises:
         InputError: No server is running.
-        IkservoError: The server has ended.
+        IkservoError: The server has stopped.
     """
     page, _, key = stored_address().partition("#")
     print_status("Waiting for plans of the agent; Ctrl-C ends this, not the agent.")
@@ -34,7 +34,7 @@ def answer_in_terminal() -> None:
         was_stopped = now["stopped_for"]
         for plan in now["plans"]:
             print_lines([f"The agent asks (plan {plan['id']}):", *map(printable, plan["summary"])])
-            print_status(f"Its picture: {page}#{key}")
+            print_status(f"Picture of the plan: {page}#{key}")
             answer = "yes" if confirm("Allow it?") else "no"
             _call(page, key, f"plans/{plan['id']}/{answer}", "POST")
         time.sleep(_PERIOD_S)
@@ -52,6 +52,6 @@ def _call(page: str, key: str, path: str, method: str = "GET") -> bytes:
         if error.code == 409:  # a plan that has expired meanwhile
             print_status(printable(text))
             return b""
-        raise InputError("The agent's server refused the key.", "Start this again.") from None
+        raise InputError("The agent's server refused the key.", "Try again.") from None
     except OSError:
         raise IkservoError("The agent has disconnected.") from None

@@ -31,17 +31,17 @@ Allow = Annotated[
     ),
 ]
 Motions = Annotated[
-    int, typer.Option("--budget", min=1, max=10_000, help="Motions that --allow slow allows.")
+    int, typer.Option("--budget", min=1, max=10_000, help="Motions allowed by --allow slow.")
 ]
 Minutes = Annotated[
-    float, typer.Option("--minutes", min=0.1, max=1440, help="Time that --allow slow allows.")
+    float, typer.Option("--minutes", min=0.1, max=1440, help="Minutes allowed by --allow slow.")
 ]
 Approve = Annotated[
     bool, typer.Option("--approve", help="Allow the plans of a running server, in this terminal.")
 ]
 Replay = Annotated[bool, typer.Option("--replay", help="Print the journal of the last agent.")]
 JournalFile = Annotated[
-    Path | None, typer.Option("--journal", help="The journal to print with --replay.")
+    Path | None, typer.Option("--journal", help="Journal to print with --replay.")
 ]
 HttpPort = Annotated[
     int | None,

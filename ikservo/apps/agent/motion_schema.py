@@ -1,4 +1,4 @@
-"""The kinds of motions as arguments of a tool, with the types and texts of their fields."""
+"""Offer the kinds of motions as arguments of a tool, with the types and texts of their fields."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The picture of a plan: the arm before and after, the path of its tip, and the things around it.
+"""Draw a plan: the arm before and after, the path of its tip, and the things around the arm.
 
 Two views: from above, and from the side on which the tip moves. Grey: the arm now; blue: the arm at
 the end; orange: the path of the tip; red: things around the arm; black: the table.
@@ -60,7 +60,7 @@ def draw_plan(arm: Arm, plan: MotionPlan) -> Picture:
 
 
 class _View:
-    """A parallel projection on axes (2, 3), right and up; the base is in the middle."""
+    """A parallel projection onto two axes (2, 3), right and up, with the base in the middle."""
 
     def __init__(self, axes: Matrix, reach_m: float) -> None:
         self.pixels = np.full((_SIZE, _SIZE, 3), 255, dtype=np.uint8)
@@ -95,12 +95,12 @@ def _edges(low_m: Point, high_m: Point) -> Iterator[tuple[Vector, Vector]]:
 
 
 def shrink_step(size: tuple[int, int]) -> int:
-    """Return the step of pixels by which a camera's picture (width, height) is made smaller."""
+    """Return the step in pixels for making a camera's picture (width, height) smaller."""
     return -(-max(size) // _LONGEST_SIDE)
 
 
 def shrunk(picture: NDArray[np.uint8]) -> Picture:
-    """Return a camera's picture, blue first or grey, as small colours with red first."""
+    """Return a camera's picture, in BGR or grey, as a small picture in RGB."""
     height, width = picture.shape[:2]
     step = shrink_step((width, height))
     small = picture[::step, ::step]

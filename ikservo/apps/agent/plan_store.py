@@ -29,15 +29,15 @@ class Answer(StrEnum):
 
 @dataclass(slots=True, eq=False)
 class OfferedPlan:
-    """A plan that waits to be executed.
+    """A plan that is waiting to be executed.
 
     Attributes:
         motions: The motions; several for a program.
         plan: The plan of a single motion; None for the gripper, a wait, and a program.
         summary: The plan in words, one line for each motion.
-        stops: The number of stops of the arm before it was made.
+        stops: The number of times the arm had been stopped before the plan was made.
         start: The joints (n,) where a program begins; None for a single motion.
-        made_s: The time at which the store got it.
+        made_s: The time at which the store received it.
         id: A number that cannot be guessed.
         answer: The person's answer.
         answered_by: Who answered.
@@ -79,33 +79,33 @@ class PlanStore:
 
         Raises:
             UnknownNameError: There is no such plan.
-            RefusedError: It has expired, was executed, or a person has refused it.
+            RefusedError: The plan has expired, was executed, or was refused by a person.
         """
         with self._lock:
             offered = self._plans.get(plan_id)
         if offered is None:
             raise UnknownNameError("plan", plan_id, ())
         if offered.is_used:
-            raise RefusedError(f"Plan {plan_id} was executed already.", "Make another plan.")
+            raise RefusedError(f"Plan {plan_id} has already been executed.", "Make another plan.")
         if offered.answer is Answer.NO:
             raise RefusedError(
                 f"A person has refused plan {plan_id}.", "Ask the person what to change."
             )
         if self._clock.now_s() - offered.made_s > LIFETIME_S:
             raise RefusedError(
-                f"Plan {plan_id} is older than {LIFETIME_S / 60.0:g} minutes.", "Make it again."
+                f"Plan {plan_id} is older than {LIFETIME_S / 60.0:g} minutes.", "Plan again."
             )
         return offered
 
     def take(self, plan_id: str) -> OfferedPlan:
-        """Return a plan that is executed now, and never again; raises as ``find``."""
+        """Return a plan to execute it now, and never again; raises the same errors as ``find``."""
         with self._lock:
             offered = self.find(plan_id)
             offered.is_used = True
         return offered
 
     def asked(self) -> list[OfferedPlan]:
-        """Return the plans that wait for a person's answer."""
+        """Return the plans that are waiting for a person's answer."""
         with self._lock:
             plans = list(self._plans.values())
         oldest_s = self._clock.now_s() - LIFETIME_S
@@ -113,7 +113,7 @@ class PlanStore:
         return [each for each in waiting if each.answer is Answer.NONE and each.made_s >= oldest_s]
 
     def answer(self, plan_id: str, answer: Answer, answered_by: str) -> None:
-        """Give a person's answer; a refusal ends an earlier consent. Raises as ``find``."""
+        """Store a person's answer; a refusal ends an earlier consent. Raises like ``find``."""
         with self._lock:
             offered = self.find(plan_id)
             if offered.answer is Answer.NONE or answer is Answer.NO:

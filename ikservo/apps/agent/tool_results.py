@@ -1,4 +1,4 @@
-"""The results of the tools, with units in their names. Texts from files and programs are quoted."""
+"""The results of the tools, with units in the field names. Texts from outside are quoted."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ class OfferedMotion(BaseModel):
 
 
 class Execution(BaseModel):
-    """The end of ``execute``."""
+    """The result of ``execute``."""
 
     status: Literal["done", "waiting_for_consent"]
     message: str
@@ -89,7 +89,7 @@ class CheckedProgram(BaseModel):
 
 
 class Refusal(BaseModel):
-    """An earlier error of a tool."""
+    """An earlier error from a tool."""
 
     tool: str
     kind: str

@@ -58,7 +58,7 @@ def _serve_https(server: MCPServer[Any], listen: str, port: int) -> None:
     except ValueError:
         raise BadValueError("--listen", listen, "an IP address, such as 127.0.0.1") from None
     if address.is_unspecified:
-        raise BadValueError("--listen", listen, "the address by which clients reach this machine")
+        raise BadValueError("--listen", listen, "the address at which clients reach this machine")
     certificate = find_part("certificate")(listen)
     family = socket.AF_INET6 if address.version == 6 else socket.AF_INET
     try:
@@ -90,7 +90,7 @@ def _serve_https(server: MCPServer[Any], listen: str, port: int) -> None:
 
 
 def _require_key(app: ASGIApp, key: str) -> ASGIApp:
-    """Return an application that answers 401 to requests without the key, before it reads them."""
+    """Return an application that answers 401 to requests without the key before reading them."""
     expected = f"Bearer {key}".encode()
 
     async def answer(scope: Scope, receive: Receive, send: Send) -> None:

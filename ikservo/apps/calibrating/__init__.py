@@ -21,10 +21,10 @@ APP = App(
                 ("show", "show", "Print zeros, signs and ranges."),
                 ("diff", "diff", "Compare the file with the servos."),
                 ("push", "push", "Write the file into the servos."),
-                ("pull", "pull", "Write the servos into the file."),
+                ("pull", "pull", "Write the servos' values into the file."),
                 ("adopt", "adopt", "Use the calibration made with another adapter."),
-                ("restore", "restore", "Replace a damaged file by the one before."),
-                ("undo", "undo", "Go back to the calibration before the last one."),
+                ("restore", "restore", "Replace a damaged file with the previous one."),
+                ("undo", "undo", "Return to the previous calibration."),
                 ("resume", "complete_write", "Complete an interrupted write."),
                 ("revert", "revert", "Undo an interrupted write."),
             )

@@ -18,12 +18,12 @@ from ikservo.model import Model
 
 
 class TouchedPoints:
-    """Touches of a test; they are kept if the test is stopped.
+    """The touches of a test, which are kept if the test is stopped.
 
     Attributes:
         tips: Name and position (3,) of each touched point, and the position (3,) of the tip from
             the measured joints; metres, base frame.
-        stopped: Why the test ended early; None if it is complete.
+        stopped: The reason why the test ended early; None if it is complete.
     """
 
     def __init__(self) -> None:
@@ -40,12 +40,12 @@ def measure_by_touch(
         model: The arm.
         port: See ``open_torque_off``.
         points: A file of points; None for the printed sheet.
-        times: The number of touches of each point.
+        times: The number of touches per point.
         operator: The user or the script that answers.
 
     Raises:
         CalibrationError: The arm is not calibrated, or no point was touched.
-        InputError: No user is there to answer.
+        InputError: There is no user to answer.
     """
     found = TouchedPoints()
     with open_torque_off(model, port) as limp_arm:

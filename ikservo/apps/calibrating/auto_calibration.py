@@ -47,7 +47,7 @@ _PRESSING_SHARE = 0.75
 
 @dataclass(frozen=True, slots=True)
 class ContactResult:
-    """Result of moving a joint until something stops it.
+    """The result of moving a joint until something stops it.
 
     Attributes:
         position: The position at which it stopped, rad or m.
@@ -72,11 +72,11 @@ def probe_end_stop(
     Args:
         context: The arm with the limits of the search, torque on.
         runner: Runs the motion.
-        bus: Its servos.
+        bus: The servos of the arm.
         joint: The joint.
-        end: Its goal, rad or m, beyond the stop that is searched for.
-        fraction: The fraction of its torque that the servo may use, 0 to 1; full torque is
-            allowed again afterwards.
+        end: The goal of the joint, rad or m, beyond the stop that is searched for.
+        fraction: The fraction of its torque that the servo may use, 0 to 1; afterwards, full torque
+            is allowed again.
         on_positions: Called with the measured joints (n,) in every control cycle.
 
     Raises:
@@ -110,7 +110,7 @@ class _EndStopSearch:
         self._trajectory: OnlineTrajectory | None = None
         self._polled_s = -math.inf
         self._leaving = False
-        # The lag behind the goal at which the servo presses as hard as it may.
+        # The lag behind the goal at which the servo presses with its full allowed torque.
         limits = self._context.servos.driven_joints[self._column]
         speed = self._context.planner.motion_limits("slow")[self._column].speed_rad_s
         lead_rad = limits.max_lead_ticks(speed) * limits.joint_map.horn_rad_per_tick
@@ -194,7 +194,7 @@ def range_ends(subject: JointUnderCalibration) -> Iterator[RangeEnd]:
 
 
 def horn_to_joint(subject: JointUnderCalibration) -> float:
-    """Return the largest motion of the joint for one radian of the horn, rad or m."""
+    """Return the largest motion of the joint, rad or m, for one radian of the horn."""
     return subject.joint_map.unit_per_horn_rad
 
 
@@ -207,19 +207,19 @@ def is_end_stop(found: ContactResult, end: RangeEnd, subject: JointUnderCalibrat
 def early_contact_error(
     found: ContactResult, end: RangeEnd, subject: JointUnderCalibration
 ) -> CalibrationError:
-    """Return the error for a joint that was stopped where it has no end stop."""
+    """Return the error for a joint that was stopped at a position without an end stop."""
     text = subject.joint_map.format
     if found.contact is ContactState.NO_CONTACT:
         return CalibrationError(
             f"{end.joint} does not move from {text(found.position)} although no load was felt.",
-            "Nothing was saved. Check supply, cable and alarms: ikservo where. Or leave it to the "
-            f"arm file: --skip {end.joint}",
+            "Nothing was saved. Check supply, cable and alarms: ikservo where. Or use the range "
+            f"in the arm file: --skip {end.joint}",
         )
     return CalibrationError(
         f"{end.joint} hit something at {text(found.position)}; its end stop is expected at "
         f"{text(end.expected)}.",
-        "Nothing was saved; torque stays on. Remove the obstacle. If that is its end stop, "
-        "calibrate by hand: ikservo calibrate. Or use its range in the arm file: "
+        "Nothing was saved; torque stays on. Remove the obstacle. If this is the end stop, "
+        "calibrate by hand: ikservo calibrate. Or use the range in the arm file: "
         f"--skip {end.joint}",
     )
 
@@ -230,7 +230,7 @@ def missing_stop_error(
     """Return the error for a joint that moved past the expected position of its stop."""
     return CalibrationError(
         f"{end.joint} found no end stop up to {subject.joint_map.format(found.position)}.",
-        "Nothing was saved. Check that the arm was in the pose when it was recorded. If the "
+        "Nothing was saved. Check that the arm was in the pose when the pose was recorded. If the "
         f"joint has no end stop: --continuous {end.joint}",
     )
 
@@ -284,8 +284,8 @@ class AutoCalibration:
     """Measures the ranges of an arm that is held in a named pose.
 
     Args:
-        loose: Its servos, torque off.
-        state: The calibration state, its anchor pose recorded.
+        loose: The servos of the arm, torque off.
+        state: The calibration state, with the reference pose recorded.
         pose: The named pose.
         measured: Keeps the travel of each joint whose two stops were found.
 
@@ -318,22 +318,22 @@ class AutoCalibration:
         self._place = ""  # "joint 2 of 6": the joint whose stops are searched now
 
     def run(self) -> Dialogue[CalibrationState]:
-        """Show each joint's direction, search the stops, and return the state for review.
+        """Show each joint's direction, search for the stops, and return the state for review.
 
         Raises:
-            CalibrationError: Another joint moved than expected, or a stop is in the wrong place.
+            CalibrationError: An unexpected joint moved, or a stop is in the wrong place.
             StoppedError: The user stopped it; the arm holds.
             RefusedError: The guard stopped it; the arm holds.
         """
         yield Notice("Torque is on. Let go of the arm and keep clear of it.")
-        # A wrong sign or exchanged ids have to show before anything else moves.
+        # Reveal a wrong sign or swapped ids before anything else moves.
         names = [joint.name for joint in self.arm.model.joints]
         yield from show_directions(self.arm, names, searching=True)
         yield from self.sweep()
         return self.finish()
 
     def sweep(self) -> Dialogue[None]:
-        """Search the stops of every joint that has stops and was not measured before, tip first.
+        """Search for the stops of each joint that was not measured before, from the tip.
 
         Raises:
             CalibrationError: A joint was stopped in the wrong place, or found no stop.
@@ -394,7 +394,7 @@ class AutoCalibration:
     def _find_end_stop(
         self, end: RangeEnd, subject: JointUnderCalibration
     ) -> Dialogue[float | str]:
-        """Search a joint's stop; return its position, rad or m, or why it cannot be searched."""
+        """Search for a joint's stop; return its position, rad or m, or why that is not possible."""
         names, path = self.arm.model.chain.names, list[Vector]()
         try:
             if end.joint in names:  # to a posture in which the joint can move to its end
@@ -441,7 +441,7 @@ class AutoCalibration:
         return self._context.index.chain_joints(self._context.servos.reference())
 
     def _update_state(self, joints: Vector) -> None:
-        """Update the calibration state; further servos of a joint follow its first one."""
+        """Update the calibration state; other servos of a joint follow its first servo."""
         ticks, positions = dict[int, int](), self._context.index.by_name(joints)
         for subject in self.state.subjects:
             anchor = self.state.reference_ticks[subject.servo_id]

@@ -70,7 +70,7 @@ def configure_encoders(
     next one that opens the arm undoes the change from the journal.
 
     Returns:
-        The calibration that follows from the pose alone.
+        The calibration that follows from only the pose.
 
     Raises:
         CalibrationError: A joint would cross a wrap-around that cannot be moved.
@@ -96,7 +96,7 @@ def configure_encoders(
 
 @contextmanager
 def restore_encoders(loose: TorqueOffArm, on_status: Callable[[str], None]) -> Generator[None]:
-    """Restore the registers of servos with torque off if the block ends without a calibration.
+    """Restore the registers of servos whose torque is off if the block ends without a calibration.
 
     If the arm holds, its torque stays on, and the user is told how to restore them.
 
@@ -107,7 +107,7 @@ def restore_encoders(loose: TorqueOffArm, on_status: Callable[[str], None]) -> G
     try:
         yield
     except BaseException:
-        with contextlib.suppress(BusError):  # the error of the block names silent servos already
+        with contextlib.suppress(BusError):  # the raised error already names silent servos
             _restore_registers(loose, on_status)
         raise
 
@@ -157,7 +157,7 @@ def limited_context(
 
 
 def _widen_range(subject: JointUnderCalibration, state: CalibrationState) -> JointUnderCalibration:
-    """Return a joint with the range in which its stops are searched for."""
+    """Return a joint with the range in which to search for its stops."""
     if not can_probe(subject, state):
         return subject
     beyond = SEARCH_MARGIN_RAD / subject.joint_map.horn_rad_per_tick  # ticks
@@ -202,7 +202,7 @@ class PosturePlanner:
         self._low, self._high = np.minimum(low, high), np.maximum(low, high)
 
     def learn(self, column: int, low: float, high: float) -> None:
-        """Use the measured range of a joint; postures may come closer to measured ends."""
+        """Use the measured range of a joint; postures may come closer to its measured ends."""
         low, high = low + _INSIDE_MEASURED_RAD, high - _INSIDE_MEASURED_RAD
         if low < high:
             self._low[column], self._high[column] = low, high
@@ -387,7 +387,7 @@ class MeasuredRanges:
         write_atomic(self.path, dump_partial(partial))
 
     def remove_file(self) -> None:
-        """Remove the file, because a calibration was saved or all joints are measured again.
+        """Remove the file when a calibration was saved or all joints are measured again.
 
         Raises:
             FileWriteError: The file cannot be removed.

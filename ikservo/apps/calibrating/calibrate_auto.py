@@ -31,7 +31,7 @@ from ikservo.model import Model
 
 _WARNING = (
     "The arm will drive every joint to its stops, slowly and with little force, and end in its "
-    "rest pose. Clear its whole reach. Ctrl-C stops it; it then holds."
+    "rest pose. Clear its whole reach. Ctrl-C stops the arm, which then holds."
 )
 
 
@@ -47,7 +47,7 @@ def calibrate_auto(
 
     Raises:
         CalibrationError: The arm file forbids it, or a joint hit something that is not its stop.
-        InputError: The user could not be asked to confirm.
+        InputError: The user could not be asked for confirmation.
         StoppedError: The user interrupted; the arm holds.
     """
     check_auto_allowed(model)
@@ -90,9 +90,11 @@ def _offer_measured_joints(limp_arm: TorqueOffArm) -> Dialogue[MeasuredRanges]:
     yield Notice(
         f"An interrupted run of {measured.written} measured {', '.join(measured.travels)}."
     )
-    if (yield Question("Use these, and measure only the other joints?", Unasked.YES)) == ACCEPT:
+    if (
+        yield Question("Use these results, and measure only the other joints?", Unasked.YES)
+    ) == ACCEPT:
         path = measured.path
-        yield Notice(f"They are not measured again; to measure all joints, remove {path}.")
+        yield Notice(f"These joints are not measured again; to measure all joints, remove {path}.")
     else:
         measured.remove_file()
     return measured

@@ -1,4 +1,4 @@
-"""``ikservo calibrate``: measure an arm's zeros, signs and ranges; options of all its variants."""
+"""``ikservo calibrate``: measure an arm's zeros, signs and ranges, with all options."""
 
 from __future__ import annotations
 
@@ -22,7 +22,9 @@ from ikservo.cli.session import open_from_options
 from ikservo.cli.terminal_dialogue import AnswerOptions
 from ikservo.errors import InputError
 
-Pose = Annotated[str, typer.Option("--pose", help="Named pose in which you hold the arm at first.")]
+Pose = Annotated[
+    str, typer.Option("--pose", help="Named pose in which you hold the arm at the start.")
+]
 Margin = Annotated[
     float,
     typer.Option(
@@ -35,7 +37,11 @@ Continuous = Annotated[
 ]
 Skip = Annotated[
     list[str] | None,
-    typer.Option("--skip", metavar="JOINT", help="Use the arm file's range and sign."),
+    typer.Option(
+        "--skip",
+        metavar="JOINT",
+        help="Do not measure this joint; use the range and sign in the arm file.",
+    ),
 ]
 OnlyJoint = Annotated[
     list[str] | None,
@@ -43,7 +49,9 @@ OnlyJoint = Annotated[
 ]
 OwnLimit = Annotated[
     list[str] | None,
-    typer.Option("--limit", metavar="JOINT=LOW:HIGH", help="Narrower range of your own."),
+    typer.Option(
+        "--limit", metavar="JOINT=LOW:HIGH", help="Narrower range of your choice for a joint."
+    ),
 ]
 WriteLimits = Annotated[
     bool | None,
@@ -107,12 +115,12 @@ def command(
     sets_limits = not (touch or wiggle or seen or camera.from_pictures)
     if not sets_limits and of_limits != ("rest", 2.0, None, None, None, None):
         raise InputError(
-            "--pose, --margin, --continuous, --skip, --limit and --write-limits go with a "
+            "--pose, --margin, --continuous, --skip, --limit and --write-limits need a "
             "calibration that sets limits: by hand, or with --auto.",
             "Leave them out.",
         )
     if touch_off != TouchOffOptions() and not touch:
-        raise InputError("Only a touch-off uses points to touch.", "Add: --touch")
+        raise InputError("--points, --same-point and --sheet-origin need --touch.", "Add: --touch")
     if uncalibrated and not wiggle:
         raise InputError("--uncalibrated needs --wiggle.", "Leave it out.")
     if camera.from_pictures is not None:
@@ -131,7 +139,7 @@ def command(
         return
     if camera != CameraOptions():
         raise InputError(
-            "--by-hand and the options of boards and pictures go with --camera.",
+            "--by-hand and the options for boards and pictures need --camera.",
             "Add --camera SOURCE, or leave them out to set the limits by hand.",
         )
     if wiggle:

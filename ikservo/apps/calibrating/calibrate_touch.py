@@ -25,11 +25,11 @@ from ikservo.files.reading import read_text
 from ikservo.model import Model
 
 _MAX_BYTES = 64 * 1024
-_EXPECTED = "NAME X Y Z, in metres or like 120mm, the arm's base frame"
+_EXPECTED = "NAME X Y Z in the arm's base frame, in metres or with a unit, such as 120mm"
 
 
 def read_points(path: Path) -> list[TouchTarget]:
-    """Read the points in a file; ``#`` starts a comment.
+    """Read the points from a file; ``#`` starts a comment.
 
     Raises:
         FileFormatError: The file cannot be read, or a line is not a point; the message names it.
@@ -55,7 +55,7 @@ _REPEATS = 20
 
 @dataclass(frozen=True, kw_only=True)
 class TouchOffOptions:
-    """The points of a touch-off: those of the printed sheet unless others are given."""
+    """The points of a touch-off; by default, the points on the printed sheet."""
 
     points: PointsOption = None
     same_point: Annotated[
@@ -75,7 +75,7 @@ class TouchOffOptions:
         typer.Option(
             "--block-height",
             parser=parse_length_m,
-            help="Height of a block for every other cross.",
+            help="Height of the block that you put on every other cross.",
         ),
     ] = None
 
@@ -88,7 +88,7 @@ def run_touch_off(
     Raises:
         CalibrationError: The arm is not calibrated, or the touches do not suffice or do not
             improve the calibration.
-        InputError: No user is there to answer.
+        InputError: There is no user to answer.
     """
     with open_torque_off(model, port) as limp_arm:
         session = TouchOffSession(limp_arm)

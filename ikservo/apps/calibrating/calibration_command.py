@@ -68,7 +68,7 @@ def show(connection: NamedServoConnection, *, json: JsonOption = False) -> None:
 
 
 def restore(connection: NamedServoConnection, *, json: JsonOption = False) -> None:
-    """Replace a damaged calibration file by the one before; the servos are not asked.
+    """Replace a damaged calibration file with the previous one; the servos are not read.
 
     ikservo calibration restore so101
     """
@@ -80,7 +80,7 @@ def restore(connection: NamedServoConnection, *, json: JsonOption = False) -> No
 
 
 def undo(connection: NamedServoConnection, *, json: JsonOption = False) -> None:
-    """Go back to the calibration before the last one by camera or touch-off.
+    """Return to the calibration before the last one by camera or touch-off.
 
     ikservo calibration undo so101
     """
@@ -143,7 +143,7 @@ def adopt(
 
 
 def complete_write(connection: NamedServoConnection, *, yes: YesOption = False) -> None:
-    """Complete a calibration whose writing into the servos was interrupted.
+    """Finish writing a calibration into the servos after an interruption.
 
     ikservo calibration resume so101
     """
@@ -151,7 +151,7 @@ def complete_write(connection: NamedServoConnection, *, yes: YesOption = False) 
 
 
 def revert(connection: NamedServoConnection, *, yes: YesOption = False) -> None:
-    """Undo a calibration whose writing into the servos was interrupted.
+    """Undo an interrupted write of a calibration into the servos.
 
     ikservo calibration revert so101
     """

@@ -1,7 +1,7 @@
 """The dialogue of a calibration by hand: torque off, pose, directions, sweep, review.
 
 Step 1 is the pose. One step per joint for its direction, the sweep and the review follow. The
-number of a skipped joint is left out, so that the other numbers do not change.
+number of a skipped joint stays unused, so that the other numbers do not change.
 """
 
 from __future__ import annotations
@@ -99,7 +99,7 @@ class CalibrationOptions:
             model.joint(name).limits.intersect(limits)
 
     def begin(self, limp_arm: TorqueOffArm) -> CalibrationState:
-        """Return the initial state, with the answers that are given as options."""
+        """Return the initial state, including the answers that were given as options."""
         subjects = limp_arm.make_subjects(self.pose, only=self.joints)
         state = CalibrationState.begin(subjects, self.margin_rad)
         free = frozenset(state.find_joint(joint).name for joint in self.continuous)
@@ -107,7 +107,7 @@ class CalibrationOptions:
         return replace(state, free=free, skipped=skipped)
 
     def with_user_ranges(self, more: Mapping[str, Limits]) -> CalibrationOptions:
-        """Return the options with narrower ranges of some joints, unless the user set them."""
+        """Return the options with narrower ranges for joints whose range the user has not set."""
         return replace(self, user={**more, **self.user})
 
 
@@ -118,7 +118,7 @@ def calibrate_by_hand(
 
     Args:
         limp_arm: The arm, torque off.
-        options: The choices that were made beforehand.
+        options: The choices that the user made beforehand.
         base: The calibration in which some joints are replaced; None if all are new.
 
     Raises:
@@ -223,7 +223,7 @@ def apply_answer(state: CalibrationState, text: str) -> CalibrationState:
 
 
 def read_script(path: Path) -> list[str]:
-    """Read the answers in a file, one per line; ``#`` begins a comment.
+    """Read the answers from a file, one per line; ``#`` begins a comment.
 
     Raises:
         FileFormatError: The file cannot be read, or a line is not an answer.
@@ -232,12 +232,12 @@ def read_script(path: Path) -> list[str]:
 
 
 def possible_answers(state: CalibrationState, at_s: float) -> HandRequest:
-    """Return the request without text for a state, read at a time [s], before the review."""
+    """Return the request, without its text, for a state read at a time [s] before the review."""
     ranges = ((track.low, track.high) for track in state.tracks.values())
     current = state.current_joint
     if state.stage is CalibrationStage.REFERENCE_POSE:
         wait_s = 0.0 if state.is_at_rest else None
-        choices = (Choice(ACCEPT, "take the pose", "Enter", wait_s),)
+        choices = (Choice(ACCEPT, "record the pose", "Enter", wait_s),)
         missing = CalibrationError(
             "Timeout: the arm was still moving.", "Hold it still in the pose."
         )
@@ -260,7 +260,7 @@ def possible_answers(state: CalibrationState, at_s: float) -> HandRequest:
 
 
 def _sweep_choices(state: CalibrationState, issue: CalibrationError | None) -> tuple[Choice, ...]:
-    """Return the answers of a sweep; keys act on the current joint, or on that of an issue."""
+    """Return the answers of a sweep; keys act on the current joint or the joint of an issue."""
     complete = all(range_complete(state, subject) for subject in state.subjects)
     wait_s = None if issue else _UNCHANGED_S if complete else _COMPLETE_AFTER_S
     joints = tuple(subject.name for subject in state.subjects)
@@ -321,7 +321,7 @@ def review(
     Args:
         limp_arm: The arm.
         state: The calibration at its review.
-        options: The choices that were made beforehand.
+        options: The choices that the user made beforehand.
         base: The calibration in which some joints are replaced; None if all are new.
         more: Answers besides saving, for a page with buttons.
         may_have_sagged: See ``find_shifted_zeros``.
@@ -346,7 +346,7 @@ def review(
         yield Notice(f"  {line}")
     arm = limp_arm.model.name
     yield from check_zeros(state, options.pose, arm, may_have_sagged=may_have_sagged)
-    protect = Choice("protect", "save, and let the servos hold these limits, too")
+    protect = Choice("protect", "save, and write these limits into the servos as well")
     answer = yield from confirm_saving(limp_arm, outcome.calibration, (protect, *more))
     write_limits = answer == "protect" or options.write_limits
     if write_limits is None and answer == ACCEPT:
@@ -356,7 +356,7 @@ def review(
         return answer, outcome
     for joint in outcome.calibration.joints:
         if joint.extended:
-            yield Notice(f"  {joint.name}: multi-turn mode; its servo cannot hold limits.")
+            yield Notice(f"  {joint.name}: the servo is in multi-turn mode and cannot hold limits.")
     limited = replace(options, write_limits=True)
     return answer, _build_outcome(limp_arm, state, limited, base)
 
@@ -410,7 +410,7 @@ def check_zeros(
 def confirm_saving(
     limp_arm: TorqueOffArm, calibration: Calibration, more: tuple[Choice, ...] = ()
 ) -> Dialogue[str]:
-    """Show what would be saved and what it replaces; return the answer of a user who agrees.
+    """Show what would be saved and replaced; return the answer of a user who agrees.
 
     Args:
         limp_arm: The arm.
@@ -433,7 +433,7 @@ def confirm_saving(
 
 
 def _replaced_lines(path: Path, calibration: Calibration) -> Iterator[str]:
-    """Yield the differences from the file that a calibration would replace, if there is one."""
+    """Yield the differences from the calibration file that would be replaced, if there is one."""
     try:
         old = load_calibration_file(path, calibration.arm)
     except FileFormatError as error:

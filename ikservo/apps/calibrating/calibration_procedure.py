@@ -1,4 +1,4 @@
-"""The calibration by hand as a pure state machine: readings and operator input to states.
+"""Calibration by hand as a pure state machine that maps readings and operator input to states.
 
 ``anchor -> sweep -> review -> saved``. It uses no terminal, no bus and no clock, so a terminal,
 a web page and a test use the same procedure. Every step returns a new `CalibrationState`.
@@ -28,7 +28,7 @@ _SHADOW_TICKS = 40
 
 
 def is_full_turn(state: CalibrationState, subject: JointUnderCalibration) -> bool:
-    """Check whether a joint was moved so far that its range has no stops."""
+    """Check whether a joint was moved so far that it cannot have end stops."""
     track = state.tracks[subject.servo_id]
     return subject.ticks_per_turn != 0 and track.width >= subject.ticks_per_turn * (
         1.0 - _ALMOST_FULL_TURN
@@ -77,8 +77,8 @@ def _range_issues(
     expects_turn = subject.expected_ticks >= _MAX_WIDTH_RATIO * subject.ticks_per_turn
     if is_full_turn(state, subject) and not expects_turn:
         yield CalibrationError(
-            f"{name} was turned by a whole turn; "
-            f"the arm file expects {_format_expected_range(subject)}.",
+            f"{name} was turned by a full turn; the arm file expects "
+            f"{_format_expected_range(subject)}.",
             f"Without end stops: mark {name} as turning freely. Otherwise check for a loose horn.",
         )
     if _fits_better_mirrored(state, subject):
@@ -102,7 +102,7 @@ def _shadow_issues(
             yield CalibrationError(
                 f"Servos {subject.servo_id} and {shadow_id} of {subject.name} report different "
                 "motions.",
-                f"Is drive_mode of servo {shadow_id} as in the arm file? Is a horn loose?",
+                f"Does drive_mode of servo {shadow_id} match the arm file? Is a horn loose?",
             )
 
 
@@ -166,17 +166,17 @@ class CalibrationState:
 
     Attributes:
         subjects: The joints, base to tip.
-        margin_rad: Distance of limits from ends that were found by hand, angle of the horn.
+        margin_rad: Distance, as an angle of the horn, of limits from ends that were found by hand.
         stage: The stage of the procedure.
         tracks: Position and range of each servo, by id; shadows included.
         stillness: The readings of the last half second.
         reference_ticks: The tick of each servo in the reference pose, by id.
-        signs: Directions found so far, by joint.
-        unconfirmed_signs: Directions found once that are opposite to the arm file's, by joint;
-            such a joint must be moved again.
+        signs: Directions that were found so far, by joint.
+        unconfirmed_signs: Directions that were found once and are opposite to the arm file's, by
+            joint; such a joint must be moved again.
         returned: Whether the joint that must be moved again is back at its start.
         skipped: Joints that keep the arm file's range and sign.
-        reasons: Reason why a program could not measure a joint, by joint.
+        reasons: Reasons why joints could not be measured automatically, by joint.
         free: Joints that the user marked as having no stops.
         known_signs: Joints whose sign in the arm file is known to be right.
         motor_driven: Whether the servos, not the user, move the joints.
@@ -229,7 +229,7 @@ class CalibrationState:
         return self.stillness.is_at_rest()
 
     def find_joint(self, joint: str) -> JointUnderCalibration:
-        """Find the joint of that name.
+        """Find the joint with a name.
 
         Raises:
             UnknownNameError: The arm has no such joint.
@@ -240,7 +240,7 @@ class CalibrationState:
         return named[joint]
 
     def sign(self, subject: JointUnderCalibration) -> int:
-        """Return a joint's sign as found, or else the arm file's."""
+        """Return the sign that was found for a joint, or else the sign in the arm file."""
         return self.signs.get(subject.name, subject.joint_map.sign)
 
     def is_measured(self, subject: JointUnderCalibration) -> bool:
@@ -314,11 +314,11 @@ class CalibrationState:
         )
 
     def mark_continuous(self, joint: str) -> CalibrationState:
-        """Mark a joint as having no stops; its range is the arm file's, however far it is moved."""
+        """Mark a joint as having no stops; its range is then the range in the arm file."""
         return self._remember_previous(free=self.free | {self.find_joint(joint).name})
 
     def remeasure(self, joint: str) -> CalibrationState:
-        """Measure one joint again, its direction included."""
+        """Measure one joint again, including its direction."""
         subject = self.find_joint(joint)
         tracks = {**self.tracks, subject.servo_id: self.tracks[subject.servo_id].restarted()}
         return self._remember_previous(

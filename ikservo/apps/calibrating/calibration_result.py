@@ -1,8 +1,8 @@
 """The result of a calibration: measured joints, the calibration to save, expected registers.
 
-A joint's stops are near the limits of the arm file. If one end of the recorded range is far
-beyond its limit and the other end is not, the zero is shifted: the arm was not in the pose. A range
-as wide as that of the arm file shows a much smaller shift.
+A joint's stops are near the limits of the arm file. If one end of the recorded range is far beyond
+its limit and the other end is not, the zero is shifted: the arm was not in the pose. If the range
+is as wide as in the arm file, a much smaller shift can be seen.
 """
 
 from __future__ import annotations
@@ -23,9 +23,8 @@ from ikservo.errors import CalibrationError
 from ikservo.registers import Family
 
 # The largest shift of the zero that is accepted without a question, by unit: for a range that
-# differs from the arm file's, and for one that is as wide, which has the arm file's stops. Less
-# than 5° would question good calibrations: a pose that is set by eye and the stops of printed parts
-# differ by some degrees.
+# differs from the arm file's, and for a range that is as wide. Less than 5° would question good
+# calibrations: a pose that is set by eye and the stops of printed parts differ by some degrees.
 _MAX_SHIFT = {"rad": math.radians(10.0), "m": 0.004}
 _MAX_SHIFT_OF_SAME_WIDTH = {"rad": math.radians(5.0), "m": 0.002}
 _SAME_WIDTH = {"rad": math.radians(1.0), "m": 0.0005}
@@ -36,8 +35,9 @@ class MeasuredJoint:
     """A joint's mounting and travel.
 
     Attributes:
-        joint_map: Its sign and zero, in bare ticks; in reported ticks after ``shift_ticks``.
-        travel: Its range, in the same ticks.
+        joint_map: The sign and zero of the joint, in bare ticks; in reported ticks after
+            ``shift_ticks``.
+        travel: The range of the joint, in the same ticks.
         swept: The source of the range.
     """
 
@@ -52,7 +52,7 @@ class MeasuredJoint:
         return MeasuredJoint(moved, travel, self.swept)
 
     def range_inside_margin(self, margin_rad: float) -> tuple[float, float] | None:
-        """Compute the range less a margin at both ends; None if it was not recorded."""
+        """Compute the range without a margin at both ends; None if the range was not recorded."""
         if self.swept == "not swept":
             return None
         margin = margin_rad / self.joint_map.horn_rad_per_tick
@@ -61,7 +61,7 @@ class MeasuredJoint:
         return low, high
 
     def limits(self, expected: Limits, margin_rad: float, user: Limits | None) -> Limits:
-        """Return the intersection of recorded range, arm file and user's limits.
+        """Return the intersection of the recorded range, the arm file and the user's limits.
 
         Raises:
             CalibrationError: The intersection is empty; the message names two disjoint ranges.
@@ -93,15 +93,16 @@ def measure_joint(state: CalibrationState, subject: JointUnderCalibration) -> Me
 
 
 def _travel_around(subject: JointUnderCalibration, known: TickRange, anchor: float) -> TickRange:
-    """Return a travel moved by full revolutions to the reference tick."""
+    """Return a travel, moved by full revolutions so that it contains the reference tick."""
     shift = 0
     if subject.ticks_per_turn:
         middle = (known.low + known.high) // 2
         shift = unwrap_near(round(anchor), middle, subject.ticks_per_turn) - middle
     if not known.low + shift - 1 <= anchor <= known.high + shift + 1:
         raise CalibrationError(
-            f"{subject.name}: the anchor pose is outside the range that was recorded before.",
-            "Check that the arm is in that pose and the file is its own. Or: ikservo calibrate",
+            f"{subject.name}: the pose of the arm is outside the imported range.",
+            "Check that the arm is in the pose and that the file belongs to this arm. Or: "
+            "ikservo calibrate",
         )
     return TickRange(known.low + shift, known.high + shift)
 
@@ -110,12 +111,12 @@ _SAME_TICKS = 3  # smaller differences between servos of one joint are within th
 
 ServoConfigs = Mapping[int, ServoConfig]
 RegisterValues = Mapping[int, Mapping[str, int]]
-"""Raw numbers by servo id and register."""
+"""Raw register values by servo id and register name."""
 
 
 @dataclass(frozen=True, slots=True)
 class CalibrationMetadata:
-    """The data of a calibration file except the joints."""
+    """The data of a calibration file without the joints."""
 
     arm: str
     written: datetime
@@ -141,13 +142,13 @@ def build_calibration(
     write_limits: bool = False,
     user: Mapping[str, Limits] | None = None,
 ) -> CalibrationResult:
-    """Compute the calibration of a procedure that has reached its review.
+    """Compute the calibration from a procedure that has reached its review.
 
     Args:
         state: The procedure.
         configs: The configuration of every servo, by id.
         metadata: Further data of the file.
-        write_limits: Whether limits are written to the servos, too.
+        write_limits: Whether limits are also written to the servos.
         user: Limits set by the user, by joint.
 
     Raises:
@@ -183,7 +184,7 @@ def build_calibration(
 def _apply_homing(
     state: CalibrationState, subject: JointUnderCalibration, configs: ServoConfigs
 ) -> tuple[Homing, MeasuredJoint]:
-    """Choose the homing of the joint's servo; also return the joint in its ticks after homing."""
+    """Choose the homing of the joint's servo; return it with the joint in ticks after homing."""
     lead, found = configs[subject.servo_id], measure_joint(state, subject)
     homing = choose_homing(
         subject.name,

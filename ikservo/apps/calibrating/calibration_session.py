@@ -63,9 +63,9 @@ class TorqueOffArm:
     Attributes:
         model: The arm file's model.
         bus: The servos' bus.
-        facts: The configuration of every servo as read, by id.
+        facts: The configuration that was read from every servo, by id.
         serial_number: The serial number of the USB adapter; empty if it has none.
-        settled: Text that says how an interrupted write was recovered; empty if none was.
+        settled: Text about the recovery of an interrupted write; empty if there was none.
     """
 
     def __init__(self, model: Model, bus: ServoBus, *, settled: bool = True) -> None:
@@ -88,7 +88,7 @@ class TorqueOffArm:
 
     @property
     def partial_path(self) -> Path:
-        """The path of the joints measured by an interrupted automatic calibration."""
+        """The file of the joints that an interrupted automatic calibration measured."""
         return partial_path(self.model.name, self.serial_number)
 
     def make_subjects(
@@ -139,7 +139,7 @@ class TorqueOffArm:
             raise error
 
     def read_ticks(self) -> tuple[float, dict[int, int]] | None:
-        """Wait for the next period; return time [s] and raw ticks by id, None if one is missing.
+        """Wait for the next period; return time [s] and raw ticks by id, or None if any is missing.
 
         Raises:
             BusError: Servos have been silent for half a second.
@@ -154,7 +154,7 @@ class TorqueOffArm:
         return at_s, raw
 
     def read_positions(self) -> tuple[float, dict[int, int]] | None:
-        """Wait for the next period; return time [s] and ticks by id, None if one is missing.
+        """Wait for the next period; return time [s] and ticks by id, or None if any is missing.
 
         Raises:
             BusError: Servos have been silent for half a second.
@@ -178,7 +178,7 @@ class TorqueOffArm:
         user: Mapping[str, Limits] | None = None,
         facts: Mapping[int, ServoConfig] | None = None,
     ) -> CalibrationResult:
-        """Build the calibration; ``facts`` replaces the servos' configuration as read."""
+        """Build the calibration; ``facts`` replaces the configuration read from the servos."""
         metadata = CalibrationMetadata(
             arm=self.model.name,
             written=written.replace(microsecond=0),
@@ -191,7 +191,7 @@ class TorqueOffArm:
         return build_calibration(state, facts, metadata, write_limits=write_limits, user=user)
 
     def register_limit_warnings(self, outcome: CalibrationResult) -> Iterator[str]:
-        """Yield a warning for each joint whose range the servo's own limits would cut."""
+        """Yield a warning for each joint whose range the servo's own limits would cut off."""
         for joint in self.model.joints:
             own = outcome.calibration.joint(joint.name)
             if own is None or own.extended:
@@ -254,7 +254,7 @@ def load_own_calibration(loose: TorqueOffArm) -> Calibration:
     calibration = load_calibration(name, loose.serial_number)
     if calibration is None:
         others = calibrations_of(name)
-        adopt = f" Or adopt that of another adapter: ikservo calibration adopt {name}"
+        adopt = f" Or adopt the calibration of another adapter: ikservo calibration adopt {name}"
         raise CalibrationError(
             f"{name} is not calibrated: there is no {loose.path}.",
             f"Calibrate it: ikservo calibrate {name}.{adopt if others else ''}",
@@ -279,7 +279,7 @@ def find_lost_camera(before: Calibration) -> Iterator[str]:
 
 
 def lost_geometry_warning(loose: TorqueOffArm) -> Iterator[str]:
-    """Yield warnings if a new calibration loses corrections of a touch-off, or a camera."""
+    """Yield warnings if a new calibration loses touch-off corrections or a camera."""
     with contextlib.suppress(FileFormatError):  # a malformed file has nothing to lose
         before = load_calibration(loose.model.name, loose.serial_number)
         if before:
@@ -296,7 +296,7 @@ def push_calibration(loose: TorqueOffArm) -> Path:
     """Write the file's registers into the servos; torque is switched off first.
 
     Raises:
-        CalibrationError: There is no file, or its servos are not those of the arm file.
+        CalibrationError: There is no file, or its servos differ from those in the arm file.
         IkservoError: The transfer failed; nothing is changed, or the message says how to continue.
     """
     calibration = _load_matching_calibration(loose)
@@ -309,7 +309,7 @@ def pull_calibration(loose: TorqueOffArm) -> Path:
     """Write the servos' registers into the file; zeros and travels move with the offsets.
 
     Raises:
-        CalibrationError: There is no file, its servos are not those of the arm file, the count
+        CalibrationError: There is no file, its servos differ from those in the arm file, the count
             direction has changed, or a count wraps inside a joint's range.
     """
     calibration = _load_matching_calibration(loose)
@@ -372,7 +372,7 @@ def find_adoptable(loose: TorqueOffArm, path: Path | None = None) -> tuple[Path,
 
     Args:
         loose: The arm.
-        path: The file; None: the files of this arm on other adapters.
+        path: The file; None searches the files of this arm on other adapters.
 
     Raises:
         CalibrationError: No calibration fits, or several do.
@@ -418,8 +418,8 @@ def base_calibration(loose: TorqueOffArm, joints: Collection[str]) -> Calibratio
     """Load the calibration in which some joints are to be replaced.
 
     Raises:
-        CalibrationError: There is no calibration, it is another arm's, or the servos of the joints
-            that are kept contradict it.
+        CalibrationError: There is no calibration, it belongs to another arm, or the servos of the
+            joints that are kept contradict it.
         FileFormatError: The file is malformed.
     """
     calibration = _load_matching_calibration(loose)
@@ -431,7 +431,7 @@ def base_calibration(loose: TorqueOffArm, joints: Collection[str]) -> Calibratio
 
 
 def merge_outcome(base: Calibration, outcome: CalibrationResult) -> CalibrationResult:
-    """Add other joints, geometry and user limits of ``base`` to the result of some joints."""
+    """Add the other joints, the geometry and the user limits of ``base`` to a partial result."""
     new = {joint.name: joint for joint in outcome.calibration.joints}
     joints: list[CalibratedJoint] = []
     for old in base.joints:
@@ -444,7 +444,7 @@ def merge_outcome(base: Calibration, outcome: CalibrationResult) -> CalibrationR
 
 
 def find_replaced_zeros(base: Calibration, joints: Collection[str]) -> Iterator[str]:
-    """Yield a warning for each earlier result that is lost if some joints are calibrated again."""
+    """Yield a warning for each earlier result that is lost when some joints are recalibrated."""
     yield from find_lost_camera(base)
     if base.geometry:
         yield (

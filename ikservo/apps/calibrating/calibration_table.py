@@ -11,7 +11,7 @@ COLUMNS = ("joint", "servo", "zero", "sign", "range", "measured")
 
 
 def calibration_row(joint: CalibratedJoint) -> list[str]:
-    """Return the cells of a joint under ``COLUMNS``."""
+    """Return the table cells of a joint, in the order of ``COLUMNS``."""
     ids = " and ".join(f"{servo.model} (id {servo.id})" for servo in joint.servos)
     return [joint.name, ids, _zero(joint), _sign(joint), _range(joint), joint.swept]
 

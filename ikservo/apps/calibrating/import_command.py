@@ -44,7 +44,7 @@ from ikservo.maintenance.dialogue import Dialogue, Notice
 
 Source = Annotated[
     str,
-    typer.Argument(metavar="ID|FILE", help="LeRobot's id of the arm, or a file."),
+    typer.Argument(metavar="ID|FILE", help="Id of the arm in LeRobot, or a file."),
 ]
 
 
@@ -81,7 +81,7 @@ def command(
 def _measure_and_review(
     limp_arm: TorqueOffArm, joints: Sequence[LerobotJoint], pose: str, margin_rad: float
 ) -> Dialogue[tuple[CalibrationState, CalibrationResult]]:
-    """Measure what LeRobot's file lacks; return the last state and the result to save.
+    """Measure the values that LeRobot's file lacks; return the last state and the result to save.
 
     The joints of the result are in LeRobot's order, so that it can be exported again.
     """

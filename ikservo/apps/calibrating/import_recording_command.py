@@ -1,4 +1,4 @@
-"""``ikservo import recording``: import the calibration of a recording for this arm."""
+"""``ikservo import recording``: import the calibration in a recording for this arm."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from ikservo.apps.calibrating.calibration_command import import_recorded
 from ikservo.cli.model_options import model_from_option
 from ikservo.cli.options import JsonOption, ServoConnection, YesOption
 
-Recording = Annotated[Path, typer.Argument(metavar="FILE", help="A recording as MCAP.")]
+Recording = Annotated[Path, typer.Argument(metavar="FILE", help="An MCAP recording.")]
 
 
 def command(

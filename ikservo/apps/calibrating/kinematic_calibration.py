@@ -32,8 +32,8 @@ class TouchPoint:
     Attributes:
         q: The measured joints (dof,), rad or m.
         point: The point's name.
-        position_m: Its position (3,), metres, in the desired base frame; None for an unmeasured
-            point that is touched several times.
+        position_m: The position of the point (3,), metres, in the desired base frame; None for an
+            unmeasured point that is touched several times.
     """
 
     q: Vector
@@ -87,9 +87,9 @@ class Parameter:
     """One parameter of a touch-off.
 
     Attributes:
-        name: ``elbow_flex zero``, ``base x``, ``elbow_flex origin z``.
+        name: The name, such as ``elbow_flex zero``, ``base x`` or ``elbow_flex origin z``.
         unit: rad or m.
-        prior: Its standard deviation before any touch, rad or m.
+        prior: The standard deviation before any touch, rad or m.
         free: Whether it is estimated.
     """
 
@@ -181,7 +181,7 @@ class LeastSquaresProblem:
         return values
 
     def residuals(self, x: Vector, kept: Mask) -> Vector:
-        """Compute errors of the kept touches, then of x from its prior, in standard deviations."""
+        """Compute the errors of the kept touches and then of x, in standard deviations."""
         errors = self.tip_errors(self.values(x))[0][kept].ravel() / TOUCH_M
         return np.concatenate([errors, (x - self.start) / self.prior])
 
@@ -191,7 +191,7 @@ class LeastSquaresProblem:
         return np.vstack([J.reshape(3 * len(J), len(x)), np.diag(1.0 / self.prior)])
 
     def tip_errors(self, values: Vector) -> tuple[Matrix, Matrix]:
-        """Return tip less point (n, 3), metres, and its derivatives by the vector (n, 3, k)."""
+        """Return tip minus point (n, 3), metres, and the derivatives by the vector (n, 3, k)."""
         layout = self.layout
         q, geometry = self._q + layout.zeros(values), layout.geometry(values)
         tips, moving = calibration_jacobian(layout.chain, q, geometry, layout.origins)
@@ -227,7 +227,7 @@ class CalibrationFit:
     Attributes:
         layout: The meaning of the parameters.
         values: The vector (k,).
-        covariance: Its covariance (k, k); zero for parameters that were not estimated.
+        covariance: The covariance (k, k); zero for parameters that were not estimated.
         scaled: Singular values, descending, of the Jacobian of the touches with respect to all
             estimated parameters, each scaled by its prior. Touches add information if a value is
             above 1.
@@ -286,10 +286,10 @@ def fit_parameters(
 def fit_robustly(
     chain: Chain, touches: Sequence[TouchPoint], extent: ParameterSet
 ) -> CalibrationFit:
-    """Fit the arm to most touches, without the outliers.
+    """Fit the arm to the touches without the outliers.
 
     Raises:
-        CalibrationError: More than a third of the touches contradict the others, or none fits.
+        CalibrationError: More than a third of the touches contradict the others, or none fit.
     """
     problem = LeastSquaresProblem(chain, touches, extent)
     all_touches = np.ones(len(touches), dtype=np.bool_)

@@ -16,7 +16,7 @@ from ikservo.registers import Family
 
 
 def check_lerobot_joints(joints: Sequence[LerobotJoint], model: Model, loose: TorqueOffArm) -> None:
-    """Compare LeRobot's joints with the arm's.
+    """Check LeRobot's joints against the joints of the arm.
 
     Raises:
         CalibrationError: A joint is missing, or a servo has another id or direction.
@@ -30,7 +30,7 @@ def check_lerobot_joints(joints: Sequence[LerobotJoint], model: Model, loose: To
         if row.id != own.servo.id:
             raise CalibrationError(
                 f"{own.name} has id {row.id} in LeRobot's file and {own.servo.id} in the arm file.",
-                "It may be the file of another arm.",
+                "The file may belong to another arm.",
             )
         if row.drive_mode != facts.registers.get("drive_mode", 0) & 1:
             raise CalibrationError(

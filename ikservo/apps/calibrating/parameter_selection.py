@@ -34,7 +34,7 @@ class CalibrationEstimate:
     """The result of a touch-off.
 
     Attributes:
-        fit: The arm fitted to all touches but outliers.
+        fit: The arm, fitted to all touches except outliers.
         cross_validation_rms_m: The root mean square error on touches that were left out of the fit,
             by extent.
         deviation_m: Standard deviation of the tip, median and 95th percentile over postures in the
@@ -87,8 +87,8 @@ def select_and_fit(
     Args:
         chain: The arm as described.
         touches: The touches.
-        present: The arm as calibrated at present, if it differs from the description; the new fit
-            must have a smaller error.
+        present: The arm with its present calibration, if that differs from the description; the new
+            fit must have a smaller error.
 
     Raises:
         CalibrationError: Too few touches, or a third of them contradicts the others.
@@ -132,7 +132,7 @@ def _held_out_error_m(
 
 
 def _assign_folds(touches: Sequence[TouchPoint]) -> Vector:
-    """Return which fifth (n,) each touch belongs to; a measured point's touches stay together."""
+    """Return the fold (n,) of each touch, 0 to 4; all touches of a measured point share a fold."""
     unknown = unknown_points(touches)
     names = list(dict.fromkeys(touch.point for touch in touches))
     return np.array(

@@ -21,15 +21,15 @@ _MAX_TURNS_PER_S = 1.6  # fastest motion by hand: 10 rad/s
 
 @dataclass(frozen=True, slots=True)
 class RangeTracker:
-    """Position and range of a servo, in unwrapped bare ticks.
+    """The position and range of a servo, in unwrapped bare ticks.
 
     Attributes:
         ticks_per_turn: Ticks of a revolution, or 0 for a sensor that does not wrap around.
         tick: The present tick.
         low: The lowest tick so far.
-        high: The highest.
+        high: The highest tick so far.
         at_s: Time of the last reading.
-        lost: Whether it was moved too fast to be tracked; it must be measured again.
+        lost: Whether the joint was moved too fast to be tracked; it must then be measured again.
     """
 
     ticks_per_turn: int
@@ -70,19 +70,19 @@ class RangeTracker:
         return replace(self, tick=tick, low=low, high=high, at_s=at_s)
 
     def restarted(self) -> RangeTracker:
-        """Return a track whose range is only the present tick; unwrapping continues."""
+        """Return a track whose range contains only the present tick; unwrapping continues."""
         return replace(self, low=self.tick, high=self.tick, lost=False)
 
     def with_range_of(self, earlier: RangeTracker) -> RangeTracker:
-        """Return the track at its present tick with the range of an earlier one."""
+        """Return the track at its present tick with the range of an earlier track."""
         lost = self.lost or earlier.lost
         return replace(self, low=earlier.low, high=earlier.high, lost=lost)
 
 
 _BLOCKED_RAD = 0.004  # less than three of 4096 ticks per revolution
 _BLOCKED = StillnessDetector(0.25, _BLOCKED_RAD, least_readings=2)
-_CONTACT_LOAD_PERCENT = 0.4  # fraction of its maximum, as the servo reports it
-# A joint at rest for longer than this without load is not at a stop.
+_CONTACT_LOAD_PERCENT = 0.4  # fraction of the maximum load that the servo reports
+# A joint that rests for longer than this without load is not at a stop.
 _IDLE = StillnessDetector(1.5, _BLOCKED_RAD, least_readings=2)
 
 
@@ -102,11 +102,11 @@ class EndStopDetector:
     torque. So a joint at rest is at a stop only if its lag is large enough for that torque.
 
     Attributes:
-        max_load_percent: The load limit of its servo.
-        min_lag_rad: The lag behind its goal from which it counts as blocked.
+        max_load_percent: The load limit of the servo.
+        min_lag_rad: The smallest lag behind the goal at which the joint counts as blocked.
         contact: The state of the joint.
-        blocked: Whether it has stood still long enough to be at a stop.
-        idle: Whether it has stood still so long that nothing holds it if it has no load.
+        blocked: Whether the joint has stood still long enough to be at a stop.
+        idle: Whether the joint has stood still so long that, without load, nothing holds it.
     """
 
     max_load_percent: float
@@ -116,7 +116,7 @@ class EndStopDetector:
     idle: StillnessDetector = _IDLE
 
     def may_be_blocked(self, at_s: float, at_rad: float, goal_rad: float) -> bool:
-        """Check whether the load must be checked: at rest behind its goal for long enough."""
+        """Return whether the load must be checked because the joint rests behind its goal."""
         stands = self.update(at_s, at_rad).blocked.is_at_rest()
         return stands and abs(goal_rad - at_rad) >= self.min_lag_rad
 
@@ -135,8 +135,8 @@ class EndStopDetector:
         Args:
             at_s: The time.
             at_rad: The position of the horn.
-            goal_rad: Its goal.
-            load_percent: The load that its servo reports; the sign is ignored.
+            goal_rad: The goal of the horn.
+            load_percent: The load that the servo reports; the sign is ignored.
         """
         updated = self.update(at_s, at_rad)
         if not self.may_be_blocked(at_s, at_rad, goal_rad):

@@ -1,4 +1,4 @@
-"""The calibration that is attached to a recording, restored for its arm."""
+"""Restore the calibration that is attached to a recording."""
 
 from __future__ import annotations
 
@@ -22,7 +22,8 @@ def read_recorded_calibration(path: Path) -> Calibration:
     if text is None:
         raise CalibrationError(
             f"No calibration is attached to {path}.",
-            "It is attached when a calibrated arm is recorded as MCAP: ikservo record FILE.mcap",
+            "A calibration is attached when a calibrated arm is recorded as MCAP: ikservo "
+            "record FILE.mcap",
         )
     return parse_calibration(path, text)
 
@@ -36,6 +37,6 @@ def check_adoptable(loose: TorqueOffArm, path: Path, calibration: Calibration) -
     reason = next(find_mismatches(loose, calibration), "")
     if reason:
         raise CalibrationError(
-            f"The calibration of {path} does not fit this arm. {reason}",
+            f"The calibration in {path} does not fit this arm. {reason}",
             f"Calibrate it: ikservo calibrate {loose.model.name}",
         )

@@ -36,7 +36,7 @@ _DETERMINED = 0.5  # a parameter is identified if its deviation is below this pa
 
 
 def read_touch_script(path: Path) -> list[str]:
-    """Read the answers in a file, one per line; the touches are evaluated after the last.
+    """Read the answers from a file, one per line; the touches are evaluated after the last.
 
     Raises:
         FileFormatError: The file cannot be read, or a line is not an answer.
@@ -47,12 +47,12 @@ def read_touch_script(path: Path) -> list[str]:
 def touch_points(
     limp_arm: TorqueOffArm, state: TouchOffState, kept: list[TouchPoint] | None = None
 ) -> Dialogue[TouchOffState]:
-    """Record touches until they are evaluated.
+    """Record touches until the user asks for their evaluation.
 
     Args:
         limp_arm: The arm, torque off.
         state: The touch-off at its first point.
-        kept: Receives the touches as they are made; if given, the dialogue ends without evaluation.
+        kept: Receives each touch; if given, the dialogue ends without evaluation.
 
     Raises:
         BusError: The servos stopped replying.

@@ -38,15 +38,15 @@ class TouchOffSession:
     """A calibrated arm with its torque off, ready for a touch-off.
 
     Attributes:
-        loose: Its servos.
-        calibration: Its calibration file.
+        loose: The servos of the arm.
+        calibration: The calibration file of the arm.
         chain: The chain of the arm file, without the corrections of an earlier touch-off.
         present: The chain with the corrections of an earlier touch-off.
         maps: The conversion from ticks to positions, per joint of the chain.
 
     Raises:
-        CalibrationError: The arm is not calibrated, or its servos contradict the calibration.
-        FileFormatError: Its calibration is malformed.
+        CalibrationError: The arm is not calibrated, or the servos contradict the calibration.
+        FileFormatError: The calibration is malformed.
     """
 
     def __init__(self, loose: TorqueOffArm) -> None:

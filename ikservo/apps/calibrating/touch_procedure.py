@@ -1,4 +1,4 @@
-"""The touch-off as a pure state machine: readings and operator input to states.
+"""Touch-off as a pure state machine that maps readings and operator input to states.
 
 ``touch -> review``. It uses no terminal, no bus and no clock, like the calibration by hand, so
 a terminal, a web page and a script use the same procedure. Every step returns a new state.
@@ -42,8 +42,8 @@ class TouchTarget:
     """A point to touch with the tip.
 
     Attributes:
-        name: The name on the sheet: ``B3``; ``B3 block`` on top of a block there.
-        position_m: Its position (3,), metres, base frame; None if not measured.
+        name: The name on the sheet, such as ``B3``, or ``B3 block`` for the top of a block there.
+        position_m: The position of the point (3,), metres, base frame; None if not measured.
     """
 
     name: str
@@ -54,7 +54,7 @@ class TouchTarget:
 
 
 def grid_points() -> Iterator[tuple[str, float, float]]:
-    """Yield each cross: name, metres from the near edge, metres left of the middle."""
+    """Yield each cross as its name, metres from the near edge, and metres left of the middle."""
     for i, row in enumerate(ROWS):
         for k, column in enumerate(COLUMNS):
             yield f"{column}{row}", EDGE_M + i * STEP_M, (2 - k) * STEP_M
@@ -66,9 +66,9 @@ def place_sheet(
     """Compute the points of a sheet in front of an arm.
 
     Args:
-        model: The arm; straight ahead is the direction of its tool in the pose ``home``.
-        edge_m: Distance from the arm's base frame straight ahead to the near edge; None: the middle
-            of the sheet is beneath that tool.
+        model: The arm; the direction of its tool in the pose ``home`` is straight ahead.
+        edge_m: Distance straight ahead from the arm's base frame to the near edge; None puts the
+            middle of the sheet beneath the tool.
         block_m: The height of a block that stands on every other cross; None without one.
 
     Returns:
@@ -94,9 +94,9 @@ class TouchOffState:
     """The state of one touch-off.
 
     Attributes:
-        chain: The arm as described.
-        present: The arm as calibrated at present.
-        maps: The conversion of ticks of each of the chain's joints.
+        chain: The arm as described by its file.
+        present: The arm with its present calibration.
+        maps: The conversion from ticks to positions for each joint of the chain.
         places: The remaining targets, in order.
         touches: The recorded touches.
         stillness: The readings of the last half second.
@@ -145,7 +145,7 @@ class TouchOffState:
     # --- events ---
 
     def update(self, at_s: float, ticks: Mapping[int, int]) -> TouchOffState:
-        """Add a reading of the servos, ticks as reported by id, at a time [s]."""
+        """Add a reading of the servos at a time [s]: reported ticks by id."""
         return replace(self, stillness=self.stillness.add_reading(at_s, ticks))
 
     def record_touch(self) -> TouchOffState:

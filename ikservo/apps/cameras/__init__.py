@@ -1,4 +1,4 @@
-"""Cameras: their pose, calibration of the arm's joints from pictures, and printed boards."""
+"""Cameras: their poses, calibration of the arm's joints from pictures, and printed boards."""
 
 from ikservo.app import App, Command
 
@@ -8,7 +8,7 @@ APP = App(
     commands={
         "camera": Command(
             "ikservo.apps.cameras.camera_command",
-            "Print the board of a camera, or check whether a camera has moved.",
+            "Make a calibration board, or check whether a camera has moved.",
             "Set up",
         ),
         "look": Command(

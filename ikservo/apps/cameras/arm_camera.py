@@ -1,4 +1,4 @@
-"""The calibrated camera in front of an arm: points on the table and on things from pixels."""
+"""The calibrated camera in front of an arm, which finds points on the table and on things."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ class SeenPoint:
 
     Attributes:
         point_m: The point (3,), metres, base frame.
-        thing: The thing of the scene; None for the table.
+        thing: The name of the thing in the scene; None for the table.
     """
 
     point_m: Vector
@@ -49,9 +49,9 @@ class ArmCamera:
     """The camera with which an arm was calibrated; it is fixed in front of the arm.
 
     A pixel (u, v) is counted as in OpenCV: u to the right, v down, (0, 0) at the centre of the
-    first pixel, in a picture as the camera delivers it; the distortion of the lens is taken into
-    account. Points are in the arm's base frame, metres. Each call reads the last result of `ikservo
-    camera check`.
+    first pixel, in the picture that the camera delivers; lens distortion is taken into account.
+    Points are in the arm's base frame, metres. Each call reads the last result of `ikservo camera
+    check`.
 
     Args:
         context: The arm.
@@ -68,19 +68,19 @@ class ArmCamera:
         return f"ArmCamera(of {self._context.model.name!r})"
 
     def named(self, name: str, source: str | None = None) -> ArmCamera:
-        """Return the camera of that name or source, if an arm was calibrated with several.
+        """Return the camera with a name or source, if the arm was calibrated with several.
 
         Raises:
             UnknownNameError: The arm was not calibrated with a camera of that name.
             CalibrationError: The arm was not calibrated with the camera of that source.
-            FileFormatError: A file about it is damaged.
+            FileFormatError: A file about the camera is damaged.
         """
         camera, _, name = known_camera(self._context, name, source)
         if source is not None and public_source(camera.source) != public_source(source):
             raise CalibrationError(
                 f"{self._context.model.name} was calibrated with camera "
                 f"{public_source(camera.source)}, not {public_source(source)}.",
-                "Name that camera, or calibrate this one under another name.",
+                "Use that camera, or calibrate this one under another name.",
             )
         return ArmCamera(self._context, self._scene, name)
 
@@ -88,8 +88,8 @@ class ArmCamera:
         """Return lens and pose of the camera.
 
         Raises:
-            CalibrationError: The arm has no calibrated camera, or it has moved since.
-            FileFormatError: A file about it is damaged.
+            CalibrationError: The arm has no calibrated camera, or the camera has moved since.
+            FileFormatError: A file about the camera is damaged.
         """
         camera, known = known_camera(self._context, self._name)[:2]
         if known.check is not None and known.check.has_moved:
@@ -100,11 +100,11 @@ class ArmCamera:
         """Take a picture; the first call opens the camera, which stays open.
 
         Args:
-            source: The address with the password, which the calibration does not store; None: the
-                address as calibrated.
+            source: The address with the password, which the calibration does not store; None for
+                the address in the calibration.
 
         Returns:
-            Grey (h, w) or colour (h, w, 3), blue first, as in OpenCV.
+            The picture: grey (h, w) or colour (h, w, 3), blue first, as in OpenCV.
 
         Raises:
             CalibrationError: The arm has no calibrated camera, or the camera has moved since,
@@ -122,13 +122,13 @@ class ArmCamera:
         return picture
 
     def point_on_table(self, u: float, v: float, height_m: float = 0.0) -> Vector:
-        """Return the point of the table, or of a level plane above it, that a pixel sees.
+        """Return the point on the table, or on a level plane above it, that a pixel sees.
 
         Args:
             u: Pixels to the right.
             v: Pixels down.
-            height_m: The height of the plane above the table, metres; the table is that of the arm
-                file, or z = 0.
+            height_m: The height of the plane above the table, metres; the arm file gives the height
+                of the table, otherwise it is at z = 0.
 
         Returns:
             The point (3,), metres, base frame.
@@ -136,33 +136,35 @@ class ArmCamera:
         Raises:
             BadValueError: The pixel is not in the picture, or a number is not finite.
             InputError: The line of sight does not meet the table.
-            CalibrationError: The arm has no calibrated camera, or it has moved since.
+            CalibrationError: The arm has no calibrated camera, or the camera has moved since.
         """
         (height_m,) = finite_vector([parse_number("The height", height_m)], 1, "The height")
         z_m = table_m(self._context.model) + float(height_m)
         return first_seen(self._ray(u, v), (), z_m).point_m
 
     def point_seen(self, u: float, v: float) -> SeenPoint:
-        """Return the first point of the table and the things of the scene that a pixel (u, v) sees.
+        """Return the first point on the table or on a thing that a pixel (u, v) sees.
 
         Raises:
             BadValueError: The pixel is not in the picture.
             InputError: The line of sight meets neither the table nor a thing.
-            CalibrationError: The arm has no calibrated camera, or it has moved since.
+            CalibrationError: The arm has no calibrated camera, or the camera has moved since.
         """
         return first_seen(self._ray(u, v), self._scene.things, table_m(self._context.model))
 
     def pixel(self, point_m: Vector) -> tuple[float, float]:
-        """Return the pixel (u, v) of a point (3,), metres, base frame; it may be off the picture.
+        """Return the pixel (u, v) of a point (3,), metres, base frame, perhaps outside the picture.
 
         Raises:
             BadValueError: The point is not finite.
             InputError: The point is not in front of the camera.
-            CalibrationError: The arm has no calibrated camera, or it has moved since.
+            CalibrationError: The arm has no calibrated camera, or the camera has moved since.
         """
         px, depth_m = self.model().project(finite_vector(point_m, 3, "The point"))
         if float(depth_m) <= 0.0:
-            raise InputError("The point is behind the camera.", "Choose one that it sees.")
+            raise InputError(
+                "The point is behind the camera.", "Choose a point that the camera sees."
+            )
         return float(px[0]), float(px[1])
 
     def _ray(self, u: float, v: float) -> Ray:
@@ -188,18 +190,18 @@ def camera_key(context: ArmContext) -> str:
 def known_camera(
     context: ArmContext, name: str = "", source: str | None = None
 ) -> tuple[CalibratedCamera, CameraFile, str]:
-    """Return a camera of an arm, the known facts about its place, and its name.
+    """Return a camera of an arm, the known facts about its position, and its name.
 
     Args:
         context: The arm.
         name: The name of the camera; empty: the camera without a name, or the only camera.
-        source: The preferred source if no name is given; None: no preference.
+        source: The preferred source if no name is given; None for no preference.
 
     Raises:
         CalibrationError: The arm has no calibrated camera.
         UnknownNameError: The arm has no camera of that name.
         InputError: The arm has several cameras, and a name is needed.
-        FileFormatError: A file about it is damaged.
+        FileFormatError: A file about the camera is damaged.
     """
     arm, key = context.model.name, camera_key(context)
     names = camera_names(arm, key)
@@ -218,13 +220,13 @@ def known_camera(
         name = same[0] if len(same) == 1 else ""
     if name not in cameras:
         if len(cameras) > 1:
-            raise InputError(f"{arm} has several cameras.", f"Name one: {', '.join(cameras)}.")
+            raise InputError(f"{arm} has several cameras.", f"Choose one: {', '.join(cameras)}.")
         name = next(iter(cameras))
     return *cameras[name], name
 
 
 def camera_model(camera: CalibratedCamera) -> CameraModel:
-    """Return lens and pose of a camera as stored."""
+    """Return the stored lens and pose of a camera."""
     fx, fy, cx, cy = camera.lens_px
     lens = Intrinsics(
         np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]]),
@@ -236,12 +238,12 @@ def camera_model(camera: CalibratedCamera) -> CameraModel:
 
 
 def table_m(model: Model) -> float:
-    """Return the height of the table, metres, base frame: the arm file's, or 0."""
+    """Return the height of the table in the base frame, metres: from the arm file, or 0."""
     return 0.0 if model.floor_m is None else model.floor_m
 
 
 def first_seen(ray: Ray, things: Iterable[Obstacle], z_m: float) -> SeenPoint:
-    """Find the first point on a ray: on a thing, or on the level plane at z.
+    """Find the first point on a ray that lies on a thing or on the level plane at z.
 
     Raises:
         InputError: The ray meets neither a thing nor the plane.
@@ -252,17 +254,18 @@ def first_seen(ray: Ray, things: Iterable[Obstacle], z_m: float) -> SeenPoint:
     distance_m, name = min(hits, key=lambda hit: hit[0])
     if not np.isfinite(distance_m):
         raise InputError(
-            "The line of sight does not meet the table there.", "Choose a pixel that shows it."
+            "The line of sight does not meet the table there.",
+            "Choose a pixel that shows the table.",
         )
     return SeenPoint(ray.at(distance_m), name)
 
 
 def size_error(found: tuple[int, ...], calibrated: tuple[int, int]) -> CalibrationError:
-    """Return the error for pictures whose size differs from the calibration's."""
+    """Return the error for pictures whose size differs from that in the calibration."""
     seen, known = (" x ".join(map(str, size)) for size in (found, calibrated))
     return CalibrationError(
         f"The pictures are {seen}; the camera was calibrated with {known}.",
-        "Give the camera that was calibrated.",
+        "Use the camera that was calibrated.",
     )
 
 

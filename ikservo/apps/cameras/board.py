@@ -1,4 +1,4 @@
-"""The board that cameras look at: squares and markers (ChArUco), to print."""
+"""The printed board for cameras, with squares and markers (ChArUco)."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 _NAME = re.compile(r"(\d{1,2})x(\d{1,2})-(\d{1,3}(?:\.\d)?)mm-([4-7]x[4-7])")
 _EXPECTED = "COLUMNSxROWS-SQUAREmm-FAMILY, such as 5x7-12mm-4x4"
-_MARKER_SHARE = 0.75  # side of a marker per side of a square
+_MARKER_SHARE = 0.75  # side of a marker, as a fraction of the side of a square
 _RULER_MM, _MARGIN_MM = 50, 10
 _PT_PER_MM = 72.0 / 25.4
 _FAMILY_SIZE = 100  # number of markers in a family
@@ -86,7 +86,7 @@ class Board:
         return np.asarray(self.square_m * flat.T, dtype=np.float64)
 
     def opencv(self) -> CharucoBoard:
-        """Return the board as an object of OpenCV.
+        """Return the board as an OpenCV object.
 
         Raises:
             InputError: OpenCV is not installed.
@@ -124,7 +124,7 @@ class Board:
         ])  # fmt: skip
 
     def pdf(self) -> bytes:
-        """Return the same page as PDF.
+        """Return the page with the board and a ruler as PDF.
 
         Raises:
             InputError: OpenCV is not installed.
@@ -178,7 +178,7 @@ class Board:
 
 
 def _pdf(objects: list[str]) -> bytes:
-    """Return a PDF file with these objects, the catalogue first."""
+    """Return a PDF file with some objects, the catalogue first."""
     parts, starts = ["%PDF-1.4\n"], list[int]()
     for number, body in enumerate(objects, start=1):
         starts.append(sum(map(len, parts)))

@@ -1,4 +1,4 @@
-"""``ikservo calibrate --camera``: the arm shows a board to a camera and learns its own geometry."""
+"""``ikservo calibrate --camera``: calibrate camera and arm from pictures of a board."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ from ikservo.model import Model
 def calibrate_by_camera(
     connection: NamedServoConnection, options: CameraOptions, operator: Operator, *, json: bool
 ) -> None:
-    """Let the arm show its board to a camera, print the result, and save it if it helps.
+    """Let the arm show its board to a camera; print the result, and save an improvement.
 
     In a calibration by hand, the arm is limp and the user moves it.
 
@@ -67,7 +67,7 @@ def calibrate_by_camera(
                 "Torque will be switched off: hold the arm. Then move it, and keep it still for a "
                 "second in about as many postures as pictures are asked for."
                 if options.by_hand
-                else "The arm will then show it from everywhere it can reach."
+                else "The arm will then show the board from everywhere within reach."
             )
         )
         if not operator.agrees(Question("Begin?", Unasked.ERROR)):
@@ -99,7 +99,7 @@ def _kept_at_failure(folder: Path, arm: str, *, chosen: bool) -> Generator[None]
     """Tell the user how to go on if the calibration ends early.
 
     Args:
-        folder: The folder of the pictures; it is kept if they suffice for a calibration.
+        folder: The folder of the pictures, which is kept if they suffice for a calibration.
         arm: The name of the arm.
         chosen: Whether the user named the folder, which is then kept if it has a picture.
     """
@@ -121,7 +121,7 @@ def _kept_at_failure(folder: Path, arm: str, *, chosen: bool) -> Generator[None]
 
 
 def calibrate_from_pictures(model: Model, folder: Path, operator: Operator, *, json: bool) -> None:
-    """Repeat a calibration from its saved pictures and the calibration that the arm had then.
+    """Repeat a calibration from saved pictures and the calibration that the arm had then.
 
     Raises:
         CalibrationError: The pictures do not suffice.
@@ -141,9 +141,9 @@ def calibrate_from_pictures(model: Model, folder: Path, operator: Operator, *, j
     extents = before.extents(index.camera_name, by_hand=index.by_hand)
     result = pictures.result(missed, 0.0, extents, by_hand=index.by_hand)
     question = Question("Save this?", Unasked.YES)
-    if saved.calibration is not None:  # servos may have been remounted since
+    if saved.calibration is not None:  # servos may have been remounted since then
         print_status(f"Saving it replaces any calibration made after {saved.calibration.written}.")
-        question = Question("Save this nevertheless?", Unasked.NEEDS_YES)
+        question = Question("Save this result nevertheless?", Unasked.NEEDS_YES)
     _tell_and_save(before, index.source, index.camera_name, result, operator, question, json=json)
 
 
@@ -157,7 +157,7 @@ def _tell_and_save(
     *,
     json: bool,
 ) -> None:
-    if json:  # stdout has the JSON only, but the user must see what to decide
+    if json:  # stdout has only the JSON, but the user must see what to decide
         print_status("\n".join(_describe(result)))
     else:
         print_lines(_describe(result), indent=2)
@@ -167,21 +167,23 @@ def _tell_and_save(
         path = save_camera_result(before, source, result, now, name)
         if before.calibration is None:
             print_status(f"A simulated arm has no calibration. Its camera was saved to {path}.")
-            print_status("It stands in front of the start pose: use it with the same --port.")
+            print_status(
+                "The camera stands in front of the start pose: use it with the same --port."
+            )
         else:
             undo = f"ikservo calibration undo {before.model.name}"
             print_status(f"Saved to {path}. To undo it: {undo}")
             if result.tip_shows:
                 command = f"ikservo camera tip {before.model.name} --at U,V"
                 print_status(
-                    f"To find the zero of {result.tip_shows} by clicks on the tip: {command}"
+                    f"To find the zero of {result.tip_shows} from clicks on the tip: {command}"
                 )
     if json:
         print_json("calibrate-camera", path=path, **_fields(result))
 
 
 def _describe(result: CameraResult) -> Iterator[str]:
-    """Yield the result of the pictures, line by line."""
+    """Yield lines that describe the result of the pictures."""
     estimate, fit = result.estimate, result.estimate.fit
     yield (
         f"{result.pictures} pictures in {result.duration_s:.0f} s. Error in test pictures: "
@@ -201,21 +203,22 @@ def _describe(result: CameraResult) -> Iterator[str]:
             yield f"{parameter.name}: {said}"
     if result.carried is not None:
         yield (
-            "According to the calibrated bending of its links, the arm carried about "
+            "According to the calibrated bending of the links, the arm carried about "
             f"{result.carried:.0%} of its weight in the pictures, and the hand carried the rest."
         )
     if result.sag_m is not None:
         yield (
-            "The bending of its links is unknown, and a hand that carries the arm hides it. When "
-            "the arm carries itself, the error of its tip is larger than these figures, by about "
+            "The bending of the links is unknown, and a hand that carries the arm hides the "
+            "bending. When the arm carries itself, the tip error is larger than these figures, "
+            "by about "
             f"{_mm(result.sag_m)} if each joint bends by {PRINTED_COMPLIANCE} rad per N m, as "
-            "printed ones do. A calibration without --by-hand measures the bending."
+            f"printed joints do. A calibration without --by-hand measures the bending."
         )
     unknown = [each.name for each in fit.parameters if not each.is_determined]
     if unknown:
-        yield f"Not determined by these pictures, so unchanged: {', '.join(unknown)}."
+        yield f"Not determined by these pictures, and therefore unchanged: {', '.join(unknown)}."
     if abs(fit.scale) > 0.01:
-        yield f"The board seems to have {1.0 + fit.scale:.1%} of the size in its name."
+        yield f"The board seems to be {1.0 + fit.scale:.1%} of the size in its name."
 
 
 def _mm(metres: float) -> str:
@@ -223,7 +226,7 @@ def _mm(metres: float) -> str:
 
 
 def _fields(result: CameraResult) -> dict[str, object]:
-    """Return the result of the pictures for ``--json``; SI units."""
+    """Return the result of the pictures for ``--json``, in SI units."""
     estimate, fit = result.estimate, result.estimate.fit
     return {
         "pictures": result.pictures,

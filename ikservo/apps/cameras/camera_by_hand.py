@@ -31,16 +31,16 @@ from ikservo.control.stillness import StillnessDetector
 from ikservo.errors import CalibrationError, PictureError
 from ikservo.kinematics.arrays import Vector
 
-# A hand that holds the arm for a picture trembles by less than this.
+# The arm moves by less than this while a hand holds it for a picture.
 _HELD = StillnessDetector(window_s=0.3, tolerance=math.radians(0.3), least_readings=2)
-_STILL_PX = 0.7  # the corners of a board at rest move by less between two pictures
+_STILL_PX = 0.7  # the corners of a board at rest move by less than this between two pictures
 _APART_RAD = math.radians(8.0)  # a joint must differ by this much from every earlier picture
 _WAIT_S = 60.0  # time-out for the next picture
 _PERIOD_S = 0.1
 
 
 class HandCalibration:
-    """Watches an arm that the user moves by hand, and uses pictures of its board.
+    """Calibration that takes pictures of the board on an arm that the user moves by hand.
 
     A picture is used when arm and board are still, and a joint differs by 8° from every earlier
     picture. The calibration ends with the requested number of pictures, or, once half of them
@@ -51,9 +51,9 @@ class HandCalibration:
         camera: The camera, which must not move.
         board: The board on the gripper.
         count: The number of pictures to use.
-        report: Receives a line on each picture, and the reason if it is not used.
+        report: Receives a line about each picture, and the reason if the picture is not used.
         extents: The parameters that may be estimated, from ``HAND_EXTENTS``.
-        folder: The folder in which the pictures are also kept; None to keep none.
+        folder: The folder in which to keep the pictures; None to keep none.
     """
 
     def __init__(
@@ -123,7 +123,7 @@ class HandCalibration:
         """Measure the chain's joints (dof,).
 
         Raises:
-            CalibrationError: The torque of a servo is on, so that it cannot be moved by hand.
+            CalibrationError: The torque of a servo is on, so the arm cannot be moved by hand.
         """
         state = self._arm.where()
         if state.torque.any():

@@ -49,7 +49,7 @@ from ikservo.planning.calibrated_arm import ZeroSource, known_bending, own_chain
 from ikservo.planning.reports import ArmState
 
 HAND_EXTENTS = (Extent.CAMERA, Extent.ZEROS)
-"""Sets of parameters that a calibration by hand can estimate."""
+"""The sets of parameters that a calibration by hand can estimate."""
 
 PRINTED_COMPLIANCE = 0.05
 """Compliance of each joint of a printed arm, rad per N m; 0.05 to 0.1 were measured."""
@@ -63,15 +63,15 @@ _FIRST_STEP_RAD = math.radians(9.0)  # step of each joint while the pose of the 
 _REACH_RAD = math.radians(75.0)  # largest distance of a joint from the first posture
 _CANDIDATES, _AT_ONCE, _MAX_MISSED = 1500, 4, 8
 _SETTLE_S = 0.3  # wait after a motion, because a swinging board is blurred
-_TIP_M = 0.001  # a zero is uncertain if it may move the tip further
-_EXPOSURE_TRIES, _STEADY_GREY = 5, 4.0  # tries, and allowed change of the mean grey, of 255
-_LENS_STEPS, _SAME_LENS = 6, 1e-3  # iterations, and change of the lens numbers that ends them
+_TIP_M = 0.001  # a zero is uncertain if it may move the tip further than this
+_EXPOSURE_TRIES, _STEADY_GREY = 5, 4.0  # attempts, and allowed change of the mean grey, of 255
+_LENS_STEPS, _SAME_LENS = 6, 1e-3  # iterations, and change of the lens that ends them
 _CARRIED = (0.0, 0.25, 0.5, 0.75, 1.0)  # fractions of its weight that a hand-held arm may carry
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CameraResult:
-    """The result of the pictures.
+    """The result of a calibration from pictures.
 
     Attributes:
         estimate: The estimate of camera, board and arm.
@@ -81,7 +81,7 @@ class CameraResult:
         missed: Number of pictures in which the board was not seen.
         duration_s: Time from the first picture to the last, by the arm's clock.
         carried: The fraction of its weight that the arm carried itself while the user held it; None
-            if the user did not, or if the compliance of its links is unknown.
+            if the user did not hold it, or if the compliance of its links is unknown.
         sag_m: If the compliance is unknown: root mean square sag of the tip of an arm that carries
             itself in these postures with ``PRINTED_COMPLIANCE``. Otherwise None.
     """
@@ -106,7 +106,7 @@ class CameraResult:
 
 @dataclass(frozen=True, slots=True)
 class ArmBefore:
-    """An arm as known before its pictures.
+    """The known facts about an arm before the pictures.
 
     Attributes:
         model: The arm file's model.
@@ -122,7 +122,7 @@ class ArmBefore:
 
         Raises:
             CalibrationError: The arm has no calibration to correct.
-            FileFormatError: Its calibration is damaged.
+            FileFormatError: The calibration is damaged.
         """
         name = arm.model.name
         if arm.zeros is ZeroSource.SIMULATED:
@@ -136,7 +136,7 @@ class ArmBefore:
         return cls(arm.model, calibration)
 
     def extents(self, name: str, *, by_hand: bool) -> Sequence[Extent]:
-        """Return what a camera of that name may determine; only its pose if other cameras exist.
+        """Return the parameters that a camera may determine: only its pose if there are others.
 
         The other cameras were calibrated with the arm's present zeros and compliances. A hand
         carries the arm's weight, so a calibration by hand does not show how links bend.
@@ -151,7 +151,7 @@ class ArmBefore:
 
     @property
     def bending(self) -> Bending:
-        """Sag model of the arm, with its own calibrated links and base."""
+        """The sag model of the arm, with its calibrated links and base."""
         calibration, chain = self.calibration, self.model.chain
         if calibration is not None:
             chain = own_chain(self.model, calibration)
@@ -164,7 +164,7 @@ class BoardPictures:
     Args:
         arm: The arm.
         board: The board on the gripper.
-        folder: The folder in which the pictures are kept, too; None to keep none.
+        folder: The folder in which to keep the pictures; None to keep none.
     """
 
     def __init__(self, arm: ArmBefore, board: Board, folder: PictureFolder | None = None) -> None:
@@ -264,9 +264,9 @@ class CameraCalibration:
         camera: The camera, which must not move.
         board: The board on the gripper.
         count: The number of pictures to take.
-        report: Receives a line on each picture.
+        report: Receives a line about each picture.
         extents: The parameters that may be estimated.
-        folder: The folder in which the pictures are kept, too; None to keep none.
+        folder: The folder in which to keep the pictures; None to keep none.
     """
 
     def __init__(
@@ -287,14 +287,14 @@ class CameraCalibration:
         self._last: Picture | None = None
 
     def run(self) -> CameraResult:
-        """Take the pictures and estimate; then move the arm back to its start, if possible.
+        """Take the pictures, estimate, and then move the arm back to its start if possible.
 
         Raises:
             CalibrationError: The board is not seen, or the pictures do not suffice; the arm holds.
             RefusedError: The arm may not move.
         """
         self._began_s = self._arm.clock.now_s()
-        self._arm.enable()  # an arm that lies in a hand or on a table bends differently
+        self._arm.enable()  # an arm that is held or lies on a table bends differently
         self._keep(self._take())  # nothing moves until the board was seen
         home = self._pictures.joints[0]
         # Postures around the first one, with each joint moved once to either side.
@@ -317,7 +317,7 @@ class CameraCalibration:
         return self._pictures.result(self._missed, duration_s, self._extents)
 
     def _visit_best(self, home: Vector) -> bool:
-        """Visit the postures that promise most information; return whether the board was seen."""
+        """Visit the most informative postures; return whether the board was seen."""
         fit, intrinsics = self._pictures.fit()
         chain = self._arm.chain
         chance = np.random.default_rng(len(self._pictures) + self._missed)
@@ -336,12 +336,12 @@ class CameraCalibration:
         return visited > 0
 
     def _visit(self, q: Vector) -> bool:
-        """Move to a posture and look; return whether it could be reached and the board was seen."""
+        """Move to a posture; return whether it could be reached and the board was seen there."""
         try:
             self._move(q)
         except RefusedError:
             return False  # something is in the way
-        picture = self._take()  # without a fresh picture nothing moves on
+        picture = self._take()  # nothing moves without a fresh picture
         try:
             self._keep(picture)
         except CalibrationError as error:
@@ -375,7 +375,8 @@ class CameraCalibration:
                 break
         else:
             raise PictureError(
-                "The camera's brightness keeps changing.", "Switch its automatic exposure off."
+                "The brightness of the picture keeps changing.",
+                "Switch the camera's automatic exposure off.",
             )
         if self._last is not None and np.array_equal(picture, self._last):
             raise PictureError(*SAME_PICTURE)
@@ -399,7 +400,7 @@ def measured_joints(chain: Chain, state: ArmState) -> Vector:
 
 
 def chain_maps(model: Model, calibration: Calibration) -> list[JointMap]:
-    """Return the maps of the chain's joints with the zeros and signs of a calibration."""
+    """Return the maps of the chain's joints with the zeros and signs from a calibration."""
     maps = [model.joint(name).joint_map for name in model.chain.names]
     found = [(calibration.joint(nominal.joint), nominal) for nominal in maps]
     return [joint.joint_map(nominal) if joint else nominal for joint, nominal in found]
@@ -465,7 +466,7 @@ def _calibrated_camera(source: str, result: CameraResult, written: datetime) -> 
 
 
 def seen_board(name: str, T: Matrix, scale: float) -> SeenBoard:
-    """Return a board at a pose (4, 4) as stored; ``scale`` is its size relative to its name."""
+    """Return a board at a pose (4, 4) for storage; ``scale`` is its size relative to its name."""
     return SeenBoard(
         name=name,
         scale=scale,

@@ -1,4 +1,4 @@
-"""Check whether a calibrated camera has moved, by a board whose place is known."""
+"""Check with a board at a known place whether a calibrated camera has moved."""
 
 from __future__ import annotations
 
@@ -19,18 +19,18 @@ from ikservo.errors import CalibrationError, PictureError
 from ikservo.kinematics.arrays import Matrix
 from ikservo.kinematics.se3 import exp_so3, log_so3, make_pose
 
-_OFF_MM, _OFF_DEG = 3.0, 1.5  # more than the noise of a picture
-_ON_GRIPPER_MM, _ON_GRIPPER_DEG = 30.0, 10.0  # closer than that it is still there
-_GRIPPER_DEG = 1.0  # further tilt of a board on the gripper, from errors of the joints
+_OFF_MM, _OFF_DEG = 3.0, 1.5  # more than the noise in a picture
+_ON_GRIPPER_MM, _ON_GRIPPER_DEG = 30.0, 10.0  # a board that is closer than this has not been moved
+_GRIPPER_DEG = 1.0  # additional tilt of a board on the gripper from joint errors
 _LOOKS = 5
 
 
 class BoardPlace:
-    """Place of the board for a check: remembered on the table, or on the gripper.
+    """The place of the board for a check: remembered on the table, or on the gripper.
 
     Args:
         camera: The camera.
-        known: Further known facts about it.
+        known: Other known facts about the camera.
 
     Raises:
         CalibrationError: The calibration does not say where the board was.
@@ -54,11 +54,11 @@ class BoardPlace:
 
     @property
     def scale(self) -> float:
-        """Size of the board relative to the size in its name."""
+        """The size of the board relative to the size in its name."""
         return self._stored.scale
 
     def limits(self, within_mm: float | None) -> tuple[float, float]:
-        """Return the apparent motion [mm, degrees] up to which a camera counts as unmoved."""
+        """Return the largest apparent motion [mm, degrees] of a camera that counts as unmoved."""
         if self.on_table:
             return within_mm or _OFF_MM, _OFF_DEG
         return within_mm or _OFF_MM + 2.0 * self._camera.after_mm, _OFF_DEG + _GRIPPER_DEG
@@ -77,7 +77,7 @@ def check_camera(
         arm: The arm in front of the camera.
         source: The camera.
         now: The time of the check.
-        within_mm: The largest error of the board; None: the error of the calibration.
+        within_mm: The largest accepted shift of the board; None for the error of the calibration.
         name: The name of the camera; see ``known_camera``.
 
     Raises:
@@ -128,7 +128,7 @@ def compare_place(
     now: datetime,
     within_mm: float | None = None,
 ) -> CameraCheck:
-    """Compare where a board is seen with where it should be.
+    """Compare the observed place of a board with its known place.
 
     Args:
         model: The camera with its calibrated pose.
@@ -146,7 +146,7 @@ def compare_place(
     corners = place.scale * place.board.corners_m()[view.ids]
     px, depth_m = model.project(corners @ T_base_board[:3, :3].T + T_base_board[:3, 3])
     away_px = float(np.linalg.norm(px - view.pixels)) / math.sqrt(len(view.ids))
-    away_m = float(np.mean(np.abs(depth_m)))  # a moved camera may expect it behind itself
+    away_m = float(np.mean(np.abs(depth_m)))  # a moved camera may expect the board behind itself
     off_mm = 1000.0 * away_px * away_m / float(model.lens.matrix[0, 0])
     T_seen = make_pose(place.scale * T_seen[:3, 3], T_seen[:3, :3])
     T_base_camera = T_base_board @ np.linalg.inv(T_seen)

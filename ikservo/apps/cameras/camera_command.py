@@ -1,4 +1,4 @@
-"""``ikservo camera``: boards, whether a camera has moved, and the tip in its picture."""
+"""``ikservo camera``: make boards, check whether a camera has moved, and click the tip."""
 
 from __future__ import annotations
 
@@ -30,14 +30,14 @@ ACTIONS = {
     "check": ("--board", "--camera", "--camera-name", "--remember", "--within"),
     "tip": ("--camera-name", "--at"),
 }
-"""Actions, with the options of each besides --port and --json."""
+"""The actions, with the options of each besides --port and --json."""
 Action = Annotated[
     str,
     typer.Argument(
         metavar="board|check|tip",
         autocompletion=complete_from(*ACTIONS),
-        help="board: write it to a file. check: whether the camera has moved. "
-        "tip: the last joint's zero, from where the tip is in the picture.",
+        help="board: write a board to a file. check: see whether the camera has moved. tip: "
+        "find the last joint's zero from the pixel of the tip.",
     ),
 ]
 File = Annotated[
@@ -61,7 +61,7 @@ Within = Annotated[
         "--within",
         parser=parse_length_m,
         metavar="LENGTH",
-        help="Tolerated error of the board's place; default: 3mm plus that of the arm.",
+        help="Largest accepted shift of the board; default: 3mm plus the error of the arm.",
     ),
 ]
 At = Annotated[
@@ -88,12 +88,12 @@ def command(
     port: ServoPortOption = None,
     json: JsonOption = False,
 ) -> None:
-    """Write the board for a calibration, check whether a camera has moved, or find a zero with it.
+    """Make a calibration board, check whether a camera has moved, or find a zero with a camera.
 
-    A check looks at the board on the gripper, as calibrated, or at a remembered board on the table.
-    Nothing moves. Exit code 6: the camera has moved, and no target is taken from its pictures until
-    it is back; 1: the picture does not show the board. The zero of the last joint, if no board
-    shows it, is found from the pixel of the tip and saved. Further clicks add to the earlier ones,
+    A check uses the board on the gripper, as calibrated, or a remembered board on the table.
+    Nothing moves. Exit code 6: the camera has moved; its pictures give no targets until it is back
+    in place. Exit code 1: the picture does not show the board. If no board shows the zero of the
+    last joint, it is found from the pixel of the tip and saved. Further clicks improve the result,
     best in another posture, which the command proposes.
 
     ikservo camera board board.svg --board 7x9-15mm-5x5
@@ -131,7 +131,7 @@ def command(
     arm = (file and str(file)) or os.environ.get("IKSERVO_ARM")
     if action == "tip":
         if not at:
-            raise InputError("Where is the tip in the picture?", "Add its pixel: --at 512,300")
+            raise InputError("The pixel of the tip is not given.", "Add its pixel: --at 512,300")
         _set_tip_zero(arm, port, [_parse_pixel(each) for each in at], camera_name, json=json)
         return
     if camera is None:
@@ -151,7 +151,8 @@ def _write_board(file: Path, board: Board, *, json: bool) -> None:
         return
     print_lines([f"Wrote {file}: {board.name}"])
     print_status(
-        "Print it at 100 %, check the line below it with a ruler, and glue it on something flat."
+        "Print the board at 100 %, check the line below it with a ruler, and glue the board on "
+        "something flat."
     )
 
 
@@ -183,7 +184,7 @@ def _check(
             print_json("camera-board-place", board=stored.name, at_m=at_m)
         else:
             at = ", ".join(f"{each:.0f}" for each in stored.at_mm)
-            print_lines([f"Remembered {stored.name} at ({at}) mm. Leave it there."])
+            print_lines([f"Remembered {stored.name} at ({at}) mm. Leave the board there."])
 
 
 def open_camera(source: str, arm: Arm, board: Board) -> PictureSource:

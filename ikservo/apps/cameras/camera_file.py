@@ -1,4 +1,4 @@
-"""Facts about the camera of an arm besides its calibration: whether it has moved since."""
+"""Facts about an arm's camera besides its calibration, such as whether it has moved."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from ikservo.files.validation import StrictModel, first_issue, validation_issues
 from ikservo.files.writing import strip_checksum, with_checksum, write_atomic
 
 SIMULATED = "sim"
-"""Used in place of an adapter's serial number for a simulated arm."""
+"""Replacement for the adapter's serial number of a simulated arm."""
 
 _HEADER = "# Facts about an arm's camera that are not in its calibration; written by ikservo.\n"
 
@@ -24,7 +24,7 @@ NotBelowZero = Annotated[float, Field(ge=0)]
 
 
 class CameraCheck(StrictModel):
-    """``[check]``: the last result of a check of the camera's place."""
+    """``[check]``: the result of the last check of the camera's place."""
 
     seen: datetime = Field(description="a date and time with its offset")
     off_mm: NotBelowZero = Field(description="millimetres across the ray, at the board")
@@ -34,7 +34,7 @@ class CameraCheck(StrictModel):
 
 
 class CameraFile(StrictModel):
-    """The whole file; entries of an earlier calibration of the camera are ignored."""
+    """The content of the file; entries from an earlier calibration of the camera are ignored."""
 
     format: Literal[1] = Field(default=1, description="1")
     calibrated: datetime = Field(description="when the camera was calibrated")
@@ -62,7 +62,7 @@ def camera_names(arm: str, usb_serial_number: str) -> list[str]:
 def load_camera(
     arm: str, usb_serial_number: str, name: str = ""
 ) -> tuple[CalibratedCamera, CameraFile] | None:
-    """Load a camera with which an arm was calibrated; None if none has that name.
+    """Load a camera with which an arm was calibrated; None if no camera has the name.
 
     Raises:
         FileFormatError: A file is damaged.

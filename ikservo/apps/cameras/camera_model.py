@@ -1,6 +1,7 @@
-"""A calibrated camera: the pixel of a point, and the ray of a pixel, in the arm's base frame.
+"""A calibrated camera, which converts points in the arm's base frame to pixels and back to rays.
 
-A pixel (u, v) is counted as in OpenCV: u to the right, v down, (0, 0) at the centre of the first.
+A pixel (u, v) is counted as in OpenCV: u to the right, v down, (0, 0) at the centre of the first
+pixel.
 """
 
 from __future__ import annotations
@@ -19,13 +20,14 @@ from ikservo.kinematics.rays import Ray
 
 _WIDEST = 3.0  # tangent of the largest angle to the axis for which a lens is trusted
 _NEAR_FOLD = 0.95  # fraction of the radius at which the lens polynomial stops increasing
-_MIN_DEPTH_M = 1e-3  # points nearer to the camera, or behind it, are projected from here
-_HALVINGS = 30  # of the interval that contains the radius before distortion
-_STEPS = 20  # of Newton's method at most
+# points nearer to the camera than this, or behind it, are projected from this depth
+_MIN_DEPTH_M = 1e-3
+_HALVINGS = 30  # halvings of the interval that contains the radius before distortion
+_STEPS = 20  # largest number of Newton steps
 _ENOUGH = 1e-12  # remaining error of a direction, as a tangent
-_SMALL = 1e-6  # step for the derivatives of a direction, and least square of a radius
-_PARALLEL = 1e-12  # least radius that is divided by
-_MAX_OFF_PX = 0.1  # allowed error of a direction that was found, projected back
+_SMALL = 1e-6  # step for the derivatives of a direction, and smallest squared radius
+_PARALLEL = 1e-12  # smallest radius used as a divisor
+_MAX_OFF_PX = 0.1  # allowed reprojection error of a direction that was found
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,8 +35,8 @@ class CameraModel:
     """A camera that is fixed in front of an arm.
 
     Attributes:
-        lens: The projection of its lens.
-        T_base_camera: Its pose (4, 4): x to the right in the picture, y down, z ahead.
+        lens: The projection of the lens.
+        T_base_camera: The pose (4, 4): x to the right in the picture, y down, z ahead.
     """
 
     lens: Intrinsics
@@ -46,7 +48,8 @@ class CameraModel:
     def project(self, points_m: ArrayLike) -> tuple[Matrix, Vector]:
         """Compute pixels (…, 2) and depths [m] (…) of points (…, 3) in the base frame.
 
-        A point that is not in front of the camera has no pixel; it gets that of a point 1 mm ahead.
+        A point that is not in front of the camera has no pixel; it gets the pixel of a point 1 mm
+        ahead.
         """
         T = self.T_base_camera
         ahead = (np.asarray(points_m, dtype=np.float64) - T[:3, 3]) @ T[:3, :3]
@@ -55,7 +58,7 @@ class CameraModel:
         return self.pixels(flat), depth_m
 
     def ray(self, u: float, v: float) -> Ray:
-        """Return the ray of a pixel, in the base frame.
+        """Return the ray through a pixel, in the base frame.
 
         Raises:
             BadValueError: The pixel is not in the picture, or its direction is unknown, because the
@@ -75,11 +78,11 @@ class CameraModel:
         return Ray(self.T_base_camera[:3, 3], direction / np.linalg.norm(direction))
 
     def pixels(self, flat: Matrix) -> Matrix:
-        """Compute pixels (…, 2) of directions given as x/z and y/z (…, 2)."""
+        """Compute pixels (…, 2) from directions given as x/z and y/z (…, 2)."""
         return self._bent(flat) * self._focal_px + self._centre_px
 
     def flat(self, px: Matrix) -> Matrix:
-        """Compute directions, as x/z and y/z (…, 2), of pixels (…, 2); inverse of ``pixels``."""
+        """Compute directions, as x/z and y/z (…, 2), from pixels (…, 2); inverse of ``pixels``."""
         wanted = (px - self._centre_px) / self._focal_px
         found = self._radially_straight(wanted)
         for _ in range(_STEPS):  # Newton's method

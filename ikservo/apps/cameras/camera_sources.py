@@ -1,4 +1,4 @@
-"""Open a camera for single pictures: a real one, or the one of a simulated arm."""
+"""Open a camera for single pictures: a real camera, or the camera of a simulated arm."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ def open_source(source: str, transport: object, board: Board) -> PictureSource:
     """Open a camera.
 
     Args:
-        source: Its number, device or address; ``sim`` for the camera of a simulated arm.
+        source: The number, device or address; ``sim`` for the camera of a simulated arm.
         transport: The transport of the arm's port.
         board: The board in front of a simulated camera.
 

@@ -1,4 +1,4 @@
-"""Open a camera: by its number or device, an address, or a file of pictures."""
+"""Open a camera by number, device or address, or a file with pictures."""
 
 from __future__ import annotations
 
@@ -24,17 +24,17 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 _URL_TIMEOUT_MS = 3000
-_LARGEST = 2**31 - 1  # largest number that OpenCV takes; no camera has it
-_MAX_REQUEST_S = 10.0  # FFmpeg gives up a silent address after one or two of its time-outs
-_MAX_MEMORY_BYTES = 1024 * 1024 * 1024  # of a reader; that of 8K video needs less
-_WATCH_S = 0.01  # between two looks at the memory and time of a reader
+_LARGEST = 2**31 - 1  # largest number that OpenCV accepts; no camera has it
+_MAX_REQUEST_S = 10.0  # FFmpeg gives up on a silent address after one or two of its time-outs
+_MAX_MEMORY_BYTES = 1024 * 1024 * 1024  # memory limit of a reader; 8K video needs less
+_WATCH_S = 0.01  # period of the checks of a reader's memory and time
 _END_S = 2.0  # time in which a reader ends its session with the camera
-_ANSWER = struct.Struct("<?III")  # success; height, width, channels of the picture that follows
+_ANSWER = struct.Struct("<?III")  # success; height, width and channels of the picture that follows
 _GRAB, _READ = b"g", b"r"
 
 
 class Capture(Protocol):
-    """The part of ``cv2.VideoCapture`` that is used here."""
+    """The methods of ``cv2.VideoCapture`` that are used here."""
 
     def isOpened(self) -> bool:  # noqa: N802  # OpenCV's name
         """Check whether pictures can be read."""
@@ -49,19 +49,19 @@ class Capture(Protocol):
         ...
 
     def release(self) -> None:
-        """Close it."""
+        """Close the camera."""
         ...
 
 
 def open_capture(source: str) -> Capture:
-    """Open a camera; OpenCV does not print messages of its own about a missing camera.
+    """Open a camera; OpenCV prints no messages about a missing camera.
 
     Raises:
         InputError: The source is an address without its password.
     """
     if HIDDEN in source and "://" in source:
         raise InputError(
-            f"The password of {source} is not stored.", "Give the whole address of the camera."
+            f"The password of {source} is not stored.", "Give the full address of the camera."
         )
     cv2 = _silent_opencv()
     if source.isdecimal():
@@ -74,7 +74,7 @@ def open_capture(source: str) -> Capture:
 class AddressCapture:
     """A camera at an address, read by a process whose time and memory are bounded.
 
-    FFmpeg keeps a picture in memory until it is complete, and allocates the size that it states.
+    FFmpeg keeps a picture in memory until it is complete, and allocates its stated size.
 
     Args:
         source: The address. It may contain a password, so it is not on the command line.
@@ -90,7 +90,7 @@ class AddressCapture:
         self._is_opened, _ = self._ask(source.encode(errors="replace") + b"\n")
 
     def __del__(self) -> None:
-        """Close it, as OpenCV does."""
+        """Close the camera when it is deleted, as OpenCV does."""
         self.release()
 
     def isOpened(self) -> bool:  # noqa: N802  # OpenCV's name
@@ -106,9 +106,9 @@ class AddressCapture:
         return self._ask(_GRAB)[0]
 
     def release(self) -> None:
-        """Close it; the process ends."""
+        """Close the camera; the process ends."""
         for pipe in (self._requests, self._answers):
-            with contextlib.suppress(OSError):  # the process has ended before
+            with contextlib.suppress(OSError):  # the process has already ended
                 pipe.close()
         try:
             self._reader.wait(_END_S)
@@ -117,7 +117,7 @@ class AddressCapture:
             self._reader.wait()
 
     def _ask(self, request: bytes) -> tuple[bool, NDArray[np.uint8] | None]:
-        """Return the answer to a request; a process that has ended has no picture."""
+        """Return the answer to a request; a process that has ended returns no picture."""
         try:
             self._requests.write(request)
             self._requests.flush()
@@ -139,7 +139,7 @@ def _silent_opencv() -> ModuleType:
 
 
 def _serve_pictures() -> None:
-    """Answer the requests of an ``AddressCapture`` until it closes its end of the pipe."""
+    """Answer the requests of an ``AddressCapture`` until that closes its end of the pipe."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is meant for the process that asks
     cv2 = _silent_opencv()
     source = sys.stdin.buffer.readline().decode().rstrip("\n")
@@ -166,7 +166,7 @@ def _end_at_bounds(asked_s: list[float]) -> None:
     """End this process when a request takes too long or its memory is too large.
 
     Args:
-        asked_s: Time of the request, s; infinite while there is none.
+        asked_s: Time of the request, s; infinite while there is no request.
     """
     while time.monotonic() - asked_s[0] < _MAX_REQUEST_S and _used_bytes() < _MAX_MEMORY_BYTES:
         time.sleep(_WATCH_S)

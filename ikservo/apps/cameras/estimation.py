@@ -7,8 +7,8 @@ estimate minimises ``Σ (e_k / σ_k)² + Σ ((x_j - m_j) / s_j)²`` over all sam
 the frame of the ray to the board. The deviations σ across the ray, along it, of the turn about it
 and of the tilt differ tenfold; they are estimated from the residuals (variance components). m and s
 are the prior mean and deviation of x. Parameters that the pictures do not determine keep their
-prior: the zero of a last joint, which turns the board, would otherwise follow the smallest error of
-the model.
+prior; otherwise, the zero of a last joint, which turns the board, would follow the smallest model
+error.
 """
 
 from __future__ import annotations
@@ -33,14 +33,14 @@ _Mask = NDArray[np.bool_]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LensTerms:
-    """Linearised information on the lens from the corners of a board in one picture.
+    """Linearised information about the lens from the corners of a board in one picture.
 
-    The numbers are focal length over width, less 1; ratio of the vertical to the horizontal focal
-    length, less 1; the principal point's offset from the middle over width, right and down; k1
-    and k2 of the distortion.
+    The six numbers are: focal length over width, minus 1; ratio of the vertical to the horizontal
+    focal length, minus 1; offset of the principal point from the middle over width, right and down;
+    k1 and k2 of the distortion.
 
     Attributes:
-        at: The numbers (6,) with which the board's pose was computed.
+        at: The numbers (6,) with which the pose of the board was computed.
         by_lens: The derivative of that pose with respect to these parameters (6, 6): rows are
             metres and rad, camera frame.
         slope: The derivative (6,) of half the squared error of the corners with respect to these
@@ -61,7 +61,7 @@ class LensTerms:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BoardSample:
-    """A board on the gripper, as a camera saw it.
+    """One view of the board on the gripper by a camera.
 
     Attributes:
         q: The measured joints (dof,), rad or m.
@@ -80,7 +80,7 @@ class BoardSample:
 
 
 class Extent(Enum):
-    """Parameters that are estimated besides the poses of camera and board."""
+    """The parameters that are estimated besides the poses of camera and board."""
 
     CAMERA = "camera"
     ZEROS = "camera and zeros"
@@ -104,10 +104,10 @@ class FittedParameter:
     """One parameter of the arm.
 
     Attributes:
-        name: ``elbow_flex zero``, ``elbow_flex compliance``, ``elbow_flex half play``.
+        name: The name: ``elbow_flex zero``, ``elbow_flex compliance``, ``elbow_flex half play``.
         unit: rad, rad/N m; m and m/N for a prismatic joint.
         value: The estimate.
-        deviation: Its standard deviation.
+        deviation: The standard deviation of the estimate.
         prior: The standard deviation before any picture.
     """
 
@@ -119,7 +119,7 @@ class FittedParameter:
 
     @property
     def is_determined(self) -> bool:
-        """Whether the pictures give more information on it than the prior."""
+        """Whether the pictures give more information about the parameter than the prior."""
         return self.deviation < _DETERMINED * self.prior
 
 
@@ -129,33 +129,34 @@ _ZERO_M = 0.002  # the same for a slide
 _COMPLIANCE = 0.1  # rad per N m: printed links
 _HALF_PLAY_RAD = math.radians(0.25)  # half the backlash of gears
 _HALF_PLAY_M = 0.0003  # the same for a slide
-_POSE = 100.0  # m or rad: camera and board may be anywhere
-_SCALE = 0.005  # ratio: prints are checked with a ruler
-_LENS = (1.0, 0.003, 0.05, 0.05, 0.2, 0.2)  # of the six numbers of LensTerms
-_POSES = 12 + 1 + 6  # parameters before the arm's: two poses, the scale and the lens
+_POSE = 100.0  # m or rad; camera and board may be anywhere
+_SCALE = 0.005  # ratio; prints are checked with a ruler
+_LENS = (1.0, 0.003, 0.05, 0.05, 0.2, 0.2)  # for the six numbers of LensTerms
+_POSES = 12 + 1 + 6  # parameters before those of the arm: two poses, the scale and the lens
 
 # The components of a residual, and the component of each of its rows.
 _ACROSS, _DEPTH, _TILT, _TURN = range(4)
 _COMPONENT = np.array([_ACROSS, _ACROSS, _DEPTH, _TILT, _TILT, _TURN])
-_DETERMINED = math.sqrt(0.5)  # of the prior deviation: pictures and prior give as much information
-# Only the bending of the arm tells the zero of the last joint from the mount of the board; with
-# half of the prior deviation it came out 5° wrong.
+_DETERMINED = math.sqrt(0.5)  # of the prior deviation: prior and pictures tell equally much
+# Only the bending of the arm distinguishes the zero of the last joint from the mount of the board;
+# with half of the prior deviation, the zero was 5° wrong.
 _LAST_DETERMINED = 0.1
-_START_SIGMA = np.array([0.002, 0.01, 0.05, 0.02])  # first deviations: m, m, rad, rad
-_ASSUMED = 6.0  # their ratios count like this many samples
-_FINEST = 0.02  # smallest estimated deviations, as a fraction of the first ones
+_START_SIGMA = np.array([0.002, 0.01, 0.05, 0.02])  # initial deviations: m, m, rad, rad
+_ASSUMED = 6.0  # the ratios of the initial deviations count like this many samples
+_FINEST = 0.02  # smallest estimated deviations, as a fraction of the initial ones
 # A sample is an outlier if its squared deviations exceed the median by this factor.
 _OUTLIER = 12.0
-# The expected median for the first deviations; few samples, fitted closely, have a smaller one.
+# The expected median for the initial deviations; it is smaller for few samples, which are fitted
+# closely.
 _EXPECTED = 3.0
 _MAX_OUTLIER_FRACTION = 1.0 / 3.0
-_IMPLAUSIBLE = 250.0  # median of the squared deviations; this means centimetres
-_ROUNDS = 4  # of choosing outliers or deviations
-_STEPS = 30  # of the minimisation at most
-_ENOUGH = 1e-7  # relative decrease of the cost that ends it
-_MAX_DAMPING = 1e6  # larger damping ends the minimisation
-_STARTS = 40  # random subsets of the samples to start from
-_START_SAMPLES = 5  # in each of them
+_IMPLAUSIBLE = 250.0  # largest median of the squared deviations; it corresponds to centimetres
+_ROUNDS = 4  # rounds of choosing outliers or deviations
+_STEPS = 30  # largest number of minimisation steps
+_ENOUGH = 1e-7  # relative decrease of the cost that ends the minimisation
+_MAX_DAMPING = 1e6  # a larger damping ends the minimisation
+_STARTS = 40  # number of random subsets of the samples to start from
+_START_SAMPLES = 5  # number of samples in each subset
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -183,20 +184,20 @@ class CameraFit:
     """Camera, board and arm fitted to some samples.
 
     Attributes:
-        bending: The arm with its bending.
+        bending: The arm and its bending.
         extent: The parameters that were estimated.
         T_camera_base: The pose (4, 4) of the arm's base.
         T_tip_board: The pose (4, 4) of the board on the tip.
         scale: The relative excess of the board's distance, because it was printed larger than
             stated.
-        lens: The numbers (6,) of the lens, as in ``LensTerms``; zeros if it is known.
+        lens: The numbers (6,) of the lens, as in ``LensTerms``; zeros if the lens is known.
         zeros: The offsets of the measured joints (dof,), rad or m.
         sigma: Standard deviations: across the ray and along it [m], tilt and turn [rad].
         kept: Whether each sample (n,) is not an outlier.
         covariance: The covariance of the six numbers of each pose, the scale, the lens, zeros,
             compliances and half plays.
         asked: Whether each parameter of the covariance was requested.
-        free: Whether the samples determine each parameter; others are unchanged.
+        free: Whether the samples determine each parameter; the others are unchanged.
     """
 
     bending: Bending
@@ -267,9 +268,10 @@ class CameraEstimate:
     """The fit that best predicts samples that were left out.
 
     Attributes:
-        fit: The chosen fit, of all samples but outliers.
-        arm_fit: The fit of everything but the backlash.
-        left_out_m: Root mean square error across the ray of samples left out one by one, by extent.
+        fit: The chosen fit, to all samples except outliers.
+        arm_fit: The fit of all parameters except the backlash.
+        left_out_m: The root mean square error across the ray, by extent, of samples left out one by
+            one.
     """
 
     fit: CameraFit
@@ -278,17 +280,17 @@ class CameraEstimate:
 
     @property
     def before_m(self) -> float:
-        """The error across the ray of left-out samples, with the arm as it was."""
+        """The error of left-out samples across the ray, with the arm as it was."""
         return self.left_out_m[Extent.CAMERA]
 
     @property
     def after_m(self) -> float:
-        """The error across the ray of left-out samples, with the estimated arm."""
+        """The error of left-out samples across the ray, with the estimated arm."""
         return self.left_out_m[self.fit.extent]
 
     @property
     def zero_deviations(self) -> Vector:
-        """Standard deviations of the zeros (dof,), rad or m, estimated or not."""
+        """Standard deviations of the zeros (dof,), rad or m, whether estimated or not."""
         fit = self.fit if self.fit.extent.zeros else self.arm_fit
         last = _POSES + len(fit.zeros)
         return np.sqrt(np.diag(fit.covariance))[_POSES:last]
@@ -300,10 +302,10 @@ _BETTER = 0.97  # more parameters are estimated only if that reduces the error b
 def estimate_camera(
     known: Bending, samples: Sequence[BoardSample], extents: Sequence[Extent] = tuple(Extent)
 ) -> CameraEstimate:
-    """Estimate camera, board, and those parameters of the arm that help to predict new samples.
+    """Estimate the camera, the board, and the arm parameters that help to predict new samples.
 
     Args:
-        known: The arm as known, with its masses; the board and other payload add to them.
+        known: The known arm with its masses, to which the board and other payload are added.
         samples: At least six, in different postures.
         extents: The parameters that may be estimated, `Extent.CAMERA` among them.
 
@@ -313,7 +315,7 @@ def estimate_camera(
     if len(samples) < MIN_SAMPLES:
         raise CalibrationError(
             f"The board was seen in {len(samples)} pictures; at least {MIN_SAMPLES} are needed.",
-            "Show it in about 20 different postures, all over the picture.",
+            "Show the board in about 20 different postures, all over the picture.",
         )
     fullest = fit_camera(known, samples, Extent.ARM)
     found = {each: fit_camera(known, samples, each, fullest) for each in extents}
@@ -336,12 +338,12 @@ def fit_camera(
     extent: Extent,
     outliers_of: CameraFit | None = None,
 ) -> CameraFit:
-    """Fit camera, board and as much of the arm as ``extent`` says.
+    """Fit the camera, the board and the arm parameters of ``extent``.
 
     Args:
-        known: The arm as it is known.
+        known: The known arm.
         samples: The samples (n), three or more.
-        extent: The parameters that are estimated.
+        extent: The parameters to estimate.
         outliers_of: The fit whose outliers are left out; None to search for outliers.
 
     Raises:
@@ -365,11 +367,11 @@ def fit_camera(
 
 
 def picture_information(fit: CameraFit, samples: Sequence[BoardSample]) -> tuple[Matrix, Matrix]:
-    """Compute the information of pictures on all parameters except the backlash.
+    """Compute the information from pictures about all parameters except the backlash.
 
     Args:
         fit: The present knowledge of camera and arm.
-        samples: Boards (n) where they are expected.
+        samples: Boards (n) at their expected poses.
 
     Returns:
         The information matrix (k, k) of all pictures and the prior, and the rows (n, 12, k) of each
@@ -380,7 +382,7 @@ def picture_information(fit: CameraFit, samples: Sequence[BoardSample]) -> tuple
 
 
 def _without_outliers(problem: _Problem, state: _State) -> tuple[_State, _Mask]:
-    """Return a fit to most samples, and which samples (n,) it uses.
+    """Return a fit to most samples, and a mask (n,) of the samples that it uses.
 
     Raises:
         CalibrationError: More than a third of the samples contradict the others.
@@ -406,7 +408,7 @@ def _without_outliers(problem: _Problem, state: _State) -> tuple[_State, _Mask]:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _NormalEquations:
-    """Half the cost's second-order expansion: its value, slope (k,) and curvature (k, k)."""
+    """Second-order expansion of half the cost: value, slope (k,) and curvature (k, k)."""
 
     cost: float
     slope: Vector
@@ -442,7 +444,7 @@ class _Problem:
             self._noise[i] = both @ lens.noise @ both.T
 
     def start(self, camera: Matrix, board: Matrix) -> _State:
-        """Return the state with the arm as it is known."""
+        """Return the initial state with the known arm."""
         return _State(camera, board, 0.0, self.lens_at, self._known)
 
     def leave_undetermined(self, state: _State, sigma: Vector, weight: Vector) -> _State:
@@ -465,7 +467,7 @@ class _Problem:
         return replace(state, arm=np.where(free[_POSES:], state.arm, self._known))
 
     def minimise(self, state: _State, sigma: Vector, weight: Vector) -> _State:
-        """Return the state with the least sum of squares, by Levenberg's steps."""
+        """Return the state with the least sum of squares, found by Levenberg steps."""
         damping = 1e-6
         equations = self._equations(state, sigma, weight)
         for _ in range(_STEPS):
@@ -492,7 +494,7 @@ class _Problem:
     def deviations(self, state: _State, sigma: Vector, weight: Vector) -> Vector:
         """Estimate the standard deviations of the four components by leave-one-out prediction.
 
-        Residuals are too small for a sample far from the others, because the fit has followed it.
+        For a sample far from the others, the residual is too small, because the fit follows it.
         """
         noise = np.diagonal(self._noise, axis1=1, axis2=2)
         squares = self.left_out(state, sigma, weight) ** 2 - noise
@@ -514,7 +516,7 @@ class _Problem:
         )  # fmt: skip
 
     def left_out(self, state: _State, sigma: Vector, weight: Vector) -> Matrix:
-        """Compute each sample's residual (n, 6) at the fit to all the others.
+        """Compute the residual (n, 6) of each sample at the fit to all other samples.
 
         The fit without a sample is one step from the fit with it; the leverage gives the step.
         """
@@ -555,7 +557,7 @@ class _Problem:
         return np.sum((self._whiten(_START_SIGMA) @ e[:, :, None]) ** 2, axis=(1, 2))
 
     def tips(self) -> Matrix:
-        """Return the tip's poses (n, 4, 4) for the arm as known."""
+        """Return the tip poses (n, 4, 4) for the known arm."""
         return self._bending.dynamics.chain.forward(self._bending.link_joints(self._q))
 
     def _bent(self, state: _State) -> Bending:
@@ -648,7 +650,7 @@ def _residual(predicted: Matrix, seen: Matrix, turn: Matrix) -> tuple[Vector, Ma
 
 
 def _ray_frame(point: Vector) -> Matrix:
-    """Return R_ray_camera (3, 3), whose z axis points at a point (3,)."""
+    """Return R_ray_camera (3, 3), with the z axis towards a point (3,)."""
     z = point / max(float(np.linalg.norm(point)), 1e-9)
     x = np.cross([0.0, 1.0, 0.0] if abs(z[1]) < 0.9 else [1.0, 0.0, 0.0], z)
     x /= np.linalg.norm(x)

@@ -1,4 +1,4 @@
-"""``ikservo look``: the point of the table that a pixel of the calibrated camera sees."""
+"""``ikservo look``: find the point on the table that a pixel of the calibrated camera sees."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A folder with pictures of a board and the joints of each, for a later estimate."""
+"""A folder with pictures of a board and the joints at each picture, for a later estimate."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class SavedPicture(StrictModel):
 
 
 class PictureIndex(StrictModel):
-    """The whole file."""
+    """The content of the index file."""
 
     format: Literal[1] = Field(default=1, description="1")
     arm: Name = Field(description="an arm's name")
@@ -53,11 +53,11 @@ class PictureIndex(StrictModel):
 
 
 class PictureFolder:
-    """Keeps pictures in a new folder as they are taken, so that a failure loses none.
+    """Keeps pictures in a new folder as they are taken, so that a failure loses none of them.
 
     Args:
         path: The folder.
-        index: The description of the pictures to come.
+        index: The description of the pictures that will follow.
         calibration: The calibration with which the joints are measured; None for a simulated arm.
 
     Raises:
@@ -83,7 +83,7 @@ class PictureFolder:
             raise InputError(f"{path} exists and is not empty.", "Name a new folder.")
 
     def add(self, picture: Picture, q: Vector) -> None:
-        """Keep a picture and the joints (dof,), rad or m.
+        """Save a picture and the joints (dof,), rad or m.
 
         Raises:
             FileWriteError: The disk is full or not writable; earlier pictures are kept.
@@ -106,7 +106,7 @@ class PictureFolder:
 
 @dataclass(frozen=True, slots=True)
 class SavedPictures:
-    """A folder of pictures that was read.
+    """The content of a folder of pictures.
 
     Attributes:
         folder: The folder of the pictures.
@@ -129,7 +129,7 @@ class SavedPictures:
         for saved in self.index.pictures:
             path = self.folder / saved.file
             is_small = path.is_file() and path.stat().st_size <= _MAX_PICTURE_BYTES
-            read = cast("Any", cv2)  # missing from its stubs
+            read = cast("Any", cv2)  # missing from the type stubs
             picture = read.imread(str(path), read.IMREAD_UNCHANGED) if is_small else None
             if picture is None:
                 raise FileFormatError(path, "", "is missing or damaged", "a picture, as saved")
@@ -137,7 +137,7 @@ class SavedPictures:
 
 
 def read_pictures(folder: Path, arm: str, joints: Sequence[str]) -> SavedPictures:
-    """Read a folder of pictures of an arm with these joints.
+    """Read a folder of pictures of an arm with given joints.
 
     Raises:
         FileFormatError: The folder has no pictures, they show another arm, or a file is damaged.

@@ -1,4 +1,4 @@
-"""Pictures of a board: their source, and how the board is found in them."""
+"""Pictures of a board: sources of pictures, and detection of the board."""
 
 from __future__ import annotations
 
@@ -19,28 +19,28 @@ from ikservo.kinematics.arrays import Matrix, Vector, freeze_arrays
 from ikservo.kinematics.se3 import exp_so3, make_pose, skew
 
 Picture = NDArray[np.uint8]
-"""Grey (h, w) or colour (h, w, 3)."""
+"""A picture: grey (h, w) or colour (h, w, 3)."""
 
 _MIN_CORNERS = 8
-# Variance of the Laplacian over the variance of the grey; a picture with less is blurred.
+# Variance of the Laplacian over the variance of the grey level; below this, a picture is blurred.
 _MIN_SHARPNESS = 0.004
-_MAX_REPROJECTION_PX, _MAX_FIRST_PX = 2.0, 10.0  # for a known lens, and for the first guess
+_MAX_REPROJECTION_PX, _MAX_FIRST_PX = 2.0, 10.0  # for a known lens, and for the initial guess
 _LEAST_NOISE_PX = 0.05
 _STALE_PICTURES = 5  # number of old pictures that a driver may hold in its queue
 
 
 SAME_PICTURE = (
     "The camera delivers the same picture again and again.",
-    "Unplug it and plug it in.",
+    "Unplug the camera and plug it in again.",
 )
-"""Message and hint of a camera that hangs."""
+"""Message and hint for a camera that hangs."""
 
 
 class PictureSource(Protocol):
     """Takes pictures.
 
     Attributes:
-        hint: A hint for people who look at the pictures; empty for none.
+        hint: A hint for people who look at the pictures; empty if there is none.
     """
 
     hint: str
@@ -55,7 +55,7 @@ class PictureSource(Protocol):
 
 
 class LiveCamera:
-    """A camera by its number, device or address.
+    """A real camera, given by its number, device or address.
 
     Raises:
         InputError: OpenCV is not installed, or there is no such camera.
@@ -79,9 +79,9 @@ class LiveCamera:
             PictureError: The camera no longer delivers pictures.
         """
         stale = 0 if self._file else _STALE_PICTURES
-        all(self._capture.grab() for _ in range(stale))  # each failure may take a time-out
+        all(self._capture.grab() for _ in range(stale))  # each failure may last a time-out
         taken, picture = self._capture.read()
-        if self._file and not taken:  # a file with one picture, or the end of a film: repeat it
+        if self._file and not taken:  # a file with one picture, or the end of a video: start again
             self._capture = open_capture(self._file)
             taken, picture = self._capture.read()
         if not taken:
@@ -98,7 +98,7 @@ class Intrinsics:
     Attributes:
         matrix: fx, fy, cx, cy as the matrix (3, 3), pixels.
         distortion: k1, k2, p1, p2, k3 (5,), as in OpenCV.
-        size: Width and height of its pictures, pixels.
+        size: Width and height of the pictures, pixels.
     """
 
     matrix: Matrix
@@ -110,7 +110,7 @@ class Intrinsics:
 
     @classmethod
     def of_numbers(cls, numbers: Vector, size: tuple[int, int]) -> Intrinsics:
-        """Return the lens with the six numbers of ``LensTerms``."""
+        """Return the intrinsics with the six numbers of ``LensTerms``."""
         width, height = size
         focal, ratio, right, down, k1, k2 = numbers.tolist()
         fx = (1.0 + focal) * width
@@ -138,7 +138,7 @@ class BoardView:
 
     Attributes:
         ids: The numbers (k,) of the corners.
-        pixels: Their pixels (k, 2).
+        pixels: The pixels (k, 2) of the corners.
         size: Width and height of the picture.
     """
 
@@ -159,7 +159,7 @@ def find_board(board: Board, picture: Picture) -> BoardView:
     """Find a board in a picture.
 
     Raises:
-        PictureError: The board is missing, incomplete, blurred, mirrored or another one; the
+        PictureError: The board is missing, incomplete, blurred, mirrored or of another kind; the
             message says which.
     """
     import cv2  # noqa: PLC0415  # of the extra `camera`
@@ -169,7 +169,7 @@ def find_board(board: Board, picture: Picture) -> BoardView:
     if len(ids) >= _MIN_CORNERS:
         return BoardView(ids, corners, (grey.shape[1], grey.shape[0]))
     if is_mirrored(board, grey):
-        raise PictureError("The picture is mirrored.", "Switch that off in the camera.")
+        raise PictureError("The picture is mirrored.", "Switch mirroring off in the camera.")
     if markers and not len(ids):
         raise PictureError(
             f"The picture shows too little of the board, or another board than {board.name}.",
@@ -178,23 +178,23 @@ def find_board(board: Board, picture: Picture) -> BoardView:
     contrast = float(grey.std())
     sharpness = float(cv2.Laplacian(grey, cv2.CV_64F).var()) / max(contrast**2, 1.0)
     if contrast > 5.0 and sharpness < _MIN_SHARPNESS:
-        raise PictureError("The picture is blurred.", "Focus the camera; more light helps.")
+        raise PictureError("The picture is blurred.", "Focus the camera, or add light.")
     raise PictureError(f"The board {board.name} is not in the picture.",
-                       "Hold it flat and well lit where the camera sees it.")  # fmt: skip
+                       "Hold the board flat and well lit where the camera sees it.")  # fmt: skip
 
 
 def guess_intrinsics(board: Board, views: Sequence[BoardView]) -> Intrinsics:
-    """Estimate the focal length alone from views of a board, as a start for the full estimate.
+    """Estimate only the focal length from views of a board, as a start for the full estimate.
 
     Raises:
         CalibrationError: The views do not suffice.
     """
     import cv2  # noqa: PLC0415  # of the extra `camera`
 
-    cv = cast("Any", cv2)  # its stubs are incomplete
+    cv = cast("Any", cv2)  # the type stubs are incomplete
     if not views:
         raise CalibrationError(
-            f"No picture shows the board {board.name}.", "Take pictures that show it."
+            f"No picture shows the board {board.name}.", "Take pictures that show the board."
         )
     points = [board.corners_m()[view.ids].astype(np.float32) for view in views]
     pixels = [view.pixels.astype(np.float32) for view in views]
@@ -218,7 +218,7 @@ def guess_intrinsics(board: Board, views: Sequence[BoardView]) -> Intrinsics:
     if not rms < _MAX_FIRST_PX or not 0.2 < matrix[0, 0] / size[0] < 10.0:
         raise CalibrationError(
             "The pictures do not determine the lens of the camera.",
-            "Show the board near and far, and tilted, all over the picture.",
+            "Show the board near and far, tilted, and all over the picture.",
         )
     return Intrinsics(np.asarray(matrix), np.zeros(5), size)
 
@@ -226,7 +226,7 @@ def guess_intrinsics(board: Board, views: Sequence[BoardView]) -> Intrinsics:
 def board_sample(
     board: Board, view: BoardView, intrinsics: Intrinsics, q: Vector, name: str
 ) -> BoardSample:
-    """Return the sample of a view at measured joints (dof,), with its terms for the lens.
+    """Return the sample of a view at measured joints (dof,), including its lens terms.
 
     Raises:
         CalibrationError: No pose fits the corners.
@@ -244,7 +244,7 @@ def lens_terms(
         intrinsics: The lens around which to linearise.
         T: The pose in the camera frame.
         corners_m: The corners in the board frame.
-        view: The view of the corners; None: they are exactly where they are expected.
+        view: The view of the corners; None if they are exactly at their expected places.
     """
     import cv2  # noqa: PLC0415  # of the extra `camera`
 
@@ -288,7 +288,7 @@ def board_pose(board: Board, view: BoardView, intrinsics: Intrinsics) -> Matrix:
         points, view.pixels, intrinsics.matrix, intrinsics.distortion, flags=cv2.SOLVEPNP_IPPE
     )
     if not count or not float(np.ravel(errors)[0]) < _MAX_REPROJECTION_PX:
-        raise PictureError("The board is bent, or hard to see.", "Glue it on something flat.")
+        raise PictureError("The board is bent or hard to see.", "Glue the board on something flat.")
     turn, at = cv2.solvePnPRefineLM(
         points, view.pixels, intrinsics.matrix, intrinsics.distortion, turns[0], places[0]
     )
@@ -296,7 +296,7 @@ def board_pose(board: Board, view: BoardView, intrinsics: Intrinsics) -> Matrix:
 
 
 def _detect(board: Board, grey: Picture) -> tuple[Matrix, NDArray[np.int64], int]:
-    """Return the corners (k, 2), their numbers (k,), and how many markers are seen."""
+    """Return the corners (k, 2), their ids (k,), and the number of markers seen."""
     import cv2  # noqa: PLC0415  # of the extra `camera`
 
     corners, ids, _, markers = cv2.aruco.CharucoDetector(board.opencv()).detectBoard(grey)

@@ -1,4 +1,4 @@
-"""Choice of postures in which the board is visible and the next picture is most informative."""
+"""Choose postures in which the board is visible and the next picture is most informative."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from ikservo.kinematics.arrays import Matrix
 
 _MAX_TILT_RAD = math.radians(50.0)
 _MARGIN = 0.04  # free margin around the board, as a fraction of the picture
-_NEAREST = 2.5  # smallest distance, in sides of the board
+_NEAREST = 2.5  # smallest distance, in board lengths
 _MIN_SQUARE_PX = 18.0  # smallest foreshortened square: two pixels per bit of a marker
 
 
@@ -50,21 +50,21 @@ def choose_postures(
     done: Matrix,
     count: int,
 ) -> list[int]:
-    """Choose postures one by one, each the most informative one after its predecessors.
+    """Choose postures one by one, each the most informative after the previous ones.
 
-    The most informative posture is the one that increases the determinant of the information on
-    camera, lens, board, zeros and compliances most (D-optimality; Fedorov 1972).
+    The most informative posture increases the determinant of the information about camera, lens,
+    board, zeros and compliances the most (D-optimality; Fedorov 1972).
 
     Args:
         board: The board on the gripper.
         fit: The present knowledge of camera and arm.
-        intrinsics: The present estimate of the intrinsics of the camera.
-        candidates: Postures to choose from (n, dof).
+        intrinsics: The present estimate of the camera's intrinsics.
+        candidates: Postures (n, dof) from which to choose.
         done: Postures (m, dof) of the existing pictures.
         count: The number of postures to choose.
 
     Returns:
-        Indices of candidates.
+        The indices of the chosen candidates.
     """
     corners_m = board.corners_m()
     samples = [

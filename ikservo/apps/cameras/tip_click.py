@@ -1,9 +1,9 @@
 """The zero of the last joint from clicks on the tip in the picture of a calibrated camera.
 
 A board on the gripper cannot distinguish that zero from the way in which the board was fixed; the
-tip can. The zero moves the tip along an arc in the picture; the point of the arc nearest to the
-click is taken. Clicks are kept with the camera, and their mean is used, because the errors of
-clicks average out. The camera's error does not.
+tip can. The zero moves the tip along an arc in the picture; the point on the arc nearest to the
+click is used. Clicks are stored with the camera, and their mean is used, because click errors
+average out. The error of the camera does not.
 """
 
 from __future__ import annotations
@@ -31,16 +31,16 @@ from ikservo.kinematics.chain import Chain
 from ikservo.kinematics.joints import JointType
 from ikservo.kinematics.rays import Ray
 
-_MOST_RAD, _STEP_RAD = math.radians(10.0), math.radians(0.05)  # search for a zero set by eye
+_MOST_RAD, _STEP_RAD = math.radians(10.0), math.radians(0.05)  # search range for a zero set by eye
 _LEAST_PX = 1.0  # a degree must move the tip by at least this many pixels
 _CLICK_PX = 1.5  # standard error of a careful click, per axis
 _DOUBTFUL = 4.0  # a click this many standard errors from the mean of the others is left out
-_ENOUGH, _KNOWN_MM = 3, 0.5  # clicks that suffice (one may be wrong), and the error of the tip then
+_ENOUGH, _KNOWN_MM = 3, 0.5  # clicks that suffice (one may be wrong), and the tip error then
 _OFF_MM = 3.0  # distance of a good click from the arc, in addition to the camera's error
-# Postures that are tried per joint, and their least distance from the present posture.
+# Number of postures tried per joint, and their least distance from the present posture.
 _POSTURES, _APART_RAD = 37, math.radians(20.0)
 _EDGE_PX = 30.0  # margin of the picture in which no next click is proposed
-# A click is aimed at an arm that stands: in this time it moves by no more than a tick of noise.
+# A click needs an arm at rest, which in this time moves by at most a tick of noise.
 _STANDS = StillnessDetector(window_s=0.3, tolerance=math.radians(0.1), least_readings=2)
 _SAME_TICK = 0.01
 
@@ -51,15 +51,15 @@ class TipZero:
 
     Attributes:
         joint: The last joint.
-        shift_rad: True angle of the joint less the measured one.
+        shift_rad: The true minus the measured angle of the joint.
         off_m: The distance of the last click from the corrected tip, across the line of sight.
         px_per_deg: Motion of the tip in the picture per degree of the joint, pixels.
         others_deg: The deviation of each click from the mean, the latest ones last.
-        counts: Whether each click counts; a click too far from two or more others does not.
-        are_apart: Whether only two count, and they are too far apart for their errors.
+        counts: Whether each click is used; a click too far from two or more others is not.
+        are_apart: Whether only two clicks are used, and these are too far apart for their errors.
         error_deg: The standard error of the zero.
         error_m: The remaining standard error of the tip.
-        advice: Advice where to click next; empty if another click is not worth it.
+        advice: Advice on where to click next; empty if another click is not useful.
         before: The calibration with which the zero was found.
         calibration: The same calibration with the new zero and the clicks.
     """
@@ -86,15 +86,16 @@ class TipZero:
             f" mm at the tip. The corrected tip is {1000.0 * self.off_m:.1f} mm from the click."
         ]
         said += [
-            f"Click {i} differs by {by:+.1f}°, more than its error, so it does not count."
+            f"Click {i} differs by {by:+.1f}°, more than its error, and is ignored."
             for i, (by, does) in enumerate(zip(self.others_deg, self.counts, strict=True), start=1)
             if not does
         ]
         if self.are_apart:
-            said.append("The two clicks that count differ by more than their error: click again.")
+            said.append("The two remaining clicks differ by more than their error: click again.")
         elif 2 * count <= clicks:
             said.append(
-                "Half of the clicks or more do not count, and may be the right ones: click again."
+                "Half of the clicks or more were ignored, and those may be the right ones: "
+                "click again."
             )
         return " ".join(said)
 
@@ -106,9 +107,9 @@ def find_tip_zero(
     name: str = "",
     joints: Vector | None = None,
 ) -> TipZero:
-    """Find the zero of the last joint that puts the tip at the clicks; save nothing.
+    """Find the zero of the last joint that puts the tip at the clicks, without saving it.
 
-    Earlier clicks that the calibration has kept, for any of its cameras, count as well.
+    Earlier clicks that the calibration stores, for any of its cameras, are also used.
 
     Args:
         arm: The arm in front of the camera, at rest.
@@ -158,7 +159,9 @@ def find_tip_zero(
         are_apart,
         error_deg,
         error_mm / 1000.0,
-        "" if is_known else f"More clicks are better. {_next_posture(arm, model, joints)}".rstrip(),
+        ""
+        if is_known
+        else f"More clicks improve the result. {_next_posture(arm, model, joints)}".rstrip(),
         calibration,
         _with_last_zero(arm, calibration.with_cameras(cameras), q, moved, written),
     )
@@ -173,7 +176,7 @@ def save_tip_zero(arm: Arm, found: TipZero) -> Path:
     """
     if ArmBefore.of(arm).calibration != found.before:
         raise CalibrationError(
-            "The calibration has changed since the click.", "Open the arm again, and click."
+            "The calibration has changed since the click.", "Open the arm again, then click."
         )
     return save_calibration(found.calibration)
 
@@ -192,11 +195,15 @@ def _read_click(
     tips_m = chain.forward(tried)[:, :3, 3]
     off_m = np.linalg.norm(np.cross(tips_m - ray.origin_m, ray.direction), axis=1)
     best = int(np.argmin(off_m))
-    hint = "Click where the tip is, between the fingertips, in a picture of the arm as it stands."
+    hint = (
+        "Click where the tip is, between the fingertips, in a picture of the arm in its "
+        "present position."
+    )
     beside_mm = 1000.0 * float(off_m[best])
     if beside_mm > _OFF_MM + 2.0 * camera.after_mm:
         raise CalibrationError(
-            f"The click is {beside_mm:.0f} mm from every place where the tip can be.", hint
+            f"The click is {beside_mm:.0f} mm or more from every position that the tip can reach.",
+            hint,
         )
     px_per_deg = float(_px_per_deg(model, chain, tried[best : best + 1])[0])
     if px_per_deg < _LEAST_PX:
@@ -223,7 +230,7 @@ def _read_click(
 
 
 def _mean(clicks: Sequence[TipClick]) -> tuple[float, float, NDArray[np.bool_], bool]:
-    """Return the mean of clicks, its standard error [deg], which count (n,), whether two disagree.
+    """Return mean and standard error [deg] of clicks, a mask (n,) of those used, and are_apart.
 
     If clicks scatter more than expected, their errors are larger than assumed.
     """
@@ -278,7 +285,7 @@ def _require_same(arm: Arm, calibration: Calibration) -> None:
 def _px_per_deg(model: CameraModel, chain: Chain, q: Matrix, edge_px: float = 0.0) -> Vector:
     """Return the motion (n,) of the tip, pixels per degree of the last joint, at joints (n, dof).
 
-    It is 0 if the tip is not in front of the camera, or too near to the picture's edge.
+    The motion is 0 if the tip is not in front of the camera or is too near the picture's edge.
     """
     (px, depth_m), (then, _) = (
         model.project(chain.forward(each)[:, :3, 3])
@@ -289,10 +296,10 @@ def _px_per_deg(model: CameraModel, chain: Chain, q: Matrix, edge_px: float = 0.
 
 
 def _next_posture(arm: Arm, model: CameraModel, joints: Vector) -> str:
-    """Advise which joint of all joints (n,) to move so that the picture shows the zero best.
+    """Return advice on the joint to move, given all joints (n,), to show the zero best.
 
-    A click has a smaller error nearer to the camera, and depends on the direction of the fingers;
-    in another posture the camera has another error. Empty if no joint helps.
+    A click has a smaller error nearer to the camera and depends on the direction of the fingers; in
+    another posture, the camera has another error. The advice is empty if no joint helps.
     """
     chain, index, checker = arm.chain, arm.joint_index, arm.context.checked_collision
     low, high = (np.clip(each, -math.pi, math.pi) for each in arm.context.limits())
@@ -315,7 +322,7 @@ def _next_posture(arm: Arm, model: CameraModel, joints: Vector) -> str:
 def _with_last_zero(
     arm: Arm, calibration: Calibration, q: Vector, moved: Vector, written: datetime
 ) -> Calibration:
-    """Return a calibration that measures q (dof,) as moved; boards keep their pose in the base."""
+    """Return a calibration that measures q (dof,) as moved; boards keep their base pose."""
     joints = shift_zeros(calibration.joints, chain_maps(arm.model, calibration), moved - q)
     T_moved_tip = np.linalg.inv(arm.chain.forward(moved)) @ arm.chain.forward(q)
     cameras: dict[str, CalibratedCamera] = {}

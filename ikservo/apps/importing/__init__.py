@@ -1,4 +1,4 @@
-"""Import of foreign descriptions by `ikservo arms new`; the package `model` reads the result."""
+"""Import foreign descriptions for `ikservo arms new`; the package `model` reads the result."""
 
 from ikservo.app import App, Command
 

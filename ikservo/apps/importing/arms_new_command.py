@@ -39,25 +39,34 @@ Joint = Annotated[
 ]
 Tip = Annotated[
     list[str] | None,
-    typer.Option("--tip", metavar="LINK", help="Link of the tool; if repeated, one arm for each."),
+    typer.Option("--tip", metavar="LINK", help="Link of the tool; repeat it to make several arms."),
 ]
 Base = Annotated[
-    str | None, typer.Option("--base", metavar="LINK", help="Use only what this link carries.")
+    str | None,
+    typer.Option(
+        "--base", metavar="LINK", help="Use only this link and the links that it carries."
+    ),
 ]
 BaseFrame = Annotated[
     str | None,
-    typer.Option("--base-frame", metavar="WORDS", help="Place the base: rotate 90, raise 0.05"),
+    typer.Option(
+        "--base-frame",
+        metavar="WORDS",
+        help="Placement of the base, such as: rotate 90, raise 0.05",
+    ),
 ]
 GripperJoint = Annotated[
     str | None,
-    typer.Option("--gripper", metavar="JOINT", help="Joint of the jaws; none: no jaws."),
+    typer.Option(
+        "--gripper", metavar="JOINT", help="Joint of the jaws; `none` if there are no jaws."
+    ),
 ]
 ServoOf = Annotated[
     list[str] | None,
     typer.Option(
         "--servo",
         metavar="JOINT=ID[:MODEL]",
-        help="Servo of a joint; -ID if its ticks fall as the joint turns. Repeatable.",
+        help="Servo of a joint; -ID if its ticks fall while the joint position rises. Repeatable.",
     ),
 ]
 ServoModel = Annotated[
@@ -71,18 +80,24 @@ JointLimits = Annotated[
 ]
 Slide = Annotated[
     list[str] | None,
-    typer.Option("--m-per-turn", metavar="JOINT=METRES", help="Slide: metres per turn; repeatable"),
+    typer.Option(
+        "--m-per-turn",
+        metavar="JOINT=METRES",
+        help="Travel of a slide in metres per turn; repeatable.",
+    ),
 ]
 Package = Annotated[
     list[str] | None,
-    typer.Option("--package", metavar="NAME=FOLDER", help="Folder of a package. Repeatable."),
+    typer.Option("--package", metavar="NAME=FOLDER", help="Folder of a ROS package. Repeatable."),
 ]
 XacroArgument = Annotated[
     list[str] | None,
-    typer.Option("--xacro-arg", metavar="NAME:=VALUE", help="Argument of a xacro. Repeatable."),
+    typer.Option(
+        "--xacro-arg", metavar="NAME:=VALUE", help="Argument of a xacro file. Repeatable."
+    ),
 ]
 AllowXacro = Annotated[
-    bool, typer.Option("--allow-xacro", help="Run the expressions of a xacro that you trust.")
+    bool, typer.Option("--allow-xacro", help="Run the expressions in a xacro file that you trust.")
 ]
 NewPort = Annotated[
     str | None,
@@ -92,7 +107,7 @@ NewPort = Annotated[
         help="Find the servos on this port; those without --servo move a little.",
     ),
 ]
-Folder = Annotated[Path, typer.Option("--folder", help="Folder in which the arm's folder is made.")]
+Folder = Annotated[Path, typer.Option("--folder", help="Folder in which to make the arm's folder.")]
 Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace files of an existing arm.")]
 DryRun = Annotated[bool, typer.Option("--dry-run", help="Print what would be written.")]
 
@@ -176,7 +191,7 @@ def _parse_pairs(
     """Parse options such as ``NAME=VALUE``.
 
     Raises:
-        BadValueError: A value does not have the form of the example.
+        BadValueError: A value does not have the same form as the example.
     """
     for text in texts or ():
         name, found, value = text.partition(sign)

@@ -1,4 +1,4 @@
-"""Conversion of a foreign tree to one draft per arm."""
+"""Convert a foreign tree to one draft per arm."""
 
 from __future__ import annotations
 
@@ -39,19 +39,19 @@ from ikservo.model.urdf_types import Urdf, UrdfJoint, UrdfJointType
 from ikservo.registers import control_table
 
 _LIFTERS = (("STS3215", 7.4), ("STS3215", 12.0), ("STS3250", None), ("XM540-W270", None))
-"""Servo models that may be assumed, the weakest first."""
+"""The servo models that the import may assume, the weakest first."""
 _MAX_SLIDE_M = 1.0  # assumed travel of a slide without limits, at most
 _MIN_FLOOR_M = -0.003  # parts that reach less far below the base do not lower the table
 
 
 @dataclass(frozen=True, slots=True)
 class ImportOptions:
-    """Decisions of the user. Those that are missing are made by the import and noted.
+    """The user's decisions. The import makes the missing ones itself and notes them.
 
     Attributes:
         base: The link at which the used part of the tree begins.
         tips: The links of the tools; one arm is made for each.
-        gripper: The joint of the jaws; empty: no jaws; None: it is searched for.
+        gripper: The joint of the jaws; empty: no jaws; None: search for it.
         base_frame: The rotation and shift of the base frame, in words.
         limits: Ranges by joint, degrees or millimetres.
         servos: Servos by joint.
@@ -87,18 +87,18 @@ def build_drafts(
 
     Raises:
         UnknownNameError: A link, joint or servo model does not exist.
-        InputError: There is no arm, or several and no tip was chosen.
+        InputError: There is no arm, or there are several and no tip was chosen.
     """
     urdf, decisions, dropped = description.urdf, list[str](), list(description.notes)
     if options.base:
         urdf, left_out = below(urdf, options.base)
         decisions.append(f"The base is the link {options.base}; left out: {_listed(left_out)}.")
     urdf, renamed = rename_joints(urdf)
-    decisions += [f"Joint {old} is called {new}." for old, new in renamed.items()]
+    decisions += [f"Joint {old} was renamed to {new}." for old, new in renamed.items()]
     if options.base_frame:
         urdf = turn_base(urdf, parse_frame(options.base_frame))
-        decisions.append(f"Placement of the base of the description: {options.base_frame}.")
-    decisions += [f"Package {each} is {folder}."
+        decisions.append(f"Placement of the base in the description: {options.base_frame}.")
+    decisions += [f"Package {each} is in {folder}."
                   for each, folder in description.packages.used.items()]  # fmt: skip
     structures = find_structures(urdf, options.tips, options.gripper)
     joints = [name for each in structures for name in (*each.joints, each.gripper) if name]
@@ -139,7 +139,7 @@ def _check_names(options: ImportOptions, urdf: Urdf, driven: Sequence[str]) -> N
     slides = {joint.name for joint in urdf.joints if joint.kind is UrdfJointType.PRISMATIC}
     for name in options.m_per_turn:
         if name not in slides:
-            raise InputError(f"{name} turns.", "--m-per-turn is for joints that slide.")
+            raise InputError(f"{name} turns.", "--m-per-turn is only for joints that slide.")
     models = [servo.model for servos in options.servos.values() for servo in servos if servo.model]
     for model in (*models, *([options.servo_model] if options.servo_model else [])):
         control_table(model)
@@ -201,8 +201,8 @@ def _add_servos(
         if link.name != draft.urdf.root and link.collisions and link.mass_kg <= 0.0
     ]
     if weightless and any(link.mass_kg > 0.0 for link in links):
-        note(f"No mass is given for {_listed(weightless)}: servos and the rest pose are found as "
-             "if they weighed nothing.")  # fmt: skip
+        note(f"No mass is given for {_listed(weightless)}: servos and the rest pose are chosen "
+            f"as if these links weighed nothing.")  # fmt: skip
     for name in own:
         body = draft.joint(name)
         given = options.servos.get(name)
@@ -265,7 +265,7 @@ def _lowest_m(urdf: Urdf, shapes: ShapeConversion) -> float:
 
 
 def _servo_model(draft: ArmDraft, options: ImportOptions) -> tuple[str, str]:
-    """Choose the servo model, and say why; drop the masses if no servo could lift them."""
+    """Choose the servo model and give the reason; drop the masses if no servo could lift them."""
     loads = _loads_nm(draft, options)
     choices = [(options.servo_model, None)] if options.servo_model else [*_LIFTERS]
     for model, supply_v in choices:
@@ -280,15 +280,17 @@ def _servo_model(draft: ArmDraft, options: ImportOptions) -> tuple[str, str]:
             volts = f" at {supply_v:g} V" if supply_v else ""
             return model, f"{volts}, {'as chosen' if options.servo_model else lifting}"
     if options.servo_model or options.servos:
-        return choices[0][0], ", as chosen; by the masses of the description it cannot lift the arm"
+        return choices[0][0], (
+            ", as chosen; with the masses in the description it cannot lift the arm"
+        )
     name, load = max(loads.items(), key=lambda each: each[1])
     draft.urdf = replace(
         draft.urdf,
         links=tuple(replace(link, mass_kg=0.0) for link in draft.urdf.links),
     )
     draft.dropped.append(
-        f"The masses: {name} would have to lift {load:.0f} N m, and no servo of the catalogue "
-        "does. The simulated arm weighs nothing; real servos could not carry it."
+        f"The masses: {name} would have to lift {load:.0f} N m, and no servo in the catalogue "
+        f"can. The simulated arm weighs nothing; real servos could not carry it."
     )
     return _LIFTERS[-1][0], ", the strongest, because none could lift the arm"
 

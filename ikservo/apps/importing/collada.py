@@ -1,4 +1,4 @@
-"""Size of the scene in a Collada file (DAE), computed before its instances are expanded."""
+"""Compute the size of the scene in a Collada file (DAE) before its instances are expanded."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ _MAX_CHARS = 32 * 1024 * 1024  # with every instance expanded
 
 
 def check_collada(path: Path, place: str, data: bytes, max_elements: int) -> None:
-    """Raise if the scene with all instances expanded is too large to be read.
+    """Refuse a scene that is too large to be read with all its instances expanded.
 
     A node may instance another node several times, and that node may do the same, so thirty lines
     can make a billion surfaces.
@@ -45,7 +45,7 @@ class _SceneSize:
         self._note_ids(root)
 
     def sum_up(self) -> tuple[int, int]:
-        """Return the numbers of elements (with triangles) and of characters."""
+        """Return the number of elements (including triangles) and the number of characters."""
         scenes = [each for each in self._root.children if _tag(each) == "scene"]
         sizes = [self._size(scene, 0) for scene in scenes]
         return sum(size[0] for size in sizes), sum(size[1] for size in sizes)

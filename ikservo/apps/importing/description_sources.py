@@ -24,12 +24,12 @@ _HEAD_BYTES = 64 * 1024
 
 @dataclass(slots=True)
 class Description:
-    """A description that was read.
+    """A robot description that has been read.
 
     Attributes:
         path: The file.
         urdf: Its links and joints.
-        packages: The packages that were found.
+        packages: The packages that it uses, as far as they were found.
         notes: The changes that made it a tree of joints that servos can drive.
     """
 
@@ -51,7 +51,7 @@ def choose_description(source: Path, name: str | None = None) -> Path:
     """
     if not source.is_dir():
         if name is not None:
-            raise InputError(f"{source} is a file.", "--file chooses a file in a folder.")
+            raise InputError(f"{source} is a file.", "--file can only be used with a folder.")
         return source
     with contextlib.suppress(OSError):  # raised for a name that is too long
         if name is not None and (source / name).is_file():
@@ -63,7 +63,7 @@ def choose_description(source: Path, name: str | None = None) -> Path:
         return found[0]
     if not found:
         what = f"no file {name}" if name else "no URDF, xacro or MJCF file"
-        raise InputError(f"{source} has {what}.", "Name one: --from FILE.")
+        raise InputError(f"{source} has {what}.", "Choose one: --from FILE.")
     shown = ", ".join(str(path.relative_to(source)) for path in found[:_MAX_SHOWN])
     more = f" and {len(found) - _MAX_SHOWN} more" if len(found) > _MAX_SHOWN else ""
     raise InputError(
@@ -78,7 +78,7 @@ def _descriptions_in(folder: Path) -> Iterator[Path]:
         for file in files:
             count += 1
             if count > _MAX_FILES:
-                raise InputError(f"{folder} has too many files.", "Name one: --from FILE.")
+                raise InputError(f"{folder} has too many files.", "Choose one: --from FILE.")
             path = Path(place) / file
             if path.suffix == ".urdf" or (
                 path.suffix in (".xacro", ".xml") and path.is_file() and _has_robot(path)
@@ -122,7 +122,7 @@ def read_foreign(
     allow_xacro: bool,
     folder: Path | None = None,
 ) -> Description:
-    """Read a foreign description; its meshes are only named.
+    """Read a foreign description, but not the meshes that it names.
 
     Args:
         path: The file.
@@ -146,15 +146,15 @@ def read_foreign(
             if not allow_xacro:
                 raise InputError(
                     f"{path} is a xacro: expanding it runs the Python expressions in it.",
-                    "If you trust the file and what it includes: --allow-xacro.",
+                    "If you trust the file and the files that it includes, add --allow-xacro.",
                 )
             text = expand_xacro(path, found, arguments)
-            notes.append("xacro expanded the macros of the description.")
+            notes.append("The macros in the description were expanded with xacro.")
         else:
             text = read_text(path, MAX_URDF_BYTES)
         root = parse_xml(path, text)
         if path.suffix == ".xacro" and not root.child_elements("link"):
-            raise FileFormatError(path, "", "it has macros only", "a file that calls them")
+            raise FileFormatError(path, "", "it contains only macros", "a file that calls them")
         notes += _make_readable(root)
         urdf = urdf_from_xml(root, found.find_mesh)
         description = Description(path, urdf, found, [*notes, *urdf.warnings])
@@ -167,7 +167,7 @@ _SHAPES = ("box", "cylinder", "sphere", "mesh")
 
 
 def _make_readable(root: XmlElement) -> list[str]:
-    """Repair what published files often have and no arm file can; return notes on the changes."""
+    """Repair common faults of published files that no arm file may have; return notes on them."""
     joints = [each for each in root.child_elements("joint") if "name" in each.attributes]
     notes: list[str] = []
     for joint in joints:
@@ -178,7 +178,7 @@ def _make_readable(root: XmlElement) -> list[str]:
             notes.append(f"joint {name} is {kind}: it is fixed in place.")
         elif kind == "revolute" and limit is None:
             joint.attributes = {**joint.attributes, "type": "continuous"}
-            notes.append(f"joint {name} is revolute without <limit>: it is taken as continuous.")
+            notes.append(f"joint {name} is revolute without <limit>: it is treated as continuous.")
         elif kind in ("revolute", "prismatic") and limit is not None:
             lower, upper = limit.number("lower", 0.0), limit.number("upper", 0.0)
             if lower == upper:
@@ -234,7 +234,10 @@ def _repair_shape(
         return
     link.children.remove(each)
     if kind != "capsule":
-        yield f"link {quote(link.attributes.get('name', ''))} has a shape of {kind}: left out."
+        yield (
+            f"link {quote(link.attributes.get('name', ''))} has a shape of {kind}, which is "
+            f"left out."
+        )
         return
     capsule = shapes[0]
     radius, length = capsule.attributes.get("radius", ""), capsule.number("length")

@@ -1,4 +1,4 @@
-"""The draft of a new arm, with the decisions about it and the text of its files."""
+"""Draft of a new arm: the decisions about it, and the text of its files."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ _CONTACT_LINES = (
 
 @dataclass(frozen=True, slots=True)
 class DraftServo:
-    """A servo of a joint: its id, its model, and the sign with which it counts."""
+    """A servo of a joint: its id, its model, and the sign of its direction of rotation."""
 
     id: int
     model: str

@@ -48,7 +48,7 @@ def propose_home(model: Model) -> dict[str, float]:
 def _first_free(model: Model, postures: Matrix) -> Vector:
     """Return the first of the postures (n, dof) with enough room, or the one with the most room.
 
-    Room is the distance of links from each other and from the table. A pair of links that is
+    Room is the distance between the links and from the links to the table. A pair of links that is
     always close needs less of it.
     """
     capsules = capsules_of(model)
@@ -83,7 +83,7 @@ def table_height_m(model: Model) -> float:
 
 
 def _gaps_m(model: Model, body: CollisionBody, postures: Matrix) -> Matrix:
-    """Return the distances (n, pairs) of all pairs of links, and of links from the table."""
+    """Return the distances (n, pairs) between all pairs of links, and from links to the table."""
     return np.concatenate(
         [
             body.floor_distances(postures, model.floor_m or 0.0).gap_m,

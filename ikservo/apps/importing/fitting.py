@@ -1,4 +1,4 @@
-"""Fit of capsules to a mesh: as few as possible that contain it and stay close to it."""
+"""Fit capsules to a mesh: as few as possible that contain it and stay close to it."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ class FittedCapsule:
         return math.tau * self.radius_m * (length_m + 2.0 * self.radius_m)
 
     def depth_m(self, points: Matrix) -> Vector:
-        """Compute how deep points (n, 3) are inside, as an array (n,); negative outside."""
+        """Compute the depth (n,) of points (n, 3) below the surface; negative outside."""
         along = self.end_m - self.start_m
         squared = float(along @ along)
         s = np.clip((points - self.start_m) @ along / squared, 0.0, 1.0) if squared else 0.0
@@ -65,8 +65,8 @@ class MeshFit:
 
     Attributes:
         capsules: The capsules, in the coordinates of the mesh.
-        excess_m: The distance from the mesh of the farthest point of their common surface.
-        allowed_m: The largest distance that it should have.
+        excess_m: The distance from the mesh to the farthest point of their common surface.
+        allowed_m: The largest acceptable value of that distance.
     """
 
     capsules: tuple[FittedCapsule, ...]
@@ -75,7 +75,7 @@ class MeshFit:
 
 
 def allowed_excess_m(triangles: Triangles) -> float:
-    """Return the allowed distance from a mesh: 10 mm, or a tenth of its largest extent."""
+    """Return the allowed distance from a mesh: 10 mm, or a tenth of the mesh's largest extent."""
     return max(_EXCESS_M, _EXCESS_FRACTION * extent_m(triangles))
 
 
@@ -132,7 +132,7 @@ def _cut_parts(
     moved_m: float,
     density: _Density,
 ) -> list[_Part]:
-    """Cut the worst part until all are close enough or there are eight."""
+    """Cut the worst part until all parts are close enough or there are eight."""
     parts = list(parts)
     while len(parts) < MAX_CAPSULES:
         excesses = [surface.excess_m(i, parts, moved_m, density) for i in range(len(parts))]
@@ -208,7 +208,7 @@ _SPHERE = _sphere_directions(_DIRECTIONS)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Density:
-    """Sampling of a capsule: directions (n, 3) of its ends, rings, and points around it."""
+    """Sampling of a capsule: directions (n, 3) for its ends, rings, and points on each ring."""
 
     directions: Matrix
     rings: int
@@ -217,11 +217,11 @@ class _Density:
 
 _COARSE = _Density(_SPHERE, 9, 16)
 _FINE = _Density(_sphere_directions(2000), 30, 60)
-"""Density for the final result."""
+"""Sampling density for the final result."""
 
 
 class _SampledSurface:
-    """Points of a surface, for measuring the distance of capsules."""
+    """Points of a surface, from which the distance to capsules is measured."""
 
     def __init__(
         self, meshes: Sequence[Triangles], spacing_m: float, given: Sequence[FittedCapsule] = ()
@@ -234,12 +234,12 @@ class _SampledSurface:
     def excess_m(
         self, index: int, parts: Sequence[_Part], moved_m: float = 0.0, density: _Density = _COARSE
     ) -> float:
-        """Compute the largest distance of a capsule's outer surface from the mesh."""
+        """Compute the largest distance from the mesh to a capsule's outer surface."""
         away_m = self._distances_m(index, parts, density)
         return float(away_m.max()) + moved_m if len(away_m) else 0.0
 
     def badness(self, parts: Sequence[_Part], allowed_m: float) -> float:
-        """Rate the distance of the capsules from the mesh, weighted by their area; 0 is best."""
+        """Rate the distance between the capsules and the mesh, weighted by area; 0 is best."""
         rated = 0.0
         for i, part in enumerate(parts):
             far_m = self._distances_m(i, parts, _COARSE)
@@ -299,7 +299,7 @@ def _halves(triangles: Triangles) -> Triangles:
 
 
 def _thin_out(points: Matrix, cell_m: float) -> Matrix:
-    """Keep one of the points (n, 3) in each cell of a grid."""
+    """Return one of the points (n, 3) in each cell of a grid."""
     if not len(points):
         return points
     return points[np.unique(_cell_keys(points, cell_m), return_index=True)[1]]
@@ -447,7 +447,7 @@ def _enclosing_circle_centres(flat: Matrix) -> Matrix:
 def _best_cut(
     triangles: Triangles, surface: _SampledSurface, allowed_m: float
 ) -> list[_Part] | None:
-    """Return the two parts of the best cut, whose capsules are closest; None if no plane cuts.
+    """Return the two parts after the cut with the closest capsules; None if no plane cuts.
 
     If there are very many triangles, the planes are tried on some of them, and the best plane cuts
     all.

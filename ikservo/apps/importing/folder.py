@@ -1,4 +1,4 @@
-"""Load drafts of arms, and write the files of their folders at once."""
+"""Load drafts of arms, and write all files of their folders together."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ def check_name(name: str) -> None:
     """Refuse a name that an arm may not have.
 
     Raises:
-        BadValueError: The name has other characters, or an arm of ikservo has it.
+        BadValueError: The name contains a forbidden character, or an arm of ikservo already has it.
     """
     if not _NAME.fullmatch(name):
         raise BadValueError("The name", name, "1 to 64 of the characters A-Z a-z 0-9 _ -")
@@ -28,7 +28,7 @@ def check_name(name: str) -> None:
 
 
 def check_new(names: Sequence[str], folder: Path, *, overwrite: bool) -> None:
-    """Refuse names of arms whose folder already exists.
+    """Refuse arm names for which a folder already exists.
 
     Raises:
         InputError: A folder exists and may not be overwritten.
@@ -43,7 +43,7 @@ def load_draft(draft: ArmDraft, folder: Path | None = None) -> Model:
 
     Args:
         draft: The arm.
-        folder: The folder of its two files; a temporary folder if None.
+        folder: The folder for its two files; a temporary folder if None.
 
     Raises:
         FileFormatError: The draft cannot be loaded; the message names its source description.

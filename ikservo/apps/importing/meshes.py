@@ -23,7 +23,7 @@ from ikservo.remedies import install_command
 _FORMATS = (".stl", ".obj", ".ply", ".glb", ".gltf", ".dae")
 _MAX_BYTES = 32 * 1024 * 1024
 MAX_TRIANGLES = 300_000
-"""Largest number of triangles of a mesh. Fitting that many takes up to half a minute, once."""
+"""Largest number of triangles in a mesh. Fitting that many takes up to half a minute, once."""
 _UNIT_BYTES = 64 * 1024
 _UNIT = re.compile(rb"""<unit\b[^>]*\bmeter\s*=\s*["']([0-9.eE+-]{1,24})["']""")
 _STL_HEAD_BYTES, _STL_TRIANGLE_BYTES, _GLB_HEAD_BYTES = 84, 50, 20
@@ -35,7 +35,7 @@ def read_triangles(path: Path, data: bytes, link: str) -> Triangles:
     Files that the mesh names (buffers of glTF) are read from its own folder only.
 
     Args:
-        path: The file of the mesh; its suffix tells the format.
+        path: The mesh file; the suffix determines the format.
         data: Its content.
         link: The link that owns the shape, for messages.
 
@@ -48,7 +48,9 @@ def read_triangles(path: Path, data: bytes, link: str) -> Triangles:
         expected = f"one of {', '.join(_FORMATS)}"
         raise FileFormatError(path, place, f"its format is {suffix or 'unnamed'}", expected)
     if len(data) > _MAX_BYTES:
-        raise FileFormatError(path, place, "it is larger than 32 MiB", "a simpler collision mesh")
+        raise FileFormatError(
+            path, place, "the file is larger than 32 MiB", "a simpler collision mesh"
+        )
     if suffix == ".dae":
         check_collada(path, place, data, MAX_TRIANGLES)
     _check_count(path, place, _stated_triangles(suffix, data))
@@ -146,7 +148,7 @@ class _FolderResolver:
         return self.get(name)
 
     def keys(self) -> list[str]:
-        """Return no names, because files are not searched for."""
+        """Return no names, because trimesh is not meant to search for files."""
         return []
 
     def namespaced(self, _: str) -> _FolderResolver:

@@ -58,8 +58,8 @@ _DROPPED_ATTRIBUTES = {"material": ("texture",), "compiler": ("texturedir",)}
 def arm_xml(path: Path, folder: Path) -> str:
     """Return an MJCF with its included files, reduced to the structure of the arm.
 
-    Pictures, height fields, key frames, cameras, sensors and actuators are left out before
-    anything is compiled. Meshes are named by their absolute path.
+    Textures, height fields, key frames, cameras, sensors and actuators are left out before
+    anything is compiled. Meshes are referred to by their absolute paths.
 
     Raises:
         FileFormatError: A file is outside the folder, too large or not a regular file, or the XML
@@ -104,7 +104,7 @@ def arm_xml(path: Path, folder: Path) -> str:
 
 
 def _read_whole(path: Path, place: Path, folder: Path, seen: set[Path]) -> tuple[XmlElement, int]:
-    """Read an MJCF and insert its included files; return it and how many files were read.
+    """Read an MJCF with its included files inserted; return it and the number of files read.
 
     Raises:
         FileFormatError: A file is outside the folder, included twice, or cannot be used.
@@ -125,7 +125,9 @@ def _read_whole(path: Path, place: Path, folder: Path, seen: set[Path]) -> tuple
             # The folder settings of the compiler must not change the name.
             inner = _resolve_inside(child, place, folder, child.attributes["file"])
             if inner.resolve() in seen:
-                raise child.error(f"includes {quote(inner.name)} again", "each file once")
+                raise child.error(
+                    f"includes {quote(inner.name)} again", "a file that includes each file once"
+                )
             if len(seen) == _MAX_INCLUDES:
                 raise FileFormatError(path, "", "it includes too many files", f"{_MAX_INCLUDES}")
             children += _read_whole(inner, place, folder, seen)[0].children
@@ -137,7 +139,7 @@ _MULTIPLIES = ("replicate", "composite", "flexcomp", "attach", "model", "plugin"
 
 
 def _check_element(element: XmlElement) -> None:
-    """Refuse elements that multiply bodies or load other models, and reversed ranges."""
+    """Refuse elements that multiply bodies or load other models, and ranges that are reversed."""
     attributes = element.attributes
     if element.tag in _MULTIPLIES or (element.tag == "mesh" and "builtin" in attributes):
         raise element.error(f"<{element.tag}> cannot be used", "each body written out")
@@ -154,7 +156,7 @@ _SWITCHES = {"range": "limited", "actuatorfrcrange": "actuatorfrclimited"}
 
 @dataclass(slots=True)
 class _LineCount:
-    """The current line of written XML; elements keep their lines so that MuJoCo reports them."""
+    """Counts the written lines of XML, so that MuJoCo reports an element's original line."""
 
     show_lines: bool
     line: int = 1
@@ -242,8 +244,8 @@ _NO_INERTIA = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 def read_mjcf(path: Path, folder: Path | None = None) -> Urdf:
     """Read bodies, hinges, slides, geoms and sites of an MJCF.
 
-    Bodies and sites become links; each further joint of a body gets a link of its own. A robot
-    with a free base is fixed at its place; loose objects are left out. The names of all files are
+    Bodies and sites become links; each further joint of a body gets a separate link. A robot with a
+    free base is fixed where it stands; loose objects are left out. The names of all files are
     checked first, so that no file outside the model's folder is opened.
 
     Args:
@@ -251,7 +253,7 @@ def read_mjcf(path: Path, folder: Path | None = None) -> Urdf:
         folder: The folder that contains all its files; None: that of the MJCF.
 
     Raises:
-        FileFormatError: A file is outside the folder, MuJoCo refuses the model, or it has a
+        FileFormatError: A file is outside the folder, MuJoCo refuses the model, or the model has a
             joint that no servo can drive.
         InputError: The extra ``physics`` is not installed.
     """
@@ -327,7 +329,7 @@ class _BodyTreeReader:
             self._links.append(_empty_link(name))
             self._joints.append(_fixed_joint(f"{name}_mount", self._names[body], name, T))
         things = [body for body in sorted(loose) if model.body_rootid[body] == body]
-        notes = tuple(f"{self._names[each]} is a loose object: it is left out." for each in things)
+        notes = tuple(f"{self._names[each]} is a loose object and is left out." for each in things)
         return Urdf("", tuple(self._links), tuple(self._joints), self._names[0], notes)
 
     def _add_joints(self, body: int) -> Vector:
@@ -385,7 +387,7 @@ class _BodyTreeReader:
         )
 
     def _find_mimic(self, joint: int) -> UrdfMimic | None:
-        """Find the joint that this one follows by an equality constraint; None without."""
+        """Find the joint that this one follows through an equality constraint, or None."""
         model, kinds = self._model, self._mujoco.mjtEq
         for i in range(model.neq):
             ties_joints = kinds(int(model.eq_type[i])) == kinds.mjEQ_JOINT

@@ -44,7 +44,7 @@ class NewArm:
 
     Attributes:
         name: The name of the arm.
-        folder: The folder in which the arm's folder is made.
+        folder: The folder in which the arm's folder is created.
         source: A description, or a folder with one; None: the arm is measured.
         file: The file in that folder.
         joints: Measured joints, base to tip, if there is no description.
@@ -70,7 +70,7 @@ class NewArm:
 
 
 def draft_new_arm(new: NewArm) -> EntryDialogue[list[ArmDraft]]:
-    """Make drafts of the files of one or more arms; write nothing.
+    """Draft the files of one or more arms; write nothing.
 
     Raises:
         InputError: Options contradict each other, or the folder exists; the message names them.
@@ -104,7 +104,7 @@ def draft_new_arm(new: NewArm) -> EntryDialogue[list[ArmDraft]]:
 
 
 def _mesh_progress(step: MeshStep, elapsed_s: float) -> str:
-    """Describe which mesh is fitted, and estimate the remaining time."""
+    """Return a line that names the current mesh and estimates the remaining time."""
     left = ""
     if step.done:
         left = f", about {elapsed_s / step.done * (step.count - step.done):.0f} s left"
@@ -159,7 +159,7 @@ def _choose_tips(description: Description, options: ImportOptions) -> EntryDialo
     except InputError as error:
         if "arms, with the tips" not in error.command_message:
             raise
-        asked = f"{error.command_message} Which ones, separated by spaces? Each becomes one arm."
+        asked = f"{error.command_message} Which tips, separated by spaces? Each becomes one arm."
         answer = yield Entry(asked, error.command_hint.partition(": ")[2])
         return replace(options, tips=tuple((answer or "").split()))
     only = structures[0]
@@ -171,7 +171,7 @@ def _choose_tips(description: Description, options: ImportOptions) -> EntryDialo
 
 
 def _propose_home(draft: ArmDraft) -> EntryDialogue[None]:
-    """Search for the pose home of a draft; the pose rest equals it until it is found."""
+    """Search for a draft's pose ``home``; ``rest`` equals it until that pose is found too."""
     start = {
         joint.name: min(max(0.0, draft.joint(joint.name).lower), draft.joint(joint.name).upper)
         for joint in draft.joints
@@ -194,12 +194,12 @@ def _propose_home(draft: ArmDraft) -> EntryDialogue[None]:
         draft.decisions.append("In the pose retracted all slides are at their lower limits; parts "
                                "of a telescope may overlap as deeply as there.")  # fmt: skip
     draft.decisions.append(
-        "The pose home is free of collisions, with the tool in front. Change it as you like."
+        "The pose home is free of collisions, with the tool in front. You can change it."
     )
 
 
 def _find_rest(draft: ArmDraft) -> EntryDialogue[None]:
-    """Find the pose rest of a draft, in which the simulated arm lies when it is limp."""
+    """Find a draft's pose ``rest``, in which the limp simulated arm lies."""
     yield Progress(f"letting the simulated {draft.name} sink")
     try:
         with tempfile.TemporaryDirectory() as name:
@@ -214,11 +214,13 @@ def _find_rest(draft: ArmDraft) -> EntryDialogue[None]:
         return
     draft.poses = {**draft.poses, "rest": place.positions}
     draft.decisions.append(
-        f"The pose rest is where the simulated arm lay {place.sank_s:.0f} s after it was released "
-        "in home. A real arm must stay there when it is limp; check this."
+        f"The pose rest is where the simulated arm lay {place.sank_s:.0f} s after torque went "
+        f"off in home. A real arm must stay there when it is limp; check this."
     )
     if not place.still:
-        draft.decisions.append("It was still moving then: put the real arm there and check.")
+        draft.decisions.append(
+            "It was still moving at that time: put the real arm there and check."
+        )
     if math.isfinite(place.gap_m) and place.gap_m < 0.0:
         draft.decisions.append(
             f"In rest {' and '.join(place.pair)} overlap by {-1000 * place.gap_m:.0f} mm, because "

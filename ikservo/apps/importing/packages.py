@@ -51,14 +51,14 @@ class PackageFolders:
         return self.used[name]
 
     def find_mesh(self, filename: str) -> Path | None:
-        """Find a mesh file in its package, or in the description's own package; otherwise None."""
+        """Return a mesh file in its package or in the description's own package, or None."""
         path = self._mesh_path(filename)
         if path is None and filename not in self.outside:
             self.outside.append(filename)
         return path
 
     def require(self, name: str) -> Path:
-        """Find the folder of a required package.
+        """Return the folder of a required package.
 
         Raises:
             FileFormatError: The package is not found.
@@ -70,7 +70,7 @@ class PackageFolders:
         return folder
 
     def own_folder(self) -> Path:
-        """Return the folder of the description's package, or else of the description."""
+        """Return the folder of the description's package, or else that of the description."""
         own = self.path.absolute().parent
         for folder in self._folders_above():
             if (folder / "package.xml").is_file():

@@ -100,7 +100,7 @@ def _free_above(
 
 
 def _sagged_clearance_m(arm: Arm, positions: Mapping[str, float]) -> float:
-    """Compute the clearance [m] that the guard sees if an arm moves through a posture."""
+    """Compute the clearance [m] that the guard finds if an arm moves through a posture."""
     checker = arm.context.checked_collision
     if checker is None:
         return math.inf

@@ -30,7 +30,7 @@ _MAX_LENGTH_M = 2.0
 
 @dataclass(frozen=True, slots=True)
 class RulerJoint:
-    """A joint with its axis in the upright arm and the length [m] to the next joint or the tip."""
+    """A joint: its axis in the upright arm, and the length [m] to the next joint or the tip."""
 
     name: str
     axis: str

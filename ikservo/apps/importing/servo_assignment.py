@@ -59,7 +59,7 @@ def assign_servos(
         named = {servo.id for servos in assigned.values() for servo in servos}
         left = [each for each in found if each.id not in named]
         if left and len(assigned) < len(joints):
-            yield Notice("Hold the arm near this pose, where it has room to move a little:")
+            yield Notice("Hold the arm near this pose, in which it has room to move a little:")
             for draft in drafts:
                 model = load_draft(draft)
                 at = model.pose("home")
@@ -98,12 +98,12 @@ def _check_servos(
     if unknown:
         raise InputError(
             f"Not usable: {'; '.join(unknown)}.",
-            "Give each servo its own id: ikservo setup; unknown models have no table yet.",
+            "Give each servo its own id: ikservo setup. Unknown models are not supported yet.",
         )
     families = {each.table.family.value for each in found if each.table}
     if len(families) > 1:
         raise InputError(f"The servos are of several families: {', '.join(sorted(families))}.",
-                         "One arm has servos of one family.")  # fmt: skip
+                         "All servos of an arm must be of one family.")  # fmt: skip
     if len(found) < len(joints):
         raise InputError(
             f"{len(found)} servos reply, but the arm has {len(joints)} joints: "
@@ -152,7 +152,7 @@ def _ask_about(
 
 
 def _move_and_return(bus: ServoBus, servo_id: int) -> EntryDialogue[None]:
-    """Move a servo slowly to larger ticks and back; the others are limp, and so is it afterwards.
+    """Move a servo slowly to larger ticks and back, then make it limp like all the others.
 
     Each step is reported, so that the caller of the dialogue can end it at any step.
     """
@@ -192,4 +192,4 @@ def _set_servos(
         draft.supply_v = 12.0 if voltages and voltages[0] > 9.5 else usual_v
     else:
         draft.supply_v = None
-    draft.decisions.append("Each servo of the bus was assigned by its motion, or as given.")
+    draft.decisions.append("Each servo on the bus was assigned by its motion, or as given.")

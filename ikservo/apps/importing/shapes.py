@@ -41,7 +41,7 @@ from ikservo.model.urdf_types import (
 _MAX_SIZE_M = 5.0  # a larger mesh is probably in millimetres, and its scale is missing
 _ROD_M = 0.015  # radius of the rod that replaces missing shapes of a link
 MAX_PICTURE_TRIANGLES = 12_000
-"""Largest number of triangles of a mesh for drawing; larger meshes are simplified."""
+"""Largest number of triangles in a mesh for drawing; larger meshes are simplified."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,7 +52,7 @@ class ContactFit:
         link: The link that owns the mesh.
         name: The name of the mesh in the description.
         triangles: The number of its triangles.
-        capsules: The number of capsules that contain it.
+        capsules: The number of capsules around it.
         excess_m: The largest distance of their surface from the mesh.
         allowed_m: The largest distance that it should have.
     """
@@ -118,7 +118,7 @@ def _meshes(shapes: Sequence[Shape]) -> list[Mesh | Surface]:
 
 @dataclass(slots=True)
 class _LoadedMesh:
-    """A mesh and what was made of it, cached because a file is often used several times."""
+    """A mesh and the results of its conversion, cached because a file is often used repeatedly."""
 
     triangles: Triangles | None
     fit: MeshFit | None = None  # set if it is the only mesh of its link

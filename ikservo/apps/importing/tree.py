@@ -1,4 +1,4 @@
-"""Find the arm in a foreign tree, and reduce the tree to it."""
+"""Find the arm in a foreign tree, and reduce the tree to that arm."""
 
 from __future__ import annotations
 
@@ -91,7 +91,7 @@ def find_structures(
         raise InputError(
             f"The description has {len(found)} arms, with the tips "
             f"{', '.join(each.tip for each in found)}.",
-            f"Choose one, or make one arm of each: {named}",
+            f"Choose one, or make one arm from each: {named}",
         )
     return found
 
@@ -131,7 +131,7 @@ def _structure(
         gripper = _own_jaws(urdf, joints)
     if gripper in joints:
         raise InputError(
-            f"The joint {gripper} of the jaws moves the tip {tip}.",
+            f"The jaw joint {gripper} moves the tip {tip}.",
             "Give the palm as --tip, or --gripper none.",
         )
     others = [name for name in candidates if name != tip and joints_to[name] == joints]
@@ -139,7 +139,7 @@ def _structure(
 
 
 def _word_rank(name: str) -> int:
-    """Rank a link by its name: the lower the rank, the likelier it is the tool."""
+    """Rank a link by its name: the lower the rank, the more likely the link is the tool."""
     lowered = name.lower()
     return next((i for i, word in enumerate(_TIP_WORDS) if word in lowered), len(_TIP_WORDS))
 
@@ -164,7 +164,7 @@ def _jaws(urdf: Urdf) -> list[str]:
 
 
 def _is_wrist(urdf: Urdf, joint: UrdfJoint) -> bool:
-    """Check whether a joint turns a tool, because it carries one or turns a "hand" too far.
+    """Check whether a joint is a wrist: it carries a tool, or it turns a "hand" too far for jaws.
 
     The range is ignored for other names of jaws, because some programs export ±180° for all joints.
     """
@@ -177,7 +177,7 @@ def _is_wrist(urdf: Urdf, joint: UrdfJoint) -> bool:
 
 
 def _own_jaws(urdf: Urdf, joints: Sequence[str]) -> str:
-    """Return the best joint of jaws that the last joint of an arm carries; empty without jaws."""
+    """Return the likeliest jaw joint that the last joint of an arm carries; empty without jaws."""
     movable = {joint.name: joint for joint in urdf.joints}
     leaders = [joint.mimic.joint for joint in movable.values() if joint.mimic]
     above = moving_joints(urdf)
@@ -279,7 +279,7 @@ _MAX_NAME_CHARS = 64
 
 
 def rename_joints(urdf: Urdf) -> tuple[Urdf, dict[str, str]]:
-    """Give joints names that an arm file allows; return the new names by the old ones."""
+    """Give the joints names that an arm file allows; return the new names by old name."""
     names: dict[str, str] = {}
     for joint in urdf.joints:
         name = _UNUSUAL.sub("_", joint.name)[: _MAX_NAME_CHARS - 4]

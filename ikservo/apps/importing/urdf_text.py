@@ -22,7 +22,7 @@ _UNLIMITED = 1e6  # N m or rad/s; some readers require both values in <limit>
 
 
 def urdf_text(urdf: Urdf) -> str:
-    """Return a tree as the text of a URDF, without its surfaces in memory."""
+    """Return a tree as the text of a URDF, without surfaces that exist only in memory."""
     lines = ['<?xml version="1.0"?>', f"<robot name={quoteattr(urdf.name or 'arm')}>"]
     for link in urdf.links:
         body: list[str] = []

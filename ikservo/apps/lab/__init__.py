@@ -1,4 +1,4 @@
-"""Measurements of an arm: accuracy after ISO 9283, excitation, identification, health."""
+"""Measure an arm: accuracy according to ISO 9283, excitation, identification, health."""
 
 from ikservo.app import App, Command
 
@@ -7,7 +7,7 @@ APP = App(
     commands={
         "monitor": Command(
             "ikservo.apps.lab.monitor_command",
-            "Log the health of the servos, and report what wears.",
+            "Log the health of the servos, and report wear.",
             "Set up",
         ),
         "test": Command(

@@ -1,4 +1,4 @@
-"""The report of an accuracy test: its figures as JSON values, and as one page of HTML."""
+"""Report the figures of an accuracy test as JSON values and as one page of HTML."""
 
 from __future__ import annotations
 
@@ -132,7 +132,7 @@ def summary_rows(fields: Fields) -> list[tuple[str, str, str, str]]:
 
 
 def statements(fields: Fields) -> list[str]:
-    """Return what a comparison must consider: the method, and deviations from the standard."""
+    """Return the notes for a comparison: the method, and deviations from the standard."""
     if fields["measured_by"] == "touches":
         found = [TOUCHED]
     else:

@@ -28,7 +28,7 @@ PARTS = ("poses", "directions", "paths", "drift")
 
 SPEEDS_PERCENT = (100, 50, 10)
 STANDARD_CYCLES, STANDARD_PATH_CYCLES, STANDARD_DRIFT_S = 30, 10, 3600.0
-"""Cycles and time of a complete test; the drift test of the standard itself takes eight hours."""
+"""Cycles and time for a complete test; the drift test of the standard itself takes eight hours."""
 
 _DIRECTION_POSES = ("P1", "P2", "P4")
 _APPROACH_OF_EDGE = 0.1
@@ -43,7 +43,7 @@ OnStep = Callable[[str, float, float], None]
 
 @dataclass(frozen=True, slots=True)
 class TestSettings:
-    """Extent of the measurements.
+    """Settings for the extent of the measurements.
 
     Attributes:
         cycles: Cycles of poses and directions.
@@ -98,12 +98,12 @@ class PoseResult:
 
     @property
     def ap_m(self) -> float:
-        """Return AP_P."""
+        """Return the positioning accuracy AP_P."""
         return pose_accuracy(self.attained_m, self.target_m)
 
     @property
     def rp_m(self) -> float | None:
-        """Return RP_l; None for a single cycle."""
+        """Return the positioning repeatability RP_l; None for a single cycle."""
         return pose_repeatability(self.attained_m) if len(self.attained_m) > 1 else None
 
 
@@ -123,7 +123,7 @@ class DirectionResult:
 
     @property
     def vap_m(self) -> float | None:
-        """Return vAP_P; None until all directions are measured."""
+        """Return the variation vAP_P; None until all directions are measured."""
         if not all(self.attained_m):
             return None
         return multidirectional_variation([np.array(points) for points in self.attained_m])
@@ -149,17 +149,17 @@ class PathResult:
 
     @property
     def at_m(self) -> float:
-        """Return AT_P."""
+        """Return the path accuracy AT_P."""
         return path_accuracy(np.array(self.attained_m), self.points_m)
 
     @property
     def rt_m(self) -> float | None:
-        """Return RT_P; None for a single cycle."""
+        """Return the path repeatability RT_P; None for a single cycle."""
         return path_repeatability(np.array(self.attained_m)) if len(self.attained_m) > 1 else None
 
     @property
     def deviations_m(self) -> Vector:
-        """The distance (m,) of the mean path from the commanded one at each point."""
+        """The distance (m,) between the mean path and the commanded path at each point."""
         mean = np.mean(self.attained_m, axis=0)
         return np.linalg.norm(mean - self.points_m, axis=1)
 
@@ -180,13 +180,13 @@ class DriftResult:
 
     @property
     def dap_m(self) -> float | None:
-        """Return dAP_P; None for a single group."""
+        """Return the drift of accuracy dAP_P; None for a single group."""
         accuracies = [group.ap_m for group in self.groups]
         return largest_drift(accuracies) if len(accuracies) > 1 else None
 
     @property
     def drp_m(self) -> float | None:
-        """Return dRP_P; None for a single group."""
+        """Return the drift of repeatability dRP_P; None for a single group."""
         found = [group.rp_m for group in self.groups]
         known = [value for value in found if value is not None]
         return largest_drift(known) if len(known) > 1 else None
@@ -229,7 +229,7 @@ class AccuracyTest:
 
         Raises:
             StoppedError, KeyboardInterrupt: The test was stopped; measurements are kept.
-            IkservoError: The arm cannot go on; see ``Arm``. Measurements are kept.
+            IkservoError: The arm cannot continue; see ``Arm``. Measurements are kept.
         """
         steps = {
             "poses": self._measure_poses,

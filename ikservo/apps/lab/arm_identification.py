@@ -94,7 +94,7 @@ class IdentificationRun:
 
     @property
     def path(self) -> Path:
-        """Path of the arm's identification file."""
+        """Path to the arm's identification file."""
         context = self.arm.context
         return identified_path(context.model.name, context.serial_number)
 
@@ -114,7 +114,7 @@ class IdentificationRun:
         """Run the tour and return the recording of the servos.
 
         Raises:
-            RefusedError: The guard stopped it; the arm holds.
+            RefusedError: The guard stopped the tour; the arm holds.
             StoppedError: The tour was stopped; the arm holds.
         """
         context = self.arm.context
@@ -168,7 +168,7 @@ def nominal_priors(model: Model, names: Sequence[str]) -> list[JointPrior]:
         if torque is None:
             raise RefusedError(
                 f"The motor of {name} ({joint.servo.model}) is unknown.",
-                "Only arms with servos of docs/lab/motors.md can be identified.",
+                "Only arms with servos listed in docs/lab/motors.md can be identified.",
             )
         priors.append(
             JointPrior(

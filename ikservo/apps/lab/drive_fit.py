@@ -1,4 +1,4 @@
-"""Fit of motors, position loops and backlash of single joints, from steady motion and swings.
+"""Fit motors, position loops and backlash of single joints, from steady motion and swings.
 
 A servo that measures its current reveals its motor: ``u V = R i + kt w``, with the duty u, the
 supply V and the speed w, determines the resistance R and the torque constant kt, which is also the
@@ -141,7 +141,7 @@ class MotorConstants:
 
     @property
     def back_emf_nm_s(self) -> float:
-        """Braking torque kb of the joint per rad/s."""
+        """Braking torque kb on the joint per rad/s."""
         return sum(each.kt**2 / each.ohm for each in self.windings) / self.per_horn_rad**2
 
 
@@ -155,7 +155,7 @@ class LoopFit:
         share_before: Its relative prior standard deviation.
         startup_duty: Duty that is added in the direction of the error.
         delay_s: The apparent age d of the position to which the duty belongs.
-        noise: The rms deviation of the duty from this fit; the D gain responds to the steps of
+        noise: The RMS deviation of the duty from this fit; the D gain responds to the steps of
             goals and position.
     """
 
@@ -370,7 +370,7 @@ def _swings(recording: DriveRecording, joint: int) -> list[NDArray[np.intp]]:
 def _lost_motions(
     recording: DriveRecording, joint: int, swings: Sequence[NDArray[np.intp]], motor: Winding
 ) -> Cube:
-    """Compute differences between swings (k, places, 3): integrated volts and amperes, and joint.
+    """Compute differences between swings (k, places, 3): integrals of volts and amperes, and joint.
 
     Each swing is compared with the swings before and after, so that steady drift cancels. A motor
     whose speed cannot be distinguished from rest counts as stuck, because steps of its sensors

@@ -1,4 +1,4 @@
-"""Recordings of servos along a motion, and means over windows of steady speed."""
+"""Recordings of servos during a motion, and means over windows of steady speed."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from ikservo.kinematics.arrays import Matrix, Vector, freeze_arrays
 
 Cube = NDArray[np.float64]
-"""Three axes: samples, joints, servos of each joint."""
+"""Array with three axes: samples, joints, servos of each joint."""
 
 _WINDOW_S = 0.2
 _SETTLED_S = 0.12  # wait after a change of speed, until the servo's profile and loop have settled
@@ -54,7 +54,7 @@ class DriveRecording:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SteadyWindows:
-    """Means over windows in which one joint moves steadily; rows of several joints (k,).
+    """Means over windows in which one joint moves steadily; one row per window (k,).
 
     Attributes:
         joint: The joint's index.

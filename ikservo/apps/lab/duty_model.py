@@ -1,4 +1,4 @@
-"""Model of the duties of joints in steady motion, as a function of the arm's parameters.
+"""Model of joint duties in steady motion, as a function of the arm's parameters.
 
 In steady slow motion the torque of a joint's motor balances gravity and friction (model m4 of
 Duclusaud, Passault et al., "Extended Friction Models for the Physics Simulation of Servo
@@ -198,7 +198,7 @@ def nominal_prior(
 def _joint_prior(
     prior: JointPrior, motors: MotorConstants | None
 ) -> list[tuple[float, float, float, float]]:
-    """Return mean, deviation and bounds of a joint's parameters."""
+    """Return the mean, deviation and bounds of a joint's parameters."""
     force, gears = prior.force, prior.servo.friction
     full, share = np.log(prior.full_duty_nm), prior.full_duty_share
     damping_nm_s = prior.servo.damping_nm_s * force / prior.per_horn_rad

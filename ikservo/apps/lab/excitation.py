@@ -1,4 +1,4 @@
-"""Excitation of an arm for identification: a tour of postures, planned, checked and recorded."""
+"""Excite an arm for identification by a tour of postures: plan, check and record the tour."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ class TourOptions:
 
     Attributes:
         postures: The number of its postures.
-        slow_postures: The number of these that are visited again, more slowly.
+        slow_postures: The number of postures that are visited again, more slowly.
         swings: The number of swings of each joint alone, where gravity hardly loads it; they reveal
             its backlash.
     """
@@ -108,7 +108,7 @@ class Excitation:
         self.start, self.duration_s = waypoints[0], at_s + _PAUSE_S
 
     def starting_at(self, start: Vector) -> Excitation:
-        """Return the tour with another start (n,) near its own."""
+        """Return the tour with another start (n,) near the present one."""
         return Excitation([start, *self._waypoints[1:]], self._limits, self._pauses_s)
 
     def state(self, time_s: float) -> TrajectoryPoint:
@@ -117,7 +117,7 @@ class Excitation:
         return leg.move.state(time_s - leg.start_s)
 
     def leg_at(self, time_s: float) -> int:
-        """Compute the index of the leg at a time, the pause before it included."""
+        """Compute the index of the leg at a time; a leg includes the pause before it."""
         return min(bisect(self._ends_s, time_s), len(self.legs) - 1)
 
     def moving(self, time_s: float) -> NDArray[np.intp]:
@@ -133,7 +133,7 @@ def plan_excitation(
 
     Postures are drawn within the limits, with room around the body and free paths between them. Of
     several candidates, the one that adds most information about the masses is taken (D-optimality).
-    The tour runs at the speed ``slow`` forth and back, because friction is the difference between
+    The tour runs at the speed ``slow`` back and forth, because friction is the difference between
     both directions, and a part of it more slowly.
 
     Args:
@@ -186,7 +186,7 @@ def _draw_postures(
         postures += way[-1:]
     if len(postures) == 1:
         raise RefusedError(
-            "There is no room for the arm to move in.",
+            "The arm has no room to move.",
             "Clear its reach, or move it to another pose first: ikservo pose home",
         )
     return postures
@@ -281,7 +281,7 @@ class _FreeSpace:
         if (torques > self.max_torque).any():
             return False
         try:
-            # Check a faster motion, forth and back, which sags a little more than the real one.
+            # Check a faster motion, back and forth, which sags a little more than the real one.
             for ends in ((start, goal), (goal, start)):
                 self.context.check_streamed_path(JointMove(*ends, self.limits), _SPEED_CLASS)
         except RefusedError:
@@ -293,7 +293,7 @@ def _max_gravity(context: ArmContext, column: int) -> float:
     """Compute the nominal gravity torque up to which a joint may move; infinite if unknown.
 
     The servo can still lift links that are heavier by `_HEAVIER`, against the friction of its
-    loaded gears, with a lead that the guard allows and that its motor can press for long.
+    loaded gears, with a lead that the guard allows and that its motor can sustain.
     """
     driven, model = context.servos.driven_joints[column], context.model
     drive = joint_drive(model.joint(driven.joint), model.supply_v)

@@ -1,4 +1,4 @@
-"""The health of an arm's servos over time: a record per measurement, and changes.
+"""Health of an arm's servos over time: one record per measurement, and changes.
 
 ``health/<arm>-<adapter>.jsonl`` in the user's folder has a line per run of `ikservo monitor` and
 `ikservo identify`. Wear shows as backlash or friction that rises by more than the uncertainty of
@@ -35,7 +35,7 @@ Count = Annotated[int, Field(ge=0)]
 
 
 class JointHealth(StrictModel):
-    """Measurements of one servo; None if not measured."""
+    """Measurements of one servo; None for a quantity that was not measured."""
 
     name: Name = Field(description="the joint")
     id: Annotated[int, Field(ge=0, le=253)] = Field(description="the servo's id")
@@ -51,7 +51,7 @@ class JointHealth(StrictModel):
 
 
 class HealthRecord(StrictModel):
-    """A line of the file."""
+    """A line in the health file."""
 
     format: Literal[1] = Field(default=1, description="1")
     written: datetime = Field(strict=False, description="a date and time with its offset")

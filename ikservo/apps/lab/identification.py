@@ -1,4 +1,4 @@
-"""Identification of motors, friction, masses and payload of an arm from its servos' recordings.
+"""Identify motors, friction, masses and payload of an arm from recordings of its servos.
 
 Torques are only as certain as the torque at full duty. Servos that measure their current reveal it,
 because duty, current and speed determine the torque constant and the resistance (see
@@ -67,7 +67,7 @@ class ParameterEstimate:
 
     @property
     def determined(self) -> bool:
-        """Whether the data add enough to the prior."""
+        """Whether the data add enough information to the prior."""
         return self.error < _DETERMINED * self.error_before
 
 
@@ -86,7 +86,7 @@ class Validation:
 
     @property
     def is_better(self) -> bool:
-        """Whether identified parameters predict better than the tables."""
+        """Whether the identified parameters predict better than those from the tables."""
         return self.identified < self.nominal
 
 
@@ -118,7 +118,7 @@ class Identification:
 
     @property
     def mass_scales(self) -> Vector:
-        """Scales (bodies,) of the masses of the bodies."""
+        """The scale (bodies,) of each body's mass."""
         return np.array([self.estimates[f"{body}.mass_scale"].value for body in self.bodies])
 
     @property
@@ -217,7 +217,8 @@ def _checked_windows(dynamics: Dynamics, recording: DriveRecording) -> SteadyWin
         if np.count_nonzero(windows.joint == j) < _MIN_WINDOWS:
             raise CalibrationError(
                 f"{name} has moved too little to be identified.",
-                "Give the arm more room: remove boxes and objects in its reach, or widen limits.",
+                "Give the arm more room: remove boxes and objects within its reach, or widen "
+                "its limits.",
             )
     return windows
 

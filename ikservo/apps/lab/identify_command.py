@@ -1,4 +1,4 @@
-"""``ikservo identify``: the arm moves slowly and finds its masses, friction and stiffness."""
+"""``ikservo identify``: move the arm slowly to find its masses, friction and stiffness."""
 
 from __future__ import annotations
 
@@ -41,7 +41,10 @@ from ikservo.model.identified_drives import body_joints
 from ikservo.planning.reports import MotionProgress
 
 Quick = Annotated[
-    bool, typer.Option("--quick", help="Use three postures instead of eight; determines less.")
+    bool,
+    typer.Option(
+        "--quick", help="Use three postures instead of eight; fewer parameters are determined."
+    ),
 ]
 _KEYS = (*JOINT_PARAMETERS, "stiffness_nm_rad", "backlash_rad")
 
@@ -103,8 +106,8 @@ def announce_tour(run: IdentificationRun, options: MotionOptions) -> None:
     machine, legs = run.arm, len(run.excitation.legs)
     print_status(
         f"{machine.model.title} on {format_port(machine.port_name)}: to its pose home, then "
-        f"{legs} slow motions of all joints in its reach, {run.duration_s:.0f} s. "
-        "Clear its reach. Ctrl-C stops it; it then holds."
+        f"{legs} slow motions of all joints throughout its reach, {run.duration_s:.0f} s. "
+        "Clear its reach. Ctrl-C stops the arm, which then holds."
     )
     confirm_motion(machine, yes=options.yes)
     check_directions_once(machine, options)
@@ -123,7 +126,7 @@ def record_tour(run: IdentificationRun) -> DriveRecording:
                 show(motion, progress.elapsed_s, progress.duration_s)
 
         recording = run.record(draw)
-    print_status("Measured. The estimation takes some seconds.")
+    print_status("Measured. The estimation takes a few seconds.")
     return recording
 
 
@@ -135,8 +138,10 @@ def _print_report(found: Identification, carried: dict[str, str], path: Path | N
     print_lines(
         [
             "Stiffness in N m/rad, friction in N m; ± one standard error. Values in parentheses",
-            "are not determined by the motion and stay near those of servo tables and arm file.",
-            "Backlash needs servos that measure their current, and room to swing upright; with",
+            "are not determined by the motion and stay near those in the servo tables and the "
+            "arm file.",
+            "Backlash can only be found with servos that measure their current and with room to "
+            "swing upright; with",
             "--quick there are no swings.",
             *_conclusions(found),
             "Nothing was saved." if path is None else f"Saved to {path}",
@@ -170,7 +175,7 @@ def _format(estimate: ParameterEstimate | None, sign: str = "") -> str:
 
 
 def _format_sum(one: ParameterEstimate | None, other: ParameterEstimate | None) -> str:
-    """Format the friction at rest, a sum of two parts that fade differently with speed."""
+    """Format the friction at rest, a sum of two parts that vary differently with speed."""
     if one is None or other is None:
         return "–"
     error = min(one.error, other.error)
@@ -188,7 +193,10 @@ def _conclusions(found: Identification) -> Iterator[str]:
         yield f"The jaws are empty ({grams:.0f} ± {error:.0f} g)."
     tables = [name for name, own in found.validation.items() if not own.is_better]
     if tables:
-        yield f"Servo tables predict {', '.join(tables)} equally well, so they keep their values."
+        yield (
+            f"The servo tables predict {', '.join(tables)} equally well, so these keep their "
+            f"tabulated values."
+        )
     worst = max(found.validation, key=lambda name: found.validation[name].identified, default=None)
     if worst is not None:
         own = found.validation[worst]

@@ -17,7 +17,7 @@ from ikservo.kinematics.arrays import Matrix, Vector
 
 
 def pose_accuracy(attained: ArrayLike, commanded: ArrayLike) -> float:
-    """Compute the positioning accuracy AP_P of ISO 9283.
+    """Compute the positioning accuracy AP_P according to ISO 9283.
 
     ``AP_P = √((x̄ - x_c)² + (ȳ - y_c)² + (z̄ - z_c)²)``, with x̄, ȳ, z̄ the barycentre of the cluster.
 
@@ -33,7 +33,7 @@ def pose_accuracy(attained: ArrayLike, commanded: ArrayLike) -> float:
 
 
 def pose_repeatability(attained: ArrayLike) -> float:
-    """Return the positioning repeatability RP_l of ISO 9283.
+    """Return the positioning repeatability RP_l according to ISO 9283.
 
     ``RP_l = l̄ + 3 S_l`` with ``l_j`` the distance of point j from the barycentre, l̄ its mean and
     ``S_l = √(Σ (l_j - l̄)² / (n - 1))``.
@@ -49,7 +49,7 @@ def pose_repeatability(attained: ArrayLike) -> float:
 
 
 def multidirectional_variation(clusters: Sequence[ArrayLike]) -> float:
-    """Compute the multi-directional pose accuracy variation vAP_P of ISO 9283.
+    """Compute the multi-directional pose accuracy variation vAP_P according to ISO 9283.
 
     ``vAP_P = max √((x̄_h - x̄_k)² + (ȳ_h - ȳ_k)² + (z̄_h - z̄_k)²)`` over the directions h and k.
 
@@ -66,7 +66,7 @@ def multidirectional_variation(clusters: Sequence[ArrayLike]) -> float:
 
 
 def path_accuracy(attained: ArrayLike, commanded: ArrayLike) -> float:
-    """Compute the positioning path accuracy AT_P of ISO 9283.
+    """Compute the positioning path accuracy AT_P according to ISO 9283.
 
     ``AT_P = max_i √((x̄_i - x_ci)² + (ȳ_i - y_ci)² + (z̄_i - z_ci)²)`` over m points of the path,
     with x̄_i, ȳ_i, z̄_i the barycentre of the points in which n attained paths cross the plane normal
@@ -85,7 +85,7 @@ def path_accuracy(attained: ArrayLike, commanded: ArrayLike) -> float:
 
 
 def path_repeatability(attained: ArrayLike) -> float:
-    """Return the positioning path repeatability RT_P of ISO 9283.
+    """Return the positioning path repeatability RT_P according to ISO 9283.
 
     ``RT_P = max_i (l̄_i + 3 S_li)``, computed in each plane normal to the path as in
     ``pose_repeatability``.
@@ -100,7 +100,7 @@ def path_repeatability(attained: ArrayLike) -> float:
 
 
 def largest_drift(values: Sequence[float]) -> float:
-    """Find the drift of pose accuracy dAP_P, or of repeatability dRP_P, of ISO 9283.
+    """Compute the drift of accuracy dAP_P, or of repeatability dRP_P, according to ISO 9283.
 
     ``dAP_P = max |AP_P(t=0) - AP_P(t)|``; dRP_P is computed in the same way.
 
@@ -133,7 +133,7 @@ def path_crossings(measured: ArrayLike, points: ArrayLike, tangents: ArrayLike) 
         side = (path - point) @ tangent
         before = np.flatnonzero((side[:-1] <= 0.0) & (side[1:] > 0.0))
         if not len(before):
-            what, expected = "The measured path", "one that crosses each plane"
+            what, expected = "The measured path", "a path that crosses each plane"
             raise BadValueError(what, "not long enough", expected)
         fraction = side[before] / (side[before] - side[before + 1])
         crossings = path[before] + fraction[:, None] * (path[before + 1] - path[before])

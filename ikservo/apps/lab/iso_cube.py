@@ -1,4 +1,4 @@
-"""The cube of ISO 9283 in the arm's workspace: its test plane, five poses, lines and a circle."""
+"""Place the cube of ISO 9283 in the workspace: its test plane, poses, lines and circle."""
 
 from __future__ import annotations
 
@@ -98,7 +98,7 @@ def place_cube(arm: OpenArm) -> IsoCube:
     table and boxes, or 90 % of its clearance in the pose home if that is less.
 
     Raises:
-        RefusedError: Not even a cube of 40 mm fits.
+        RefusedError: Not even a cube with edges of 40 mm fits.
     """
     home_m = arm.chain.forward(arm.model.chain_pose("home"))[:3, 3]
     is_planar = bool(np.allclose(arm.chain.jacobian(arm.model.chain_pose("home"))[2], 0.0))

@@ -31,10 +31,10 @@ from ikservo.model import Model
 
 Duration = Annotated[
     float | None,
-    typer.Option("--duration", parser=parse_time_s, help="How long to read; default: 2s."),
+    typer.Option("--duration", parser=parse_time_s, help="Duration of the readings; default: 2s."),
 ]
 Report = Annotated[
-    bool, typer.Option("--report", help="Read nothing: only report what has changed so far.")
+    bool, typer.Option("--report", help="Report the changes so far, without reading the servos.")
 ]
 
 _JOINTS: Fields[JointHealth] = (
@@ -73,7 +73,7 @@ def command(
     report: Report = False,
     json: JsonOption = False,
 ) -> None:
-    """Log temperature, voltage, load and losses of an arm's servos; nothing moves.
+    """Log temperature, voltage, load and lost replies of an arm's servos; nothing moves.
 
     Each `ikservo identify` adds backlash and friction. Significant rises are reported.
 
@@ -109,7 +109,9 @@ def _unknown_backlash(model: Model, latest: Iterable[JointHealth]) -> Iterator[s
     rows = [joint for joint in model.joints if joint.role == "arm" and joint.name not in known]
     blind = [one.name for one in rows if not one.servo.measures_current]
     if blind:
-        yield f"Backlash of {', '.join(blind)}: unknown, because their servos measure no current"
+        yield (
+            f"Backlash of {', '.join(blind)}: unknown, because their servos do not measure current"
+        )
     others = [one.name for one in rows if one.name not in blind]
     if others:
         yield (

@@ -1,4 +1,4 @@
-"""``ikservo test``: measure an arm's accuracy and repeatability after ISO 9283."""
+"""``ikservo test``: measure an arm's accuracy and repeatability according to ISO 9283."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ Drift = Annotated[
         "--drift",
         parser=parse_time_s,
         metavar="TIME",
-        help="Duration of the drift test; 60min in the standard form; default: 5min.",
+        help="Duration of the drift test; 60min in the standard; default: 5min.",
         show_default=False,
     ),
 ]
@@ -67,7 +67,7 @@ Touch = Annotated[
     ),
 ]
 Touches = Annotated[
-    int, typer.Option("--touches", min=1, max=100, help="Number of touches of each point.")
+    int, typer.Option("--touches", min=1, max=100, help="Number of touches per point.")
 ]
 
 
@@ -123,7 +123,7 @@ def command(
     """Measure accuracy and repeatability of poses and paths, and drift, after ISO 9283.
 
     The arm moves fast, for about half an hour, in a cube of free space in front of it; Ctrl-C stops
-    it and keeps the measurements. The figures come from its own joint sensors.
+    it and keeps the measurements. The figures come from the arm's own joint sensors.
 
     ikservo test so101 --port sim
 
@@ -135,7 +135,7 @@ def command(
         _test_by_touch(connection, report, points, touches, options)
         return
     if points:
-        raise InputError("Points are touched with --touch only.", "Add: --touch")
+        raise InputError("--points and --touches need --touch.", "Add: --touch")
     names = tuple(name.strip() for name in parts.split(",") if name.strip())
     settings = TestSettings(cycles, path_cycles, drift, names)
     started = datetime.now(UTC)

@@ -1,4 +1,4 @@
-"""Pose accuracy by hand: the tip is put on known points, and the arm measures its position."""
+"""Measure pose accuracy by hand: the tip is put on known points, where the arm measures it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The web view: drag a link or click a target, and the arm follows."""
+"""The browser panel: drag a link or click a target, and the arm follows."""
 
 from ikservo.app import App, Command
 

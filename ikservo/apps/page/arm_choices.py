@@ -20,12 +20,12 @@ _SIMULATED = "sim"
 
 @dataclass(frozen=True, slots=True)
 class ArmChoices:
-    """Arms and ports that can be opened from the page; nothing else can.
+    """The only arms and ports that can be opened from the page.
 
     Attributes:
         models: The arms by name.
         ports: The remark on each port, by its name.
-        own: The user's own arms: arm, adapter and port, which is empty while unplugged.
+        own: The user's own arms: arm, adapter, and port (empty while unplugged).
     """
 
     models: Mapping[str, Model] = field(default_factory=dict[str, Model])
@@ -39,7 +39,7 @@ class ArmChoices:
             BadMessageError: The arm was not offered, or is unplugged now.
         """
         if arm not in self.models:
-            raise BadMessageError(f"There is no arm {arm[:64]!r} to choose.")
+            raise BadMessageError(f"There is no arm {arm[:64]!r} in the list.")
         self.check_port(port)
         return ArmAtPort(self.models[arm], port)
 
@@ -114,13 +114,13 @@ def _own_arm(name: str, adapter: str, port: str, calibrated: bool) -> dict[str, 
 
 
 class ChoiceFinder:
-    """Looks for choices in a thread of its own, because that takes longer than a control cycle.
+    """Searches for choices in its own thread, because a search takes longer than a control cycle.
 
     Args:
         given: Arms and ports that the command line has named.
 
     Attributes:
-        found: The latest choices; replaced as a whole.
+        found: The latest choices, replaced as a whole.
     """
 
     def __init__(self, given: Sequence[ArmAtPort] = ()) -> None:
@@ -141,7 +141,7 @@ class ChoiceFinder:
             self._thread.join()
 
     def add_folders(self, folders: Sequence[Path]) -> None:
-        """Offer the arms of some folders, too."""
+        """Offer the arms in some folders as well."""
         self._folders += tuple(folders)
         if folders:
             self.start()

@@ -95,9 +95,9 @@ class ArmList:
 
     Args:
         arms: The arms.
-        choices: The other choices.
+        choices: Finds arms and ports that can be opened.
         clock: Limits the rate of frames.
-        downloads: Hands out the addresses of the cameras' pictures.
+        downloads: Issues the addresses of the camera pictures.
         new_arm: Makes the folder of a new arm.
     """
 
@@ -179,7 +179,7 @@ class ArmList:
             self._new_arm.stop_servos()
 
     def frames(self, client_id: int) -> list[Frame]:
-        """Return the new frames for a client: the list, the address of the camera's pictures."""
+        """Return the new frames for a client: the list, and the address of camera pictures."""
         addresses = self._addresses.pop(client_id, [])
         now_s = self._clock.now_s()
         sent_s, sent = self._sent.get(client_id, (-1e9, None))

@@ -48,7 +48,7 @@ _HARMLESS = ("up", "cancel", "hover", "leave")  # pointer events without a new t
 _GO_LIVE_TEXT = "The arm does not follow. The last goal was dropped."
 
 Handler = Callable[[Any, Client], None]
-"""Handles one type of message."""
+"""Handler for one type of message."""
 
 
 class SessionController:
@@ -65,7 +65,7 @@ class SessionController:
         add_other_arm: Makes another arm of the page an obstacle to this one.
 
     Attributes:
-        downloads: The files that pages have asked for.
+        downloads: The files that pages have requested.
     """
 
     def __init__(
@@ -264,7 +264,9 @@ class SessionController:
         history = self._arm_thread.history
         recording = history.last_stop if message.stopped else history.since(-math.inf)
         if recording is None:
-            raise BadMessageError("Nothing has stopped the arm yet.", "Save the present instead.")
+            raise BadMessageError(
+                "Nothing has stopped the arm yet.", "Save the present data instead."
+            )
         name = f"{self._arm.model.name}-{'stop' if message.stopped else 'history'}.csv"
         url = self.downloads.offer(Download(name, lambda: csv_lines(recording)))
         client.outbox.append({"kind": "download", "url": url, "name": name})
@@ -310,7 +312,7 @@ class SessionController:
         self._send_setpoint()
 
     def _set_target(self, message: Any, _client: Client) -> None:  # noqa: ANN401
-        """Set a pose, an earlier goal, or a position or a step of a joint or of the tool."""
+        """Set a pose, an earlier goal, or a position or step of a joint or the tool."""
         snapshot, interaction = self._arm_thread.snapshot, self._interaction
         self._require_ready()
         match message:
@@ -341,7 +343,7 @@ class SessionController:
         self._interaction.set_things(self._arm.scene.things)
 
     def _move_thing(self) -> None:
-        """Show a thing where it is dragged; put it there once it is dropped."""
+        """Show a thing at the place to which it is dragged; put it there once it is dropped."""
         moved = self._interaction.moved_thing
         if moved is None or not moved.shift_m.any():
             self._things.show_moved(None)
@@ -359,7 +361,7 @@ class SessionController:
                 self._interaction.set_things(self._arm.scene.things)
 
     def _set_torque(self, message: msg.SetTorque, _client: Client) -> None:
-        """Switch a servo's torque, and drop the goal, which started from the old position."""
+        """Switch a servo's torque, and drop the goal, because it started from the old position."""
         self._require_ready()
         if self._arm_thread.command.live:
             raise BadMessageError("Torque stays on in Live.", "Switch Live off first.")
@@ -368,7 +370,7 @@ class SessionController:
         self._arm_thread.request_torque(message.joint, on=message.on)
 
     def _start_action(self, message: msg.ArmAction, client: Client) -> None:
-        """Let the arm go to the target of the preview, relax, or go limp."""
+        """Move the arm to the target of the preview, relax it, or switch its torque off."""
         self._require_ready()
         if message.action == "release":
             self._interaction.reset()
@@ -387,17 +389,17 @@ class SessionController:
         if request is None:
             raise BadMessageError("No target is shown.", "Drag the arm or click a point first.")
         if path is None or path.number != message.path:
-            raise BadMessageError("The path there is not shown yet.", "Nothing moves.")
+            raise BadMessageError("The path to that target is not shown yet.", "Nothing moves.")
         path.plan_for(request)
         self._arm_thread.request_job(ExecutePath(path))
 
     def _mark_tip(self, message: msg.MarkTip, client: Client) -> None:
-        """Set the zero that follows from a click on the tip."""
+        """Set the zero that a click on the tip determines."""
         self._require_ready()
         picture, camera = self._composer.camera_view(client), self._composer.camera(client)
         if picture is None or not isinstance(camera, LensCamera):
             raise BadMessageError(
-                "The tip can be clicked only in a camera's picture.", "Choose its view."
+                "The tip can be clicked only in a camera's picture.", "Choose the camera view."
             )
         px, snapshot = np.array([message.x, message.y]), self._arm_thread.snapshot
         found = picture.find_tip_zero(camera, px, snapshot)
@@ -425,11 +427,15 @@ class SessionController:
         """
         snapshot, job = self._arm_thread.snapshot, self._arm_thread.job
         if snapshot.calibration:
-            raise BadMessageError("The arm is being calibrated.", "Finish or cancel that first.")
+            raise BadMessageError(
+                "The arm is being calibrated.", "Finish or cancel the calibration first."
+            )
         if snapshot.stop_notice:
             raise BadMessageError("The arm was stopped.", "Check it, then acknowledge.")
         if job is not None:
-            raise BadMessageError(f"The arm is busy: {job.title}.", "Wait for its end, or stop it.")
+            raise BadMessageError(
+                f"The arm is busy: {job.title}.", "Wait until it has ended, or stop it."
+            )
 
     def _handle_input(self, message: Any, client: Client) -> None:  # noqa: ANN401
         """Handle pointer, wheel, key and gamepad messages; report a press that has no effect."""
@@ -514,7 +520,7 @@ class SessionController:
         return self._camera_view is not None
 
     def _forget_targets(self) -> None:
-        """Drop the goal and earlier goals; the arm holds."""
+        """Drop the goal and all earlier goals; the arm holds."""
         self._interaction.reset()
         self._interaction.history.clear()
 

@@ -132,7 +132,7 @@ def arm_frame(
     views: Sequence[ViewName],
     now_s: float,
 ) -> Frame:
-    """Return the frame with everything that does not change while an arm is open."""
+    """Return the frame with all data that do not change while an arm is open."""
     arm, model = arm_thread.arm, arm_thread.arm.model
     return {
         "kind": "arm_info",
@@ -169,16 +169,16 @@ def status_frame(
     posture: Sequence[tuple[str, str, str]] = (),
     fallback: StopNotice | None = None,
 ) -> Frame:
-    """Return the frame with everything that the page shows next to the drawing.
+    """Return the frame with all data that the page shows next to the drawing.
 
     Args:
-        arm_thread: Has the snapshot.
+        arm_thread: Provides the snapshot.
         interaction: Input of the client in control.
         step: The step of a solver trace that is shown.
         controller: The page in control: ``you``, ``other`` or ``none``.
-        now_s: The time, which dates what was measured.
+        now_s: The present time, to compute the age of measurements.
         posture: Rows about the posture of the arm.
-        fallback: Why Live has ended, until the user has answered.
+        fallback: The reason why Live has ended, until the user has answered.
     """
     snapshot, live, trace = arm_thread.snapshot, arm_thread.command.live, interaction.solver_trace
     return {
@@ -241,14 +241,14 @@ class FrameComposer:
     """Composes scene and status frames from the arm thread's snapshot, for each client's view.
 
     Args:
-        arm_thread: Has the snapshot that is shown.
+        arm_thread: Provides the snapshot that is shown.
         interaction: Input of the client in control.
         clock: Limits the frame rate.
         camera_view: The picture of a calibrated camera, if there is one.
 
     Attributes:
         extent: The extent of the arm.
-        views: The names of its views.
+        views: The names of the arm's views.
     """
 
     def __init__(
@@ -287,7 +287,7 @@ class FrameComposer:
         return self._camera_view if client.view.name == "camera" else None
 
     def camera(self, client: Client) -> Camera:
-        """Return a client's camera; during a drag that of the client in control does not change.
+        """Return a client's camera; during a drag, the camera of the client in control stays fixed.
 
         Raises:
             BadMessageError: The page has not sent the size of its drawing.

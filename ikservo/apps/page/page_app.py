@@ -1,4 +1,4 @@
-"""The view application: open the arms, start their threads and the web server."""
+"""The panel application: open the arms, start their threads and the web server."""
 
 from __future__ import annotations
 
@@ -45,8 +45,8 @@ _SWITCH_S = 0.0005
 def low_jitter() -> Generator[None]:
     """Switch threads often, and exclude loaded modules from garbage collection.
 
-    A full collection over all objects of pydantic takes a tenth of a second, in which no thread
-    runs; frozen objects are not visited again.
+    A full collection over all pydantic objects takes a tenth of a second, in which no thread runs;
+    frozen objects are not visited again.
     """
     before = sys.getswitchinterval()
     sys.setswitchinterval(_SWITCH_S)
@@ -77,7 +77,7 @@ class ViewUrls:
 
 
 class ViewApp:
-    """The panel for several arms; entering opens the given arms, leaving lets all of them hold.
+    """The panel for several arms. Entering it opens the given arms; on leaving, all arms hold.
 
     Args:
         places: The arms and their ports; simulated ones run in real time. Others can be opened on
@@ -90,7 +90,7 @@ class ViewApp:
         dead_man_s: The time for which the arm follows without a heartbeat of the page.
         cameras: See ``PageCameras``.
         camera_name: See ``PageCameras``.
-        servos: Instead of arms: the port of the servos that the page shows, and their arm.
+        servos: The port of the servos that the page shows instead of arms, and their arm.
     """
 
     def __init__(
@@ -177,9 +177,9 @@ class ViewApp:
         return stack
 
     def _channels(self, arm_list: ArmList) -> list[PageChannel[Any]]:
-        """Return the websockets: that of each arm, and that of the list of arms.
+        """Return the websockets: one for each arm, and one for the list of arms.
 
-        A page of servos has neither: it opens no port but its own.
+        A page of servos has neither; it opens only its own port.
         """
         if self._servos is not None:
             return [PageChannel("/bench", lambda _: self._bench, read_bench_message)]
@@ -193,7 +193,7 @@ class ViewApp:
                             uncalibrated=self._uncalibrated)  # fmt: skip
 
     def _require_camera(self) -> None:
-        """Check that one of the open arms shows a picture, if that was asked for.
+        """Check that one of the open arms shows a picture, if a camera was requested.
 
         Raises:
             IkservoError: The reason why the first of them shows no picture.
@@ -215,20 +215,20 @@ class ViewApp:
 
 
 _MOVED_TEXT = f"Port {USUAL_PORT} is in use, so the page is served at the next free port."
-_NO_CAMERA_TEXT = "There is no picture from {} now: the page shows it once the camera is there."
+_NO_CAMERA_TEXT = "There is no picture from {} now: the page shows it once the camera is available."
 _TLS_TEXT = (
-    "The network can reach this page. A browser does not know its certificate and warns once: "
-    "continue only if the fingerprint that it shows is the one above."
+    "The network can reach this page. Browsers do not know its certificate and warn once: "
+    "continue only if the fingerprint that the browser shows is the one above."
 )
 _INSECURE_TEXT = (
-    "The network can reach this page by plain HTTP: anybody on it can read and alter "
-    "the page and the commands that move the arm. Leave --insecure out for TLS, or use "
-    "from afar: ssh -L 8420:localhost:8420 HOST"
+    "The network can reach this page over plain HTTP: anyone on that network can read and alter "
+    "the page and the commands that move the arm. Leave out --insecure to use TLS, or use an "
+    "SSH tunnel: ssh -L 8420:localhost:8420 HOST"
 )
 
 
 def _check_address(listen: str) -> str:
-    """Check that an address is a single one; a browser cannot open a wildcard address."""
+    """Check that an address is a single address; a browser cannot open a wildcard address."""
     with contextlib.suppress(ValueError):
         address = ipaddress.ip_address(listen)
         if not address.is_unspecified:

@@ -1,4 +1,4 @@
-"""The arms of one page; each has its own thread and controller, and fails alone."""
+"""The arms of one page; each has its own thread and controller and can fail on its own."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ _FAILED_HINT = "See the terminal, then open the arm again."
 
 
 class ServedArmState(StrEnum):
-    """State of an arm of the page."""
+    """State of an arm on the page."""
 
     OPENING = "opening"
     OPEN = "open"
@@ -80,7 +80,7 @@ class ViewSettings:
 
 
 def page_names(models: Iterable[str], taken: Iterable[str] = ()) -> list[str]:
-    """Return the names of arms on a page: the model's, with a number from the second arm on.
+    """Return the names of arms on a page: the name of the model, numbered from the second arm on.
 
     Args:
         models: The names of their models, in the order of opening.
@@ -102,14 +102,14 @@ class ServedArm:
         place: The arm and its port.
         settings: The settings that all arms share.
         find_arm: Finds another arm of the page, to be followed.
-        before: The things around it when it was last closed, if it was open before.
+        before: The things around the arm when it was last closed, if it was open before.
 
     Attributes:
-        state: Whether it is open; written by the thread that opens it, then by the server's.
+        state: State of the arm; written by the thread that opens it, then by the server's thread.
         error: The reason why it could not be opened.
         arm_thread: Owns the arm; exists while it is open.
         controller: Handles the clients; exists while the arm is open.
-        cameras: The cameras that it may show; None for none.
+        cameras: The cameras that the arm may show; None if it has none.
         camera_error: The reason why an expected camera is missing.
     """
 
@@ -143,7 +143,7 @@ class ServedArm:
             self._exits = self._start()
         except Exception as error:
             ours = isinstance(error, IkservoError)
-            text = error.message if ours else f"The view has failed: {error!r}."
+            text = error.message if ours else f"The panel failed: {error!r}."
             self.error = StopNotice(text, error.command_hint if ours else _FAILED_HINT)
             self.state = ServedArmState.FAILED
             raise
@@ -196,17 +196,19 @@ class ServedArm:
 
         Raises:
             InputError: No other arm of that name is open, or it is moving.
-            RefusedError: Its place cannot be measured.
+            RefusedError: The position of the other arm cannot be measured.
         """
         other = self._find_arm(name)
         if other is None or other is self.arm_thread:
-            raise InputError(f"No other arm {name!r} is open.", "Open it in the list.")
+            raise InputError(f"No other arm {name!r} is open.", "Open it from the list of arms.")
         if other.job is not None or other.command.live or other.snapshot.calibration:
-            raise InputError(f"{name} is moving.", "Switch its Live off, and wait until it rests.")
+            raise InputError(
+                f"{name} is moving.", "Switch Live off for that arm, and wait until it is at rest."
+            )
         self.arm_thread.arm.scene.add_arm(other.arm, name, at_m, rpy_deg, own_name=self.name)
 
     def close(self) -> None:
-        """Let the arm hold and close its port; waits for both."""
+        """Let the arm hold and close its port; wait for both."""
         self._exits.close()
 
     @property
@@ -234,7 +236,7 @@ class ServedArm:
 
     @property
     def video(self) -> VideoSource | None:
-        """The pictures of its camera, if it has one."""
+        """The pictures of the arm's camera, if it has one."""
         return self.cameras and self.cameras.video
 
     def _camera_fields(self) -> dict[str, object] | None:
@@ -309,7 +311,7 @@ class ServedArms:
 
     @property
     def camera_names(self) -> list[str]:
-        """Names of the cameras that arms show once they are open."""
+        """Names of the cameras that arms will show once they are open."""
         return self._settings.cameras.names if self._settings.cameras else []
 
     def all(self) -> list[ServedArm]:
@@ -317,7 +319,7 @@ class ServedArms:
         return list(self._arms.values())
 
     def find(self, name: str) -> ServedArm | None:
-        """Find the open arm of a name, or without a name the first; None if there is none."""
+        """Find the open arm with a name, or the first one without a name; None if there is none."""
         found = [arm for arm in self.all() if arm.is_open and name in ("", arm.name)]
         return found[0] if found else None
 
@@ -346,10 +348,10 @@ class ServedArms:
                 arm.add_other_arm(each.name, each.at_m, each.rpy_deg)
 
     def start_opening(self, place: ArmAtPort) -> None:
-        """Open an arm in a thread of its own; ``all`` shows its state.
+        """Open an arm in a separate thread; ``all`` shows its state.
 
         Raises:
-            BadMessageError: Its port is in use here, or there are too many arms.
+            BadMessageError: The port is already in use here, or there are too many arms.
         """
         for other in self.all():
             if other.place.port != place.port:
@@ -371,7 +373,7 @@ class ServedArms:
         return arm
 
     def stop(self, name: str | None, by: str) -> None:
-        """Stop an arm, or without a name every open arm; it holds until acknowledged.
+        """Stop an arm, or every open arm without a name; it holds until acknowledged.
 
         Args:
             name: The arm; None: every open arm.
@@ -382,7 +384,7 @@ class ServedArms:
                 arm.controller.stop(by)
 
     def start_closing(self, name: str) -> None:
-        """Close an arm in a thread of its own; torque stays unchanged.
+        """Close an arm in a separate thread; torque stays unchanged.
 
         Raises:
             BadMessageError: There is no such arm, or it is still being opened.
@@ -391,7 +393,9 @@ class ServedArms:
         if arm is None or arm.state is ServedArmState.CLOSING:
             raise BadMessageError(f"No arm {name!r} is open.")
         if arm.state is ServedArmState.OPENING:
-            raise BadMessageError(f"{name} is still being opened.", "Wait for it, then close it.")
+            raise BadMessageError(
+                f"{name} is still being opened.", "Wait until it is open, then close it."
+            )
         arm.state = ServedArmState.CLOSING
         threading.Thread(target=self._close, args=(arm,), name=f"ikservo close {name}").start()
 

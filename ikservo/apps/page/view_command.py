@@ -37,9 +37,7 @@ if TYPE_CHECKING:
 
 _NEEDS = ("starlette", "uvicorn", "websockets")
 _TLS_NEEDS = ("cryptography", "segno")
-_LISTEN_HELP = (
-    "IP address of the panel; any other than a loopback address serves the network, over TLS."
-)
+_LISTEN_HELP = "IP address of the panel; any address but loopback serves the network, over TLS."
 
 Arms = Annotated[
     list[str] | None,
@@ -55,7 +53,7 @@ HttpPort = Annotated[
         "--http-port",
         min=0,
         max=65535,
-        help="TCP port of the panel; 0: any; default: 8420, or the next that is free.",
+        help="TCP port of the panel; 0: any; default: 8420, or the next free one.",
     ),
 ]
 Insecure = Annotated[
@@ -70,18 +68,18 @@ Cameras = Annotated[
     typer.Option(
         "--camera",
         metavar="SOURCE",
-        help="Camera picture beside the arm: a number, /dev/video0, http://…, a file or sim; once "
-        "for each camera. An arm shows the one that it was calibrated with.",
+        help="Camera whose picture is shown beside the arm: a number, /dev/video0, http://…, a "
+        "file or sim; repeatable. Each arm shows the camera that it was calibrated with.",
     ),
 ]
 Listen = Annotated[str, typer.Option("--listen", metavar="ADDRESS", help=_LISTEN_HELP)]
 Scene = Annotated[
     Path | None,
-    typer.Option("--scene", metavar="FILE", help="TOML file of the things around the arm."),
+    typer.Option("--scene", metavar="FILE", help="TOML file with the things around the arm."),
 ]
 Servos = Annotated[
     bool,
-    typer.Option("--servos", help="Instead of an arm: registers, ids, backups of the servos."),
+    typer.Option("--servos", help="Show registers, ids and backups of servos instead of an arm."),
 ]
 NoOpen = Annotated[bool, typer.Option("--no-open", help="Do not open a browser.")]
 
@@ -108,7 +106,7 @@ def command(
 
     ikservo view so101=/dev/ttyACM0 koch=/dev/ttyUSB0
 
-    ikservo view --servos --port /dev/ttyACM0    servos of any arm, or of none
+    ikservo view --servos --port /dev/ttyACM0    the servos of any arm, or without an arm
 
     ikservo view --port sim --listen 192.168.0.7     for other machines, over TLS
     """
@@ -186,7 +184,7 @@ def _places_from_options(arms: Sequence[str], arm: str | None, port: str | None)
     pairs = [(name, own) for name, _, own in (each.partition("=") for each in named)]
     if port and not simulated and sum(not own for _, own in pairs) > 1:
         raise InputError(
-            f"--port {port} is one port for {len(pairs)} arms.",
+            f"--port {port} gives one port for {len(pairs)} arms.",
             "Give each its own: ikservo view so101=/dev/ttyACM0 koch=/dev/ttyUSB0",
         )
     return [ArmAtPort(model_from_option(name), own or port) for name, own in pairs]
@@ -198,7 +196,7 @@ def _among_things(places: list[ArmAtPort], scene: Path) -> list[ArmAtPort]:
     Other arms are opened at the ports of the file, unless ports are given.
 
     Raises:
-        InputError: There is not exactly one such arm, in whose base frame the file is; or the file
+        InputError: There is not exactly one such arm, whose base frame the file uses; or the file
             has an arm that is not opened.
         FileFormatError: The file is malformed.
     """
@@ -210,15 +208,16 @@ def _among_things(places: list[ArmAtPort], scene: Path) -> list[ArmAtPort]:
         if each.name not in names:
             raise InputError(
                 f"{scene} has another arm, {each.name}, which is not opened.",
-                f"Open it, too, as in: ikservo view {' '.join([*names, each.arm or each.name])}",
+                f"Open that arm as well, as in: ikservo view "
+                f"{' '.join([*names, each.arm or each.name])}",
             )
     around = [name for name in names if name not in {each.name for each in arms}]
     if len(around) != 1:
         named = " that it does not name" if arms else ""
         raise InputError(
             f"--scene {scene} belongs to one arm{named}, not to {len(around)}.",
-            "The file is in its base frame: open one arm with it, and the others on the page, or "
-            "write into the file where they stand, as [[arm]].",
+            "The file uses the base frame of one arm: open that arm with it and the others on "
+            "the page, or add the others to the file as [[arm]].",
         )
     first = names.index(around[0])
     model, other_arms = with_scene_and_arms(places[first].model, scene)
@@ -251,7 +250,7 @@ def _check_installed(needs: Sequence[str], extra: str = "view") -> None:
     missing = [name for name in needs if find_spec(name) is None]
     if missing:
         raise InputError(
-            f"The view needs {', '.join(missing)}, not installed.",
+            f"The panel needs {', '.join(missing)}, which is not installed.",
             f"Install it: {install_command(extra)}",
         )
 

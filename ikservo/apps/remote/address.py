@@ -12,7 +12,7 @@ from ikservo.errors import BadValueError, InputError, shown
 
 SCHEME = "zenoh"
 DEFAULT_PORT = 7448
-"""The usual port; it differs from 7447, at which the Zenoh router of ROS 2 listens."""
+"""The default port; it differs from 7447, which the Zenoh router of ROS 2 uses."""
 
 _NAME = re.compile(r"[A-Za-z0-9_-]{1,64}")
 _EXPECTED_NAME = "1 to 64 of the characters A-Z a-z 0-9 _ -"
@@ -30,7 +30,7 @@ class Endpoint:
     """The endpoint at which a process listens or to which it connects.
 
     Attributes:
-        protocol: ``tcp`` for this machine only, ``tls`` with certificates.
+        protocol: ``tcp`` for this machine only, or ``tls`` with certificates.
         host: A name or an address.
         port: The TCP port.
     """
@@ -40,7 +40,7 @@ class Endpoint:
     port: int
 
     def __str__(self) -> str:
-        """Return the endpoint as Zenoh writes it: ``tls/lab-pi:7448``."""
+        """Return the endpoint in Zenoh's notation: ``tls/lab-pi:7448``."""
         host = f"[{self.host}]" if ":" in self.host else self.host
         return f"{self.protocol}/{host}:{self.port}"
 
@@ -72,7 +72,7 @@ class ArmAddress:
 
 
 def listens(endpoint: Endpoint) -> bool:
-    """Check whether a process listens there, because a session of Zenoh takes seconds to fail."""
+    """Check whether a process listens at an endpoint; a Zenoh session takes seconds to fail."""
     try:
         socket.create_connection((endpoint.host, endpoint.port), _PROBE_TIMEOUT_S).close()
     except OSError:
@@ -98,7 +98,7 @@ def check_host(host: str) -> str:
         BadValueError: The text is not valid.
     """
     if not (_is_ip(host) or _HOST.fullmatch(host)):
-        raise BadValueError("The host", shown(host), "a name or an address, as in lab-pi")
+        raise BadValueError("The host", shown(host), "a name or an address, such as lab-pi")
     return host
 
 
@@ -146,7 +146,7 @@ def parse_listen(text: str) -> Endpoint:
     if endpoint.protocol == "tcp" and not endpoint.is_loopback:
         raise InputError(
             f"Without certificates an arm is served to this machine only, not at {text}.",
-            f"Make them: ikservo net keys. Then serve it at tls/{place}.",
+            f"Make certificates: ikservo net keys. Then serve the arm at tls/{place}.",
         )
     return endpoint
 
@@ -158,7 +158,7 @@ def _check_protocol(protocol: str, text: str) -> Protocol:
 
 
 def _split_place(place: str, text: str, expected: str) -> tuple[str, int]:
-    """Split off host and port of ``HOST``, ``HOST:PORT`` or ``[IPv6]:PORT``."""
+    """Split ``HOST``, ``HOST:PORT`` or ``[IPv6]:PORT`` into host and port."""
     found = re.fullmatch(r"(?:\[([0-9a-fA-F:.]+)\]|([^:\[\]]+))(?::(\d{1,5}))?", place)
     if found is None:
         raise BadValueError("The address", shown(text), expected)

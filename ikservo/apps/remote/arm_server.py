@@ -53,7 +53,7 @@ _QUICK = ("lease", "release", "acknowledge", "disable_torque")
 
 
 class ArmServer:
-    """Serves an open arm in a Zenoh session, in threads of its own, until it is closed.
+    """Serves an open arm in a Zenoh session, in its own threads, until it is closed.
 
     Motions run one at a time. If the operator of a running motion is silent for 0.3 s, or the
     connection is lost, the arm brakes, holds, and stays stopped until the stop is acknowledged.
@@ -135,20 +135,20 @@ class ArmServer:
     # requests
 
     def _requested(self, request: ServiceRequest) -> AbstractContextManager[None]:
-        """Return the context of a request that arrives now, whose motion a later stop ends.
+        """Return the context of a request that arrives now; a later stop ends its motion.
 
-        A stop while the request was on its way, or waited in its program, also ends the motion.
-        The count is capped, because a larger one would let the motion survive later stops.
+        A stop while the request was on its way, or was waiting in its program, also ends the
+        motion. The count is capped, because a larger one would let the motion survive later stops.
         """
         background, count = self._arm.background, request.stop_count
         present = background.stop_count
         return background.requested(present if count is None else min(count, present))
 
     def check(self, request: ServiceRequest, service: str) -> None:
-        """Refuse a request of the operator at its arrival if the lease refuses it.
+        """Check a request of the operator against the lease when it arrives.
 
         Raises:
-            RefusedError: The lease refuses it.
+            RefusedError: The lease refuses the request.
         """
         if service in (*MOTIONS, *STREAMED, "move", "execute", "acknowledge", "disable_torque"):
             self.lease.check_request(request.lease, request.number, request.sent_s)
@@ -173,7 +173,7 @@ class ArmServer:
         given = request.arguments
         kind = _STOP_KINDS.get(str(given.get("kind")), StopKind.PROGRAM)
         own = self.lease.is_held_by(request.lease)
-        who = "its operator" if own else "somebody on another machine"
+        who = "its operator" if own else "someone on another machine"
         text = str(given.get("reason", ""))[:200] or f"Stopped by {who}."
         return self.service.stop(StopReason(kind, text), lease=request.lease)
 
@@ -262,7 +262,7 @@ class ArmServer:
         due_s = self._clock.now_s()
         while not self._closing.is_set():
             with suppress(Exception):  # silent servos are reported by the service "health"
-                status: object = publisher.matching_status  # an object, despite its stub
+                status: object = publisher.matching_status  # an object, despite the type stub
                 if bool(getattr(status, "matching", status)):
                     self._publish("state", self._arm.where())
             due_s = max(due_s + 1.0 / self._rate_hz, self._clock.now_s())

@@ -1,4 +1,4 @@
-"""Certificates of the user's own small authority, and their permissions."""
+"""Certificates from the user's own small authority, and their permissions."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 Role = Literal["server", "operator", "watcher"]
 ROLES: tuple[Role, ...] = ("server", "operator", "watcher")
-"""Roles of certificates, which are their common names."""
+"""Roles of certificates, used as their common names."""
 
 _AUTHORITY = "authority"
 _VARIABLE = "IKSERVO_KEYS"
@@ -34,13 +34,13 @@ _ANYWHERE = ("localhost", "127.0.0.1", "::1")
 
 
 def keys_folder() -> Path:
-    """Return the folder of this machine's certificates: ``IKSERVO_KEYS``, or the user's own."""
+    """Return the folder of this machine's certificates: ``IKSERVO_KEYS``, or the default folder."""
     own = os.environ.get(_VARIABLE)
     return Path(own) if own else config_dir() / "keys"
 
 
 def client_certificate(endpoint: Endpoint) -> Certificate | None:
-    """Return this machine's certificate for connections: as operator, or else as watcher.
+    """Return this machine's certificate for connections: operator, or else watcher.
 
     Raises:
         InputError: TLS needs a certificate, and there is none.
@@ -78,8 +78,9 @@ def _find(role: str) -> Certificate | None:
 
 def _missing(role: str) -> InputError:
     return InputError(
-        f"There is no certificate of {role} in {keys_folder()}.",
-        "Make them once with: ikservo net keys. Then copy the folder of this machine's role.",
+        f"There is no certificate for {role} in {keys_folder()}.",
+        "Make certificates once with: ikservo net keys. Then copy the folder for this machine's "
+        "role.",
     )
 
 
@@ -95,13 +96,13 @@ def make_keys(folder: Path, hosts: Sequence[str], *, overwrite: bool = False) ->
     Args:
         folder: The parent of the folders ``authority``, ``server``, ``operator`` and ``watcher``.
         hosts: The names and addresses of the server; this machine is always included.
-        overwrite: Whether to replace earlier certificates, which become useless.
+        overwrite: Whether to replace earlier certificates, which then become useless.
 
     Returns:
         The folders.
 
     Raises:
-        BadValueError: There are certificates already, or a host is not valid.
+        BadValueError: There are already certificates, or a host is not valid.
         IkservoError: The extra ``net`` is not installed.
         FileWriteError: A file cannot be written; earlier certificates are unchanged.
     """
@@ -141,7 +142,7 @@ def _make_authority() -> _Signed:
 def _sign(
     authority: _Signed, role: str, names: Sequence[str], lifetime: datetime.timedelta
 ) -> _Signed:
-    """Return a certificate of a role, signed by the authority."""
+    """Return a certificate for a role, signed by the authority."""
     from cryptography import x509  # noqa: PLC0415
     from cryptography.hazmat.primitives.asymmetric import ec  # noqa: PLC0415
     from cryptography.x509.oid import ExtendedKeyUsageOID  # noqa: PLC0415
@@ -216,7 +217,7 @@ def _signed(builder: x509.CertificateBuilder, key: ec.EllipticCurvePrivateKey) -
 
 
 def _files_of(folder: Path, name: str, own: _Signed, authority: _Signed) -> dict[Path, bytes]:
-    """Return certificate, private key and the authority's certificate of a role."""
+    """Return the files of a role: certificate, private key and the authority's certificate."""
     from cryptography.hazmat.primitives import serialization as forms  # noqa: PLC0415
 
     pem = forms.Encoding.PEM
@@ -229,10 +230,10 @@ def _files_of(folder: Path, name: str, own: _Signed, authority: _Signed) -> dict
 
 
 def access_control(name: str) -> Mapping[str, object]:
-    """Return Zenoh's access control for a served arm; everything that is not listed is refused.
+    """Return Zenoh's access control for a served arm; all that is not listed is refused.
 
     A watcher may ask for states and stop the arm; an operator may also drive it. Only the server
-    publishes news and answers requests.
+    may publish news and answer requests.
 
     Args:
         name: The name under which the arm is served.

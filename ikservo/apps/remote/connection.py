@@ -71,7 +71,7 @@ class PendingCall:
             self._data = reply.ok.payload.to_bytes()
 
     def on_end(self) -> None:
-        """Note that no more answers will come."""
+        """Record that no more answers will come."""
         self._ended.set()
 
     def wait(self, timeout_s: float) -> bool:
@@ -80,7 +80,7 @@ class PendingCall:
 
     @property
     def done(self) -> bool:
-        """Whether the request has been answered, or never will be."""
+        """Whether the request has been answered or can no longer be answered."""
         return self._ended.is_set()
 
     def result(self) -> object:
@@ -109,10 +109,10 @@ class Connection:
 
     Args:
         address: The address of the arm.
-        certificate: The certificate of this end; None on this machine.
+        certificate: The certificate of this end; None for a connection within this machine.
 
     Raises:
-        PortError: Nothing listens there, or no arm of that name is served.
+        PortError: Nothing listens at the address, or no arm of that name is served there.
     """
 
     def __init__(self, address: ArmAddress, certificate: Certificate | None) -> None:
@@ -151,7 +151,7 @@ class Connection:
         return not self._closed.is_set()
 
     def watch(self, service: str, **arguments: object) -> object:
-        """Return the result of a request that moves nothing.
+        """Send a request that moves nothing; return the result.
 
         Raises:
             IkservoError: The request failed on the server, or the connection is lost.
@@ -170,13 +170,13 @@ class Connection:
         return None
 
     def acknowledge(self) -> None:
-        """End a stop; stops of this program that are still on their way arrive first."""
+        """Acknowledge a stop; stops from this program that are still on their way arrive first."""
         for each in self._stopping:
             each.wait(_QUICK_S)
         self.drive("acknowledge")
 
     def drive(self, service: str, **arguments: object) -> object:
-        """Return the result of a quick request of the operator.
+        """Send a quick request as operator; return the result.
 
         Raises:
             IkservoError: The request failed on the server, or the connection is lost.
@@ -189,7 +189,7 @@ class Connection:
     def start(
         self, service: str, *, stop_count: int | None = None, **arguments: object
     ) -> PendingCall:
-        """Send a request of the operator, after getting the lease; see ``ServiceRequest``."""
+        """Acquire the lease, then send a request as operator; see ``ServiceRequest``."""
         with self._lock:
             lease = self.acquire()
             request = self._request(
@@ -198,7 +198,7 @@ class Connection:
             return self._send(keys.drive(self.address.name, service), request, _LONG_S)
 
     def plan(self, service: str, **arguments: object) -> object:
-        """Return the result of a request of the operator that needs no lease.
+        """Send a request as operator that needs no lease; return the result.
 
         Raises:
             RefusedError: This machine's certificate is not an operator's.
@@ -223,7 +223,7 @@ class Connection:
             self._setpoints.put(encode(setpoint, MAX_SETPOINT_BYTES))  # pyright: ignore[reportUnknownMemberType]
 
     def acquire(self) -> str:
-        """Return the lease of control; get it if this program has none.
+        """Return the lease of control; acquire it if this program does not have it.
 
         Raises:
             RefusedError: Another program controls the arm, or this machine may not operate it.
@@ -266,7 +266,7 @@ class Connection:
         )
 
     def release(self) -> None:
-        """Release the lease, if this program has it."""
+        """Release the lease if this program has it."""
         with self._lock:
             lease, self._lease = self._lease, ""
             with self._lease_stack:  # closed even if the request fails
@@ -276,7 +276,7 @@ class Connection:
                     self._send(key, request, 1.0).wait(1.0)
 
     def forget_lease(self) -> None:
-        """Note that the lease was lost; the next request asks for another."""
+        """Record that the lease was lost; the next request acquires another."""
         with self._lock:
             self._lease = ""
             self._lease_stack.close()
@@ -285,8 +285,8 @@ class Connection:
     def subscribed(self, topic: str, on_value: Callable[[object], None]) -> Generator[None]:
         """Call a function with each value of a topic, in a thread of Zenoh, within the block.
 
-        Values that are older than the dead-man timeout, repeated or overtaken are dropped, as goals
-        are.
+        Like goals, values are dropped if they are older than the dead-man timeout, repeated or
+        overtaken.
         """
         newest = 0
 
@@ -303,7 +303,7 @@ class Connection:
             yield
 
     def _send_signs_of_life(self, ended: threading.Event) -> None:
-        """Send heartbeats for as long as this program has the lease."""
+        """Send heartbeats as long as this program has the lease."""
         while not ended.wait(_SIGN_OF_LIFE_PERIOD_S):
             with suppress(Exception):  # if the link is lost, the server notices
                 self.send_setpoint()
@@ -316,7 +316,7 @@ class Connection:
             self._compare_clocks(attempts=1)
 
     def _compare_clocks(self, attempts: int = 5) -> None:
-        """Estimate the server's clock from the quickest of several answers.
+        """Estimate the server's clock from the fastest of several answers.
 
         Raises:
             PortError: The network is too slow to control an arm.
@@ -330,8 +330,9 @@ class Connection:
         trip_s, offset_s = min(found)
         if trip_s > _MAX_ROUND_TRIP_S:
             raise PortError(
-                f"{self.address} answers after {trip_s:.2f} s, too late to control an arm.",
-                f"At most {_MAX_ROUND_TRIP_S:g} s are allowed. Use a faster network.",
+                f"{self.address} answers after {trip_s:.2f} s, which is too late to control an "
+                f"arm.",
+                f"At most {_MAX_ROUND_TRIP_S:g} s is allowed. Use a faster network.",
             )
         self._offset_s, self._synced_s = offset_s, time.monotonic()
 

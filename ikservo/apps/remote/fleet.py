@@ -1,4 +1,4 @@
-"""The arms of several machines: state, operator, health and latency of each."""
+"""State, operator, health and latency of the arms on several machines."""
 
 from __future__ import annotations
 
@@ -24,15 +24,15 @@ class FleetArm:
 
     Attributes:
         host: The machine.
-        name: The name under which it is served there; empty if the machine is unreachable.
+        name: The name under which the arm is served; empty if the machine is unreachable.
         arm: The kind of arm.
         state: ``moving``, ``holds``, ``limp``, ``stopped``, or ``unreachable``.
-        operator: Who controls it; empty if nobody does.
-        stopped_for: Why it was stopped; empty if it is not stopped.
-        temperature_c: The temperature of its hottest servo.
-        alarms: The alarms of its servos.
-        latency_s: Time from the request to the answer, including reading its servos.
-        error: Why the machine cannot be reached.
+        operator: The operator who controls the arm; empty if nobody does.
+        stopped_for: The reason for a stop; empty if the arm is not stopped.
+        temperature_c: The temperature of the hottest servo.
+        alarms: The alarms of the servos.
+        latency_s: Time from the request to the answer, including reading the servos.
+        error: The reason why the machine cannot be reached.
     """
 
     host: str

@@ -23,7 +23,7 @@ from ikservo.errors import PortError
 
 Hosts = Annotated[
     list[str] | None,
-    typer.Argument(metavar="[HOST[:PORT]]…", help="Machines; default: those of IKSERVO_FLEET."),
+    typer.Argument(metavar="[HOST[:PORT]]…", help="Machines; default: those in IKSERVO_FLEET."),
 ]
 Watch = Annotated[bool, typer.Option("--watch", help="Repeat until Ctrl-C.")]
 Period = Annotated[

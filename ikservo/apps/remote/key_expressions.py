@@ -1,4 +1,4 @@
-"""The key expressions of a served arm; its name is in each of them.
+"""The key expressions of a served arm, each of which contains the arm's name.
 
 =============================  ==============================================================
 ``ikservo/NAME/watch/SERVICE``   requests that move nothing, allowed to watchers
@@ -44,7 +44,7 @@ def operator(name: str, token: str) -> str:
 
 
 def operator_token(lease: str) -> str:
-    """Return the name of an operator's liveliness token; others can read it, unlike the lease."""
+    """Return the name of an operator's liveliness token, which others may read."""
     return hashlib.sha256(lease.encode()).hexdigest()[:24]
 
 

@@ -1,4 +1,4 @@
-"""Requests of plans and motions over a connection; motions stop if the caller fails."""
+"""Request plans and motions over a connection; motions stop if the caller fails."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ class MotionCalls:
         connection: The connection to the server.
 
     Attributes:
-        stop_request: Stops the arm, and marks which motions were requested before a stop.
+        stop_request: Stops the arm and tells which motions were requested before a stop.
     """
 
     def __init__(self, connection: Connection) -> None:
@@ -36,7 +36,7 @@ class MotionCalls:
         self._failures: list[Exception] = []
 
     def plan(self, motion: MotionValue[Any]) -> MotionPlan:
-        """Request a plan, which stays on the server; its samples are fetched when needed."""
+        """Request a plan, which stays on the server; the samples are fetched when needed."""
         found = self._connection.plan("plan", motion=motion_fields(motion))
         return plan_from_fields(cast("Mapping[str, Any]", found), motion, self._fetch_samples)
 
@@ -48,7 +48,7 @@ class MotionCalls:
             return self.await_result(self.start(service, **arguments, **more), None)
 
     def start(self, service: str, **arguments: object) -> PendingCall:
-        """Request a motion; any stop since the program asked for the motion ends it."""
+        """Request a motion, which any stop since the program asked for it will end."""
         count = self.stop_request.marked_count
         return self._connection.start(service, stop_count=count, **arguments)
 
@@ -111,7 +111,7 @@ class MotionCalls:
 
 
 class RemoteStopRequest(StopRequest):
-    """Stops of an arm on another machine, which performs and counts them.
+    """The stops of an arm on another machine, which performs and counts them.
 
     Args:
         connection: The connection to that machine.
@@ -136,6 +136,6 @@ class RemoteStopRequest(StopRequest):
             self.count_here += 1
 
     def set(self, reason: StopReason, signal: int = 0) -> None:
-        """Request a stop from that machine; do not wait until the arm rests."""
+        """Request a stop from that machine without waiting until the arm rests."""
         self.count_stop(reason)
         self._connection.stop(reason.text, reason.kind.name, wait=False)

@@ -14,7 +14,7 @@ from ikservo.cli.options import JsonOption, PortOption
 from ikservo.cli.terminal import print_json, print_lines, print_status
 from ikservo.errors import InputError
 
-Folder = Annotated[Path, typer.Option("--folder", help="Folder of the keys.")]
+Folder = Annotated[Path, typer.Option("--folder", help="Folder for the keys.")]
 Host = Annotated[
     list[str] | None,
     typer.Option("--host", help="Name or address of the machine with the arm; repeatable."),

@@ -26,7 +26,7 @@ _STEP_S = 0.01
 
 _KEPT_THERE = ("trajectory", "solution", "motion", "requested", "clamped", "limp_arm")
 _ITERATES = ("trace", "question")
-"""Fields of a plan and of its solution that are not sent."""
+"""Fields of a plan and its solution that are not sent."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -56,7 +56,7 @@ class PlanRegistry:
         return len(self._plans)
 
     def add(self, plan: MotionPlan) -> dict[str, JsonValue]:
-        """Keep a plan; return its fields."""
+        """Store a plan; return its fields."""
         self._count += 1
         name = f"{self._count:x}"
         self._plans[name] = plan
@@ -66,7 +66,7 @@ class PlanRegistry:
         return {"plan": name, "solution": solution, **encode_fields(plan, _KEPT_THERE)}
 
     def get(self, name: str) -> MotionPlan:
-        """Get a plan.
+        """Return a plan.
 
         Raises:
             RefusedError: The plan is unknown, or no longer kept.
@@ -99,8 +99,8 @@ class RemoteTrajectory:
 
     Args:
         plan: The id of the plan.
-        duration_s: Its duration.
-        fetch: Returns the samples.
+        duration_s: The duration of the path.
+        fetch: Function that returns the samples.
     """
 
     def __init__(self, plan: str, duration_s: float, fetch: Callable[[], PathSamples]) -> None:
@@ -129,7 +129,7 @@ class RemoteTrajectory:
 def _hermite(
     p0: Vector, p1: Vector, v0: Vector, v1: Vector, u: float, width_s: float
 ) -> TrajectoryPoint:
-    """Compute the cubic with given ends and velocities (n,) at a fraction ``u`` of its width."""
+    """Evaluate the cubic with given ends and velocities (n,) at a fraction ``u`` of its width."""
     a, b = v0 * width_s, v1 * width_s
     c2, c3 = 3.0 * (p1 - p0) - 2.0 * a - b, 2.0 * (p0 - p1) + a + b
     return TrajectoryPoint(
@@ -142,15 +142,15 @@ def _hermite(
 def plan_from_fields(
     fields: Mapping[str, Any], motion: MotionValue[Any], fetch: Callable[[str], PathSamples]
 ) -> MotionPlan:
-    """Make the plan that a server keeps, with a path that is fetched when needed.
+    """Make a plan that is kept by a server, with a path that is fetched when needed.
 
     Args:
-        fields: The fields that ``PlanRegistry.add`` returned there.
+        fields: The fields that ``PlanRegistry.add`` returned on the server.
         motion: The motion that was planned.
-        fetch: Returns the samples of a plan by its id.
+        fetch: Function that returns the samples of a plan by its id.
 
     Raises:
-        IkservoError: The fields are of another version.
+        IkservoError: The fields are from another version.
     """
     match fields:
         case {"plan": str(name), "solution": solution, "duration_s": float(duration_s), **plain}:

@@ -53,12 +53,12 @@ _TARGET_PERIOD_S = 0.01
 class RemoteArm(MotionMethods):
     """An open arm on another machine; see ``Arm`` for what each method does.
 
-    It takes control with its first motion and releases it when it is closed. Plans stay on the
+    The arm is controlled from its first motion until it is closed. Plans stay on the
     server of the arm.
 
     Args:
-        model: The arm as described on this machine.
-        connection: The connection to its server; closed with the arm.
+        model: The model of the arm on this machine.
+        connection: The connection to the server of the arm; closed with the arm.
         on_exit: The torque after ``close``: ``hold`` or ``relax``.
 
     Raises:
@@ -130,7 +130,7 @@ class RemoteArm(MotionMethods):
         return cast("ArmState", self._connection.watch("last_state"))
 
     def health(self) -> Mapping[str, Any]:
-        """Return state, operator, stop and temperature of the arm; see ``ikservo fleet``."""
+        """Return state, operator, stop reason and temperature of the arm; see ``ikservo fleet``."""
         return cast("Mapping[str, Any]", self._connection.watch("health"))
 
     def close(self, on_exit: OnExit | None = None) -> None:
@@ -167,7 +167,7 @@ class RemoteArm(MotionMethods):
         """
         raise RefusedError(
             f"Opening the port again, within {within_s:g} s, works only on the arm's computer.",
-            f"Run it on {self._connection.address.endpoint.host}.",
+            f"Run the program on {self._connection.address.endpoint.host}.",
         )
 
     def return_within_limits(self) -> None:
@@ -175,7 +175,7 @@ class RemoteArm(MotionMethods):
         self._calls.run("return_within_limits", None)
 
     def request_stop(self, reason: StopReason) -> None:
-        """Stop as ``stop`` does, for a reason of any kind."""
+        """Stop the arm like ``stop``, for any kind of reason."""
         self._calls.stop_request.set(reason)
 
     @property
@@ -185,13 +185,13 @@ class RemoteArm(MotionMethods):
 
     @property
     def stop_reason(self) -> StopReason | None:
-        """Reason of the stop until ``acknowledge``; None if the arm is not stopped."""
+        """The reason for the stop until ``acknowledge``; None if the arm is not stopped."""
         health = self.health()
         kind = str(health["stop_kind"])
         return StopReason(StopKind[kind], str(health["stop_text"])) if kind else None
 
     def acknowledge(self) -> None:
-        """End a stop: the arm may move again, but nothing moves yet."""
+        """Acknowledge a stop: the arm may move again, but nothing moves yet."""
         self._connection.acknowledge()
 
     # plans
@@ -230,9 +230,9 @@ class RemoteArm(MotionMethods):
         return cast("R", self._calls.run("move", on_progress, motion=motion_fields(motion)))
 
     def jog(self, what: str, speed: float | None = None, *, wanted: KeepGoing) -> JogResult:
-        """Move a joint or the tip for as long as ``wanted`` returns True; see ``Arm.jog``."""
+        """Move a joint or the tip while ``wanted`` returns True; see ``Arm.jog``."""
         if not callable(wanted):
-            raise BadValueError("The argument wanted", shown(wanted), "a function")
+            raise BadValueError("The argument `wanted`", shown(wanted), "a function")
         pending = self._calls.start("jog", what=what, speed=speed)
 
         def go_on() -> None:
@@ -274,7 +274,7 @@ class RemoteArm(MotionMethods):
     def leader_positions(
         self, joints: Sequence[str], period_s: float, until: Callable[[], bool] | None
     ) -> Generator[Iterator[dict[str, float] | None]]:
-        """Yield the newest published positions in every period; for ``follow_arm``."""
+        """Yield the newest published positions once per period, for ``follow_arm``."""
         newest: list[ArmState] = []
 
         def keep(value: object) -> None:

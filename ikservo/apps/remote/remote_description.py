@@ -1,4 +1,4 @@
-"""Description of an arm on another machine, checked against the local model; its poses."""
+"""Description and poses of an arm on another machine, checked against the local model."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def describe(model: Model, connection: Connection) -> ArmDescription:
 
     Raises:
         InputError: The arm has other joints.
-        IkservoError: The answer is of another version.
+        IkservoError: The answer is from another version.
     """
     found = connection.watch("describe")
     said = cast("Mapping[str, object]", found if isinstance(found, Mapping) else {})
@@ -45,13 +45,13 @@ def describe(model: Model, connection: Connection) -> ArmDescription:
 
 
 def described_chain(model: Model, there: ArmDescription) -> Chain:
-    """Return the chain of a model with the calibration and the limits of the other machine."""
+    """Return the chain of a model with the calibration and limits from the other machine."""
     origins = {name: np.reshape(rows, (4, 4)) for name, rows in there.origins.items()}
     return model.chain.with_origins(origins).with_limits(there.chain_lower, there.chain_upper)
 
 
 class RemotePoses(PoseLibrary):
-    """The poses of an arm on another machine: those of its arm file and those taught there."""
+    """The poses of an arm on another machine: from its arm file, and taught there."""
 
     def __init__(self, model: Model, connection: Connection) -> None:
         super().__init__(model, "")
@@ -60,7 +60,7 @@ class RemotePoses(PoseLibrary):
         self.path = Path(str(self._fetch()["path"]))
 
     def all_poses(self) -> dict[str, Positions]:
-        """Return every pose by name, the arm file's first."""
+        """Return all poses by name, those of the arm file first."""
         return dict(cast("Mapping[str, Positions]", self._fetch()["all"]))
 
     def user_poses(self) -> dict[str, Positions]:

@@ -1,6 +1,7 @@
-"""Stop arms on other machines, whoever controls them; repeat until they confirm the stop.
+"""Stop arms on other machines, whoever controls them, until they confirm the stop.
 
-``ikservo stop`` imports this module and, besides Zenoh, nothing large: see ``control_client``.
+``ikservo stop`` imports this module, so it imports nothing large except Zenoh: see
+``control_client``.
 """
 
 from __future__ import annotations
@@ -53,7 +54,7 @@ def stop_address(address: str) -> StopResult:
 
 
 def stop_listed_machines() -> StopAllResult:
-    """Stop every arm on the machines of ``IKSERVO_FLEET``, and those served on this one."""
+    """Stop every arm on the machines in ``IKSERVO_FLEET`` and on this machine."""
     hosts: list[Endpoint] = []
     errors: list[IkservoError] = []
     for text in os.environ.get(FLEET_VARIABLE, "").replace(",", " ").split():
@@ -75,15 +76,15 @@ def stop_machine(host: Endpoint, name: str = "*") -> StopAllResult:
     """Stop the arms of a machine; repeat for arms that have not confirmed the stop.
 
     Args:
-        host: The host that serves them.
-        name: The name of the arm; if not given, every arm of that machine.
+        host: The host that serves the arms.
+        name: The name of the arm; if not given, every arm on that machine.
 
     Returns:
         The arms that have confirmed the stop, and an error for each arm that has not, or for the
         machine itself if no arm is known there.
 
     Raises:
-        InputError: This machine has no certificate for it.
+        InputError: This machine has no certificate for the connection.
     """
     stop = _MachineStop(host, name, client_certificate(host))
     for _ in range(_ATTEMPTS):
@@ -95,11 +96,11 @@ def stop_machine(host: Endpoint, name: str = "*") -> StopAllResult:
 
 
 class _MachineStop:
-    """State of stopping one machine.
+    """The state of a stop on one machine.
 
     Args:
         host: The machine.
-        name: The name of its arm, or ``*``.
+        name: The name of the arm, or ``*``.
         certificate: The certificate of this machine.
     """
 
@@ -128,7 +129,7 @@ class _MachineStop:
             self._unreached = error
 
     def result(self) -> StopAllResult:
-        """Return confirmed arms, and errors for the others."""
+        """Return the confirmed arms, and errors for the others."""
         silent = sorted(self._expected - self._stopped.keys() - self._errors.keys())
         errors = [*self._errors.values(), *(self._not_confirmed(name) for name in silent)]
         if not (self._expected or self._stopped or errors):
@@ -156,10 +157,10 @@ class _MachineStop:
 
 
 def _stop_result(data: bytes) -> StopResult:
-    """Return the outcome in a reply; ``wire_messages.result_of`` would import too much.
+    """Return the result in a reply without ``wire_messages``, which imports too much.
 
     Raises:
-        IkservoError: The error in the reply, or it is not a reply to a stop.
+        IkservoError: The reply contains an error, or is not a reply to a stop.
     """
     reply: Any = None
     with contextlib.suppress(ValueError, RecursionError):

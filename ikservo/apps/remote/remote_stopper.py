@@ -1,4 +1,4 @@
-"""The part of ``ikservo stop`` for arms on other machines; large imports are deferred."""
+"""Stop arms on other machines for ``ikservo stop``; large imports are deferred."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ class RemoteStopper:
     scheme = SCHEME
 
     def may_find_arms(self) -> bool:
-        """Check whether a machine is listed, or an arm is served here, maybe by another user."""
+        """Check whether a machine is listed or an arm is served here, perhaps by another user."""
         return bool(os.environ.get("IKSERVO_FLEET")) or listens(parse_host("127.0.0.1"))
 
     def stop_address(self, address: str) -> StopResult:

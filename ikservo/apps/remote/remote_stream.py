@@ -23,13 +23,13 @@ _CLOSE_TIMEOUT_S, _END_PERIOD_S = 10.0, 0.1
 
 
 class RemoteStream:
-    """Takes setpoints in a ``with`` block; see ``Arm.stream`` and ``SetpointStream``.
+    """Streams setpoints in a ``with`` block; see ``Arm.stream`` and ``SetpointStream``.
 
     Attributes:
         sent: The number of setpoints that were sent.
         unreached: The number of setpoints out of reach; known at the end of the block.
         refused: The number of setpoints that the guard refused; known at the end of the block.
-        reason: Why the last refused setpoint was refused.
+        reason: The reason for the last refusal.
         kept: Always None, because the goal that the arm kept is known only on its machine.
     """
 
@@ -50,7 +50,7 @@ class RemoteStream:
         self.kept: Vector | None = None
 
     def __enter__(self) -> RemoteStream:
-        """Take control and start; the arm moves with the first setpoint.
+        """Take control and start; the arm moves from the first setpoint on.
 
         Raises:
             RefusedError: The stream was used before, or another program controls the arm.
@@ -81,7 +81,7 @@ class RemoteStream:
         return self._arm.joint_names
 
     def send(self, setpoint: Mapping[str, float] | ArrayLike | Target) -> None:
-        """Send a setpoint; it replaces the one before. See ``SetpointStream.send``.
+        """Send a setpoint, which replaces the previous one. See ``SetpointStream.send``.
 
         Raises:
             BadValueError: The value is not a setpoint, or a number is not finite.
@@ -120,7 +120,7 @@ def goal_fields(goal: Target | Mapping[str, float] | Matrix) -> dict[str, object
 def next_items(
     clock: Clock, targets: Iterable[CartesianOrJointTarget | None], period_s: float
 ) -> Generator[tuple[CartesianOrJointTarget | None, bool]]:
-    """Yield an item and whether the stream has ended, once per period; repeat the end forever."""
+    """Once per period, yield an item and whether the stream has ended; repeat the end forever."""
     items = iter(targets)
     for _ in Rate(clock, period_s):
         try:

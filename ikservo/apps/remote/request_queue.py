@@ -1,4 +1,4 @@
-"""Queue of client requests, which are checked at arrival and answered in threads."""
+"""Queue of client requests, which are checked on arrival and answered in threads."""
 
 from __future__ import annotations
 
@@ -25,13 +25,13 @@ _THREADS = 4
 
 
 class RequestQueue:
-    """Answers the requests of one key expression; Zenoh calls it in a thread of its own.
+    """Answers the requests for one key expression; Zenoh calls it in its own thread.
 
     Args:
         key: ``…/*`` for services by name, or the key of one service.
         answer: Runs the request of a service; returns the result.
-        check: Refuses a request of a service at its arrival.
-        requested: Called with a request at its arrival; returns the context of its answer.
+        check: Refuses a request for a service on arrival.
+        requested: Called with a request on arrival; returns the context for its answer.
         quick: Services of an operator that do not wait for earlier requests; all others of
             ``…/drive/*`` run one by one.
     """
@@ -52,7 +52,7 @@ class RequestQueue:
         self._single = ThreadPoolExecutor(1, thread_name_prefix="ikservo-drive")
 
     def __enter__(self) -> RequestQueue:
-        """Return itself; leaving the block waits for requests in progress."""
+        """Return the queue; leaving the block waits for requests in progress."""
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -67,7 +67,9 @@ class RequestQueue:
             request = decode(ServiceRequest, data, MAX_REQUEST_BYTES)
             if self._driving:
                 if str(query.key_expr) != self._key.replace("*", service) or "*" in service:
-                    raise InputError("A request drives one arm.", "Nothing was sent. Name the arm.")
+                    raise InputError(
+                        "A request can drive only one arm.", "Nothing was sent. Name the arm."
+                    )
                 self._check(request, service)
             if not self._free.acquire(blocking=False):
                 raise RefusedError("The arm has too many requests.", "Nothing was sent. Try again.")

@@ -1,4 +1,4 @@
-"""``ikservo ros``: an arm as a node of ROS 2, without ROS."""
+"""``ikservo ros``: make an arm a ROS 2 node, without ROS."""
 
 from __future__ import annotations
 
@@ -38,7 +38,10 @@ Router = Annotated[
 Namespace = Annotated[
     str, typer.Option("--namespace", help="Prefix of all names, for example left.")
 ]
-Rate = Annotated[float, typer.Option("--rate", min=0.1, max=200.0, help="Joint states per second.")]
+Rate = Annotated[
+    float,
+    typer.Option("--rate", min=0.1, max=200.0, help="Number of joint states published per second."),
+]
 
 
 def command(
@@ -51,9 +54,9 @@ def command(
     speed: SpeedOption = "normal",
     options: Annotated[MotionOptions, Without("dry_run", "tip")],
 ) -> None:
-    """Make an arm a ROS 2 node until Ctrl-C; needs rmw_zenoh there, no ROS here.
+    """Make an arm a ROS 2 node until Ctrl-C; only the other machine needs ROS, with rmw_zenoh.
 
-    Everybody in that domain can move the arm within its limits; see docs/how-to/ros2.md.
+    Everyone in its ROS domain can move the arm within its limits; see docs/how-to/ros2.md.
 
     ikservo ros so101
 
@@ -94,8 +97,8 @@ def _announce(
         )  # fmt: skip
         return
     print_status(
-        f"{machine.model.title} on {port} is in domain {domain} of ROS 2, via the router at "
-        f"{router}; Ctrl-C ends it."
+        f"{machine.model.title} on {port} is in ROS 2 domain {domain}, via the router at "
+        f"{router}; press Ctrl-C to end."
     )
     print_status(f"says    {' '.join(outputs)}")
     print_status(f"takes   {' '.join(inputs)}")

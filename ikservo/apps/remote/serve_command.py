@@ -35,10 +35,10 @@ Listen = Annotated[
     ),
 ]
 Name = Annotated[
-    str | None, typer.Option("--name", help="Name in the address; default: the arm's.")
+    str | None, typer.Option("--name", help="Name in the address; default: the name of the arm.")
 ]
 Rate = Annotated[
-    float, typer.Option("--rate", min=0.1, max=200.0, help="Published states per second.")
+    float, typer.Option("--rate", min=0.1, max=200.0, help="Number of states published per second.")
 ]
 
 
@@ -67,7 +67,8 @@ def command(
     certificate = server_certificate(endpoint)
     if find_network(connection.port) is not None:
         raise InputError(
-            "An arm on another machine cannot be served again.", "Run `ikservo serve` there."
+            "An arm on another machine cannot be served again.",
+            "Run `ikservo serve` on the machine with the arm.",
         )
     access = None if certificate is None else access_control(served_as)
     with (
@@ -86,7 +87,7 @@ def command(
 
 
 def _announce(machine: Arm, address: ArmAddress, *, json: bool) -> None:
-    """Print where the arm is served."""
+    """Print the address at which the arm is served."""
     if json:
         print_json(
             "serve",
@@ -98,13 +99,13 @@ def _announce(machine: Arm, address: ArmAddress, *, json: bool) -> None:
         return
     print_status(
         f"{machine.model.title} on {format_port(machine.port_name)} is served at "
-        f"{address.endpoint}; Ctrl-C ends it."
+        f"{address.endpoint}; press Ctrl-C to end."
     )
-    print_status(f"From there: --port {_reachable(address)}")
+    print_status(f"From the other machine: --port {_reachable(address)}")
 
 
 def _reachable(address: ArmAddress) -> ArmAddress:
-    """Return the address, with this machine's name if it listens at every address."""
+    """Return the address, with this machine's name if the endpoint is a wildcard."""
     import platform  # noqa: PLC0415  # rarely needed
 
     endpoint = address.endpoint
@@ -115,7 +116,7 @@ def _reachable(address: ArmAddress) -> ArmAddress:
 
 @contextmanager
 def ended_by_signal() -> Generator[Callable[[], None]]:
-    """End the command without an error at Ctrl-C, SIGTERM and SIGHUP.
+    """End the command without an error on Ctrl-C, SIGTERM and SIGHUP.
 
     Yields:
         A function that waits for a signal; signals since the start of the block count.

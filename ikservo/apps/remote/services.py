@@ -1,4 +1,4 @@
-"""The services of a served arm: a fixed table from names to methods with checked arguments."""
+"""The services of a served arm: a fixed table of names and methods with checked arguments."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ Positions = dict[str, float]
 
 
 class Arguments(BaseModel):
-    """Arguments of a service; unknown arguments are refused."""
+    """The arguments of a service; unknown arguments are refused."""
 
     model_config = ConfigDict(extra="forbid", arbitrary_types_allowed=True)
 
@@ -31,7 +31,7 @@ class Arguments(BaseModel):
 
 
 class Nothing(Arguments):
-    """No arguments."""
+    """Empty arguments."""
 
 
 class AtSpeed(Arguments):
@@ -41,7 +41,7 @@ class AtSpeed(Arguments):
 
 
 class OfMotion(Arguments):
-    """Arguments of a motion, see ``parse_motion``."""
+    """Arguments that describe a motion; see ``parse_motion``."""
 
     motion: dict[str, JsonValue]
 
@@ -50,11 +50,13 @@ class OfMotion(Arguments):
 
         Raises:
             InputError: The motion cannot be used; the error is the same as from ``Arm``.
-            RefusedError: The motion would read a file of this machine.
+            RefusedError: The motion would read a file on this machine.
         """
         motion = parse_motion(self.motion)
         if isinstance(motion, OwnMotion):
-            raise RefusedError(f"{motion} works only on the arm's computer.", "Run it there.")
+            raise RefusedError(
+                f"{motion} works only on the arm's computer.", "Run the program on that computer."
+            )
         return motion
 
 
@@ -66,7 +68,7 @@ class Jog(Arguments):
 
 
 class OfPlan(Arguments):
-    """Arguments of a kept plan."""
+    """Arguments that name a stored plan."""
 
     plan: Name
 
@@ -78,14 +80,14 @@ class OfPositions(Arguments):
 
 
 class Taught(Arguments):
-    """A pose to teach."""
+    """Arguments with a pose to teach."""
 
     name: Name
     hold: bool = False
 
 
 class InPose(Arguments):
-    """A pose, and the joints at which the arm would be."""
+    """Arguments with a pose, and the joints at which the arm would be."""
 
     pose: Name
     start: FloatArray | None = None
@@ -93,7 +95,7 @@ class InPose(Arguments):
 
 @dataclass(frozen=True, slots=True)
 class Service:
-    """A service.
+    """A service of a served arm.
 
     Attributes:
         arguments: The schema of its arguments.
@@ -153,4 +155,4 @@ MOTIONS: Mapping[str, Service] = {
 """Other requests that may move the arm; they run one at a time, under the lease."""
 
 STREAMED: Mapping[str, type[Arguments]] = {"jog": Jog, "follow": AtSpeed, "stream": AtSpeed}
-"""Motions that continue while the operator sends setpoints."""
+"""Motions that continue as long as the operator sends setpoints."""

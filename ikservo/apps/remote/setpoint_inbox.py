@@ -1,4 +1,4 @@
-"""Inbox for setpoints of the operator, between the network and the running motion."""
+"""Inbox for the operator's setpoints, between the network and the running motion."""
 
 from __future__ import annotations
 
@@ -22,8 +22,8 @@ _POLL_S = 0.05
 class SetpointInbox:
     """Holds the newest goal, and whether the operator wants the motion to go on.
 
-    The request that starts a motion and its setpoints may overtake each other. So setpoints that
-    arrive before ``begin`` are kept, and count if they were sent after that request.
+    Setpoints may overtake the request that starts their motion. Therefore, setpoints that arrive
+    before ``begin`` are kept, and are used if they were sent after that request.
     """
 
     def __init__(self) -> None:
@@ -35,15 +35,15 @@ class SetpointInbox:
         self._goal_s = math.inf
 
     def begin(self, lease: str, number: int) -> None:
-        """Start a motion that was requested under a lease with a number; later setpoints count."""
+        """Start the motion of a numbered request under a lease; setpoints sent later are used."""
         with self._changed:
             self._begun, self._closed, self._goal_s = (lease, number), False, math.inf
 
     def put(self, setpoint: Setpoint) -> None:
-        """Take a setpoint that the lease has accepted.
+        """Store a setpoint that the lease has accepted.
 
         Raises:
-            BadValueError: Its target is not valid.
+            BadValueError: The target is not valid.
         """
         goal: CartesianOrJointTarget | None = setpoint.positions
         if setpoint.target is not None:
@@ -71,7 +71,7 @@ class SetpointInbox:
         return not (self._closed or self._counts(self._end))
 
     def take(self) -> CartesianOrJointTarget | None:
-        """Take the newest goal once; None if there is no new goal."""
+        """Return the newest goal once; None if there is no new goal."""
         with self._changed:
             found, self._goal = self._goal, None
             if found is None or not self._counts(found[0]):
@@ -103,7 +103,7 @@ class SetpointInbox:
 
 
 class _Pace:
-    """Slows simulated time down to real time, in which the operator acts."""
+    """Slows simulated time down to the real time of the operator."""
 
     def __init__(self, arm: OpenArm) -> None:
         self._clock = arm.clock
@@ -120,7 +120,7 @@ class _Pace:
 
 
 def run_jog(arm: OpenArm, inbox: SetpointInbox, what: str, speed: float | None) -> object:
-    """Jog for as long as the operator's setpoints want it; see ``Arm.jog``."""
+    """Jog as long as the operator's setpoints request it; see ``Arm.jog``."""
     pace = _Pace(arm)
 
     def wanted() -> bool | None:
@@ -131,7 +131,7 @@ def run_jog(arm: OpenArm, inbox: SetpointInbox, what: str, speed: float | None) 
 
 
 def run_follow(arm: OpenArm, inbox: SetpointInbox, speed: str, timeout_s: float) -> object:
-    """Follow the operator's goals until no more are wanted; see ``Arm.follow``.
+    """Follow the operator's goals until the operator ends the stream; see ``Arm.follow``.
 
     If the operator is alive but sends no goal within the time-out, the arm stops and holds.
 
@@ -139,7 +139,7 @@ def run_follow(arm: OpenArm, inbox: SetpointInbox, speed: str, timeout_s: float)
         StoppedError: The arm was stopped.
     """
     result = arm.follow(_goals(arm, inbox, timeout_s), speed=speed)
-    if inbox.wanted:  # it has ended because no goal came
+    if inbox.wanted:  # the stream ended because no goal arrived
         _stop_without_goal(arm)
         raise StoppedError(arm.stopped_for, RELAX_HINT)
     return result
@@ -159,17 +159,17 @@ def _goals(
 
 
 def _stop_without_goal(arm: OpenArm) -> None:
-    text = f"No goal was sent for {DEAD_MAN_TIMEOUT_S:g} s; the arm holds its position."
+    text = f"No goal was received for {DEAD_MAN_TIMEOUT_S:g} s; the arm holds its position."
     arm.request_stop(StopReason(StopKind.CLIENT, text))
 
 
 def run_stream(arm: OpenArm, inbox: SetpointInbox, speed: str, timeout_s: float) -> object:
-    """Send the operator's goals through ``Arm.stream`` until no more are wanted.
+    """Send the operator's goals through ``Arm.stream`` until the operator ends the stream.
 
     If the operator is alive but sends no goal within the time-out, the arm stops and holds.
 
     Returns:
-        The numbers of goals out of reach and of refused goals, and the reason.
+        The number of goals out of reach, the number of refused goals, and the reason.
     """
     with arm.stream(speed=speed) as stream:
         while inbox.wanted and arm.stop_reason is None:

@@ -20,7 +20,7 @@ SCHEMA = "ikservo/net/1"
 MAX_REQUEST_BYTES = 1_000_000
 MAX_REPLY_BYTES = 4_000_000
 MAX_SETPOINT_BYTES = 4_096
-"""Largest size of each kind of message, bytes; longer ones are refused unread."""
+"""Largest size of each kind of message, bytes; longer messages are refused unread."""
 
 Lease = Annotated[str, Field(max_length=64, pattern=r"^[0-9a-f]*$")]
 Number = Annotated[int, Field(ge=0, le=2**53)]
@@ -41,8 +41,8 @@ class ServiceRequest(_NetworkMessage):
         lease: The lease of control for the request; empty if none is needed.
         number: The number of this request under the lease, increasing; 0 without a lease.
         sent_s: Time of sending, by the clock of the server.
-        stop_count: The number of stops of the arm when the motion was requested, maybe long before
-            sending; None: the number at the arrival.
+        stop_count: The number of stops of the arm when the motion was requested, perhaps long
+            before sending; None: the number on arrival.
         arguments: The arguments of the service.
     """
 
@@ -68,7 +68,7 @@ class ServiceReply(_NetworkMessage):
 
 
 class TargetFields(_NetworkMessage):
-    """A ``Target`` of a stream."""
+    """The fields of a ``Target`` in a stream."""
 
     position_m: FloatArray
     direction: FloatArray | None = None
@@ -112,10 +112,10 @@ class Setpoint(_NetworkMessage):
         lease: The operator's lease of control.
         number: The number of this message under the lease, increasing.
         sent_s: Time of sending, by the clock of the server.
-        wanted: Whether a jog or the stream of goals continues; None: no news.
+        wanted: Whether a jog or the stream of goals continues; None if that has not changed.
         positions: The goal: joint positions by name, rad or m.
-        pose: Instead, the pose of the tip T_base_tip (4, 4).
-        target: Instead, a target.
+        pose: The goal as a pose of the tip, T_base_tip (4, 4), instead of joints.
+        target: The goal as a target, instead of joints.
     """
 
     schema_: Literal["ikservo/net/1"] = Field(SCHEMA, alias="schema")
@@ -163,7 +163,7 @@ def encode(message: BaseModel, max_bytes: int = MAX_REQUEST_BYTES) -> bytes:
 
 
 def decode(kind: type[M], data: bytes, max_bytes: int) -> M:
-    """Decode the message in JSON.
+    """Decode a message from JSON.
 
     Raises:
         InputError: The message is too long or of another kind.
@@ -181,12 +181,12 @@ def decode(kind: type[M], data: bytes, max_bytes: int) -> M:
 
 
 def encode_result(result: object) -> bytes:
-    """Encode the reply with a result."""
+    """Encode a reply with a result."""
     return encode(ServiceReply(schema=SCHEMA, result=encode_value(result)), MAX_REPLY_BYTES)
 
 
 def encode_failure(error: BaseException) -> bytes:
-    """Encode the reply with an error."""
+    """Encode a reply with an error."""
     return encode(ServiceReply(schema=SCHEMA, error=error_fields(error)), MAX_REPLY_BYTES)
 
 
@@ -194,14 +194,14 @@ def result_of(data: bytes) -> object:
     """Return the result in a reply.
 
     Raises:
-        IkservoError: The error in the reply, or it is not a valid reply.
+        IkservoError: The reply contains an error, or is not valid.
     """
     reply = decode(ServiceReply, data, MAX_REPLY_BYTES)
     return decode_value(cast("JsonValue", result_in(reply.model_dump())))
 
 
 def arguments_of(values: Mapping[str, object]) -> dict[str, JsonValue]:
-    """Return arguments of a service as JSON values, with arrays as lists.
+    """Return the arguments of a service as JSON values, with arrays as lists.
 
     Raises:
         InputError: A value is not a number, text, list or mapping of these.

@@ -51,7 +51,7 @@ class ZenohNetwork:
         return stop_address(address)
 
     def stop_all_arms(self) -> StopAllResult:
-        """Stop every arm on the machines of ``IKSERVO_FLEET``, and those served on this one."""
+        """Stop every arm on the machines in ``IKSERVO_FLEET`` and on this machine."""
         return stop_listed_machines()
 
 
@@ -59,7 +59,7 @@ NETWORK = ZenohNetwork()
 
 
 def fleet_hosts(given: tuple[str, ...] | list[str]) -> list[Endpoint]:
-    """Return the machines that the user has named, or else those of ``IKSERVO_FLEET``.
+    """Return the machines that the user has named, or else those in ``IKSERVO_FLEET``.
 
     Raises:
         BadValueError: An entry is not ``HOST[:PORT]``.

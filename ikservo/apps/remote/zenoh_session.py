@@ -38,7 +38,7 @@ class Certificate:
     Attributes:
         authority: The certificate of the authority that both ends trust.
         certificate: The certificate of this end.
-        key: Its private key.
+        key: The private key of this end.
     """
 
     authority: Path
@@ -83,7 +83,7 @@ def open_client(
     """Connect to an endpoint; the session is closed at the end of the block.
 
     Raises:
-        PortError: Nothing listens there, or it refuses the certificate.
+        PortError: Nothing listens there, or the other end refuses the certificate.
         IkservoError: The extra ``net`` is not installed.
     """
     config = _client_settings(connect, certificate)
@@ -100,7 +100,7 @@ def open_router_client(
     """Connect to the Zenoh router of ROS 2; the session is closed at the end of the block.
 
     Raises:
-        PortError: Nothing listens there, or it refuses the certificate.
+        PortError: Nothing listens there, or the other end refuses the certificate.
         IkservoError: The extra ``net`` is not installed.
     """
     config = _client_settings([router], certificate)
@@ -134,7 +134,7 @@ def _client_settings(
 def ask(
     session: zenoh.Session, key: str, payload: bytes, timeout_s: float
 ) -> list[tuple[str, bytes]]:
-    """Send a request; return key and payload of each answer that arrives in time."""
+    """Send a request; return the key and payload of each answer that arrives in time."""
     answers: list[tuple[str, bytes]] = []
     for reply in session.get(key, payload=payload, timeout=timeout_s):
         if reply.ok is not None:
@@ -158,7 +158,7 @@ def on_each_host(hosts: list[Endpoint], do: Callable[[Endpoint], T]) -> list[T |
 
 
 def served_names(session: zenoh.Session, timeout_s: float) -> list[str]:
-    """Return the names under which arms are served at the other end of a session."""
+    """Return the names under which the other end of a session serves arms."""
     replies = session.liveliness().get(keys.server("*"), timeout=timeout_s)
     return sorted(str(each.ok.key_expr).split("/")[1] for each in replies if each.ok is not None)
 
@@ -173,7 +173,7 @@ def who_asks() -> str:
 
 
 def _common_settings() -> dict[str, object]:
-    """Return the settings of both ends, in which discovery is switched off."""
+    """Return the settings for both ends, with discovery switched off."""
     return {
         "mode": "peer",
         "scouting/multicast/enabled": False,
@@ -200,7 +200,7 @@ def _opened(settings: Mapping[str, object], what: str, hint: str) -> Generator[z
             config.insert_json5(key, json.dumps(value))  # pyright: ignore[reportUnknownMemberType]
         session = zenoh.open(config)
     except zenoh.ZError as error:
-        # The message of Zenoh is used without its source locations.
+        # Zenoh's message is used without its source locations.
         reason = str(error).partition(" at /")[0].strip().rstrip(".!")
         if "Timeout" in reason:
             reason = "it does not answer"
@@ -216,7 +216,7 @@ def _opened(settings: Mapping[str, object], what: str, hint: str) -> Generator[z
 
 
 def _why_unreachable(settings: Mapping[str, object]) -> tuple[str, str] | None:
-    """Return why the only endpoint is unreachable, and a hint; None if no cause is found.
+    """Return the reason why the only endpoint is unreachable, and a hint; None if unknown.
 
     Zenoh reports the same timeout for a missing host, a closed port, and TLS at only one end.
     """
@@ -251,7 +251,7 @@ def _answers_tls(connection: socket.socket) -> bool:
     try:
         context.wrap_socket(connection).close()
     except ssl.SSLError as error:
-        return "ALERT" in str(error).upper()  # it requires a certificate, so it is TLS
-    except OSError:  # it is silent, or closes at once
+        return "ALERT" in str(error).upper()  # the other end requires a certificate, so it uses TLS
+    except OSError:  # the other end is silent, or closes at once
         return False
     return True

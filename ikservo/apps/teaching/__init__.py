@@ -45,7 +45,7 @@ APP = App(
         "program": Command("", "Write, check and run a file of steps.", "Teach and replay"),
         "program new": Command(
             "ikservo.apps.teaching.program_command:new",
-            "Write a first program.",
+            "Write an example program.",
             "Teach and replay",
         ),
         "program check": Command(

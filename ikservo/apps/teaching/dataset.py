@@ -25,7 +25,7 @@ from ikservo.files.writing import FileWriteError, make_folder
 from ikservo.kinematics.arrays import Matrix
 from ikservo.model import Model
 
-_OWN_TYPES = ("ikservo",)  # robots whose values use the zeros of the geometry
+_OWN_TYPES = ("ikservo",)  # robots whose values refer to the zeros of the geometry
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -114,7 +114,7 @@ def _positions(values: Matrix, dataset: Dataset, model: Model, options: DatasetO
         if not found:
             raise CalibrationError(
                 f"{model.name} is not calibrated, so its zeros are not known.",
-                "Calibrate it, or take LeRobot's ranges: ikservo import lerobot ID",
+                "Calibrate it, or import LeRobot's ranges: ikservo import lerobot ID",
             )
         newest = max((read_calibration(path) for path in found), key=lambda own: own.written)
         return positions_of_lerobot(
@@ -123,8 +123,8 @@ def _positions(values: Matrix, dataset: Dataset, model: Model, options: DatasetO
     if dataset.robot_type not in _OWN_TYPES:
         raise CalibrationError(
             f"{dataset.folder} was recorded with {dataset.robot_type or 'an unknown robot'}, "
-            "whose zeros are the middles of its sweep.",
-            "Give LeRobot's id or file of that arm: --calibration ID",
+            "whose zeros are the middle of each swept range.",
+            "Give the id or file of that arm in LeRobot: --calibration ID",
         )
     own = JointValues(model)
     if set(own.names) != set(dataset.joints):

@@ -17,11 +17,11 @@ from ikservo.kinematics.arrays import Matrix, Vector, freeze_arrays
 from ikservo.remedies import install_command
 
 COLUMNS: Mapping[str, str] = {"state": "observation.state", "action": "action"}
-"""Kinds of values of an episode: measured or commanded."""
+"""LeRobot's columns for the values of an episode: measured or commanded."""
 
 _MAX_BYTES = 16 * 1024 * 1024
 MAX_FRAMES = 1_000_000
-"""Largest number of frames in a file; LeRobot begins a new file at 100 MB."""
+"""Largest number of frames in a file; LeRobot starts a new file at 100 MB."""
 _SUFFIX = ".pos"  # end of the name of a joint's value
 
 
@@ -30,7 +30,7 @@ class Episode:
     """One episode.
 
     Attributes:
-        number: Its number in the data set.
+        number: The number of the episode in the data set.
         times_s: Times (k,) of the frames, increasing.
         values: The values of the joints (k, n), in LeRobot's units.
     """
@@ -81,7 +81,7 @@ def read_dataset(folder: Path, what: str = "state") -> Dataset:
         what: ``state`` for measured values, ``action`` for commanded ones.
 
     Raises:
-        UnknownNameError: ``what`` is neither of these.
+        UnknownNameError: ``what`` is neither of the two.
         InputError: The folder has no data set.
         IkservoError: pyarrow is not installed.
         FileFormatError: The folder is not a data set of version 3, or has no joints.
@@ -100,7 +100,9 @@ def read_dataset(folder: Path, what: str = "state") -> Dataset:
     columns = [i for i, name in enumerate(names) if name.endswith(_SUFFIX)]
     if not columns:
         found = f"has no joints: {', '.join(names) or 'no names'}"
-        raise FileFormatError(path, COLUMNS[what], found, "names as elbow_flex.pos; try --what")
+        raise FileFormatError(
+            path, COLUMNS[what], found, "names such as elbow_flex.pos; try --what"
+        )
     joints = tuple(names[i].removesuffix(_SUFFIX) for i in columns)
     episodes = tuple(_read_episodes(folder, COLUMNS[what], columns, len(names)))
     fps = info["fps"]
@@ -150,12 +152,14 @@ def _read_episodes(folder: Path, column: str, columns: list[int], width: int) ->
                 folder, where, "has values that are not numbers", "finite numbers"
             )
         if np.any(np.diff(episode.times_s) <= 0.0):
-            raise FileFormatError(folder, where, "has two frames at one time", "growing timestamps")
+            raise FileFormatError(
+                folder, where, "has two frames with the same time", "growing timestamps"
+            )
         yield episode
 
 
 def _read_file(path: Path, column: str, width: int) -> tuple[Vector, Vector, Matrix]:
-    """Read the episode's number (k,), the time (k,) and the values (k, width) of a file."""
+    """Read episode numbers (k,), times (k,) and values (k, width) from a file."""
     import pyarrow as pa  # noqa: PLC0415  # from the extra `dataset`
 
     pq: Any = importlib.import_module("pyarrow.parquet")  # its type hints are incomplete
@@ -180,7 +184,7 @@ def _read_file(path: Path, column: str, width: int) -> tuple[Vector, Vector, Mat
 
 
 def _check_size(path: Path, file: Any, names: Sequence[str], width: int) -> None:  # noqa: ANN401  # no types
-    """Refuse too many frames or values before reading any, because a few bytes can become many."""
+    """Refuse too many frames or values before any are read, because small files can expand."""
     metadata = file.metadata
     rows, values, size = metadata.num_rows, 0, 0
     for group in range(metadata.num_row_groups):

@@ -28,7 +28,7 @@ _COUNTERS = ("frame_index", "episode_index", "index", "task_index")
 _QUANTILES = {"q01": 0.01, "q10": 0.1, "q50": 0.5, "q90": 0.9, "q99": 0.99}
 
 Frames = dict[str, Matrix]
-"""The columns of one episode, (k, width) each."""
+"""The columns of one episode, each (k, width)."""
 
 
 def write_dataset(
@@ -36,7 +36,8 @@ def write_dataset(
 ) -> int:
     """Write recordings as the episodes of a new data set; return the number of its frames.
 
-    Each recording is sampled at ``fps``. The action of a frame is the joints of the next frame.
+    Each recording is sampled at ``fps``. The action of each frame is the joint positions in the
+    next frame.
 
     Args:
         folder: The folder of the data set; it must be new or empty.
@@ -195,7 +196,7 @@ def _json(table: Mapping[str, object]) -> bytes:
     return (json.dumps(table, indent=4) + "\n").encode()
 
 
-# LeRobot reads the tasks with pandas, with the sentence as the index.
+# LeRobot reads the tasks with pandas and uses the sentence as the index.
 _INDEXED_BY_TASK = {
     "index_columns": ["task"],
     "column_indexes": [],

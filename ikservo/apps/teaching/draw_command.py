@@ -35,7 +35,7 @@ Origin = Annotated[
         "current tip position.",
     ),
 ]
-Scale = Annotated[float | None, typer.Option("--scale", help="Factor for all lengths of the file.")]
+Scale = Annotated[float | None, typer.Option("--scale", help="Factor for all lengths in the file.")]
 Width = Annotated[
     float | None,
     typer.Option(
@@ -56,7 +56,7 @@ Rotate = Annotated[
 ]
 Unit = Annotated[
     str | None,
-    typer.Option("--unit", help="Unit of a CSV whose header names none: m or mm; default: m."),
+    typer.Option("--unit", help="Unit of a CSV without a unit in its header: m or mm; default: m."),
 ]
 Lift = Annotated[
     float,
@@ -64,7 +64,7 @@ Lift = Annotated[
         "--lift",
         parser=parse_length_m,
         metavar="LENGTH",
-        help="Lift of the tip between strokes; default: 10mm.",
+        help="Height to lift the tip between strokes; default: 10mm.",
         show_default=False,
     ),
 ]
@@ -89,8 +89,9 @@ def command(
     """Move the tip along the strokes of a file, lifted between them.
 
     An SVG has its own size (one pixel is 1/96 inch); its right side is to the right of the arm, and
-    its top is away from the arm. Each line of a CSV has x,y or x,y,z in the directions of the base
-    frame, and an empty line ends a stroke; metres, or the unit of its header: x_mm,y_mm.
+    its top is away from the arm. Each line of a CSV has x,y or x,y,z along the axes of the base
+    frame; an empty line ends a stroke. Lengths are in metres, or in the unit that the header gives:
+    x_mm,y_mm.
 
     ikservo draw star.svg --origin 0.18,0.04,0.05 --width 80mm --arm so101 --port sim
 

@@ -44,7 +44,7 @@ Fps = Annotated[
     int | None, typer.Option("--fps", min=1, max=500, help="Frames per second of a data set.")
 ]
 Task = Annotated[
-    str, typer.Option("--task", metavar="TEXT", help="Description of the task in its episodes.")
+    str, typer.Option("--task", metavar="TEXT", help="Description of the task, for a data set.")
 ]
 
 
@@ -57,7 +57,7 @@ def command(
     fps: Fps = None,
     task: Task = "",
 ) -> None:
-    """Print a calibration as LeRobot's JSON, a recording as CSV; write recordings as a data set.
+    """Print a calibration as LeRobot JSON or a recording as CSV; write recordings as a data set.
 
     Values that LeRobot's file cannot hold are listed on stderr.
 
@@ -93,7 +93,7 @@ def _write_output(text: str, to: Path | None) -> None:
 
 
 def _find_calibration_file(model: Model, port: str | None) -> Path:
-    """Find the calibration of the arm on a port, or the only one that exists."""
+    """Find the calibration file of the arm on a port, or the only file that exists."""
     found = calibrations_of(model.name)
     if port:
         found = [

@@ -22,7 +22,7 @@ Leader = Annotated[
     str,
     typer.Argument(
         metavar="LEADER",
-        help="Arm that is guided by hand: a name or a file.",
+        help="Arm that you guide by hand: a name or a file.",
         autocompletion=complete_arms,
     ),
 ]

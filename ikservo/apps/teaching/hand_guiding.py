@@ -3,7 +3,8 @@
 Each servo stays in position mode: a goal that leads its joint by the sag under gravity makes the
 servo hold with just the torque of gravity. Each joint has an anchor, which stays until the hand has
 moved the joint by a small angle from it, and then follows at that distance. The torque is therefore
-that of gravity plus at most the stiffness times that angle, and an arm that is left alone rests.
+that of gravity plus at most the stiffness times that angle, and an arm that nobody touches stays at
+rest.
 
 Current or duty modes would need an EEPROM write on a Dynamixel, and the arm would fall if the
 program were killed. In position mode it holds.
@@ -25,26 +26,26 @@ from ikservo.motion import TrajectoryPoint
 from ikservo.planning.context import ArmContext
 
 ANCHOR_RAD = 0.01
-"""Angle of a horn from its anchor at which the anchor follows: a few ticks above noise."""
+"""Angle between horn and anchor from which the anchor follows: a few ticks above noise."""
 
 # If gravity loads a joint less than its dry friction, its anchor follows so closely that friction
 # alone holds it when the hand lets go, but not closer than noise: a rotor that springs back would
 # throw the link across the backlash.
 _UNLOADED, _NOISE_TICKS = 1.0, 2.0
 
-_SPEED_CLASS = "fast"  # speed class up to which anchors follow the hand
-_FADE_S = 0.5  # time of the change from the present goals to those of gravity alone
+_SPEED_CLASS = "fast"  # fastest speed class with which anchors follow the hand
+_FADE_S = 0.5  # duration of the change from the present goals to goals that carry only gravity
 _MAX_STEP_S = 0.02  # a late cycle counts as at most this long
 
 
 class HandGuiding:
-    """Goals of the servos that carry the arm and follow its joints; an endless trajectory.
+    """Endless trajectory of servo goals that carry the arm and follow its joints.
 
-    It is called once per control cycle, after the joints are measured.
+    The trajectory is evaluated once per control cycle, after the joints are measured.
 
     Args:
         context: The arm.
-        feed_forward: The feed-forward of its masses and servos.
+        feed_forward: The feed-forward from the masses and servos of the arm.
         goals: The goals in force (n,), rad or m.
     """
 
@@ -104,7 +105,7 @@ def guide_by_hand(arm: Arm, until: Callable[[], bool]) -> dict[str, float]:
     Raises:
         CalibrationError: The arm is not calibrated, so gravity is unknown.
         RefusedError: Gravity is unknown, because the arm file has no masses or the motor of a servo
-            is unknown; or the hand was faster than the arm may move. The arm holds its position.
+            is unknown; or the hand moved faster than the arm may. The arm holds its position.
         StoppedError: The arm was stopped; it holds.
     """
     context, runner = arm.context, arm.runner

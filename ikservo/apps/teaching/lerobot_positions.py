@@ -1,4 +1,4 @@
-"""Convert LeRobot's joint values, whose zeros are the middles of its sweep, to positions."""
+"""Convert LeRobot's joint values, whose zeros are the middle of each swept range, to positions."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from ikservo.kinematics.arrays import Matrix, Vector
 from ikservo.model import Model
 from ikservo.registers import MODELS, Family
 
-_DEGREES_PER_TICK = 360.0 / 4095.0  # the scale of LeRobot
+_DEGREES_PER_TICK = 360.0 / 4095.0  # LeRobot's scale
 
 
 def positions_of_lerobot(
@@ -25,13 +25,15 @@ def positions_of_lerobot(
     *,
     percent: bool = False,
 ) -> Matrix:
-    """Compute positions (k, n), rad or m, from values (k, m) of a robot of LeRobot.
+    """Compute positions (k, n), rad or m, from values (k, m) of a LeRobot robot.
 
     Args:
-        values: Degrees from the middle of the sweep, or -100 to 100 %; the gripper 0 to 100 %.
+        values: Degrees from the middle of the swept range, or -100 to 100 %; for the gripper, 0 to
+            100 %.
         names: The joint of each column of values.
         joints: LeRobot's calibration of the arm at that time.
-        calibration: The same arm's calibration by ikservo, which has the zeros of the geometry.
+        calibration: The calibration of the same arm by ikservo, which has the zeros of the
+            geometry.
         model: The arm; its joints are the columns of the result.
         percent: Whether the values are percentages.
 
@@ -45,7 +47,7 @@ def positions_of_lerobot(
         if theirs is None or own is None or joint.name not in names or theirs.id != own.servo.id:
             raise CalibrationError(
                 f"{joint.name} is not the same servo in the data set and both calibrations.",
-                "Choose the arm with --arm and LeRobot's file of it with --calibration.",
+                "Choose the arm with --arm and its LeRobot file with --calibration.",
             )
         column = values[:, list(names).index(joint.name)]
         low, high = theirs.range_min, theirs.range_max

@@ -1,4 +1,4 @@
-"""Joints in the format of LeRobot: ``<joint>.pos`` in degrees, the gripper in percent."""
+"""Joints in LeRobot's format: ``<joint>.pos`` in degrees, the gripper in percent."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ class JointValue:
 
     Attributes:
         name: The joint.
-        zero: Its position at value 0, rad or m.
+        zero: The position at value 0, rad or m.
         factor: Degrees per radian, millimetres per metre, or percent per radian or metre.
     """
 
@@ -29,7 +29,7 @@ class JointValue:
 
     @property
     def key(self) -> str:
-        """Return LeRobot's name of the value."""
+        """Return LeRobot's name for the value."""
         return f"{self.name}.pos"
 
 
@@ -37,7 +37,7 @@ class JointValues:
     """The values of all joints of an arm, base to tip, the gripper last.
 
     The zeros are those of the geometry. A gripper is at 0 if its jaws meet and at 100 if they are
-    fully open; a prismatic joint is in millimetres.
+    fully open; the value of a prismatic joint is in millimetres.
 
     Args:
         model: The arm.
@@ -66,16 +66,16 @@ class JointValues:
         return {joint.key: float for joint in self._joints}
 
     def from_positions(self, positions: Vector) -> dict[str, float]:
-        """Compute the values of positions (n,), rad or m."""
+        """Compute the values for positions (n,), rad or m."""
         values = (positions - self._zeros) * self._factors
         return dict(zip(self.features, values.tolist(), strict=True))
 
     def rows_from_positions(self, positions: Matrix) -> Matrix:
-        """Compute the values (k, n) of positions (k, n), rad or m."""
+        """Compute the values (k, n) for positions (k, n), rad or m."""
         return (positions - self._zeros) * self._factors
 
     def rows_to_positions(self, values: Matrix) -> Matrix:
-        """Compute the positions (k, n), rad or m, of values (k, n)."""
+        """Compute the positions (k, n), rad or m, for values (k, n)."""
         return self._zeros + values / self._factors
 
     def to_positions(self, values: Mapping[str, Any], last: Vector) -> Vector:

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from foxglove.websocket import ChannelView, Client
 
 FOXGLOVE_PORT = 8765
-"""The port at which Foxglove looks for a server."""
+"""The TCP port on which Foxglove expects a server."""
 
 
 def _listener(on_subscribe: Callable[[str], None]) -> object:
@@ -38,7 +38,7 @@ class FoxgloveServer:
         name: The name that Foxglove shows.
 
     Attributes:
-        port: The port at which it listens.
+        port: The port on which the server listens.
 
     Raises:
         PortError: The port is in use.

@@ -1,4 +1,4 @@
-"""Recordings as MCAP with the messages of ROS 2: joints, goals, link poses, health, description.
+"""Recordings as MCAP files with ROS 2 messages: joints, goals, link poses, health, description.
 
 The file is flushed every second of the recording, so that an interrupted recording can be read up
 to its last flush.
@@ -79,14 +79,14 @@ class MessageSink(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class RecordedArm:
-    """Data of a recording besides its samples.
+    """The data of a recording except its samples.
 
     Attributes:
         header: The description of the columns.
         model: The arm.
-        chain: Its own chain, calibrated.
-        zeros: The source of the zeros of its joints.
-        calibration: The text of its calibration file; empty if there is none.
+        chain: The calibrated chain of the arm.
+        zeros: The source of the joint zeros.
+        calibration: The text of the calibration file; empty if there is none.
     """
 
     header: RecordingHeader
@@ -140,7 +140,7 @@ class McapFile:
     Args:
         path: A new file.
         arm: The arm.
-        files: The texts of its attachments by name.
+        files: The texts of the attachments, by name.
         overwrite: Whether an existing file may be replaced.
 
     Raises:
@@ -182,7 +182,7 @@ class McapFile:
             self._writer.add_message(channel, message.time_ns, message.data, message.time_ns)
 
     def flush(self) -> None:
-        """Write everything to the system, as a chunk that can be read independently."""
+        """Write all buffered messages, as a chunk that can be read independently."""
         with self._naming_the_file():
             self._writer.flush()
 
@@ -241,7 +241,7 @@ class RosRecordingWriter:
 
     Args:
         arm: The arm.
-        urdf: Its description; empty if there is none.
+        urdf: The description of the arm; empty if there is none.
         sinks: Receive the messages.
 
     Attributes:
@@ -261,7 +261,7 @@ class RosRecordingWriter:
         self._messages.joint_states(0, still)
 
     def write_sample(self, time_s: float, sample: ArmSample) -> None:
-        """Write the sample of one instant, seconds since the first.
+        """Write the sample at one instant, in seconds since the first sample.
 
         Raises:
             FileWriteError: The disk is full or not writable.
@@ -320,7 +320,7 @@ def read_attachment(path: Path, name: str) -> str | None:
 
 
 def read_mcap(path: Path) -> Recording:
-    """Read the joints of an MCAP file of ``ikservo record`` or of ROS 2.
+    """Read the joints from an MCAP file that ``ikservo record`` or ROS 2 wrote.
 
     Raises:
         FileFormatError: The file cannot be read, or has no joint states.
@@ -343,8 +343,8 @@ class _JointStateReader:
         self._header: RecordingHeader | None = None
         self._schemas: dict[int, str] = {}
         self.channels: set[int] = set()
-        # Numbers per message, with the joint names in one of few layouts: a dictionary for each of
-        # two million messages would take gigabytes.
+        # Numbers per message, with the joint names in one of a few layouts, because a dictionary
+        # for each of two million messages would take gigabytes.
         self._layouts: dict[tuple[str, ...], int] = {}
         self._times_ns, self._layout_of, self._positions = array("q"), array("l"), array("d")
 
@@ -433,16 +433,18 @@ class _JointStateReader:
             found = f"has {len(message.name):,} joints"
             raise FileFormatError(self._path, where, found, f"at most {MAX_JOINTS}")
         if len(message.name) != len(message.position) or not np.isfinite(message.position).all():
-            raise FileFormatError(self._path, where, "has other positions", "a number per joint")
+            raise FileFormatError(
+                self._path, where, "has a wrong number of positions", "a number per joint"
+            )
         stamp = message.header.stamp
         time_ns = stamp.sec * _NS + stamp.nanosec or log_time_ns
         if time_ns > _LATEST_NS:
-            raise FileFormatError(self._path, where, "is too late", "a time of this century")
+            raise FileFormatError(self._path, where, "is too late", "a time in this century")
         names = tuple(message.name)
         if names not in self._layouts:
             self._layouts[names] = len(self._layouts)
             if len(self._names()) > MAX_JOINTS or len(self._layouts) > _MAX_LAYOUTS:
-                found = f"has names unlike those of {len(self._layouts) - 1} others"
+                found = f"has other names than {len(self._layouts) - 1} earlier messages"
                 expected = f"at most {MAX_JOINTS} joints, in one order"
                 raise FileFormatError(self._path, where, found, expected)
         self._layout_of.append(self._layouts[names])
@@ -450,5 +452,5 @@ class _JointStateReader:
         self._positions.extend(message.position)
         if len(self._times_ns) > MAX_SAMPLES:
             raise FileFormatError(
-                self._path, where, "is one too many", f"at most {MAX_SAMPLES} samples"
+                self._path, where, "is one sample too many", f"at most {MAX_SAMPLES} samples"
             )

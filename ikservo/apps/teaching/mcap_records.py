@@ -21,7 +21,7 @@ MAGIC = b"\x89MCAP0\r\n"
 MAX_CHUNK_BYTES = 32 * 1024 * 1024
 """Largest inflated size of a chunk; writers make chunks of about 1 to 10 MiB."""
 
-# Largest inflated size of all chunks: of a small file, and as a multiple of a large file's size.
+# Largest inflated size of all chunks, for a small file and as a multiple of a large file's size.
 _MAX_INFLATED_BYTES, _MAX_RATIO = 256 * 1024 * 1024, 10
 _RECORD_HEAD, _MESSAGE, _DEFINITIONS = struct.Struct("<BQ"), 5, (3, 4)
 _MESSAGE_HEAD = struct.Struct("<HIQQ")
@@ -30,7 +30,7 @@ _MAX_RECORD_BYTES = 64 * 1024 * 1024
 
 
 def import_mcap() -> Any:  # noqa: ANN401  # a module
-    """Return the module that writes MCAP; if it is missing, say what to install."""
+    """Return the MCAP module; if it is missing, raise an error that names the package."""
     try:
         import mcap.writer  # noqa: PLC0415  # from an extra
     except ImportError:
@@ -57,7 +57,9 @@ def read_records(path: Path, wanted: Container[int] = ()) -> Iterator[Any]:
     try:
         with path.open("rb") as file:
             if file.read(len(MAGIC)) != MAGIC:
-                raise FileFormatError(path, "", "is not an MCAP file", "a file of ikservo record")
+                raise FileFormatError(
+                    path, "", "is not an MCAP file", "a file written by ikservo record"
+                )
             file.seek(0)
             reader = StreamReader(
                 cast("IO[bytes]", _BoundedReads(file)), validate_crcs=True, emit_chunks=True,
@@ -82,7 +84,7 @@ def read_records(path: Path, wanted: Container[int] = ()) -> Iterator[Any]:
 
 
 class _BoundedReads:
-    """A file that refuses reads longer than the largest record, if a stated length is wrong."""
+    """A file that refuses reads longer than the largest record, if a length is wrong."""
 
     def __init__(self, file: BinaryIO) -> None:
         self._file = file
@@ -102,7 +104,7 @@ def _records_of_chunk(path: Path, record: Any, wanted: Container[int]) -> Iterat
     """Return the records in a chunk, inflated to at most its stated size; pass other records on.
 
     Raises:
-        FileFormatError: Its inflated size is too large.
+        FileFormatError: The inflated size is too large.
     """
     from mcap.records import Chunk, Message  # noqa: PLC0415
     from mcap.stream_reader import breakup_chunk  # noqa: PLC0415

@@ -1,4 +1,4 @@
-"""Programs: files of steps that an arm runs one after the other, to be edited by hand.
+"""Programs: files of steps that an arm runs in order; users edit them by hand.
 
 ::
 
@@ -76,7 +76,7 @@ from ikservo.planning.motions import (
 ACTIONS = (
     "pose", "tip_m", "joints", "gripper", "wait_s", "recording", "program", "pause", "motion"
 )  # fmt: skip
-"""Actions of steps; each step has one. ``joints`` are given by ``deg`` and ``m``."""
+"""The actions of steps; each step has one. ``deg`` and ``m`` give ``joints``."""
 
 MAX_STEPS = 1000
 """Largest number of steps in a program."""
@@ -122,7 +122,7 @@ class Grid(StrictModel):
 
 
 class ProgramStep(StrictModel):
-    """``[[steps]]``: one motion, motion of the gripper, or wait."""
+    """One of the ``[[steps]]``: a motion, a motion of the gripper, or a wait."""
 
     name: Label | None = Field(default=None, description=_LABEL)
     pose: Label | None = Field(default=None, description="the name of a pose")
@@ -143,15 +143,17 @@ class ProgramStep(StrictModel):
     wait_s: Annotated[float, Field(gt=0, le=3600)] | None = Field(
         default=None, description="seconds, above 0 and at most 3600"
     )
-    recording: Label | None = Field(default=None, description="a file, relative to the program")
-    program: Label | None = Field(default=None, description="a file, relative to the program")
+    recording: Label | None = Field(
+        default=None, description="a file, relative to the program file"
+    )
+    program: Label | None = Field(default=None, description="a file, relative to the program file")
     pause: Label | None = Field(default=None, description="what a person does before continuing")
     only_if: Literal["grasped", "not grasped"] | None = Field(
         default=None, description="grasped or not grasped"
     )
     speed: Speed | None = Field(default=None, description=_SPEED)
     tool_speed_m_s: Annotated[float, Field(gt=0, le=10)] | None = Field(
-        default=None, description="m/s, of a line or an arc"
+        default=None, description="m/s, for a line or an arc"
     )
     motion: StepMotion | None = Field(
         default=None, description=f"the fields of one of {', '.join(motion_names())}"
@@ -197,7 +199,7 @@ class ProgramStep(StrictModel):
         """Return the motion of the step.
 
         Args:
-            model: The arm, which tells prismatic joints from revolute ones.
+            model: The arm, which determines which joints are prismatic.
             speed: The speed class, for a motion that has one.
 
         Raises:
@@ -242,7 +244,7 @@ class ProgramStep(StrictModel):
 
     @model_validator(mode="after")
     def _check_keys(self) -> Self:
-        """Refuse a step with no action or two actions, and options of another action."""
+        """Refuse a step without exactly one action, or with options of another action."""
         actions = self._actions()
         if len(actions) != 1:
             raise ValueError(f"does {' and '.join(actions) or 'nothing'}")
@@ -262,7 +264,7 @@ class ProgramStep(StrictModel):
 
 
 class Program(StrictModel):
-    """The whole file."""
+    """A program: the whole file."""
 
     format: Literal[1] = Field(description="1")
     arm: Name = Field(description="the arm's name")

@@ -37,7 +37,7 @@ EachStep = Annotated[bool, typer.Option("--step", help="Wait for Enter before ea
 
 
 def new(file: File, arm: ArmOption = None, *, overwrite: OverwriteOption = False) -> None:
-    """Write a program that any arm of this kind can run, with each possible action once.
+    """Write an example program for this kind of arm, with each possible action once.
 
     ikservo program new tea.toml --arm so101
     """
@@ -67,7 +67,7 @@ def check(
     scene: SceneOption = None,
     options: Annotated[MotionOptions, Without("dry_run", "tip")],
 ) -> None:
-    """Plan each step of a program from where the one before it ends; nothing moves.
+    """Plan each step of a program from the end of the previous step; nothing moves.
 
     ikservo program check tea.toml --port sim
     """
@@ -141,7 +141,7 @@ def _check(
         IkservoError: Steps are impossible; all of them have been printed.
     """
     checks: list[StepCheck] = []
-    failed: dict[int, IkservoError] = {}  # by step, because repetitions check again
+    failed: dict[int, IkservoError] = {}  # by step, because repetitions are checked again
     for each in run.check(first):
         checks.append(each)
         if each.error is not None and each.number not in failed:

@@ -66,8 +66,8 @@ class ProgramRun:
 
     Args:
         arm: The arm.
-        program: Its steps.
-        folder: The folder of the program, with its recordings and the programs that it calls.
+        program: The program.
+        folder: The folder that contains the program, its recordings and the programs that it calls.
         poses: The poses of the arm.
         on_wait: Called regularly during a wait.
 
@@ -146,7 +146,7 @@ class ProgramRun:
     def _checked_steps(
         self, program: Program, folder: Path, begin: int, caller: int | None = None
     ) -> Iterator[NextStep]:
-        """Yield the steps of a program until nothing new is in a repetition.
+        """Yield each step of a program as often as it can end at a different place.
 
         Args:
             program: The program.
@@ -171,7 +171,7 @@ class ProgramRun:
                     yield NextStep(number, repetition, at, program.speed_of(step), folder)
 
     def steps(self, first: int = 1) -> Iterator[NextStep]:
-        """Yield the steps to run; take the next one when the last one has ended.
+        """Yield the steps to run; take the next step when the previous one has ended.
 
         Steps whose condition is false are left out. A repetition without any step is the last one.
 
@@ -248,10 +248,10 @@ class ProgramRun:
         return number - 1
 
     def _motion(self, step: NextStep) -> MotionValue[Any]:
-        """Return the motion of a step; a recording is in the program's folder.
+        """Return the motion of a step; recordings are read from the program's folder.
 
         Raises:
-            BadValueError: This arm cannot use it.
+            BadValueError: This arm cannot perform the step.
             UnknownNameError: There is no such joint.
         """
         motion = step.step.to_motion(self._arm.context.model, step.speed)

@@ -39,7 +39,7 @@ Period = Annotated[
     ),
 ]
 Foxglove = Annotated[
-    bool, typer.Option("--foxglove", help="Also show it live in Foxglove on this machine.")
+    bool, typer.Option("--foxglove", help="Also show the arm live in Foxglove on this machine.")
 ]
 FoxglovePort = Annotated[
     int, typer.Option("--foxglove-port", min=1, max=65535, help="TCP port of --foxglove.")
@@ -64,7 +64,7 @@ def command(
 
     ikservo record wave.jsonl --arm so101
 
-    ikservo record wave.mcap --foxglove --arm so101     messages of ROS 2, shown live
+    ikservo record wave.mcap --foxglove --arm so101     ROS 2 messages, shown live
 
     ikservo replay wave.jsonl --arm so101
     """
@@ -89,11 +89,11 @@ def command(
     else:
         print_lines([f"{report.samples} samples in {report.duration_s:.2f} s: {report.path}"])
     if file.suffix not in _JSON_LINES and file.suffix != ".mcap":
-        print_status(f"{file.name} has JSON lines; messages of ROS 2 are in a file named .mcap.")
+        print_status(f"{file.name} has JSON lines; for ROS 2 messages, record to a .mcap file.")
 
 
 def _offer_release(machine: OpenArm) -> None:
-    """Print that an arm with torque cannot be guided by hand, and offer to switch it off."""
+    """Warn that an arm with torque on cannot be guided by hand, and offer to switch torque off."""
     if not any(state.torque for state in machine.where().joints):
         return
     print_status("Torque is on: the arm cannot be guided by hand.")

@@ -65,7 +65,7 @@ class RecordResult:
 
 @dataclass(frozen=True, slots=True)
 class RecordSettings:
-    """The caller's options of ``arm.record``; see `record_open_arm`."""
+    """The options of ``arm.record``; see `record_open_arm`."""
 
     path: Path | str
     duration_s: float | None = None
@@ -79,7 +79,7 @@ class RecordSettings:
         """The longest duration.
 
         Raises:
-            BadValueError: There is no end, or it is not after the start.
+            BadValueError: No end is given, or the end is not after the start.
         """
         if self.duration_s is None and self.until is None:
             raise BadValueError("The recording", "without an end", "duration_s or until")
@@ -118,14 +118,14 @@ def describe_arm(
     zeros: ZeroSource,
     serial_number: str | None = None,
 ) -> RecordedArm:
-    """Return the data of an arm for a recording, besides its samples.
+    """Return the data of an arm that a recording needs besides its samples.
 
     Args:
         model: The arm.
-        chain: Its own chain, calibrated.
+        chain: The calibrated chain of the arm.
         period_s: Time between two samples.
-        zeros: The source of the zeros of its joints.
-        serial_number: The serial number of its adapter, by which its calibration is found on this
+        zeros: The source of the joint zeros.
+        serial_number: The serial number of the adapter, which identifies the calibration on this
             machine; empty for an adapter without one, None if the arm is on another machine.
 
     Raises:
@@ -150,17 +150,17 @@ def record_open_arm(
 ) -> RecordResult:
     """Write the measured joints to a file at a fixed rate; torque stays unchanged.
 
-    Ctrl-C ends it; the file is then complete.
+    Ctrl-C ends the recording; the file is then complete.
 
     Args:
         arm: The arm; it may be on another machine.
         path: A new file: a header, then one line of JSON per sample; or, if it ends in ``.mcap``,
             messages of ROS 2 with goals, link poses and health.
-        duration_s: The duration; None: until ``until`` returns True.
+        duration_s: The duration; None records until ``until`` returns True.
         until: Called at each sample; ends the recording by returning True.
         period_s: Time between two samples.
         overwrite: Whether an existing file may be replaced.
-        foxglove_port: The port on this machine that serves the messages to Foxglove; None: no port.
+        foxglove_port: The port on this machine that serves messages to Foxglove; None for none.
 
     Raises:
         BadValueError: The file exists, or a number is out of its range.
@@ -188,7 +188,7 @@ def _positions_only(context: ArmContext) -> Callable[[], ArmSample]:
 
 
 class _OwnArm:
-    """Measures the joints at each call, and the servos' health every second."""
+    """Measures the joints at each call, and the health of the servos every second."""
 
     def __init__(self, context: ArmContext, runner: MotionRunner) -> None:
         self._context, self._runner = context, runner
@@ -215,7 +215,7 @@ def record(
         BadValueError: There is no end, or a number is out of its range.
         InputError: The file exists.
         FileWriteError: The file cannot be written.
-        PortError: Foxglove cannot be served there.
+        PortError: Foxglove cannot be served at that port.
     """
     check_callable("until", settings.until)
     path, max_s, until, last_s = parse_path(settings.path), settings.max_s, settings.until, 0.0

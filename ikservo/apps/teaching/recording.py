@@ -58,10 +58,10 @@ class Recording:
     """A recording that was read from a file.
 
     Attributes:
-        header: The description of its columns.
+        header: The description of the columns.
         times_s: Times (k,) of the samples, increasing.
         joints: The joints (k, n) at these times, rad or m.
-        first_line: The line of the first sample; None if the file has no lines.
+        first_line: The line number of the first sample; None if the file is not a text file.
     """
 
     header: RecordingHeader
@@ -102,7 +102,7 @@ class Recording:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ArmSample:
-    """An arm at one instant.
+    """The state of an arm at one instant.
 
     Attributes:
         positions: The measured joints (n,), rad or m.
@@ -136,7 +136,7 @@ class RecordingWriter:
 
     Args:
         path: A new file.
-        header: The description of its columns.
+        header: The description of the columns.
         overwrite: Whether an existing file may be replaced.
 
     Raises:
@@ -196,7 +196,7 @@ class RecordingWriter:
 
 
 class RecordingFile:
-    """A file for a recording; a replacement is written next to the old file and renamed at the end.
+    """A file for a recording; a replacement is written beside the old file and renamed at the end.
 
     Args:
         path: The file.
@@ -222,7 +222,7 @@ class RecordingFile:
             raise FileWriteError(path, os_error_text(error)) from error
 
     def failed(self, error: OSError) -> FileWriteError:
-        """Return the error that names the incomplete recording; the old file stays."""
+        """Return the error that names the incomplete recording; the old file is kept."""
         self._has_failed = True
         kept = f"The samples until then are in {self._written}"
         if self._replaces:
@@ -230,7 +230,7 @@ class RecordingFile:
         return FileWriteError(self._path, os_error_text(error), kept=kept)
 
     def finish(self) -> None:
-        """Close the file; it replaces the existing one if it is complete.
+        """Close the file; if it is complete, it replaces the existing file.
 
         Raises:
             FileWriteError: The file cannot be replaced.
@@ -244,7 +244,7 @@ class RecordingFile:
 
     @contextlib.contextmanager
     def removing_on_error(self) -> Generator[None]:
-        """Remove the file if its first bytes cannot be written, because it holds no sample.
+        """Remove the file if its first bytes cannot be written, because it has no samples.
 
         Raises:
             FileWriteError: The bytes cannot be written; the message names no incomplete recording.
@@ -254,7 +254,7 @@ class RecordingFile:
         except BaseException as error:
             with contextlib.suppress(OSError):
                 self.file.close()
-                if self._written.is_file():  # a device stays
+                if self._written.is_file():  # devices are not removed
                     self._written.resolve().unlink()
             if isinstance(error, FileWriteError):
                 raise FileWriteError(self._path, error.why) from error
@@ -320,7 +320,7 @@ def _require_complete_line(path: Path, number: int, line: bytes) -> str:
         raise _recording_error(path, number, "is too long", f"at most {_MAX_LINE_CHARS} bytes")
     if not line.endswith(b"\n"):
         raise _recording_error(
-            path, number, "is incomplete", "a whole line; delete it to use the others"
+            path, number, "is incomplete", "a complete line; delete this one to use the others"
         )
     try:
         return line.decode()
@@ -371,7 +371,7 @@ def _parse_sample(path: Path, number: int, line: str, n: int) -> tuple[float, li
     time_s, q = _finite_number(row["t_s"]), row["q"]
     if time_s is None or not 0.0 <= time_s <= MAX_SECONDS:
         raise _recording_error(path, number, f"has t_s = {row['t_s']!r}",
-                     f"seconds since the first sample, {MAX_SECONDS:.0f} at most")  # fmt: skip
+                     f"seconds since the first sample, at most {MAX_SECONDS:.0f}")  # fmt: skip
     values = [_finite_number(x) for x in cast("list[object]", q)] if isinstance(q, list) else []
     if len(values) != n:
         raise _recording_error(path, number, f"has {len(values)} positions", f"{n}, one per joint")

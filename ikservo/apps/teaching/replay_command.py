@@ -23,7 +23,7 @@ File = Annotated[Path, typer.Argument(metavar="FILE", help="File that `ikservo r
 
 @dataclass(frozen=True, kw_only=True)
 class ReplayOptions(MotionOptions):
-    """Options of the motion; a dry run reads the recording."""
+    """The options of the motion; a dry run only reads the recording."""
 
     dry_run: Annotated[
         bool, typer.Option("--dry-run", help="Read and check the recording, but do not move.")

@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 _GRID_S = 0.02
 # Smoothing removes quantization and tremor below 0.1 s; intended motions are slower.
 _SMOOTH_S = 0.04
-# Limits of the playback rate, which goes from 0 to 1 and back, per second.
+# Limits on the playback rate, which goes from 0 to 1 and back, per second.
 _FADE = KinematicLimits(1.0, 1.0, 8.0)
 _MARGIN = 1.02
 
@@ -52,7 +52,7 @@ class RecordedTrajectory:
         upper: The upper limits (n,).
 
     Attributes:
-        slowdown: The factor by which it is slower than recorded, at least 1.
+        slowdown: The factor, at least 1, by which the motion is slower than the recording.
     """
 
     def __init__(
@@ -85,11 +85,11 @@ class RecordedTrajectory:
 
     @property
     def duration_s(self) -> float:
-        """Duration, including fading in and out."""
+        """The duration in seconds, including fade-in and fade-out."""
         return self._law.duration_s
 
     def state(self, time_s: float) -> TrajectoryPoint:
-        """Compute position, velocity and acceleration (n,) at a time; at rest after its end."""
+        """Compute position, velocity and acceleration (n,) at a time; at rest after the end."""
         if self._spline is None:
             return TrajectoryPoint.at_rest(self._still)
         law = self._law.state(time_s)
@@ -100,14 +100,14 @@ class RecordedTrajectory:
         )
 
     def sample_path(self) -> Matrix:
-        """Sample joints (k, n) along it, close enough for collision checks."""
+        """Sample joints (k, n) along the motion, densely enough for collision checks."""
         if self._spline is None:
             return self._still[None, :]
         return thin_path(np.clip(self._spline(_time_grid(self._span_s)), *self._limits))
 
 
 def _fit_spline(times_s: Vector, joints: Matrix, span_s: float) -> CubicSpline:
-    """Fit the motion (n,) over the seconds since its first sample."""
+    """Fit a spline to the joints (k, n) over the time since the first sample."""
     from scipy.interpolate import CubicSpline  # noqa: PLC0415  # slow to import, rarely needed
     from scipy.ndimage import gaussian_filter1d  # noqa: PLC0415
 
@@ -156,16 +156,16 @@ def _parse_file(value: object) -> str:
 
 # A hand may push joints a little beyond their limits.
 _LIMIT_TOLERANCE_RAD = math.radians(3.0)
-# A limp arm that turns no horn by more than a tick in this time lies; it falls for 3 s at most.
+# A limp arm whose horns turn by at most a tick in this time lies still; it falls for at most 3 s.
 _LIES = StillnessDetector(window_s=0.2, tolerance=math.radians(0.1), least_readings=2)
 _MAX_FALL_S = 3.0
 
 
 def position_at_rest(arm: ArmParts) -> Vector:
-    """Return the joints (n,), rad or m, where a motion would start, once a limp arm lies still.
+    """Return the joints (n,), rad or m, at the start of a motion, once a limp arm lies still.
 
-    During a replay the arm may touch only what it touches at the start. A limp arm, such as a
-    simulated one that has just been opened, touches that only after it has come to rest.
+    During a replay, the arm may touch only those things that it touches at the start. A limp arm,
+    such as a simulated one that has just been opened, touches them only after it has come to rest.
     """
     context, start = arm.context, arm.runner.start_position()
     if context.servos.torque.is_on:
@@ -199,7 +199,7 @@ def _load(
 
 
 def _explain_contact(context: ArmContext, error: CollisionError, path: Matrix) -> None:
-    """Add a hint if the path (k, n) is allowed for an arm that lies at one of its ends.
+    """Add a hint if the path (k, n) would be allowed for an arm that rests at one of its ends.
 
     Contacts at the start of a replay are allowed throughout the path.
     """
@@ -209,19 +209,19 @@ def _explain_contact(context: ArmContext, error: CollisionError, path: Matrix) -
         except CollisionError:
             continue
         error.command_hint = (
-            f"Switch torque off, place the arm by hand as at the {place} of the recording, and "
-            "replay it again: its contacts at the start are then allowed."
+            f"Switch torque off, move the arm by hand to its posture at the {place} of the "
+            f"recording, and replay it again: contacts at the start are then allowed."
         )
         break
 
 
 @dataclass(frozen=True)
 class Replay(OwnMotion[ReplayResult]):
-    """Moves the joints to the first pose of a recording of this arm, then along it.
+    """Motion to the first pose of a recording of this arm, then along the recording.
 
     Attributes:
         path: The file.
-        speed: The speed class, within which it is as fast as recorded.
+        speed: The speed class, within which the motion is as fast as recorded.
     """
 
     path: Annotated[Path | str, _parse_file]
@@ -232,7 +232,7 @@ class Replay(OwnMotion[ReplayResult]):
         return f"recording {self.path}"
 
     def run(self, arm: ArmParts, on_progress: OnProgress | None) -> ReplayResult:
-        """Move to the first pose of the recording, then along it; see `replay`."""
+        """Move to the first pose of the recording, then along the recording; see `replay`."""
         context, runner, speed = arm.context, arm.runner, self.speed
         recording, trajectory = _load(context, self, position_at_rest(arm))
         approach_speed = runner.allowed_speed(speed)
@@ -276,12 +276,13 @@ def replay(
     on_progress: OnProgress | None = None,
     wait: bool = True,
 ) -> ReplayResult | RunningMotion[ReplayResult]:
-    """Move to the first pose of a recording of this arm, then along it.
+    """Move to the first pose of a recording of this arm, then along the recording.
 
-    It is as fast as recorded if the speed class allows that, or else slowed down as a whole.
+    The motion is as fast as recorded if the speed class allows that; otherwise the whole motion is
+    slowed down.
 
     Raises:
-        FileFormatError: The file is malformed, or of another arm; the message names the line.
+        FileFormatError: The file is malformed, or from another arm; the message names the line.
         RefusedError: The path leaves this arm's limits, or something is in the way; nothing moved.
     """
     motion = Replay(path, speed=speed)
@@ -295,7 +296,7 @@ def replay(
 def load_replay(
     arm: OpenArm, path: Path | str, *, speed: str = "normal"
 ) -> tuple[Recording, RecordedTrajectory]:
-    """Read a recording, and the motion that ``replay`` would play; nothing moves.
+    """Read a recording; return it with the motion that ``replay`` would play. Nothing moves.
 
     Raises:
         FileFormatError, RefusedError, CalibrationError: The errors of ``replay``; or the arm is on
@@ -306,10 +307,10 @@ def load_replay(
 
 
 def _of_this_arm(context: ArmContext, recording: Recording, path: Path) -> Recording:
-    """Return a recording with the joints of an arm only; other programs may record more.
+    """Return a recording with only the joints of an arm; other programs may record more.
 
     Raises:
-        FileFormatError: The recording is of another arm.
+        FileFormatError: The recording is from another arm.
     """
     header, place = recording.header, recording.place(None)
     own = recording_header(context.model, header.period_s)

@@ -34,10 +34,12 @@ Name = Annotated[
 Now = Annotated[
     bool,
     typer.Option(
-        "--now", help="Save the present pose at once, without a question; torque does not change."
+        "--now", help="Save the present pose at once, without asking; torque does not change."
     ),
 ]
-Hold = Annotated[bool, typer.Option("--hold", help="Switch torque on afterwards, at that pose.")]
+Hold = Annotated[
+    bool, typer.Option("--hold", help="Afterwards, switch torque on and hold that pose.")
+]
 Float = Annotated[
     bool,
     typer.Option("--float", help="Keep torque on: the arm carries its weight and follows you."),
@@ -63,7 +65,7 @@ def command(
     duration: Duration = None,
     options: Annotated[MotionOptions, Without("collision", "dry_run", "no_wiggle", "tip")],
 ) -> None:
-    """Switch torque off, let you move the arm by hand, and save its pose under a name.
+    """Save the pose of an arm under a name: torque goes off, and you move the arm by hand.
 
     With --float torque stays on: the arm carries its weight, follows your hand, and then holds.
 
@@ -84,7 +86,7 @@ def command(
             _float(machine, name, duration, yes=options.yes)
         elif not now and any(state.torque for state in machine.where().joints):
             announce_lowering(machine, options)
-        prompt = "Bring the arm into the pose, then press Enter."
+        prompt = "Move the arm to the pose, then press Enter."
         until = None if now or floating else lambda: wait_for_enter(prompt)
         positions = machine.teach(name, until, hold=hold)
         path = machine.poses.path
@@ -114,7 +116,7 @@ def _float(machine: OpenArm, name: str, duration: float | None, *, yes: bool) ->
     """Announce and run hand guiding; the arm holds afterwards."""
     how = "until you press Enter" if duration is None else f"for {duration:g} s"
     print_status(
-        f"{machine.model.title} on {format_port(machine.port_name)}: torque is switched on and "
+        f"{machine.model.title} on {format_port(machine.port_name)}: torque will be on and "
         f"carries the arm's weight {how}. Guide the arm by hand. Ctrl-C ends this, too. The arm "
         f'then holds, and its pose is saved as "{name}".'
     )
@@ -135,7 +137,7 @@ def _end_check(machine: OpenArm, duration: float | None) -> Generator[Callable[[
 
     def is_over() -> bool:
         now_s = machine.clock.now_s()
-        if not ends_s:  # the time begins with the guiding, after torque-on
+        if not ends_s:  # the time starts when guiding begins, after torque-on
             ends_s.append(now_s + duration)
         return now_s >= ends_s[0]
 

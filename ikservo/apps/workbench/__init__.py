@@ -1,4 +1,4 @@
-"""Single servos and their bus: ids, registers, gains, faults."""
+"""Work on single servos and their bus: ids, registers, gains, faults."""
 
 from ikservo.app import App, Command
 
@@ -31,7 +31,7 @@ APP = App(
                 ("restore", "Write a backup into a servo."),
                 ("packets", "Print a file of recorded packets."),
                 ("plot", "Plot registers or angles over time."),
-                ("tune", "Measure how the servo of a joint follows."),
+                ("tune", "Measure how well a joint follows its goals."),
             )
         },
         "doctor": Command(

@@ -15,7 +15,7 @@ from ikservo.cli.terminal import print_status, progress_bar
 
 
 class BenchSubject(StrEnum):
-    """Subjects that can be measured."""
+    """What can be measured."""
 
     BUS = "bus"
 
@@ -48,7 +48,7 @@ _FIELDS: Fields[BusTiming] = (
     Field("lost", "lost"),
 )
 
-What = Annotated[BenchSubject, typer.Argument(help="Subject of the measurement.")]
+What = Annotated[BenchSubject, typer.Argument(help="What to measure.")]
 Count = Annotated[int, typer.Option("--count", min=10, help="Cycles of each kind.")]
 
 
@@ -59,7 +59,7 @@ def command(
     count: Count = CYCLES,
     json: JsonOption = False,
 ) -> None:
-    """Measure how often per second all servos can be read and written; nothing moves.
+    """Measure how many times per second all servos can be read and written; nothing moves.
 
     ikservo bench bus --arm so101 --port /dev/ttyACM0
     """

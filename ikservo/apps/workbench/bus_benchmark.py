@@ -1,4 +1,4 @@
-"""Time the bus: reads and writes per second, host time, jitter.
+"""Measure the timing of the bus: reads and writes per second, host time, jitter.
 
 The present profile velocity of each servo is written instead of a goal, because a goal would switch
 on the torque of Feetech servos. It has as many bytes as a goal.
@@ -40,7 +40,7 @@ class BusTiming:
     """Timing of cycles of one kind.
 
     Attributes:
-        what: The kind of cycle.
+        what: The kind of the cycles.
         cycles_s: Durations of the cycles, ascending, seconds.
         host_s: Median time of the host in a cycle, seconds.
         wire_s: Time that the bytes and return delays of one cycle take, seconds.
@@ -145,7 +145,7 @@ class _Benchmark:
         self._bus.sync_write(RegisterName.PROFILE_VELOCITY, self._speeds, raw=True)
 
     def _count_wire_traffic(self, names: Sequence[RegisterName]) -> tuple[int, int, float]:
-        """Run a cycle; return bytes sent and received, and the time they take on the wire."""
+        """Run a cycle; return the bytes sent and received, and their time on the wire."""
         sent, received = self._meter.sent, self._meter.received
         self._meter.capture, self._meter.captured = True, bytearray()
         self._run_cycle(names)

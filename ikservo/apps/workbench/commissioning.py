@@ -27,7 +27,7 @@ class ConfiguredServo:
 
     Attributes:
         servo: Its id, table and joint.
-        found: The settings before.
+        found: The settings before the set-up.
         written: Descriptions of the changes; empty if there were none.
     """
 
@@ -50,7 +50,7 @@ def planned_settings(model: Model) -> list[ServoSettings]:
 
 
 def remaining_settings(model: Model, start: str | None) -> list[ServoSettings]:
-    """Return the settings of an arm's servos, beginning with a joint; None: all servos.
+    """Return the settings of an arm's servos, beginning with a given joint; None: all servos.
 
     Raises:
         UnknownNameError: The arm has no such joint.
@@ -87,7 +87,7 @@ def configure_servo(
     Raises:
         PortError: The port is lost.
         ServoSilentError: No servo was plugged in, or several are.
-        CalibrationError: The servo is of another model.
+        CalibrationError: The servo is a different model.
         BusError: The servo did not keep a written value.
         IkservoError: The user declined; this servo was not changed.
     """
@@ -121,7 +121,9 @@ def _find_servo(line: Port, settings: ServoSettings, wait_s: float) -> Dialogue[
         elif len(seen) > 1 or any(servo.shares_id for servo in seen):
             listed = "; ".join(map(str, seen))
             name = settings.servo.name
-            yield Notice(f"More than one servo answers: {listed}. Plug in only that of {name}.")
+            yield Notice(
+                f"More than one servo answers: {listed}. Plug in only the servo of {name}."
+            )
 
 
 def wait_for_unplugging(

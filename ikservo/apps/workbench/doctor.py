@@ -240,5 +240,5 @@ def _check_quality(
         return
     counts = ", ".join(f"{bus.servos[i]}: {count}" for i, count in quality.lost.items())
     kind = failure if quality.lost_fraction > _MAX_LOSS_FRACTION else warning
-    hint = "Check for loose connectors, a weak supply, long cables."
+    hint = "Check for loose connectors, a weak supply or long cables."
     yield kind("loss", f"{text} ({counts})", line_hint(bus.port.name, hint))

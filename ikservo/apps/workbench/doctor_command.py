@@ -19,7 +19,7 @@ from ikservo.model import load_model
 
 Rules = Annotated[bool, typer.Option("--rules", help="Print only the udev rule.")]
 WriteEeprom = Annotated[
-    bool, typer.Option("--write-eeprom", help="First write the EEPROM values of the arm file.")
+    bool, typer.Option("--write-eeprom", help="First write the EEPROM values from the arm file.")
 ]
 
 

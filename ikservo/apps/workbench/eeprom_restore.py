@@ -48,11 +48,11 @@ def plan_restoration(
         backup: The backup to restore.
         target: The joint or the id of the servo to write, which may differ from the backup's id;
             None: the servo with the backup's id.
-        other_model: Whether the backup may be of another model.
+        other_model: Whether the backup may be from another model.
 
     Raises:
-        InputError: The backup is of another servo or model, which was not allowed.
-        CalibrationError: The connected servo is of another model than the arm file says.
+        InputError: The backup is from another servo or model, which was not allowed.
+        CalibrationError: The connected servo is a different model from the one in the arm file.
         RegisterAccessError: Torque is on, or the servo does not accept a value.
         BusError: The servo does not answer.
     """

@@ -15,7 +15,7 @@ class Severity(StrEnum):
 
     @property
     def mark(self) -> str:
-        """The symbol in front of the line."""
+        """The symbol in front of the finding."""
         return _MARKS[self]
 
 
@@ -45,7 +45,7 @@ def ok(topic: str, text: str) -> Finding:
 
 
 def warning(topic: str, text: str, fix: str = "") -> Finding:
-    """Return a finding that the user should know about."""
+    """Return a finding of which the user should know."""
     return Finding(Severity.ODD, topic, text, fix)
 
 

@@ -31,7 +31,7 @@ class LineQuality:
 
     @property
     def lost_fraction(self) -> float:
-        """Return lost reads over all reads."""
+        """Return the fraction of reads that were lost."""
         return sum(self.lost.values()) / self.reads
 
     def round_trip_s(self, quantile: float) -> float:
@@ -46,7 +46,7 @@ def measure_line_quality(
     reads: int = 1000,
     on_read: Callable[[int], None] | None = None,
 ) -> LineQuality:
-    """Read positions of servos round robin.
+    """Read the positions of servos in turn, many times.
 
     Args:
         bus: The bus, without retries, which would hide losses.
@@ -72,7 +72,7 @@ def measure_line_quality(
 
 
 class MeteredTransport:
-    """Transport wrapper that meters bytes and processor time.
+    """Wraps a transport and measures its bytes and processor time.
 
     Attributes:
         inside_s: Processor time spent in the transport so far, seconds; waiting costs none.

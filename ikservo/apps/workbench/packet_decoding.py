@@ -1,4 +1,4 @@
-"""Decode recorded bytes of a line: instructions and replies as text, with times and errors."""
+"""Decode the recorded bytes of a line to instructions and replies with times and errors."""
 
 from __future__ import annotations
 

@@ -66,7 +66,7 @@ def provision(port: Port, found: FoundServo, settings: ServoSettings) -> tuple[s
         settings: Its desired settings.
 
     Raises:
-        CalibrationError: The servo is of another model; nothing was written.
+        CalibrationError: The servo is a different model; nothing was written.
         BadValueError: The servo lacks the rate or a register; nothing was written.
         ServoRejectedError: A number was not stored.
         BusError: The servo does not reply.
@@ -89,7 +89,7 @@ def provision(port: Port, found: FoundServo, settings: ServoSettings) -> tuple[s
 
 
 def change_address(port: Port, servo: ServoSpec, new_id: int, new_rate: int) -> None:
-    """Give one servo of a line another id and baud rate, and verify both.
+    """Give one servo on a line another id and baud rate, and verify both.
 
     Args:
         port: The port; afterwards at the new rate.
@@ -137,7 +137,7 @@ def check_model(found: FoundServo, settings: ServoSettings) -> None:
     """Compare the servo on the line with the model that the arm file names.
 
     Raises:
-        CalibrationError: The servo is of another model, perhaps of another family.
+        CalibrationError: The servo is a different model, perhaps from another family.
     """
     servo = settings.servo
     if found.table is not servo.table:
@@ -148,7 +148,7 @@ def check_model(found: FoundServo, settings: ServoSettings) -> None:
 
 
 class _ServoBeingProvisioned:
-    """The servo being configured; addressed at its current id and rate."""
+    """The servo that is being configured, addressed at its current id and rate."""
 
     def __init__(self, port: Port, found: FoundServo, settings: ServoSettings) -> None:
         self._port, self._settings = port, settings
@@ -162,7 +162,7 @@ class _ServoBeingProvisioned:
         return self
 
     def __exit__(self, kind: object, error: object, at: object) -> None:
-        """Lock the memory in any case; an earlier failure takes precedence."""
+        """Lock the memory in any case; an earlier error takes precedence over a failure to lock."""
         lock = self._table.eeprom_lock
         if lock is None:
             return
@@ -232,7 +232,7 @@ def wait_for_servo(
     rate: int,
     wait_s: float,
 ) -> Generator[int | Sequence[FoundServo], None, FoundServo]:
-    """Find the only servo that replies, as soon as it has replied twice in a row.
+    """Return the only servo that replies, as soon as it has replied twice in a row.
 
     It may have any known baud rate and belong to any family. The wait continues while several
     servos reply, even at one id. Yields each baud rate before it is tried, and the replying servos
@@ -314,7 +314,7 @@ def _places_of(found: Sequence[FoundServo]) -> list[tuple[int, int, bool]]:
 
 
 def _timeout_error(port: Port, last: Sequence[FoundServo], wait_s: float) -> ServoSilentError:
-    """Return the error that names the servos that replied last, if any."""
+    """Return an error that names the servos that replied last, if any."""
     if not last:
         rates = len(candidate_baud_rates())
         found = f"has no servo within {wait_s:.0f} s (all ids, {rates} baud rates)"

@@ -16,7 +16,9 @@ from ikservo.hardware.discovery import choose_port, simulated_port_url
 from ikservo.hardware.scan import FoundServo, OnScanStep, candidate_baud_rates, scan_port
 
 Port = Annotated[str | None, typer.Argument(metavar="[PORT]", help="The same as --port.")]
-AllRates = Annotated[bool, typer.Option("--all", help="Continue after the first rate with servos.")]
+AllRates = Annotated[
+    bool, typer.Option("--all", help="Try the other rates as well after servos are found.")
+]
 Rates = Annotated[
     list[int] | None,
     typer.Option("--baud", min=1_200, max=12_000_000, help="Try only this rate; repeatable."),
@@ -60,8 +62,8 @@ def command(
         print_status(f"Several servos answer at id {', '.join(map(str, shared_ids))}.")
         print_status("Connect one servo at a time and give each its own id: ikservo setup ARM")
     if not (all_rates or rates):
-        print_status(f"Only rates up to the first with servos, {found[-1].baud_rate} baud, were "
-             "searched. All rates: --all")  # fmt: skip
+        print_status(f"The search ended at the first rate with servos, {found[-1].baud_rate} "
+            f"baud. To search all rates: --all")  # fmt: skip
     if shared_ids:
         raise typer.Exit(ExitCode.FAILED)
 

@@ -1,4 +1,4 @@
-"""Checks of single servos and their EEPROM."""
+"""Check single servos and their EEPROM."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ def check_eeprom(bus: ServoBus, model: Model) -> Iterator[Finding]:
             yield kind(
                 "eeprom",
                 f"{servo}: {one.register} is {one.found}, {one.expected} in the arm file",
-                "Write the values of the arm file: ikservo doctor --write-eeprom",
+                "Write the values from the arm file: ikservo doctor --write-eeprom",
             )
     if compared and matching:
         yield ok("eeprom", f"{compared} values match the arm file")
@@ -236,7 +236,7 @@ def _check_firmware(bus: ServoBus) -> Iterator[Finding]:
                 "firmware",
                 f"{name} servos differ: {text}; stored settings: {apart or 'the same'}",
                 f"Bring all to {ordered[-1]} or newer with the vendor's tool (FD, Dynamixel "
-                "Wizard), and restore a backup of one that moves as it should.",
+                "Wizard), and restore a backup from a servo that moves correctly.",
             )
     if all(len(groups) == 1 for groups in versions.values()):
         texts = [f"{name} {next(iter(groups))}" for name, groups in versions.items()]
@@ -286,7 +286,7 @@ def _check_return_delay(bus: ServoBus) -> Iterator[Finding]:
     late = ", ".join(str(bus.servos[i]) for i, delay_s in delays_s.items() if delay_s)
     yield warning(
         "delay",
-        f"return delays take {1000 * total_s:.1f} ms in each round ({late})",
+        f"return delays take {1000 * total_s:.1f} ms per cycle ({late})",
         "Set them to 0: ikservo doctor --write-eeprom, or ikservo setup ARM",
     )
 
@@ -299,7 +299,7 @@ def _check_locks(bus: ServoBus) -> Iterator[Finding]:
             "lock",
             f"{_format_servos(bus, unlocked)} "
             f"{'has its' if len(unlocked) == 1 else 'have their'} EEPROM unlocked",
-            "Every write wears it out; lock it again: ikservo doctor --write-eeprom",
+            "Every write wears out the EEPROM; lock it again: ikservo doctor --write-eeprom",
         )
 
 
@@ -314,21 +314,22 @@ def _check_trials(bus: ServoBus) -> Iterator[Finding]:
             texts = (f"{each.register} {each.found}, not {each.expected}" for each in left)
             yield warning(
                 "trial",
-                f"{servo} has trial values that a killed program has left: {', '.join(texts)}",
+                f"{servo} still has the trial values of a program that was killed: "
+                f"{', '.join(texts)}",
                 "Switch its power off and on, or write the former values: "
                 "ikservo doctor --write-eeprom",
             )
 
 
 def _format_servos(bus: ServoBus, servo_ids: Collection[int]) -> str:
-    """List servos with a common cause; if all are affected, give their number."""
+    """Return a list of servos with a common cause, or their number if all are affected."""
     if len(servo_ids) == len(bus.servos) > 1:
         return f"all {len(servo_ids)} servos"
     return ", ".join(str(bus.servos[i]) for i in servo_ids)
 
 
 def _format_range(values: Iterable[float], form: str) -> str:
-    """Format as ``11.9 to 12.1``, or as one number if all are equal."""
+    """Format values as ``11.9 to 12.1``, or as one number if all are equal."""
     ordered = sorted(values)
     ends = dict.fromkeys((f"{ordered[0]:{form}}", f"{ordered[-1]:{form}}"))
     return " to ".join(ends)

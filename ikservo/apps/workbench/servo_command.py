@@ -72,7 +72,8 @@ Values = Annotated[
     typer.Argument(
         metavar="REGISTER=VALUE...",
         autocompletion=_complete_registers,
-        help="A plain integer is the raw value of the sheet; with a unit it is a quantity: "
+        help="A plain integer is a raw value from the data sheet; a number with a unit is a "
+        "quantity: "
         "90deg, 7.4V, 500mA, 20ms, 60%.",
     ),
 ]
@@ -81,7 +82,7 @@ Plotted = Annotated[
     typer.Argument(
         metavar="[REGISTER...|JOINT...]",
         autocompletion=_complete_registers,
-        help="Registers, or joints, whose angle is then plotted in degrees.",
+        help="Registers to plot, or joints, whose angles are plotted in degrees.",
     ),
 ]
 Gains = Annotated[
@@ -90,8 +91,8 @@ Gains = Annotated[
         metavar="[REGISTER=VALUE...]", autocompletion=_complete_registers, help="Gains to try."
     ),
 ]
-BackupFile = Annotated[Path, typer.Argument(metavar="FILE", help="A backup, a TOML file.")]
-PacketFile = Annotated[Path, typer.Argument(metavar="FILE", help="A file of recorded packets.")]
+BackupFile = Annotated[Path, typer.Argument(metavar="FILE", help="A backup in a TOML file.")]
+PacketFile = Annotated[Path, typer.Argument(metavar="FILE", help="A file with recorded packets.")]
 ServoId = Annotated[
     str | None,
     typer.Option("--id", metavar="ID", help="The servo: its id, or its joint with --arm."),
@@ -121,14 +122,14 @@ Sine = Annotated[
     typer.Option(
         "--sine",
         metavar="HZ[,HZ]",
-        help="Move in a sine; two frequencies: a chirp.",
+        help="Follow a sine of this frequency; two frequencies give a chirp.",
     ),
 ]
 Suggest = Annotated[bool, typer.Option("--suggest", help="Try about ten gains; suggest the best.")]
 DryRun = Annotated[bool, typer.Option("--dry-run", help="Print what would be written.")]
 To = Annotated[
     Path | None,
-    typer.Option("--to", metavar="FILE", help="File of the backup; default: ID_MODEL.toml."),
+    typer.Option("--to", metavar="FILE", help="Backup file; default: ID_MODEL.toml."),
 ]
 OtherModel = Annotated[
     bool, typer.Option("--other-model", help="Restore a backup of another servo model.")
@@ -156,7 +157,7 @@ class ServoLineOptions:
             return open_servos(model_from_option(self.arm), self.port)
         if servo_id is not None and not servo_id.isdecimal():
             raise InputError(
-                f"{servo_id!r} is not an id.", "Name its joint with --arm, or give an id."
+                f"{servo_id!r} is not an id.", "Give an id, or a joint together with --arm."
             )
         number = None if servo_id is None else int(servo_id)
         table = find_table(self.servo_model) if self.servo_model else None

@@ -1,4 +1,4 @@
-"""``ikservo servo plot``: registers and angles over time, as curves, CSV or lines of JSON."""
+"""``ikservo servo plot``: show registers and angles over time, as curves, CSV or JSON lines."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ _TALL_ROWS, _TALL_UP_TO = 3, 6  # up to six curves have three lines each
 
 @dataclass(frozen=True, slots=True)
 class _Curve:
-    """A register of a servo over time, or the position of its joint.
+    """Curve of a servo's register, or of its joint's position, over time.
 
     Attributes:
         servo: The servo.
@@ -93,7 +93,7 @@ def show_plot(
             registers of motion.
         joints: See `read_joint_maps`.
         period_s: Time between two readings.
-        duration_s: Time after which to end; None: no end.
+        duration_s: Time after which the plot ends; None: no end.
         json: Whether to print lines of JSON.
 
     Raises:
@@ -189,7 +189,7 @@ def block_curve(values: Sequence[float | None], rows: int) -> list[str]:
     """Return a curve as lines of blocks, the top line first, scaled to its range of values.
 
     Args:
-        values: A value per column; None is a gap.
+        values: One value per column; None is a gap.
         rows: Number of lines; each has eight steps.
     """
     known = [value for value in values if value is not None]

@@ -1,4 +1,4 @@
-"""Samples of servo registers for plots."""
+"""Take samples of servo registers for plots."""
 
 from __future__ import annotations
 

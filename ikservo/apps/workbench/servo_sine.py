@@ -1,4 +1,4 @@
-"""Measure amplitude ratio and phase lag of a servo on a sine, or a sine of rising frequency."""
+"""Measure amplitude ratio and phase lag of a servo on a sine of constant or rising frequency."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ class FrequencyPoint:
 
 
 class SineMotion:
-    """Sine of a joint around its start, with an exponentially rising frequency.
+    """Sine motion of a joint about its start, with an exponentially rising frequency.
 
     Args:
         start: The joints (n,).
@@ -53,7 +53,7 @@ class SineMotion:
         to_hz: The highest frequency; equal to the lowest for a single one.
 
     Attributes:
-        windows: Intervals [s] of full amplitude, one per half octave.
+        windows: Intervals [s] with full amplitude, one per half octave.
         top_rad_s: Its highest speed.
         top_rad_s2: Its highest acceleration.
     """
@@ -115,7 +115,7 @@ class SineResponse:
 
     @property
     def points(self) -> list[FrequencyPoint]:
-        """Responses of the joint, one per half octave of a sweep."""
+        """The responses of the joint, one per half octave of a sweep."""
         points: list[FrequencyPoint] = []
         for start_s, end_s in self.sine.windows:
             rows = (self.time_s >= start_s) & (self.time_s <= end_s)
@@ -169,7 +169,7 @@ def measure_sine(
     at_rad = start[column]
     if not lower <= at_rad - amplitude_rad <= at_rad + amplitude_rad <= upper:
         raise RefusedError(
-            f"{joint} has no room for {np.degrees(amplitude_rad):.3g}° to both sides.",
+            f"{joint} has no room for {np.degrees(amplitude_rad):.3g}° on both sides.",
             "Move it away from its limits, or choose a smaller amplitude.",
         )
     limits = context.planner.motion_limits("fast")[column]

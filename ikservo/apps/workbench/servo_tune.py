@@ -1,4 +1,4 @@
-"""``ikservo servo tune``: quick motions of a joint with its own, given and best gains."""
+"""``ikservo servo tune``: move a joint quickly with its present, given and best gains."""
 
 from __future__ import annotations
 
@@ -114,7 +114,7 @@ def tune_joint(
         connection: The arm.
         joint: The joint, or the id of its servo.
         settings: Gains to try, as ``p_gain=16``.
-        far_rad: The step, or the amplitude of a sine; None: the default.
+        far_rad: The size of the step, or the amplitude of the sine; None: the default.
         sine_hz: The lowest and the highest frequency of a sine; None: a step.
         suggest: Whether to search for better gains.
         yes: Whether to skip all questions.
@@ -127,7 +127,7 @@ def tune_joint(
     if joint is None:
         raise InputError("No joint is named.", "As in: ikservo servo tune --arm so101 --id 3")
     if suggest and sine_hz:
-        raise InputError("Only a step can suggest gains.", "Omit --sine or --suggest.")
+        raise InputError("Gains can only be suggested from a step.", "Omit --sine or --suggest.")
     if far_rad is None:
         far_rad = math.radians(2 if sine_hz else 10)
     with open_from_options(connection, MotionOptions(yes=yes)) as machine:
@@ -189,9 +189,9 @@ def _parse_gains(servo: ServoSpec, settings: Sequence[str]) -> dict[Register, in
 
 def _print_advice(connection: ArmConnection, servo: ServoSpec, present: Trial, best: Trial) -> None:
     if present.response.swings and best is present:
-        print_status(f"{servo} does not come to rest with any of the tried gains.")
+        print_status(f"{servo} does not come to rest with any of the gains tried.")
     if best is present:
-        print_status("The present gains are the best of these; they are in force.")
+        print_status("The present gains are the best of these and stay in force.")
         return
     words = " ".join(f"{name}={raw}" for name, raw in _named(best.gains).items())
     print_status(

@@ -36,7 +36,7 @@ _FRACTIONS = (32, 16, 8)  # divisors of the highest gain, tried if the present g
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StepResponse:
-    """Response of a joint to a quick motion forth and back, without corrections by ikservo.
+    """Response of a joint to a quick motion back and forth, without corrections by ikservo.
 
     Attributes:
         time_s: Times (m,) since the start.
@@ -60,7 +60,7 @@ class StepResponse:
 
     @property
     def settling_s(self) -> float:
-        """Longest time after the goals until it stays within 0.2° of its rest position."""
+        """Longest time after the goals until the joint stays within 0.2° of its rest position."""
         longest_s = 0.0
         for beyond, end_s in zip(self._beyond_rest(), self.ends_s, strict=True):
             time_s = self.time_s[self._rest(end_s)]
@@ -70,7 +70,7 @@ class StepResponse:
 
     @property
     def steady_error_rad(self) -> float:
-        """Largest distance of the rest position from its goal."""
+        """Largest distance between the rest position and the goal."""
         rows = (self._judged(end_s) for end_s in self.ends_s)
         return max(abs(float(np.mean(self.goal_rad[r] - self.position_rad[r]))) for r in rows)
 
@@ -96,7 +96,7 @@ class StepResponse:
 
     @property
     def overshoots(self) -> bool:
-        """Whether it overshoots its rest position by more than the tolerance."""
+        """Whether the joint overshoots its rest position by more than the tolerance."""
         return self.overshoot_rad > _SETTLED_RAD
 
     @property
@@ -145,7 +145,7 @@ class _ThereAndBack:
 
 
 def measure_response(arm: Arm, joint: str, step_rad: float) -> StepResponse:
-    """Move a joint forth and back at the speed ``fast``, and return the response of its servo.
+    """Move a joint back and forth at the speed ``fast``, and return the response of its servo.
 
     ikservo's own corrections are off, so that only the servo with its gains is measured.
 
@@ -233,7 +233,7 @@ def gain_registers(servo: ServoSpec) -> tuple[Register, Register]:
     """Return the registers of the P and the D gain of a servo's position loop.
 
     Raises:
-        RefusedError: Its model has no such gains.
+        RefusedError: The servo's model has no such gains.
     """
     registers = servo.table.registers
     found = [registers[name] for names in _GAIN_NAMES for name in names if name in registers]
@@ -246,10 +246,10 @@ def gain_registers(servo: ServoSpec) -> tuple[Register, Register]:
 
 
 def tunable_registers(servo: ServoSpec) -> list[Register]:
-    """Return the registers that can be tried: P, D, I, Feetech's start-up force and dead zones.
+    """Return the registers to try: P, D, I, and Feetech's start-up force and dead zones.
 
     Raises:
-        RefusedError: Its model has no P and D gain.
+        RefusedError: The servo's model has no P and D gain.
     """
     registers = servo.table.registers
     return [*gain_registers(servo), *(registers[name] for name in _TRIED if name in registers)]
@@ -311,14 +311,14 @@ def write_gains(bus: ServoBus, servo: ServoSpec, gains: Mapping[Register, int]) 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Trial:
-    """Tried gains, and the response of the servo."""
+    """Gains that were tried, and the response of the servo."""
 
     gains: Mapping[Register, int]
     response: StepResponse
 
 
 def search_gains(arm: Arm, servo: ServoSpec, before: Trial, step_rad: float) -> Generator[Trial]:
-    """Try gains on the joint: P, then D with the best P, then P nearby; yield each trial.
+    """Try gains on a joint: P, then D with the best P, then P nearby; yield each trial.
 
     A gain is not raised beyond a value at which the joint swings. Of two gains with equal costs,
     the lower one is better. If a joint does not overshoot, lower P is not tried, because under a

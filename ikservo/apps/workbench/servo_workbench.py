@@ -1,4 +1,4 @@
-"""Registers of single servos, on an arm or alone on a line: find, read, write, reset."""
+"""Find, read, write and reset registers of single servos, on an arm or alone on a line."""
 
 from __future__ import annotations
 
@@ -66,14 +66,14 @@ class ServoLine:
 
     Attributes:
         bus: Their bus.
-        owner: Name of the folder of first EEPROM copies: the arm and its adapter, or the adapter.
+        owner: Name of the folder for first EEPROM copies: the arm and its adapter, or the adapter.
     """
 
     bus: ServoBus
     owner: str
 
     def find(self, target: str | None) -> ServoSpec:
-        """Find the servo of a joint or id; None: the only servo.
+        """Return the servo of a joint or with an id; None: the only servo.
 
         Raises:
             UnknownNameError: There is no such servo.
@@ -108,7 +108,7 @@ def open_servos(
     """Open the servos of an arm, or those that reply on a line.
 
     Args:
-        model: The arm; None for servos of no arm.
+        model: The arm; None for servos without an arm.
         port: See ``choose_port``.
         servo_id: Without an arm: search only this id; None: every id.
         table: Without an arm: its model, if it is known.
@@ -151,7 +151,7 @@ def _spec_of(found: FoundServo, table: type[ControlTable] | None) -> ServoSpec:
     known = table or found.table
     if known is None:
         raise InputError(
-            f"{found} is not in the tables.", "Give a model with the same registers: --model"
+            f"{found} is an unknown model.", "Give a known model with the same registers: --model"
         )
     return ServoSpec(found.id, known)
 
@@ -189,12 +189,12 @@ class RegisterReading:
 
     @property
     def value(self) -> float:
-        """Quantity in the register's unit."""
+        """The value in the register's unit."""
         return self.register.to_value(self.raw)
 
     @property
     def text(self) -> str:
-        """The quantity with its unit, angles in degrees; empty for a plain number."""
+        """The value with its unit, angles in degrees; empty for a plain number."""
         if not self.register.unit.symbol:
             return ""
         shown, factor = shown_unit(self.register)
@@ -258,7 +258,7 @@ def find_table(model_name: str) -> type[ControlTable]:
 
 
 def register_names(model_name: str | None) -> list[str]:
-    """Return the registers of a model, or of all known models if it is unknown or None."""
+    """Return a model's register names, or those of all known models if it is unknown or None."""
     tables = [MODELS[model_name]] if model_name and model_name in MODELS else MODELS.values()
     return sorted({name for table in tables for name in table.registers})
 
@@ -313,7 +313,8 @@ def parse_register_value(register: Register, text: str) -> int:
         units = [name for name, (symbol, _) in _UNITS.items() if symbol == register.unit.symbol]
         listed = f", or a number with {' or '.join(units)}" if units else ""
         raise InputError(
-            f"{text!r} is not a value of {register}.", f"Give the raw integer of the sheet{listed}."
+            f"{text!r} is not a value of {register}.",
+            f"Give the raw integer from the data sheet{listed}.",
         )
     return register.to_raw(float(match[1]) * size)
 
@@ -425,7 +426,8 @@ def restart_servo(line: ServoLine, servo: ServoSpec) -> None:
     """Restart a servo and wait until it replies; its torque is off unless a register keeps it on.
 
     Raises:
-        BusError: The servo refused, its family does not support that, or it does not reply again.
+        BusError: The servo refused, its family does not support a restart, or it does not reply
+            again.
     """
     line.bus.reboot(servo.id)
     wait_for_boot(line.bus, servo)
@@ -445,7 +447,7 @@ def reset_servo(line: ServoLine, servo: ServoSpec) -> None:
         found = scan_servo(port, servo.id, candidate_baud_rates())
         if not found:
             raise ServoSilentError(
-                "does not reply after its reset", "Switch its power off and on, then scan.",
+                "does not reply after the reset", "Switch its power off and on, then scan.",
                 servo=str(servo), servo_id=servo.id, port=port.name,
             )  # fmt: skip
         change_address(port, servo, servo.id, rate)

@@ -51,7 +51,11 @@ class RestoreOptions:
 
     restore: Annotated[
         Path | None,
-        typer.Option("--restore", metavar="FILE", help="Write this EEPROM backup to its servo."),
+        typer.Option(
+            "--restore",
+            metavar="FILE",
+            help="Write this EEPROM backup to the servo that it came from.",
+        ),
     ] = None
     servo: Annotated[
         str | None,
@@ -78,7 +82,7 @@ def command(
 ) -> None:
     """Give each servo of an arm its id and baud rate; nothing moves.
 
-    Plug in one servo at a time, as you are asked; it is found at any baud rate.
+    Plug in one servo at a time when you are asked; it is found at any baud rate.
 
     ikservo setup so101
 
@@ -87,7 +91,7 @@ def command(
     ikservo setup so101 --restore FILE            write an EEPROM backup to its servo
     """
     if not arm:
-        raise InputError("Missing argument 'ARM'.", "Name it, as in: ikservo setup so101")
+        raise InputError("Missing argument 'ARM'.", "Name the arm, as in: ikservo setup so101")
     model = load_model(arm)
     if not model.joints:
         raise InputError(f"{model.path} names no servos.", "A real arm needs an arm.toml.")
@@ -98,7 +102,7 @@ def command(
             restore_backup(line, plan, yes=yes, json=json)
         return
     if backup != RestoreOptions():
-        raise InputError("--servo and --other-model belong to --restore.", "Add --restore FILE.")
+        raise InputError("--servo and --other-model need --restore.", "Add --restore FILE.")
     operator = Operator.of(None, yes=yes)
     todo = remaining_settings(model, start)
     joint = ""

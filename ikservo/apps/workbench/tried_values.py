@@ -1,7 +1,7 @@
-"""Trial values in a servo: the former values are kept on disk until they are restored.
+"""Keep a servo's former values on disk while others are tried, until they are restored.
 
 A program that is killed during a trial leaves the trial values in force until the servo's power
-goes off; the file has the former values.
+goes off; the file holds the former values.
 """
 
 from __future__ import annotations
@@ -64,7 +64,7 @@ def read_former(bus: ServoBus, servo: ServoSpec) -> dict[Register, int]:
         former = _FORMER.validate_python(json.loads(read_text(path, _MOST_BYTES)), strict=True)
         return {servo.table.registers[name]: raw for name, raw in former.items()}
     except (ValidationError, ValueError, KeyError, RecursionError) as error:
-        way_out = "numbers of registers; rename it, and switch the servo's power off and on"
+        way_out = "register values; rename the file, then switch the servo's power off and on"
         raise FileFormatError(path, "", "is damaged", way_out) from error
 
 

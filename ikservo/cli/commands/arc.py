@@ -27,7 +27,9 @@ from ikservo.planning.motions import MoveArc
 
 OptionalLength = Annotated[
     float | None,
-    typer.Argument(parser=parse_coordinate_m, help="End point: metres, or like 120mm."),
+    typer.Argument(
+        parser=parse_coordinate_m, help="End point, in metres or with a unit, such as 120mm."
+    ),
 ]
 Via = Annotated[str | None, typer.Option("--via", metavar="X,Y,Z", help="Point on the arc.")]
 FullCircle = Annotated[

@@ -15,7 +15,7 @@ _CONVENTION = "x forward, y left, z up, origin on the first axis at the mounting
 def command(*, json: JsonOption = False) -> None:
     """List the arms that ship with ikservo, and those of other packages.
 
-    A path to an arm's folder works wherever a name does.
+    A path to an arm's folder can be used wherever a name can.
 
     ikservo arms new mine --from robot.urdf        makes the folder of a new arm
     """

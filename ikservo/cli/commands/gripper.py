@@ -23,7 +23,7 @@ To = Annotated[
     str | None,
     typer.Argument(
         metavar="open|close|WIDTH",
-        help="open, close, or a width like 30mm.",
+        help="open, close, or a width such as 30mm.",
         autocompletion=complete_from("open", "close"),
     ),
 ]
@@ -63,7 +63,7 @@ def command(
             "--weigh cannot be used with a motion of the jaws."
             if weigh
             else "No motion of the jaws is given.",
-            "Give open, close, a width like 30mm, or --weigh.",
+            "Give open, close, a width such as 30mm, or --weigh.",
         )
     if to is None:
         find_part("gripper --weigh")(connection, options)

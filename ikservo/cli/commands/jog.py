@@ -43,13 +43,14 @@ Speed = Annotated[
     str | None,
     typer.Option(
         "--speed",
-        help="Degrees/s of a joint, like 10; mm/s of the tip or a sliding joint, like 20mm.",
+        help="Degrees/s for a joint, such as 10; mm/s for the tip or a sliding joint, such as "
+        "20mm.",
     ),
 ]
 Duration = Annotated[
     float | None,
     typer.Option(
-        "--duration", parser=parse_time_s, help="Move for this time, without keys: 2, 0.5s."
+        "--duration", parser=parse_time_s, help="Move for this time, without a key: 2 or 0.5s."
     ),
 ]
 
@@ -72,7 +73,7 @@ def command(
 ) -> None:
     """Move a joint or the tip in one direction while the space bar is held.
 
-    Release it to stop. A negative speed reverses; --duration needs no key.
+    Release the space bar to stop. A negative speed reverses; --duration needs no key.
 
     ikservo jog elbow_flex --speed -10 --duration 1 --arm so101 --port sim
 
@@ -109,7 +110,7 @@ def command(
 
 @contextmanager
 def _keep_going_check(machine: OpenArm, time_s: float | None) -> Generator[KeepGoing]:
-    """Yield a function that returns whether to continue: until a time, or while a key is held."""
+    """Yield a function that returns whether to continue, until a time or while a key is held."""
     if time_s is not None:
         yield _duration_check(machine, time_s)
         return

@@ -1,4 +1,4 @@
-"""``ikservo joints``: move single joints to positions; shared with ``pose``."""
+"""``ikservo joints``: move single joints to positions; ``pose`` shares the code."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ Goals = Annotated[
     list[str],
     typer.Argument(
         metavar="JOINT=POSITION…",
-        help="Degrees or 0.2rad; sliding joints: 12mm.",
+        help="In degrees, or with a unit: 0.2rad; 12mm for a sliding joint.",
         autocompletion=complete_joints,
     ),
 ]
@@ -76,7 +76,7 @@ _FIELDS: Fields[JointMoveResult] = (
 
 
 def print_report(report: JointMoveResult | None, model: Model, *, json: bool) -> None:
-    """Print the result of a joint motion, if one was made; exit 1 if a joint is off its goal."""
+    """Print the result of a joint motion, if there was one; exit 1 if a joint missed its goal."""
     if report is None:
         return
     width = max(8, *map(len, report.goal_rad)) + 2

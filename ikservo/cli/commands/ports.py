@@ -21,7 +21,7 @@ Events = Annotated[
 
 
 def command(*, watch: Watch = False, events: Events = None, json: JsonOption = False) -> None:
-    """List the USB serial adapters: chip, stable name, the program that uses them.
+    """List the USB serial adapters with chip, stable name and the program that uses each.
 
     ikservo ports
 
@@ -34,7 +34,7 @@ def command(*, watch: Watch = False, events: Events = None, json: JsonOption = F
         else:
             print_status("No USB serial adapter found. Without an arm: --port sim")
         return
-    print_status(f"Here now: {', '.join(adapter.device for adapter in found) or 'none'}.")
+    print_status(f"Plugged in now: {', '.join(adapter.device for adapter in found) or 'none'}.")
     print_status("Plug in or unplug an adapter; Ctrl-C ends.")
     for change in islice(watch_adapters(), events):
         adapter = change.adapter

@@ -42,7 +42,7 @@ def command(
                     "Cannot ask: input is not a terminal.",
                     "To restart servos without being asked, add --yes.",
                 )
-            if not confirm("Torque goes off while servos restart. Is the arm supported?"):
+            if not confirm("Torque goes off while the servos restart. Is the arm supported?"):
                 raise IkservoError(
                     "Cancelled; nothing was restarted.",
                     "To go on without being asked, add --yes.",

@@ -27,7 +27,7 @@ def command(
 
     An arm without a usable calibration is not lowered: its torque goes off after a question.
 
-    If another program of yours uses the port, it stops its motion and relaxes the arm.
+    If another program of yours uses the port, that program stops its motion and relaxes the arm.
     """
     model = model_from_option(connection.arm)
     remote_result = request_relax(model, connection.port)
@@ -43,7 +43,7 @@ def command(
             _release_torque(disable_torque, yes=options.yes)
             return
         if not machine.zeros.are_known:
-            print_status("Not calibrated, so the arm cannot be lowered.")
+            print_status("The arm is not calibrated and cannot be lowered.")
             _release_torque(machine.disable_torque, yes=options.yes)
             return
         announce_lowering(machine, options)
@@ -54,7 +54,7 @@ def command(
 
 def _release_torque(disable_torque: Callable[[], None], *, yes: bool) -> None:
     """Switch off the torque of an arm with unknown zeros, which cannot be lowered."""
-    print_status("Torque will be switched off and the arm falls. Support it.")
+    print_status("Torque will be switched off and the arm will fall. Support it.")
     if not yes and not (sys.stdin.isatty() and confirm("Switch torque off?")):
         raise IkservoError(
             "Cancelled; torque stays on.", "To go on without being asked, add --yes."

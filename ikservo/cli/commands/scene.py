@@ -1,4 +1,4 @@
-"""``ikservo scene``: the things of a scene file, and the poses of an arm that touch them."""
+"""``ikservo scene``: list the things in a scene file, and the poses that touch them."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ SceneFile = Annotated[Path, typer.Argument(metavar="FILE", help="TOML file, as f
 
 
 def show(file: SceneFile, *, json: JsonOption = False) -> None:
-    """List the things of a scene file and the other arms in it: names, places and sizes.
+    """List the things and other arms in a scene file: names, positions and sizes.
 
     ikservo scene show table.toml
     """
@@ -44,7 +44,7 @@ def show(file: SceneFile, *, json: JsonOption = False) -> None:
 
 
 def check(file: SceneFile, arm: ArmOption = None, *, json: JsonOption = False) -> None:
-    """Show which poses of an arm touch a thing of a scene file; nothing moves.
+    """Show which poses of an arm touch a thing in a scene file; nothing moves.
 
     ikservo scene check table.toml --arm so101
     """

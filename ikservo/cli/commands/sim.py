@@ -18,7 +18,7 @@ from ikservo.remedies import install_command
 _GROUP = "ikservo.servers"
 _AS_IDENTIFIED = "--as-identified"
 
-# All arguments but the arm's name are passed to the simulator, which has its own help.
+# All arguments except the arm's name are passed to the simulator, which has its own help.
 CONTEXT_SETTINGS: dict[str, Any] = {"ignore_unknown_options": True, "help_option_names": []}
 
 SimArguments = Annotated[list[str] | None, typer.Argument(metavar="[ARM] [OPTIONS]…")]
@@ -48,7 +48,7 @@ def _with_identified(name: str, args: list[str]) -> list[str]:
 
     Raises:
         InputError: The arm has not been identified yet.
-        FileFormatError: Its file is damaged.
+        FileFormatError: The file of the identified arm is damaged.
     """
     if _AS_IDENTIFIED not in args:
         return args
@@ -70,8 +70,8 @@ def _with_identified(name: str, args: list[str]) -> list[str]:
 def _load_server() -> Callable[[list[str]], int]:
     if find_spec("termios") is None:  # Windows
         raise IkservoError(
-            "This system has no pseudo-terminals, and a simulated arm is served on one.",
-            "Commands simulate an arm themselves: add --port sim",
+            "This system has no pseudo-terminals, which `ikservo sim` needs.",
+            "Other commands can simulate an arm themselves: add --port sim",
         )
     for entry_point in entry_points(group=_GROUP, name="sim"):
         return cast("Callable[[list[str]], int]", entry_point.load())

@@ -1,4 +1,4 @@
-"""``ikservo solve``: joints for a point, without any hardware."""
+"""``ikservo solve``: find joints for a point, without any hardware."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ Force = Annotated[
         help="Force at the tip in newtons, base frame; prints the joint torques.",
     ),
 ]
-All = Annotated[bool, typer.Option("--all", help="List every solution in closed form.")]
+All = Annotated[bool, typer.Option("--all", help="List every closed-form solution.")]
 Compare = Annotated[bool, typer.Option("--compare", help="Run every method on the target.")]
 Trace = Annotated[
     bool, typer.Option("--trace", help="Print every iteration, one JSON object per line.")
@@ -94,7 +94,7 @@ def command(
     """Find joints inside this arm's limits that bring the tip to X Y Z; nothing moves.
 
     The limits come from the arm's calibration, or from its arm file if it has none.
-    --direction alone is met as closely as possible; the other options as asked, or exit 7.
+    --direction is met as closely as possible; exit code 7: another option cannot be met.
 
     ikservo solve 0.25 0.05 0.15 --arm so101
 
@@ -116,7 +116,7 @@ def command(
         posed or everything or comparison or method not in LEANING
     ):
         raise InputError(
-            "--prefer and --weight act in the null space of the pseudo-inverse.",
+            "--prefer and --weight need a method with a null space.",
             "Give them with --method auto or pseudo_inverse, and without --all, --compare, "
             "--pitch, --roll, --keep and --within.",
         )
@@ -169,7 +169,7 @@ def _check_options(
         raise InputError("--all has no iterations.", "Use it without --compare and --trace.")
     if method != "auto" and (everything or comparison):
         other = "--all" if everything else "--compare"
-        raise InputError(f"{other} chooses the method itself.", "Omit --method.")
+        raise InputError(f"{other} chooses the method.", "Omit --method.")
     if plot is not None:
         from ikservo.cli.plots import check_plot_file  # noqa: PLC0415  # rarely used, loads matplotlib
 

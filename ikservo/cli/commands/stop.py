@@ -14,7 +14,10 @@ from ikservo.cli.quick_stop import report_stop, stop_every_arm
 from ikservo.serving.control_client import StopAllResult
 
 All = Annotated[
-    bool, typer.Option("--all", help="Stop every arm of your programs and of IKSERVO_FLEET.")
+    bool,
+    typer.Option(
+        "--all", help="Stop every arm that your programs or the machines in IKSERVO_FLEET move."
+    ),
 ]
 
 
@@ -26,8 +29,8 @@ def command(
 ) -> None:
     """Stop the arm where it is; torque does not change.
 
-    With --all, or without an arm and a port (also in the environment), every arm that a program
-    of yours moves is stopped, also at the address in IKSERVO_PORT and on the machines of
+    With --all, or if neither options nor environment name an arm or a port, every arm that your
+    programs move is stopped, including those at the address in IKSERVO_PORT and on the machines in
     IKSERVO_FLEET. If no program uses the port of the arm, this command opens it and makes every
     servo with torque hold its position.
 

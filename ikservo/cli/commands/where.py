@@ -1,4 +1,4 @@
-"""``ikservo where``: measured tip, joints, limits and health, once or continuously."""
+"""``ikservo where``: show tip, joints, limits and health, once or continuously."""
 
 from __future__ import annotations
 
@@ -72,7 +72,7 @@ def command(
 ) -> None:
     """Show where the arm is, measured by its servos; nothing moves.
 
-    If another ikservo program uses the port, it answers instead.
+    If another ikservo program uses the port, that program answers instead.
 
     ikservo where --arm so101 --port sim --visible-from 0.6,0.3,0.4
     """
@@ -151,7 +151,7 @@ def _chain_joints(here: ArmState, model: Model) -> Vector:
     return np.array([here[name].position_rad for name in model.chain.names])
 
 
-# Widths in characters: of the bar between the limits, and of the other columns.
+# Widths of the bar between the limits and of the other columns, in characters.
 _MIN_BAR_CHARS, _MAX_BAR_CHARS, _OTHER_COLUMNS_CHARS = 9, 31, 68
 
 ReadState = Callable[[], ArmState]
@@ -171,7 +171,7 @@ def watch_arm(
 
     Args:
         model: The arm.
-        port: Its port; None chooses it as for every command.
+        port: The port of the arm; None chooses a port as in every command.
         period_s: Time between two readings.
         count: Number of readings; until Ctrl-C if None.
         uncalibrated: Whether an arm without calibration may be opened.

@@ -116,12 +116,12 @@ def workspace_title(model: Model, cut: Slice | None, region: Workspace) -> str:
     return f"{model.title}, {cut.value}: the upright plane along {yaw_deg:z.0f}°"
 
 
-_STARTS = 64  # start postures for a point whose first solution collides
+_STARTS = 64  # number of start postures for a point whose first solution collides
 
 
 @dataclass(frozen=True, kw_only=True)
 class SliceOptions:
-    """The plane to show; the whole volume without one."""
+    """The plane to show; without a plane, the whole volume is shown."""
 
     cut: Annotated[
         Slice | None, typer.Option("--slice", help="Plane to show; default: the whole volume.")
@@ -232,7 +232,7 @@ def command(
 def _solve_point(
     model: Model, point_m: Sequence[float], home: Vector, clear: Clear | None
 ) -> Result:
-    """Find a collision-free solution for a point if one is found, else the best one."""
+    """Find a collision-free solution for a point or, if none is found, the best solution."""
     best = solve(model.chain, Target(point_m), home)
     if clear is None or not best.reached:
         return best

@@ -1,1 +1,1 @@
-"""Packets of Dynamixel and Feetech servos on the SDKs of their vendors."""
+"""Drivers for Dynamixel and Feetech servos, on the SDKs of their vendors."""

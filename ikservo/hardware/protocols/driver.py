@@ -106,7 +106,7 @@ class ProtocolDriver(Protocol):
         ...
 
     def ping(self, servo_id: int) -> Reply:
-        """Ping a servo; the data are those of the protocol's ping reply."""
+        """Ping a servo; return the data of the protocol's ping reply."""
         ...
 
     def broadcast_ping(self, highest_id: int) -> BroadcastPingResult:
@@ -114,7 +114,7 @@ class ProtocolDriver(Protocol):
         ...
 
     def read(self, servo_id: int, address: int, size: int) -> Reply:
-        """Read ``size`` bytes of one servo."""
+        """Read ``size`` bytes from one servo."""
         ...
 
     def write(self, servo_id: int, address: int, data: bytes) -> Reply:
@@ -122,11 +122,11 @@ class ProtocolDriver(Protocol):
         ...
 
     def sync_read(self, servo_ids: Sequence[int], address: int, size: int) -> dict[int, Reply]:
-        """Read the same bytes of many servos; each has its own reply."""
+        """Read the same bytes from many servos; each sends its own reply."""
         ...
 
     def bulk_read(self, spans: Mapping[int, MemoryRange]) -> dict[int, Reply]:
-        """Read different bytes of each of many servos."""
+        """Read different bytes from each of many servos."""
         ...
 
     def sync_write(self, address: int, data: Mapping[int, bytes]) -> None:

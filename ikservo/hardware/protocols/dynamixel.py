@@ -52,7 +52,7 @@ _RETRY_FAST_AFTER = 200  # readings after which fast sync read is tried again
 
 
 class DynamixelDriver:
-    """Driver of X-series servos and all others that use protocol 2.0.
+    """Driver for X-series servos and all others that use protocol 2.0.
 
     Groups are read by fast sync read, which saves a third of the wire time, until it fails twice in
     succession for the same servos (D5: a missing servo suppresses all replies). After that, and
@@ -90,7 +90,7 @@ class DynamixelDriver:
         )
 
     def read(self, servo_id: int, address: int, size: int) -> Reply:
-        """Read ``size`` bytes of one servo."""
+        """Read ``size`` bytes from one servo."""
         span = MemoryRange(address, size)
         with self._port.lock:
             window = self.transceiver.choose_window((servo_id,), span)
@@ -104,7 +104,7 @@ class DynamixelDriver:
         return self._request_packet(servo_id, _WRITE, _two_byte_words(address) + data)
 
     def sync_read(self, servo_ids: Sequence[int], address: int, size: int) -> dict[int, Reply]:
-        """Read the same bytes of many servos; each has its own reply."""
+        """Read the same bytes from many servos; each sends its own reply."""
         span, ids = MemoryRange(address, size), tuple(servo_ids)
         with self._port.lock:
             failures = self._fast_failures.get(ids, 0)
@@ -146,7 +146,7 @@ class DynamixelDriver:
         return {i: span.extract(reply, window) for i, reply in replies.items() if reply}
 
     def bulk_read(self, spans: Mapping[int, MemoryRange]) -> dict[int, Reply]:
-        """Read different bytes of each of many servos."""
+        """Read different bytes from each of many servos."""
         with self._port.lock:
             windows = {i: self.transceiver.choose_window((i,), span) for i, span in spans.items()}
             rows = (bytes((i,)) + _two_byte_words(w.address, w.size) for i, w in windows.items())
@@ -247,7 +247,7 @@ class _Dynamixel1Codec(Protocol1Codec):
 
 
 class Dynamixel1Driver(Protocol1Driver):
-    """Driver of AX and MX servos: none has sync read, and only MX servos have bulk read.
+    """Driver for AX and MX servos: none has sync read, and only MX servos have bulk read.
 
     Args:
         port: The port.
@@ -263,11 +263,11 @@ class Dynamixel1Driver(Protocol1Driver):
         return self._bulk_ids.issuperset(servo_ids)
 
     def sync_read(self, servo_ids: Sequence[int], address: int, size: int) -> dict[int, Reply]:
-        """Read the same bytes of many servos, with one bulk read for those that support it."""
+        """Read the same bytes from many servos, with one bulk read for those that support it."""
         return self.bulk_read(dict.fromkeys(servo_ids, MemoryRange(address, size)))
 
     def bulk_read(self, spans: Mapping[int, MemoryRange]) -> dict[int, Reply]:
-        """Read different bytes of each servo; those without bulk read one after the other."""
+        """Read different bytes from each servo, one after the other if it has no bulk read."""
         together = {i: span for i, span in spans.items() if i in self._bulk_ids}
         if len(together) < 2:
             return super().bulk_read(spans)
@@ -290,6 +290,6 @@ class Dynamixel1Driver(Protocol1Driver):
         return ReplyFault(servo_id, FaultKind.REFUSED, found)
 
     def reboot(self, servo_id: int) -> Reply:
-        """Restart one servo; its torque is off afterwards. Old AX servos cannot do it."""
+        """Restart one servo; its torque is off afterwards. Old AX servos do not support this."""
         self._port.pending.invalidate((servo_id,))
         return self._request_packet(servo_id, _REBOOT_1, b"")

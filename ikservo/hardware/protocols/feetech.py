@@ -1,4 +1,4 @@
-"""Feetech driver, on the vendor's SDK.
+"""Driver for Feetech servos, on the vendor's SDK.
 
 The SDK builds and sends every packet. Its reception is not used, because it takes late, foreign and
 short packets for replies, stops at false headers and at error bytes above 0x7F, and abandons a
@@ -54,14 +54,14 @@ class _FeetechCodec(Protocol1Codec):
 
 
 class FeetechDriver(Protocol1Driver):
-    """Driver of STS, SMS and HLS servos; of SCS servos with ``can_sync_read=False`` (F16)."""
+    """Driver for STS, SMS and HLS servos, and with ``can_sync_read=False`` for SCS servos (F16)."""
 
     def __init__(self, port: Port, *, can_sync_read: bool = True) -> None:
         super().__init__(port, _packet_sender(), _FeetechCodec(COMM_TX_ERROR))
         self.can_sync_read = can_sync_read
 
     def sync_read(self, servo_ids: Sequence[int], address: int, size: int) -> dict[int, Reply]:
-        """Read the same bytes of many servos; each has its own reply."""
+        """Read the same bytes from many servos; each sends its own reply."""
         if not self.can_sync_read:
             return super().sync_read(servo_ids, address, size)
         span = MemoryRange(address, size)

@@ -24,7 +24,7 @@ _HIGHEST_ID = 0xFD
 
 
 def packet_size(size: int) -> int:
-    """Compute the bytes of a status packet with ``size`` bytes of data."""
+    """Compute the number of bytes in a status packet with ``size`` bytes of data."""
     return size + 6
 
 
@@ -140,7 +140,7 @@ class Protocol1Codec:
         self.too_long = too_long
 
     def frame_size(self, size: int) -> int:
-        """Return the bytes of a status packet with ``size`` bytes of data."""
+        """Return the number of bytes in a status packet with ``size`` bytes of data."""
         return packet_size(size)
 
     def scan(self, data: bytes, sizes: Iterable[int], *, final: bool) -> ScanResult:
@@ -191,7 +191,7 @@ class Protocol1Driver:
         )
 
     def read(self, servo_id: int, address: int, size: int) -> Reply:
-        """Read ``size`` bytes of one servo."""
+        """Read ``size`` bytes from one servo."""
         span = MemoryRange(address, size)
         with self._port.lock:
             window = self.transceiver.choose_window((servo_id,), span)
@@ -204,11 +204,11 @@ class Protocol1Driver:
         return self._request_packet(servo_id, _WRITE, bytes((address, *data)))
 
     def sync_read(self, servo_ids: Sequence[int], address: int, size: int) -> dict[int, Reply]:
-        """Read the same bytes of many servos, here one after the other."""
+        """Read the same bytes from many servos, here one after the other."""
         return {servo_id: self.read(servo_id, address, size) for servo_id in servo_ids}
 
     def bulk_read(self, spans: Mapping[int, MemoryRange]) -> dict[int, Reply]:
-        """Read different bytes of each servo, here one after the other."""
+        """Read different bytes from each servo, here one after the other."""
         return {i: self.read(i, span.address, span.size) for i, span in spans.items()}
 
     def sync_write(self, address: int, data: Mapping[int, bytes]) -> None:

@@ -95,7 +95,7 @@ class Protocol2Codec:
         self.too_long = too_long
 
     def frame_size(self, size: int) -> int:
-        """Compute the bytes of a status packet with ``size`` bytes of data, unstuffed."""
+        """Compute the number of bytes in an unstuffed status packet with ``size`` bytes of data."""
         return size + 11
 
     def scan(self, data: bytes, sizes: Collection[int], *, final: bool) -> ScanResult:
@@ -210,13 +210,13 @@ class FixedPacketHandler(Protocol2PacketHandler):
     """The SDK's packet handler with correct stuffing (D1, D2)."""
 
     def addStuffing(self, packet: list[int]) -> list[int]:
-        """Stuff in place: ``txPacket`` ignores the return value."""
+        """Stuff the packet in place, because ``txPacket`` ignores the return value."""
         inside = stuff(bytes(packet[_INSIDE:-2]))
         packet[_LEN:] = [*(len(inside) + 2).to_bytes(2, "little"), *inside, 0, 0]
         return packet
 
     def removeStuffing(self, packet: list[int]) -> list[int]:
-        """Unstuff in place."""
+        """Unstuff the packet in place."""
         inside = unstuff(bytes(packet[_INSIDE:-2]))
         packet[_LEN:-2] = [*(len(inside) + 2).to_bytes(2, "little"), *inside]
         return packet
@@ -230,7 +230,7 @@ _OVERHEAD_BYTES = 4  # ERR, ID and CRC around each servo's data
 
 
 def fast_sync_size(count: int, size: int) -> int:
-    """Compute the data bytes of the combined packet, without its first ERR and its last CRC."""
+    """Return the number of data bytes in the combined packet, without first ERR and last CRC."""
     return count * (size + _OVERHEAD_BYTES) - 3
 
 

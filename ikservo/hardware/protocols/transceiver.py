@@ -1,4 +1,4 @@
-"""Send one instruction and receive its status packets: deadlines, echoes, late replies."""
+"""Send one instruction and receive its status packets, despite echoes and late replies."""
 
 from __future__ import annotations
 
@@ -158,7 +158,7 @@ class ReplyReader:
         return self._replies | faults
 
     def _update_line_health(self) -> None:
-        """Update timeout and byte rate if no reply came; first look for a reply like an echo."""
+        """Update timeout and byte rate if no reply came; first look for an echo-like reply."""
         port = self._port
         if bytes(self._raw) == port.sent and port.echoes is None and not any(self._sizes.values()):
             # A reply may equal its request: a Feetech ping under a voltage alarm.
@@ -227,7 +227,7 @@ class Transceiver:
         Args:
             send: Sends the packet through the vendor's SDK; returns its result code.
             sizes: Bytes of data of each reply, by servo id in the order of the replies.
-            ranges: The memory to read, of all servos or of each; None for other requests.
+            ranges: The memory to read, for all servos or for each; None for other requests.
 
         Returns:
             A status or a fault for every id.

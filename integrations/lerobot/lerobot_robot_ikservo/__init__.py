@@ -1,4 +1,4 @@
-"""Arms of ikservo in LeRobot; LeRobot imports this package by the name of its distribution."""
+"""Use ikservo's arms in LeRobot, which finds this package by its distribution name."""
 
 from lerobot_robot_ikservo.config import (
     IkservoLeaderConfig,

@@ -1,4 +1,4 @@
-"""What an action means: joint positions, a pose of the tip, or a step of it."""
+"""Kinds of actions: joint positions, a pose of the tip, or a step of the tip."""
 
 from __future__ import annotations
 
@@ -22,25 +22,25 @@ Matrix = NDArray[np.float64]
 _POSITION_KEYS = ("ee.x", "ee.y", "ee.z")
 _TURN_KEYS = ("ee.wx", "ee.wy", "ee.wz")
 POSE_KEYS = (*_POSITION_KEYS, *_TURN_KEYS)
-"""The pose of the tip in the base frame: metres, and a rotation vector in radians."""
+"""Keys of the tip pose in the base frame: position in metres, rotation vector in radians."""
 
 _GRIPPER_KEY = "ee.gripper_pos"
 _STEP_KEYS = ("delta_x", "delta_y", "delta_z")
 _STEP_GRIPPER_KEY = "gripper"
-_CLOSE, _OPEN = 0.0, 2.0  # of LeRobot's teleoperators; 1 is stay, some send -1 for it
-_UNREACHED_M = 0.002  # a goal that is missed by less is not worth a line
+_CLOSE, _OPEN = 0.0, 2.0  # from LeRobot's teleoperators; 1 means stay, as does -1
+_UNREACHED_M = 0.002  # a smaller error of a goal is not reported
 
 
 class ActionKind(Protocol):
-    """One of the kinds of actions."""
+    """A kind of action."""
 
     @property
     def features(self) -> dict[str, type]:
-        """Return LeRobot's description of the actions."""
+        """Return LeRobot's description of the action values."""
         ...
 
     def goal(self, action: Mapping[str, Any], last: Vector, arm: OpenArm) -> tuple[Vector, str]:
-        """Return the goal (n,) of an action, from the ``last`` one, and what it cannot reach.
+        """Return the goal (n,) of an action, given the ``last`` goal, and a text on its error.
 
         Raises:
             KeyError: The action lacks a value.
@@ -49,7 +49,7 @@ class ActionKind(Protocol):
 
 
 def action_kind(config: IkservoRobotConfig, model: Model, values: JointValues) -> ActionKind:
-    """Return the kind of actions that a configuration chooses."""
+    """Return the kind of action that a configuration selects."""
     if config.action == "joint":
         return JointActions(values)
     gripper = None if model.gripper is None else model.gripper.joint
@@ -65,24 +65,24 @@ def pose_values(T_base_tip: Matrix) -> dict[str, float]:
 
 
 class JointActions:
-    """Positions of the joints, ``<joint>.pos``."""
+    """Actions with joint positions, ``<joint>.pos``."""
 
     def __init__(self, values: JointValues) -> None:
         self._values = values
 
     @property
     def features(self) -> dict[str, type]:
-        """Return one value a joint."""
+        """Return one value per joint."""
         return self._values.features
 
     def goal(self, action: Mapping[str, Any], last: Vector, arm: OpenArm) -> tuple[Vector, str]:
-        """Return the positions; joints without one keep their last."""
-        del arm  # of the other kinds
+        """Return the positions; joints without a value keep their last position."""
+        del arm  # keys of the other kinds
         return self._values.to_positions(action, last), ""
 
 
 class PoseActions:
-    """Poses of the tip, ``ee.x`` to ``ee.wz``, and the gripper in percent."""
+    """Actions with a pose of the tip, ``ee.x`` to ``ee.wz``, and the gripper in percent."""
 
     def __init__(self, values: JointValues, gripper: str | None) -> None:
         self._values, self._gripper = values, gripper
@@ -90,12 +90,12 @@ class PoseActions:
 
     @property
     def features(self) -> dict[str, type]:
-        """Return the pose, and the gripper where there is one."""
+        """Return the pose, and the gripper if there is one."""
         keys = POSE_KEYS if self._gripper is None else (*POSE_KEYS, _GRIPPER_KEY)
         return dict.fromkeys(keys, float)
 
     def goal(self, action: Mapping[str, Any], last: Vector, arm: OpenArm) -> tuple[Vector, str]:
-        """Return the joints whose tip is in the pose, near the last ones."""
+        """Return the joints that put the tip into the pose, close to the last joints."""
         position = [float(action[key]) for key in _POSITION_KEYS]
         T = make_pose(position, exp_so3([float(action[key]) for key in _TURN_KEYS]))
         goal, missing = self.joints_at(T, last, arm)
@@ -105,7 +105,7 @@ class PoseActions:
         return goal, missing
 
     def joints_at(self, T_base_tip: Matrix, last: Vector, arm: OpenArm) -> tuple[Vector, str]:
-        """Return all joints (n,) with the tip in a pose, and what cannot be reached."""
+        """Return all joints (n,) for a pose of the tip, and a text on what cannot be reached."""
         if self._solver is None or self._solver.chain is not arm.chain:
             self._solver = TipSolver(arm.chain)
         index = arm.joint_index
@@ -115,7 +115,7 @@ class PoseActions:
 
 
 class StepActions:
-    """Steps of the tip as ``keyboard_ee`` and ``gamepad`` send them, and of the gripper."""
+    """Actions with steps of the tip and gripper, as ``keyboard_ee`` and ``gamepad`` send them."""
 
     def __init__(
         self, values: JointValues, gripper: str | None, step_m: float, gripper_step: float
@@ -126,12 +126,12 @@ class StepActions:
 
     @property
     def features(self) -> dict[str, type]:
-        """Return the steps, and the gripper's where there is one."""
+        """Return the steps, including that of the gripper if there is one."""
         keys = _STEP_KEYS if self._gripper is None else (*_STEP_KEYS, _STEP_GRIPPER_KEY)
         return dict.fromkeys(keys, float)
 
     def goal(self, action: Mapping[str, Any], last: Vector, arm: OpenArm) -> tuple[Vector, str]:
-        """Return the joints a step further; the tool keeps its orientation as well as it can."""
+        """Return the joints after a step; the tool keeps its orientation as well as possible."""
         step_m = self._step_m * np.array([float(action[key]) for key in _STEP_KEYS])
         goal, missing = last, ""
         if step_m.any():
@@ -152,5 +152,6 @@ class StepActions:
 def _unreached_text(T_base_tip: Matrix, error_m: float) -> str:
     point = ", ".join(f"{x:.3f}" for x in T_base_tip[:3, 3])
     return (
-        f"({point}) m is out of reach by {error_m * 1000:.0f} mm; the tip goes as near as it can."
+        f"({point}) m is out of reach by {error_m * 1000:.0f} mm; the tip moves as close to it "
+        f"as it can."
     )

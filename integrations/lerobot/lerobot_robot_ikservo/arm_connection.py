@@ -1,4 +1,4 @@
-"""The arm of a robot or teleoperator of LeRobot: opened, calibrated and closed."""
+"""Open, calibrate and close the arm of a LeRobot robot or teleoperator."""
 
 from __future__ import annotations
 
@@ -16,19 +16,19 @@ __all__ = ["ArmConnection"]
 
 
 class ArmConnection:
-    """An arm that is open between ``connect`` and ``disconnect`` of a device.
+    """An arm that is open from ``connect`` to ``disconnect`` of a device.
 
     Args:
-        config: Which arm, and its port.
-        device: The name of the device in errors.
-        on_exit: What ``close`` does with the torque.
+        config: Names the arm and its port.
+        device: The name of the device for error messages.
+        on_exit: The torque after ``close``: ``hold`` or ``relax``.
 
     Attributes:
         model: The arm.
-        values: Its joints as LeRobot's values.
+        values: Converts the joints to LeRobot's values.
 
     Raises:
-        UnknownNameError: No such arm.
+        UnknownNameError: There is no such arm.
     """
 
     def __init__(
@@ -53,7 +53,7 @@ class ArmConnection:
         """Return the open arm.
 
         Raises:
-            DeviceNotConnectedError: It is not open.
+            DeviceNotConnectedError: The arm is not open.
         """
         if self._arm is None:
             raise DeviceNotConnectedError(f"{self._device} is not connected.")
@@ -63,11 +63,11 @@ class ArmConnection:
         """Open the arm; nothing moves and no torque changes.
 
         Raises:
-            DeviceAlreadyConnectedError: It is open.
-            IkservoError: It cannot be opened; says what to do.
+            DeviceAlreadyConnectedError: The arm is already open.
+            IkservoError: The arm cannot be opened; the message says what to do.
         """
         if self._arm is not None:
-            raise DeviceAlreadyConnectedError(f"{self._device} is connected.")
+            raise DeviceAlreadyConnectedError(f"{self._device} is already connected.")
         self._arm = ikservo.open_arm(self.model, self._config.port or None)
 
     def calibrate(self, path: Path) -> bool:

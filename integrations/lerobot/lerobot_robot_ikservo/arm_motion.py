@@ -1,4 +1,4 @@
-"""Goals for an open arm at LeRobot's rate; what the arm refuses becomes a line in the log."""
+"""Send goals to an open arm at LeRobot's rate, and log the goals that it refuses."""
 
 from __future__ import annotations
 
@@ -18,21 +18,21 @@ __all__ = ["ArmMotion"]
 Vector = NDArray[np.float64]
 
 _LOG = logging.getLogger(__name__)
-_FRESH_S = DEAD_MAN_TIMEOUT_S / 2  # after a goal the control loop runs and measures for longer
-_QUIET_ACTIONS = 25  # without a refusal, until the next of its kind is logged
+_FRESH_S = DEAD_MAN_TIMEOUT_S / 2  # after a goal, the control loop runs for longer than this
+_QUIET_ACTIONS = 25  # time without a refusal after which the next one of its kind is logged
 _LOST = (ikservo.PortLostError, ikservo.ServoSilentError)
 
 
 class ArmMotion:
-    """Sends goals to an arm and measures it.
+    """Sends goals to an arm and measures its joints.
 
-    A refused goal, a stop and a servo's alarm are logged when they begin; the arm keeps the goal
-    before, or holds.
-    Nothing else is hidden: without its port the arm cannot be measured either.
+    A refused goal, a stop and a servo alarm are logged when they begin; the arm keeps the previous
+    goal, or holds. All other errors are raised: without its port, the arm cannot be measured
+    either.
 
     Args:
         arm: An open arm; it stays open.
-        speed: Its speed class.
+        speed: The speed class of the arm.
     """
 
     def __init__(self, arm: ikservo.OpenArm, speed: str) -> None:
@@ -47,10 +47,10 @@ class ArmMotion:
         """Send the goal of all joints (n,), rad or m.
 
         Returns:
-            The goal (n,) that the arm has then: after a refusal the one before; None if it holds.
+            The goal (n,) in force; after a refusal, the previous goal; None if the arm holds.
 
         Raises:
-            PortLostError, ServoSilentError: The arm is not to be reached any more.
+            PortLostError, ServoSilentError: The arm can no longer be reached.
         """
         if self._arm.stopped_for:
             self._report("stopped", f"{self._arm.stopped_for} {_AFTER_STOP}")
@@ -74,12 +74,12 @@ class ArmMotion:
         return self._arm.where().positions_rad if progress is None else progress.joints_rad.copy()
 
     def setpoint(self) -> Vector:
-        """Return where the joints (n,) should be now; where they are while nothing moves them."""
+        """Return the present setpoint of the joints (n,), or their position while nothing moves."""
         progress = self._progress()
         return self.measure() if progress is None else progress.setpoints_rad.copy()
 
     def report(self, text: str) -> None:
-        """Log why a goal is changed before it is sent, when that begins; empty if it is not."""
+        """Log the reason why goals are changed, once it begins; an empty text ends it."""
         self._report("goal", text)
 
     def close(self) -> None:
@@ -91,7 +91,7 @@ class ArmMotion:
         self._stream = None
 
     def _progress(self) -> MotionProgress | None:
-        """Return the last control cycle, unless the control loop may have ended since."""
+        """Return the last control cycle; None if the control loop may have ended since."""
         is_fresh = time.monotonic() - self._sent_s < _FRESH_S
         return self._stream.progress if self._stream is not None and is_fresh else None
 
@@ -118,4 +118,4 @@ class ArmMotion:
         self._quiet[kind] = _QUIET_ACTIONS if text else max(0, quiet - 1)
 
 
-_AFTER_STOP = "The arm holds; actions are ignored until this command is started again."
+_AFTER_STOP = "The arm holds; actions are ignored until this command is restarted."

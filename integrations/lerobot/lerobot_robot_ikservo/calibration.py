@@ -1,4 +1,4 @@
-"""Calibration of an arm by ikservo's commands, and LeRobot's file of its result."""
+"""Calibrate an arm with ikservo's commands, and write the result to LeRobot's file."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def calibrate_arm(config: IkservoRobotConfig | IkservoLeaderConfig) -> None:
     """Calibrate an arm in this terminal; its port must be closed.
 
     Raises:
-        CalibrationError: The command failed; it has said why.
+        CalibrationError: The command failed and has printed the reason.
     """
     if config.port.partition(":")[0] == "sim":
         _LOG.info("The simulated arm needs no calibration.")
@@ -37,7 +37,7 @@ def calibrate_arm(config: IkservoRobotConfig | IkservoLeaderConfig) -> None:
 
 
 def calibration_command(config: IkservoRobotConfig | IkservoLeaderConfig) -> list[str]:
-    """Return the command: a calibration by hand, or an import of LeRobot's file."""
+    """Return the command line of a calibration by hand or an import of LeRobot's file."""
     given = config.lerobot_calibration
     what = ["import", "lerobot", given, "--arm"] if given else ["calibrate"]
     port = ["--port", config.port] if config.port else []
@@ -46,7 +46,7 @@ def calibration_command(config: IkservoRobotConfig | IkservoLeaderConfig) -> lis
 
 
 def write_lerobot_file(arm: ikservo.OpenArm, path: Path) -> bool:
-    """Write an arm's calibration where LeRobot looks for it; return whether there is one."""
+    """Write an arm's calibration to LeRobot's path; return whether there is a calibration."""
     if arm.zeros is not ZeroSource.CALIBRATED:
         return False
     calibration = load_calibration(arm.model.name, serial_number_of(arm.port_name))

@@ -1,4 +1,4 @@
-"""The options of robot and teleoperators, as LeRobot's command line takes them."""
+"""Options of the robot and the teleoperators on LeRobot's command line."""
 
 from __future__ import annotations
 
@@ -16,21 +16,22 @@ ACTIONS = ("joint", "ee", "ee_delta")
 @RobotConfig.register_subclass("ikservo")
 @dataclass(kw_only=True)
 class IkservoRobotConfig(RobotConfig):
-    """``--robot.type=ikservo``.
+    """Options of ``--robot.type=ikservo``.
 
     Attributes:
         arm: A name in ikservo's catalogue, or a path to an arm file.
         port: A serial port, ``sim`` for the simulated arm, or empty for the only adapter.
-        action: What an action is: ``joint`` positions, the pose ``ee`` of the tip, or its steps
-            ``ee_delta`` as of ``keyboard_ee`` and ``gamepad``.
+        action: The kind of action: ``joint`` positions, the pose ``ee`` of the tip, or steps of the
+            tip, ``ee_delta``, as from ``keyboard_ee`` and ``gamepad``.
         speed: The arm's speed class: slow, normal or fast.
-        step_m: How far a step of 1 moves the tip in a frame, metres (``ee_delta``).
-        gripper_step: How far it moves the gripper in a frame, percent (``ee_delta``).
+        step_m: The motion of the tip per frame for a step of 1, metres (``ee_delta``).
+        gripper_step: The motion of the gripper per frame for a step of 1, percent (``ee_delta``).
         on_exit: ``hold`` leaves torque on at disconnect, ``relax`` lowers the arm first.
-        lerobot_calibration: LeRobot's id of the arm, or its file: what ``calibrate`` imports;
+        lerobot_calibration: The id or file of the arm in LeRobot, which ``calibrate`` imports;
             empty for a calibration by hand.
-        assume_yes: Answer yes to the questions of ``calibrate``.
-        observe_tip: Observe the pose of the tip, ``ee.x`` to ``ee.wz``, beside the joints.
+        assume_yes: Whether to answer yes to the questions of ``calibrate``.
+        observe_tip: Whether to observe the pose of the tip, ``ee.x`` to ``ee.wz``, besides the
+            joints.
         cameras: LeRobot's cameras by name.
     """
 
@@ -50,7 +51,7 @@ class IkservoRobotConfig(RobotConfig):
         """Check the choices; LeRobot checks the cameras.
 
         Raises:
-            ValueError: One is none of those that exist.
+            ValueError: A choice does not exist.
         """
         super().__post_init__()
         _check_choice("action", self.action, ACTIONS)
@@ -60,13 +61,13 @@ class IkservoRobotConfig(RobotConfig):
 @TeleoperatorConfig.register_subclass("ikservo_leader")
 @dataclass(kw_only=True)
 class IkservoLeaderConfig(TeleoperatorConfig):
-    """``--teleop.type=ikservo_leader``: an arm that a hand guides.
+    """Options of ``--teleop.type=ikservo_leader``: an arm that is guided by hand.
 
     Attributes:
         arm: A name in ikservo's catalogue, or a path to an arm file.
         port: A serial port, ``sim``, or empty for the only adapter.
-        lerobot_calibration: As of the robot.
-        assume_yes: As of the robot.
+        lerobot_calibration: See ``IkservoRobotConfig``.
+        assume_yes: See ``IkservoRobotConfig``.
     """
 
     arm: str = "so101"
@@ -78,13 +79,13 @@ class IkservoLeaderConfig(TeleoperatorConfig):
 @TeleoperatorConfig.register_subclass("ikservo_page")
 @dataclass(kw_only=True)
 class IkservoPageConfig(TeleoperatorConfig):
-    """``--teleop.type=ikservo_page``: a simulated arm that is dragged in a browser leads.
+    """Options of ``--teleop.type=ikservo_page``: the leader is a simulated arm in a browser.
 
     Attributes:
         arm: A name in ikservo's catalogue, or a path to an arm file.
-        pose: The pose in which the simulated arm starts; the robot goes there first.
+        pose: The start pose of the simulated arm; the robot first moves to this pose.
         listen: The IP address at which the page is served.
-        http_port: The port of the page, 0 for any that is free.
+        http_port: The port of the page; 0 for any free port.
     """
 
     arm: str = "so101"

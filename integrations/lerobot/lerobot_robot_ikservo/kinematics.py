@@ -1,4 +1,4 @@
-"""LeRobot's kinematics by ikservo's solver: converged, inside the limits, continuous."""
+"""LeRobot's kinematics with ikservo's solver: converged, inside the limits, continuous."""
 
 from __future__ import annotations
 
@@ -19,18 +19,18 @@ Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
 
 _TOLERANCE_M = 1e-4
-_PATH_M = 0.1  # a target further from the tip than this begins another path
+_PATH_M = 0.1  # a target further from the tip than this starts a new path
 _STARTS = Options(restarts=32)
-"""Starts of a search: what 32 do not find, 400 do not find either, but a frame later."""
+"""Number of starts of a search; 400 find no more than 32, but take a frame longer."""
 
 
 class TipSolver:
-    """Joints for poses of the tip, each from the last ones.
+    """Computes joints for poses of the tip, starting from the last joints.
 
-    The position comes first; the orientation is met as well as the joints and limits allow.
+    The position has priority; the orientation is met as well as joints and limits allow.
 
     Args:
-        chain: Base to tip, with the limits to keep.
+        chain: The chain from base to tip, with the limits to observe.
     """
 
     def __init__(self, chain: Chain) -> None:
@@ -42,8 +42,8 @@ class TipSolver:
     def solve(self, T_base_tip: Matrix, q: Vector, *, turn: bool = True) -> tuple[Vector, float]:
         """Return joints (dof,) from ``q`` (dof,), rad or m, and the error of the position [m].
 
-        A target near the tip is tracked, without a jump to another branch; where it cannot be
-        reached, the tip goes as near as it can. ``turn`` is whether the orientation counts.
+        A target near the tip is tracked without a jump to another branch; if it cannot be reached,
+        the tip moves as close to it as it can. ``turn`` tells whether the orientation counts.
         """
         solver = self._pose if turn else self._position
         found, reached = solver.track(T_base_tip, q)
@@ -55,7 +55,7 @@ class TipSolver:
     def _search(
         self, solver: Solver, T: Matrix, q: Vector, tracked: Vector
     ) -> tuple[Vector, float]:
-        """Return the better of the tracked joints and those of a search over all branches."""
+        """Return the better result: the tracked joints, or a search over all branches."""
         searched, _ = solver(T, q)
         return min(((x, self._error_m(T, x)) for x in (tracked, searched)), key=lambda x: x[1])
 
@@ -64,15 +64,15 @@ class TipSolver:
 
 
 class IkservoKinematics:
-    """What LeRobot's end-effector processors take as ``kinematics``; needs no placo.
+    """A replacement for LeRobot's kinematics in end-effector processors, without placo.
 
-    Joints are degrees (millimetres of a prismatic one), positions metres, in the base frame.
+    Joints are in degrees (millimetres if prismatic), positions in metres in the base frame.
 
     Args:
-        arm: An open arm, whose calibrated limits are kept; or a name in the catalogue or an arm
-            file, with the limits of its newest calibration, or of the arm file without one.
-        joint_names: The order of joint values; those that do not move the tip, as a gripper's,
-            are left as they are. The joints of the chain, base to tip, if None.
+        arm: An open arm, whose calibrated limits are observed; or a name in the catalogue or an arm
+            file, with the limits from the newest calibration or else the arm file.
+        joint_names: The order of the joint values; values of joints that do not move the tip, such
+            as the gripper, stay unchanged. None: the joints of the chain, base to tip.
 
     Raises:
         ValueError: A joint of the chain is not in ``joint_names``.
@@ -101,10 +101,10 @@ class IkservoKinematics:
     ) -> Vector:
         """Return joint values (n,) that bring the tip to a pose (4, 4).
 
-        The position always comes first. With ``orientation_weight`` 0 only it counts; other
-        weights make no difference. Values beyond those of the chain are returned as given.
+        The position always has priority. With ``orientation_weight`` 0, only the position counts;
+        other weights make no difference. Values of joints outside the chain are returned unchanged.
         """
-        del position_weight  # LeRobot's signature; the position comes first
+        del position_weight  # required by LeRobot's signature; the position has priority
         current = np.array(current_joint_pos, float)
         T = np.asarray(desired_ee_pose, float)
         q, _ = self._solver.solve(T, self._chain_joints(current), turn=orientation_weight > 0.0)

@@ -1,4 +1,4 @@
-"""``--teleop.type=ikservo_leader``: an arm of ikservo, guided by hand, leads a robot."""
+"""``--teleop.type=ikservo_leader``: an ikservo arm, guided by hand, leads a robot."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _LOG = logging.getLogger(__name__)
 
 
 class IkservoLeader(Teleoperator):
-    """A leader arm; its torque is left as it is.
+    """A leader arm; its torque stays unchanged.
 
     Args:
         config: See ``IkservoLeaderConfig``.
@@ -33,12 +33,12 @@ class IkservoLeader(Teleoperator):
 
     @property
     def action_features(self) -> dict[str, type]:
-        """Return one value a joint."""
+        """Return one value per joint."""
         return self._connection.values.features
 
     @property
     def feedback_features(self) -> dict[str, type]:
-        """Return none: it gives no feedback."""
+        """Return an empty mapping, because there is no feedback."""
         return {}
 
     @property
@@ -48,23 +48,23 @@ class IkservoLeader(Teleoperator):
 
     @property
     def is_calibrated(self) -> bool:
-        """Return whether the zeros of its joints are known."""
+        """Return whether the zeros of the arm's joints are known."""
         return self._connection.arm.zeros.are_known
 
     def connect(self, calibrate: bool = True) -> None:
         """Open the arm; nothing moves and no torque changes.
 
         Raises:
-            DeviceAlreadyConnectedError: It is open.
+            DeviceAlreadyConnectedError: The arm is already open.
         """
         self._connection.open()
         if calibrate and not self.is_calibrated:
             self.calibrate()
         if self._connection.arm.where().torque.any():
-            _LOG.warning("The leader holds itself; to guide it by hand: ikservo relax")
+            _LOG.warning("The leader's torque is on; to guide it by hand, run: ikservo relax")
 
     def calibrate(self) -> None:
-        """Calibrate it as the robot is."""
+        """Calibrate the leader in the same way as the robot."""
         if self._connection.calibrate(self.calibration_fpath):
             self._load_calibration()
 
@@ -75,7 +75,7 @@ class IkservoLeader(Teleoperator):
         """Return the measured joints."""
         arm = self._connection.arm
         measured = (
-            arm.context.servos.measure_positions()  # nothing else, for LeRobot's rate
+            arm.context.servos.measure_positions()  # only positions, to keep LeRobot's rate
             if isinstance(arm, ikservo.Arm)
             else arm.where().positions_rad
         )
@@ -85,5 +85,5 @@ class IkservoLeader(Teleoperator):
         """Do nothing."""
 
     def disconnect(self) -> None:
-        """Close the arm; its torque is left as it is."""
+        """Close the arm; its torque stays unchanged."""
         self._connection.close()

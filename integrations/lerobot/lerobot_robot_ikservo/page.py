@@ -22,7 +22,7 @@ _LOG = logging.getLogger(__name__)
 
 
 class IkservoPage(Teleoperator):
-    """Serves ikservo's page; the simulated arm that it moves is the leader.
+    """Serves ikservo's page, whose simulated arm is the leader.
 
     Args:
         config: See ``IkservoPageConfig``.
@@ -38,7 +38,7 @@ class IkservoPage(Teleoperator):
         super().__init__(config)
         self.config, self.url = config, ""
         self._model = ikservo.load_model(config.arm)
-        self._model.pose(config.pose)  # raises where there is none
+        self._model.pose(config.pose)  # raises if there is none
         self._values = JointValues(self._model)
         self._app: ViewApp | None = None
         self._last: dict[str, float] = {}
@@ -46,12 +46,12 @@ class IkservoPage(Teleoperator):
 
     @property
     def action_features(self) -> dict[str, type]:
-        """Return one value a joint."""
+        """Return one value per joint."""
         return self._values.features
 
     @property
     def feedback_features(self) -> dict[str, type]:
-        """Return none: it gives no feedback."""
+        """Return an empty mapping, because there is no feedback."""
         return {}
 
     @property
@@ -61,18 +61,18 @@ class IkservoPage(Teleoperator):
 
     @property
     def is_calibrated(self) -> bool:
-        """Return True: the arm is simulated."""
+        """Return True, because a simulated arm is always calibrated."""
         return True
 
     def connect(self, calibrate: bool = True) -> None:
         """Serve the page and log its address.
 
         Raises:
-            DeviceAlreadyConnectedError: It is served.
+            DeviceAlreadyConnectedError: The page is already served.
             PortError: The address is in use.
         """
         if self._app is not None:
-            raise DeviceAlreadyConnectedError(f"{self} is connected.")
+            raise DeviceAlreadyConnectedError(f"{self} is already connected.")
         from ikservo.apps.page.page_app import ViewApp  # noqa: PLC0415  # the extra `page`
         from ikservo.apps.page.served_arms import ArmAtPort  # noqa: PLC0415
 
@@ -82,7 +82,7 @@ class IkservoPage(Teleoperator):
         self._open.enter_context(app.serve_in_thread())
         self._app = app
         self.get_action()
-        _LOG.warning("Drag the arm here, after Live is switched on: %s", self.url)
+        _LOG.warning("Open this page, switch Live on, and drag the arm: %s", self.url)
 
     def calibrate(self) -> None:
         """Do nothing."""
@@ -91,7 +91,7 @@ class IkservoPage(Teleoperator):
         """Do nothing."""
 
     def get_action(self) -> dict[str, float]:
-        """Return the joints of the simulated arm; the last ones where the page has closed it."""
+        """Return the joints of the simulated arm, or the last joints if the page has closed it."""
         if self._app is None:
             raise DeviceNotConnectedError(f"{self} is not connected.")
         leading = self._app.arms.find(self._model.name)
@@ -104,7 +104,7 @@ class IkservoPage(Teleoperator):
         """Do nothing."""
 
     def disconnect(self) -> None:
-        """End the page."""
+        """Stop serving the page."""
         if self._app is None:
             raise DeviceNotConnectedError(f"{self} is not connected.")
         self._app, self.url = None, ""

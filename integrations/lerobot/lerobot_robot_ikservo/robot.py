@@ -1,4 +1,4 @@
-"""``--robot.type=ikservo``: any arm of ikservo as a robot of LeRobot."""
+"""``--robot.type=ikservo``: any ikservo arm as a LeRobot robot."""
 
 from __future__ import annotations
 
@@ -31,11 +31,11 @@ __all__ = ["IkservoRobot"]
 Vector = NDArray[np.float64]
 
 _LOG = logging.getLogger(__name__)
-_MAX_LEAD_M = 0.05  # goals of steps wait for an arm that is further behind
+_MAX_LEAD_M = 0.05  # steps are not added while the arm is further behind
 
 
 class JointBus:
-    """What LeRobot's programs ask of ``robot.bus``: names, ids and models of the servos.
+    """The data that LeRobot's programs read from ``robot.bus``: names, ids and models of servos.
 
     Attributes:
         motors: LeRobot's description of each joint's drive, in the order of the observation.
@@ -54,7 +54,7 @@ def _norm_mode(is_gripper: bool) -> MotorNormMode:
 
 
 class IkservoRobot(Robot):
-    """An arm of ikservo; every action passes its guard, and it holds when LeRobot ends.
+    """An ikservo arm. Every action passes its guard, and the arm holds when LeRobot ends.
 
     Args:
         config: See ``IkservoRobotConfig``.
@@ -64,7 +64,7 @@ class IkservoRobot(Robot):
         cameras: LeRobot's cameras by name.
 
     Raises:
-        UnknownNameError: No such arm.
+        UnknownNameError: There is no such arm.
     """
 
     config_class = IkservoRobotConfig
@@ -85,14 +85,14 @@ class IkservoRobot(Robot):
 
     @property
     def observation_features(self) -> dict[str, Any]:
-        """Return joints, pose of the tip where it is asked for, pictures."""
+        """Return joints, pictures and, if requested, the pose of the tip."""
         pictures = {name: (camera.height, camera.width, 3) for name, camera in self.cameras.items()}
         pose = dict.fromkeys(POSE_KEYS, float) if self.config.observe_tip else {}
         return {**self._values.features, **pose, **pictures}
 
     @property
     def action_features(self) -> dict[str, type]:
-        """Return what an action consists of."""
+        """Return the values of an action."""
         return self._actions.features
 
     @property
@@ -102,15 +102,15 @@ class IkservoRobot(Robot):
 
     @property
     def is_calibrated(self) -> bool:
-        """Return whether the zeros of its joints are known."""
+        """Return whether the zeros of the arm's joints are known."""
         return self._connection.arm.zeros.are_known
 
     def connect(self, calibrate: bool = True) -> None:
         """Open the arm; nothing moves and no torque changes.
 
         Raises:
-            DeviceAlreadyConnectedError: It is open.
-            IkservoError: It cannot be opened; says what to do.
+            DeviceAlreadyConnectedError: The arm is already open.
+            IkservoError: The arm cannot be opened; the message says what to do.
         """
         self._connection.open()
         self._begin_motion()
@@ -129,27 +129,27 @@ class IkservoRobot(Robot):
             self._load_calibration()
 
     def configure(self) -> None:
-        """Do nothing: ikservo configures the servos when it calibrates them."""
+        """Do nothing, because ikservo configures the servos when it calibrates them."""
 
     def get_observation(self) -> dict[str, Any]:
-        """Return the values of ``observation_features``, measured."""
+        """Measure and return the values of ``observation_features``."""
         joints = self._require_motion().measure()
         pose = self._tip_values(joints) if self.config.observe_tip else {}
         pictures = {name: camera.async_read() for name, camera in self.cameras.items()}
         return {**self._values.from_positions(joints), **pose, **pictures}
 
     def send_action(self, action: dict[str, Any]) -> dict[str, Any]:
-        """Send a goal; one that is refused or out of reach is logged.
+        """Send a goal; log it if it is refused or out of reach.
 
-        After a refusal the goal before counts; out of reach, the arm goes as near as it can.
-
-        Positions of joints are taken in each mode: LeRobot's programs return to the start by them.
+        After a refusal, the previous goal stays in force. If a goal is out of reach, the arm moves
+        as close to it as it can. Joint positions are accepted in every mode, because LeRobot's
+        programs use them to return to the start.
 
         Returns:
             The action; joint positions inside the arm's limits.
 
         Raises:
-            ValueError: The action has other keys than ``action_features``, and no joint's.
+            ValueError: The keys are neither those of ``action_features`` nor joints.
         """
         arm, motion = self._connection.arm, self._require_motion()
         last = motion.setpoint() if self._goal is None else self._goal
@@ -159,7 +159,7 @@ class IkservoRobot(Robot):
         except KeyError as error:
             raise ValueError(self._wrong_action_text(error.args[0])) from error
         if not np.isfinite(goal).all():
-            motion.report("An action has values that are not numbers; the arm holds.")
+            motion.report("The action has values that are not numbers; the arm holds.")
             return action
         inside = np.clip(goal, *arm.limits())
         is_step = isinstance(kind, StepActions) and not np.array_equal(last, inside)
@@ -171,13 +171,13 @@ class IkservoRobot(Robot):
         return self._values.from_positions(inside) if isinstance(kind, JointActions) else action
 
     def _kind_of(self, action: dict[str, Any]) -> ActionKind:
-        """Return the kind that was chosen, or that of joints for an action that has only these."""
+        """Return the chosen kind, or joint actions for an action that has only joints."""
         has_own = not self._actions.features.keys().isdisjoint(action)
         has_joints = not self._values.features.keys().isdisjoint(action)
         return self._joint_actions if has_joints and not has_own else self._actions
 
     def disconnect(self) -> None:
-        """Brake, hold, and close the arm: torque stays on, unless ``on_exit`` is ``relax``."""
+        """Brake, hold and close the arm; torque stays on unless ``on_exit`` is ``relax``."""
         self._require_motion()
         for camera in self.cameras.values():
             camera.disconnect()
@@ -193,7 +193,7 @@ class IkservoRobot(Robot):
         self._motion = None
 
     def _step_refusal(self, goal: Vector) -> str:
-        """Return why the guard refuses a step: the next one shall begin at this one's start."""
+        """Return the reason why the guard refuses a step; the next step keeps the same start."""
         arm = self._connection.arm
         if not isinstance(arm, ikservo.Arm):
             return ""
@@ -205,7 +205,7 @@ class IkservoRobot(Robot):
         return ""
 
     def _leads_too_far(self, last: Vector, goal: Vector) -> bool:
-        """Return whether a step takes the goal too far ahead of an arm that cannot follow."""
+        """Return whether a step would move the goal too far ahead of an arm that cannot follow."""
         arm, setpoint = self._connection.arm, self._require_motion().setpoint()
         now, before, after = (
             arm.chain.forward(arm.joint_index.chain_joints(q))[:3, 3]

@@ -1,4 +1,4 @@
-"""Arms that ``ikservo sim`` serves in real time, and LeRobot's commands on them."""
+"""Arms that ``ikservo sim`` serves in real time, and LeRobot's commands for them."""
 
 import json
 import os
@@ -16,7 +16,7 @@ BIN = Path(sys.executable).parent
 
 
 class ServedArm:
-    """A simulated arm on a pseudo-terminal, with the socket that tells where it truly is."""
+    """A simulated arm on a pseudo-terminal, with a socket that reports its true position."""
 
     def __init__(self, folder, name):
         self.port, self.control = folder / f"{name}.port", folder / f"{name}.control"
@@ -73,7 +73,7 @@ def run(folder, command, *options, timeout_s=240, **environment):
 
 
 class Watch:
-    """Looks where an arm's tip is, all the time within the block; ``path_m`` (k, 3)."""
+    """Records the tip of an arm during the block in ``path_m`` (k, 3)."""
 
     def __init__(self, arm, period_s=0.03):
         self._arm, self._period_s, self._ending = arm, period_s, threading.Event()
@@ -95,7 +95,7 @@ class Watch:
 
 
 def distance_m(points_m, path_m):
-    """Return the distance (k,) of points to a path, along its straight pieces."""
+    """Return the distance (k,) of points from a path of straight segments."""
     begin, way = path_m[:-1], np.diff(path_m, axis=0)
     square = np.maximum((way**2).sum(axis=1), 1e-12)
     share = np.clip(((points_m[:, None] - begin) * way).sum(axis=2) / square, 0.0, 1.0)

@@ -1,4 +1,4 @@
-"""LeRobot's own commands, unchanged, on served simulated arms; judged by their joints."""
+"""Test LeRobot's unchanged commands on served simulated arms by their joints."""
 
 import json
 import os
@@ -24,13 +24,13 @@ REPORTS_NO_KEYS = lerobot.__version__.startswith("0.4.")
 def follower(tmp_path):
     with served(tmp_path, "follower", "--pose", "home") as arm:
         with ikservo.open_arm("so101", port=str(arm.port)) as machine:
-            machine.pose("home")  # where it holds, instead of sinking
+            machine.pose("home")  # where the arm holds instead of sinking
         yield arm
 
 
 @pytest.fixture
 def leader(tmp_path):
-    """Return a leader arm that a hand holds at home."""
+    """Return a leader arm that a simulated hand holds at home."""
     with served(tmp_path, "leader", "--pose", "home") as arm:
         arm.ask(do="hand", tip_m=arm.tip_m().tolist(), speed=0.5)
         yield arm
@@ -101,14 +101,14 @@ def test_the_keyboard_drives_the_tip(follower, tmp_path, display):
     subprocess.run(keys, env={**os.environ, "DISPLAY": display}, check=True)
     assert command.wait(60) == 0, (tmp_path / "lerobot-teleoperate.log").read_text()[-2000:]
     moved = follower.tip_m() - before
-    # keyboard_ee of LeRobot 0.4 reports neither arrow nor shift keys: the arm holds
+    # keyboard_ee of LeRobot 0.4 reports neither arrow nor shift keys, so the arm holds
     assert abs(moved[2]) < 0.005 if REPORTS_NO_KEYS else moved[2] > 0.03
     assert abs(moved[1]) < 0.01
 
 
 @pytest.fixture
 def recorded(follower, leader, tmp_path):
-    """Return the data set of three episodes in which the leader was led about."""
+    """Return a data set of three episodes in which the leader was guided."""
     command = start(
         tmp_path, "lerobot-record", *robot(follower), *leading(leader),
         "--dataset.repo_id=me/wave", f"--dataset.root={tmp_path / 'wave'}",
@@ -120,7 +120,7 @@ def recorded(follower, leader, tmp_path):
     ways = ([0, 0.04, 0.03], [0.02, -0.04, 0.05], [0, 0, 0])
     await_until(lambda: "Recording episode" in log.read_text(), 120)
     while command.poll() is None:
-        time.sleep(2.0)  # at the corners both arms come to rest
+        time.sleep(2.0)  # both arms come to rest at the corners
         leader.ask(do="hand", tip_m=(home + ways[turn % 3]).tolist(), speed=0.2)
         turn += 1
     assert command.returncode == 0, (tmp_path / "lerobot-record.log").read_text()[-3000:]
@@ -164,7 +164,7 @@ def test_three_episodes_are_recorded_and_replayed_within_two_millimetres(
 
 
 def go_to_first_frame(arm, folder, episode):
-    """Move an arm to where an episode begins."""
+    """Move an arm to the first frame of an episode."""
     from ikservo.apps.teaching.dataset_reading import read_dataset
     from ikservo.apps.teaching.lerobot_values import JointValues
 

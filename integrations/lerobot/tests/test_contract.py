@@ -1,4 +1,4 @@
-"""What ikservo's default suite believes of LeRobot's classes is what they are."""
+"""Check that the default suite's description of LeRobot's classes is correct."""
 
 import importlib
 import inspect
@@ -15,7 +15,7 @@ NAMES = [
 
 
 def described(module, name):
-    """Return the class as the description of the default suite has it."""
+    """Return the class as the default suite describes it."""
     kept = {key: sys.modules.pop(key) for key in list(sys.modules) if key.startswith("lerobot")}
     sys.path.insert(0, str(STUB))
     try:

@@ -1,4 +1,4 @@
-"""LeRobot's end-effector processors with ikservo's kinematics, in place of placo."""
+"""Test LeRobot's end-effector processors with ikservo's kinematics instead of placo."""
 
 import builtins
 

@@ -1,12 +1,12 @@
-"""IkservoKinematics beside LeRobot's RobotKinematics (placo) on the SO-101; prints one table.
+"""Compare IkservoKinematics with LeRobot's RobotKinematics (placo) on the SO-101 in a table.
 
     make lerobot
     .venv-lerobot/bin/pip install placo
     .venv-lerobot/bin/python integrations/lerobot/tools/beside_placo.py
 
-Targets: one call each from the home pose. Paths: the same targets, each reached by 50 calls along
-the straight way of the joints. Lines: 20 straight lines of the tip, 100 calls each. Every call is
-from the result before, as LeRobot's processors call it. Both solvers get the same calls.
+Targets: one call each from the home pose. Paths: the same targets, each reached by 50 calls along a
+    straight line in joint space. Lines: 20 straight lines of the tip, 100 calls each. Each call
+    starts from the previous result, as in LeRobot's processors. Both solvers get the same calls.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ LOWER, UPPER = np.degrees(CHAIN.lower_rad), np.degrees(CHAIN.upper_rad)
 
 @dataclass
 class Tally:
-    """What became of the calls of one solver."""
+    """The results of the calls of one solver."""
 
     errors_m: list[float] = field(default_factory=list)
     outside: int = 0
@@ -37,7 +37,7 @@ class Tally:
     seconds: list[float] = field(default_factory=list)
 
     def call(self, solve: Callable, q: np.ndarray, T: np.ndarray) -> np.ndarray:
-        """Solve once, and note limits, step and time."""
+        """Solve once, and record limits, step and time."""
         begun_s = time.perf_counter()
         found = np.asarray(solve(q.copy(), T.copy()))
         self.seconds.append(time.perf_counter() - begun_s)
@@ -46,7 +46,7 @@ class Tally:
         return found
 
     def note_error(self, q: np.ndarray, T: np.ndarray) -> None:
-        """Note how far the tip is from its target, by one forward kinematics for both."""
+        """Record the distance of the tip from its target, by the same forward kinematics."""
         tip = CHAIN.forward(np.radians(q))[:3, 3]
         self.errors_m.append(float(np.linalg.norm(tip - T[:3, 3])))
 
@@ -67,12 +67,12 @@ def targets(count: int) -> list[np.ndarray]:
 
 
 def forward(q: np.ndarray) -> np.ndarray:
-    """Return the pose (4, 4) of joints, degrees."""
+    """Return the pose (4, 4) at joints in degrees."""
     return CHAIN.forward(np.radians(q)).copy()
 
 
 def run_targets(solve: Callable) -> Tally:
-    """One call from home for each target."""
+    """Solve each target once from home."""
     tally = Tally()
     for goal in targets(1000):
         T = forward(goal)
@@ -81,7 +81,7 @@ def run_targets(solve: Callable) -> Tally:
 
 
 def run_paths(solve: Callable) -> Tally:
-    """50 calls towards each target, along the way of the joints."""
+    """Solve 50 calls towards each target along a line in joint space."""
     tally = Tally()
     for goal in targets(1000):
         q = HOME
@@ -92,7 +92,7 @@ def run_paths(solve: Callable) -> Tally:
 
 
 def run_lines(solve: Callable) -> Tally:
-    """20 straight lines of 12 cm, 100 calls each; every call counts."""
+    """Solve 20 straight lines of 12 cm with 100 calls each; every call counts."""
     tally, rng = Tally(), np.random.default_rng(21)
     start = forward(HOME)
     for _ in range(20):

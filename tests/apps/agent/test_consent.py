@@ -118,7 +118,7 @@ def test_page_refuses_wrong_key_host_and_origin(asking):
 def test_person_stops_and_lets_move_again_on_the_page(asking):
     session, page = asking
     page("stop", "POST")
-    assert "A person stopped it" in json.loads(page("plans"))["stopped_for"]
+    assert "A person stopped the arm" in json.loads(page("plans"))["stopped_for"]
     page("acknowledge", "POST")
     assert json.loads(page("plans"))["stopped_for"] == ""
     assert session.agent.arm.stop_reason is None
@@ -214,4 +214,4 @@ def test_motion_after_the_minutes_of_the_owner_is_refused(open_session):
         offered = session.agent.plans.find(plan)
         offered.answer, offered.answered_by = Answer.YES, "--allow slow"  # just before the end
         time.sleep(0.1)
-        assert "need no question is over" in session.call("execute", plan_id=plan)
+        assert "need no approval is over" in session.call("execute", plan_id=plan)

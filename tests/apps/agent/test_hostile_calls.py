@@ -139,7 +139,7 @@ def test_random_calls_with_consent_stay_inside_limits_and_region(open_session):
 @pytest.mark.campaign
 @pytest.mark.timeout(3600)
 @pytest.mark.parametrize("name", ["so101", "koch"])
-def test_ten_thousand_hostile_calls(open_session, name):
+def test_agent_survives_10000_hostile_calls(open_session, name):
     with open_session(name, consent=Consent.SIMULATOR) as session:
         run_calls(session, limited(3, 200))
         tracemalloc.start()
@@ -241,7 +241,7 @@ def test_where_and_stop_answer_while_the_arm_moves(open_session):
         where, state, result = session.run(watch)
         assert 0.02 < where.structured_content["positions"]["shoulder_pan"] < 1.4
         assert "shoulder_pan" in state.contents[0].text
-        assert "The agent stopped it" in result.content[0].text
+        assert "The agent stopped the arm" in result.content[0].text
 
 
 def test_refused_resources_do_not_delay_a_stop(simulated):

@@ -31,7 +31,7 @@ def test_missing_package_names_the_command_that_installs_it(run_cli, monkeypatch
     assert "[agent]" in done.err
 
 
-def test_approving_without_a_server_says_what_to_start(run_cli):
+def test_approve_without_server_says_what_to_start(run_cli):
     done = run_cli("mcp --approve")
     assert done.code == 2
     assert "Start `ikservo mcp` first" in done.err

@@ -144,7 +144,7 @@ def test_arm_brakes_when_the_agent_stalls(start):
     assert "has not answered" in result["content"][0]["text"]
 
 
-def test_nothing_moves_by_default(start):
+def test_agent_moves_nothing_by_default(start):
     server = start()
     plan = server.call("plan", motion=FAR)["structuredContent"]["plan_id"]
     assert "allows no motion" in server.call("execute", plan_id=plan)["content"][0]["text"]

@@ -26,5 +26,5 @@ def test_stop_tool_ends_motion_within_300_ms(open_session, after_s):
         session.run(work)
         late = session.audit.goals_after(stopped_s[0] + 0.35)
         assert [goal for goal in late if abs(goal.tick - goal.last) > 1] == []
-        assert "The agent stopped it" in session.agent.arm.stopped_for
+        assert "The agent stopped the arm" in session.agent.arm.stopped_for
         assert abs(session.agent.arm.where().positions["shoulder_pan"]) < 1.4

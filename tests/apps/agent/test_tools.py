@@ -30,7 +30,7 @@ def test_every_tool_has_a_valid_schema_and_a_description(simulated):
         assert each.description
 
 
-def test_plan_takes_each_kind_of_motion_with_units(simulated):
+def test_plan_accepts_each_kind_of_motion_with_units(simulated):
     async def schema(client):
         return next(t for t in (await client.list_tools()).tools if t.name == "plan").input_schema
 
@@ -60,7 +60,7 @@ def test_planned_motion_is_executed_once(simulated, mode):
     assert first.structured_content["status"] == "done"
     assert np.linalg.norm(true_tip_m(simulated.agent.arm) - NEAR) < 0.003
     assert second.is_error
-    assert "executed already" in second.content[0].text
+    assert "already been executed" in second.content[0].text
     assert simulated.audit.faults() == []
 
 
@@ -90,7 +90,7 @@ def test_stop_stays_until_a_person_acknowledges_it(simulated):
     plan = simulated.plan(move_to={"position_m": NEAR})
     simulated.call("stop", reason="a\x1b[2Jb")
     assert "stopped" in simulated.call("execute", plan_id=plan)
-    assert simulated.call("where")["stopped_for"] == "The agent stopped it: a\\x1b[2Jb"
+    assert simulated.call("where")["stopped_for"] == "The agent stopped the arm: a\\x1b[2Jb"
     assert not simulated.has_moved
     simulated.agent.acknowledge("a person")
     again = simulated.plan(move_to={"position_m": NEAR})
@@ -161,7 +161,7 @@ def test_journal_names_call_consent_and_result(simulated):
         assert words in text
 
 
-def test_nothing_moves_without_a_line_in_the_journal(simulated, monkeypatch):
+def test_agent_moves_nothing_without_journal_entry(simulated, monkeypatch):
     plan = simulated.plan(move_to={"position_m": NEAR})
     monkeypatch.setattr("ikservo.apps.agent.agent_journal.MAX_BYTES", 10)
     assert "the journal is full" in simulated.call("execute", plan_id=plan)
@@ -172,7 +172,7 @@ def test_stop_ends_plans_made_before_it_for_good(simulated):
     plan = simulated.plan(move_to={"position_m": NEAR})
     simulated.call("stop")
     simulated.agent.acknowledge("a person")
-    assert "stopped after this motion was requested" in simulated.call("execute", plan_id=plan)
+    assert "stopped after this motion had been requested" in simulated.call("execute", plan_id=plan)
     assert not simulated.has_moved
 
 
@@ -209,7 +209,7 @@ def test_person_sees_steps_speeds_and_repetitions_of_a_program(simulated):
     step = f'[[steps]]\nname = "{"harmless " * 8}"\ntip_m = {NEAR}\nspeed = "fast"\n'
     text = f'format = 1\narm = "so101"\nrepeat = 3\n{step}'
     summary = simulated.call("program_check", text=text)["plan"]["summary"]
-    assert summary == ["1: joints to (0.220, 0.040, 0.120) m, fast", "all of this 3 times"]
+    assert summary == ["1: joints to (0.220, 0.040, 0.120) m, fast", "all steps 3 times"]
 
 
 def test_program_outside_the_region_is_not_offered(open_session):

@@ -22,11 +22,11 @@ def standing(seconds, goal=AHEAD, load=LOUD):
     return [(0.02 * k, 0.0, goal, load) for k in range(int(seconds / 0.02) + 1)]
 
 
-def test_standing_joint_that_presses_behind_goal_is_at_stop():
+def test_resting_joint_that_presses_behind_goal_is_at_stop():
     assert after(standing(0.3)) is ContactState.STOP
 
 
-def test_joint_standing_for_only_200_ms_is_not_at_stop():
+def test_joint_at_rest_for_only_200_ms_is_not_at_stop():
     assert after(standing(0.2)) is ContactState.MOVING
 
 
@@ -59,7 +59,7 @@ def test_load_threshold_scales_with_torque_limit():
     assert after(standing(0.3, load=14.0), most_percent=30.0) is ContactState.STOP
 
 
-def test_joint_trembling_by_one_tick_is_standing():
+def test_joint_trembling_by_one_tick_is_at_rest():
     trembling = [(0.02 * k, math.tau / 4096 * (k % 2), AHEAD, LOUD) for k in range(20)]
     assert after(trembling) is ContactState.STOP
 

@@ -153,7 +153,7 @@ def test_uncalibrated_arm_takes_limits_from_servo_registers():
     assert limits.source == "servo register"
 
 
-def test_a_joint_on_another_turn_gets_no_torque(mount_arm):
+def test_joint_on_another_turn_gets_no_torque(mount_arm):
     arm = mount_arm("planar3", zero=2048.0, sign=1)
     # Turned right round by hand while limp: the servo counts on until torque comes.
     arm.joint("joint1").servos[0].motor.upper_stop_rad = math.inf

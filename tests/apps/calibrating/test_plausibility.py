@@ -67,7 +67,7 @@ def test_zero_shift_is_reported_without_sign(way):
     assert str(found).endswith("the zero seems to be off by 20.0°.")
 
 
-def test_zero_of_unswept_joint_is_not_judged():
+def test_zero_of_unswept_joint_is_not_checked():
     hand = Hand(subject("a", 1), subject("b", 2)).rest().accept().say("skip a").move(1500, 2)
     assert [found.subject.name for found in find_shifted_zeros(hand.state)] == ["b"]
 

@@ -31,7 +31,7 @@ def test_stillness_needs_three_readings():
 
 @pytest.mark.parametrize(("most", "still"), [(4, True), (5, False)])
 @pytest.mark.parametrize("servo", [1, 2])
-def test_servo_may_tremble_by_four_ticks_and_be_still(most, still, servo):
+def test_servo_trembling_by_four_ticks_is_at_rest(most, still, servo):
     ticks = [(0, most)[k % 2] for k in range(5)]
     rows = [(0.125 * k, *((t, 0) if servo == 1 else (0, t))) for k, t in enumerate(ticks)]
     assert after(rows).is_at_rest() is still

@@ -94,7 +94,7 @@ def test_zero_comes_from_anchor_pose_not_from_middle_of_sweep():
 
 
 @pytest.mark.parametrize(("pose", "towards"), [(0.9, -1), (-0.9, 1), (0.0, 1)])
-def test_joint_is_asked_to_move_where_it_has_more_room(pose, towards):
+def test_calibration_asks_for_motion_towards_more_room(pose, towards):
     assert subject(pose=pose).free_direction == towards
 
 
@@ -118,7 +118,7 @@ def test_joint_moved_wrong_way_once_keeps_arm_file_sign():
     assert hand.state.signs == {"elbow": 1}
 
 
-def test_continuing_wrong_way_is_not_second_measurement():
+def test_continued_motion_is_not_a_second_sign_measurement():
     hand = Hand(subject()).rest().accept().move(-1200)
     assert hand.state.signs == {}
 
@@ -230,7 +230,7 @@ def test_joint_without_stops_uses_wide_arm_file_range():
 
 def test_full_turn_is_refused_unless_joint_is_marked_continuous():
     hand = Hand(subject()).rest().accept().move(4300)
-    with pytest.raises(CalibrationError, match="whole turn"):
+    with pytest.raises(CalibrationError, match="full turn"):
         hand.accept()
     assert hand.say("continuous elbow").accept().state.stage is CalibrationStage.REVIEW
 
@@ -331,7 +331,7 @@ def test_unknown_answers_are_refused(word):
         Hand(subject()).rest().accept().say(word)
 
 
-def test_an_answer_about_an_unknown_joint_names_the_known_ones():
+def test_answer_with_unknown_joint_names_known_joints():
     with pytest.raises(UnknownNameError, match="elbow"):
         Hand(subject()).rest().accept().say("skip elbwo")
 

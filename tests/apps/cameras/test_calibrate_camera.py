@@ -69,7 +69,7 @@ def test_camera_calibration_command_names_missing_options(monkeypatch, run_cli):
         for way in ("--camera 0 --yes", "--touch", "--wiggle", "--from-pictures a"):
             assert "that sets limits" in run_cli(f"{words} {way} {of_limits}").err
     assert "needs --wiggle" in run_cli(f"{words} --camera 0 --yes --uncalibrated").err
-    assert "Only a touch-off uses" in run_cli(f"{words} --camera 0 --yes --same-point").err
+    assert "--sheet-origin need --touch" in run_cli(f"{words} --camera 0 --yes --same-point").err
     assert "The board is '1x1'" in run_cli(f"{words} --camera 0 --board 1x1 --yes").err
 
 

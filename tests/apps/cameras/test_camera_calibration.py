@@ -49,7 +49,7 @@ def vanish(_):
         (vanish, "no longer delivers pictures"),
         (lambda picture: np.full_like(picture, 100), "is not in the picture"),
         (lambda picture: picture[:, ::-1].copy(), "is mirrored"),
-        (hunt(), "brightness keeps changing"),
+        (hunt(), "brightness of the picture keeps changing"),
     ],
 )
 def test_arm_does_not_move_before_board_is_seen(monkeypatch, spoil, message):

@@ -21,7 +21,7 @@ def test_a_click_on_the_tip_sets_the_last_zero_and_is_undone(tmp_path, monkeypat
     u, v = tip_pixel(arm, camera)
     words = f"camera tip {ARM} --port {PORT} --at"
     refused = run_cli(f"{words} {u + 90},{v - 90}")
-    assert (refused.code, "every place where the tip can be" in refused.err) == (6, True)
+    assert (refused.code, "every position that the tip can reach" in refused.err) == (6, True)
     assert path.read_text() == before
     done = run_cli(f"{words} {u},{v} --json")
     assert done.code == 0, done.err
@@ -33,7 +33,7 @@ def test_a_click_on_the_tip_sets_the_last_zero_and_is_undone(tmp_path, monkeypat
     done = run_cli(f"{words} {u},{v} --at {u},{v}")
     assert "joint4 is +2." in done.out
     assert "by 2 of 2 clicks; standard error" in done.out
-    assert "More clicks are better. Move joint" in done.err
+    assert "More clicks improve the result. Move joint" in done.err
     done = run_cli(f"{words} {u},{v} --json")
     assert (done.json["clicks"], done.json["counted"]) == (3, 3)
     assert done.json["error_deg"] == pytest.approx(1.5 / done.json["px_per_deg"] / 3**0.5, rel=0.2)

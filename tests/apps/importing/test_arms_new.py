@@ -107,7 +107,7 @@ def test_import_report_lists_every_decision(make, tmp_path):
     make()
     report = (tmp_path / "mine" / "import.md").read_text()
     for part in ("The tip is the link tcp", "jaws are moved by jaw", "pan has no limits",
-                 "Fixed, because the tip does not need them: wheel", "Joint elbow.flex is called",
+                 "Fixed, because the tip does not need them: wheel", "Joint elbow.flex was renamed",
                  "jaw slides; it is assumed",
                  "rest is where the simulated arm lay", "mm |"):  # fmt: skip
         assert part in report

@@ -67,7 +67,7 @@ def test_capsules_contain_a_mesh_and_stay_near_it(name):
 
 
 @pytest.mark.full
-def test_a_simple_part_gets_few_capsules():
+def test_mesh_of_simple_part_gets_few_capsules():
     counts = {name: len(fit_capsules(np.array(m.triangles)).capsules) for name, m in MESHES.items()}
     assert counts["a long rod"] == 1
     assert counts["a ball"] == 1

@@ -137,7 +137,7 @@ def test_code_in_a_urdf_is_not_run_without_consent(read, tmp_path):
 
 
 def test_description_with_only_macros_is_refused(read):
-    with pytest.raises(FileFormatError, match="macros only"):
+    with pytest.raises(FileFormatError, match="only macros"):
         read(robot("<xacro:macro xmlns:xacro='http://ros.org/wiki/xacro' name='m'/>"),
              "arm.xacro", allow_xacro=True)  # fmt: skip
 

@@ -28,5 +28,7 @@ def test_monitor_report_names_joints_of_unknown_backlash(run_cli, tmp_path):
     record = {"written": "2026-03-02T00:00:00Z", "source": "identify", "joints": [found]}
     path.write_text(f"{path.read_text()}{json.dumps(record)}\n")
     text = run_cli("monitor --arm koch --port sim --report").out
-    assert "shoulder_pan, shoulder_lift: unknown, because their servos measure no current" in text
+    assert (
+        "shoulder_pan, shoulder_lift: unknown, because their servos do not measure current" in text
+    )
     assert "Backlash of wrist_flex, wrist_roll: unknown until ikservo identify finds it" in text

@@ -38,7 +38,7 @@ def second_order(damping, natural_rad_s=30.0, lag_s=0.0, swing_rad=0.0, short_ra
     return StepResponse(time_s, goal, np.array(rows) - short_rad + shake, (0.2, 1.4))
 
 
-def test_a_damped_joint_has_no_overshoot_and_an_undamped_one_has():
+def test_only_undamped_joint_overshoots():
     calm, wild = second_order(1.2), second_order(0.15)
     assert np.degrees(calm.overshoot_rad) < 0.1
     assert np.degrees(wild.overshoot_rad) > 0.8

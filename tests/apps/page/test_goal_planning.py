@@ -201,14 +201,14 @@ CHANGES = {
     ),
     "torque": (
         lambda session: (session.arm.disable_torque(), session.arm.enable()),
-        "Its speed has changed",
+        "The speed has changed",
     ),
 }
 
 
 @pytest.mark.parametrize(("change", "reason"), CHANGES.values(), ids=CHANGES)
 def test_outdated_path_is_planned_again_instead_of_executed(session, change, reason):
-    if reason == "Its speed has changed":
+    if reason == "The speed has changed":
         session.arm.move_joints({"wrist_roll": 0.1})  # the first motion, which is slow, is over
         session.arm_thread.step()
         session.send_message(page_messages.SetSpeed, name="fast")
@@ -329,7 +329,7 @@ def test_blocked_tip_target_is_reached_in_another_posture():
         np.testing.assert_array_equal(plan.goal, goal)
         np.testing.assert_allclose(planner.tip(goal), wanted_m, atol=1e-4)
         said = [entry.message for entry in session.interaction.messages]
-        assert "The arm reaches this target in another posture." in said
+        assert "The arm will reach this target in another posture." in said
         number = session.interaction.path.number
         session.latest_frames()
         assert session.interaction.path.number == number  # it is not planned again

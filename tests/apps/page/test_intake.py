@@ -158,7 +158,7 @@ def test_a_malformed_message_is_refused(intake, words):
         intake.accept(words, 0.0)
 
 
-def test_a_refused_message_does_not_use_up_its_number(intake):
+def test_refused_message_does_not_use_up_its_number(intake):
     with pytest.raises(BadMessageError):
         intake.accept(text(1, kind="fly"), 0.0)
     assert intake.accept(text(1), 0.0).seq == 1

@@ -100,4 +100,4 @@ def test_pulled_cable_is_reported_until_port_is_back(monkeypatch):
         session.arm_thread.step()
         notice = session.arm_thread.snapshot.stop_notice
     assert notice.message.startswith("Cannot open port /dev/ttyACM0")
-    assert notice.hint.startswith("Check cable and power of the adapter")
+    assert notice.hint.startswith("Check the cable and the power of the adapter")

@@ -55,7 +55,10 @@ def test_servo_table_is_sent_once_after_reading(session):
 def test_register_is_not_written_while_joint_holds(session):
     tip_m = session.arm.where().tip_m
     for register in ("torque_limit", "p_gain", "acceleration"):
-        assert "holds: with other values it could fall" in write(session, register, "0")["note"]
+        assert (
+            "holds a joint, which could fall with other values"
+            in write(session, register, "0")["note"]
+        )
     session.clock.sleep_until(session.clock.now_s() + 2.0)
     assert abs(session.arm.where().tip_m - tip_m).max() < 0.002
 

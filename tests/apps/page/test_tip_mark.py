@@ -98,7 +98,7 @@ def test_unusable_tip_click_changes_nothing(session):
         with pytest.raises(page_messages.BadMessageError, match=text):
             session.mark(away_px)
 
-    refused("from every place where the tip can be", (90.0, -90.0))
+    refused("or more from every position that the tip can reach", (90.0, -90.0))
     session.video.is_fresh = False
     refused("The camera picture is too old")
     session.video.is_fresh = True

@@ -118,7 +118,7 @@ def test_late_picture_is_lost_only_after_ten_seconds():
     ("error", "said"),
     [
         (PictureError("Camera 0 no longer delivers pictures."), "no longer delivers pictures"),
-        (RuntimeError("a driver"), "it has failed: RuntimeError('a driver')"),
+        (RuntimeError("a driver"), "it failed: RuntimeError('a driver')"),
     ],
 )
 def test_camera_error_is_reported_until_picture_returns(error, said):

@@ -134,7 +134,7 @@ def test_release_ends_the_drag():
     assert drag.move((400.0, 300.0)) is None
 
 
-def test_a_second_finger_neither_moves_nor_ends_a_drag():
+def test_second_finger_neither_moves_nor_ends_a_drag():
     view_state, drag = sight("so101", "side"), drag_of("so101")
     drag.press(EMPTY_PX, view_state, pointer=7)
     assert drag.press((400.0, 300.0), view_state, pointer=8) is None
@@ -184,7 +184,7 @@ def test_click_may_change_posture_but_drag_may_not():
 
 
 @pytest.mark.parametrize("name", ["so101", "wx250s", "planar3"])
-def test_a_click_on_a_reachable_point_is_reached_at_once(name):
+def test_click_on_reachable_point_is_reached_at_once(name):
     chain, random = model_of(name).chain, np.random.default_rng(5)
     solver, q = DragSolver(chain), stage(name).home
     drag = Drag(chain, Picker({}))
@@ -397,7 +397,7 @@ def test_wheel_over_empty_space_does_nothing():
     assert drag_of("so101").wheel(EMPTY_PX, 1.0, sight("so101", "side")) is None
 
 
-def test_the_wheel_over_a_joints_hub_turns_that_joint():
+def test_wheel_over_hub_of_joint_turns_that_joint():
     view_state = sight("so101", "side")
     wrist = pixel_of("so101", "side", view_state.arms[0], "wrist")
     assert drag_of("so101").wheel(wrist, 1.0, view_state).joint == "wrist_flex"

@@ -226,7 +226,7 @@ AROUND = [np.array([u, v]) for u in np.linspace(-2.3, 2.3, 7) for v in np.linspa
 
 @pytest.mark.parametrize("view", ["front", "orbit"])
 @pytest.mark.parametrize("along_px", [(90.0, 0.0), (0.0, 90.0), (60.0, 60.0), (80.0, -30.0)])
-def test_wire_one_pixel_wide_is_found_in_whole_pick_square(view, along_px):
+def test_one_pixel_wide_link_is_found_in_whole_pick_square(view, along_px):
     camera, middle, along = looked_at("so101", view), VIEWPORT.centre_px, np.array(along_px)
     radius_m = 0.5 / float(camera.pixels_per_metre(1.0))
     for away in AROUND:

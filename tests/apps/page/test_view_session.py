@@ -214,7 +214,7 @@ def test_error_in_arm_thread_is_shown_on_banner(session):
     session.arm_thread.step = fail
     with pytest.raises(ZeroDivisionError):
         session.arm_thread._run_thread()
-    assert "has failed" in session.latest_frames()["status"]["banner"]["message"]
+    assert "The panel failed" in session.latest_frames()["status"]["banner"]["message"]
 
 
 def test_reopened_arm_replaces_limits_of_page(session):

@@ -53,7 +53,7 @@ def test_points_and_times_are_shown_with_units():
     [({}, "good"), ({"temperature_c": 61.0}, "amber"), ({"load_percent": -85.0}, "amber"),
      ({"temperature_c": 66.0}, "red"), ({"alarms": ("overload",)}, "red")],
 )  # fmt: skip
-def test_a_servos_health_has_a_level(messages, level):
+def test_health_of_servo_has_a_level(messages, level):
     state = JointState("elbow_flex", 0.0, -1.0, 1.0, "arm file", 31.0, 12.1, None, torque=True)
     assert health_rows([replace(state, **messages)], HealthLimits())[0]["level"] == level
 
@@ -82,7 +82,7 @@ def test_joint_past_its_limit_is_beyond_unless_it_is_limp(torque, past):
     assert [nearness(at) for at in (0.0, -1.0, 1.0, -1.2)] == ["", "near", "near", past]
 
 
-def test_one_cause_of_alarms_is_one_row():
+def test_alarms_with_one_cause_share_one_row():
     state = JointState("pan", 0.0, -1.0, 1.0, "arm file", 31.0, 12.1, 4.0, torque=True)
     alarms = {
         "pan": ("input voltage",),

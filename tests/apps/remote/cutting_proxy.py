@@ -21,7 +21,7 @@ class CuttingProxy:
     """Forwards connections to a port of this machine.
 
     Attributes:
-        port: The port at which it listens.
+        port: The port on which the server listens.
     """
 
     def __init__(self, target_port, delay_s=0.6, seed=0):

@@ -18,7 +18,7 @@ from ikservo.errors import BadValueError, InputError
         ("zenoh:desk@tls/127.0.0.1", "desk", "tls/127.0.0.1:7448"),
     ],
 )
-def test_address_names_arm_and_endpoint(text, name, endpoint):
+def test_remote_address_names_arm_and_endpoint(text, name, endpoint):
     address = parse_address(text)
     assert (address.name, str(address.endpoint)) == (name, endpoint)
     assert parse_address(str(address)) == address

@@ -163,7 +163,7 @@ def test_silent_machine_is_named_and_others_are_stopped(served, run, monkeypatch
     assert ([arm["arm"] for arm in found["arms"]], len(found["errors"])) == (["so101"], 1)
 
 
-def test_hanging_server_is_asked_3_times_and_not_confirmed(served, run, monkeypatch):
+def test_stop_of_hanging_server_is_tried_3_times_unconfirmed(served, run, monkeypatch):
     asked, goes_on = [], threading.Event()
     answer = served.server.service.stop
 
@@ -187,7 +187,7 @@ def test_stop_ignores_slow_network(served, run, monkeypatch):
     assert served.arm.stop_reason is not None
 
 
-def test_stop_of_address_needs_no_arm_name(served, run):
+def test_stop_by_address_needs_no_arm_name(served, run):
     code, out, err = run("stop", "--port", served.address)
     assert code == 0, err
     assert out.startswith("so101")

@@ -188,8 +188,8 @@ def test_ros_stop_reports_torque_of_servos(graph):
     limp = stopped(False)
     graph.arm.acknowledge()
     graph.arm.enable()
-    assert holding[0].endswith("until /acknowledge; torque stays on.")
-    assert limp[0].endswith("until /acknowledge; torque is off, the arm is limp.")
+    assert holding[0].endswith("until /acknowledge is called; torque stays on.")
+    assert limp[0].endswith("until /acknowledge is called; torque is off, the arm is limp.")
     assert holding[1] == limp[1] == "Stopped from ROS 2."
 
 
@@ -210,7 +210,7 @@ def test_ros_stop_by_other_node_ends_waiting_goal(graph, monkeypatch):
             assert graph.call("/acknowledge")[0].success
             goes_on.set()
             until(lambda: graph.warnings)
-    assert "stopped after this motion was requested" in graph.warnings[-1]
+    assert "stopped after this motion had been requested" in graph.warnings[-1]
     graph.wait_until_still()
     assert true_joints(graph.arm) == pytest.approx(before, abs=0.01)
 

@@ -239,7 +239,7 @@ def test_refused_replay_names_the_posture_that_may_touch_again(recording_of_fall
         arm.pose("home")
         with pytest.raises(CollisionError) as refused:
             arm.replay(path)
-        assert "as at the end of the recording" in refused.value.command_hint
+        assert "posture at the end of the recording" in refused.value.command_hint
         arm.disable_torque()
         set_down(arm, dict(zip(arm.joint_names, np.degrees(lying), strict=True)))
         arm.replay(path)

@@ -151,7 +151,7 @@ def at_one_time(folder):
         (lambda f: (f / "meta" / "info.json").unlink(), "info.json"),
         (cut, "cannot be read"),
         (without_numbers, "episode 1: has values that are not numbers"),
-        (at_one_time, "episode 0: has two frames at one time"),
+        (at_one_time, "episode 0: has two frames with the same time"),
     ],
 )
 def test_a_damaged_data_set_is_one_error_and_nothing_is_written(

@@ -248,8 +248,8 @@ def test_ros_2_bag_is_replayed_with_any_order_and_extra_joints(tmp_path, order):
     ("rows", "found"),
     [
         ([(1.0, ["a"], [0.0])], "has no shoulder_pan"),
-        ([(1.0, ["a"], [np.nan])], "sample 1: has other positions"),
-        ([(1.0, ["a", "b"], [1.0])], "sample 1: has other positions"),
+        ([(1.0, ["a"], [np.nan])], "sample 1: has a wrong number of positions"),
+        ([(1.0, ["a", "b"], [1.0])], "sample 1: has a wrong number of positions"),
         ([(1.0, ["a"], [0.0]), (1e6, ["a"], [0.0])], "the last sample: is too late"),
         ([], "has no sample"),
     ],

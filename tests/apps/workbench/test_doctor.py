@@ -71,7 +71,7 @@ def lines_of(result, topic):
          "shoulder_lift (id 2), wrist_flex (id 4), wrist_roll (id 5), gripper (id 6); "
          "stored settings: i_gain 4 / 0"),
         (lambda s: s[3].memory.put("return_delay", 250), "delay",
-         "! delay     return delays take 0.5 ms in each round (elbow_flex (id 3))"),
+         "! delay     return delays take 0.5 ms per cycle (elbow_flex (id 3))"),
         (lambda s: s[3].memory.put("lock", 0), "lock",
          "! lock      elbow_flex (id 3) has its EEPROM unlocked"),
         (lambda s: setattr(s[6], "powered", False), "servos",

@@ -94,7 +94,7 @@ def test_damaged_trial_file_is_named_by_doctor(left, text):
     (finding,) = trial_findings(left)
     assert finding.level is Severity.BAD
     assert path.name in finding.text
-    assert "rename it" in finding.fix
+    assert "rename the file" in finding.fix
 
 
 @pytest.mark.full

@@ -185,4 +185,4 @@ def test_scan_without_port_suggests_simulator(run_cli, monkeypatch):
 @pytest.mark.parametrize(("option", "is_said"), [("", True), ("--all", False)])
 def test_scan_says_that_it_skipped_later_baud_rates(run_cli, option, is_said):
     result = run_cli(f"scan --port sim --arm so101 {option}")
-    assert ("Only rates up to the first with servos" in result.err) == is_said
+    assert ("The search ended at the first rate with servos" in result.err) == is_said

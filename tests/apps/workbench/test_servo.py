@@ -229,7 +229,7 @@ def test_plot_of_unknown_name_suggests_the_joint(run_cli, word):
     assert "Did you mean the joint elbow_flex?" in result.err
 
 
-def test_a_servo_that_is_named_twice_is_plotted_once(run_cli):
+def test_servo_named_twice_is_plotted_once(run_cli):
     result = run_cli(
         f"servo plot present_position {FAST} --arm so101 --id 3,elbow_flex --duration 1"
     )

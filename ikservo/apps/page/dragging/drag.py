@@ -56,11 +56,11 @@ class JointDrag:
     """A drag that moves one joint.
 
     Attributes:
-        column: The joint's entry of q.
-        camera: The camera at the start of the drag.
+        column: The index of the joint in q.
+        camera: The camera when the drag started.
         pivot_m: A point (3,) of the axis.
         axis: The axis (3,), a unit vector.
-        px: The last position of the pointer (2,).
+        px: Last position of the pointer (2,), pixels.
         position: The joint position at the pointer, rad or m; may exceed the limits, so that a
             returning pointer meets the joint where it left it.
         lever_px: Velocity of the grabbed point on the screen (2,), pixels per rad or m; None if
@@ -112,7 +112,7 @@ def start_joint_drag(
     """Start a drag of a joint.
 
     Args:
-        column: The joint's entry of q.
+        column: The index of the joint in q.
         camera: The user's camera.
         line: A point (3,) of the axis, and its direction (3,).
         px: Position of the pointer (2,).
@@ -134,7 +134,7 @@ def start_joint_drag(
 
 
 AT_REST_PX = 4.0
-"""A pointer that moves less counts as at rest."""
+"""Motion of the pointer, in pixels, below which it counts as at rest."""
 
 Names = tuple[tuple[str, str] | None, ...]
 
@@ -235,8 +235,8 @@ class MovedThing:
     """An object of the scene that was grabbed.
 
     Attributes:
-        name: Its name.
-        shift_m: The displacement (3,), base frame.
+        name: The name of the object.
+        shift_m: The displacement (3,) in the base frame.
         is_dropped: Whether the pointer was lifted.
     """
 
@@ -269,7 +269,7 @@ class _Fixture:
 
 
 class Drag:
-    """Converts pointer, wheel and key events into commands.
+    """Converts pointer, wheel and key events to commands.
 
     Args:
         chain: The arm, with its own limits.
@@ -379,7 +379,7 @@ class Drag:
         return None
 
     def release(self, pointer: int = 0) -> None:
-        """End the drag; the last command stays. After a click, another selects what is behind."""
+        """End the drag; the last command stays. The click after a click selects what is behind."""
         if pointer != self._pointer:
             return
         self._grabbed = None

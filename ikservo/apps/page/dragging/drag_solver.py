@@ -201,7 +201,7 @@ def _make_marker(target: Target, found: Result) -> TargetMarker:
 
 
 NONE, CURRENT_POSTURE = "none", "here"
-"""No preferred posture; the posture of the arm when it was chosen."""
+"""Choices without a named pose: no preferred posture, or the posture when it was chosen."""
 
 _LEANING_METHODS = ("auto", "pseudo_inverse")
 
@@ -212,7 +212,7 @@ class PosturePreference:
 
     Attributes:
         pose: ``none``, ``here`` or the name of a pose of the arm.
-        weights: Weights of joints, 1 where missing; 0 ignores a joint.
+        weights: Weights of the joints; 1 if missing, and 0 ignores a joint.
     """
 
     pose: str = NONE
@@ -238,7 +238,7 @@ class PosturePreference:
         return Posture(q, np.array([self.weights.get(name, 1.0) for name in chain.names]))
 
     def page_fields(self, solver: str) -> dict[str, object]:
-        """Return its fields for the page, with a note if the chosen solver ignores it."""
+        """Return the preference as fields for the page, with a note if the solver ignores it."""
         idle = self.pose != NONE and solver not in _LEANING_METHODS
         note = f"{solver} has no null space: it cannot prefer a posture." if idle else ""
         return {"pose": self.pose, "weights": dict(self.weights), "note": note}

@@ -19,7 +19,7 @@ class PastGoal:
 
     Attributes:
         goal: All joints (n,), rad or m; None if there was no goal.
-        marker: Its marker, if there was one.
+        marker: The marker of the target, if there was one.
     """
 
     goal: Vector | None
@@ -48,7 +48,7 @@ class GoalHistory:
         """Record the target before it is changed.
 
         Args:
-            before: The target so far.
+            before: The target before the change.
             kind: The input that changes it; a repetition within 0.7 s belongs to the same gesture.
                 Empty for an input that is always a gesture of its own.
             now_s: The time.

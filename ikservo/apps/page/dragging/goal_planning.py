@@ -1,4 +1,4 @@
-"""Planning of the path to the goal of the preview in the background, before it is shown."""
+"""Background planning of the path to the goal of the preview, before the path is shown."""
 
 from __future__ import annotations
 
@@ -106,7 +106,7 @@ class PlanRequest:
             return "The things around the arm have changed"
         is_too_fast = self.allowed_speed == "slow" != before.allowed_speed
         if self.speed != before.speed or is_too_fast:
-            return "Its speed has changed"
+            return "The speed has changed"
         return "" if self.stops == before.stops else "The arm was stopped"
 
 
@@ -142,11 +142,13 @@ class PlannedPath:
         if self.refusal is not None:
             raise RefusedError(self.refusal.reason, "Nothing moves. Choose another target.")
         if self.plan is None:
-            raise RefusedError("The path there is not planned yet.", "Wait until it is shown.")
+            raise RefusedError(
+                "The path to the target is not planned yet.", "Wait until it is shown."
+            )
         return self.plan
 
     def is_of(self, request: PlanRequest) -> bool:
-        """Return whether it answers a request; a free straight path of that request always does."""
+        """Return whether this path answers a request; a free straight path of it always does."""
         is_same = not request.change_since(self.request)
         return is_same and (self.plan is not None or self.request.is_chosen >= request.is_chosen)
 
@@ -157,7 +159,7 @@ def plan_path(arm: Arm, request: PlanRequest, withdrawn: Event | None = None) ->
     Args:
         arm: The arm; nothing moves, and no servo is read.
         request: The request.
-        withdrawn: Ends the search if the request was withdrawn.
+        withdrawn: Event that ends the search once the request is withdrawn.
     """
     index = arm.joint_index
     start = PlannedStart(request.start, request.allowed_speed)
@@ -197,7 +199,7 @@ def _plan_to_goal(planner: PreflightPlanner, arm: Arm, request: PlanRequest) -> 
 
 
 class GoalPlanner:
-    """Plans one path at a time in a thread of its own; a newer request replaces the running one.
+    """Plans one path at a time in its own thread; a newer request replaces the running one.
 
     Args:
         arm: The arm; nothing moves, and no servo is read.
@@ -214,7 +216,7 @@ class GoalPlanner:
         self.path: PlannedPath | None = None
 
     def update(self, request: PlanRequest | None, now_s: float) -> None:
-        """Plan the present request unless that was done, and drop an obsolete one.
+        """Plan the present request unless it was already planned, and drop an obsolete one.
 
         During a drag the path to the previous goal is kept until the next one is planned.
         """
@@ -233,7 +235,7 @@ class GoalPlanner:
             self._busy = request, withdrawn, future
 
     def close(self) -> None:
-        """End the running search."""
+        """Cancel the running search."""
         if self._busy is not None:
             self._busy[1].set()
         self._worker.shutdown(wait=False, cancel_futures=True)
@@ -253,6 +255,6 @@ class GoalPlanner:
                 if error is None:
                     self.path = future.result()
                 else:  # a bug in the planner; the page goes on
-                    refusal = GoalRefusal(request.goal, f"The planner has failed: {error!r}.")
+                    refusal = GoalRefusal(request.goal, f"The planner failed: {error!r}.")
                     self.path = PlannedPath(request, refusal=refusal)
         return self._busy is None and is_wanted

@@ -20,9 +20,9 @@ class GripperControl:
     """Integrates the gripper's speed while a button is held.
 
     Args:
-        column: The gripper's entry among all joints.
-        closed: Its closed position, rad or m.
-        opened: Its open position, rad or m.
+        column: Index of the gripper among all joints.
+        closed: The closed position, rad or m.
+        opened: The open position, rad or m.
     """
 
     def __init__(self, column: int, closed: float, opened: float) -> None:
@@ -37,7 +37,7 @@ class GripperControl:
 
         Args:
             grip: 1 closes, -1 opens; smaller values move more slowly.
-            goal: Its goal so far, rad or m.
+            goal: The previous goal, rad or m.
             measured: Measured positions of all joints (n,), which the goal must not lead by much;
                 None in the preview, where nothing presses.
             now_s: The time.
@@ -55,7 +55,7 @@ class GripperControl:
 
 
 def gripper_control(arm: Arm) -> GripperControl | None:
-    """Return the control of an arm's gripper, inside its calibrated limits; None without one."""
+    """Return the gripper control within the calibrated limits; None without a gripper."""
     gripper = arm.model.gripper
     if gripper is None:
         return None
@@ -84,9 +84,9 @@ class GamepadControl:
         """Return the next target of the tip; None while the sticks are centred.
 
         Args:
-            message: Deflection of the sticks.
-            camera: The user's camera: directions are those of the screen.
-            tip_m: Tip position (3,) of the goal so far.
+            message: The deflection of the sticks.
+            camera: The user's camera; directions are relative to the screen.
+            tip_m: Tip position (3,) of the previous goal.
             now_s: The time.
         """
         elapsed_s, self._last_s = now_s - self._last_s, now_s

@@ -49,13 +49,13 @@ class Interaction:
 
     Args:
         arm: The arm to move, with its own limits.
-        clock: Dates the messages.
+        clock: Clock for the time stamps of messages.
 
     Attributes:
         goal: Goal of all joints (n,), rad or m; None to hold position.
         marker: The target of the goal, if there is one.
         path: The path to the goal in the preview; None if there is none.
-        refusal: Why the guard refuses the goal; None if it does not.
+        refusal: The reason why the guard refuses the goal; None if the goal is allowed.
         hover: The link that a press would grab.
         under: Everything under the pointer; None for the plane in which a click moves the tip.
         chosen: Index of the thing under the pointer that a press selects.
@@ -155,7 +155,7 @@ class Interaction:
         """Use other joints (n,) with the tip at the target, if the goal was refused."""
         if goal is not self.goal:
             self.goal = goal
-            self.log("The arm reaches this target in another posture.")
+            self.log("The arm will reach this target in another posture.")
 
     def log(self, message: str, level: str = "") -> None:
         """Append a message; move an earlier equal message to the end."""
@@ -225,12 +225,12 @@ class Interaction:
         self._set_tool_goal(snapshot, *self._tool_targets.solve_direction(q, direction))
 
     def tool_fields(self, measured: Vector) -> dict[str, object]:
-        """Return the tool's values at the goal, or without a goal at the measured joints (n,)."""
+        """Return the tool's values at the goal or, without a goal, at the measured joints (n,)."""
         q = self._index.chain_joints(measured if self.goal is None else self.goal)
         return self._tool_targets.fields(q)
 
     def goal_fields(self, measured: Vector) -> list[float]:
-        """Return each joint's goal, or without one its measured position (n,), in degrees or mm."""
+        """Return each joint's goal, or else its measured position (n,), in degrees or mm."""
         shown = measured if self.goal is None else self.goal
         return [
             round(self._ranges.to_shown(column, position), 1)
@@ -278,7 +278,7 @@ class Interaction:
         self.goal, self.marker = past.goal, past.marker
 
     def _present_goal(self, snapshot: ArmSnapshot) -> PastGoal:
-        """Return the goal; without a goal in Live, the present position of the arm."""
+        """Return the goal; if there is none in Live, the present position of the arm."""
         goal = self.goal if snapshot.reference is None else self._goal_or_rest(snapshot)
         return PastGoal(goal, self.marker)
 
@@ -358,7 +358,7 @@ class Interaction:
         return min(int((now_s - self._trace_start_s) * _STEPS_HZ), self.solver_trace.count - 1)
 
     def _warm_up(self) -> None:
-        """Warm up the JIT now, not at the first input."""
+        """Warm up the JIT now instead of at the first input."""
         extent = arm_extent(self._arm.model)
         camera = make_camera(
             extent, Viewpoint(available_views(extent)[0]), Viewport(640.0, 480.0), 0.0
@@ -376,7 +376,7 @@ class Interaction:
         plane_m: Vector | None = None,
         surface: PictureSurface | None = None,
     ) -> PointerContext:
-        """Return the context of a pointer; for ``plane_m``, ``surface`` see ``PointerContext``."""
+        """Return the context of a pointer; ``PointerContext`` describes the arguments."""
         measured = self._index.chain_joints(snapshot.measured)
         goal = self.shown_goal
         arms = (measured,) if goal is None else (goal, measured)

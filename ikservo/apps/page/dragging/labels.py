@@ -25,7 +25,7 @@ STOP_TEXTS: dict[StopInput, str] = {
     "Escape": "Stopped by the Escape key on the page",
     "gamepad": "Stopped by a gamepad of the page",
 }
-"""Who stopped the arm, as the beginning of a sentence."""
+"""Text for each control that can stop the arm, as the beginning of a sentence."""
 
 _LOADED_PERCENT = 80.0
 _SAME_POINT_M = 1e-4
@@ -83,7 +83,7 @@ def format_solve_time(solve_s: float) -> str:
 
 
 def format_supply(volts: Sequence[float]) -> str:
-    """Format voltages as ``7.4 V``, or as ``11.8 – 12.1 V`` if servos measure various voltages."""
+    """Format voltages as ``7.4 V``, or as ``11.8 – 12.1 V`` if servos measure different ones."""
     low, high = f"{min(volts):.1f}", f"{max(volts):.1f}"
     return f"{low} V" if low == high else f"{low} – {high} V"
 
@@ -182,7 +182,7 @@ def candidate_rows(options: Sequence[PickCandidate | None], chosen: int) -> list
 
     Args:
         options: The options that ``Drag.candidates_under`` returns; None is the plane for the tip.
-        chosen: Index of the selected one.
+        chosen: Index of the selected option.
     """
     first_m = min((found.hit.depth_m for found in options if found is not None), default=0.0)
     rows: list[dict[str, object]] = []

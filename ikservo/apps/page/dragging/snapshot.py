@@ -14,7 +14,7 @@ from ikservo.maintenance.dialogue import HandRequest, Question
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ArmCommand:
-    """Command of the client in control; a new one replaces the last.
+    """The command of the client in control; a new one replaces the last.
 
     Attributes:
         live: Whether the arm follows the goal.
@@ -38,7 +38,7 @@ class LogEntry:
     Attributes:
         time_s: The time, by the clock of the page.
         message: The event.
-        level: ``bad`` for what went wrong, empty for news.
+        level: ``bad`` for a problem, empty for information.
     """
 
     time_s: float
@@ -94,7 +94,7 @@ class CalibrationView:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ArmSnapshot:
-    """State of the arm as the arm thread last read it.
+    """The state of the arm, as the arm thread last read it.
 
     Attributes:
         measured: Measured joint positions (n,), rad or m.
@@ -105,10 +105,10 @@ class ArmSnapshot:
         stop_notice: Why the arm holds; None if it is not stopped.
         stop_count: Number of completed stops; confirms them to the page.
         ended_session: The last session that has ended.
-        refusal: The goal that was refused last in a session; None if there is none.
+        refusal: The last goal that was refused in a session; None if there is none.
         messages: Messages for the user, the oldest first.
         calibration: The running calibration, if any.
-        activity: Text of what the arm does without the page; empty if nothing.
+        activity: Description of what the arm does without the page; empty if nothing.
     """
 
     measured: Vector

@@ -26,7 +26,7 @@ from ikservo.kinematics import Chain
 from ikservo.kinematics.arrays import Matrix, Vector
 
 SOLVERS: tuple[str, ...] = tuple(METHODS)
-"""The methods to choose from."""
+"""The methods that the user can choose."""
 
 ITERATIVE = ("pseudo_inverse", "transpose", "ccd")
 """Methods that iterate from the current joints and may end short of the nearest point."""
@@ -40,8 +40,8 @@ class SolverTrace:
     """The iterations of a method towards a target.
 
     Attributes:
-        result: Its result.
-        target_m: The target (3,), metres.
+        result: The result of the method.
+        target_m: Target (3,), metres.
         numbers: The iteration of each shown step (count,); long traces are thinned evenly.
         lines_m: The arm at each shown step (count, points, 3), base to tip, metres.
     """

@@ -18,10 +18,10 @@ class TargetMarker:
     Attributes:
         target_m: The target point (3,), metres, base frame.
         nearest_m: The point (3,) at the goal.
-        reached: Whether these are the same.
+        reached: Whether the solver reached the target.
         binding: The active limits.
         frame: The link that was grabbed; None for the tip.
-        stance: The wanted stance of the tool; None if there is none, or a link was grabbed.
+        stance: The wanted orientation of the tool; None if there is none, or a link was grabbed.
         turn_error_rad: The angle between the tool and its wanted orientation; 0 if none.
     """
 

@@ -1,4 +1,4 @@
-"""Handles of the tool in the 3D scene: its possible motions, and drags of the handles.
+"""Handles of the tool in the 3D scene: possible motions of the tool, and drags of the handles.
 
 ::
 
@@ -106,7 +106,7 @@ class ToolDrag:
         return self._pressed is not None
 
     def press(self, q: Vector) -> None:
-        """Take hold of the tool at joints (dof,)."""
+        """Grab the tool at joints (dof,)."""
         T = self._chain.forward(q)
         self._pressed = T, self._plane.rotation(q).T @ T[:3, :3]
 
@@ -125,12 +125,12 @@ class ToolDrag:
         return ToolPoseTarget(position_m, exp_so3(turn_rad) @ T[:3, :3])
 
     def release(self) -> None:
-        """Let go; the last target stays."""
+        """Release the handles; the last target stays."""
         self._pressed = None
 
 
 class ToolPoseSolver:
-    """Follows poses of the tool on the present branch: its position first, then its orientation.
+    """Tracks tool poses on the present IK branch: the position first, then the orientation.
 
     Args:
         chain: The arm.

@@ -1,6 +1,6 @@
 """Targets that are typed or stepped: a joint's position, the tool's coordinates and angles.
 
-Positions of the page are degrees, or millimetres for prismatic joints and coordinates.
+The page uses degrees, and millimetres for prismatic joints and coordinates.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ _STAYS = "Nothing was changed."
 
 
 class JointRanges:
-    """Positions of joints, as the page shows and sends them.
+    """Joint positions in the units that the page shows and sends.
 
     Args:
         arm: The arm, with its own limits.
@@ -51,7 +51,7 @@ class JointRanges:
         ]
 
     def to_shown(self, column: int, position: float) -> float:
-        """Compute a position [rad or m] in degrees or millimetres."""
+        """Convert a position [rad or m] to degrees or millimetres."""
         return position * _MM if self._prismatic[column] else math.degrees(position)
 
     def moved(self, goal: Vector, joint: str, value: float) -> Vector:

@@ -1,4 +1,4 @@
-"""The reachable region in the plane of the view, computed in the background and cached.
+"""The reachable region in the plane of a view, computed in the background and cached.
 
 Computing it takes a tenth of a second to a second (``ikservo.ik.workspace``), so it is computed
 once per ``key`` and cached::
@@ -34,8 +34,8 @@ class SlicePlane:
     """The plane that a view shows.
 
     Attributes:
-        key: Equal for planes with the same reachable region.
-        T_world_plane: Its pose (4, 4); the region is at w = 0.
+        key: Key that is equal for planes with the same reachable region.
+        T_world_plane: Pose of the plane (4, 4); the region is at w = 0.
         cell_m: Cell size for computing the region.
     """
 
@@ -59,7 +59,7 @@ class ReachableRegion:
 
     @property
     def fingerprint(self) -> tuple[object, ...]:
-        """A key that changes with the region and its pose."""
+        """Key that changes with the region and its pose."""
         return id(self.rings), self.T_world_plane.tobytes()
 
     def move_to_plane(self, plane: SlicePlane) -> ReachableRegion:
@@ -140,7 +140,7 @@ class ReachableRegionCache:
         self._busy: tuple[tuple[str, float], Future[ReachableRegion]] | None = None
 
     def get(self, plane: SlicePlane, *, idle: bool = True) -> ReachableRegion | None:
-        """Get the region in a plane, or None and start computing it.
+        """Return the region in a plane; if it is not cached, return None and start computing it.
 
         Args:
             plane: The plane.

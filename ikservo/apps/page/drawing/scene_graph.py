@@ -46,11 +46,11 @@ class SceneGraph:
 
     Args:
         model: The arm.
-        chain: Its joints, with its own, calibrated limits.
-        extent: The space it can occupy.
+        chain: The joints of the arm, with calibrated limits.
+        extent: The space that the arm can occupy.
 
     Attributes:
-        description: Everything that does not move, except the shapes of 3D.
+        description: Everything that does not move, except the 3D shapes.
     """
 
     def __init__(self, model: Model, chain: Chain, extent: ArmExtent) -> None:
@@ -97,7 +97,7 @@ class SceneGraph:
 
         Args:
             state: The state to show.
-            handles: Whether the tool has handles: their axes (3, 3) in the base frame.
+            handles: Axes (3, 3) of the tool's handles in the base frame; None without handles.
         """
         others = state.other_joints if state.goal_other_joints is None else state.goal_other_joints
         marker, axes, region = None, None, state.region
@@ -147,7 +147,7 @@ class SceneGraph:
 
 
 class _JointPositions:
-    """The positions of the joints that are not fixed, in the order of their links.
+    """Positions of the joints that are not fixed, in the order of their links.
 
     Args:
         steps: The joint before each link.

@@ -1,4 +1,4 @@
-"""The shapes of an arm's links as the page draws them in 3D.
+"""Shapes of an arm's links, as the page draws them in 3D.
 
 Lengths are metres, poses T_link_shape (4, 4) row by row. Meshes are sent as the corners of their
 triangles, little-endian float32 in base64; if one is missing, the shapes for contact are drawn.
@@ -27,7 +27,7 @@ def row_major(T: Matrix) -> list[float]:
 
 
 def link_shapes(model: Model, name: str) -> list[Fields]:
-    """Return the visual shapes of a link, or else its collision shapes, as far as usable."""
+    """Return the usable visual shapes of a link, or else its collision shapes."""
     link = next((each for each in model.urdf.links if each.name == name), None)
     if link is None:  # the tip of a tool is not a link
         return []

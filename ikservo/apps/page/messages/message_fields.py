@@ -1,4 +1,4 @@
-"""Fields that all messages of a page have, and names in them."""
+"""Fields and names that all messages of a page share."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ _MAX_SEQ = 2**53 - 1  # the largest whole number that JavaScript counts without 
 
 Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9_\-]{1,64}$")]
 StopInput = Literal["button", "Space", "Escape", "gamepad"]
-"""The control of the page with which the user asked for a stop."""
+"""The control with which the user requested a stop."""
 
 
 class PageMessage(StrictModel):
-    """Fields of all messages.
+    """The fields of all messages.
 
     Attributes:
         seq: Sequence number, increasing; a repeated number is a replay.

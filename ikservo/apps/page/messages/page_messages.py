@@ -28,14 +28,14 @@ class BadMessageError(InputError):
 
 
 class Hello(StrictModel):
-    """The first message: the proof for the nonce of this connection."""
+    """The first message, with the proof for the nonce of this connection."""
 
     kind: Literal["hello"]
     proof: Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
 
 
 class Heartbeat(PageMessage):
-    """Sent periodically; ``visible`` is whether the page is in the foreground."""
+    """A periodic message; ``visible`` tells whether the page is in the foreground."""
 
     kind: Literal["heartbeat"]
     visible: bool
@@ -45,7 +45,7 @@ class SetViewport(PageMessage):
     """Set the size of the page's drawing in CSS pixels, its viewpoint, and whether WebGL draws it.
 
     Attributes:
-        handles: Whether WebGL draws handles at the tool.
+        handles: Whether WebGL draws handles on the tool.
         height_m: The height above the table of a click in a camera's picture.
     """
 
@@ -78,7 +78,7 @@ Turn = Annotated[float, Field(ge=-math.tau, le=math.tau, allow_inf_nan=False)]
 
 
 class DragTool(PageMessage):
-    """A drag of the tool's handles in the 3D scene, in the base frame since it began.
+    """A drag of the tool's handles in the 3D scene, relative to its start, in the base frame.
 
     Attributes:
         shift: The displacement of the tool (3,), metres.
@@ -121,7 +121,7 @@ class OrbitCamera(PageMessage):
     """Orbit or pan the camera by pixels of dragging, or zoom.
 
     Attributes:
-        at: The pixel about which to zoom; None: the middle.
+        at: The pixel about which to zoom; None for the middle.
     """
 
     kind: Literal["orbit_camera"]
@@ -193,7 +193,7 @@ class Stop(PageMessage):
 
 
 class Acknowledge(PageMessage):
-    """The user acknowledges a stop."""
+    """Acknowledge a stop."""
 
     kind: Literal["acknowledge"]
 
@@ -231,7 +231,7 @@ class PreferPosture(PageMessage):
 
     Attributes:
         pose: The name of a pose, ``here`` for the current posture, or ``none``.
-        weights: Weights of joints, 1 where missing.
+        weights: Weights of the joints; 1 if missing.
     """
 
     kind: Literal["prefer"]
@@ -298,7 +298,7 @@ class SetTorque(PageMessage):
 
 
 class ShowPlots(PageMessage):
-    """Choose what the page plots; an empty choice closes its plots.
+    """Choose the channels that the page plots; an empty choice closes the plots.
 
     Attributes:
         stopped: Show the seconds before the last stop instead of the present.
@@ -352,7 +352,7 @@ class WriteRegister(PageMessage):
 class CalibrationAnswer(PageMessage):
     """User input of a calibration; ``start`` starts it and ``cancel`` ends it.
 
-    ``number`` is the screen on which the answer was given; an answer to another one is ignored.
+    ``number`` is the screen on which the answer was given; answers to other screens are ignored.
     """
 
     kind: Literal["calibration"]

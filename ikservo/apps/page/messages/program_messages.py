@@ -1,6 +1,6 @@
 """Messages that edit, check and run the page's program of steps.
 
-A step is named by its number, which it keeps when others are added, moved or removed.
+Each step has a number, which it keeps when others are added, moved or removed.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ class AddStep(PageMessage):
 
 
 class ChangeStep(PageMessage):
-    """Set the speed of a step, None for the program's, or the duration of a wait."""
+    """Set the speed of a step (None for the speed of the program), or the duration of a wait."""
 
     kind: Literal["change_step"]
     step: StepNumber
@@ -64,7 +64,7 @@ class DeleteStep(PageMessage):
 
 
 class SetProgram(PageMessage):
-    """Set the speed of steps without a speed of their own, and the number of repetitions."""
+    """Set the default speed of the steps and the number of repetitions."""
 
     kind: Literal["set_program"]
     speed: Speed
@@ -93,7 +93,7 @@ class RunProgram(PageMessage):
 
 
 class RecordStep(PageMessage):
-    """Record the arm while it is guided by hand; ``on`` false ends that and adds the step."""
+    """Record the arm while it is guided by hand; ``on`` = False ends the recording and adds it."""
 
     kind: Literal["record_step"]
     on: bool

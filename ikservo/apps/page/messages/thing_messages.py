@@ -15,7 +15,7 @@ Triple = Annotated[tuple[Number | None, Number | None, Number | None], Field(str
 
 
 class AddThing(PageMessage):
-    """Put a thing near the arm, which avoids it from then on."""
+    """Add a thing near the arm; from then on, the arm avoids it."""
 
     kind: Literal["add_thing"]
     shape: Literal["box", "cylinder", "sphere"]

@@ -25,10 +25,10 @@ MakePanel = Callable[[Model, Mapping[str, float]], Panel]
 
 
 class RunMotion:
-    """Makes a motion of a panel (``ArmJob``).
+    """Runs the motion of a panel button (``ArmJob``).
 
     Args:
-        title: The text of its button.
+        title: The text of the button.
         motion: The motion; it calls ``on_progress`` in each cycle, so that the page can stop it.
     """
 
@@ -52,7 +52,7 @@ class RunMotion:
 
 
 class AppPanels:
-    """Shows the panels of all apps; one that fails is reported in its place.
+    """Shows the panels of all apps; a panel that fails is replaced by its error.
 
     Args:
         arm_thread: Owns the arm.

@@ -39,18 +39,18 @@ class CameraView:
     """A calibrated camera whose pictures a page shows.
 
     Args:
-        arm: The arm in front of it.
-        video: The source of its pictures.
-        clock: Times the checks whether it has moved.
+        arm: The arm in front of the camera.
+        video: The source of the pictures.
+        clock: Determines when to check whether the camera has moved.
         name: The name of the camera; empty: the camera with the source of the pictures.
 
     Attributes:
-        tip_shows: The joint whose zero a click on the tip would determine; None without one.
+        tip_shows: The joint whose zero a click on the tip would determine; None if there is none.
         tip_clicks: The number of clicks.
 
     Raises:
         CalibrationError: The arm has no calibrated camera, or was calibrated with another one.
-        FileFormatError: A file about it is damaged.
+        FileFormatError: A file about the camera is damaged.
     """
 
     def __init__(self, arm: Arm, video: VideoSource, clock: Clock, name: str = "") -> None:
@@ -95,7 +95,7 @@ class CameraView:
 
     @property
     def trouble(self) -> str:
-        """Return why clicks in the picture are not targets; empty if they are."""
+        """Return the reason why clicks in the picture are not targets, or an empty text."""
         if self._moved is not None:
             return moved_error(self._moved.moved_mm, self._moved.turned_deg).message
         if self._mirrored:
@@ -136,12 +136,12 @@ class CameraView:
         self.require_usable()
         is_old = self._clock.now_s() - snapshot.read_s > _REST_S
         if is_old or not self._rests(snapshot.measured):
-            raise BadMessageError("The arm has moved.", "Click again once it has rested.")
+            raise BadMessageError("The arm has moved.", "Click again when it is at rest.")
         written, pixel = datetime.now(UTC).replace(microsecond=0), camera.picture_px(px)
         return find_tip_zero(self._arm, [pixel], written, self._name, snapshot.measured)
 
     def watch(self, measured: Vector) -> None:
-        """Check from time to time whether the camera has moved, while a page shows the picture.
+        """Check now and then, while a page shows the picture, whether the camera has moved.
 
         Args:
             measured: All joints (n,).

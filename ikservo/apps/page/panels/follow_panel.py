@@ -1,4 +1,4 @@
-"""Choice of a leader for the page's arm, and the lag of the arm."""
+"""Panel for the choice of a leader, and for the lag of the follower."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _PERIOD_S = 0.4  # update period of figures for a reader
 _FOLLOWED = 0.05  # rad or m; below this error a refusal is not shown
 
 FindArm = Callable[[str], ArmThread | None]
-"""Returns the thread of another open arm of the page by its name; None if there is none."""
+"""Function that returns the thread of another open arm by its name; None if there is none."""
 
 
 class FollowPanel:
@@ -39,7 +39,7 @@ class FollowPanel:
         self._reported_s = -math.inf
 
     def start(self, leader_name: str) -> None:
-        """Follow another arm of the page: first go to its position, then move with it.
+        """Follow another arm of the page: first move to its position, then move with it.
 
         Raises:
             InputError: There is no such arm, its torque is on, one of the arms is busy or was
@@ -48,14 +48,16 @@ class FollowPanel:
         """
         leader = self._find_arm(leader_name)
         if leader is None or leader is self._arm_thread:
-            raise InputError(f"No other arm {leader_name!r} is open.", "Open it in the list.")
+            raise InputError(
+                f"No other arm {leader_name!r} is open.", "Open it from the list of arms."
+            )
         follower = self._arm_thread.arm
         for arm in (leader.arm, follower):
             arm.context.require_zeros()
         if all(state.torque for state in leader.snapshot.states):
             raise InputError(
                 f"{leader_name} holds, so you cannot guide it.",
-                "Release it first; an arm in the air falls.",
+                "Release it first; an arm that is not supported falls.",
             )
         joints = tuple(shared_joints(leader.arm.model, follower.model))
         feed = LeaderFeed(leader_name, joints, self._clock, self._arm_thread.lease.timeout_s)
@@ -73,12 +75,12 @@ class FollowPanel:
         self._job = job
 
     def finish(self) -> None:
-        """End the following; the arm holds."""
+        """Stop following; the arm holds."""
         if self._job is not None:
             self._job.finish()
 
     def frames(self, client: Client) -> list[Frame]:
-        """Return new frames on the leader for a client."""
+        """Return new frames about the leader for a client."""
         job, now_s = self._job, self._clock.now_s()
         if job is not None and self._arm_thread.job is not job:
             self._job, self._reported_s = None, -math.inf

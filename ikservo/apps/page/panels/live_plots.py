@@ -24,7 +24,7 @@ class _Plot:
         stopped: Whether the seconds before the last stop are shown instead of the present.
         sent_s: Time of the last sample that was sent.
         due_s: The time of the next frame.
-        shown_stop: The recording that was sent, if it is of a stop.
+        shown_stop: The recording of a stop that was sent, if any.
     """
 
     channels: tuple[Channel, ...]
@@ -51,7 +51,9 @@ class PlotFeed:
         if not message.quantities:
             return
         if message.stopped and history.last_stop is None:
-            raise BadMessageError("Nothing has stopped the arm yet.", "Show the present instead.")
+            raise BadMessageError(
+                "Nothing has stopped the arm yet.", "Show the present data instead."
+            )
         unknown = set(message.joints) - {channel.joint for channel in history.channels}
         if unknown:
             raise BadMessageError(f"The arm has no joint {min(unknown)!r}.", "Reload the page.")

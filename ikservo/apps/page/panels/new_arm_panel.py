@@ -1,7 +1,8 @@
-"""`ikservo arms new` on the page: the same dialogue, in a process of its own.
+"""The dialogue of `ikservo arms new` on the page, in a separate process.
 
-Reading foreign descriptions and fitting meshes takes seconds of processor time; in a process of its
-own it does not delay the control of open arms, and Leave ends it at once. The process also moves
+Reading foreign descriptions and fitting meshes takes seconds of processor time; in a separate
+process, this does not delay the control of open arms, and Leave ends it at once. The process also
+moves
 servos: Stop all closes the pipe, which the process checks before each step of a motion.
 """
 
@@ -40,7 +41,7 @@ class StartNewArm(PageMessage):
         name: The name of the arm.
         source: Path of a description or its folder on the machine of the server; empty for an arm
             that is measured with a ruler.
-        port: The port of its servos; empty if they are not connected.
+        port: The port of the servos; empty if they are not connected.
     """
 
     kind: Literal["new_arm"]
@@ -110,7 +111,7 @@ class NewArmPanel:
             )
         if self.is_running:
             raise BadMessageError(
-                "An arm is already being created.", "Finish or cancel that first."
+                "An arm is already being created.", "Finish or cancel that arm first."
             )
         self._reset()
         source = Path(message.source.strip()).expanduser() if message.source.strip() else None
@@ -135,7 +136,7 @@ class NewArmPanel:
             answer = answer or self._question.default
             choices = self._question.choices
             if not answer or (choices and answer not in choices):
-                known = f"One of: {', '.join(choices)}" if choices else ""
+                known = f"Answer with one of: {', '.join(choices)}" if choices else ""
                 raise BadMessageError("An answer is missing.", known)
         self._question = None
         with contextlib.suppress(OSError):
@@ -145,7 +146,9 @@ class NewArmPanel:
         """End the dialogue if it may be moving a servo; the servo's torque is switched off."""
         if self._has_servos and self.is_running:
             self._close_line()
-            self._ended = _Ended(error="Stopped; torque of its servos is off. Nothing was written.")
+            self._ended = _Ended(
+                error="Stopped; the torque of the servos is off. Nothing was written."
+            )
 
     def close(self) -> None:
         """End the dialogue, if there is one; unfinished arms are not written."""

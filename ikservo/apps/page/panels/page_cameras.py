@@ -22,7 +22,7 @@ class PageCameras:
     """Finds the pictures that belong to each arm.
 
     Args:
-        clock: Dates the pictures.
+        clock: Clock for the time stamps of pictures.
         sources: The sources that ``VideoSource`` reads, and ``sim``.
         name: The name of the camera of each arm; empty for none. Without sources, pictures
             come from the camera with which the arm was calibrated.
@@ -45,7 +45,7 @@ class PageCameras:
         return [source_name(source) for source in self._sources]
 
     def find_missing(self) -> list[str]:
-        """Try each camera except simulated ones; return the names of missing cameras."""
+        """Try every real camera; return the names of missing cameras."""
         return [video.name for video in self._videos.values() if not video.can_be_opened()]
 
     def __enter__(self) -> PageCameras:
@@ -65,7 +65,7 @@ class PageCameras:
 
         Args:
             arm: The arm.
-            exits: Closes a simulated camera, which belongs to this arm alone.
+            exits: Stack that closes a simulated camera, which belongs to this arm alone.
             source: The source of the pictures; None: the first choice.
 
         Raises:
@@ -127,10 +127,10 @@ class ArmCameras:
     Args:
         cameras: The cameras of the page.
         arm: The arm.
-        exits: Closes what it opens.
+        exits: Stack that closes the opened cameras.
 
     Attributes:
-        video: The pictures that are shown; None for none.
+        video: The source of the pictures that are shown; None if none are shown.
         name: The name of that camera; see ``CameraView``.
         choices: See ``PageCameras.choices``.
         chosen: The title of the shown camera; empty for none.

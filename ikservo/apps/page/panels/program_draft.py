@@ -71,10 +71,10 @@ class ProgramDraft:
 
     Attributes:
         steps: The steps in their order.
-        speed: The speed of steps without a speed of their own.
+        speed: The default speed of the steps.
         repeat: The number of repetitions of all steps.
-        name: The name of its file; empty until it is saved or loaded.
-        changed: Whether it differs from its file.
+        name: The name of the program file; empty until it is saved or loaded.
+        changed: Whether the draft differs from its file.
         revision: Changes with every edit.
     """
 
@@ -90,7 +90,7 @@ class ProgramDraft:
         self.names, self.recordings = folder.names(), folder.recordings()
 
     def add(self, step: ProgramStep, after: int | None = None) -> int:
-        """Add a step behind another one, or as the last one; return its number.
+        """Add a step after another one, or at the end; return its number.
 
         Raises:
             InputError: There are too many steps, or the step before it no longer exists.
@@ -136,7 +136,7 @@ class ProgramDraft:
         self._set_steps((*self.steps[:place], *self.steps[place + 1 :]))
 
     def set_options(self, speed: Speed, repeat: Repeat) -> None:
-        """Set the speed of steps without a speed of their own, and the number of repetitions."""
+        """Set the default speed of the steps and the number of repetitions."""
         self.speed, self.repeat = speed, repeat
         self._note_change(changed=True)
 

@@ -1,4 +1,4 @@
-"""The page's program: capture, edit, save, check and play steps."""
+"""Panel of the page's program: capture, edit, save, check and play steps."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ class ProgramPanel:
         self._state = PlayState()
 
     def handle(self, message: msg.ProgramMessage, interaction: Interaction) -> None:
-        """Handle a message; ``interaction`` has the target that is shown.
+        """Handle a message; ``interaction`` provides the target that is shown.
 
         Raises:
             IkservoError: The request is not possible; nothing has changed.
@@ -79,7 +79,7 @@ class ProgramPanel:
         return frames
 
     def state_fields(self) -> dict[str, object]:
-        """Return the progress of the program, for a page."""
+        """Return the progress of the program for a page."""
         state = self._state if self._play is None else self._play.state
         return {
             "kind": "program_state",
@@ -95,7 +95,7 @@ class ProgramPanel:
         }
 
     def fields(self) -> dict[str, object]:
-        """Return the steps and files of the program, for a page."""
+        """Return the steps and files of the program for a page."""
         draft = self.draft
         return {
             "kind": "program",

@@ -1,4 +1,4 @@
-"""The page of servos: one port, named on the command line, and its thread.
+"""The servo page: one port, named on the command line, and its thread.
 
 Writes pass the same checks as in the command. Only a trial of gains moves a joint: the port is then
 closed, and the arm is opened on it with its guard.
@@ -63,14 +63,14 @@ _POLL_S = 0.1  # period in which closing is noticed
 
 
 class WorkOnServo(PageMessage):
-    """Search the port, or act on one of its servos.
+    """Search the port, or do something with one of its servos.
 
     Attributes:
         names: The registers to plot; empty: the registers of the motion.
         text: The backup to restore.
         address: The new id and baud rate.
         gains: The raw numbers to try, by register.
-        step_deg: The step of the joint with these gains, degrees.
+        step_deg: The step that the joint makes with these gains, degrees.
     """
 
     kind: Literal["work_on_servo"]
@@ -127,7 +127,7 @@ class _LivePlot:
 
 @dataclass(slots=True)
 class _Page:
-    """An open page: its permission, sent frames and frames to send."""
+    """An open page with its permission, sent frames and frames to send."""
 
     permission: Permission
     sent: dict[str, Frame] = field(default_factory=dict[str, Frame])
@@ -137,11 +137,11 @@ class _Page:
 
 
 class ServoBench:
-    """Works on the servos of a port for the pages that show it (``SessionBackend``).
+    """Serves the pages that show the servos on a port (``SessionBackend``).
 
     Args:
-        port: The port, as its owner named it.
-        model: The arm of the servos; None: every servo that replies on the line.
+        port: The port, as the user named it.
+        model: The arm of the servos; None for every servo that replies on the line.
         downloads: Hands out backups.
     """
 
@@ -186,7 +186,7 @@ class ServoBench:
         """Queue a request of a page.
 
         Raises:
-            BadMessageError: Not permitted, or too much is waiting.
+            BadMessageError: The request is not permitted, or too many requests wait.
         """
         if isinstance(message, WorkOnServo) and message.action == "stop":
             self._stop_trial()

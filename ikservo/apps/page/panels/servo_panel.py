@@ -1,4 +1,4 @@
-"""The registers of a joint's servo on the page: read on request, written after checks."""
+"""Panel with the registers of a joint's servo: read on request, written after checks."""
 
 from __future__ import annotations
 
@@ -161,8 +161,8 @@ def write_limp(line: ServoLine, servo: ServoSpec, values: Mapping[Register, int]
     """
     if holds_torque(line, servo):
         raise InputError(
-            f"{servo} holds: with other values it could fall.",
-            "Support it, and switch its torque off first.",
+            f"{servo} holds a joint, which could fall with other values.",
+            "Support the joint, and switch its torque off first.",
         )
     return write_values(line, servo, values)
 

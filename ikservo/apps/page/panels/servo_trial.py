@@ -1,4 +1,4 @@
-"""Gain trials on the servo page: steps of a joint with its own and with other gains."""
+"""Gain trials on the servo page: step responses of a joint with its own and with other gains."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ def try_on_joint(
 
 
 def describe_trials(trials: Sequence[Trial]) -> str:
-    """Describe the responses of the present gains and of the best others."""
+    """Describe the responses with the present gains and with the best others."""
     text = ""
     for name, trial in zip(("before", "after"), _compared(trials), strict=True):
         response = trial.response

@@ -1,4 +1,4 @@
-"""The things around the arm on the page: draw, add, change, remove, save as a scene file."""
+"""Panel of the things around the arm: draw, add, change, remove, save as a scene file."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ _TITLES = {"box": "box", "cylinder": "can", "sphere": "ball"}
 
 
 AddOtherArm = Callable[[str], None]
-"""Makes another arm of the page, by its name, an obstacle to an arm."""
+"""Function that makes another arm of the page, by its name, an obstacle to an arm."""
 
 
 class ThingsPanel:
@@ -45,7 +45,7 @@ class ThingsPanel:
 
     Args:
         arm: The arm.
-        downloads: The place that offers the scene file.
+        downloads: Offers the scene file for download.
         find_arm: Finds another arm of the page.
         add_other_arm: Makes another arm of the page an obstacle to this one.
     """
@@ -136,12 +136,12 @@ class ThingsPanel:
                 scene.remove(message.name)
 
     def show_moved(self, moved: MovedThing | None) -> None:
-        """Draw a thing where it is dragged; None ends that."""
+        """Draw a thing at the place to which it is dragged; None ends the drag."""
         if moved is not self._moved:
             self._moved, self._shown = moved, None
 
     def drop(self, moved: MovedThing) -> None:
-        """Put a thing where it was dropped.
+        """Put a thing at the place where it was dropped.
 
         Raises:
             UnknownNameError: The thing was removed meanwhile.
@@ -206,7 +206,7 @@ def _arm_sizes(other: OtherArm) -> dict[str, Any]:
 
 
 def thing_fields(thing: Obstacle, shift_m: Vector | float = 0.0) -> Fields:
-    """Return the drawing of a thing, shifted by (3,), and its changeable fields."""
+    """Return the drawing of a thing, shifted by (3,), and its editable fields."""
     row = thing.row
     kind, sizes = describe_thing(thing)
     grown = row[12:15] + row[ROUNDING]

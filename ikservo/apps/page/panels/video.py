@@ -33,7 +33,7 @@ class Picture:
     """A picture to be sent.
 
     Attributes:
-        number: Counts the pictures, from 1.
+        number: Number of the picture, counted from 1.
         jpeg: The JPEG data.
     """
 
@@ -50,19 +50,19 @@ def source_name(source: str) -> str:
 
 
 class VideoSource:
-    """Reads a camera in a thread of its own; the newest picture counts.
+    """Reads a camera in its own thread and keeps the newest picture.
 
     Args:
         source: The number of a camera, a device, an ``http://`` address or a file, which is
             repeated.
-        clock: Dates the last picture.
+        clock: Clock for the time stamp of the last picture.
         open_source: Opens the source.
 
     Attributes:
         source: The source that was given.
         newest: The last picture (h, w) or (h, w, 3); None before the first.
         before: The transport of the arm that a simulated camera sees; None for real cameras.
-        hint: A hint on the pictures; empty for none.
+        hint: A hint about the pictures; empty if there is none.
 
     Raises:
         InputError: There is no such device or file.
@@ -166,7 +166,7 @@ class VideoSource:
             except Exception as error:  # a driver may raise anything, and then recover
                 ours = isinstance(error, IkservoError)
                 failure = f"{error!r}".replace(self.source, self.name)
-                why = error.message if ours else f"it has failed: {failure}."
+                why = error.message if ours else f"it failed: {failure}."
                 self._error = f"No picture from {self.name}: {why}"
             if not self._watchers:
                 self._wanted.clear()
@@ -221,7 +221,7 @@ class PictureCapture:
         return True, self._source.take()
 
     def grab(self) -> bool:
-        """Return True, because there is no queue."""
+        """Return True; there is no queue to skip."""
         return True
 
     def release(self) -> None:

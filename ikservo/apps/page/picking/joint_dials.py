@@ -19,7 +19,7 @@ class JointDial:
     """A joint's place in the chain, and the direction of its needle.
 
     Attributes:
-        column: The joint's entry of q.
+        column: The index of the joint in q.
         step: The joint in the chain.
         needle: A unit vector (3,) perpendicular to the axis, in the child link's coordinates.
     """

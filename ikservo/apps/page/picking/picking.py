@@ -38,9 +38,9 @@ class Hit:
         link: The name of the link.
         offset_m: The hit point (3,), link coordinates, metres.
         point_m: The same point (3,), world coordinates.
-        depth_m: The depth of the point.
-        away_px: The larger of the two distances from the pointer, across and down; 0 if the
-            pointer is right over the link.
+        depth_m: The depth of the point, metres.
+        away_px: The larger of the horizontal and vertical distances from the pointer; 0 if the
+            pointer is directly over the link.
     """
 
     link: str
@@ -51,7 +51,7 @@ class Hit:
 
 
 class Picker:
-    """Finds links by pixels.
+    """Finds links at pixels.
 
     Args:
         shapes: The shape of each link, or of each object of the scene.
@@ -129,12 +129,12 @@ class PointerContext:
 
 
 class PickCandidate(NamedTuple):
-    """Something under the pointer.
+    """A link or object under the pointer.
 
     Attributes:
         hit: The hit.
         kind: ``link`` that q moves, ``fixed`` link, or ``object`` of the scene.
-        q: Joints (dof,) of the arm that it belongs to; None for an object.
+        q: Joints (dof,) of the arm to which the link belongs; None for an object.
     """
 
     hit: Hit
@@ -143,7 +143,7 @@ class PickCandidate(NamedTuple):
 
 
 class HitTester:
-    """Finds links, objects and joints by pixels.
+    """Finds links, objects and joints at pixels.
 
     Args:
         chain: The arm.
@@ -201,7 +201,7 @@ class HitTester:
         return link_poses(self._chain, context.arms[0], context.other_joints)
 
     def columns(self, link: str) -> list[int]:
-        """Return the entries of q that move a link, base to tip."""
+        """Return the indices in q of the joints that move a link, base to tip."""
         return [step.column for step in self._chain.joints_to(link) if step.scale]
 
 

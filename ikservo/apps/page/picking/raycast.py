@@ -1,4 +1,4 @@
-"""Ray casting on the links of an arm and on the things of a scene.
+"""Ray casting against the links of an arm and the things in a scene.
 
 Each link has a box around its capsules. A ray is transformed into the link, so that no shape has
 to move, and the capsules are only tested if the ray meets the box. All tests are expressions over
@@ -22,7 +22,7 @@ _CORNERS = np.array(list(np.ndindex(2, 2, 2)))
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PickShape:
-    """The capsules of a link in the box around them, or a thing of the scene: a box alone.
+    """The capsules of a link and the box around them, or a thing of the scene: only a box.
 
     Attributes:
         box_m: Low and high corner of the box (2, 3), own coordinates, metres.

@@ -130,9 +130,9 @@ class Viewpoint:
     """The viewpoint that a user has chosen.
 
     Attributes:
-        name: The direction; ``plane`` is along the axes of a flat arm, ``camera`` the picture of
-            a calibrated camera.
-        zoom: 1 shows the whole extent.
+        name: The direction; ``plane`` looks along the axes of a flat arm, ``camera`` is the picture
+            of a calibrated camera.
+        zoom: Zoom factor; 1 shows the whole extent.
         pan_m: Offset of the image centre, right of and above the extent's centre.
         yaw_rad: Azimuth of ``orbit``; 0 is in front of the arm at home.
         pitch_rad: Elevation of ``orbit``.
@@ -159,7 +159,7 @@ class Viewpoint:
         )
 
     def orbit_by(self, yaw_rad: float, pitch_rad: float) -> Viewpoint:
-        """Return the orbit rotated by yaw and pitch, never over the top."""
+        """Return the orbit view rotated by yaw and pitch; it never passes over the top."""
         return replace(
             self,
             yaw_rad=math.remainder(self.yaw_rad + yaw_rad, math.tau),

@@ -62,7 +62,7 @@ class LinkVisibility:
 
     @property
     def is_visible(self) -> bool:
-        """Whether more than a hundredth of it is visible."""
+        """Whether more than one percent of the link is visible."""
         return self.visible_fraction > _VISIBLE_FRACTION
 
 
@@ -186,7 +186,7 @@ class PostureAnalysis:
 
     Attributes:
         q: The joints (dof,).
-        camera: Its fingerprint, see ``Camera.fingerprint``.
+        camera: The fingerprint of the camera; see ``Camera.fingerprint``.
         singularity: The nearest singular posture of the tip; None if none was found.
         seen: The visibility of each link.
     """
@@ -206,7 +206,7 @@ class PostureAnalyser:
     Args:
         chain: The arm, with its own limits.
         visibility: Computes which links are visible.
-        clock: Tells when the conditioning is computed again.
+        clock: Determines when the conditioning is computed again.
     """
 
     def __init__(self, chain: Chain, visibility: VisibilityChecker, clock: Clock) -> None:
@@ -225,10 +225,10 @@ class PostureAnalyser:
         *,
         idle: bool,
     ) -> PostureAnalysis | None:
-        """Get the analysis of a posture, or None and start it.
+        """Return the analysis of a posture; if there is none yet, return None and start it.
 
         Args:
-            client: Number of the client with the camera.
+            client: Number of the client that has the camera.
             q: The joints (dof,).
             find_poses: Returns T_world_link (4, 4) of every link at ``q``.
             camera: The client's camera.
@@ -251,7 +251,7 @@ class PostureAnalyser:
         return None
 
     def conditioning(self, q: Vector) -> Conditioning:
-        """Compute the conditioning at joints (dof,), or at those of less than 0.3 s ago."""
+        """Return the conditioning at joints (dof,), or a result that is less than 0.3 s old."""
         now_s = self._clock.now_s()
         if self._conditioned is None or now_s - self._conditioned[0] >= _CONDITIONING_PERIOD_S:
             self._conditioned = now_s, conditioning(self._chain, q)

@@ -14,7 +14,7 @@ from ikservo.kinematics.arrays import Vector
 
 
 class JobObserver(Protocol):
-    """Shows the arm during a job, and stops it if the page falls silent."""
+    """Shows the arm during a job, and stops the arm if the page falls silent."""
 
     def on_progress(self, progress: MotionProgress) -> None:
         """Receive the state of a motion in each control cycle."""
@@ -45,12 +45,12 @@ class JobObserver(Protocol):
         ...
 
     def log_message(self, message: str, level: str = "bad") -> None:
-        """Append a message for the user; its level is empty if nothing went wrong."""
+        """Append a message for the user; the level is empty if nothing went wrong."""
         ...
 
 
 class ArmJob(Protocol):
-    """Runs in the arm thread.
+    """A job that runs in the arm thread.
 
     Attributes:
         title: The activity of the arm, in a few words.
@@ -69,16 +69,16 @@ class ArmJob(Protocol):
         ...
 
     def run(self, arm: Arm, observer: JobObserver) -> None:
-        """Run to the end.
+        """Run the job to its end.
 
         Raises:
-            IkservoError: The job failed; the arm holds until a user acknowledges that.
+            IkservoError: The job failed; the arm holds until a user acknowledges the failure.
         """
         ...
 
 
 class ExecutePath:
-    """Carries out the planned path that the page shows."""
+    """Executes the planned path that the page shows."""
 
     title = "Moving to the target of the preview"
     is_planned = True

@@ -49,16 +49,16 @@ from ikservo.remedies import in_page
 from ikservo.serving.lease import ArmLease
 
 JERK_FACTOR = 8.0
-"""Factor of the jerk of a speed class while following a pointer, whose short moves need it."""
+"""Factor on the jerk of a speed class while the arm follows a pointer, whose moves are short."""
 
 _SETTLE_AFTER_S = 0.4  # a shorter pause does not end a drag
 _POLL_PERIOD_S = 0.033  # poll period while no session runs
 _STATE_PERIOD_S = 1.0
 _TELEMETRY_PERIOD_S = 0.1  # period of taking telemetry from the control loop
 _MAX_MESSAGES = 40
-_CLOSED = StopReason(StopKind.CLOSED, "The view was closed.")
+_CLOSED = StopReason(StopKind.CLOSED, "The panel was closed.")
 _PLANNED_SILENCE_S = 2.5
-"""Silence of the page that a planned and checked motion tolerates on a slow computer."""
+"""Longest silence of the page, in seconds, that a planned and checked motion tolerates."""
 
 _SILENCE_TEXT = (
     "The page does not answer; stopped, torque stays on. Switch Live on again to continue."
@@ -68,19 +68,21 @@ _TORQUE_LOST_TEXT = (
     "{} lost torque without a command: a reset, a loss of supply, or another program. "
     "The button beside the joint switches it on again."
 )
-_REOPEN_TEXT = "Check cable and power of the adapter, then continue: the port is opened again."
+_REOPEN_TEXT = (
+    "Check the cable and the power of the adapter, then continue: the port will be opened again."
+)
 _CHECK_FIRST_TEXT = "Check the arm, then continue."
-_RESTART_TEXT = "Torque stays on. Close this arm in the list of arms and open it again."
+_RESTART_TEXT = "Torque stays on. Close this arm in the list of arms, then open it again."
 
 
 class ArmThread:
-    """Owns an arm; other threads post commands and read snapshots, without waiting.
+    """Owns an arm; other threads post commands and read snapshots without waiting.
 
     Args:
         open_arm: Opens the arm, also after its port was lost.
         clock: The time of heartbeats; safe to read from any thread.
         dead_man_s: The time for which a command is valid without a heartbeat.
-        calibration: Runs calibrations; None: no calibrations.
+        calibration: Runs calibrations; None if the arm cannot be calibrated here.
 
     Attributes:
         lease: The page in control, and the time of its last heartbeat.
@@ -170,7 +172,7 @@ class ArmThread:
         if self.snapshot.stop_notice or self._stop_reason is not None:
             raise InputError("The arm was stopped.", "Check it, then acknowledge.")
         if self.job is not None or self.snapshot.calibration:
-            raise InputError("The arm is busy.", "Wait for its end, or stop it.")
+            raise InputError("The arm is busy.", "Wait until it has finished, or stop it.")
         if self.command.live:
             raise InputError("The arm follows this page.", "Switch Live off first.")
         self._waiting_job = job
@@ -196,7 +198,7 @@ class ArmThread:
             self._end_session(StopNotice(message, hint))
 
     def on_cycle(self, cycle: ControlCycle) -> None:
-        """Store a cycle's positions; poll telemetry once a second (``CycleObserver``)."""
+        """Store the positions of a cycle; poll telemetry once per second (``CycleObserver``)."""
         self.snapshot = replace(
             self.snapshot,
             measured=cycle.measured.copy(),
@@ -216,7 +218,7 @@ class ArmThread:
             self.snapshot = replace(self.snapshot, states=states)
 
     def _update_states(self, now_s: float) -> None:
-        """Read the servos' states once a second."""
+        """Read the states of the servos once per second."""
         if now_s - self._states_s > _STATE_PERIOD_S:
             self._states_s = now_s
             with contextlib.suppress(BusError):  # the control cycle detects a lost port itself
@@ -287,7 +289,7 @@ class ArmThread:
 
         Args:
             message: The event; an empty message is ignored.
-            level: ``bad`` for what went wrong, empty for news.
+            level: ``bad`` for a problem, empty for information.
         """
         if not message:
             return
@@ -302,7 +304,7 @@ class ArmThread:
             while not self._ending:
                 self.step()
         except Exception as error:  # a bug: no thread controls the arm now, so report it
-            self._end_session(StopNotice(f"The view has failed: {error!r}.", _RESTART_TEXT))
+            self._end_session(StopNotice(f"The panel failed: {error!r}.", _RESTART_TEXT))
             raise
 
     def _run_step(self) -> None:
@@ -352,7 +354,7 @@ class ArmThread:
             self.snapshot = replace(self.snapshot, reference=None, ended_session=session.session_id)
 
     def _run_job(self) -> None:
-        """Run the waiting job; its errors stop the arm, as in a session."""
+        """Run the waiting job; as in a session, its errors stop the arm."""
         self._running_job, self._waiting_job = self._waiting_job, None
         if self._running_job is None:  # a stop came in between
             return

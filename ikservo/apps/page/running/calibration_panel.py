@@ -1,4 +1,4 @@
-"""Calibration in the browser: the dialogue of the command line, its values as JSON."""
+"""Calibration in the browser: the dialogue of the command line, with its values as JSON."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class CalibrationDriver:
 
     Args:
         model: The arm.
-        port: Its port, which must not be open elsewhere.
+        port: The port of the arm, which must not be open elsewhere.
         pose: The named reference pose.
 
     Attributes:

@@ -1,4 +1,4 @@
-"""An arm of the page that follows another one; joints of the same name are coupled."""
+"""Job of an arm that follows another arm of the page; joints of the same name are coupled."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ class FollowLeader:
 
     Attributes:
         lag: The lag of the arm.
-        refusal: Why the guard refused the last posture of the leader; empty if it did not.
+        refusal: The reason why the guard refused the leader's last posture; empty if it did not.
     """
 
     is_planned = False
@@ -38,11 +38,11 @@ class FollowLeader:
         self._finished = threading.Event()
 
     def finish(self) -> None:
-        """Let the arm end its motion and hold; safe from any thread."""
+        """End the motion and let the arm hold; safe from any thread."""
         self._finished.set()
 
     def run(self, arm: Arm, observer: JobObserver) -> None:
-        """Follow.
+        """Follow the leader until ``finish`` is called.
 
         Raises:
             IkservoError: The arm was stopped, or the leader failed.

@@ -20,7 +20,7 @@ _LEAST_TRAVEL = 0.03  # rad or m; smaller motions do not determine a lag
 
 @dataclass(frozen=True, slots=True)
 class FollowLag:
-    """Lag of a follower.
+    """The lag of a follower.
 
     Attributes:
         goal_s: Time from the leader's motion to that of the follower's setpoints; None while the
@@ -77,7 +77,7 @@ class LagMeter:
 def _find_lags(
     led: list[tuple[float, Vector]], followed: list[tuple[float, Vector, Vector]]
 ) -> tuple[float | None, float | None]:
-    """Find the lags of setpoints and joints, by the joint that the leader moved most."""
+    """Find the lags of setpoints and joints from the joint that the leader moved most."""
     led_s = np.array([sample[0] for sample in led])
     positions = np.array([sample[1] for sample in led])
     travel = np.ptp(positions, axis=0)
@@ -95,7 +95,7 @@ def _find_lags(
 
 
 def _lag_s(led_s: Vector, led: Vector, now_s: Vector, followed: Vector) -> float:
-    """Compute the shift in time [s] that fits best: least squares over a grid of shifts."""
+    """Compute the time shift [s] that fits best: least squares over a grid of shifts."""
     shifts_s = np.arange(0.0, MAX_LAG_S + _STEP_S / 2, _STEP_S)
     errors = [float(np.sum((np.interp(now_s - shift, led_s, led) - followed) ** 2))
               for shift in shifts_s]  # fmt: skip

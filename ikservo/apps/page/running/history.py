@@ -38,7 +38,7 @@ class Channel:
             own goal leads; ``error`` is goal minus position; ``losses`` counts the requests without
             a usable reply.
         unit: The unit that is shown.
-        joint: Empty for a quantity of the line.
+        joint: The name of the joint; empty for a quantity of the line.
     """
 
     quantity: str
@@ -69,7 +69,7 @@ class HistorySlice:
 
 
 class History:
-    """Keeps samples of every joint and of the line in memory that is allocated once.
+    """Keeps samples of every joint and of the line in preallocated memory.
 
     One thread records, others read: a reader that is overtaken drops the overwritten samples, so
     that no thread waits for another.
@@ -112,11 +112,11 @@ class History:
 
     @property
     def size_bytes(self) -> int:
-        """Memory of the samples, which never grows."""
+        """Memory of the samples in bytes; it never grows."""
         return self._times.nbytes + self._values.nbytes
 
     def record(self, snapshot: ArmSnapshot, link: LinkStatistics, now_s: float) -> None:
-        """Append a sample; one that comes too soon after the last is dropped."""
+        """Append a sample; a sample that comes too soon after the last one is dropped."""
         last_s = self._times[(self._count - 1) % len(self._times)]
         if not self._count or now_s - last_s >= self._least_s:
             self._append(snapshot, link, now_s)

@@ -18,7 +18,7 @@ class LeaderFeed:
     """The joints of a leader, from its thread to that of its follower.
 
     Args:
-        name: The leader's name, for messages; also an attribute.
+        name: The name of the leader, for messages; also an attribute.
         joint_names: The joints that both arms have; also an attribute.
         clock: The time of samples, for both threads.
         dead_man_s: The time for which a sample is valid.
@@ -42,7 +42,7 @@ class LeaderFeed:
         self.newest = (measured_s, positions)
 
     def fail(self, reason: str) -> None:
-        """End the following, because the leader was stopped or does not answer."""
+        """End following because the leader was stopped or does not answer."""
         self._failure = reason
 
     def positions(self) -> dict[str, float] | None:
@@ -65,7 +65,7 @@ class LeaderFeed:
 
 
 class LeadArm:
-    """Publishes the joints while another arm follows (``ArmJob``); does not move the arm.
+    """Publishes the joints of an arm while another arm follows (``ArmJob``); moves nothing.
 
     Args:
         feed: The feed for the joints.
@@ -79,7 +79,7 @@ class LeadArm:
         self._feed, self._clock = feed, feed.clock
 
     def run(self, arm: Arm, observer: JobObserver) -> None:
-        """Publish until no arm follows.
+        """Publish the joints until no arm follows.
 
         Raises:
             IkservoError: The arm was stopped, or a servo does not answer.

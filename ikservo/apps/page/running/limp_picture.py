@@ -20,11 +20,11 @@ from ikservo.model import Model
 class LimpPicture:
     """Positions of the joints for drawing during a calibration.
 
-    Until the reference pose is taken, the zeros are unknown: joints are shown from their previous
-    positions, moved as their servos turn. After that, the calibration gives their positions.
+    Until the reference pose is recorded, the zeros are unknown: joints start from their previous
+    positions and move as their servos turn. After that, the calibration gives their positions.
 
     Args:
-        joint_maps: The map of each joint, as before the calibration.
+        joint_maps: The map of each joint before the calibration.
         measured: The joints (n,) that were shown before, rad or m.
     """
 
@@ -55,7 +55,7 @@ def show_calibration(scene: SceneState, view: CalibrationView, model: Model) -> 
     Args:
         scene: The limp arm.
         view: The calibration.
-        model: Has the pose and the links.
+        model: The model with the pose and the links.
     """
     if view.item.stage == CalibrationStage.REFERENCE_POSE:
         pose = model.pose(REFERENCE_POSE)

@@ -1,4 +1,4 @@
-"""Goals of the arm from Live on to Live off, and detection of a silent page."""
+"""Goals of the arm while Live is on, and detection of a silent page."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class CycleObserver(Protocol):
 
 
 class LiveSession:
-    """Provides the arm's goal from Live on to Live off (``ikservo.arm.following.GoalSource``).
+    """Provides the arm's goal while Live is on (``ikservo.arm.following.GoalSource``).
 
     Args:
         observer: Provides commands and receives every control cycle.
@@ -37,7 +37,7 @@ class LiveSession:
 
     Attributes:
         session_id: Identifies the session.
-        silent: Whether it ended because no heartbeat arrived.
+        silent: Whether the session ended because no heartbeat arrived.
     """
 
     def __init__(self, observer: CycleObserver, lease: ArmLease) -> None:

@@ -1,4 +1,4 @@
-"""Playing of a program: check all steps first, then run them together or one by one."""
+"""Job that plays a program: checks all steps first, then runs them together or one by one."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class PlayState:
             in a step that pauses until a person continues.
         step: Number of the present or next step; None before the start.
         repetition: The repetition of the whole program, from 1.
-        reason: The reason why it was stopped at this step, or what a person does in a pause.
+        reason: The reason why the program was stopped at this step, or the text of a pause.
         problems: Reasons why steps are impossible, by number; ``step`` is the first such step.
     """
 
@@ -51,7 +51,7 @@ class ProgramPlay:
         action: ``check`` only, ``play`` to the end, or run one ``step``.
 
     Attributes:
-        state: Its progress; written by the arm thread alone.
+        state: The progress; written by the arm thread alone.
     """
 
     is_planned = True
@@ -76,11 +76,11 @@ class ProgramPlay:
 
     @property
     def is_pausing(self) -> bool:
-        """Whether it pauses after the present step."""
+        """Whether the program will pause after the present step."""
         return self._pausing.is_set()
 
     def pause(self) -> None:
-        """End after the present step; safe from any thread."""
+        """Pause after the present step; safe from any thread."""
         self._pausing.set()
 
     def resume(self) -> None:

@@ -1,4 +1,4 @@
-"""Recording of an arm that is guided by hand, for a step of the page's program."""
+"""Job that records an arm guided by hand, for a step of the page's program."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ class RecordArm:
         self._finished.set()
 
     def run(self, arm: Arm, observer: JobObserver) -> None:
-        """Record.
+        """Record the joints until ``finish`` is called.
 
         Raises:
             IkservoError: The arm was stopped, or a servo does not answer; the samples before it

@@ -82,7 +82,7 @@ def is_allowed_origin(
     upgrade: bool,
     secure: bool = False,
 ) -> bool:
-    """Check whether a request comes from our own page, or from a user who opens it.
+    """Check whether a request comes from our own page, or from a user who opens the page.
 
     A foreign host name that resolves to this machine (DNS rebinding) is not our own address, and a
     page of another site has another origin.
@@ -90,7 +90,7 @@ def is_allowed_origin(
     Args:
         headers: The request's headers.
         local: The address and port at which the connection arrived.
-        upgrade: Whether it requests a websocket; those always carry an origin.
+        upgrade: Whether the request is for a websocket; such requests always carry an origin.
         secure: Whether the connection is TLS.
     """
     unique = _single_headers(headers)
@@ -140,7 +140,7 @@ _SECURITY_HEADERS = [
     (b"cross-origin-resource-policy", b"same-origin"),
     (b"cache-control", b"no-store"),
 ]
-_FORBIDDEN_TEXT = b"This address is not for other pages.\n"
+_FORBIDDEN_TEXT = b"This address does not accept requests from other pages.\n"
 
 
 class OriginCheckMiddleware:
@@ -176,14 +176,14 @@ class OriginCheckMiddleware:
 
 
 MAX_PENDING_CONNECTIONS = 24
-"""Limit of pending connections; a page needs six for its files. The oldest is dropped."""
+"""Limit on pending connections; a page needs six for its files. The oldest is dropped."""
 
 REQUEST_TIMEOUT_S = 3.0
 """Longest time [s] for a TLS handshake, and from there to the end of the first request."""
 
 
 class ConnectionLimiter(H11Protocol):
-    """HTTP protocol that drops idle connections, and the oldest if too many are pending."""
+    """HTTP protocol that drops idle connections, and the oldest one if too many are pending."""
 
     def __init__(
         self,

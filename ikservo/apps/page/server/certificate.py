@@ -40,9 +40,9 @@ class PageCertificate:
     """A certificate with its private key.
 
     Attributes:
-        path: The file with both, PEM.
+        path: The PEM file with certificate and key.
         fingerprint: SHA-256 of the certificate as browsers show it: pairs of hex digits.
-        is_new: Whether it was just made.
+        is_new: Whether the certificate was just made.
     """
 
     path: Path
@@ -51,10 +51,10 @@ class PageCertificate:
 
 
 def load_or_make_certificate(address: str, folder: Path | None = None) -> PageCertificate:
-    """Load the stored certificate; make it at the first call.
+    """Load the stored certificate, or make one if there is none.
 
-    A browser that has accepted it once knows it again by its fingerprint, so it is kept even when
-    the machine's address changes.
+    A browser that has accepted the certificate recognises it by its fingerprint, so the certificate
+    is kept even when the machine's address changes.
 
     Args:
         address: The IP address of the page, which becomes a name of a new certificate.
@@ -113,14 +113,12 @@ def _checked_fingerprint(path: Path) -> str:
     except IkservoError:
         raise
     except ssl.SSLError as error:
-        why = "it holds no private key that fits the certificate"
+        why = "it holds no private key that matches the certificate"
         raise CertificateError(path, why) from error
     except OSError as error:
         raise CertificateError(path, error.strerror or "it cannot be read") from error
     except ValueError as error:
         raise CertificateError(path, "it holds no certificate") from error
     if certificate.not_valid_after_utc < datetime.now(UTC):
-        raise CertificateError(
-            path, f"it has expired on {certificate.not_valid_after_utc:%Y-%m-%d}"
-        )
+        raise CertificateError(path, f"it expired on {certificate.not_valid_after_utc:%Y-%m-%d}")
     return certificate.fingerprint(hashes.SHA256()).hex(":").upper()

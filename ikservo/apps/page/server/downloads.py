@@ -32,7 +32,7 @@ class Download:
 
 
 class DownloadOffers:
-    """Hands out an address per file, because a socket proves its key but a request cannot.
+    """Issues an address per file, because a socket can prove its key but a request cannot.
 
     Args:
         clock: Limits the validity of addresses.
@@ -51,7 +51,7 @@ class DownloadOffers:
         return f"download/{token}"
 
     async def serve(self, request: Request) -> Response:
-        """Return the file of an address; 404 if it is unknown, already fetched, or expired."""
+        """Return the file at an address, or 404 if the address is unknown, used or expired."""
         until_s, download = self._offers.pop(request.path_params["token"], (0.0, None))
         if download is None or self._clock.now_s() > until_s:
             return PlainTextResponse("This file could be fetched only once.\n", status_code=404)

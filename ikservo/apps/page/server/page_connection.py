@@ -1,4 +1,4 @@
-"""Checks of order, age and rate of a client's messages."""
+"""Checks of the order, age and rate of a client's messages."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from ikservo.apps.page.server.auth import Permission
 _MessageT = TypeVar("_MessageT", bound=PageMessage)
 
 MAX_MESSAGE_AGE_S = 1.0
-"""A command sent while the page showed a scene older than this is ignored."""
+"""Age of the shown scene, in seconds, above which commands from the page are ignored."""
 
 _RATE_HZ = 400.0
 _BURST = 200.0
@@ -51,7 +51,7 @@ class MessageFilter(Generic[_MessageT]):
     """Parses the messages of one connection; checks order, age and rate.
 
     Args:
-        now_s: Time of the connection.
+        now_s: The time at which the client connected.
         read: Parses and validates a message.
 
     Attributes:
@@ -113,7 +113,7 @@ class MessageFilter(Generic[_MessageT]):
             raise StalePressError(
                 f"The picture on this page was more than {MAX_MESSAGE_AGE_S:.0f} s old: "
                 "nothing was done.",
-                "Do it again. If it persists, close other programs, and switch 3D off if it is on.",
+                "Try again. If this persists, close other programs, and switch 3D off if it is on.",
             )
         return message
 
@@ -132,13 +132,13 @@ class Client:
     """One open page.
 
     Attributes:
-        number: Identifies it.
+        number: Number that identifies the client.
         permission: The permission of its key.
-        view: Its viewpoint.
+        view: The viewpoint of the client.
         lease: The last lease of control that it was given; empty if none.
-        viewport: Size of its drawing; None until it was received.
-        webgl: Whether it draws in 3D.
-        handles: Whether it draws handles at the tool, too.
+        viewport: Size of the drawing; None until it is received.
+        webgl: Whether the page draws in 3D.
+        handles: Whether the page also draws handles on the tool.
         height_m: The height above the table for clicks in a camera's picture.
         sent: The last frame of each kind, so that nothing is sent twice.
         sent_s: When the last frame of each kind was sent.
@@ -158,6 +158,6 @@ class Client:
     outbox: list[Mapping[str, object]] = field(default_factory=list[Mapping[str, object]])
 
     def take_outbox(self) -> list[Mapping[str, object]]:
-        """Return and remove the replies that were not sent yet."""
+        """Return and remove the replies that have not been sent yet."""
         replies, self.outbox = self.outbox, []
         return replies

@@ -128,7 +128,7 @@ class SessionBackend(Protocol[_ReceivedT_contra]):
         ...
 
     def frames(self, client_id: int) -> list[Frame]:
-        """Return the new frames for a client since the last call, maybe none.
+        """Return the frames for a client that are new since the last call; there may be none.
 
         Raises:
             SessionEndedError: There is no session any more.
@@ -141,7 +141,7 @@ class PageChannel(Generic[_MessageT]):
     """A websocket to which pages connect.
 
     Attributes:
-        path: Its address; a name after it is the name of an arm.
+        path: The address; a name after it is the name of an arm.
         find: Returns the backend for an arm by its name; None if there is none.
         read: Parses and validates a message.
     """
@@ -163,8 +163,8 @@ def make_app(
     Args:
         channels: Handle the messages and provide the frames.
         keys: The keys that clients must prove.
-        clock: Time stamps of messages.
-        downloads: Files that pages have asked for, if there are any.
+        clock: Clock for the time stamps of messages.
+        downloads: Files that pages have requested, if there are any.
         index: The file of the page.
     """
     routes: list[BaseRoute] = [*static_routes(index)]
@@ -344,10 +344,10 @@ class BoundAddress:
     Args:
         host: An IP address of this machine.
         port: A port, 0 for any free one; None: the usual one, or the next free one.
-        certificate: Serve by TLS with it; None for plain HTTP.
+        certificate: Certificate for TLS; None for plain HTTP.
 
     Raises:
-        PortError: The host is not an address of this machine, or it is in use.
+        PortError: The host is not an address of this machine, or the port is in use.
     """
 
     def __init__(
@@ -410,13 +410,13 @@ def serve_in_thread(app: Starlette, address: BoundAddress) -> Generator[str]:
 
 
 class _PromptServer(uvicorn.Server):
-    """Server that drops a client which does not finish its TLS handshake soon.
+    """Server that drops clients which do not finish the TLS handshake soon.
 
-    A client counts as a connection only after that, and asyncio by default waits for a minute.
+    A client counts as a connection only after the handshake, for which asyncio waits a minute.
     """
 
     async def startup(self, sockets: list[socket.socket] | None = None) -> None:
-        """Begin to serve."""
+        """Start serving."""
         if self.config.ssl is not None:
             loop: Any = asyncio.get_running_loop()
             loop.create_server = partial(

@@ -26,7 +26,8 @@ export class Actions {
     this.placeExecute();
   }
 
-  // In one column the drawing is out of sight while goals are typed, so the button moves to the bar.
+  // In one column, the drawing is out of sight while goals are typed, so the button moves to the
+  // bar.
   placeExecute() {
     if (ONE_COLUMN.matches) $("live").before($("execute"));
     else $("redo").after($("execute"));

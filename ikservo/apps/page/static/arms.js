@@ -62,7 +62,7 @@ export class Arms {
     $("arms-toggle").setAttribute("aria-expanded", "false");
   }
 
-  // Without an arm the list is all that the page shows.
+  // Without an arm, the page shows only the list.
   dismiss() {
     if (this.shown && !$("arms").hidden) this.closeByHand();
   }

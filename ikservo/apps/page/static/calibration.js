@@ -14,7 +14,7 @@ export class CalibrationScreens {
 
   show(calibration) {
     $("calibration").hidden = !calibration;
-    const stage = $("calibration").parentElement; // the arm is drawn beside the screens, at first large
+    const stage = $("calibration").parentElement; // the arm is drawn beside the screens, large at the start
     if (calibration) setAttribute(stage, "data-calibration", calibration.stage);
     else stage.removeAttribute("data-calibration");
     const fingerprint = JSON.stringify(calibration ?? null);

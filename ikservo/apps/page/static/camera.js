@@ -1,4 +1,4 @@
-// The camera's picture beside the drawing, in its place, or as a view; problems are shown below it.
+// The camera's picture beside the drawing, instead of it, or as a view; problems are shown below.
 
 import { $, setText, updateChoices } from "./elements.js";
 
@@ -14,7 +14,7 @@ export class CameraPicture {
     this.isView = false; // whether the drawing lies over the whole picture, seen by the camera
     this.camera = null;
     this.pictureTrouble = null; // why the view takes no targets
-    this.asked = false; // whether the address of the pictures was asked for
+    this.asked = false; // whether the address of the pictures was requested
     $("camera-picture").onerror = () => this.retry();
   }
 

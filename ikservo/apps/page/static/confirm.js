@@ -1,4 +1,4 @@
-// A button that asks before it acts: it needs a second press.
+// A button that asks for confirmation: it needs a second press.
 
 import { setText } from "./elements.js";
 

@@ -9,7 +9,7 @@ const FINAL = { 4401: "wrong-key", 4404: "none", 4410: "closed" }; // the server
 const KEPT = new Set(["scene", "status"]);
 
 export class Connection {
-  // The path is that of the arm, or of a page that moves nothing and needs no heartbeats.
+  // The path belongs to the arm, or to a page that moves nothing and needs no heartbeats.
   constructor(key, handlers, path = "live") {
     this.key = key;
     this.handlers = handlers;
@@ -50,7 +50,7 @@ export class Connection {
     return (this.kept[message.kind] = { ...this.kept[message.kind], ...message });
   }
 
-  // Any message of the same frame confirms it, too.
+  // Any message in the same frame also confirms it.
   confirmDrawn(seq) {
     this.seen = seq;
     if (this.confirmed !== seq) this.sendHeartbeat();

@@ -16,7 +16,8 @@ export class Dials {
     });
   }
 
-  // Returns arc, needle and hub of each joint, of the arm and, if there is a goal, with its nearness to the limits.
+  // Returns arc, needle and hub of each joint and, if there is a goal, how near the goal is to the
+  // limits.
   items(placed, placedGoal, projection, limp = []) {
     return this.dials.flatMap((dial) => {
       const { mount, pose, position } = placed.get(dial.link);
@@ -37,7 +38,7 @@ function markRange({ range, slides }) {
   return Array.from({ length: steps + 1 }, (_, i) => low + ((high - low) * i) / steps);
 }
 
-// Neither a joint at its limit nor a limp one that sagged past it is a fault.
+// A joint at its limit is not a fault, nor is a limp joint that sagged past its limit.
 function proximity({ range, at, near }, positions, isLimp) {
   if (!range) return "limit";
   const room = Math.min(...positions.flatMap((position) => [position - range[0], range[1] - position]));

@@ -3,8 +3,8 @@
 
 const SLOW_MS = 80; // a slower frame delays the actions of the user
 const QUICK_MS = 25;
-const FRAMES = 12; // their median counts, because single slow frames mean nothing
-const HIDDEN_MS = 5000; // longer times are not frames: the page was hidden, or the computer asleep
+const FRAMES = 12; // their median is used, because single slow frames mean nothing
+const HIDDEN_MS = 5000; // longer times are not frames: the page was hidden, or the computer was asleep
 const RETRY_MS = 15000; // time of quick frames before more detail is tried again
 
 // Each level has less detail than the one before.
@@ -59,7 +59,7 @@ export class FrameTime {
       this.set(Math.min(this.level + 1, LEVELS.length - 1));
     } else if (this.medianMs > QUICK_MS || !this.level) this.quickSince = null;
     else if (now - (this.quickSince ??= now) > this.retryMs) {
-      this.retryMs *= 2; // maybe it is quick only with less detail
+      this.retryMs *= 2; // drawing may be quick only with less detail
       this.set(this.level - 1);
     }
   }

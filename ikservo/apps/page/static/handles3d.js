@@ -1,4 +1,5 @@
-// Handles at the tool in 3D: arrows that shift it and rings that turn it, as far as the arm can.
+// Handles on the tool in 3D: arrows that shift the tool and rings that turn it, as far as the arm
+// can.
 
 import { Group, Matrix4, Quaternion, TransformControls } from "./three.min.js";
 
@@ -27,7 +28,7 @@ export class Handles {
     this.start = { position: this.tool.position.clone(), quaternion: new Quaternion() };
   }
 
-  // Places them at the tip (a vector) with axes (9 numbers, row by row); null hides them.
+  // Places the handles at the tip (a vector) with axes (9 numbers, row by row); null hides them.
   show(tip, axes) {
     this.root.visible = axes !== null;
     if (axes === null || this.held) return;

@@ -55,7 +55,7 @@ export class Joints {
     const on = row.torque.getAttribute("aria-checked") === "true";
     if (on && !row.asked) {
       row.asked = true;
-      setText(row.torque, "It may fall. Sure?");
+      setText(row.torque, "The joint may fall. Sure?");
       setTimeout(() => { row.asked = false; showTorque(row, on); }, CONFIRM_MS);
       return;
     }

@@ -6,12 +6,12 @@ import { Drawing } from "./drawing.js";
 import { $, createElement, setText } from "./elements.js";
 import { Picture } from "./picture.js";
 
-const CLOSED = { lost: "No connection to it.", closed: "It was closed.", none: "It is not open.", "wrong-key": "Its key is wrong." };
+const CLOSED = { lost: "No connection to the leader.", closed: "It was closed.", none: "It is not open.", "wrong-key": "Its key is wrong." };
 
 export class Leader {
   constructor(key, send, onResize) {
     this.key = key;
-    this.send = send; // sends to the arm of the page, which follows
+    this.send = send; // sends messages to the arm of the page, which follows
     this.onResize = onResize;
     this.name = null;
     this.following = null; // the name of the leader while the arm follows
@@ -71,7 +71,7 @@ export class Leader {
 
   showFollowing({ leader, lag = [] }) {
     this.following = leader;
-    if (leader && leader !== this.name) this.choose(leader); // this page was loaded during the following
+    if (leader && leader !== this.name) this.choose(leader); // this page was loaded while the arm was following
     $("leader-lag").replaceChildren(...lag.flatMap(([name, value]) => [createElement("dt", {}, name), createElement("dd", {}, value)]));
     this.update();
   }
@@ -99,9 +99,9 @@ export class Leader {
   describe(limp, mode) {
     const { banner } = this.status;
     if (this.status.mode === "stopped") return `${banner.message} ${banner.hint}`;
-    if (this.following) return "Guide it by hand; the other arm follows.";
+    if (this.following) return "Guide the leader by hand; the other arm follows.";
     if (this.status.mode !== "preview") return this.status.activity || "It is in use.";
-    if (!limp) return "Its torque is on, so it cannot be guided by hand. Support it, then release it.";
-    return mode === "live" ? "Switch Live off, then follow." : "It is limp: ready to lead.";
+    if (!limp) return "The leader's torque is on, so it cannot be guided by hand. Support the leader, then release it.";
+    return mode === "live" ? "Switch Live off, then follow." : "The leader is limp and ready to lead.";
   }
 }

@@ -174,7 +174,7 @@ let isEnlarged = false;
 function enlargePose({ camera }, at) {
   const stage = window.ikservo.status?.calibration?.stage;
   if (isEnlarged && !stage) send("fit_view");
-  const fits = Math.abs(camera.size[0] - canvas.clientWidth) < 1; // the screens beside it is there
+  const fits = Math.abs(camera.size[0] - canvas.clientWidth) < 1; // the screens beside it are shown
   const enlarges = stage === "anchor" && !isEnlarged && fits && view === "orbit" && camera.perspective;
   if (enlarges) send("orbit_camera", { dx: 0, dy: 0, zoom: POSE_ZOOM, at });
   isEnlarged = Boolean(stage) && (isEnlarged || enlarges);
@@ -269,7 +269,7 @@ function showRefusal(reason, at) {
   box.style.transform = `translate(${left}px, ${top}px)`;
 }
 
-// A hint for the first action, beside the tip until it is done.
+// A hint for the first action, beside the tip, until the user has acted.
 let missionDone = false;
 function showMission(scene, at) {
   const status = window.ikservo.status;

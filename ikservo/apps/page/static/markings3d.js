@@ -4,7 +4,7 @@ import * as THREE from "./three.min.js";
 
 const GRID_M = 0.1;
 const GRID_LINES = 10; // on each side
-const PATH_DOTS = 25; // as many postures of a path as the server sends
+const PATH_DOTS = 25; // number of postures along a path that the server sends
 const DOT_M = 0.0022;
 const ABOVE_TABLE_M = 0.0005;
 

@@ -6,7 +6,7 @@ export class NewArm {
   constructor(send) {
     this.send = send;
     this.shown = "null";
-    this.hasServos = false; // whether the dialogue may be moving a servo now
+    this.hasServos = false; // whether the dialogue may be moving a servo at present
     $("new-arm-form").onsubmit = (event) => {
       event.preventDefault();
       this.send("new_arm", { name: $("new-arm-name").value, source: $("new-arm-source").value, port: $("new-arm-port").value });

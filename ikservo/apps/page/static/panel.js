@@ -20,8 +20,8 @@ const MODES = {
 };
 // The source of the zeros of the joints, which gives meaning to their positions.
 const ZEROS = {
-  calibrated: "calibrated range", vendor: "the maker's zeros", simulated: "limits from the arm file",
-  accepted: "zeros of the arm file", unknown: "not calibrated",
+  calibrated: "calibrated range", vendor: "the manufacturer's zeros", simulated: "limits from the arm file",
+  accepted: "zeros from the arm file", unknown: "not calibrated",
 };
 const SOLVERS = {
   auto: "automatic", pseudo_inverse: "pseudo-inverse", transpose: "transpose", ccd: "CCD",
@@ -91,7 +91,7 @@ export class Panel {
     setAttribute(document.body, "data-mode", status.mode);
     const inControl = status.controller === "you";
     document.body.toggleAttribute("data-refused", status.refused);
-    setText($("mode"), this.describeMode(status) + (inControl || status.mode === "stopped" ? "" : status.controller === "other" ? " · somebody else controls" : " · you watch"));
+    setText($("mode"), this.describeMode(status) + (inControl || status.mode === "stopped" ? "" : status.controller === "other" ? " · another page is in control" : " · you watch"));
     this.showControls(status, inControl);
     this.showBanner();
     const movable = inControl && (status.mode === "preview" || status.mode === "live");
@@ -107,13 +107,13 @@ export class Panel {
     this.showMessages(status.messages);
   }
 
-  // Say that a limp arm does not hold, and that an uncalibrated one cannot follow.
+  // Say that a limp arm does not hold, and that an uncalibrated arm cannot follow.
   describeMode({ mode, health, activity }) {
     if (mode === "busy") return `${activity} …`;
     if (mode !== "preview") return MODES[mode];
     const limp = health.joints.filter((joint) => joint.torque !== "on").map((joint) => joint.name);
     const arm = !limp.length ? "the arm holds" : limp.length === health.joints.length ? "the arm is limp" : `limp: ${limp.join(", ")}`;
-    return `Preview – ${arm}${this.armInfo.zeros === "unknown" ? "; not calibrated, Live needs that" : ""}`;
+    return `Preview – ${arm}${this.armInfo.zeros === "unknown" ? "; not calibrated, which Live needs" : ""}`;
   }
 
   showControls(status, inControl) {
@@ -234,8 +234,8 @@ function createMessage({ message, hint, level, at }) {
 function describeAlone(status) {
   const torque = status?.health.joints.map((joint) => joint.torque) ?? [];
   const arm = !torque.length ? ""
-    : torque.every((each) => each === "on") ? "When last seen its torque was on: it goes to its last goal and holds. "
-      : torque.every((each) => each === "off") ? "When last seen the arm was limp. " : "When last seen some of its servos were limp. ";
+    : torque.every((each) => each === "on") ? "When last seen, the torque of the arm was on: it goes to its last goal and holds. "
+      : torque.every((each) => each === "off") ? "When last seen, the arm was limp. " : "When last seen, some of the joints were limp. ";
   return `${arm}To stop it: ikservo stop in a terminal, or switch off its power. Connecting again …`;
 }
 

@@ -122,7 +122,7 @@ export class Plots {
     [...$("plots-joints").children].forEach((button, i) => button.classList.add("swatch", `series-${i % 8}`));
   }
 
-  // The first charts wait for their library, and arriving data wait for them.
+  // The first charts wait for their library, and data that arrive wait for the charts.
   receive(message) {
     this.taken = this.taken.then(() => this.take(message));
   }
@@ -163,7 +163,7 @@ export class Plots {
   }
 }
 
-// Toggle buttons; Tab reaches each of them.
+// Toggle buttons that can be reached with Tab.
 function fillToggles(group, entries, isOn, toggle) {
   const names = entries.map(([name]) => name).join();
   if (group.dataset.names !== names) {
@@ -177,7 +177,7 @@ function fillToggles(group, entries, isOn, toggle) {
   }
 }
 
-// A file that the server offers once is fetched as any other file of a page.
+// A file that the server offers once is fetched like any other file of a page.
 export function download({ url, name }) {
   const link = createElement("a", { href: url, download: name });
   link.click();

@@ -8,7 +8,7 @@ const SLOP_PX = 8; // a finger that has moved less may still become the first of
 const ZOOM = { min: 0.2, max: 5 };
 
 export class PointerInput {
-  // overLink() tells whether the wheel turns a joint rather than zoom.
+  // overLink() tells whether the wheel turns a joint instead of zooming.
   constructor(canvas, send, overLink) {
     this.overLink = overLink;
     this.canvas = canvas;
@@ -20,7 +20,7 @@ export class PointerInput {
     this.pendingDown = null; // message of a finger that has neither moved nor lifted yet
     this.fingers = null; // positions of two fingers by pointer id: they move the view
     this.pendingOrbit = null;
-    this.take = null; // called with the place of the next press, instead of a gesture
+    this.take = null; // called with the position of the next press, instead of starting a gesture
     canvas.addEventListener("pointerdown", (event) => this.onDown(event));
     canvas.addEventListener("pointermove", (event) => this.onMove(event));
     canvas.addEventListener("pointerup", (event) => this.onEnd(event, "up"));

@@ -1,4 +1,4 @@
-// The preferred posture if the target leaves freedom: a pose, and a weight for each joint.
+// The preferred posture if the target leaves a choice: a pose, and a weight for each joint.
 
 import { $, createElement, setAttribute, setText, updateChoices, updateRows } from "./elements.js";
 
@@ -30,7 +30,7 @@ export class Preference {
       row.joint = joint;
       setText(row.name, joint);
       setText(row.value, weight.toFixed(1));
-      setAttribute(row.slider, "aria-label", `How strongly ${joint} prefers the posture`);
+      setAttribute(row.slider, "aria-label", `Weight of the preferred posture for ${joint}`);
       row.slider.disabled = !inControl;
       if (document.activeElement !== row.slider) row.slider.value = weight;
     });

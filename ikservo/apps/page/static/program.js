@@ -70,7 +70,7 @@ export class Program {
     const words = $("program-repeat").value.trim();
     const repeat = words === UNTIL_STOPPED ? words : parseNumber(words);
     if (repeat !== UNTIL_STOPPED && !(Number.isInteger(repeat) && repeat >= 1)) {
-      this.refuse(`“${words.slice(0, 20)}” is not a number of times: a whole number from 1, or: ${UNTIL_STOPPED}.`);
+      this.refuse(`“${words.slice(0, 20)}” is not a number of repetitions. Give a whole number from 1, or: ${UNTIL_STOPPED}`);
       $("program-repeat").value = this.program.repeat;
     } else this.send("set_program", { speed, repeat });
   }
@@ -252,9 +252,9 @@ export class Program {
       case "waiting": return `Step ${at}${round}: ${reason} Then press Continue.`;
       case "paused": return `Paused before step ${at}${round}`;
       case "stopped": return `Stopped in step ${at}`;
-      case "bad": return `${this.describeProblems()} cannot be carried out; nothing has moved`;
+      case "bad": return `${this.describeProblems()} cannot be carried out; nothing moved`;
       case "done": return "Done";
-      default: return this.steps.length ? "" : "No steps yet. Bring the arm or its target to a place, then add it. Save it under a name to return there later.";
+      default: return this.steps.length ? "" : "No steps yet. Move the arm or its target, then add the position as a step. Save the program under a name to run it later.";
     }
   }
 }

@@ -1,5 +1,6 @@
-// The server's camera, see ikservo/apps/page/picking/projection.py: pixels are CSS pixels from the top left corner. That of a real camera has
-// a lens, see ikservo/apps/page/picking/lens_camera.py and ikservo/apps/cameras/camera_model.py.
+// The server's camera, see ikservo/apps/page/picking/projection.py: pixels are CSS pixels from the
+// top left corner. A real camera has a lens, see ikservo/apps/page/picking/lens_camera.py and
+// ikservo/apps/cameras/camera_model.py.
 
 import { add, column, dot, origin, scale, subtract } from "./geometry.js";
 

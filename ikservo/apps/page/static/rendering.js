@@ -1,17 +1,18 @@
-// Chooses how the arm is drawn: in 3D by WebGL if a graphics card does that and frames are fast
-// enough, or else on the canvas. In Live 3D is not tried, because compiling shaders delays heartbeats.
+// Chooses how the arm is drawn: in 3D by WebGL if there is a graphics card and frames are fast
+// enough, or else on the canvas. In Live 3D is not tried, because compiling shaders delays
+// heartbeats.
 
 import { $, setAttribute, setText } from "./elements.js";
 import { isSame } from "./picture.js";
 
 const WARM_UP_FRAMES = 2; // shaders are compiled in these frames
 const TIMED_FRAMES = 5;
-const CONTEXT_LOST = "The graphics driver has failed";
+const CONTEXT_LOST = "The graphics driver failed";
 const NO_WEBGL = "This browser has no 3D graphics";
 const NO_CARD = "No graphics card draws WebGL here";
 const SOFTWARE = /swiftshader|llvmpipe|softpipe|software|basic render/i; // names of software renderers
 const AFTER_LIVE = "3D begins once Live is off";
-const HOPELESS_MS = 1000; // such slow frames need no more timing
+const HOPELESS_MS = 1000; // frames as slow as this need no more timing
 const BUDGET_MS = 50; // a frame that takes longer makes a drag jerky
 
 export class Rendering {
@@ -43,7 +44,7 @@ export class Rendering {
     return this.wanted === "3d" || (this.wanted !== "2d" && !this.reason);
   }
 
-  // The default view: orbit if it is drawn in 3D.
+  // The default view: orbit if the arm is drawn in 3D.
   firstView(views) {
     return this.isOn() && views.includes("orbit") ? "orbit" : views[0];
   }

@@ -288,7 +288,7 @@ function createLights({ centre: [x, y, z], size }) {
   return [sky, sun, sun.target];
 }
 
-// A colour of the style without its opacity, which lines and materials have of their own.
+// A colour of the style without its opacity, because lines and materials have their own.
 function readColour(style, name) {
   return new THREE.Color(style.getPropertyValue(name).trim().slice(0, 7));
 }

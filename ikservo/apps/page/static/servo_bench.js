@@ -1,4 +1,4 @@
-// The page of servos: servos on a port, the registers of one servo, and actions on it.
+// The servo page: servos on a port, the registers of one servo, and actions on it.
 
 import { ask } from "./confirm.js";
 import { Connection } from "./connection.js";
@@ -103,14 +103,14 @@ function setGains(numbers) {
   for (const slider of sliders()) if (slider.name in numbers) [slider.value, slider.nextSibling.textContent] = [numbers[slider.name], numbers[slider.name]];
 }
 const tryGains = (action) => act(action, { gains: gains(), step_deg: Number($("step").value) });
-for (const action of ["try", "suggest"]) $(action).onclick = () => ask($(action), "It will move. Sure?", () => tryGains(action));
+for (const action of ["try", "suggest"]) $(action).onclick = () => ask($(action), "The joint will move. Sure?", () => tryGains(action));
 $("stop").onclick = () => act("stop");
 $("save").onclick = () => {
   const held = Object.fromEntries(shown.registers.map(({ name, raw }) => [name, raw]));
   for (const [name, value] of Object.entries(gains())) if (held[name] !== value) send("write_register", { joint: servos.joint, name, value: String(value) });
 };
 
-let drawing = Promise.resolve(); // the first drawing waits for its library, the next for the first
+let drawing = Promise.resolve(); // the first drawing waits for its library, the next one for the first
 async function draw(message) {
   if (!message.series) return charts.forEach((chart) => chart.append(message));
   const { default: Plot } = await import("./uplot.min.js");

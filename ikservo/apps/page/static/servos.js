@@ -70,7 +70,7 @@ function showRegister(row, register) {
   setAttribute(row.element, "data-register", register.name);
   setAttribute(row.element, "data-area", register.area);
   setAttribute(row.input, "aria-label", register.name);
-  setAttribute(row.input, "title", register.writable ? `${low} to ${high}, ${register.area}; with a unit a quantity` : "the page cannot write it");
+  setAttribute(row.input, "title", register.writable ? `${low} to ${high}, ${register.area}; a number with a unit is a quantity` : "the page cannot write this register");
   row.input.readOnly = !register.writable;
   if (document.activeElement !== row.input) row.input.value = register.raw;
 }

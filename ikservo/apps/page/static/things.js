@@ -92,7 +92,7 @@ export class Things {
   }
 }
 
-// Three numbers of which one was typed; null leaves the others unchanged.
+// Three numbers, one of which was typed; null leaves the others unchanged.
 function only(index, value) {
   return AXES.map((_, i) => (i === index ? value : null));
 }

@@ -1,1 +1,1 @@
-"""An arm in a graph of ROS 2 without ROS, by the protocol of rmw_zenoh."""
+"""An arm in a ROS 2 graph without ROS, using the protocol of rmw_zenoh."""

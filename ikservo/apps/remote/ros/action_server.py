@@ -1,4 +1,4 @@
-"""The server of one action of ROS 2: goals and their states, three services and two topics.
+"""The server of one ROS 2 action: goals and their states, three services and two topics.
 
 Source: https://design.ros2.org/articles/actions.html
 """
@@ -25,7 +25,7 @@ _ANY_GOAL = bytes(16)
 
 
 class GoalStatus(IntEnum):
-    """The state of a goal, as action_msgs/msg/GoalStatus numbers them."""
+    """The state of a goal, with the numbers in action_msgs/msg/GoalStatus."""
 
     UNKNOWN = 0
     ACCEPTED = 1
@@ -42,7 +42,7 @@ class GoalStatus(IntEnum):
 
 
 class _CancelCode(IntEnum):
-    """Answers to a request to cancel, as action_msgs/srv/CancelGoal numbers them."""
+    """Answers to a cancel request, with the numbers in action_msgs/srv/CancelGoal."""
 
     NONE = 0
     UNKNOWN_GOAL_ID = 2
@@ -51,14 +51,14 @@ class _CancelCode(IntEnum):
 
 @dataclass(slots=True, eq=False)
 class ActionGoal:
-    """A goal of a client.
+    """A goal from a client.
 
     Attributes:
-        id: Its id of 16 bytes, chosen by the client.
+        id: The id of 16 bytes, chosen by the client.
         time_ns: The time of its arrival, nanoseconds since 1970.
-        status: Its state.
+        status: The state of the goal.
         accepted: Whether it was accepted.
-        result: Its result once it has ended.
+        result: The result, once the goal has ended.
     """
 
     id: bytes
@@ -70,7 +70,7 @@ class ActionGoal:
 
 
 class Executor(Protocol):
-    """Executes goals; ends each of them with ``ActionServer.finish``."""
+    """Executes goals and ends each of them with ``ActionServer.finish``."""
 
     def start(self, goal: ActionGoal, message: Any, /) -> Any:  # noqa: ANN401  # generated classes
         """Start executing a goal; return None, or the result of a refused goal."""
@@ -91,7 +91,7 @@ class ActionServer:
     Args:
         node: The node.
         name: The name of the action, with a leading slash.
-        kind: Its type, as in ``control_msgs/action/FollowJointTrajectory``.
+        kind: The type of the action, such as ``control_msgs/action/FollowJointTrajectory``.
         executor: Executes goals.
     """
 
@@ -110,7 +110,7 @@ class ActionServer:
         self._say_status()
 
     def finish(self, goal: ActionGoal, status: GoalStatus, result: Any) -> None:  # noqa: ANN401
-        """End a goal; the second call does nothing."""
+        """End a goal; a second call does nothing."""
         with self._lock:
             if goal.status.is_final:
                 return
@@ -203,5 +203,5 @@ def _info(goal: ActionGoal) -> Any:  # noqa: ANN401
 
 
 def time_message(time_ns: int) -> Any:  # noqa: ANN401
-    """Return a time, nanoseconds since 1970, as a message."""
+    """Return a time, in nanoseconds since 1970, as a message."""
     return make("builtin_interfaces/msg/Time", sec=time_ns // _NS, nanosec=time_ns % _NS)

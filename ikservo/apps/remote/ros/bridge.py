@@ -1,4 +1,4 @@
-"""An arm as a node of ROS 2: publishes its state, takes goals, stops."""
+"""An arm as a ROS 2 node, which publishes states, accepts goals and stops."""
 
 from __future__ import annotations
 
@@ -53,13 +53,13 @@ _BRAKE_TIMEOUT_S = 2.0
 
 
 class RosBridge:
-    """Connects an open arm to a graph of ROS 2 until it is closed.
+    """Connects an open arm to a ROS 2 graph until the bridge is closed.
 
     Args:
         session: A Zenoh session with a router; the caller closes it after the bridge.
         arm: The arm; the caller closes it after the bridge.
         domain: The domain of ROS 2.
-        namespace: The namespace of all names; empty for none.
+        namespace: The namespace for all names; empty for none.
         rate_hz: The number of joint states per second that are published.
         speed: The speed class of all motions.
         warn: Called with each refusal and its reason.
@@ -119,19 +119,19 @@ class RosBridge:
     # what comes in
 
     def _requested(self) -> AbstractContextManager[None]:
-        """Return the context of a message that arrives now, whose motion a later stop ends."""
+        """Return the context of a message that arrives now; a later stop ends its motion."""
         background = self._arm.background
         return background.requested(background.stop_count)
 
     def _take_trajectory(self, message: Any) -> None:  # noqa: ANN401  # a generated class
         check_age(message.header.stamp, time.time())
-        if not message.points:  # stops the arm, as in controllers of ROS 2
+        if not message.points:  # stops the arm, as in ROS 2 controllers
             self._driver.put(None)
             return
         self._move(self._parse_trajectory(message))
 
     def _parse_trajectory(self, message: Any) -> TrajectoryGoal:  # noqa: ANN401
-        """Parse the goal in a trajectory that may begin now.
+        """Parse the goal in a trajectory that could begin now.
 
         Raises:
             InputError: The trajectory cannot be used; the message says why.
@@ -169,10 +169,10 @@ class RosBridge:
         self._move(pose_goal(message.pose))
 
     def _is_of_tool(self, frame: str) -> bool:
-        """Check whether a frame is the tool's and not the base's.
+        """Check whether a frame is the tool frame or the base frame.
 
         Raises:
-            BadValueError: The frame is neither of these.
+            BadValueError: The frame is neither of the two.
         """
         chain = self._arm.chain
         if frame not in ("", chain.base, chain.tip):
@@ -192,7 +192,7 @@ class RosBridge:
     def _stop(self) -> str:
         self._request_stop("Stopped from ROS 2.")
         torque = f"; {describe_torque(self._joints)}" if self._joints else ""
-        return f"Motions end, and are refused until /acknowledge{torque}."
+        return f"Motions end, and new ones are refused until /acknowledge is called{torque}."
 
     def _hold(self) -> str:
         self._driver.put(None)

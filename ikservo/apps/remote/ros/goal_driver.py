@@ -1,4 +1,4 @@
-"""Sends the setpoints of the newest goal to an arm, through its guard, until it has arrived."""
+"""Driver that sends the setpoints of the newest goal to an arm until it has arrived."""
 
 from __future__ import annotations
 
@@ -17,21 +17,21 @@ from ikservo.errors import IkservoError, RefusedError
 from ikservo.kinematics.arrays import Vector
 
 _PERIOD_S = 0.02
-# Arrived if no joint moves further in this time; noise of a resting encoder moves it two ticks.
+# A joint has arrived if it moves less in this time; encoder noise at rest is two ticks.
 _STILL_RAD, _STILL_S = 0.0035, 0.3
 _START_S = 2.0  # longest time until the arm moves, including torque-on
 _MAX_ARRIVAL_S = 30.0
 
 
 class GoalEnd(Enum):
-    """The end of a goal."""
+    """The way in which a goal ended."""
 
     ARRIVED = auto()
-    """The arm rests at the goal, or as near to it as the guard allows."""
+    """The arm rests at the goal, or as close to it as the guard allows."""
     ENDED = auto()
     """The goal was cancelled; the arm has braked and holds."""
     REPLACED = auto()
-    """A newer goal has replaced it."""
+    """A newer goal has replaced this one."""
     FAILED = auto()
     """The arm was stopped, or the guard or a servo has ended the motion."""
 
@@ -44,7 +44,7 @@ class GoalWatch(Protocol):
         ...
 
     def ended(self, end: GoalEnd, why: str, /) -> None:
-        """Note that the goal has ended, and the reason of an early end."""
+        """Record that the goal has ended, and the reason if it ended early."""
         ...
 
 
@@ -60,7 +60,7 @@ class _Task:
 
 
 class GoalDriver:
-    """Drives an arm in a thread of its own, until it is closed.
+    """Drives an arm in its own thread until it is closed.
 
     Args:
         arm: The arm.
@@ -132,13 +132,13 @@ class GoalDriver:
         while (task := self._await_goal()) is not None:
             failed, why = False, ""
             try:
-                # The motion was requested by put(), which may be before a stop.
+                # The motion was requested by put(), perhaps before a stop.
                 requested = self._arm.background.requested(task.stop_count)
                 with requested, self._arm.stream(speed=self._speed) as stream:
                     self._follow(stream)
                 why = stream.reason
                 if not why and stream.unreached:
-                    why = "The goal is out of reach; the arm went as near as it could."
+                    why = "The goal is out of reach; the arm moved as close to it as it could."
             except Exception as error:  # this thread must go on, because it drives the arm
                 failed, why = True, _text_of(error)
                 self._replace(None)
@@ -191,7 +191,7 @@ class GoalDriver:
             time.sleep(max(0.0, due_s - time.monotonic()))
 
     def _take(self) -> _Task | None:
-        """Take the newest goal; if there is one, report the earlier goals that it interrupts."""
+        """Take the newest goal, if any, and report the earlier goals that it interrupts."""
         with self._changed:
             task, before = self._task, []
             if task is not None:
@@ -211,18 +211,18 @@ class GoalDriver:
 def _text_of(error: Exception) -> str:
     if isinstance(error, IkservoError):
         return error.message
-    return f"The motion has failed: {type(error).__name__}: {error}"
+    return f"The motion failed: {type(error).__name__}: {error}"
 
 
 class _Arrival:
-    """Notices that joints have come to rest after the last setpoint."""
+    """Detects that joints have come to rest after the last setpoint."""
 
     def __init__(self) -> None:
         self._began_s: float | None = None
         self._still, self._moved = StillnessDetector(_STILL_S, _STILL_RAD), False
 
     def reached(self, now_s: float, positions: Vector) -> bool:
-        """Check whether no joint has moved for a while, or the time for it is over."""
+        """Check whether no joint has moved for a while, or the allowed time is over."""
         self._began_s = now_s if self._began_s is None else self._began_s
         self._still = self._still.add_joints(now_s, positions.tolist())
         self._moved = self._moved or self._still.has_moved()

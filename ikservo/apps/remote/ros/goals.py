@@ -24,16 +24,16 @@ _LEAD_M = 0.03  # lead of the target of a twist, besides its travel in the dead 
 
 
 class MotionGoal(Protocol):
-    """Gives setpoints until it has ended.
+    """A goal that provides setpoints until it has ended.
 
     Attributes:
-        arrives: Whether the arm must arrive at the last setpoint; otherwise it only brakes.
+        arrives: Whether the arm must arrive at the last setpoint; otherwise, it only brakes.
     """
 
     arrives: ClassVar[bool]
 
     def delay(self, now_s: float) -> None:
-        """Note that the arm is not ready yet; the goal begins now at the earliest."""
+        """Record that the arm is not ready yet; the goal does not begin before now."""
         ...
 
     def setpoint(self, now_s: float, tip_m: Vector) -> CartesianOrJointTarget:
@@ -62,7 +62,7 @@ def check_age(stamp: Any, now_s: float) -> None:  # noqa: ANN401  # builtin_inte
 
 
 class TrajectoryGoal:
-    """Joints along a trajectory, by cubic polynomials if velocities are given, else linearly.
+    """Goal along a joint trajectory: cubic if velocities are given, otherwise linear.
 
     Args:
         names: The joints (m).
@@ -86,7 +86,7 @@ class TrajectoryGoal:
         self._velocities, self._start_s = velocities, start_s
 
     def delay(self, now_s: float) -> None:
-        """Begin now."""
+        """Restart the trajectory at the present time."""
         self._start_s = now_s
 
     def setpoint(self, now_s: float, tip_m: Vector) -> dict[str, float]:
@@ -94,11 +94,11 @@ class TrajectoryGoal:
         return self.positions_at(now_s)
 
     def late_s(self, now_s: float) -> float:
-        """Compute the time since the end; negative before it."""
+        """Compute the time since the end; negative before the end."""
         return now_s - self._start_s - float(self._times_s[-1])
 
     def positions_at(self, now_s: float) -> dict[str, float]:
-        """Compute the desired positions, rad or m by name; after the end the last ones."""
+        """Compute the desired positions, rad or m by name; after the end, the last positions."""
         elapsed_s = min(max(now_s - self._start_s, 0.0), float(self._times_s[-1]))
         k = int(np.searchsorted(self._times_s[1:-1], elapsed_s, side="right"))
         span_s = float(self._times_s[k + 1] - self._times_s[k])
@@ -113,7 +113,7 @@ class TrajectoryGoal:
         return dict(zip(self._names, values.tolist(), strict=True))
 
     def has_ended(self, now_s: float) -> bool:
-        """Check whether its duration is over."""
+        """Check whether the duration of the trajectory is over."""
         return self.late_s(now_s) >= 0.0
 
 
@@ -148,7 +148,9 @@ def trajectory_goal(
     times_s = np.array([p.time_from_start.sec + 1e-9 * p.time_from_start.nanosec for p in points])
     if times_s[0] < 0.0 or not (np.diff(times_s) > 0.0).all() or times_s[-1] > _MAX_DURATION_S:
         raise BadValueError(
-            "time_from_start", "not growing", f"growing from 0, at most {_MAX_DURATION_S:.0f} s"
+            "time_from_start",
+            "not growing",
+            f"increasing from 0 to at most {_MAX_DURATION_S:.0f} s",
         )
     positions = _rows(points, "positions", len(names))
     has_velocities = all(len(point.velocities) for point in points)
@@ -158,7 +160,7 @@ def trajectory_goal(
     if times_s[0] > 0.0:
         times_s, positions = np.append(0.0, times_s), np.vstack([start, positions])
         velocities = None if velocities is None else np.vstack([0.0 * start, velocities])
-    elif len(times_s) == 1:  # one point: go there as fast as allowed
+    elif len(times_s) == 1:  # one point: move there as fast as allowed
         times_s, positions = np.array([0.0, 1e-3]), np.vstack([positions, positions])
         velocities = None
     return TrajectoryGoal(names, times_s, positions, velocities, now_s)
@@ -190,10 +192,10 @@ def _check_limits(
 
 
 class TwistGoal:
-    """Moves the tool with the last commanded velocity until there is no command for 0.3 s.
+    """Goal that moves the tool at the commanded velocity until there is no command for 0.3 s.
 
     Args:
-        T: The pose at which it starts, T_base_tip (4, 4).
+        T: The start pose, T_base_tip (4, 4).
         now_s: The time of the start.
     """
 
@@ -244,7 +246,7 @@ class TwistGoal:
 
 
 class PoseGoal:
-    """Moves the tool to a pose.
+    """Goal that moves the tool to a pose.
 
     Args:
         target: The pose (4, 4), or a point.
@@ -281,7 +283,9 @@ def pose_goal(pose: Any) -> PoseGoal:  # noqa: ANN401  # geometry_msgs/msg/Pose
         return PoseGoal(Target(point))
     length = float(np.linalg.norm(q))
     if not 0.9 < length < 1.1:
-        raise BadValueError("The quaternion", q.tolist(), "of length 1, or zeros for any")
+        raise BadValueError(
+            "The quaternion", q.tolist(), "of length 1, or zeros for any orientation"
+        )
     T = np.eye(4)
     T[:3, :3], T[:3, 3] = quaternion_to_matrix(q / length), point
     return PoseGoal(T)

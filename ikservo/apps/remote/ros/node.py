@@ -1,4 +1,4 @@
-"""A node in a graph of ROS 2: publishers, subscriptions, trigger services."""
+"""A node in a ROS 2 graph: publishers, subscriptions, trigger services."""
 
 from __future__ import annotations
 
@@ -34,16 +34,16 @@ _ENCODING = "application/cdr"
 _T = TypeVar("_T")
 
 Respond = Callable[[Any], None]
-"""Sends the response to a request, a message of the service's type."""
+"""Function that sends the response to a request, a message of the service's type."""
 
 
 class RosNode:
-    """A node, until its stack is closed.
+    """A ROS 2 node that exists until its stack is closed.
 
     Args:
         session: The Zenoh session.
-        name: The node.
-        stack: Undeclares everything when it is closed.
+        name: The name of the node.
+        stack: Stack that undeclares everything when it is closed.
         warn: Called with the reason if a message is dropped.
         requested: Called when a message arrives; returns the context for handling it.
     """
@@ -106,8 +106,8 @@ class RosNode:
             name: The name with a leading slash.
             action: Runs the request and returns the message of the response; an error becomes a
                 response without success.
-            always: Whether every request is obeyed at its arrival, even if repeated or without
-                attachment; ``action`` must not wait then.
+            always: Whether every request is obeyed on arrival, even if repeated or without
+                attachment; ``action`` must then not wait.
         """
         key = data_key(self.name, name, TRIGGER)
 
@@ -137,7 +137,7 @@ class RosNode:
 
         Args:
             name: The name with a leading slash.
-            kind: Its type.
+            kind: The type of the service.
             on_request: Called with a request and a function that sends its response.
             in_order: Whether requests are handled one by one, together with messages of topics.
         """
@@ -186,7 +186,7 @@ class RosNode:
 
 
 class _Senders:
-    """Keeps the number of the last message of each sender, and refuses older ones."""
+    """Keeps the number of the last message from each sender, and refuses older messages."""
 
     def __init__(self) -> None:
         self._last: OrderedDict[bytes, int] = OrderedDict()
@@ -209,7 +209,7 @@ class _Senders:
 
 
 class _Worker:
-    """Handles messages of Zenoh in its own threads; drops messages if there are too many."""
+    """Handles Zenoh messages in its own threads; drops messages if there are too many."""
 
     def __init__(
         self, threads: int, name: str, requested: Callable[[], AbstractContextManager[None]]
@@ -242,7 +242,7 @@ class _Worker:
 
 
 class _Publisher:
-    """Publishes messages of one topic, numbered and time-stamped."""
+    """Publishes numbered and time-stamped messages on one topic."""
 
     def __init__(self, publisher: Any) -> None:  # noqa: ANN401  # plain or advanced
         self._publisher, self._gid, self._sequence = publisher, os.urandom(16), 0

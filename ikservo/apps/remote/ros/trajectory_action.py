@@ -1,6 +1,6 @@
 """The action FollowJointTrajectory: a joint trajectory with tolerances, and its result.
 
-Tolerances of positions, rad or m: above 0: as given; 0: the default; below 0: any deviation.
+Position tolerances, rad or m: above 0, the given value; 0, the default; below 0, no limit.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from ikservo.ros_messages.message_types import make
 from ikservo.ros_messages.service_types import FOLLOW
 
 ACTION = "/joint_trajectory_controller/follow_joint_trajectory"
-"""Name of the action, the default of ros2_control."""
+"""Name of the action, which is the default in ros2_control."""
 
 _FEEDBACK_PERIOD_S = 0.1
 _GOAL_TOLERANCE_RAD, _GOAL_TOLERANCE_M = 0.05, 0.005
@@ -53,8 +53,8 @@ class TrajectoryAction:
         node: The node.
         arm: The arm.
         driver: Drives the arm.
-        parse: Returns the goal in a trajectory message; raises if it cannot be used, or the arm may
-            not move.
+        parse: Returns the goal in a trajectory message; raises an error if the goal cannot be used
+            or the arm may not move.
     """
 
     def __init__(
@@ -95,7 +95,7 @@ class TrajectoryAction:
 
     def empty_result(self) -> Any:  # noqa: ANN401
         """Return the result of an unknown goal."""
-        return _result(ErrorCode.INVALID_GOAL, "There is no such goal (any more).")
+        return _result(ErrorCode.INVALID_GOAL, "There is no such goal, or it has ended.")
 
     def finish(self, goal: ActionGoal, status: GoalStatus, code: ErrorCode, text: str) -> None:
         """End a goal."""
@@ -136,7 +136,7 @@ class _OldError(RefusedError):
 
 
 def _check_joints(names: Sequence[str], message: Any, known: Sequence[str]) -> None:  # noqa: ANN401
-    """Refuse joints of a goal or its tolerances that the arm does not have.
+    """Refuse a goal or tolerances with joints that the arm does not have.
 
     Raises:
         _InvalidJointsError: The arm lacks a joint.
@@ -171,7 +171,7 @@ def _tolerances(rows: Sequence[Any], usual: Mapping[str, float]) -> dict[str, fl
 
 
 class _Watch:
-    """Compares measured with desired positions, and ends the goal."""
+    """Compares measured and desired positions, and ends the goal."""
 
     def __init__(
         self,
@@ -218,7 +218,7 @@ class _Watch:
         elif end is GoalEnd.REPLACED:
             self._abort(ErrorCode.INVALID_GOAL, "A newer goal has replaced this one.")
         elif self._goal.status is GoalStatus.CANCELING:
-            text = why or "The goal was canceled; the arm holds its position."
+            text = why or "The goal was cancelled; the arm holds its position."
             self._action.finish(self._goal, GoalStatus.CANCELED, ErrorCode.SUCCESSFUL, text)
         else:
             text = why or "The motion was ended; the arm holds its position."

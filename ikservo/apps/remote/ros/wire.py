@@ -14,7 +14,7 @@ from ikservo.errors import BadValueError, InputError, shown
 from ikservo.ros_messages.message_types import type_hash
 
 MAX_DOMAIN = 232
-"""The highest domain of ROS 2."""
+"""The highest ROS 2 domain."""
 
 _GID_BYTES = 16
 _ATTACHMENT = struct.Struct(f"<qqB{_GID_BYTES}s")
@@ -23,7 +23,7 @@ _USUAL_QOS, _LATCHED_QOS = "::,10:,:,:,,", ":1:,1:,:,:,,"
 
 
 class EndpointKind(Enum):
-    """Kinds of endpoints that a liveliness token announces."""
+    """The kinds of endpoints that a liveliness token announces."""
 
     PUBLISHER = "MP"
     SUBSCRIPTION = "MS"
@@ -32,10 +32,10 @@ class EndpointKind(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Attachment:
-    """Attachment of every message, request and response.
+    """The attachment of every message, request and response.
 
     Attributes:
-        sequence: Counts the messages of the sender.
+        sequence: Number of the message, counted per sender.
         time_ns: The time of sending, nanoseconds since 1970.
         gid: The id of the sender, 16 bytes.
     """
@@ -57,7 +57,8 @@ class Attachment:
         """
         if len(data) != _ATTACHMENT.size or data[_ATTACHMENT.size - _GID_BYTES - 1] != _GID_BYTES:
             raise InputError(
-                "A message has no attachment of rmw_zenoh.", "Use ROS 2 Jazzy or later there."
+                "A message has no attachment of rmw_zenoh.",
+                "Use ROS 2 Jazzy or later on the other machine.",
             )
         sequence, time_ns, _, gid = _ATTACHMENT.unpack(data)
         return cls(sequence, time_ns, gid)
@@ -65,11 +66,11 @@ class Attachment:
 
 @dataclass(frozen=True, slots=True)
 class NodeName:
-    """A node of the graph.
+    """The name of a node in the graph.
 
     Attributes:
         domain: The domain of ROS 2.
-        session: The id of its Zenoh session.
+        session: The id of the node's Zenoh session.
         namespace: The namespace with a leading slash; empty for none.
         name: The name of the node.
     """
@@ -85,7 +86,7 @@ class NodeName:
 
 
 def check_namespace(namespace: str) -> str:
-    """Check a namespace and give it a leading slash; empty for none.
+    """Check a namespace and return it with a leading slash; empty for none.
 
     Raises:
         BadValueError: ROS 2 does not allow the name.
@@ -94,12 +95,14 @@ def check_namespace(namespace: str) -> str:
     if slashed == "/":
         return ""
     if not _NAMESPACE.fullmatch(slashed):
-        raise BadValueError("The namespace", shown(namespace), "letters, digits and _, as in left")
+        raise BadValueError(
+            "The namespace", shown(namespace), "letters, digits and _, such as left"
+        )
     return slashed
 
 
 def data_key(node: NodeName, name: str, kind: str) -> str:
-    """Return the key expression of a topic's messages, or a service's requests."""
+    """Return the key expression for the messages of a topic or the requests of a service."""
     full = node.full_name(name).lstrip("/")
     return f"{node.domain}/{full}/{_dds_type(kind)}/{type_hash(kind)}"
 

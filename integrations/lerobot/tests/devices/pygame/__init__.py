@@ -1,4 +1,4 @@
-"""A gamepad for LeRobot's ``gamepad``: the axes of $IKSERVO_TEST_AXES, as [x, y, unused, z]."""
+"""Simulate a gamepad whose axes $IKSERVO_TEST_AXES gives as [x, y, unused, z]."""
 
 import json
 import os
