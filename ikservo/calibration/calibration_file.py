@@ -217,17 +217,31 @@ def restore_calibration(path: Path) -> Calibration:
     backup = backup_path(path)
     text = read_text(backup, MAX_BYTES)
     calibration = parse_calibration(backup, text)
-    if path.exists():
-        try:
-            read_calibration(path)
-        except FileFormatError:
-            require_file(path)
-            damaged = path.read_bytes()[:MAX_BYTES].decode("utf-8", "replace")
-            write_atomic(path.with_name(f"{path.name}.damaged"), damaged)
-        else:
-            raise InputError(f"{path} is not damaged; nothing was restored.", "")
+    if path.exists() and not _keep_damaged(path):
+        raise InputError(f"{path} is not damaged; nothing was restored.", "")
     write_atomic(path, text)
     return calibration
+
+
+def replace_calibration(path: Path, text: str) -> None:
+    """Write the file; a sound previous one is kept as .bak, a damaged one as .damaged.
+
+    Raises:
+        FileWriteError: The file cannot be written; the previous one is unchanged.
+    """
+    write_atomic(path, text, keep_old=path.exists() and not _keep_damaged(path))
+
+
+def _keep_damaged(path: Path) -> bool:
+    """Copy a calibration to a file beside it if it is damaged; return whether it is."""
+    try:
+        read_calibration(path)
+    except FileFormatError:
+        require_file(path)
+        damaged = path.read_bytes()[:MAX_BYTES].decode("utf-8", "replace")
+        write_atomic(path.with_name(f"{path.name}.damaged"), damaged)
+        return True
+    return False
 
 
 def undo_calibration(path: Path) -> Calibration:
@@ -246,7 +260,7 @@ def undo_calibration(path: Path) -> Calibration:
             f"{backup} was made with other register values than now.",
             f"Write this file's values into the servos: ikservo calibration push {now.arm}",
         )
-    write_atomic(path, dump_calibration(before), keep_old=True)
+    replace_calibration(path, dump_calibration(before))
     return before
 
 
@@ -257,5 +271,5 @@ def save_calibration(calibration: Calibration) -> Path:
         FileWriteError: The file cannot be written; the previous one is unchanged.
     """
     path = calibration_path(calibration.arm, calibration.usb_serial_number)
-    write_atomic(path, dump_calibration(calibration), keep_old=True)
+    replace_calibration(path, dump_calibration(calibration))
     return path

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 from ikservo.apps.workbench.provisioning import change_address, check_address_is_free
 from ikservo.apps.workbench.tried_values import forget_if_former
 from ikservo.arguments import parse_port
-from ikservo.arm.opening import open_bus
+from ikservo.arm.opening import backup_owner, open_bus
 from ikservo.arm.stoppable_bus import stoppable
 from ikservo.errors import (
     BusError,
@@ -23,7 +23,7 @@ from ikservo.errors import (
     UnknownNameError,
 )
 from ikservo.hardware.bus import ServoBus
-from ikservo.hardware.discovery import choose_port, is_simulator, simulated_port_url
+from ikservo.hardware.discovery import choose_port, simulated_port_url
 from ikservo.hardware.eeprom import (
     RegisterDifference,
     back_up_once,
@@ -35,7 +35,6 @@ from ikservo.hardware.eeprom import (
     update_eeprom,
 )
 from ikservo.hardware.port import Port, open_port
-from ikservo.hardware.port_names import serial_number_of
 from ikservo.hardware.register_batches import encode_value
 from ikservo.hardware.scan import (
     FoundServo,
@@ -66,11 +65,9 @@ class ServoLine:
 
     Attributes:
         bus: Their bus.
-        owner: Name of the folder of first EEPROM copies: the arm and its adapter, or the adapter.
     """
 
     bus: ServoBus
-    owner: str
 
     def find(self, target: str | None) -> ServoSpec:
         """Find the servo of a joint or id; None: the only servo.
@@ -92,7 +89,9 @@ class ServoLine:
     def with_ids(self, ids: Mapping[int, int]) -> ServoLine:
         """Return the line with the given ids in place of ids of the arm file."""
         specs = [replace(each, id=ids.get(each.id, each.id)) for each in self.bus.servos.values()]
-        return replace(self, bus=ServoBus(self.bus.port, specs))
+        bus = ServoBus(self.bus.port, specs)
+        bus.backup_owner = self.bus.backup_owner
+        return ServoLine(bus)
 
 
 @contextlib.contextmanager
@@ -122,7 +121,7 @@ def open_servos(
     """
     if model is not None:
         with open_bus(model, port) as bus:
-            yield ServoLine(bus, f"{model.name}-{serial_number_of(bus.port.name)}")
+            yield ServoLine(bus)
         return
     name = simulated_port_url(choose_port(parse_port(port)), None)
     with open_port(name, baud_rate or candidate_baud_rates()[0]) as line:
@@ -139,7 +138,8 @@ def open_servos(
                 f"{what} that replies at {tried}", "Check plug and power supply.", port=line.name
             )
         with stoppable(ServoBus(line, specs)) as bus:
-            yield ServoLine(bus, serial_number_of(line.name) or "servos")
+            bus.backup_owner = backup_owner(line.name)
+            yield ServoLine(bus)
 
 
 def _spec_of(found: FoundServo, table: type[ControlTable] | None) -> ServoSpec:
@@ -223,7 +223,7 @@ def read_registers(
     registers = [find_register(servo.table, name) for name in names]
     wanted = registers or list(servo.table.registers.values())
     first: Mapping[str, int] = {}
-    path = backup_path(line.owner, servo)
+    path = backup_path(line.bus.backup_owner, servo)
     with contextlib.suppress(FileFormatError, OSError):
         if path.exists():
             first = read_backup(path).eeprom
@@ -385,8 +385,8 @@ def write_registers(
     if address:
         check_address_is_free(bus.port, servo, address.get(table.id, servo.id), rate)
     stored = {register: raw for register, raw in new.items() if register.area is Area.EEPROM}
-    if stored or address:
-        _back_up(line, servo)
+    if address:
+        back_up_once(bus, bus.backup_owner, [servo.id])
     if stored:
         update_eeprom(bus, servo.id, {**stored})
     else:
@@ -402,12 +402,6 @@ def write_registers(
         _verify(bus, servo, register, raw)
     if address:
         change_address(bus.port, servo, address.get(table.id, servo.id), rate)
-
-
-def _back_up(line: ServoLine, servo: ServoSpec) -> None:
-    """Copy the EEPROM of a real servo to a file before its first change."""
-    if not is_simulator(line.bus.port.name):
-        back_up_once(line.bus, line.owner, [servo.id])
 
 
 def _verify(bus: ServoBus, servo: ServoSpec, register: Register, raw: int) -> None:
@@ -438,7 +432,7 @@ def reset_servo(line: ServoLine, servo: ServoSpec) -> None:
         BusError: The servo refused, its family would lose its id, or it does not reply again.
         FileWriteError: The copy cannot be written; nothing was changed.
     """
-    _back_up(line, servo)
+    back_up_once(line.bus, line.bus.backup_owner, [servo.id])
     port, rate = line.bus.port, line.bus.port.baudrate
     line.bus.factory_reset(servo.id)
     if not _replies_at(port, servo, rate):
