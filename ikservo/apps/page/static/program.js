@@ -248,7 +248,7 @@ export class Program {
       case "stopped": return `Stopped in step ${at}`;
       case "bad": return `${this.describeProblems()} cannot be carried out; nothing has moved`;
       case "done": return "Done";
-      default: return this.steps.length ? "" : "No steps yet. Bring the arm or its target to a place, then add it. Save it under a name to return there later.";
+      default: return this.steps.length ? "" : "No steps yet. Bring the arm or its target to a place, then add it as a step. Save the program under a name to return there later.";
     }
   }
 }
