@@ -17,7 +17,13 @@ from ikservo.calibration.servo_config import calibration_registers
 from ikservo.errors import FileFormatError, InputError
 from ikservo.files.reading import MAX_BYTES, parse_toml, quote, read_text, require_file
 from ikservo.files.validation import Location, ValidationIssue, first_issue, validation_issues
-from ikservo.files.writing import BACKUP_SUFFIX, strip_checksum, with_checksum, write_atomic
+from ikservo.files.writing import (
+    BACKUP_SUFFIX,
+    exclusive_access,
+    strip_checksum,
+    with_checksum,
+    write_atomic,
+)
 from ikservo.registers import MODELS, Family
 
 
@@ -217,9 +223,10 @@ def restore_calibration(path: Path) -> Calibration:
     backup = backup_path(path)
     text = read_text(backup, MAX_BYTES)
     calibration = parse_calibration(backup, text)
-    if path.exists() and not _keep_damaged(path):
-        raise InputError(f"{path} is not damaged; nothing was restored.", "")
-    write_atomic(path, text)
+    with exclusive_access(path):
+        if path.exists() and not _keep_damaged(path):
+            raise InputError(f"{path} is not damaged; nothing was restored.", "")
+        write_atomic(path, text)
     return calibration
 
 
@@ -229,7 +236,8 @@ def replace_calibration(path: Path, text: str) -> None:
     Raises:
         FileWriteError: The file cannot be written; the previous one is unchanged.
     """
-    write_atomic(path, text, keep_old=path.exists() and not _keep_damaged(path))
+    with exclusive_access(path):
+        write_atomic(path, text, keep_old=path.exists() and not _keep_damaged(path))
 
 
 def _keep_damaged(path: Path) -> bool:
@@ -253,14 +261,17 @@ def undo_calibration(path: Path) -> Calibration:
         FileWriteError: The files cannot be written.
     """
     backup = backup_path(path)
-    before, now = read_calibration(backup), read_calibration(path)
-    held = [[servo for joint in each.joints for servo in joint.servos] for each in (before, now)]
-    if held[0] != held[1]:
-        raise InputError(
-            f"{backup} was made with other register values than now.",
-            f"Write this file's values into the servos: ikservo calibration push {now.arm}",
-        )
-    replace_calibration(path, dump_calibration(before))
+    with exclusive_access(path):
+        before, now = read_calibration(backup), read_calibration(path)
+        held = [
+            [servo for joint in each.joints for servo in joint.servos] for each in (before, now)
+        ]
+        if held[0] != held[1]:
+            raise InputError(
+                f"{backup} was made with other register values than now.",
+                f"Write this file's values into the servos: ikservo calibration push {now.arm}",
+            )
+        write_atomic(path, dump_calibration(before), keep_old=True)
     return before
 
 
