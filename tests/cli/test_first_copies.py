@@ -1,12 +1,15 @@
 """Each command that writes a servo's EEPROM first keeps a copy of it as it was."""
 
+import signal
+
 import pytest
 
 from ikservo.apps.calibrating.calibration_session import open_torque_off
 from ikservo.arm.opening import open_bus
 from ikservo.calibration.transaction import commit, plan_changes
+from ikservo.errors import ExitCode
 from ikservo.files.writing import FileWriteError
-from ikservo.hardware import backup_path, read_backup
+from ikservo.hardware import backup_path, eeprom, read_backup
 from ikservo.hardware.eeprom import write_backup
 from ikservo.model import load_model
 from tests.cli.fixtures_mounted_arm import PORT, SERIAL, connect_arm
@@ -94,3 +97,26 @@ def test_calibration_is_not_written_if_first_copies_cannot_be(arm, home):
     assert arm.eeprom_writes() == before
     assert not limp_arm.journal_path.exists()
     assert not limp_arm.path.exists()
+
+
+@EACH
+@pytest.mark.parametrize("name", ["SIGTERM", "SIGHUP"])
+def test_signal_during_eeprom_write_locks_it_again(
+    writer, name, arm, run_cli, tmp_path, monkeypatch
+):
+    """The signal comes when the registers are compared with the memory unlocked."""
+    number, original, seen = getattr(signal, name), eeprom.register_differences, []
+
+    def compare(*arguments):
+        if arm.register(1, "lock") == 0:
+            seen.append(arm.register(1, "return_delay"))
+            signal.raise_signal(number)
+        return original(*arguments)
+
+    monkeypatch.setattr(eeprom, "register_differences", compare)
+    before = signal.signal(number, signal.SIG_IGN)
+    try:
+        assert writer(run_cli, arm, tmp_path).code == ExitCode.STOPPED
+    finally:
+        signal.signal(number, before)
+    assert (seen, arm.register(1, "lock")) == ([0], 1)

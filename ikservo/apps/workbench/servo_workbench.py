@@ -13,6 +13,7 @@ from ikservo.apps.workbench.tried_values import forget_if_former
 from ikservo.arguments import parse_port
 from ikservo.arm.opening import backup_owner, open_bus
 from ikservo.arm.stoppable_bus import stoppable
+from ikservo.control.stop_requests import exiting_on_signals
 from ikservo.errors import (
     BusError,
     FileFormatError,
@@ -104,7 +105,7 @@ def open_servos(
     baud_rate: int | None = None,
     on_step: OnScanStep | None = None,
 ) -> Generator[ServoLine]:
-    """Open the servos of an arm, or those that reply on a line.
+    """Open the servos of an arm, or those that reply on a line; a signal lets a write end.
 
     Args:
         model: The arm; None for servos of no arm.
@@ -120,11 +121,11 @@ def open_servos(
         PortError: There is no port, or it cannot be opened.
     """
     if model is not None:
-        with open_bus(model, port) as bus:
+        with exiting_on_signals(), open_bus(model, port) as bus:
             yield ServoLine(bus)
         return
     name = simulated_port_url(choose_port(parse_port(port)), None)
-    with open_port(name, baud_rate or candidate_baud_rates()[0]) as line:
+    with exiting_on_signals(), open_port(name, baud_rate or candidate_baud_rates()[0]) as line:
         rates = [baud_rate] if baud_rate else candidate_baud_rates()
         if servo_id is None:
             found = scan(line, rates, on_step=on_step)
