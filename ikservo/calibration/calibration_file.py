@@ -246,8 +246,7 @@ def _keep_damaged(path: Path) -> bool:
         read_calibration(path)
     except FileFormatError:
         require_file(path)
-        damaged = path.read_bytes()[:MAX_BYTES].decode("utf-8", "replace")
-        write_atomic(path.with_name(f"{path.name}.damaged"), damaged)
+        write_atomic(path.with_name(f"{path.name}.damaged"), path.read_bytes()[:MAX_BYTES])
         return True
     return False
 

@@ -90,8 +90,8 @@ def provision(
     expected |= {table.registers[name]: number for name, number in settings.eeprom.items()}
     code = settings.baud_code
     with _ServoBeingProvisioned(port, found, settings) as servo:
-        if owner:
-            servo.back_up_once(backup_path(owner, settings.servo))
+        if owner and not (copy := backup_path(owner, settings.servo)).exists():
+            servo.back_up(copy)
         servo.set_id_and_rate(settings.servo.id, code)
         servo.write_registers(expected)
     return tuple(servo.written)
@@ -183,10 +183,9 @@ class _ServoBeingProvisioned:
     def _bus(self) -> ServoBus:
         return ServoBus(self._port, [ServoSpec(self._id, self._table, self._settings.servo.name)])
 
-    def back_up_once(self, path: Path) -> None:
-        """Copy the EEPROM to a file, unless there is one already."""
-        if not path.exists():
-            write_atomic(path, backup_text(self._bus, self._id, self._settings.servo.id))
+    def back_up(self, path: Path) -> None:
+        """Copy the EEPROM to a file."""
+        write_atomic(path, backup_text(self._bus, self._id, self._settings.servo.id))
 
     def set_id_and_rate(self, servo_id: int, baud_code: int) -> None:
         """Set the id, then the rate; the servo may reply at the old or the new ones."""

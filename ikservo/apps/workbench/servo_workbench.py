@@ -55,18 +55,13 @@ from ikservo.registers import (
     ControlTable,
     Register,
     RegisterName,
-    control_table,
 )
 from ikservo.registers.delivered import delivered_value
 
 
 @dataclass(frozen=True, slots=True)
 class ServoLine:
-    """The servos on which a command works.
-
-    Attributes:
-        bus: Their bus.
-    """
+    """The servos on which a command works, and their bus."""
 
     bus: ServoBus
 
@@ -249,15 +244,6 @@ def find_register(table: type[ControlTable], name: str) -> Register:
     return table.registers[name]
 
 
-def find_table(model_name: str) -> type[ControlTable]:
-    """Find the control table of a model.
-
-    Raises:
-        UnknownNameError: There is no such model; the message suggests the closest name.
-    """
-    return control_table(model_name)
-
-
 def register_names(model_name: str | None) -> list[str]:
     """Return the registers of a model, or of all known models if it is unknown or None."""
     tables = [MODELS[model_name]] if model_name and model_name in MODELS else MODELS.values()
@@ -334,23 +320,19 @@ def plan_writes(
         BusError: The servo does not reply.
     """
     for register, raw in values.items():
+        reason, name, hint = "", register.name, ""
         if register is servo.table.eeprom_lock and raw == 0:
             reason = "each write unlocks the EEPROM and locks it again"
-            raise RegisterAccessError(str(servo), register.name, reason)
-        if register.name in _REPLY_LEVELS and raw < _REPLY_LEVELS[register.name]:
+        elif name in _REPLY_LEVELS and raw < _REPLY_LEVELS[name]:
             reason = f"at {raw} the servo would no longer reply to a write"
-            raise RegisterAccessError(str(servo), register.name, reason)
-        if register.name == "protocol_type" and raw != line.bus.read(servo.id, register, raw=True):
+        elif name == "protocol_type" and raw != line.bus.read(servo.id, register, raw=True):
             reason = f"at {raw} the servo would no longer reply on this line"
-            raise RegisterAccessError(str(servo), register.name, reason)
-        if register.name == "secondary_id" and raw <= _HIGHEST_ID:
+        elif name == "secondary_id" and raw <= _HIGHEST_ID:
             reason = f"the servo would also obey the goals of servo {raw}"
-            raise RegisterAccessError(str(servo), register.name, reason)
-        if (register.name, raw) in servo.table.non_idempotent:
-            reason = f"{raw} would change the zero"
-            raise RegisterAccessError(
-                str(servo), register.name, reason, "Calibrate instead: ikservo calibrate"
-            )
+        elif (name, raw) in servo.table.non_idempotent:
+            reason, hint = f"{raw} would change the zero", "Calibrate instead: ikservo calibrate"
+        if reason:
+            raise RegisterAccessError(str(servo), name, reason, hint)
         encode_value(servo, register, raw, raw=True)
     changes = register_differences(line.bus, servo.id, {**values})
     stored = [each.register for each in changes if each.register.area is Area.EEPROM]

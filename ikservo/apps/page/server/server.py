@@ -369,21 +369,19 @@ class BoundAddress:
 
 
 class _BoundedListener(socket.socket):
-    """Listening socket that drops the oldest new connection if there are too many.
+    """Listening socket that drops the oldest of too many new clients, also in a TLS handshake.
 
-    A client in its TLS handshake counts for nobody else, and takes a file of this program. What it
-    leaves, a quarter of a megabyte, is otherwise collected late.
+    Each takes a file of this program, and what it leaves, 0.25 MB, is otherwise collected late.
     """
 
-    _new: tuple[tuple[float, socket.socket], ...] = ()
-    _count = 0
+    _new, _count = tuple[tuple[float, socket.socket], ...](), 0
 
     def accept(self) -> tuple[socket.socket, Any]:
         """Accept a connection."""
         accepted, address = super().accept()
         now_s = time.monotonic()
-        new = [(s, each) for s, each in self._new
-               if s > now_s - REQUEST_TIMEOUT_S and each.fileno() >= 0]  # fmt: skip
+        since_s = now_s - REQUEST_TIMEOUT_S
+        new = [pair for pair in self._new if pair[0] > since_s and pair[1].fileno() >= 0]
         if len(new) >= _MAX_NEW_CONNECTIONS:
             with contextlib.suppress(OSError):
                 new.pop(0)[1].shutdown(socket.SHUT_RDWR)
