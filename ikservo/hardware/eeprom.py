@@ -22,7 +22,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import cast
 
-from ikservo.errors import FileFormatError, RegisterAccessError, ServoRejectedError
+from ikservo.errors import FileFormatError, RegisterAccessError, ServoRejectedError, shown
 from ikservo.files.reading import MAX_BYTES, config_dir, parse_toml, read_text
 from ikservo.files.writing import write_atomic
 from ikservo.hardware.bus import ServoBus
@@ -266,9 +266,11 @@ def parse_backup(path: Path, text: str) -> Backup:
     if tables.get("format") != _FORMAT or not isinstance(rows, dict):
         raise FileFormatError(path, "", "is not an EEPROM backup of a servo", f"format = {_FORMAT}")
     if not isinstance(model, str) or model not in MODELS:
-        raise FileFormatError(path, "model", f"is {model!r}", f"one of {', '.join(MODELS)}")
+        raise FileFormatError(path, "model", f"is {shown(model)}", f"one of {', '.join(MODELS)}")
     if type(servo_id) is not int or not 0 <= servo_id <= _HIGHEST_ID:
-        raise FileFormatError(path, "id", f"is {servo_id!r}", f"an integer from 0 to {_HIGHEST_ID}")
+        raise FileFormatError(
+            path, "id", f"is {shown(servo_id)}", f"an integer from 0 to {_HIGHEST_ID}"
+        )
     eeprom = _check_eeprom(path, MODELS[model], cast("dict[str, object]", rows))
     return Backup(path, MODELS[model], servo_id, eeprom)
 
@@ -291,7 +293,9 @@ def _check_eeprom(
         lower, upper = register.codec.span(register.size)  # some of these cannot be written
         if type(number) is not int or not lower <= number <= upper:
             where = f"eeprom.{register}"
-            raise FileFormatError(path, where, f"is {number!r}", "a number that the register holds")
+            raise FileFormatError(
+                path, where, f"is {shown(number)}", "a number that the register holds"
+            )
         eeprom[register.name] = number
     return eeprom
 
