@@ -268,9 +268,7 @@ def parse_backup(path: Path, text: str) -> Backup:
     if not isinstance(model, str) or model not in MODELS:
         raise FileFormatError(path, "model", f"is {shown(model)}", f"one of {', '.join(MODELS)}")
     if type(servo_id) is not int or not 0 <= servo_id <= _HIGHEST_ID:
-        raise FileFormatError(
-            path, "id", f"is {shown(servo_id)}", f"an integer from 0 to {_HIGHEST_ID}"
-        )
+        raise FileFormatError(path, "id", f"is {shown(servo_id)}", f"an id from 0 to {_HIGHEST_ID}")
     eeprom = _check_eeprom(path, MODELS[model], cast("dict[str, object]", rows))
     return Backup(path, MODELS[model], servo_id, eeprom)
 
@@ -293,9 +291,7 @@ def _check_eeprom(
         lower, upper = register.codec.span(register.size)  # some of these cannot be written
         if type(number) is not int or not lower <= number <= upper:
             where = f"eeprom.{register}"
-            raise FileFormatError(
-                path, where, f"is {shown(number)}", "a number that the register holds"
-            )
+            raise FileFormatError(path, where, f"is {shown(number)}", "a number that fits into it")
         eeprom[register.name] = number
     return eeprom
 
