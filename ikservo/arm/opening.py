@@ -74,7 +74,17 @@ def open_bus(model: Model, port: str | None = None, *, retries: int = 2) -> Serv
     specs = servo_specs(model)
     url, ids = resolve_port(model, port), [spec.id for spec in specs]
     opened_port = open_port(url, model.baud_rate, model.name, ids)
-    return stoppable(ServoBus(opened_port, specs, retries=retries), model.name)
+    bus = ServoBus(opened_port, specs, retries=retries)
+    bus.backup_owner = backup_owner(opened_port.name, model.name)
+    return stoppable(bus, model.name)
+
+
+def backup_owner(port_name: str, arm: str = "") -> str:
+    """Return the folder of first EEPROM copies of an arm or of servos; empty if simulated."""
+    if is_simulator(port_name):
+        return ""
+    serial_number = serial_number_of(port_name)
+    return f"{arm}-{serial_number}" if arm else serial_number or "servos"
 
 
 def disable_torque_unchecked(model: Model, port: str | None) -> None:
@@ -213,7 +223,7 @@ def _read_calibrated_arm(bus: ServoBus, model: Model, *, uncalibrated: bool) -> 
         own = load_calibration_for(bus, model, uncalibrated=uncalibrated)
         if own.zeros is not ZeroSource.SIMULATED:
             with contextlib.suppress(FileWriteError):  # opening does not depend on the copy
-                back_up_once(bus, f"{model.name}-{serial_number_of(bus.port.name)}")
+                back_up_once(bus, bus.backup_owner)
     except (BusError, CalibrationError) as error:
         from ikservo.hardware.diagnostics import raise_explained  # noqa: PLC0415  # a failure only
 

@@ -17,7 +17,13 @@ from ikservo.calibration.servo_config import calibration_registers
 from ikservo.errors import FileFormatError, InputError
 from ikservo.files.reading import MAX_BYTES, parse_toml, quote, read_text, require_file
 from ikservo.files.validation import Location, ValidationIssue, first_issue, validation_issues
-from ikservo.files.writing import BACKUP_SUFFIX, strip_checksum, with_checksum, write_atomic
+from ikservo.files.writing import (
+    BACKUP_SUFFIX,
+    exclusive_access,
+    strip_checksum,
+    with_checksum,
+    write_atomic,
+)
 from ikservo.registers import MODELS, Family
 
 
@@ -217,17 +223,32 @@ def restore_calibration(path: Path) -> Calibration:
     backup = backup_path(path)
     text = read_text(backup, MAX_BYTES)
     calibration = parse_calibration(backup, text)
-    if path.exists():
-        try:
-            read_calibration(path)
-        except FileFormatError:
-            require_file(path)
-            damaged = path.read_bytes()[:MAX_BYTES].decode("utf-8", "replace")
-            write_atomic(path.with_name(f"{path.name}.damaged"), damaged)
-        else:
+    with exclusive_access(path):
+        if path.exists() and not _keep_damaged(path):
             raise InputError(f"{path} is not damaged; nothing was restored.", "")
-    write_atomic(path, text)
+        write_atomic(path, text)
     return calibration
+
+
+def replace_calibration(path: Path, text: str) -> None:
+    """Write the file; a sound previous one is kept as .bak, a damaged one as .damaged.
+
+    Raises:
+        FileWriteError: The file cannot be written; the previous one is unchanged.
+    """
+    with exclusive_access(path):
+        write_atomic(path, text, keep_old=path.exists() and not _keep_damaged(path))
+
+
+def _keep_damaged(path: Path) -> bool:
+    """Copy a calibration to a file beside it if it is damaged; return whether it is."""
+    try:
+        read_calibration(path)
+    except FileFormatError:
+        require_file(path)
+        write_atomic(path.with_name(f"{path.name}.damaged"), path.read_bytes()[:MAX_BYTES])
+        return True
+    return False
 
 
 def undo_calibration(path: Path) -> Calibration:
@@ -239,14 +260,17 @@ def undo_calibration(path: Path) -> Calibration:
         FileWriteError: The files cannot be written.
     """
     backup = backup_path(path)
-    before, now = read_calibration(backup), read_calibration(path)
-    held = [[servo for joint in each.joints for servo in joint.servos] for each in (before, now)]
-    if held[0] != held[1]:
-        raise InputError(
-            f"{backup} was made with other register values than now.",
-            f"Write this file's values into the servos: ikservo calibration push {now.arm}",
-        )
-    write_atomic(path, dump_calibration(before), keep_old=True)
+    with exclusive_access(path):
+        before, now = read_calibration(backup), read_calibration(path)
+        held = [
+            [servo for joint in each.joints for servo in joint.servos] for each in (before, now)
+        ]
+        if held[0] != held[1]:
+            raise InputError(
+                f"{backup} was made with other register values than now.",
+                f"Write this file's values into the servos: ikservo calibration push {now.arm}",
+            )
+        write_atomic(path, dump_calibration(before), keep_old=True)
     return before
 
 
@@ -257,5 +281,5 @@ def save_calibration(calibration: Calibration) -> Path:
         FileWriteError: The file cannot be written; the previous one is unchanged.
     """
     path = calibration_path(calibration.arm, calibration.usb_serial_number)
-    write_atomic(path, dump_calibration(calibration), keep_old=True)
+    replace_calibration(path, dump_calibration(calibration))
     return path

@@ -15,6 +15,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, ValidationError
 
+from ikservo.calibration.calibration_file import replace_calibration
 from ikservo.errors import CalibrationError, FileFormatError, IkservoError
 from ikservo.files.reading import MAX_BYTES, parse_toml, read_text, require_file
 from ikservo.files.validation import StrictModel, first_issue, validation_issues
@@ -26,7 +27,7 @@ from ikservo.files.writing import (
     write_atomic,
 )
 from ikservo.hardware.bus import ServoBus
-from ikservo.hardware.eeprom import register_differences, update_eeprom
+from ikservo.hardware.eeprom import back_up_once, register_differences, update_eeprom
 from ikservo.hardware.register_batches import RegisterRef
 from ikservo.registers import RegisterName
 
@@ -145,6 +146,7 @@ def commit(
         changes=_join_changes(_find_interrupted(bus, journal_path), changes),
         temporary=temporary,
     )
+    back_up_once(bus, bus.backup_owner, [each.id for each in journal.changes])
     try:
         write_atomic(journal_path, dump_journal(journal))
         _write_servos(bus, journal)
@@ -311,7 +313,7 @@ def _save_file(journal: Journal) -> None:
     if not journal.new_text:
         remove_durably(path)
     elif _text_of(path) != journal.new_text:
-        write_atomic(path, journal.new_text, keep_old=True)
+        replace_calibration(path, journal.new_text)
 
 
 def _text_of(path: Path) -> str:

@@ -22,7 +22,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import cast
 
-from ikservo.errors import FileFormatError, RegisterAccessError, ServoRejectedError
+from ikservo.errors import FileFormatError, RegisterAccessError, ServoRejectedError, shown
 from ikservo.files.reading import MAX_BYTES, config_dir, parse_toml, read_text
 from ikservo.files.writing import write_atomic
 from ikservo.hardware.bus import ServoBus
@@ -86,14 +86,15 @@ def update_eeprom(
 ) -> list[RegisterDifference]:
     """Write EEPROM registers that differ from the given raw numbers; return the changes.
 
-    Nothing is written if all are equal already, because EEPROM wears out. Every number is read back
-    afterwards. The memory is locked at the end, even after a failure, or if an earlier run was
-    killed while it was unlocked.
+    Nothing is written if all are equal already, because EEPROM wears out. Afterwards every number
+    is read back. The memory is locked at the end, even after a failure, or if an earlier run was
+    killed while it was unlocked. The first copy is made before the first change.
 
     Raises:
         RegisterAccessError: A register is not in EEPROM, forbids its number, or torque is on.
         ServoRejectedError: A number was not stored.
         BusError: The servo does not reply.
+        FileWriteError: The first copy cannot be written; nothing was changed.
     """
     servo = bus.servos[servo_id]
     for key in expected:
@@ -106,6 +107,7 @@ def update_eeprom(
     changes = register_differences(bus, servo_id, expected)
     if changes:
         refuse_under_torque(bus, servo_id, changes[0].register)
+        back_up_once(bus, bus.backup_owner, [servo_id])
         with _unlocked_eeprom(bus, servo_id):
             for change in changes:
                 bus.write(servo_id, change.register, change.expected, raw=True)
@@ -173,7 +175,7 @@ class Backup:
     Attributes:
         path: The file.
         table: The model of the servo.
-        servo_id: Its id at the time.
+        servo_id: Its id at the time, or the one that it got then.
         eeprom: The raw number of every EEPROM register by name.
     """
 
@@ -199,7 +201,7 @@ def back_up_once(bus: ServoBus, owner: str, servo_ids: Iterable[int] | None = No
 
     Args:
         bus: The bus.
-        owner: The arm's name, or the serial number of the adapter.
+        owner: The arm's name, or the serial number of the adapter; empty: no copies are made.
         servo_ids: The servos; None: all servos on the bus.
 
     Raises:
@@ -209,7 +211,7 @@ def back_up_once(bus: ServoBus, owner: str, servo_ids: Iterable[int] | None = No
     written: list[Path] = []
     for servo_id in bus.servos if servo_ids is None else servo_ids:
         path = backup_path(owner, bus.servos[servo_id])
-        if not path.exists():
+        if owner and not path.exists():
             write_backup(bus, servo_id, path)
             written.append(path)
     return written
@@ -225,8 +227,8 @@ def write_backup(bus: ServoBus, servo_id: int, path: Path) -> None:
     write_atomic(path, backup_text(bus, servo_id))
 
 
-def backup_text(bus: ServoBus, servo_id: int) -> str:
-    """Return a copy of a servo's EEPROM as the text of its file.
+def backup_text(bus: ServoBus, servo_id: int, new_id: int | None = None) -> str:
+    """Return a copy of a servo's EEPROM as the text of its file, for the id that it gets, if any.
 
     Raises:
         BusError: The servo does not reply.
@@ -235,7 +237,7 @@ def backup_text(bus: ServoBus, servo_id: int) -> str:
     lines = [
         f"format = {_FORMAT}",
         f'model = "{servo.table.model_name}"',
-        f"id = {servo.id}",
+        f"id = {servo.id if new_id is None else new_id}",
         "",
         "[eeprom]",
         *(f"{name} = {number}" for name, number in eeprom.items()),
@@ -264,9 +266,9 @@ def parse_backup(path: Path, text: str) -> Backup:
     if tables.get("format") != _FORMAT or not isinstance(rows, dict):
         raise FileFormatError(path, "", "is not an EEPROM backup of a servo", f"format = {_FORMAT}")
     if not isinstance(model, str) or model not in MODELS:
-        raise FileFormatError(path, "model", f"is {model!r}", f"one of {', '.join(MODELS)}")
+        raise FileFormatError(path, "model", f"is {shown(model)}", f"one of {', '.join(MODELS)}")
     if type(servo_id) is not int or not 0 <= servo_id <= _HIGHEST_ID:
-        raise FileFormatError(path, "id", f"is {servo_id!r}", f"an integer from 0 to {_HIGHEST_ID}")
+        raise FileFormatError(path, "id", f"is {shown(servo_id)}", f"an id from 0 to {_HIGHEST_ID}")
     eeprom = _check_eeprom(path, MODELS[model], cast("dict[str, object]", rows))
     return Backup(path, MODELS[model], servo_id, eeprom)
 
@@ -289,7 +291,7 @@ def _check_eeprom(
         lower, upper = register.codec.span(register.size)  # some of these cannot be written
         if type(number) is not int or not lower <= number <= upper:
             where = f"eeprom.{register}"
-            raise FileFormatError(path, where, f"is {number!r}", "a number that the register holds")
+            raise FileFormatError(path, where, f"is {shown(number)}", "a number that fits into it")
         eeprom[register.name] = number
     return eeprom
 

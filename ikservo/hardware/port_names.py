@@ -17,7 +17,7 @@ from typing import cast
 from ikservo.clock import Clock, RealClock
 from ikservo.errors import FileFormatError, PortError, PortLostError
 from ikservo.files.reading import config_dir, read_toml
-from ikservo.files.writing import write_atomic
+from ikservo.files.writing import exclusive_access, write_atomic
 from ikservo.hardware.port import Port
 from ikservo.hardware.serial_ports import find_adapter, list_adapters
 from ikservo.hardware.transport import open_transport
@@ -33,14 +33,13 @@ def remembered_serial_number(arm: str) -> str:
 
 def remember_serial_number(arm: str, serial_number: str) -> None:
     """Remember an arm's adapter, unless the folder cannot be written."""
-    known = _read_serial_numbers()
-    if not serial_number or known.get(arm) == serial_number:
+    if not serial_number or remembered_serial_number(arm) == serial_number:
         return
-    numbers = {**known, arm: serial_number}
-    rows = [f"{json.dumps(key)} = {json.dumps(number)}" for key, number in sorted(numbers.items())]
-    text = "\n".join([f"format = {_FORMAT}", "", "[serial_numbers]", *rows, ""])
-    with contextlib.suppress(OSError):  # convenience only; must not stop an arm
-        write_atomic(config_dir() / _FILE, text)
+    path = config_dir() / _FILE
+    with contextlib.suppress(OSError), exclusive_access(path):  # a convenience must not stop an arm
+        known = {**_read_serial_numbers(), arm: serial_number}
+        rows = [f"{json.dumps(key)} = {json.dumps(each)}" for key, each in sorted(known.items())]
+        write_atomic(path, "\n".join([f"format = {_FORMAT}", "", "[serial_numbers]", *rows, ""]))
 
 
 def _read_serial_numbers() -> dict[str, str]:

@@ -43,6 +43,9 @@ class RegisterAccess:
         servos: The expected servos, in the order of the cable.
         retries: The number of repetitions of a request after a lost reply.
         fast: Whether fast sync read is tried where the family supports it.
+
+    Attributes:
+        backup_owner: The name of the folder of first EEPROM copies; empty: none are made.
     """
 
     def __init__(
@@ -51,6 +54,7 @@ class RegisterAccess:
         self.port = port
         self.servos: Mapping[int, ServoSpec] = {servo.id: servo for servo in servos}
         self._requester = Requester(port, servos, retries, fast=fast)
+        self.backup_owner = ""
         self._torque_on: set[int] = set()
         self.stop_listener: StopListening | None = None
         self._enabling: Mapping[int, int] = {}

@@ -26,7 +26,7 @@ from ikservo.calibration.paths import calibration_path
 from ikservo.errors import BadValueError, FileFormatError, UnknownNameError, shown
 from ikservo.files.reading import config_dir, read_toml
 from ikservo.files.validation import StrictModel, first_issue, validation_issues
-from ikservo.files.writing import write_atomic
+from ikservo.files.writing import exclusive_access, write_atomic
 from ikservo.model import Model
 from ikservo.model.arm_schema import ArmPose
 from ikservo.planning.context import ArmContext
@@ -128,10 +128,11 @@ class PoseLibrary:
             FileFormatError: The file is malformed, and stays unchanged.
             FileWriteError: The disk is full or not writable; the file stays unchanged.
         """
-        poses = {**self.user_poses(), self.check_name(name): positions}
-        tables = {name: self._pose_tables(pose) for name, pose in sorted(poses.items())}
-        text = tomli_w.dumps({"format": 1, "arm": self._model.name, "poses": tables})
-        write_atomic(self.path, text, keep_old=True)
+        with exclusive_access(self.path):
+            poses = {**self.user_poses(), self.check_name(name): positions}
+            tables = {name: self._pose_tables(pose) for name, pose in sorted(poses.items())}
+            text = tomli_w.dumps({"format": 1, "arm": self._model.name, "poses": tables})
+            write_atomic(self.path, text, keep_old=True)
         return self.path
 
     def _pose_tables(self, positions: Positions) -> dict[str, dict[str, float]]:

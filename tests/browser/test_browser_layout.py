@@ -63,6 +63,13 @@ def test_first_hint_stands_beside_the_tip_until_a_drag(reader):
     assert mission.is_hidden()
 
 
+def test_stopped_arm_is_not_covered_by_hints(reader):
+    reader.page.click("#stop")
+    reader.wait_for("status.mode === 'stopped'")
+    for selector in ("#hint", "#mission"):
+        reader.page.locator(selector).wait_for(state="hidden")
+
+
 def test_go_there_button_is_at_target_or_in_bar_of_narrow_page(reader):
     reader.drag(reader.tip_px(), (40.0, -60.0)).release()
     reader.wait_for("status.target && !status.refused")

@@ -2,6 +2,7 @@
 
 import pytest
 
+from ikservo.calibration.calibration_file import dump_calibration
 from ikservo.calibration.transaction import (
     EepromChange,
     Journal,
@@ -18,9 +19,10 @@ from ikservo.calibration.transaction import (
 from ikservo.errors import CalibrationError, FileFormatError, IkservoError
 from ikservo.files.writing import FileWriteError, write_atomic
 from tests.calibration.mounted_arms import make_mounted_arm
+from tests.calibration.records import calibration_of, joint
 
 REGISTER, OLD, NEW = "homing_offset", 11, 500
-OLD_TEXT, NEW_TEXT = "[old]\n", "[new]\n"
+OLD_TEXT, NEW_TEXT = dump_calibration(calibration_of(joint())), "[new]\n"
 
 
 class Interrupted:
@@ -144,7 +146,7 @@ def test_commit_replaces_calibration_that_is_not_utf8(interrupted, commit_new):
 
 def test_failed_commit_keeps_calibration_that_is_not_utf8(interrupted, commit_new):
     interrupted.path.write_bytes(DAMAGED)
-    interrupted.path.with_name("arm.toml.bak").mkdir()  # where the old file would be kept
+    interrupted.path.with_name("arm.toml.damaged").mkdir()  # where the old file would be kept
     with pytest.raises(FileWriteError):
         commit_new()
     assert (interrupted.held(), interrupted.path.read_bytes()) == ([OLD, OLD], DAMAGED)

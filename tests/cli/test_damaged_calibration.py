@@ -4,7 +4,11 @@ import os
 
 import pytest
 
-from ikservo.calibration.calibration_file import read_calibration, save_calibration
+from ikservo.calibration.calibration_file import (
+    backup_path,
+    read_calibration,
+    save_calibration,
+)
 from ikservo.calibration.paths import calibration_path
 from tests.cli.fixtures_mounted_arm import PORT, SERIAL, connect_arm, write_calibration
 
@@ -43,6 +47,18 @@ def test_restore_takes_backup_and_keeps_damaged_calibration(path, run_cli):
     assert read_calibration(path).arm == NAME
     assert path.with_name(f"{path.name}.damaged").exists()
     assert run_cli(f"where {AT}").code == 0
+
+
+@pytest.mark.parametrize("damage", [b"", b"\xff\x00", None], ids=["empty", "binary", "changed"])
+def test_calibrating_over_damaged_file_keeps_sound_backup(damage, arm, path):
+    backup = backup_path(path)
+    sound = backup.read_bytes()
+    if damage is not None:
+        path.write_bytes(damage)
+    write_calibration(arm)
+    assert read_calibration(path).arm == NAME
+    assert backup.read_bytes() == sound
+    assert path.with_name(f"{path.name}.damaged").exists()
 
 
 def test_restore_does_not_wait_for_pipe_in_place_of_calibration(path, run_cli):

@@ -47,7 +47,7 @@ def read_in_time(bus, servo, register):
 def narrow_limits(arm, port):
     """Write a limit to each servo that a search removes."""
     with open_bus(load_model(arm), port) as bus:
-        line = ServoLine(bus, "bench")
+        line = ServoLine(bus)
         for servo in bus.servos.values():
             values = {servo.table.registers["max_position_limit"]: 4000}
             for _ in range(TRIES):

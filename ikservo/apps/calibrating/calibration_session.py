@@ -37,6 +37,7 @@ from ikservo.calibration.servo_config import (
 )
 from ikservo.calibration.transaction import commit, plan_changes, recover
 from ikservo.calibration.uncalibrated_joint import JointUnderCalibration
+from ikservo.control.stop_requests import exiting_on_signals
 from ikservo.errors import CalibrationError, FileFormatError
 from ikservo.files.public_source import public_source
 from ikservo.hardware.bus import ServoBus
@@ -225,7 +226,7 @@ class TorqueOffArm:
 def open_torque_off(
     model: Model, port: str | None, *, settled: bool = True
 ) -> Generator[TorqueOffArm]:
-    """Open an arm for calibration; torque stays as it is.
+    """Open an arm for calibration; torque stays as it is, and a signal lets a write end.
 
     Args:
         model: The arm.
@@ -237,7 +238,7 @@ def open_torque_off(
         ServoSilentError: A servo does not reply.
         CalibrationError: A servo is of another model, or a write was interrupted.
     """
-    with open_bus(model, port) as bus:
+    with exiting_on_signals(), open_bus(model, port) as bus:
         check_servo_models(bus)
         bus.load_return_delays()
         yield TorqueOffArm(model, bus, settled=settled)

@@ -179,8 +179,13 @@ class BoardPictures:
         """Add a view of the board from a picture taken with the chain's joints at q (dof,).
 
         Raises:
+            PictureError: The picture has another size than the first one.
             FileWriteError: The picture cannot be kept in the folder.
         """
+        if self.views and view.size != self.views[0].size:
+            now, first = ("{} x {}".format(*each.size) for each in (view, self.views[0]))
+            hint = "Restore the camera's setting, or start again."
+            raise PictureError(f"The picture is {now}, but the first one was {first}.", hint)
         if self._folder is not None:
             self._folder.add(picture, q)
         self.views.append(view)

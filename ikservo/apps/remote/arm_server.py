@@ -174,14 +174,14 @@ class ArmServer:
         kind = _STOP_KINDS.get(str(given.get("kind")), StopKind.PROGRAM)
         own = self.lease.is_held_by(request.lease)
         who = "its operator" if own else "someone on another machine"
-        text = str(given.get("reason", ""))[:200] or f"Stopped by {who}."
+        text = " ".join(str(given.get("reason", ""))[:200].split()) or f"Stopped by {who}."
         return self.service.stop(StopReason(kind, text), lease=request.lease)
 
     def _answer_drive(self, service: str, request: ServiceRequest) -> object:
         match service:
             case "lease":
-                operator = str(request.arguments.get("operator", "somebody"))[:80]
-                holder = self.lease.acquire(operator)
+                operator = " ".join(str(request.arguments.get("operator", ""))[:80].split())
+                holder = self.lease.acquire(operator or "somebody")
                 return {"lease": holder.lease, "now_s": self._clock.now_s()}
             case "release":
                 return self.service.release(request.lease)

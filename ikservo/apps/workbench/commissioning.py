@@ -11,7 +11,7 @@ from ikservo.apps.workbench.provisioning import (
     wait_for_servo,
     wait_until_unplugged,
 )
-from ikservo.arm.opening import resolve_port
+from ikservo.arm.opening import backup_owner, resolve_port
 from ikservo.errors import IkservoError, UnknownNameError
 from ikservo.hardware.port import Port, open_port
 from ikservo.hardware.scan import FoundServo
@@ -89,6 +89,7 @@ def configure_servo(
         ServoSilentError: No servo was plugged in, or several are.
         CalibrationError: The servo is a different model.
         BusError: The servo did not keep a written value.
+        FileWriteError: The EEPROM copy cannot be written; this servo was not changed.
         IkservoError: The user declined; this servo was not changed.
     """
     servo = settings.servo
@@ -105,7 +106,8 @@ def configure_servo(
         question = f"Make it id {servo.id} at {settings.baud_rate} baud, {servo.name}?"
         if (yield Question(question, Unasked.ERROR)) != ACCEPT:
             raise IkservoError("Cancelled; this servo was not changed.")
-    return ConfiguredServo(servo, found, provision(line, found, settings))
+    owner = backup_owner(line.name, model.name)
+    return ConfiguredServo(servo, found, provision(line, found, settings, owner))
 
 
 def _find_servo(line: Port, settings: ServoSettings, wait_s: float) -> Dialogue[FoundServo]:

@@ -14,6 +14,7 @@ from ikservo.arm.opening import open_bus
 from ikservo.cli.model_options import model_from_option
 from ikservo.cli.options import JsonOption, ServoConnection
 from ikservo.cli.terminal import print_json, print_lines, print_status, progress_bar
+from ikservo.control.stop_requests import exiting_on_signals
 from ikservo.errors import ExitCode
 from ikservo.model import load_model
 
@@ -41,7 +42,7 @@ def command(
         return
     if eeprom:
         model = model_from_option(connection.arm)
-        with open_bus(model, connection.port) as bus:
+        with exiting_on_signals(), open_bus(model, connection.port) as bus:
             for servo, changes in write_eeprom(bus, model).items():
                 for change in changes:
                     print_status(f"{servo}: {change}")

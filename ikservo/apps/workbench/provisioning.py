@@ -6,6 +6,7 @@ import contextlib
 from collections.abc import Generator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import count, product
+from pathlib import Path
 
 from ikservo.errors import (
     BadValueError,
@@ -16,8 +17,9 @@ from ikservo.errors import (
     ServoSilentError,
     shown,
 )
+from ikservo.files.writing import write_atomic
 from ikservo.hardware.bus import ServoBus
-from ikservo.hardware.eeprom import update_eeprom
+from ikservo.hardware.eeprom import backup_path, backup_text, update_eeprom
 from ikservo.hardware.ping_sweep import FRAMINGS, Framing, framing_of
 from ikservo.hardware.port import Port
 from ikservo.hardware.register_batches import RegisterRef
@@ -55,21 +57,26 @@ class ServoSettings:
         return codes[self.baud_rate]
 
 
-def provision(port: Port, found: FoundServo, settings: ServoSettings) -> tuple[str, ...]:
+def provision(
+    port: Port, found: FoundServo, settings: ServoSettings, owner: str = ""
+) -> tuple[str, ...]:
     """Configure the only servo on a line; return descriptions of the writes.
 
-    Values that are already right are not written. The EEPROM is always locked at the end.
+    Values that are already right are not written. The EEPROM is always locked at the end. The first
+    copy is made before, under the new id.
 
     Args:
         port: The port; afterwards at the servo's new rate.
         found: The servo with its present id and rate.
         settings: Its desired settings.
+        owner: The name of the folder of first EEPROM copies; empty: none are made.
 
     Raises:
         CalibrationError: The servo is a different model; nothing was written.
         BadValueError: The servo lacks the rate or a register; nothing was written.
         ServoRejectedError: A number was not stored.
         BusError: The servo does not reply.
+        FileWriteError: The copy cannot be written; nothing was changed.
     """
     check_model(found, settings)
     table = settings.servo.table
@@ -83,6 +90,8 @@ def provision(port: Port, found: FoundServo, settings: ServoSettings) -> tuple[s
     expected |= {table.registers[name]: number for name, number in settings.eeprom.items()}
     code = settings.baud_code
     with _ServoBeingProvisioned(port, found, settings) as servo:
+        if owner and not (copy := backup_path(owner, settings.servo)).exists():
+            servo.back_up(copy)
         servo.set_id_and_rate(settings.servo.id, code)
         servo.write_registers(expected)
     return tuple(servo.written)
@@ -173,6 +182,10 @@ class _ServoBeingProvisioned:
     @property
     def _bus(self) -> ServoBus:
         return ServoBus(self._port, [ServoSpec(self._id, self._table, self._settings.servo.name)])
+
+    def back_up(self, path: Path) -> None:
+        """Copy the EEPROM to a file."""
+        write_atomic(path, backup_text(self._bus, self._id, self._settings.servo.id))
 
     def set_id_and_rate(self, servo_id: int, baud_code: int) -> None:
         """Set the id, then the rate; the servo may reply at the old or the new ones."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter, defaultdict
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 
 from ikservo.apps.workbench.findings import Finding, failure, ok, warning
 from ikservo.apps.workbench.tried_values import read_former, restore_former, tried_differences
@@ -77,8 +77,16 @@ def _has_calibrated_registers(bus: ServoBus, model: Model) -> bool:
 def _expected_registers(
     servo: ServoSpec, own: ModelServo, calibrated: bool
 ) -> dict[RegisterRef, int]:
-    """Return the arm file's values, without the registers that a calibration has set."""
-    expected = expected_eeprom(servo, own.eeprom)
+    """Return the arm file's raw values, without the registers that a calibration has set.
+
+    Raises:
+        UnknownNameError: The servo has no such register.
+    """
+    registers = servo.table.registers
+    unknown = [name for name in own.eeprom if name not in registers]
+    if unknown:
+        raise UnknownNameError(f"{servo.table.model_name} register", unknown[0], registers)
+    expected = {registers[name]: number for name, number in own.eeprom.items()}
     kept = calibration_registers(servo.table) if calibrated else ()
     return {register: number for register, number in expected.items() if register not in kept}
 
@@ -86,19 +94,6 @@ def _expected_registers(
 def all_servos(model: Model) -> list[ModelServo]:
     """Return every servo of the arm file; further servos of a joint follow its first."""
     return [servo for joint in model.joints for servo in (joint.servo, *joint.shadows)]
-
-
-def expected_eeprom(servo: ServoSpec, values: Mapping[str, int]) -> dict[RegisterRef, int]:
-    """Return the arm file's raw values by the servo's own registers.
-
-    Raises:
-        UnknownNameError: The servo has no such register.
-    """
-    registers = servo.table.registers
-    unknown = [name for name in values if name not in registers]
-    if unknown:
-        raise UnknownNameError(f"{servo.table.model_name} register", unknown[0], registers)
-    return {registers[name]: number for name, number in values.items()}
 
 
 def write_eeprom(bus: ServoBus, model: Model) -> dict[ServoSpec, list[RegisterDifference]]:
@@ -112,6 +107,7 @@ def write_eeprom(bus: ServoBus, model: Model) -> dict[ServoSpec, list[RegisterDi
         RegisterAccessError: Torque is on, or a value is out of range; earlier servos are written.
         ServoRejectedError: A value was not kept.
         BusError: A servo does not answer.
+        FileWriteError: The first copy cannot be written; earlier servos are written.
     """
     changed: dict[ServoSpec, list[RegisterDifference]] = {}
     calibrated = _has_calibrated_registers(bus, model)
@@ -119,19 +115,13 @@ def write_eeprom(bus: ServoBus, model: Model) -> dict[ServoSpec, list[RegisterDi
         read_former(bus, bus.servos[own.id])
     for own in all_servos(model):
         servo = bus.servos[own.id]
-        changes = restore_former(bus, servo)
-        changes += update_eeprom(
-            bus, own.id, zero_return_delay(servo) | _expected_registers(servo, own, calibrated)
-        )
+        changes, expected = restore_former(bus, servo), _expected_registers(servo, own, calibrated)
+        if RegisterName.RETURN_DELAY not in servo.table.missing:
+            expected.setdefault(servo.table.return_delay, 0)
+        changes += update_eeprom(bus, own.id, expected)
         if changes:
             changed[servo] = changes
     return changed
-
-
-def zero_return_delay(servo: ServoSpec) -> dict[RegisterRef, int]:
-    """Return a zero return delay, if the servo has that register."""
-    has_delay = RegisterName.RETURN_DELAY not in servo.table.missing
-    return {servo.table.return_delay: 0} if has_delay else {}
 
 
 _USUAL_HEALTH = HealthLimits()

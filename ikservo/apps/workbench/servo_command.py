@@ -19,7 +19,6 @@ from ikservo.apps.workbench.servo_workbench import (
     RegisterReading,
     ServoLine,
     find_register,
-    find_table,
     holds_torque,
     identify_servo,
     open_servos,
@@ -52,6 +51,7 @@ from ikservo.hardware.packets import BROADCAST_ID
 from ikservo.hardware.port_names import real_time_port
 from ikservo.hardware.servo import ServoSpec
 from ikservo.maintenance.dialogue import Question, Unasked
+from ikservo.registers import control_table
 
 
 def _complete_registers(ctx: Any, incomplete: str) -> list[str]:  # noqa: ANN401  # typer hides click's types
@@ -160,7 +160,7 @@ class ServoLineOptions:
                 f"{servo_id!r} is not an id.", "Give an id, or a joint together with --arm."
             )
         number = None if servo_id is None else int(servo_id)
-        table = find_table(self.servo_model) if self.servo_model else None
+        table = control_table(self.servo_model) if self.servo_model else None
         return open_servos(None, self.port, servo_id=number, table=table, baud_rate=self.baud)
 
 
@@ -395,7 +395,7 @@ def packets(
         only = {int(servo_id)}
     tables = {spec.id: spec.table for spec in specs}
     if servo_model:
-        tables = dict.fromkeys(range(BROADCAST_ID), find_table(servo_model))
+        tables = dict.fromkeys(range(BROADCAST_ID), control_table(servo_model))
     before_s: float | None = None
     count = faulty = 0
     for packet in decode_packets(read_packet_log(file), tables):

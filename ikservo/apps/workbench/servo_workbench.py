@@ -11,8 +11,9 @@ from dataclasses import dataclass, replace
 from ikservo.apps.workbench.provisioning import change_address, check_address_is_free
 from ikservo.apps.workbench.tried_values import forget_if_former
 from ikservo.arguments import parse_port
-from ikservo.arm.opening import open_bus
+from ikservo.arm.opening import backup_owner, open_bus
 from ikservo.arm.stoppable_bus import stoppable
+from ikservo.control.stop_requests import exiting_on_signals
 from ikservo.errors import (
     BusError,
     FileFormatError,
@@ -23,7 +24,7 @@ from ikservo.errors import (
     UnknownNameError,
 )
 from ikservo.hardware.bus import ServoBus
-from ikservo.hardware.discovery import choose_port, is_simulator, simulated_port_url
+from ikservo.hardware.discovery import choose_port, simulated_port_url
 from ikservo.hardware.eeprom import (
     RegisterDifference,
     back_up_once,
@@ -35,7 +36,6 @@ from ikservo.hardware.eeprom import (
     update_eeprom,
 )
 from ikservo.hardware.port import Port, open_port
-from ikservo.hardware.port_names import serial_number_of
 from ikservo.hardware.register_batches import encode_value
 from ikservo.hardware.scan import (
     FoundServo,
@@ -55,22 +55,15 @@ from ikservo.registers import (
     ControlTable,
     Register,
     RegisterName,
-    control_table,
 )
 from ikservo.registers.delivered import delivered_value
 
 
 @dataclass(frozen=True, slots=True)
 class ServoLine:
-    """The servos on which a command works.
-
-    Attributes:
-        bus: Their bus.
-        owner: Name of the folder for first EEPROM copies: the arm and its adapter, or the adapter.
-    """
+    """The servos on which a command works, and their bus."""
 
     bus: ServoBus
-    owner: str
 
     def find(self, target: str | None) -> ServoSpec:
         """Return the servo of a joint or with an id; None: the only servo.
@@ -92,7 +85,9 @@ class ServoLine:
     def with_ids(self, ids: Mapping[int, int]) -> ServoLine:
         """Return the line with the given ids in place of ids of the arm file."""
         specs = [replace(each, id=ids.get(each.id, each.id)) for each in self.bus.servos.values()]
-        return replace(self, bus=ServoBus(self.bus.port, specs))
+        bus = ServoBus(self.bus.port, specs)
+        bus.backup_owner = self.bus.backup_owner
+        return ServoLine(bus)
 
 
 @contextlib.contextmanager
@@ -105,7 +100,7 @@ def open_servos(
     baud_rate: int | None = None,
     on_step: OnScanStep | None = None,
 ) -> Generator[ServoLine]:
-    """Open the servos of an arm, or those that reply on a line.
+    """Open the servos of an arm, or those that reply on a line; a signal lets a write end.
 
     Args:
         model: The arm; None for servos without an arm.
@@ -121,11 +116,11 @@ def open_servos(
         PortError: There is no port, or it cannot be opened.
     """
     if model is not None:
-        with open_bus(model, port) as bus:
-            yield ServoLine(bus, f"{model.name}-{serial_number_of(bus.port.name)}")
+        with exiting_on_signals(), open_bus(model, port) as bus:
+            yield ServoLine(bus)
         return
     name = simulated_port_url(choose_port(parse_port(port)), None)
-    with open_port(name, baud_rate or candidate_baud_rates()[0]) as line:
+    with exiting_on_signals(), open_port(name, baud_rate or candidate_baud_rates()[0]) as line:
         rates = [baud_rate] if baud_rate else candidate_baud_rates()
         if servo_id is None:
             found = scan(line, rates, on_step=on_step)
@@ -139,7 +134,8 @@ def open_servos(
                 f"{what} that replies at {tried}", "Check plug and power supply.", port=line.name
             )
         with stoppable(ServoBus(line, specs)) as bus:
-            yield ServoLine(bus, serial_number_of(line.name) or "servos")
+            bus.backup_owner = backup_owner(line.name)
+            yield ServoLine(bus)
 
 
 def _spec_of(found: FoundServo, table: type[ControlTable] | None) -> ServoSpec:
@@ -223,7 +219,7 @@ def read_registers(
     registers = [find_register(servo.table, name) for name in names]
     wanted = registers or list(servo.table.registers.values())
     first: Mapping[str, int] = {}
-    path = backup_path(line.owner, servo)
+    path = backup_path(line.bus.backup_owner, servo)
     with contextlib.suppress(FileFormatError, OSError):
         if path.exists():
             first = read_backup(path).eeprom
@@ -246,15 +242,6 @@ def find_register(table: type[ControlTable], name: str) -> Register:
     if name not in table.registers:
         raise UnknownNameError(f"{table.model_name} register", name, table.registers)
     return table.registers[name]
-
-
-def find_table(model_name: str) -> type[ControlTable]:
-    """Find the control table of a model.
-
-    Raises:
-        UnknownNameError: There is no such model; the message suggests the closest name.
-    """
-    return control_table(model_name)
 
 
 def register_names(model_name: str | None) -> list[str]:
@@ -334,23 +321,19 @@ def plan_writes(
         BusError: The servo does not reply.
     """
     for register, raw in values.items():
+        reason, name, hint = "", register.name, ""
         if register is servo.table.eeprom_lock and raw == 0:
             reason = "each write unlocks the EEPROM and locks it again"
-            raise RegisterAccessError(str(servo), register.name, reason)
-        if register.name in _REPLY_LEVELS and raw < _REPLY_LEVELS[register.name]:
+        elif name in _REPLY_LEVELS and raw < _REPLY_LEVELS[name]:
             reason = f"at {raw} the servo would no longer reply to a write"
-            raise RegisterAccessError(str(servo), register.name, reason)
-        if register.name == "protocol_type" and raw != line.bus.read(servo.id, register, raw=True):
+        elif name == "protocol_type" and raw != line.bus.read(servo.id, register, raw=True):
             reason = f"at {raw} the servo would no longer reply on this line"
-            raise RegisterAccessError(str(servo), register.name, reason)
-        if register.name == "secondary_id" and raw <= _HIGHEST_ID:
+        elif name == "secondary_id" and raw <= _HIGHEST_ID:
             reason = f"the servo would also obey the goals of servo {raw}"
-            raise RegisterAccessError(str(servo), register.name, reason)
-        if (register.name, raw) in servo.table.non_idempotent:
-            reason = f"{raw} would change the zero"
-            raise RegisterAccessError(
-                str(servo), register.name, reason, "Calibrate instead: ikservo calibrate"
-            )
+        elif (name, raw) in servo.table.non_idempotent:
+            reason, hint = f"{raw} would change the zero", "Calibrate instead: ikservo calibrate"
+        if reason:
+            raise RegisterAccessError(str(servo), name, reason, hint)
         encode_value(servo, register, raw, raw=True)
     changes = register_differences(line.bus, servo.id, {**values})
     stored = [each.register for each in changes if each.register.area is Area.EEPROM]
@@ -386,8 +369,8 @@ def write_registers(
     if address:
         check_address_is_free(bus.port, servo, address.get(table.id, servo.id), rate)
     stored = {register: raw for register, raw in new.items() if register.area is Area.EEPROM}
-    if stored or address:
-        _back_up(line, servo)
+    if address:
+        back_up_once(bus, bus.backup_owner, [servo.id])
     if stored:
         update_eeprom(bus, servo.id, {**stored})
     else:
@@ -403,12 +386,6 @@ def write_registers(
         _verify(bus, servo, register, raw)
     if address:
         change_address(bus.port, servo, address.get(table.id, servo.id), rate)
-
-
-def _back_up(line: ServoLine, servo: ServoSpec) -> None:
-    """Copy the EEPROM of a real servo to a file before its first change."""
-    if not is_simulator(line.bus.port.name):
-        back_up_once(line.bus, line.owner, [servo.id])
 
 
 def _verify(bus: ServoBus, servo: ServoSpec, register: Register, raw: int) -> None:
@@ -440,7 +417,7 @@ def reset_servo(line: ServoLine, servo: ServoSpec) -> None:
         BusError: The servo refused, its family would lose its id, or it does not reply again.
         FileWriteError: The copy cannot be written; nothing was changed.
     """
-    _back_up(line, servo)
+    back_up_once(line.bus, line.bus.backup_owner, [servo.id])
     port, rate = line.bus.port, line.bus.port.baudrate
     line.bus.factory_reset(servo.id)
     if not _replies_at(port, servo, rate):

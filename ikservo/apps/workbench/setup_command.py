@@ -22,6 +22,7 @@ from ikservo.cli.options import JsonOption, ServoPortOption
 from ikservo.cli.quantities import parse_time_s
 from ikservo.cli.terminal import print_json, print_lines, print_status
 from ikservo.cli.terminal_dialogue import Operator
+from ikservo.control.stop_requests import exiting_on_signals
 from ikservo.errors import IkservoError, InputError
 from ikservo.hardware.eeprom import read_backup
 from ikservo.model import load_model
@@ -107,7 +108,7 @@ def command(
     todo = remaining_settings(model, start)
     joint = ""
     try:
-        with open_line(model, port) as line:
+        with exiting_on_signals(), open_line(model, port) as line:
             for settings, following in zip(todo, (*todo[1:], None), strict=True):
                 joint = settings.servo.name
                 configured = operator.run(configure_servo(line, model, settings, wait))
@@ -116,7 +117,7 @@ def command(
                     joint = following.servo.name
                     print_status("Unplug it.")
                     wait_for_unplugging(line, configured, settings, wait)
-    except (IkservoError, KeyboardInterrupt, typer.Abort):
+    except (IkservoError, KeyboardInterrupt, SystemExit, typer.Abort):
         if joint:
             print_status(f"Continue with: ikservo setup {arm} --start {joint}")
         raise

@@ -1,14 +1,16 @@
 import re
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from ikservo.apps.cameras.board import Board
 from ikservo.cli.camera_options import DEFAULT_BOARD
-from ikservo.errors import BadValueError, CalibrationError
+from ikservo.errors import BadValueError, CalibrationError, PictureError
 
 cv2 = pytest.importorskip("cv2")
 
+from ikservo.apps.cameras.camera_calibration import BoardPictures  # noqa: E402
 from ikservo.apps.cameras.pictures import Intrinsics, board_pose, find_board  # noqa: E402
 from servosim import read_arm_file  # noqa: E402
 from servosim.assembly import make_arm_world  # noqa: E402
@@ -96,3 +98,13 @@ def test_picture_without_usable_board_says_why(camera, spoil, message):
 def test_other_board_in_picture_is_refused_by_name(camera):
     with pytest.raises(CalibrationError, match=r"another board than 7x5"):
         find_board(Board.named("7x5-12mm-4x4"), camera.take())
+
+
+def test_picture_of_another_size_than_the_first_is_refused(camera):
+    pictures = BoardPictures(SimpleNamespace(bending=None), BOARD)
+    picture = camera.take()
+    pictures.add(picture, find_board(BOARD, picture), np.zeros(5))
+    smaller = cv2.resize(picture, (768, 576))
+    with pytest.raises(PictureError, match="768 x 576, but the first one was 960 x 720"):
+        pictures.add(smaller, find_board(BOARD, smaller), np.zeros(5))
+    assert len(pictures) == 1

@@ -1,11 +1,14 @@
 """For other machines the page is served over TLS, with a certificate that is made once."""
 
 import hashlib
+import logging
 import os
+import resource
 import socket
 import ssl
 from contextlib import suppress
 from datetime import UTC, datetime
+from pathlib import Path
 
 import httpx
 import pytest
@@ -132,6 +135,41 @@ def test_unfinished_tls_handshake_is_dropped(house, said):
         waiting.sendall(said)
         with suppress(ConnectionError):
             assert waiting.recv(1) == b""
+
+
+def test_clients_in_tls_handshake_take_bounded_files(house):
+    host, port = house[0].removeprefix("https://").split(":")
+    before = open_files()
+    clients = [socket.create_connection((host, int(port)), timeout=10) for _ in range(150)]
+    for _ in range(3):  # the last ones have been accepted
+        assert httpx.get(house[0], verify=house[2]).status_code == 200
+    assert open_files() - before - len(clients) <= 100
+    for client in clients:
+        client.close()
+
+
+def open_files():
+    return len([*Path("/proc/self/fd").iterdir()])
+
+
+@pytest.mark.full
+def test_failed_tls_handshakes_take_bounded_memory(house):
+    host, port = house[0].removeprefix("https://").split(":")
+    before_mb = resident_mb()
+    for _ in range(600):
+        with socket.create_connection((host, int(port)), timeout=10) as client:
+            client.sendall(b"\x16\x03\x01\x02\x00\x01")
+    assert httpx.get(house[0], verify=house[2]).status_code == 200
+    assert resident_mb() - before_mb < 100
+
+
+def resident_mb():
+    pages = int(Path("/proc/self/statm").read_text().split()[1])
+    return pages * resource.getpagesize() / 2**20
+
+
+def test_client_that_speaks_no_http_leaves_no_line(house):
+    assert not logging.getLogger("uvicorn.error").isEnabledFor(logging.WARNING)
 
 
 def test_page_from_plain_http_gets_no_socket_over_tls(house):

@@ -393,6 +393,19 @@ def test_message_flood_does_not_delay_stop(served):
     other.close()
 
 
+@pytest.mark.parametrize(("operator", "shown"), [("bob\n\rmallory", "bob mallory"),
+                                                 (" \n", "somebody")])  # fmt: skip
+def test_names_of_other_machines_stay_on_one_line(served, operator, shown):
+    client = served.connect()
+    key, request = keys.drive("desk", "lease"), client._request({"operator": operator})
+    lease = result_of(ask(client._session, key, request, 5.0)[0][1])["lease"]
+    client.stop("it\nburns", "PROGRAM")
+    health = client.watch("health")
+    assert (health["operator"], health["stop_text"]) == (shown, "it burns")
+    served.server.service.release(lease)
+    client.close()
+
+
 def test_a_motion_without_the_lease_is_refused(served):
     client = served.connect()
     with pytest.raises(LeaseLostError):

@@ -77,7 +77,7 @@ def test_next_trial_restores_gains_left_by_killed_trial(left):
 
 @pytest.mark.full
 def test_gains_written_after_killed_trial_are_kept(left):
-    line = ServoLine(left, "bench")
+    line = ServoLine(left)
     write_registers(line, SERVO, plan_writes(line, SERVO, {P_GAIN: 40}))
     assert trial_findings(left) == []
     assert restore_former(left, SERVO) == []
@@ -106,7 +106,7 @@ def test_damaged_trial_file_blocks_no_other_servo_or_write(left):
     damaged, tried = trial_findings(both)
     assert (damaged.level, tried.level) == (Severity.BAD, Severity.ODD)
     assert "p_gain 32, not 31" in tried.text
-    line = ServoLine(both, "bench")
+    line = ServoLine(both)
     for servo in (SERVO, OTHER):
         write_registers(line, servo, plan_writes(line, servo, {P_GAIN: 40}))
         assert both.read(servo.id, P_GAIN, raw=True) == 40

@@ -34,7 +34,7 @@ from ikservo.registers import MODELS
 
 table = MODELS["STS3215"]
 servo = ServoSpec(3, table)
-line = ServoLine(ServoBus(open_port(sys.argv[1], 1_000_000), [servo]), "bench")
+line = ServoLine(ServoBus(open_port(sys.argv[1], 1_000_000), [servo]))
 print("writes", flush=True)
 for raw in itertools.cycle((20, 21)):
     values = {find_register(table, name): raw for name in ("p_gain", "d_gain")}
@@ -59,7 +59,7 @@ def test_eeprom_lock_left_open_by_kill_is_found_and_closed(tmp_path, monkeypatch
                 left_open += 1
                 said = [each.text for each in check_servos(bus, None) if each.topic == "lock"]
                 assert said == ["id 3 has its EEPROM unlocked"]
-                line = ServoLine(bus, "bench")
+                line = ServoLine(bus)
                 values = {find_register(TABLE, "p_gain"): 32, find_register(TABLE, "d_gain"): 32}
                 write_registers(line, SERVO, plan_writes(line, SERVO, values))
                 assert bus.read(3, TABLE.eeprom_lock, raw=True) == 1

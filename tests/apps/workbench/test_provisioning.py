@@ -6,7 +6,7 @@ import pytest
 
 from ikservo.apps.workbench.provisioning import ServoSettings, provision
 from ikservo.errors import BadValueError, BusError, CalibrationError
-from ikservo.hardware import ServoSpec, open_port
+from ikservo.hardware import ServoSpec, backup_path, open_port, read_backup
 from ikservo.hardware.scan import FoundServo
 from ikservo.registers import STS3215, XL330M288, control_table
 
@@ -39,6 +39,15 @@ def test_provisioning_sets_id_baud_rate_and_delay_permanently(alone):
     servo.memory.power_cycle()
     assert (servo.id, servo.baud, servo.return_delay_s) == (7, 57_600, 0.0)
     assert port.baudrate == 57_600
+
+
+def test_provisioning_first_copies_eeprom_under_new_id(alone, tmp_path, monkeypatch):
+    monkeypatch.setenv("IKSERVO_HOME", str(tmp_path))
+    port, _, table = alone
+    for seen in (found(table), found(table, 7, 57_600)):
+        provision(port, seen, settings(table), "bench")
+        backup = read_backup(backup_path("bench", settings(table).servo))
+        assert (backup.servo_id, backup.eeprom["id"]) == (7, 3)
 
 
 def test_provisioning_switches_torque_off(alone):

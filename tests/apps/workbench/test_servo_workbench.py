@@ -49,7 +49,7 @@ def home(tmp_path, monkeypatch):
 
 
 def line_of(model, **more):
-    return ServoLine(make_bus({1: model, ID: model}, **more), "bench")
+    return ServoLine(make_bus({1: model, ID: model}, **more))
 
 
 def servo_of(line):
@@ -140,7 +140,7 @@ def test_killed_write_is_finished_by_next_write(model):
         line = line_of(model)
         transport = line.bus.port.transport
         killed = ServoLine(ServoBus(Port(_DyingTransport(transport, packets), "dying", 1_000_000),
-                                    [servo_of(line)], retries=0), "bench")  # fmt: skip
+                                    [servo_of(line)], retries=0))  # fmt: skip
         done = True
         try:
             write(killed, values)

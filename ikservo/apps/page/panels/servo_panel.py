@@ -117,7 +117,7 @@ class _ServoJob:
             PortError: The port is lost.
         """
         bus = arm.context.servos.bus
-        line = ServoLine(bus, f"{arm.model.name}-{arm.context.serial_number}")
+        line = ServoLine(bus)
         servo = next(each for each in bus.servos.values() if each.name == self._joint)
         level = ""
         try:

@@ -63,7 +63,7 @@ _PLANNED_SILENCE_S = 2.5
 _SILENCE_TEXT = (
     "The page does not answer; stopped, torque stays on. Switch Live on again to continue."
 )
-_JOB_SILENCE_TEXT = "Stopped: the page does not answer."
+_JOB_SILENCE_TEXT = "Stopped: the page does not answer, or draws no new picture."
 _TORQUE_LOST_TEXT = (
     "{} lost torque without a command: a reset, a loss of supply, or another program. "
     "The button beside the joint switches it on again."

@@ -5,10 +5,12 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import errno
+import gc
 import json
 import socket
 import sys
 import threading
+import time
 from collections import deque
 from collections.abc import Callable, Generator, Mapping, Sequence
 from contextlib import contextmanager
@@ -86,6 +88,7 @@ _SLOW_CLIENT_S = 2.0  # a page that receives nothing for so long is dropped
 _MAX_FRAMES_AHEAD = 2  # scenes in flight
 _KEPT_BY_PAGE = ("scene", "status")
 _MAX_CLIENTS = _MAX_UNAUTHENTICATED = 16
+_MAX_NEW_CONNECTIONS = 96  # in the time for a request; a page opens seven
 _UNAUTHORISED, _NONE_OPEN, _TOO_LATE, _CLOSED = 4401, 4404, 4408, 4410
 _RATE_EXCEEDED, _FULL = 1008, 1013
 
@@ -365,10 +368,33 @@ class BoundAddress:
         return f"{scheme}://[{host}]:{port}" if ":" in host else f"{scheme}://{host}:{port}"
 
 
+class _BoundedListener(socket.socket):
+    """Listening socket that drops the oldest of too many new clients, also in a TLS handshake.
+
+    Each takes a file of this program, and what it leaves, 0.25 MB, is otherwise collected late.
+    """
+
+    _new, _count = tuple[tuple[float, socket.socket], ...](), 0
+
+    def accept(self) -> tuple[socket.socket, Any]:
+        """Accept a connection."""
+        accepted, address = super().accept()
+        now_s = time.monotonic()
+        since_s = now_s - REQUEST_TIMEOUT_S
+        new = [pair for pair in self._new if pair[0] > since_s and pair[1].fileno() >= 0]
+        if len(new) >= _MAX_NEW_CONNECTIONS:
+            with contextlib.suppress(OSError):
+                new.pop(0)[1].shutdown(socket.SHUT_RDWR)
+        self._new, self._count = (*new, (now_s, accepted)), self._count + 1
+        if self._count % _MAX_NEW_CONNECTIONS == 0:
+            gc.collect()
+        return accepted, address
+
+
 def _listening_socket(host: str, ports: Sequence[int]) -> socket.socket:
     """Return a socket at the first port that no other program uses."""
     for port in ports:
-        found = socket.socket(socket.AF_INET6 if ":" in host else socket.AF_INET)
+        found = _BoundedListener(socket.AF_INET6 if ":" in host else socket.AF_INET)
         if sys.platform != "win32":  # on Windows it would share the port of another program
             found.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         try:
@@ -429,7 +455,7 @@ def _make_server(app: Starlette, address: BoundAddress) -> uvicorn.Server:
     path = None if address.certificate is None else address.certificate.path
     config = uvicorn.Config(
         app,
-        log_level="warning",
+        log_level="error",  # not one line for each client that speaks no HTTP
         lifespan="off",
         http=ConnectionLimiter,
         ws="websockets-sansio",
@@ -438,6 +464,7 @@ def _make_server(app: Starlette, address: BoundAddress) -> uvicorn.Server:
         ws_ping_interval=5.0,
         ws_ping_timeout=5.0,
         timeout_graceful_shutdown=1,
+        backlog=_MAX_NEW_CONNECTIONS,  # so many are accepted before any is dropped
         server_header=False,
         proxy_headers=False,
         ssl_certfile=path,
