@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ikservo.apps.cameras.blocks import find_blocks
 from ikservo.apps.cameras.board import Board
 from ikservo.apps.cameras.camera_file import SIMULATED, CameraFile, camera_names, load_camera
 from ikservo.apps.cameras.camera_model import CameraModel
@@ -25,6 +26,7 @@ from ikservo.kinematics.rays import Ray
 from ikservo.kinematics.se3 import exp_so3, make_pose
 from ikservo.model import Model
 from ikservo.model.arm_model import Obstacle
+from ikservo.model.scene_file import KeepOutShape
 from ikservo.planning.calibrated_arm import ZeroSource
 from ikservo.planning.context import ArmContext
 
@@ -152,6 +154,24 @@ class ArmCamera:
         """
         return first_seen(self._ray(u, v), self._scene.things, table_m(self._context.model))
 
+    def blocks(self) -> list[KeepOutShape]:
+        """Return at most eight coloured blocks that stand on the table, as boxes; see ``pick``.
+
+        Raises:
+            CalibrationError: The errors of ``picture``.
+        """
+        return find_blocks(self.model(), self.picture(), table_m(self._context.model))
+
+    def block_at(self, u: float, v: float) -> KeepOutShape:
+        """Return the block that a pixel (u, v) shows.
+
+        Raises:
+            InputError: It shows no coloured block.
+            CalibrationError: The errors of ``picture``.
+        """
+        ray = self._ray(u, v)
+        return block_on_ray(ray, self.blocks())
+
     def pixel(self, point_m: Vector) -> tuple[float, float]:
         """Return the pixel (u, v) of a point (3,), metres, base frame; it may be off the picture.
 
@@ -255,6 +275,22 @@ def first_seen(ray: Ray, things: Iterable[Obstacle], z_m: float) -> SeenPoint:
             "The line of sight does not meet the table there.", "Choose a pixel that shows it."
         )
     return SeenPoint(ray.at(distance_m), name)
+
+
+def block_on_ray(ray: Ray, blocks: Iterable[KeepOutShape]) -> KeepOutShape:
+    """Return the first block on a ray.
+
+    Raises:
+        InputError: There is none.
+    """
+    hits = {ray.distance_to_thing_m(each.row): each for each in blocks}
+    distance_m = min(hits, default=np.inf)
+    if not np.isfinite(distance_m):
+        raise InputError(
+            "No coloured block stands there.",
+            "Click the middle of a block, or add the thing to the scene and name it.",
+        )
+    return hits[distance_m]
 
 
 def size_error(found: tuple[int, ...], calibrated: tuple[int, int]) -> CalibrationError:

@@ -7,12 +7,14 @@ from contextlib import suppress
 from datetime import UTC, datetime
 
 from ikservo.apps.cameras.arm_camera import (
+    block_on_ray,
     camera_key,
     camera_model,
     known_camera,
     moved_error,
     table_m,
 )
+from ikservo.apps.cameras.blocks import find_blocks
 from ikservo.apps.cameras.camera_check import BoardPlace, compare_place
 from ikservo.apps.cameras.camera_file import CameraCheck, save_camera
 from ikservo.apps.cameras.pictures import Picture, find_board, is_mirrored
@@ -28,6 +30,7 @@ from ikservo.control.stillness import StillnessDetector
 from ikservo.errors import CalibrationError, IkservoError
 from ikservo.files.public_source import public_source
 from ikservo.kinematics.arrays import Matrix, Vector
+from ikservo.model.scene_file import KeepOutShape
 
 _CHECK_PERIOD_S = 1.0  # period of checks while a page shows the picture
 # Longer than the delay of a picture; noise of a resting encoder moves it two ticks.
@@ -92,6 +95,16 @@ class CameraView:
     def surface(self, height_m: float) -> PictureSurface:
         """Return the surface for targets of clicks, at a height above the table."""
         return PictureSurface(self._arm.scene.things, self.plane_m(height_m))
+
+    def block_at(self, u: float, v: float) -> KeepOutShape:
+        """Return the block that a pixel (u, v) of the newest picture shows.
+
+        Raises:
+            InputError: It shows none.
+        """
+        picture, table = self._video.newest, table_m(self._arm.model)
+        blocks = [] if picture is None else find_blocks(self._model, picture, table)
+        return block_on_ray(self._model.ray(u, v), blocks)
 
     @property
     def trouble(self) -> str:
