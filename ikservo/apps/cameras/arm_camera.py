@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ikservo.apps.cameras.blocks import find_blocks
+from ikservo.apps.cameras.blocks import find_block_at, find_blocks
 from ikservo.apps.cameras.board import Board
 from ikservo.apps.cameras.camera_file import SIMULATED, CameraFile, camera_names, load_camera
 from ikservo.apps.cameras.camera_model import CameraModel
@@ -155,7 +155,7 @@ class ArmCamera:
         return first_seen(self._ray(u, v), self._scene.things, table_m(self._context.model))
 
     def blocks(self) -> list[KeepOutShape]:
-        """Return at most eight coloured blocks that stand on the table, as boxes; see ``pick``.
+        """Return at most eight coloured blocks that stand on the table; ``pick`` takes them.
 
         Raises:
             CalibrationError: The errors of ``picture``.
@@ -163,14 +163,14 @@ class ArmCamera:
         return find_blocks(self.model(), self.picture(), table_m(self._context.model))
 
     def block_at(self, u: float, v: float) -> KeepOutShape:
-        """Return the block that a pixel (u, v) shows.
+        """Return the coloured block that a pixel (u, v) shows.
 
         Raises:
-            InputError: It shows no coloured block.
+            InputError: It shows none.
             CalibrationError: The errors of ``picture``.
         """
-        ray = self._ray(u, v)
-        return block_on_ray(ray, self.blocks())
+        z_m = table_m(self._context.model)
+        return find_block_at(self.model(), self.picture(), z_m, u, v)
 
     def pixel(self, point_m: Vector) -> tuple[float, float]:
         """Return the pixel (u, v) of a point (3,), metres, base frame; it may be off the picture.
@@ -275,22 +275,6 @@ def first_seen(ray: Ray, things: Iterable[Obstacle], z_m: float) -> SeenPoint:
             "The line of sight does not meet the table there.", "Choose a pixel that shows it."
         )
     return SeenPoint(ray.at(distance_m), name)
-
-
-def block_on_ray(ray: Ray, blocks: Iterable[KeepOutShape]) -> KeepOutShape:
-    """Return the first block on a ray.
-
-    Raises:
-        InputError: There is none.
-    """
-    hits = {ray.distance_to_thing_m(each.row): each for each in blocks}
-    distance_m = min(hits, default=np.inf)
-    if not np.isfinite(distance_m):
-        raise InputError(
-            "No coloured block stands there.",
-            "Click the middle of a block, or add the thing to the scene and name it.",
-        )
-    return hits[distance_m]
 
 
 def size_error(found: tuple[int, ...], calibrated: tuple[int, int]) -> CalibrationError:

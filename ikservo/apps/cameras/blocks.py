@@ -9,55 +9,61 @@ import numpy as np
 
 from ikservo.apps.cameras.camera_model import CameraModel
 from ikservo.apps.cameras.pictures import Picture
+from ikservo.errors import InputError
 from ikservo.kinematics.arrays import Matrix, Vector
+from ikservo.kinematics.se3 import rotation_rpy
 from ikservo.model.scene_file import KeepOutShape, make_shape
 
 _MOST = 8
 _HUES = {"red": 0, "orange": 14, "yellow": 28, "green": 60, "cyan": 90, "blue": 115, "purple": 145}
 _ALL_HUES = 180  # OpenCV counts hues in steps of 2 degrees
 _LEAST_SATURATION, _LEAST_VALUE = 90, 40
-_LEAST_PX = 12.0  # width of a block in the picture
-_LARGEST_M = 0.15
+_LEAST_PX, _LARGEST_M = 12.0, 0.15  # width of a block in the picture, and its longest side
 _YAWS_RAD = np.radians([0.0, 22.5, 45.0, 67.5])
-_DIRECTIONS = np.array(
-    [(math.cos(a), math.sin(a)) for a in np.arange(0.0, math.tau, math.tau / 32)]
-)
+_ANGLES_RAD = np.arange(0.0, math.tau, math.tau / 32)
+_DIRECTIONS = np.array([np.cos(_ANGLES_RAD), np.sin(_ANGLES_RAD)])
 _CORNERS = np.array([(x, y, z) for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (0.0, 1.0)])
-_PRIOR_PX = 2.0  # a block is a cube, if the picture does not tell
-_WORST_PX, _WORST_SHARE = 1.5, 0.03  # error of an outline: pixels, and a share of the block
+_PRIOR_PX = 0.7  # a block is a cube, if the picture does not tell
+_WORST_PX, _WORST_SHARE = 1.5, 0.015  # error of an outline: pixels, and a share of the block
 
 
 def find_blocks(model: CameraModel, picture: Picture, table_m: float) -> list[KeepOutShape]:
-    """Find at most eight coloured blocks, the largest in the picture first.
-
-    Args:
-        model: The camera that took the picture.
-        picture: A picture (h, w, 3), blue first.
-        table_m: The height of the table, on which they stand.
+    """Find at most eight coloured blocks on a table, the largest in the picture first.
 
     Returns:
-        Boxes in the base frame, each named after its colour.
+        Upright boxes in the base frame, each named after its colour; none in a grey picture.
     """
-    if picture.ndim == 2:
-        return []
     import cv2 as opencv  # noqa: PLC0415  # of the extra `camera`
 
-    cv2 = cast("Any", opencv)  # its stubs are incomplete
-
+    if picture.ndim == 2:
+        return []
+    cv2, found = cast("Any", opencv), list[tuple[float, KeepOutShape]]()  # its stubs are incomplete
     hue, saturation, value = cv2.split(cv2.cvtColor(picture, cv2.COLOR_BGR2HSV))
-    hues = np.array(list(_HUES.values()))
-    apart = np.abs((hue[..., None] - hues + _ALL_HUES / 2) % _ALL_HUES - _ALL_HUES / 2)
-    nearest = apart.argmin(axis=2)
-    is_coloured = (saturation > _LEAST_SATURATION) & (value > _LEAST_VALUE)
-    found: list[tuple[float, KeepOutShape]] = []
+    apart = (hue[..., None] - np.array(list(_HUES.values())) + _ALL_HUES / 2) % _ALL_HUES
+    nearest = np.abs(apart - _ALL_HUES / 2).argmin(axis=2)
+    nearest[(saturation <= _LEAST_SATURATION) | (value <= _LEAST_VALUE)] = len(_HUES)
     for i, colour in enumerate(_HUES):
-        mask = cv2.medianBlur(((nearest == i) & is_coloured).astype(np.uint8), 5)
+        mask = cv2.medianBlur((nearest == i).astype(np.uint8), 5)
         for outline in cv2.findContours(mask, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)[0]:
             block = _fit_block(model, outline[:, 0].astype(float), table_m, f"the {colour} block")
             if block is not None:
                 found.append((cv2.contourArea(outline), block))
-    found.sort(key=lambda each: -each[0])
-    return [block for _, block in found[:_MOST]]
+    return [block for _, block in sorted(found, key=lambda each: -each[0])[:_MOST]]
+
+
+def find_block_at(
+    model: CameraModel, picture: Picture, table_m: float, u: float, v: float
+) -> KeepOutShape:
+    """Return the block that a pixel (u, v) shows; see ``find_blocks``.
+
+    Raises:
+        InputError: It shows none.
+    """
+    ray, blocks = model.ray(u, v), find_blocks(model, picture, table_m)
+    nearest = min(blocks, key=lambda each: ray.distance_to_thing_m(each.row), default=None)
+    if nearest is None or not math.isfinite(ray.distance_to_thing_m(nearest.row)):
+        raise InputError("No coloured block stands there.", "Choose the middle of a block.")
+    return nearest
 
 
 def _fit_block(
@@ -66,34 +72,25 @@ def _fit_block(
     """Fit an upright box on the table to an outline (n, 2); None if it has another shape."""
     from scipy.optimize import least_squares  # noqa: PLC0415  # takes longer than a command
 
-    if np.ptp(outline_px, axis=0).min() < _LEAST_PX or (outline_px.min() < 1.0):
-        return None
-    reach_px = (outline_px @ _DIRECTIONS.T).max(axis=0) + 0.5  # to the edge of the last pixels
     middle = model.ray(*outline_px.mean(axis=0).tolist())
-    distance_m = middle.distance_to_level_m(table_m)
-    if not math.isfinite(distance_m):
+    distance_m, extent_px = middle.distance_to_level_m(table_m), np.ptp(outline_px, axis=0)
+    if extent_px.min() < _LEAST_PX or not math.isfinite(distance_m):
         return None
-    x, y, _ = middle.at(distance_m)
-    px_per_m = float(model.lens.matrix[0, 0]) / distance_m
-    side = math.log(float(np.ptp(outline_px, axis=0).mean()) / px_per_m / 1.5)
-
-    def corners(p: Vector) -> Matrix:
-        size = np.exp(p[3:])
-        c, s = math.cos(p[2]), math.sin(p[2])
-        R = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
-        return (_CORNERS * size) @ R.T + (p[0], p[1], table_m)
+    reach_px = (outline_px @ _DIRECTIONS).max(axis=0) + 0.5  # to the edge of the last pixels
+    side_m = float(extent_px.mean()) * distance_m / float(model.lens.matrix[0, 0]) / 1.5
 
     def errors(p: Vector) -> Vector:
-        px, _ = model.project(corners(p))
+        corners_m = (_CORNERS * np.exp(p[3:])) @ rotation_rpy(0.0, 0.0, float(p[2])).T
+        px, _ = model.project(corners_m + np.append(p[:2], table_m))
         unlike = _PRIOR_PX * np.array([p[3] - p[4], p[5] - (p[3] + p[4]) / 2.0])
-        return np.append((px @ _DIRECTIONS.T).max(axis=0) - reach_px, unlike)
+        return np.append((px @ _DIRECTIONS).max(axis=0) - reach_px, unlike)
 
-    fits: list[Any] = [least_squares(errors, (x, y, yaw, side, side, side)) for yaw in _YAWS_RAD]
-    best = min(fits, key=lambda fit: float(fit.cost))
-    rms_px = float(np.sqrt(np.mean(best.fun[: len(_DIRECTIONS)] ** 2)))
-    size_m = np.exp(best.x[3:])
-    if rms_px > _WORST_PX + _WORST_SHARE * np.ptp(outline_px) / 2.0 or size_m.max() > _LARGEST_M:
+    x, y, _ = middle.at(distance_m).tolist()
+    first = [(x, y, yaw_rad, *np.log([side_m] * 3)) for yaw_rad in _YAWS_RAD]
+    fits = [cast("Any", least_squares(errors, each)) for each in first]
+    p, off_px = min(((fit.x, fit.fun) for fit in fits), key=lambda fit: float(fit[1] @ fit[1]))
+    off_px, size_m = float(np.sqrt(np.mean(off_px**2))), np.exp(p[3:])
+    if off_px > _WORST_PX + _WORST_SHARE * extent_px.max() or size_m.max() > _LARGEST_M:
         return None
-    at_m = (best.x[0], best.x[1], table_m + size_m[2] / 2.0)
-    turned = (0.0, 0.0, math.degrees(best.x[2]))
-    return make_shape("box", name, {"center_m": at_m, "size_m": size_m, "rpy_deg": turned})
+    at = {"center_m": (p[0], p[1], table_m + size_m[2] / 2.0), "size_m": size_m}
+    return make_shape("box", name, {**at, "rpy_deg": (0.0, 0.0, math.degrees(p[2]))})

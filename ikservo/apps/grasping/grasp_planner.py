@@ -6,18 +6,14 @@ import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from functools import reduce
+from time import perf_counter
 from typing import Any
 
 import numpy as np
 
 from ikservo.apps.grasping.jaws import find_jaws
 from ikservo.arm.gripper import plan_gripper
-from ikservo.errors import (
-    OrientationError,
-    RefusedError,
-    UnreachableError,
-    format_point,
-)
+from ikservo.errors import OrientationError, RefusedError, UnreachableError, format_point
 from ikservo.ik import Target
 from ikservo.kinematics.arrays import Matrix, Vector
 from ikservo.kinematics.se3 import make_pose
@@ -33,15 +29,16 @@ from ikservo.planning.tool_orientation import ToolOrientation, solve_with_orient
 _FROM_ABOVE_RAD = math.radians(-40.0)  # a steeper tool comes from above, if it can
 _APPROACHES_M = (0.08, 0.05)
 _LOOSE_RAD = math.radians(30.0)  # tolerance of the tool's orientation before and after a grasp
-_UP = np.array([0.0, 0.0, 1.0])
-_LOWER = make_pose(-0.002 * _UP, np.eye(3))  # the arm may end a little lower
-_THINK_S = 0.5  # there are other grasps
-_ASKEW_RAD = math.radians(15.0)  # largest angle of the jaws to the horizontal, and to the thing
+_LOWER_M = 0.002  # the arm may end this much lower, and must still be free to leave
+_THINK_S, _MOST_S = 1.0, 20.0  # for a path around things, as there are other grasps; for all
 _ROLLS_RAD = np.radians(np.arange(-180.0, 180.0, 2.0))
+_UP = np.array([0.0, 0.0, 1.0])
 
 Motions = Sequence[MotionValue[Any]]
 Stance = tuple[ToolOrientation, Vector]
 """The orientation of the tool, and the point (3,) of the tip that goes to what is gripped."""
+Arrange = Callable[[MoveTo, MoveLine, MoveLine], Motions]
+"""Puts the motions to a point before a thing, to it and away among those of the jaws."""
 
 
 class GraspPlanner:
@@ -57,7 +54,7 @@ class GraspPlanner:
         middle_m: Vector,
         raises_m: Sequence[float],
         stances: Iterable[Stance],
-        arrange: Callable[[MoveTo, MoveLine, MoveLine], Motions],
+        arrange: Arrange,
         held: float,
     ) -> tuple[Motions, MotionPlan]:
         """Return the motions of the first grasp that is possible, and one plan of them all.
@@ -66,32 +63,36 @@ class GraspPlanner:
             middle_m: The middle (3,) of what is gripped.
             raises_m: Heights above it at which it may be gripped, the best first.
             stances: How it may be gripped, the best first.
-            arrange: Puts the motions to a point before it, to it and away among those of the jaws.
+            arrange: Arranges the motions.
             held: The position of the gripper's joint when it holds it.
 
         Raises:
             RefusedError: The point is below the table, or no grasp is possible.
             UnreachableError: The point is out of reach.
         """
-        name, at = self._context.model.name, format_point(middle_m.tolist())
+        at, reason = format_point(middle_m.tolist()), "The gripper cannot be turned to it there."
         if middle_m[2] < (self._context.model.floor_m or 0.0):
             raise RefusedError(f"{at} is below the table.", "Nothing moves. Choose another point.")
         self._context.planner.reach(self._start, middle_m)
-        reason = "The gripper cannot be turned to it there."
+        until_s = perf_counter() + _MOST_S
         for stance, grip_m in stances:
             for raise_m in raises_m:
+                if perf_counter() > until_s:
+                    break
                 T = self.tip_at(middle_m + raise_m * _UP, stance, grip_m)
                 if T is None:
                     break
-                ways = (self._approaches(each @ T, stance, arrange) for each in (_LOWER, np.eye(4)))
-                for lower, motions in zip(*ways, strict=True):
+                lower = self._approaches(make_pose(-_LOWER_M * _UP, np.eye(3)) @ T, stance, arrange)
+                for below, motions in zip(lower, self._approaches(T, stance, arrange), strict=True):
                     try:
-                        self._plan_all(lower, held)
+                        self._plan_all(below, held)
                         return motions, self._plan_all(motions, held)
                     except (RefusedError, UnreachableError) as error:
                         reason = error.message
-        hint = "Nothing moves. Choose another point, or move what is in the way."
-        raise RefusedError(f"{name} cannot grip or put down anything at {at}: {reason}", hint)
+        raise RefusedError(
+            f"{self._context.model.name} cannot grip or put down anything at {at}: {reason}",
+            "Nothing moves. Choose another point, or move what is in the way.",
+        )
 
     def tip_at(self, point_m: Vector, stance: ToolOrientation, grip_m: Vector) -> Matrix | None:
         """Return the pose of the tip (4, 4) that has its point ``grip_m`` at another one, or None.
@@ -107,50 +108,49 @@ class GraspPlanner:
                 return None
             if not found.reached:
                 return None
-            q = found.q
-            R = chain.forward(q)[:3, :3]
+            q, R = found.q, chain.forward(found.q)[:3, :3]
             tip_m = point_m - R @ grip_m
         return make_pose(tip_m, R)
 
-    def level_rolls(self, R: Matrix, pitch_rad: float, side_rad: float | None) -> list[float]:
+    def level_rolls(
+        self, R: Matrix, pitch_rad: float, side_rad: float | None, askew_rad: float
+    ) -> list[float]:
         """Return the rolls of a tool (3, 3) at which its jaws are level and close on a side."""
         heading_rad = self.tool.heading_rad(R) or 0.0
         turned = [self.tool.rotation(heading_rad, pitch_rad, roll) for roll in _ROLLS_RAD]
         x, y, z = (np.array(turned) @ self.jaws.axis).T
-        askew = np.abs(z)
-        if side_rad is not None:
-            askew = np.maximum(askew, np.abs(np.sin(np.arctan2(y, x) - side_rad)))
+        aside = 0.0 if side_rad is None else np.abs(np.sin(np.arctan2(y, x) - side_rad))
+        askew = np.maximum(np.abs(z), aside)
         best = int(np.argmin(askew))
         both = _ROLLS_RAD[[best, best - len(_ROLLS_RAD) // 2]].tolist()
-        return sorted(both, key=abs) if askew[best] < math.sin(_ASKEW_RAD) else []
+        return sorted(both, key=abs) if askew[best] < math.sin(askew_rad) else []
 
-    def _approaches(
-        self, T: Matrix, stance: ToolOrientation, arrange: Callable[..., Motions]
-    ) -> Iterable[Motions]:
-        """Yield the motions from above, and back along the tool, to a pose of the tip (4, 4)."""
+    def _approaches(self, T: Matrix, stance: ToolOrientation, arrange: Arrange) -> list[Motions]:
+        """Return the motions from above, and back along the tool, to a pose of the tip (4, 4)."""
         loose, speed, at_m = replace(stance, within_rad=_LOOSE_RAD), self._speed, T[:3, 3]
-        ways = [-T[:3, :3] @ self.tool.approach_axis]
-        if (stance.pitch_rad or 0.0) < _FROM_ABOVE_RAD:
-            ways.insert(0, _UP)
-        for above_m in (at_m + length_m * way for way in ways for length_m in _APPROACHES_M):
-            yield arrange(
+        back, is_steep = -T[:3, :3] @ self.tool.approach_axis, self.tool.pitch_rad(T[:3, :3])
+        ways = [_UP, back] if is_steep < _FROM_ABOVE_RAD else [back]
+        return [
+            arrange(
                 MoveTo(above_m, speed=speed, stance=loose, think_s=_THINK_S),
                 MoveLine(at_m, speed="slow", stance=stance),
                 MoveLine(above_m, speed=speed, stance=loose),
             )
+            for above_m in (at_m + length_m * way for way in ways for length_m in _APPROACHES_M)
+        ]
 
     def _plan_all(self, motions: Motions, held: float) -> MotionPlan:
         """Plan motions one after the other, as one plan; the jaws close to ``held``."""
         context, start, plans = self._context, self._start, list[MotionPlan]()
-        limits = context.planner.motion_limits(self._speed)
         poses = PoseLibrary(context.model, context.serial_number)
         for motion in motions:
             if isinstance(motion, MoveGripper):
                 end = plan_gripper(context, motion, start)
                 if motion.to == "close":
                     end[context.index.outside_chain()] = held
-                tip_m, move = context.planner.tip(start), JointMove(start, end, limits)
-                plans.append(MotionPlan(start, end, move, tip_m, 0.0, move.duration_s, self._speed))
+                move = JointMove(start, end, context.planner.motion_limits(self._speed))
+                tip_m, lasts_s = context.planner.tip(start), move.duration_s
+                plans.append(MotionPlan(start, end, move, tip_m, 0.0, lasts_s, self._speed))
             else:
                 plans.append(PreflightPlanner(context, PlannedStart(start), poses).plan(motion))
             start = plans[-1].goal

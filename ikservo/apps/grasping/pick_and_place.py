@@ -24,14 +24,16 @@ from ikservo.kinematics.se3 import make_pose, rotation_rpy
 from ikservo.model.scene_file import KeepOutShape
 from ikservo.planning.context import ArmContext
 from ikservo.planning.motion_plan import MotionPlan
-from ikservo.planning.motions import MoveGripper, MoveLine, MoveTo, Speed
+from ikservo.planning.motions import MoveGripper, Speed
 from ikservo.planning.reports import GraspResult, OnProgress
 from ikservo.planning.tool_orientation import ToolOrientation
 
 _PITCHES_RAD = np.radians([-86.0, -80.0, -75.0, -60.0, -45.0, -30.0, -15.0, 0.0])
 _CLEARANCE_M, _LEAST_M = 0.006, 0.001  # between the thing and each jaw: wanted, and needed
-_RAISES_M, _DROPS_M = (0.0, 0.003, 0.006, 0.01, 0.015), (0.002, 0.006, 0.01, 0.015, 0.02)
+_RAISES_M = (0.0, 0.003, 0.006, 0.01, 0.015)
+_DROPS_M = (0.002, 0.006, 0.01, 0.015, 0.02)
 _UNKNOWN_M, _TOP_M = 0.03, 0.004  # width of something of unknown size; part of a thing above jaws
+_ASKEW_RAD = math.radians(15.0)  # largest angle of the jaws to the horizontal, and to the thing
 _UPRIGHT_RAD = math.radians(2.0)
 
 
@@ -69,14 +71,9 @@ class Grasping(OwnMotion[GraspResult]):
 
     @abstractmethod
     def plan(
-        self, context: ArmContext, start: Vector, T_thing_tip: Matrix | None = None
+        self, context: ArmContext, start: Vector, grip: Grip | None = None
     ) -> tuple[Motions, MotionPlan]:
         """Return all motions from the joints ``start`` (n,), and one plan of them.
-
-        Args:
-            context: The arm.
-            start: All joints, rad or m.
-            T_thing_tip: The pose of the tip (4, 4) at what it holds; None if it is not known.
 
         Raises:
             RefusedError: It is not possible; the message says why.
@@ -107,20 +104,20 @@ class Pick(Grasping):
     speed: Speed = "normal"
 
     def plan(
-        self, context: ArmContext, start: Vector, T_thing_tip: Matrix | None = None
+        self, context: ArmContext, start: Vector, grip: Grip | None = None
     ) -> tuple[Motions, MotionPlan]:
         """Plan the motions: jaws open, above, down, close, up, press again."""
         planner, middle_m = GraspPlanner(context, start, self.speed), np.array(self.middle_m)
-        jaws, raised_m = planner.jaws, 0.0
+        most_m, raises_m = planner.jaws.most_m, [0.0]
         sides: list[tuple[float, float | None]] = [(_UNKNOWN_M, None)]
         if self.size_m is not None:
             length_m, width_m, height_m = self.size_m
-            raised_m = height_m / 2.0 - _TOP_M
+            raises_m += [each for each in _RAISES_M[1:] if each <= height_m / 2.0 - _TOP_M]
             across = (width_m, self.yaw_rad + math.pi / 2.0), (length_m, self.yaw_rad)
             # Jaws that cannot be turned to a thing turn the thing.
             sides = [*sorted(across), (math.hypot(length_m, width_m), None)]
-        if sides[0][0] + 2.0 * _LEAST_M > jaws.most_m:
-            wide_mm, most_mm = 1000.0 * sides[0][0], 1000.0 * jaws.most_m
+        if sides[0][0] + 2.0 * _LEAST_M > most_m:
+            wide_mm, most_mm = 1000.0 * sides[0][0], 1000.0 * most_m
             raise RefusedError(
                 f"The thing is {wide_mm:.0f} mm wide, the jaws open {most_mm:.0f} mm there.",
                 "Nothing moves. Choose a narrower thing.",
@@ -129,43 +126,45 @@ class Pick(Grasping):
         def stances() -> Iterator[Stance]:
             for pitch_rad in _PITCHES_RAD.tolist():
                 T = planner.tip_at(middle_m, ToolOrientation(pitch_rad), np.zeros(3))
-                if T is None:
-                    continue
                 for across_m, side_rad in sides:
-                    spare_m = min(2.0 * _CLEARANCE_M, jaws.most_m - across_m)
-                    for roll_rad in planner.level_rolls(T[:3, :3], pitch_rad, side_rad):
-                        if spare_m > 0.0:
-                            grip_m = jaws.at_width(across_m + spare_m)[1]
-                            yield ToolOrientation(pitch_rad, roll_rad), grip_m
+                    spare_m = min(2.0 * _CLEARANCE_M, most_m - across_m)
+                    if T is None or spare_m < 2.0 * _LEAST_M:
+                        continue
+                    rolls = planner.level_rolls(T[:3, :3], pitch_rad, side_rad, _ASKEW_RAD)
+                    grip_m = planner.jaws.at_width(across_m + spare_m)[1]
+                    yield from ((ToolOrientation(pitch_rad, each), grip_m) for each in rolls)
 
-        def arrange(above: MoveTo, down: MoveLine, away: MoveLine) -> Motions:
-            close = MoveGripper("close")
-            return [MoveGripper("open"), above, down, close, away, close]
-
-        raises_m = [each for each in _RAISES_M if each <= raised_m] or [0.0]
-        closed = jaws.at_width(sides[0][0])[0]
-        return planner.plan(middle_m, raises_m, stances(), arrange, closed)
-
-    def run(self, arm: ArmParts, on_progress: OnProgress | None) -> GraspResult:
-        """Plan everything, then pick it up; jaws that find nothing open again."""
-        motions, _ = self.plan(arm.context, arm.runner.start_position())
-        closed = _run(arm, motions[:4], on_progress)
-        T_thing_tip = np.linalg.inv(self._pose()) @ _tip(arm)
-        if not closed.grasped:
-            _run(arm, (motions[0], motions[4]), on_progress)
-        elif (closed := _run(arm, motions[4:], on_progress)).grasped:
-            if self.size_m is not None:
-                grip = cast("Any", arm).grip
-                grip.T_thing_tip, grip.height_m = T_thing_tip, self.size_m[2]
-            return closed
-        raise RefusedError(
-            f"The gripper found nothing at {format_point(self.middle_m)}, or lost it.",
-            "Look at the arm, then try again.",
+        opening, close = MoveGripper("open"), MoveGripper("close")
+        closed = planner.jaws.at_width(sides[0][0])[0]
+        return planner.plan(
+            middle_m,
+            raises_m,
+            stances(),
+            lambda above, down, away: [opening, above, down, close, away, close],
+            closed,
         )
 
-    def _pose(self) -> Matrix:
-        """Return the pose of the thing (4, 4)."""
-        return make_pose(np.array(self.middle_m), rotation_rpy(0.0, 0.0, self.yaw_rad))
+    def run(self, arm: ArmParts, on_progress: OnProgress | None) -> GraspResult:
+        """Plan everything, then pick it up; jaws that find nothing open again.
+
+        Raises:
+            RefusedError: It is not possible, and nothing moved; or the gripper found nothing.
+        """
+        motions, _ = self.plan(arm.context, arm.runner.start_position())
+        report = _run(arm, motions[:4], on_progress)
+        T_base_tip = arm.context.planner.tip_pose(arm.context.servos.measure_positions())
+        if not report.grasped:
+            _run(arm, (motions[0], motions[4]), on_progress)
+        elif (report := _run(arm, motions[4:], on_progress)).grasped:
+            if self.size_m is not None:
+                T = make_pose(np.array(self.middle_m), rotation_rpy(0.0, 0.0, self.yaw_rad))
+                grip = cast("Any", arm).grip
+                grip.T_thing_tip, grip.height_m = np.linalg.inv(T) @ T_base_tip, self.size_m[2]
+            return report
+        at = format_point(self.middle_m)
+        raise RefusedError(
+            f"The gripper found nothing at {at}, or lost it.", "Look, then try again."
+        )
 
     def __str__(self) -> str:
         return f"pick up at {format_point(self.middle_m)}"
@@ -185,30 +184,33 @@ class Place(Grasping):
     speed: Speed = "normal"
 
     def plan(
-        self, context: ArmContext, start: Vector, T_thing_tip: Matrix | None = None
+        self, context: ArmContext, start: Vector, grip: Grip | None = None
     ) -> tuple[Motions, MotionPlan]:
         """Plan the motions: above, press again, down, open, up."""
         planner, T = GraspPlanner(context, start, self.speed), context.planner.tip_pose(start)
-        R = T[:3, :3] if T_thing_tip is None else T_thing_tip[:3, :3]
-        pitch_rad = planner.tool.pitch_rad(R)
-        roll_rad = planner.tool.roll_rad(R, math.atan2(T[1, 3], T[0, 3]))
-        grip_m = planner.jaws.at_width(_UNKNOWN_M)[1]
-        if T_thing_tip is not None:
-            grip_m = -R.T @ T_thing_tip[:3, 3]
+        known = None if grip is None else grip.T_thing_tip
+        R = (T if known is None else known)[:3, :3]
+        heading_rad = math.atan2(T[1, 3], T[0, 3])
+        pitch_rad, roll_rad = planner.tool.pitch_rad(R), planner.tool.roll_rad(R, heading_rad)
         stance = ToolOrientation(pitch_rad, roll_rad, within_rad=_UPRIGHT_RAD)
-
-        def arrange(above: MoveTo, down: MoveLine, away: MoveLine) -> Motions:
-            return [above, MoveGripper("close"), down, MoveGripper("open"), away]
-
-        at = float(start[context.index.outside_chain()][0])
-        return planner.plan(np.array(self.middle_m), _DROPS_M, [(stance, grip_m)], arrange, at)
+        grip_m = planner.jaws.at_width(_UNKNOWN_M)[1] if known is None else -R.T @ known[:3, 3]
+        return planner.plan(
+            np.array(self.middle_m),
+            _DROPS_M,
+            [(stance, grip_m)],
+            lambda to, down, away: [to, MoveGripper("close"), down, MoveGripper("open"), away],
+            float(start[context.index.outside_chain()][0]),
+        )
 
     def run(self, arm: ArmParts, on_progress: OnProgress | None) -> GraspResult:
-        """Plan everything, then put it down."""
-        grip = cast("Any", arm).grip
-        motions, _ = self.plan(arm.context, arm.runner.start_position(), grip.T_thing_tip)
-        is_held = _run(arm, motions[:2], on_progress).grasped
-        grip.T_thing_tip = None
+        """Plan everything, then put it down.
+
+        Raises:
+            RefusedError: It is not possible, and nothing moved; or the gripper holds nothing.
+        """
+        grip: Grip = cast("Any", arm).grip
+        motions, _ = self.plan(arm.context, arm.runner.start_position(), grip)
+        is_held, grip.T_thing_tip = _run(arm, motions[:2], on_progress).grasped, None
         if not is_held:
             raise RefusedError("The gripper holds nothing.", "Pick something up first.")
         return _run(arm, motions[2:], on_progress)
@@ -221,14 +223,14 @@ def pick(arm: OpenArm, thing: ArrayLike | KeepOutShape, **options: Any) -> Grasp
     """Pick up a block of ``arm.camera``, or what is at a point (3,) [m]; options: see ``Pick``.
 
     Raises:
-        RefusedError: It is too wide or below the table, or no grasp is possible; nothing moved.
+        RefusedError: It is too wide or below the table, no grasp is possible, or none was found.
         UnreachableError: It is out of reach; nothing moved.
     """
     return arm.execute(pick_of(thing, **options))
 
 
 def pick_of(thing: ArrayLike | KeepOutShape, **options: Any) -> Pick:  # noqa: ANN401
-    """Return the motion that picks up a box that stands upright, or what is at a point (3,) [m]."""
+    """Return the motion that picks up an upright box, or what is at a point (3,) [m]."""
     if not isinstance(thing, KeepOutShape):
         return Pick(thing, **options)
     yaw_rad = math.atan2(thing.row[3], thing.row[0])
@@ -253,8 +255,3 @@ def _run(arm: ArmParts, motions: Motions, on_progress: OnProgress | None) -> Gra
             report = run_motion(arm, motion, on_progress)
             found = report if isinstance(report, GraspResult) else found
     return cast("GraspResult", found)
-
-
-def _tip(arm: ArmParts) -> Matrix:
-    """Return the measured pose of the tip (4, 4)."""
-    return arm.context.planner.tip_pose(arm.context.servos.measure_positions())

@@ -5,16 +5,16 @@ from __future__ import annotations
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import suppress
 from datetime import UTC, datetime
+from typing import cast
 
 from ikservo.apps.cameras.arm_camera import (
-    block_on_ray,
     camera_key,
     camera_model,
     known_camera,
     moved_error,
     table_m,
 )
-from ikservo.apps.cameras.blocks import find_blocks
+from ikservo.apps.cameras.blocks import find_block_at
 from ikservo.apps.cameras.camera_check import BoardPlace, compare_place
 from ikservo.apps.cameras.camera_file import CameraCheck, save_camera
 from ikservo.apps.cameras.pictures import Picture, find_board, is_mirrored
@@ -100,11 +100,12 @@ class CameraView:
         """Return the block that a pixel (u, v) of the newest picture shows.
 
         Raises:
+            BadMessageError: The picture is not usable.
             InputError: It shows none.
         """
-        picture, table = self._video.newest, table_m(self._arm.model)
-        blocks = [] if picture is None else find_blocks(self._model, picture, table)
-        return block_on_ray(self._model.ray(u, v), blocks)
+        self.require_usable()
+        picture = cast("Picture", self._video.newest)  # otherwise there was trouble
+        return find_block_at(self._model, picture, table_m(self._arm.model), u, v)
 
     @property
     def trouble(self) -> str:

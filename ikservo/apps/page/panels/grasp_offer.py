@@ -37,10 +37,9 @@ class GraspOffer:
         """Plan to pick up the block at a pixel (2,), or to put down there what the gripper holds.
 
         Raises:
+            InputError: There is no block, or no table.
             BadMessageError: The picture is not usable.
-            InputError: There is no block.
         """
-        view.require_usable()
         arm, start, speed = arm_thread.arm, arm_thread.snapshot.start, arm_thread.command.speed
         grip = arm.grip
         if grip.T_thing_tip is None:
@@ -51,7 +50,7 @@ class GraspOffer:
 
         def plan() -> PlannedPath:
             try:
-                whole = motion.plan(arm.context, start, grip.T_thing_tip)[1]
+                whole = motion.plan(arm.context, start, grip)[1]
             except IkservoError as error:
                 request = PlanRequest(arm, start, start, speed)
                 return PlannedPath(request, refusal=refusal_of(start, error))
