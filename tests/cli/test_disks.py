@@ -26,7 +26,7 @@ READ = {
     ("arms new", "source"), ("calibrate", "from_script"), ("calibrate", "points"),
     ("calibrate", "from_pictures"),
     ("calibration adopt", "source"), ("servo restore", "file"), ("servo packets", "file"),
-    ("arc", "scene"), ("draw", "scene"), ("joints", "scene"), ("look", "scene"), ("pick", "scene"),
+    ("arc", "scene"), ("draw", "scene"), ("joints", "scene"), ("look", "scene"),
     ("scene check", "file"), ("scene show", "file"),
     ("draw", "file"), ("export", "recordings"),
     ("import lerobot", "from_script"), ("import recording", "file"),

@@ -88,8 +88,9 @@ def _fit_block(
     x, y, _ = middle.at(distance_m).tolist()
     first = [(x, y, yaw_rad, *np.log([side_m] * 3)) for yaw_rad in _YAWS_RAD]
     fits = [cast("Any", least_squares(errors, each)) for each in first]
-    p, off_px = min(((fit.x, fit.fun) for fit in fits), key=lambda fit: float(fit[1] @ fit[1]))
-    off_px, size_m = float(np.sqrt(np.mean(off_px**2))), np.exp(p[3:])
+    best = min(fits, key=lambda fit: float(fit.cost))
+    p: Vector = best.x
+    off_px, size_m = math.sqrt(2.0 * best.cost / len(best.fun)), np.exp(p[3:])
     if off_px > _WORST_PX + _WORST_SHARE * extent_px.max() or size_m.max() > _LARGEST_M:
         return None
     at = {"center_m": (p[0], p[1], table_m + size_m[2] / 2.0), "size_m": size_m}

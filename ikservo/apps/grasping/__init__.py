@@ -4,7 +4,7 @@ from ikservo.app import App, Command
 
 APP = App(
     name="grasping",
-    arm_values={"grip": "ikservo.apps.grasping.pick_and_place:grip_of"},
+    arm_values={"grip": "ikservo.apps.grasping.pick_and_place:Grip"},
     arm_methods={
         "pick": "ikservo.apps.grasping.pick_and_place:pick",
         "place": "ikservo.apps.grasping.pick_and_place:place",

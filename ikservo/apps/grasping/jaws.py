@@ -20,10 +20,9 @@ _FINGER_M = 0.015  # a finger ends at most this far from the tip, and moves furt
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Jaws:
-    """The space between the jaws on the axis (3,) on which they open, in coordinates of the tip.
+    """The inner faces of the jaws (k,) on an axis (3,) of the tip, metres, from closed to open.
 
-    Positions of the joint (k,) run from closed to open; ``low_m`` and ``high_m`` (k,) are the
-    inner faces there, metres from the tip, infinite if a jaw does not reach down to it.
+    A face is infinite at a position at which its jaw does not reach down to the tip.
     """
 
     axis: Vector

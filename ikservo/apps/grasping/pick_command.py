@@ -8,9 +8,8 @@ from typing import Annotated, Any
 import typer
 
 from ikservo.arm.opening import require_own_port
-from ikservo.cli.camera_options import CameraNameOption
 from ikservo.cli.option_groups import Without
-from ikservo.cli.options import MotionOptions, SceneOption, ServoConnection, SpeedOption
+from ikservo.cli.options import MotionOptions, ServoConnection, SpeedOption
 from ikservo.cli.quantities import parse_length_m, parse_pixels
 from ikservo.cli.session import confirm_motion, open_from_options
 from ikservo.cli.terminal import format_port, print_json, print_lines, print_status
@@ -18,17 +17,11 @@ from ikservo.errors import InputError
 
 At = Annotated[
     list[str],
-    typer.Argument(
-        metavar="U V | X Y Z", help="A pixel of the camera, or the middle of what is gripped."
-    ),
+    typer.Argument(metavar="U V | X Y Z", help="A pixel, or the middle of what is gripped."),
 ]
-To = Annotated[
-    str | None,
-    typer.Option("--to", metavar="U,V|X,Y,Z", help="Put it down at this pixel or point."),
-]
+To = Annotated[str | None, typer.Option("--to", metavar="U,V|X,Y,Z", help="Put it down there.")]
 Camera = Annotated[
-    str | None,
-    typer.Option("--camera", metavar="SOURCE", help="The camera, as in its calibration."),
+    str | None, typer.Option("--camera", metavar="SOURCE", help="The camera, as calibrated.")
 ]
 
 
@@ -38,9 +31,7 @@ def command(
     connection: ServoConnection,
     to: To = None,
     camera: Camera = None,
-    camera_name: CameraNameOption = "",
     speed: SpeedOption = "normal",
-    scene: SceneOption = None,
     options: Annotated[MotionOptions, Without("dry_run", "tip")],
 ) -> None:
     """Pick up the coloured block that a pixel of the calibrated camera shows, or what is at X Y Z.
@@ -49,20 +40,20 @@ def command(
 
     ikservo pick 0.24 0.05 20mm --to 0.2,-0.1,20mm
     """
-    place = None if to is None else _parse(to.split(","))
     thing: Any = _parse(at)
-    with open_from_options(connection, options, scene) as machine:
+    place: Any = None if to is None else _parse(to.split(","))
+    with open_from_options(connection, options) as machine:
         arm: Any = require_own_port(machine)  # with what apps add
-        if 2 in (len(thing), len(place or ())):
-            seeing = arm.camera.named(camera_name, camera)
-            thing = seeing.block_at(*thing) if len(thing) == 2 else thing
-            place = seeing.point_seen(*place).point_m if place and len(place) == 2 else place
+        seeing = arm.camera if camera is None else arm.camera.named("", camera)
+        thing = seeing.block_at(*thing) if len(thing) == 2 else thing
         print_status(f"{arm.model.title} on {format_port(arm.port_name)}: pick {' '.join(at)}.")
         confirm_motion(machine, yes=options.yes)
         report = arm.pick(thing, speed=speed)
         if place is not None:
-            on_table = str(to).count(",") == 1
-            arm.place([*place[:2], place[2] + on_table * arm.grip.height_m / 2.0], speed=speed)
+            if len(place) == 2:
+                x, y, z = seeing.point_seen(*place).point_m
+                place = x, y, z + arm.grip.height_m / 2.0
+            arm.place(place, speed=speed)
     if options.json:
         print_json("pick", grasped=report.grasped, placed=place is not None)
     else:
@@ -72,7 +63,6 @@ def command(
 def _parse(parts: Sequence[str]) -> list[float]:
     """Return a pixel (2,), or a point (3,) [m]."""
     if len(parts) not in (2, 3):
-        raise InputError(
-            f"{' '.join(parts)} is neither a pixel nor a point.", "Give U V, or X Y Z."
-        )
+        found = f"{' '.join(parts)} is neither a pixel nor a point."
+        raise InputError(found, "Give U V, or X Y Z.")
     return [(parse_pixels if len(parts) == 2 else parse_length_m)(each) for each in parts]

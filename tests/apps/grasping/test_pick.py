@@ -47,8 +47,9 @@ def test_pick_refuses_point_out_of_reach(so101):
     refused(so101, UnreachableError, "cannot be reached", (0.8, 0.0, 0.02), size_m=CUBE)
 
 
-def test_pick_refuses_point_that_only_fingers_in_the_table_reach(so101):
-    refused(so101, RefusedError, "would touch the table", (0.24, 0.0, 0.001))
+def test_pick_refuses_thing_so_flat_that_fingers_touch_the_table(so101):
+    flat = (0.03, 0.03, 0.002)
+    refused(so101, RefusedError, "would touch the table", (0.24, 0.0, 0.001), size_m=flat)
 
 
 def test_pick_refuses_thing_that_a_shelf_covers(so101):

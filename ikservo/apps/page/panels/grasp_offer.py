@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from concurrent.futures import Future, ThreadPoolExecutor
 
-from ikservo.apps.grasping.pick_and_place import Grasping, Place, pick_of
+from ikservo.apps.grasping.pick_and_place import Grip, Pick, Place, pick_box
 from ikservo.apps.page.dragging.goal_planning import (
     PlannedPath,
     PlanRequest,
@@ -19,31 +19,24 @@ from ikservo.kinematics.arrays import Vector
 
 
 class GraspOffer:
-    """The pick or place that was chosen last; another goal withdraws it.
-
-    Attributes:
-        motion: The motion; None if there is none.
-    """
+    """The pick or place that was chosen last (``motion``); another goal withdraws it."""
 
     def __init__(self) -> None:
         self._worker = ThreadPoolExecutor(1, thread_name_prefix="ikservo grasp")
         self._planning: Future[PlannedPath] | None = None
         self._is_shown = False
-        self.motion: Grasping | None = None
+        self.motion: Pick | Place | None = None
 
-    def choose(
-        self, arm_thread: ArmThread, view: CameraView, camera: LensCamera, px: Vector
-    ) -> None:
+    def choose(self, thread: ArmThread, view: CameraView, camera: LensCamera, px: Vector) -> None:
         """Plan to pick up the block at a pixel (2,), or to put down there what the gripper holds.
 
         Raises:
-            InputError: There is no block, or no table.
-            BadMessageError: The picture is not usable.
+            InputError: There is no block, or no table, or the picture is not usable.
         """
-        arm, start, speed = arm_thread.arm, arm_thread.snapshot.start, arm_thread.command.speed
-        grip = arm.grip
+        arm, start, speed = thread.arm, thread.snapshot.start, thread.command.speed
+        grip: Grip = arm.grip
         if grip.T_thing_tip is None:
-            motion = pick_of(view.block_at(*camera.picture_px(px)), speed=speed)
+            motion = pick_box(view.block_at(*camera.picture_px(px)), speed=speed)
         else:
             x, y, z = view.surface(0.0).point_at(camera, px).tolist()
             motion = Place((x, y, z + grip.height_m / 2.0), speed=speed)
@@ -52,8 +45,8 @@ class GraspOffer:
             try:
                 whole = motion.plan(arm.context, start, grip)[1]
             except IkservoError as error:
-                request = PlanRequest(arm, start, start, speed)
-                return PlannedPath(request, refusal=refusal_of(start, error))
+                refusal = refusal_of(start, error)
+                return PlannedPath(PlanRequest(arm, start, start, speed), refusal=refusal)
             return show_plan(arm, PlanRequest(arm, whole.goal, start, speed), whole)
 
         self.motion, self._is_shown = motion, False
