@@ -12,7 +12,7 @@ from ikservo.cli.option_groups import Without
 from ikservo.cli.options import MotionOptions, ServoConnection, SpeedOption
 from ikservo.cli.quantities import parse_length_m, parse_pixels
 from ikservo.cli.session import confirm_motion, open_from_options
-from ikservo.cli.terminal import format_port, print_json, print_lines, print_status
+from ikservo.cli.terminal import format_port, print_status
 from ikservo.errors import InputError
 
 At = Annotated[
@@ -32,7 +32,7 @@ def command(
     to: To = None,
     camera: Camera = None,
     speed: SpeedOption = "normal",
-    options: Annotated[MotionOptions, Without("dry_run", "tip")],
+    options: Annotated[MotionOptions, Without("dry_run", "json", "tip")],
 ) -> None:
     """Pick up the coloured block that a pixel of the calibrated camera shows, or what is at X Y Z.
 
@@ -48,16 +48,13 @@ def command(
         thing = seeing.block_at(*thing) if len(thing) == 2 else thing
         print_status(f"{arm.model.title} on {format_port(arm.port_name)}: pick {' '.join(at)}.")
         confirm_motion(machine, yes=options.yes)
-        report = arm.pick(thing, speed=speed)
+        arm.pick(thing, speed=speed)
         if place is not None:
             if len(place) == 2:
                 x, y, z = seeing.point_seen(*place).point_m
                 place = x, y, z + arm.grip.height_m / 2.0
             arm.place(place, speed=speed)
-    if options.json:
-        print_json("pick", grasped=report.grasped, placed=place is not None)
-    else:
-        print_lines(["picked up" if place is None else "picked up and put down"])
+    print_status("Picked up." if place is None else "Picked up and put down.")
 
 
 def _parse(parts: Sequence[str]) -> list[float]:
