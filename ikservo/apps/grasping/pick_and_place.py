@@ -52,7 +52,7 @@ _UNKNOWN_M, _TOP_M = 0.03, 0.004  # width of what was not picked up here; part a
 _APPROACHES_M, _LOWER_M = (0.08, 0.05), 0.002  # the arm may end this much lower than planned
 _RAISES_M = (0.0, 0.003, 0.006, 0.01, 0.015)  # of the jaws above the middle of a thing
 _DROPS_M = (0.002, 0.006, 0.01, 0.015, 0.02)
-_THINK_S, _MOST_S = 1.0, 20.0  # for a path around things, as there are other grasps; for all
+_THINK_S, _MOST_S = 1.0, 40.0  # for a path around things, as there are other grasps; for all
 _UP = np.array([0.0, 0.0, 1.0])
 
 Motions = Sequence[MotionValue[Any]]
