@@ -82,14 +82,13 @@ def figures(package: Path) -> dict[str, int]:
         "modules_in_a_folder": max(folder_sizes(package).values()),
         "repeated_file_names": len(repeated),
         "uses_of_a_file_name": max((len(paths) for paths in repeated.values()), default=1),
-        "lines_of_the_package": sum(map(_lines, [*modules.values(), *_page_files(package)])),
+        "lines_of_the_package": sum(map(_lines, [*modules.values(), *_page_scripts(package)])),
     }
 
 
-def _page_files(package: Path) -> list[Path]:
-    """Return the files of the web page that are written here, not those of libraries."""
-    found = [path for kind in ("js", "css", "html") for path in package.rglob(f"*.{kind}")]
-    return [path for path in found if ".min." not in path.name]
+def _page_scripts(package: Path) -> list[Path]:
+    """Return the scripts of the web page that are written here, not those of libraries."""
+    return [path for path in package.rglob("*.js") if ".min." not in path.name]
 
 
 def _lines(path: Path) -> int:

@@ -5,7 +5,7 @@ import pytest
 from ikservo.cli.app import all_commands, load_command
 
 NEEDED = {
-    "solve": "0.2 0 0.1", "move": "0.2 0 0.1", "arc": "0.2 0 0.1", "look": "3 4",
+    "solve": "0.2 0 0.1", "move": "0.2 0 0.1", "arc": "0.2 0 0.1", "look": "3 4", "pick": "3 4",
     "scene check": "f.toml", "scene show": "f.toml",
     "program new": "f.toml", "program check": "f.toml", "program run": "f.toml",
     "servo read": "p_gain",

@@ -18,7 +18,7 @@ PRINTED = {  # the line that tells that it worked
     "draw_circle": r"largest distance from the circle +[0-2]\.\d\d mm",
     "pick_and_place": r"close: grasped False, the gripper is at -10°\n"
     r"open: grasped False, the gripper is at 100°",
-    "camera_pick": r"grasped: True\nthe camera sees the cube \d+ px from the tip",
+    "camera_pick": r"the red block is at \(2\d\d, \d+\) mm\ngrasped: True",
     "stream": r"150 goals sent, 0 refused",
     "several_arms": r"reached: True, [\d.]+ s\nreached: True, [\d.]+ s",
     "own_arm": r"reached: True, error 0\.000 mm\nmeasured error 0\.\d\d mm",

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ikservo.apps.cameras.blocks import find_block_at, find_blocks
 from ikservo.apps.cameras.board import Board
 from ikservo.apps.cameras.camera_file import SIMULATED, CameraFile, camera_names, load_camera
 from ikservo.apps.cameras.camera_model import CameraModel
@@ -25,6 +26,7 @@ from ikservo.kinematics.rays import Ray
 from ikservo.kinematics.se3 import exp_so3, make_pose
 from ikservo.model import Model
 from ikservo.model.arm_model import Obstacle
+from ikservo.model.scene_file import KeepOutShape
 from ikservo.planning.calibrated_arm import ZeroSource
 from ikservo.planning.context import ArmContext
 
@@ -151,6 +153,24 @@ class ArmCamera:
             CalibrationError: The arm has no calibrated camera, or the camera has moved since.
         """
         return first_seen(self._ray(u, v), self._scene.things, table_m(self._context.model))
+
+    def blocks(self) -> list[KeepOutShape]:
+        """Return at most eight coloured blocks that stand on the table; ``pick`` takes them.
+
+        Raises:
+            CalibrationError: The errors of ``picture``.
+        """
+        return find_blocks(self.model(), self.picture(), table_m(self._context.model))
+
+    def block_at(self, u: float, v: float) -> KeepOutShape:
+        """Return the coloured block that a pixel (u, v) shows.
+
+        Raises:
+            InputError: It shows none.
+            CalibrationError: The errors of ``picture``.
+        """
+        z_m = table_m(self._context.model)
+        return find_block_at(self.model(), self.picture(), z_m, u, v)
 
     def pixel(self, point_m: Vector) -> tuple[float, float]:
         """Return the pixel (u, v) of a point (3,), metres, base frame, perhaps outside the picture.

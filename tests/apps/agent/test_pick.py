@@ -9,7 +9,7 @@ import pytest
 
 from ikservo.apps.agent.allowance import Consent
 
-CUBE_M, ABOVE_M, AXIS_M, BESIDE_M = 0.035, 0.10, 0.039, 0.022  # as in examples/camera_pick.py
+CUBE_M, ABOVE_M, AXIS_M, BESIDE_M = 0.035, 0.10, 0.039, 0.022
 STANCE = {"pitch_rad": math.radians(-75), "roll_rad": math.radians(90)}
 PORT = "sim:?pose=home&board=0&physics=1&cubes=red@0.24,0.05"
 

@@ -178,6 +178,14 @@ class MarkTip(PageMessage):
     y: Pixels
 
 
+class GraspHere(PageMessage):
+    """Plan to pick up what a pixel of the camera's picture shows, or to put down there."""
+
+    kind: Literal["grasp_here"]
+    x: Pixels
+    y: Pixels
+
+
 class ChooseCamera(PageMessage):
     """Show the pictures of another camera of the arm."""
 
@@ -377,6 +385,7 @@ Message = (
     | ArmAction
     | Gamepad
     | MarkTip
+    | GraspHere
     | Stop
     | Acknowledge
     | SetLive

@@ -1,0 +1,90 @@
+"""Where the jaws of a gripper are: what is gripped is seldom at the tip of an arm."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ikservo.errors import IkservoError
+from ikservo.kinematics.arrays import Vector
+from ikservo.kinematics.capsules import segment_distance
+from ikservo.model import Model
+from ikservo.model.collision_model import capsules_of, collision_body_with_gripper
+from ikservo.model.tool import tool_frame
+
+_LINE_M = np.arange(-0.15, 0.1501, 0.001)  # places along the axis on which the jaws open
+_DEPTHS_M = np.array([0.0, -0.005, -0.01])  # along the tool, at which the jaws are looked for
+_FINGER_M = 0.015  # a finger ends at most this far from the tip, and moves further
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Jaws:
+    """The inner faces of the jaws (k,) on an axis (3,) of the tip, metres, from closed to open.
+
+    A face is infinite at a position at which its jaw does not reach down to the tip.
+    """
+
+    axis: Vector
+    positions: Vector
+    low_m: Vector
+    high_m: Vector
+
+    @property
+    def most_m(self) -> float:
+        """The largest width between the jaws."""
+        return float(np.max(self.high_m - self.low_m, where=np.isfinite(self.high_m), initial=0.0))
+
+    def at_width(self, width_m: float) -> tuple[float, Vector]:
+        """Return the position of the joint at a width, and the middle of the jaws (3,) there."""
+        at = int(np.argmax(self.high_m - self.low_m >= width_m))
+        return float(self.positions[at]), (self.low_m[at] + width_m / 2.0) * self.axis
+
+
+def find_jaws(model: Model) -> Jaws:
+    """Find the jaws in the shapes of an arm's links; widths of the arm file are preferred.
+
+    Raises:
+        IkservoError: The arm has no gripper, or its width does not follow from arm file and shapes.
+    """
+    gripper, tool, moving = model.gripper, tool_frame(model), set(model.chain.names)
+    if gripper is None:
+        raise IkservoError(f"{model.name} has no gripper.", "It cannot pick up anything.")
+    chain, positions = collision_body_with_gripper(model).chain, np.linspace(0.0, 1.0, 41)
+    positions = gripper.closed + (gripper.open - gripper.closed) * positions
+    q = np.zeros((len(positions), chain.dof))
+    q[:, len(moving) :] = positions[:, None]
+    poses, to_tip = chain.link_poses(q), np.linalg.inv(model.chain.forward(q[:, : len(moving)]))
+    capsules = [
+        each
+        for each in capsules_of(model)
+        if moving <= {step.joint.name for step in chain.joints_to(each.link)}
+    ]
+    radii_m = np.array([each.radius_m for each in capsules])
+    ends_m = np.array([each.ends(to_tip @ poses[each.link]) for each in capsules])  # (c, 2, k, 3)
+    ahead_m = ends_m @ tool.approach_axis
+    aside_m = ends_m - ahead_m[..., None] * tool.approach_axis
+    shift_m = (aside_m[:, :, -1] - aside_m[:, :, 0]).reshape(-1, 3)
+    moved_m = np.linalg.norm(shift_m, axis=1) * (np.abs(ahead_m[:, :, 0]).ravel() < _FINGER_M)
+    best = int(np.argmax(moved_m))
+    is_seen = moved_m[best] > _FINGER_M
+    axis = shift_m[best] / moved_m[best] if is_seen else tool.left
+    if gripper.widths:
+        half_m = np.array([gripper.width_m(each) or 0.0 for each in positions]) / 2.0
+        return Jaws(axis, positions, -half_m, half_m)
+    if not is_seen:
+        raise IkservoError(
+            f"The width of the gripper of {model.name} is not known.",
+            "Give the widths in its arm file ([gripper]).",
+        )
+    at_m = _LINE_M[:, None, None] * axis + _DEPTHS_M[:, None] * tool.approach_axis
+    at_m, faces = at_m[:, :, None], np.zeros((len(positions), 2))
+    for k in range(len(positions)):
+        away_m = segment_distance(ends_m[:, 0, k], ends_m[:, 1, k], at_m, at_m) - radii_m
+        is_free = away_m.min(axis=(1, 2)) > 0.0
+        free, blocked = np.flatnonzero(is_free), np.flatnonzero(is_free == 0)
+        nearest = free[np.argmin(np.abs(_LINE_M[free]))]
+        before, after = _LINE_M[blocked[blocked < nearest]], _LINE_M[blocked[blocked > nearest]]
+        if len(before) or not len(after):  # otherwise it is behind a fixed jaw: they are closed
+            faces[k] = before.max(initial=-np.inf), after.min(initial=np.inf)
+    return Jaws(axis, positions, *faces.T)

@@ -1,0 +1,343 @@
+"""``arm.pick`` and ``arm.place``: all motions are planned before the first one."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import suppress
+from dataclasses import KW_ONLY, dataclass, replace
+from functools import partial, reduce
+from time import perf_counter
+from typing import Annotated, Any, cast
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ikservo.apps.grasping.jaws import find_jaws
+from ikservo.arm.arm_parts import ArmParts
+from ikservo.arm.arm_protocol import OpenArm
+from ikservo.arm.gripper import plan_gripper
+from ikservo.arm.own_motion import OwnMotion
+from ikservo.arm.run_by_kind import run_motion
+from ikservo.errors import (
+    BadValueError,
+    NotSettledError,
+    OrientationError,
+    RefusedError,
+    UnreachableError,
+    format_point,
+)
+from ikservo.ik import Target
+from ikservo.ik.problem import check_position
+from ikservo.kinematics.arrays import Matrix, Vector, finite_vector
+from ikservo.kinematics.se3 import make_pose, rotation_rpy
+from ikservo.model.scene_file import KeepOutShape
+from ikservo.model.tool import tool_frame
+from ikservo.motion import ConcatenatedTrajectory, JointMove
+from ikservo.planning.context import ArmContext
+from ikservo.planning.motion_plan import MotionPlan
+from ikservo.planning.motions import MotionValue, MoveGripper, MoveLine, MoveTo, Speed
+from ikservo.planning.poses import PoseLibrary
+from ikservo.planning.preflight_planner import PlannedStart, PreflightPlanner
+from ikservo.planning.reports import GraspResult, OnProgress
+from ikservo.planning.tool_orientation import ToolOrientation, solve_with_orientation
+
+_PITCHES_RAD = np.radians([-86.0, -80.0, -75.0, -60.0, -45.0, -30.0, -15.0, 0.0])
+_FROM_ABOVE_RAD = math.radians(-40.0)  # a steeper tool comes from above, if it can
+_ROLLS_RAD = np.radians(np.arange(-180.0, 180.0, 2.0))
+_ASKEW = math.sin(math.radians(15.0))  # of the jaws to the horizontal, and to the thing
+_LOOSE_RAD, _UPRIGHT_RAD = math.radians(30.0), math.radians(12.0)  # on the way; with a load
+_CLEARANCE_M, _LEAST_M = 0.006, 0.001  # between the thing and each jaw: wanted, and needed
+_UNKNOWN_M, _TOP_M = 0.03, 0.004  # width of what was not picked up here; part above the jaws
+_APPROACHES_M, _LOWER_M = (0.08, 0.05), 0.002  # the arm may end this much lower than planned
+_RAISES_M = (0.0, 0.003, 0.006, 0.01, 0.015)  # of the jaws above the middle of a thing
+_DROPS_M = (0.002, 0.006, 0.01, 0.015, 0.02)
+_THINK_S, _MOST_S = 1.0, 40.0  # for a path around things, as there are other grasps; for all
+_UP = np.array([0.0, 0.0, 1.0])
+
+Motions = Sequence[MotionValue[Any]]
+Planned = tuple[Motions, MotionPlan]  # and one plan of them
+Stance = tuple[ToolOrientation, Vector]  # and the point (3,) of the tip that goes to the thing
+
+
+def _parse_size(value: object) -> tuple[float, ...]:
+    size_m = finite_vector(cast("ArrayLike", value), 3, "The size").tolist()
+    if min(size_m) <= 0.0:
+        raise BadValueError("The size", str(size_m), "three lengths above 0 m")
+    return tuple(size_m)
+
+
+def _parse_point(value: object) -> tuple[float, ...]:
+    return tuple(check_position(cast("ArrayLike", value), "The point").tolist())
+
+
+class Grip:
+    """How an arm holds what it has picked up: the pose of its tip (4, 4) at the upright thing."""
+
+    def __init__(self, _arm: object) -> None:
+        self.T_thing_tip: Matrix | None = None
+        self.height_m = 0.0
+
+
+@dataclass(frozen=True)
+class Pick(OwnMotion[GraspResult]):
+    """The jaws open, approach a thing, close on it and lift it.
+
+    Attributes:
+        middle_m: The middle (3,) of what is gripped, metres, base frame.
+        size_m: Its length, width and height (3,).
+        yaw_rad: The direction of its length, from x towards y.
+        speed: See ``MoveTo``.
+    """
+
+    middle_m: Annotated[Any, _parse_point]
+    _: KW_ONLY
+    size_m: Annotated[Any, _parse_size] = (0.03, 0.03, 0.03)
+    yaw_rad: float = 0.0
+    speed: Speed = "normal"
+
+    def plan(self, context: ArmContext, start: Vector, _: Grip | None = None) -> Planned:
+        """Plan from the joints ``start`` (n,): open, above, down, close, up, press again.
+
+        Raises:
+            RefusedError: It is not possible; the message says why.
+            UnreachableError: The point is out of reach.
+        """
+        planner, middle_m = _GraspPlanner(context, start, self.speed), np.array(self.middle_m)
+        most_m, (length_m, width_m, height_m) = planner.jaws.most_m, self.size_m
+        raises_m = [each for each in _RAISES_M if each <= max(height_m / 2.0 - _TOP_M, 0.0)]
+        across = (width_m, self.yaw_rad + math.pi / 2.0), (length_m, self.yaw_rad)
+        # Jaws that cannot be turned to a thing turn the thing.
+        sides = [*sorted(across), (math.hypot(length_m, width_m), None)]
+        if sides[0][0] + 2.0 * _LEAST_M > most_m:
+            wide_mm, most_mm = 1000.0 * sides[0][0], 1000.0 * most_m
+            raise RefusedError(
+                f"The thing is {wide_mm:.0f} mm wide, the jaws open {most_mm:.0f} mm there.",
+                "Nothing moves. Choose a narrower thing.",
+            )
+
+        def stances() -> Iterator[Stance]:
+            for pitch_rad in _PITCHES_RAD.tolist():
+                T = planner.tip_at(middle_m, ToolOrientation(pitch_rad), np.zeros(3))
+                for across_m, side_rad in sides:
+                    spare_m = min(2.0 * _CLEARANCE_M, most_m - across_m)
+                    if T is not None and spare_m >= 2.0 * _LEAST_M:
+                        grip_m = planner.jaws.at_width(across_m + spare_m)[1]
+                        for roll_rad in planner.level_rolls(T[:3, :3], pitch_rad, side_rad):
+                            yield ToolOrientation(pitch_rad, roll_rad), grip_m
+
+        kinds = ["open", "to", "down", "close", "away", "close"]
+        closed = planner.jaws.at_width(sides[0][0])[0]
+        return planner.plan(middle_m, raises_m, stances(), kinds, closed)
+
+    def end(self, context: ArmContext, start: Vector) -> Vector:
+        """Compute the joints (n,) after the motion from ``start`` (n,); nothing moves."""
+        return self.plan(context, start)[1].goal
+
+    def run(self, arm: ArmParts, on_progress: OnProgress | None) -> GraspResult:
+        """Plan everything, then pick it up; jaws that find nothing open again, and say so."""
+        motions, _ = self.plan(arm.context, arm.runner.start_position())
+        report = _run(arm, motions[:4], on_progress)
+        T_base_tip = arm.context.planner.tip_pose(arm.context.servos.measure_positions())
+        if not report.grasped:
+            _run(arm, (motions[0], motions[4]), on_progress)
+        elif (report := _run(arm, motions[4:], on_progress)).grasped:
+            T = make_pose(np.array(self.middle_m), rotation_rpy(0.0, 0.0, self.yaw_rad))
+            grip = cast("Any", arm).grip
+            grip.T_thing_tip, grip.height_m = np.linalg.inv(T) @ T_base_tip, self.size_m[2]
+            return report
+        at = format_point(self.middle_m)
+        raise RefusedError(
+            f"The gripper found nothing at {at}, or lost it.", "Look, and try again."
+        )
+
+    def __str__(self) -> str:
+        return f"pick up at {format_point(self.middle_m)}"
+
+
+@dataclass(frozen=True)
+class Place(OwnMotion[GraspResult]):
+    """The arm puts down what its gripper holds, opens the jaws and withdraws.
+
+    Attributes:
+        middle_m: The point (3,) for the middle of what it holds, metres, base frame.
+        speed: See ``MoveTo``.
+    """
+
+    middle_m: Annotated[Any, _parse_point]
+    _: KW_ONLY
+    speed: Speed = "normal"
+
+    def plan(self, context: ArmContext, start: Vector, grip: Grip | None = None) -> Planned:
+        """Plan from the joints ``start`` (n,): above, press again, down, open, up; as ``Pick``."""
+        planner, T = _GraspPlanner(context, start, self.speed), context.planner.tip_pose(start)
+        known = None if grip is None else grip.T_thing_tip
+        R = (T if known is None else known)[:3, :3]
+        roll_rad = planner.tool.roll_rad(R, math.atan2(T[1, 3], T[0, 3]))
+        stance = ToolOrientation(planner.tool.pitch_rad(R), roll_rad, within_rad=_UPRIGHT_RAD)
+        grip_m = planner.jaws.at_width(_UNKNOWN_M)[1] if known is None else -R.T @ known[:3, 3]
+        kinds, held = ["to", "close", "down", "open", "away"], start[context.index.outside_chain()]
+        middle_m = np.array(self.middle_m)
+        return planner.plan(middle_m, _DROPS_M, [(stance, grip_m)], kinds, float(held[0]))
+
+    def end(self, context: ArmContext, start: Vector) -> Vector:
+        """Compute the joints (n,) after the motion from ``start`` (n,); nothing moves."""
+        return self.plan(context, start)[1].goal
+
+    def run(self, arm: ArmParts, on_progress: OnProgress | None) -> GraspResult:
+        """Plan everything, then put it down; a gripper that holds nothing is refused."""
+        grip: Grip = cast("Any", arm).grip
+        motions, _ = self.plan(arm.context, arm.runner.start_position(), grip)
+        is_held, grip.T_thing_tip = _run(arm, motions[:2], on_progress).grasped, None
+        if not is_held:
+            raise RefusedError("The gripper holds nothing.", "Pick something up first.")
+        return _run(arm, motions[2:], on_progress)
+
+    def __str__(self) -> str:
+        return f"put down at {format_point(self.middle_m)}"
+
+
+def pick(arm: OpenArm, thing: ArrayLike | KeepOutShape, **options: Any) -> GraspResult:  # noqa: ANN401
+    """Pick up an upright box, as ``arm.camera`` finds it, or what is at a point (3,); see ``Pick``.
+
+    Raises:
+        RefusedError: It is too wide or below the table, no grasp is possible, or none was found.
+        UnreachableError: It is out of reach; nothing moved.
+    """
+    kind = partial(pick_box, thing) if isinstance(thing, KeepOutShape) else partial(Pick, thing)
+    return arm.execute(kind(**options))
+
+
+def pick_box(box: KeepOutShape, **options: Any) -> Pick:  # noqa: ANN401
+    """Return the motion that picks up an upright box."""
+    yaw_rad = math.atan2(box.row[3], box.row[0])
+    return Pick(box.row[9:12], size_m=2.0 * box.half_size_m, yaw_rad=yaw_rad, **options)
+
+
+def place(arm: OpenArm, middle_m: ArrayLike, *, speed: str = "normal") -> GraspResult:
+    """Put down what the gripper holds, with its middle at a point (3,) [m]; see ``Place``.
+
+    Raises:
+        RefusedError: It is below the table, the way is not free, or the gripper holds nothing.
+        UnreachableError: It is out of reach; nothing moved.
+    """
+    return arm.execute(Place(middle_m, speed=speed))
+
+
+def _run(arm: ArmParts, motions: Motions, on_progress: OnProgress | None) -> GraspResult:
+    """Make motions, and return the last report of the jaws; these find what is near enough."""
+    found: object = None
+    for motion in motions:
+        with suppress(NotSettledError):
+            report = run_motion(arm, motion, on_progress)
+            found = report if isinstance(report, GraspResult) else found
+    return cast("GraspResult", found)
+
+
+class _GraspPlanner:
+    """Plans from all joints (n,); nothing moves, and no servo is read."""
+
+    def __init__(self, context: ArmContext, start: Vector, speed: str) -> None:
+        context.require_zeros()
+        self._context, self._start, self._speed = context, start, speed
+        self.tool, self.jaws = tool_frame(context.model), find_jaws(context.model)
+
+    def plan(
+        self,
+        middle_m: Vector,
+        raises_m: Sequence[float],
+        stances: Iterable[Stance],
+        kinds: Sequence[str],
+        held: float,
+    ) -> Planned:
+        """Return the motions of the first grasp that is possible, best first, and their plan.
+
+        ``kinds`` are the motions: open and close for the jaws, which stay at ``held``; to, down
+        and away for the tip.
+        """
+        at, reason = format_point(middle_m.tolist()), "The gripper cannot be turned to it there."
+        if middle_m[2] < (self._context.model.floor_m or 0.0):
+            raise RefusedError(f"{at} is below the table.", "Nothing moves. Choose another point.")
+        self._context.planner.reach(self._start, middle_m)
+        until_s = perf_counter() + _MOST_S
+        for stance, grip_m in stances:
+            for raise_m in raises_m:
+                T = self.tip_at(middle_m + raise_m * _UP, stance, grip_m)
+                if T is None or perf_counter() > until_s:
+                    break
+                lower = self._approaches(make_pose(-_LOWER_M * _UP, np.eye(3)) @ T, stance, kinds)
+                for below, motions in zip(lower, self._approaches(T, stance, kinds), strict=True):
+                    try:
+                        self._plan_all(below, held)
+                        return motions, self._plan_all(motions, held)
+                    except (RefusedError, UnreachableError) as error:
+                        reason = error.message
+        raise RefusedError(
+            f"{self._context.model.name} cannot grip or put down anything at {at}: {reason}",
+            "Nothing moves. Choose another point, or move what is in the way.",
+        )
+
+    def tip_at(self, point_m: Vector, stance: ToolOrientation, grip_m: Vector) -> Matrix | None:
+        """Return the pose of the tip (4, 4) that has its point ``grip_m`` at another one, or None.
+
+        The orientation depends on where the tip is, so that it is solved again.
+        """
+        chain, tip_m, R = self._context.chain, point_m, np.eye(3)
+        q = self._context.index.chain_joints(self._start)
+        for _ in range(3 if grip_m.any() else 1):
+            try:
+                found = solve_with_orientation(chain, self.tool, Target(tip_m), stance, q).solution
+            except OrientationError:
+                return None
+            if not found.reached:
+                return None
+            q, R = found.q, chain.forward(found.q)[:3, :3]
+            tip_m = point_m - R @ grip_m
+        return make_pose(tip_m, R)
+
+    def level_rolls(self, R: Matrix, pitch_rad: float, side_rad: float | None) -> list[float]:
+        """Return the rolls of a tool (3, 3) at which its jaws are level and close on a side."""
+        heading_rad = self.tool.heading_rad(R) or 0.0
+        turned = [self.tool.rotation(heading_rad, pitch_rad, roll) for roll in _ROLLS_RAD]
+        x, y, z = (np.array(turned) @ self.jaws.axis).T
+        aside = 0.0 if side_rad is None else np.abs(np.sin(np.arctan2(y, x) - side_rad))
+        askew = np.maximum(np.abs(z), aside)
+        best = int(np.argmin(askew))
+        both = _ROLLS_RAD[[best, best - len(_ROLLS_RAD) // 2]].tolist()
+        return sorted(both, key=abs) if askew[best] < _ASKEW else []
+
+    def _approaches(
+        self, T: Matrix, stance: ToolOrientation, kinds: Sequence[str]
+    ) -> Iterator[Motions]:
+        """Yield the motions from above, and back along the tool, to a pose of the tip (4, 4)."""
+        loose, speed, at_m = replace(stance, within_rad=_LOOSE_RAD), self._speed, T[:3, 3]
+        back, pitch_rad = -T[:3, :3] @ self.tool.approach_axis, self.tool.pitch_rad(T[:3, :3])
+        for way in (_UP, back) if pitch_rad < _FROM_ABOVE_RAD else (back,):
+            for above_m in (at_m + length_m * way for length_m in _APPROACHES_M):
+                parts: dict[str, MotionValue[Any]] = {
+                    "to": MoveTo(above_m, speed=speed, stance=loose, think_s=_THINK_S),
+                    "down": MoveLine(at_m, speed="slow", stance=stance),
+                    "away": MoveLine(above_m, speed=speed, stance=loose),
+                }
+                yield [parts.get(kind) or MoveGripper(kind) for kind in kinds]
+
+    def _plan_all(self, motions: Motions, held: float) -> MotionPlan:
+        """Plan motions one after the other, as one plan; the jaws close to ``held``."""
+        context, start, plans = self._context, self._start, list[MotionPlan]()
+        poses = PoseLibrary(context.model, context.serial_number)
+        for motion in motions:
+            if isinstance(motion, MoveGripper):
+                end = plan_gripper(context, motion, start)
+                if motion.to == "close":
+                    end[context.index.outside_chain()] = held
+                move = JointMove(start, end, context.planner.motion_limits(self._speed))
+                tip_m, lasts_s = context.planner.tip(start), move.duration_s
+                plans.append(MotionPlan(start, end, move, tip_m, 0.0, lasts_s, self._speed))
+            else:
+                plans.append(PreflightPlanner(context, PlannedStart(start), poses).plan(motion))
+            start = plans[-1].goal
+        path = reduce(ConcatenatedTrajectory, [each.trajectory for each in plans])
+        path_m = sum(each.path_m for each in plans)
+        return replace(
+            plans[-1], start=self._start, trajectory=path, path_m=path_m, duration_s=path.duration_s
+        )

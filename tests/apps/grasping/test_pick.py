@@ -1,0 +1,176 @@
+"""Picks that are refused before anything moves, grasps that find nothing, jaws and blocks."""
+
+import math
+
+import numpy as np
+import pytest
+
+import ikservo
+from ikservo.apps.cameras.camera_model import CameraModel
+from ikservo.apps.cameras.pictures import Intrinsics
+from ikservo.apps.grasping.jaws import find_jaws
+from ikservo.apps.grasping.pick_and_place import Pick, Place
+from ikservo.errors import BadValueError, IkservoError, InputError, RefusedError, UnreachableError
+from ikservo.model import load_model
+from servosim.camera import look_at
+from tests.arm.simulated import line_of
+
+CUBE = (0.035, 0.035, 0.035)
+
+
+@pytest.fixture
+def so101():
+    with ikservo.open_arm("so101", port="sim:?pose=home") as arm:
+        yield arm
+
+
+def refused(arm, kind, text, *given, **options):
+    """Check that a pick is refused, and that no servo has its torque on or another goal."""
+    servos = line_of(arm).servos.values()
+    before = [servo.read("goal_position") for servo in servos]
+    with pytest.raises(kind, match=text):
+        arm.pick(*given, **options)
+    assert [servo.read("goal_position") for servo in servos] == before
+    assert not any(servo.read("torque_enable") for servo in servos)
+
+
+def test_pick_refuses_thing_wider_than_the_gripper(so101):
+    size_m = (0.09, 0.1, 0.03)
+    refused(so101, RefusedError, "90 mm wide, the jaws open 7", (0.24, 0.0, 0.02), size_m=size_m)
+
+
+def test_pick_refuses_point_below_the_table(so101):
+    refused(so101, RefusedError, "below the table", (0.24, 0.0, -0.01), size_m=CUBE)
+
+
+def test_pick_refuses_point_out_of_reach(so101):
+    refused(so101, UnreachableError, "cannot be reached", (0.8, 0.0, 0.02), size_m=CUBE)
+
+
+def test_pick_refuses_thing_so_flat_that_fingers_touch_the_table(so101):
+    flat = (0.03, 0.03, 0.002)
+    refused(so101, RefusedError, "would touch the table", (0.24, 0.0, 0.001), size_m=flat)
+
+
+def test_pick_refuses_thing_that_a_shelf_covers(so101):
+    so101.scene.add("box", "the shelf", center_m=(0.25, 0.0, 0.1), size_m=(0.2, 0.4, 0.02))
+    refused(so101, RefusedError, "cannot grip .* at", (0.25, 0.0, 0.0175), size_m=CUBE)
+
+
+def test_sizes_of_picked_things_are_checked():
+    with pytest.raises(BadValueError, match="three lengths above 0"):
+        Pick((0.2, 0.0, 0.02), size_m=(0.03, 0.0, 0.03))
+
+
+def test_arm_without_gripper_cannot_pick():
+    with pytest.raises(IkservoError, match="no gripper"):
+        find_jaws(load_model("planar3"))
+
+
+def test_pick_that_finds_nothing_says_so_and_opens_again(so101):
+    with pytest.raises(RefusedError, match="found nothing at"):
+        so101.pick((0.24, 0.05, 0.0175), size_m=CUBE)
+    assert so101.where().tip_m[2] > 0.06
+    assert so101.where()["gripper"].position_rad > 1.6
+    with pytest.raises(RefusedError, match="holds nothing"):
+        so101.place((0.24, -0.05, 0.0175))
+
+
+def test_plan_of_pick_approaches_from_above_and_moves_nothing(so101):
+    start = so101.where().positions_rad
+    motions, whole = Pick((0.24, 0.05, 0.0175), size_m=CUBE).plan(so101.context, start)
+    names = [motion.kind for motion in motions]
+    line, jaws = "move_line", "move_gripper"
+    assert names == [jaws, "move_to", line, jaws, line, jaws]
+    above, grasp = (np.array(motions[i].position_m) for i in (1, 2))
+    np.testing.assert_allclose(above - grasp, (0.0, 0.0, 0.08), atol=1e-9)
+    np.testing.assert_allclose(whole.start, start)
+    np.testing.assert_allclose(whole.trajectory.state(whole.duration_s).position, whole.goal)
+    assert not any(servo.read("torque_enable") for servo in line_of(so101).servos.values())
+
+
+def test_cube_is_between_the_jaws_in_the_planned_grasp(so101):
+    middle_m = np.array([0.24, 0.05, 0.0175])
+    start = so101.where().positions_rad
+    motions, _ = Pick(middle_m, size_m=CUBE, yaw_rad=0.3).plan(so101.context, start)
+    planned = so101.plan_to(motions[2].position_m, stance=motions[2].stance)
+    T = so101.context.planner.tip_pose(planned.goal)
+    along, aside, _ = (middle_m - T[:3, 3]) @ np.column_stack(
+        [T[:3, :3] @ find_jaws(so101.model).axis, np.cross(T[:3, 2], T[:3, 0]), T[:3, 2]]
+    )
+    assert along == pytest.approx(0.0175 + 0.006, abs=0.001)  # the fixed jaw is at the tip
+    assert abs(aside) < 0.002
+
+
+@pytest.mark.parametrize(
+    ("name", "most_mm", "beside_mm"),
+    [("so101", 76, 23), ("koch", 53, 22), ("omx_f", 97, 0), ("open_manipulator_x", 82, 0)],
+)
+def test_jaws_follow_from_the_shapes_of_the_arm(name, most_mm, beside_mm):
+    jaws = find_jaws(load_model(name))
+    assert 1000.0 * jaws.most_m == pytest.approx(most_mm, abs=1.0)
+    assert 1000.0 * np.linalg.norm(jaws.at_width(0.047)[1]) == pytest.approx(beside_mm, abs=2.0)
+
+
+def test_program_has_steps_that_pick_and_place():
+    assert Pick((0.2, 0.0, 0.02)).kind == "pick"
+    assert str(Place((0.2, 0.0, 0.02))) == "put down at (0.200, 0.000, 0.020) m"
+
+
+def picture_of_block(model, corners_m, colour):
+    """Return a picture of a convex body on a grey table."""
+    cv2 = pytest.importorskip("cv2")
+    width, height = model.lens.size
+    picture = np.full((height, width, 3), 130, np.uint8)
+    hull = cv2.convexHull(model.project(corners_m)[0].astype(np.float32))
+    cv2.fillConvexPoly(picture, np.round(hull).astype(np.int32), colour)
+    return picture
+
+
+@pytest.fixture
+def camera():
+    lens = Intrinsics(
+        np.array([[800.0, 0, 480], [0, 800, 360], [0, 0, 1]]), np.zeros(5), (960, 720)
+    )
+    return CameraModel(lens, look_at(np.array([0.6, 0.25, 0.4]), np.array([0.2, 0.0, 0.0])))
+
+
+def box_corners(at_m, size_m, yaw_rad):
+    corners = np.array([(x, y, z) for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (0.0, 1.0)])
+    c, s = math.cos(yaw_rad), math.sin(yaw_rad)
+    return (corners * size_m) @ np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]]).T + (*at_m, 0.0)
+
+
+def test_block_is_found_where_it_stands_and_as_it_is_turned(camera):
+    pytest.importorskip("cv2")
+    from ikservo.apps.cameras.blocks import find_block_at, find_blocks
+
+    corners_m = box_corners((0.22, 0.03), (0.06, 0.03, 0.03), 1.2)
+    picture = picture_of_block(camera, corners_m, (200, 40, 30))
+    (block,) = find_blocks(camera, picture, 0.0)
+    assert block.name == "the blue block"
+    np.testing.assert_allclose(block.row[9:12], (0.22, 0.03, 0.015), atol=0.002)
+    np.testing.assert_allclose(np.sort(2.0 * block.half_size_m), (0.03, 0.03, 0.06), atol=0.003)
+    motion = Pick(block.row[9:12], size_m=2.0 * block.half_size_m)
+    assert motion.size_m == tuple(2.0 * block.half_size_m)
+    u, v = camera.project(np.array([0.22, 0.03, 0.015]))[0]
+    assert find_block_at(camera, picture, 0.0, u, v).name == block.name
+    with pytest.raises(InputError, match="No coloured block"):
+        find_block_at(camera, picture, 0.0, 30.0, 30.0)
+
+
+def test_command_says_that_nothing_was_found(run_cli):
+    done = run_cli("pick 0.24 0.05 30mm --arm so101 --port sim:?pose=home")
+    assert done.code == 8, done
+    assert "found nothing" in done.err
+
+
+def test_command_refuses_what_is_neither_pixel_nor_point(run_cli):
+    done = run_cli("pick 1 2 3 4 --arm so101 --port sim")
+    assert done.code == 2
+    assert "neither a pixel nor a point" in done.err
+
+
+def test_command_with_a_pixel_needs_a_calibrated_camera(run_cli):
+    done = run_cli("pick 480 360 --arm so101 --port sim")
+    assert "no calibrated camera" in done.err
