@@ -25,6 +25,7 @@ from ikservo.clock import RealClock
 from ikservo.errors import (
     BadValueError,
     IkservoError,
+    LatchedStopError,
     RefusedError,
     UnknownNameError,
     printable,
@@ -47,6 +48,7 @@ _MAX_SUNK_RAD = 0.1  # a limp arm sinks before a program begins
 _KEPT_REFUSALS = 20
 _BRAKE_TIMEOUT_S = 5.0  # braking takes 0.3 s; a busy machine is given more
 _BY_BUDGET = "--allow slow"
+_PERSON_ENDS_STOP = "A person must end the stop, on the server's page or by: ikservo mcp --approve"
 
 
 class AgentArm:
@@ -88,7 +90,7 @@ class AgentArm:
         return res.ArmStatus(
             tip_m=_point(state.tip_m),
             positions=state.positions,
-            is_holding=self.arm.context.servos.torque.is_on,
+            is_holding=bool(state.torque.all()),
             stopped_for=quoted(self.arm.stopped_for),
             held_things=tuple(map(quoted, self.arm.scene.held)),
             consent=self.allowance.consent.value,
@@ -109,14 +111,13 @@ class AgentArm:
         """Return the joints of the arm with their limits in rad or m, and its poses."""
         arm = self.arm
         lower, upper = arm.limits()
+        limits = zip(arm.joint_names, lower.tolist(), upper.tolist(), strict=True)
         return {
             "name": arm.model.name,
             "title": quoted(arm.model.title),
             "limits": {
                 name: {"lower": low, "upper": high, "unit": arm.model.joint(name).joint_map.unit}
-                for name, low, high in zip(
-                    arm.joint_names, lower.tolist(), upper.tolist(), strict=True
-                )
+                for name, low, high in limits
             },
             "poses": [quoted(name) for name in arm.poses.all_poses()],
         }
@@ -130,10 +131,9 @@ class AgentArm:
         names = ("target_m", "nearest_m", "instead_m", "binding", "along_m")
         details = {name: getattr(error, name) for name in names if getattr(error, name, None)}
         kind, words = type(error).__name__, quoted(error.message, _MAX_WORDS)
-        hint = quoted(error.hint, _MAX_WORDS)
-        self._refusals.append(
-            res.Refusal(tool=tool, kind=kind, message=words, hint=hint, details=details)
-        )
+        hint = quoted(hint_for_agent(error), _MAX_WORDS)
+        refusal = res.Refusal(tool=tool, kind=kind, message=words, hint=hint, details=details)
+        self._refusals.append(refusal)
         with contextlib.suppress(IkservoError):  # a full disk must not hide the error itself
             self.journal.write("refused", tool=tool, kind=kind, message=words)
 
@@ -150,10 +150,8 @@ class AgentArm:
             raise RefusedError("The program is not a fixed list of motions.", "Write each motion.")
         count = len(program.steps) * program.repeat
         if count > MAX_PROGRAM_STEPS:
-            raise RefusedError(
-                f"The program has {count} steps, including repetitions.",
-                f"At most {MAX_PROGRAM_STEPS} are allowed.",
-            )
+            expected = f"at most {MAX_PROGRAM_STEPS}"
+            raise BadValueError("The number of steps with repetitions", count, expected)
         arm, name = self.arm, self.arm.model.name
         if program.arm != name:
             raise BadValueError("The program", f"one for {program.arm}", f"one for {name}")
@@ -198,7 +196,7 @@ class AgentArm:
             duration_s=None if plan is None else round(plan.duration_s, 2),
             tip_at_end_m=None if plan is None else _point(plan.tip_m),
             needs_consent=self.allowance.consent in (Consent.NOTHING, Consent.ASK)
-            or (self.allowance.consent is Consent.SLOW and not self._budget.left()["motions"]),
+            or (self.allowance.consent is Consent.SLOW and not self._budget.covers(1)),
         )
 
     def picture_of(self, plan_id: str) -> bytes:
@@ -277,7 +275,7 @@ class AgentArm:
         self.arm.request_stop(StopReason(StopKind.CLIENT, f"{by} stopped the arm: {words}"))
         with contextlib.suppress(IkservoError):
             self.journal.write("stop", by=by, reason=words)
-        return "Stopped. The arm holds until a person acknowledges the stop."
+        return f"Stopped. {_PERSON_ENDS_STOP}"
 
     def hold(self, reason: str) -> None:
         """Stop a motion, even one about to begin, because the agent can no longer see it."""
@@ -293,6 +291,7 @@ class AgentArm:
         """End a stop, for a person, even if the journal is full."""
         with contextlib.suppress(IkservoError):
             self.journal.write("acknowledge", by=who)
+        self.plans.withdraw_questions()
         self.arm.acknowledge()
 
     def things(self) -> list[res.SceneThing]:
@@ -342,6 +341,13 @@ class AgentArm:
             return res.SeenThing(point_m=_point(point_m), thing=None)
         seen = self.arm.camera.point_seen(u, v)
         return res.SeenThing(point_m=_point(seen.point_m), thing=seen.thing and quoted(seen.thing))
+
+
+def hint_for_agent(error: IkservoError) -> str:
+    """Return the hint of an error, unless it names Python methods, which an agent does not have."""
+    if isinstance(error, LatchedStopError):
+        return _PERSON_ENDS_STOP
+    return "" if "arm." in error.hint else error.hint
 
 
 def quoted(text: str, most: int = _MAX_NAME) -> str:

@@ -109,10 +109,13 @@ class Budget:
     def take(self, motions: int) -> bool:
         """Use motions of the budget; return False, and use none, if they are more than is left."""
         with self._lock:
-            if motions > self._left or self._clock.now_s() > self._end_s:
-                return False
-            self._left -= motions
-            return True
+            is_covered = self.covers(motions)
+            self._left -= motions * is_covered
+            return is_covered
+
+    def covers(self, motions: int) -> bool:
+        """Check whether motions are not more than what is left, now."""
+        return motions <= self._left and self._clock.now_s() <= self._end_s
 
     def left(self) -> Mapping[str, float]:
         """Return the numbers of motions and minutes that are left."""

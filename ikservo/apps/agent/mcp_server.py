@@ -14,7 +14,7 @@ from mcp.types import ToolAnnotations
 from pydantic import Field
 
 from ikservo.apps.agent import tool_results as res
-from ikservo.apps.agent.agent_arm import AgentArm, quoted
+from ikservo.apps.agent.agent_arm import AgentArm, hint_for_agent, quoted
 from ikservo.apps.agent.motion_schema import MotionArguments, Name, Number, Point, motion_arguments
 from ikservo.apps.agent.plan_store import Answer
 from ikservo.errors import IkservoError
@@ -123,9 +123,9 @@ class ArmTools:
         )
         return await self.execute(offered.plan_id, context)
 
-    async def stop(self, reason: Annotated[str, Field(max_length=500)] = "") -> str:
+    async def stop(self, reason: Any = "") -> str:  # noqa: ANN401  # no reason delays a stop
         """Brake and hold at once; only a person lets the arm move again."""
-        return self._agent.stop(reason)
+        return self._agent.stop(reason if isinstance(reason, str) else "")
 
     async def scene_list(self) -> list[res.SceneThing]:
         """List the things around the arm that it avoids."""
@@ -207,7 +207,8 @@ class ArmTools:
         result = results[0]
         if isinstance(result, IkservoError):
             self._agent.note_error(tool, result)
-            raise ToolError(quoted(str(result), _MAX_ERROR))
+            words = f"{result.message} {hint_for_agent(result)}".strip()
+            raise ToolError(quoted(words, _MAX_ERROR))
         return result
 
     async def _hold_when_cancelled(self, results: Sequence[object]) -> None:
@@ -240,10 +241,10 @@ def _append_result(work: Callable[[], T], results: list[T | IkservoError]) -> No
 def pick_a_thing(thing: str = "the middle of the picture") -> str:
     """Pick up a thing that the camera sees."""
     return (
-        f"Pick up the thing at {thing}. Get its pixel by look, its position by point_of_pixel. "
-        "Open the gripper. Plan a move_to 8 cm above the thing, with the stance pitch_rad -1.57, "
-        "and execute it; then a move_line down to it. Close the gripper, and move up on a line. "
-        "Then say whether the gripper holds it."
+        f"Pick up the thing at {thing}. Get its pixel by look, and its position by point_of_pixel "
+        "with height_m, the height of its middle. Open the gripper. Plan a move_to 8 cm above it, "
+        "with the stance pitch_rad -1.57, and execute it; then a move_line down to it. Close the "
+        "gripper, and move up on a line. Then say whether the gripper holds it."
     )
 
 

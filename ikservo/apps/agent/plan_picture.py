@@ -40,11 +40,8 @@ def draw_plan(arm: Arm, plan: MotionPlan) -> Picture:
     farthest_m = float(np.abs(np.concatenate([before, after, path])).max())
     corners = [abs(x) for each in arm.scene.things for x in (*each.low_m[:2], *each.high_m[:2])]
     reach = 1.15 * min(max([farthest_m, *corners]), 1.5 * farthest_m)
-    views = (
-        (np.array([0.0, -1.0, 0.0]), np.array([1.0, 0.0, 0.0])),
-        (along, np.array([0.0, 0.0, 1.0])),
-    )
-    drawn: list[Picture] = []
+    x, y, z = np.eye(3)
+    views, drawn = ((-y, x), (along, z)), list[Picture]()
     for right, up in views:
         view = _View(np.stack([right, up]), reach)
         for edges in things:
@@ -110,9 +107,7 @@ def shrunk(picture: NDArray[np.uint8]) -> Picture:
 def encode_png(picture: Picture) -> bytes:
     """Encode a picture (h, w, 3) as PNG (RFC 2083)."""
     height, width = picture.shape[:2]
-    rows = np.concatenate(
-        [np.zeros((height, 1), np.uint8), picture.reshape(height, 3 * width)], axis=1
-    )
+    rows = np.insert(picture.reshape(height, 3 * width), 0, 0, axis=1)
     chunks = (
         (b"IHDR", struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, 0)),
         (b"IDAT", zlib.compress(rows.tobytes())),

@@ -84,17 +84,13 @@ class PlanStore:
         with self._lock:
             offered = self._plans.get(plan_id)
         if offered is None:
-            raise UnknownNameError("plan", plan_id, ())
+            raise UnknownNameError("plan", plan_id, tuple(self._plans))
         if offered.is_used:
-            raise RefusedError(f"Plan {plan_id} has already been executed.", "Make another plan.")
+            raise RefusedError(f"Plan {plan_id} has already been used.", "Make another plan.")
         if offered.answer is Answer.NO:
-            raise RefusedError(
-                f"A person has refused plan {plan_id}.", "Ask the person what to change."
-            )
+            raise RefusedError(f"A person refused plan {plan_id}.", "Ask what to change.")
         if self._clock.now_s() - offered.made_s > LIFETIME_S:
-            raise RefusedError(
-                f"Plan {plan_id} is older than {LIFETIME_S / 60.0:g} minutes.", "Plan again."
-            )
+            raise RefusedError(f"Plan {plan_id} has expired.", "Plan again.")
         return offered
 
     def take(self, plan_id: str) -> OfferedPlan:
@@ -102,7 +98,14 @@ class PlanStore:
         with self._lock:
             offered = self.find(plan_id)
             offered.is_used = True
+            self.withdraw_questions()
         return offered
+
+    def withdraw_questions(self) -> None:
+        """Take back all questions to a person: after a motion or a stop, the arm is elsewhere."""
+        with self._lock:
+            for each in self._plans.values():
+                each.is_asked = False
 
     def asked(self) -> list[OfferedPlan]:
         """Return the plans that are waiting for a person's answer."""

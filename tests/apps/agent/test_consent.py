@@ -174,7 +174,7 @@ def test_plan_expires_and_oldest_is_forgotten():
     store = PlanStore(clock)
     first = store.offer(OfferedPlan([Wait(1.0)], None, ["wait"]))
     clock.sleep_until(clock.now_s() + 301.0)
-    with pytest.raises(RefusedError, match="older than 5 minutes"):
+    with pytest.raises(RefusedError, match="has expired"):
         store.take(first.id)
     ids = {store.offer(OfferedPlan([Wait(1.0)], None, ["wait"])).id for _ in range(50)}
     assert len(ids) == 50
@@ -194,7 +194,7 @@ def test_refusal_ends_an_earlier_consent():
     for answer in (Answer.YES, Answer.NO, Answer.YES):
         if plan.answer is not Answer.NO:
             store.answer(plan.id, answer, "a person")
-    with pytest.raises(RefusedError, match="has refused"):
+    with pytest.raises(RefusedError, match="A person refused"):
         store.take(plan.id)
 
 
@@ -215,3 +215,17 @@ def test_motion_after_the_minutes_of_the_owner_is_refused(open_session):
         offered.answer, offered.answered_by = Answer.YES, "--allow slow"  # just before the end
         time.sleep(0.1)
         assert "need no approval is over" in session.call("execute", plan_id=plan)
+        later = session.call("plan", motion={"wait": {"duration_s": 0.1}})
+        assert later["needs_consent"]
+
+
+def test_motion_takes_back_the_questions_about_other_plans(open_session):
+    with open_session(consent=Consent.ASK) as session:
+        agent = session.agent
+        first, second = (session.plan(move_to={"position_m": NEAR}) for _ in range(2))
+        for plan in (first, second):
+            agent.ask(plan, "test")
+        assert [each.id for each in agent.plans.asked()] == [first, second]
+        agent.plans.answer(second, Answer.YES, "a person")
+        assert session.call("execute", plan_id=second)["status"] == "done"
+        assert agent.plans.asked() == []

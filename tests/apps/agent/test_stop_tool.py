@@ -28,3 +28,29 @@ def test_stop_tool_ends_motion_within_300_ms(open_session, after_s):
         assert [goal for goal in late if abs(goal.tick - goal.last) > 1] == []
         assert "The agent stopped the arm" in session.agent.arm.stopped_for
         assert abs(session.agent.arm.where().positions["shoulder_pan"]) < 1.4
+
+
+@pytest.mark.parametrize("reason", [None, 7, "x" * 100_000, ["a"], {"b": 1}])
+def test_stop_brakes_whatever_its_reason_is(simulated, reason):
+    plan = simulated.plan(move_joints={"positions": {"shoulder_pan": 0.2}})
+    stopped = simulated.call("stop", reason=reason)
+    assert "A person must end the stop" in str(stopped)
+    assert len(simulated.agent.arm.stopped_for) < 200
+    refused = simulated.call("execute", plan_id=plan)
+    assert isinstance(refused, str)
+    assert not simulated.has_moved
+
+
+def test_refusals_after_a_stop_name_no_python_method(simulated):
+    assert simulated.call("gripper", to="open")["status"] == "done"
+    assert simulated.call("where")["is_holding"]
+    simulated.call("stop", reason="test")
+    assert simulated.call("where")["is_holding"]  # the servos still hold
+    refused = simulated.call("gripper", to="close")
+    assert "A person must end the stop" in refused
+    assert "arm." not in refused
+
+
+def test_stop_of_a_limp_arm_does_not_claim_that_it_holds(simulated):
+    assert "holds" not in str(simulated.call("stop", reason="test"))
+    assert not simulated.call("where")["is_holding"]

@@ -60,7 +60,7 @@ def test_planned_motion_is_executed_once(simulated, mode):
     assert first.structured_content["status"] == "done"
     assert np.linalg.norm(true_tip_m(simulated.agent.arm) - NEAR) < 0.003
     assert second.is_error
-    assert "already been executed" in second.content[0].text
+    assert "already been used" in second.content[0].text
     assert simulated.audit.faults() == []
 
 
@@ -114,7 +114,10 @@ def test_program_is_checked_then_run_as_one_plan(simulated):
     [
         ("x", "is not TOML"),
         ('format = 1\narm = "koch"\n[[steps]]\nwait_s = 1.0\n', "one for koch"),
-        ('format = 1\narm = "so101"\nrepeat = 1000\n[[steps]]\nwait_s = 1.0\n', "1000 steps"),
+        (
+            'format = 1\narm = "so101"\nrepeat = 1000\n[[steps]]\nwait_s = 1.0\n',
+            "repetitions is 1000",
+        ),
         ('format = 1\narm = "so101"\n[[steps]]\nrecording = "/etc/passwd"\n', "no plan"),
         ('format = 1\narm = "so101"\n[[steps]]\nprogram = "/etc/passwd"\n', "not a fixed list"),
     ],
