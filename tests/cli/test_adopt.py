@@ -61,7 +61,7 @@ def test_adopt_refuses_servos_that_hold_other_registers(arm, run_cli):
     assert not calibration_path(NAME, NEW).exists()
 
 
-def test_adopt_needs_the_file_named_if_several_fit(arm, run_cli):
+def test_adopt_needs_file_argument_if_several_fit(arm, run_cli):
     calibration = read_calibration(calibration_path(NAME, OLD))
     other = move(calibration, "ANOTHER")
     assert run_cli(f"{WORDS} --yes").code == 6

@@ -257,6 +257,6 @@ def test_arms_of_scene_stay_obstacles_after_reopening():
         (("sim:?pose=home",) * 2, PlacedArm("koch", (0.0, 0.0, 0.0)), BadValueError),
     ],
 )
-def test_scene_with_arm_that_cannot_be_obstacle_opens_no_page(ports, beside, error):
+def test_page_refuses_arm_that_cannot_be_obstacle(ports, beside, error):
     with pytest.raises(error):
         Table(ports, [beside])
