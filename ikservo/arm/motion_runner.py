@@ -226,7 +226,7 @@ class MotionRunner:
         """Open the port again once its USB adapter is back; see ``Arm.reconnect``."""
         within_s = parse_number("The wait", within_s)
         if not 0.0 <= within_s < math.inf:
-            raise BadValueError("The wait", within_s, "seconds")
+            raise BadValueError("The wait", within_s, "a number of seconds")
         self.check_open()
         with self.lock:
             self._servos.torque.check_idle()

@@ -289,7 +289,7 @@ def _check_eeprom(
         lower, upper = register.codec.span(register.size)  # some of these cannot be written
         if type(number) is not int or not lower <= number <= upper:
             where = f"eeprom.{register}"
-            raise FileFormatError(path, where, f"is {number!r}", "a number that the register holds")
+            raise FileFormatError(path, where, f"is {number!r}", "a number that fits the register")
         eeprom[register.name] = number
     return eeprom
 

@@ -138,14 +138,14 @@ def check_options(options: object) -> None:
     """Raise BadValueError if these are not options."""
     if not isinstance(options, Options):
         raise BadValueError(
-            "The value of options", shown(options), "Options, as in Options(restarts=20)"
+            "The value of options", shown(options), "Options, such as Options(restarts=20)"
         )
 
 
 def check_homogeneous_row(poses: Matrix, what: str) -> None:
     """Raise BadValueError if the last row of a pose (4, 4), or of several, is not 0 0 0 1."""
     if not np.allclose(poses[..., 3, :], HOMOGENEOUS_ROW, rtol=0.0, atol=1e-9):
-        raise BadValueError(f"The last row of {what}", "wrong", "[0, 0, 0, 1]: is it transposed?")
+        raise BadValueError(f"The last row of {what}", "wrong", "[0, 0, 0, 1] (transposed?)")
 
 
 def target_kind(name: str) -> TargetKind:

@@ -57,7 +57,7 @@ class LinkMass:
         skewness = (tensor - tensor.T).max()  # each difference occurs with both signs
         if skewness > _SYMMETRY * np.abs(tensor).max():
             raise BadValueError(
-                f"The inertia tensor of {self.link}", str(tensor.tolist()), "a symmetric one"
+                f"The inertia tensor of {self.link}", str(tensor.tolist()), "a symmetric matrix"
             )
         object.__setattr__(self, "mass_kg", float(mass))
         object.__setattr__(self, "centre_m", read_only(centre))

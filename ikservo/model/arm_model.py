@@ -187,7 +187,7 @@ class KeepOutBox:
     def __post_init__(self) -> None:
         corners = np.array([self.low_m, self.high_m], dtype=np.float64)
         if not (np.isfinite(corners).all() and (corners[0] < corners[1]).all()):
-            raise BadValueError(f"The box {self.name}", corners.tolist(), "low < high, finite")
+            raise BadValueError(f"The box {self.name}", corners.tolist(), "finite low < high")
 
     @property
     def row(self) -> Vector:

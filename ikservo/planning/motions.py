@@ -79,14 +79,14 @@ def _choice(what: str, choices: Sequence[str]) -> Callable[[object], str]:
 def _parse_tool_speed(value: object) -> float:
     speed_m_s = parse_number("The speed of the tool", value)
     if not 0.0 < speed_m_s < math.inf:
-        raise BadValueError("The speed of the tool", f"{speed_m_s:g} m/s", "more than 0 m/s")
+        raise BadValueError("The speed of the tool", f"{speed_m_s:g} m/s", "a speed above 0 m/s")
     return speed_m_s
 
 
 def _parse_think_time(value: object) -> float:
     think_s = parse_number("The time to search for a path", value)
     if not 0.0 < think_s < math.inf:
-        raise BadValueError("The time to search for a path", f"{think_s:g} s", "above 0 s")
+        raise BadValueError("The time to search for a path", f"{think_s:g} s", "more than 0 s")
     return think_s
 
 
@@ -349,8 +349,8 @@ class MoveThrough(MotionValue[MoveResult]):
         if self.tool_speed_m_s is not None and not self.line:
             raise BadValueError(
                 "The speed of the tool",
-                "given for a motion of the joints",
-                "a straight line, or the speed of the joints: slow, normal, fast",
+                "given for a joint motion",
+                "a straight line, or a joint speed: slow, normal or fast",
             )
 
     def path_from(self, tip_m: Vector) -> ToolPath:
@@ -526,7 +526,7 @@ class Wait(MotionValue[None]):
 
     def _check(self) -> None:
         if not 0.0 < self.duration_s <= _MAX_WAIT_S:
-            raise BadValueError("The wait", f"{self.duration_s:g} s", "above 0 and at most 3600 s")
+            raise BadValueError("The wait", f"{self.duration_s:g} s", "more than 0, at most 3600 s")
 
     def __str__(self) -> str:
         return f"wait {self.duration_s:g} s"
@@ -567,7 +567,9 @@ def check_motion(motion: MotionValue[R]) -> MotionValue[R]:
         BadValueError: The value is not a motion.
     """
     if not isinstance(cast("object", motion), MotionValue):
-        raise BadValueError("The motion", shown(motion), "such as MoveTo((0.25, 0.0, 0.15))")
+        raise BadValueError(
+            "The motion", shown(motion), "a motion such as MoveTo((0.25, 0.0, 0.15))"
+        )
     return motion
 
 

@@ -339,7 +339,7 @@ class Planner:
         goal = start.copy()
         for name, position in positions.items():
             if not abs(position) <= _MAX_JOINT_STEP_RAD:
-                raise BadValueError(f"The goal of {name}", position, "a number of at most 1000")
+                raise BadValueError(f"The goal of {name}", position, "a number within ±1000")
             goal[self._index.column(name)] = position
         return self._make_plan(start, JointMove(start, goal, self.motion_limits(speed)), speed)
 

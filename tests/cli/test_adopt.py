@@ -36,7 +36,7 @@ def test_adopted_calibration_applies_on_the_new_adapter(arm, run_cli):
     assert run_cli(f"calibration diff {NAME} --port {PORT}").code == 6
     done = run_cli(f"{WORDS} --yes")
     assert done.code == 0, done.err
-    assert f"made on adapter {OLD}" in done.err
+    assert f"(adapter {OLD})" in done.err
     adopted = read_calibration(calibration_path(NAME, NEW))
     assert adopted.usb_serial_number == NEW
     assert run_cli(f"calibration diff {NAME} --port {PORT}").code == 0

@@ -46,7 +46,7 @@ def positions_of_lerobot(
         theirs, own = recorded.get(joint.name), calibration.joint(joint.name)
         if theirs is None or own is None or joint.name not in names or theirs.id != own.servo.id:
             raise CalibrationError(
-                f"{joint.name} is not the same servo in the data set and both calibrations.",
+                f"The data set and the two calibrations give different servos for {joint.name}.",
                 "Choose the arm with --arm and its LeRobot file with --calibration.",
             )
         column = values[:, list(names).index(joint.name)]

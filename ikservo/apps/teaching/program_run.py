@@ -244,7 +244,7 @@ class ProgramRun:
     def _index_of(self, number: int) -> int:
         count = len(self._program.steps)
         if not 1 <= number <= count:
-            raise BadValueError("The step", number, f"1 to {count}")
+            raise BadValueError("The step", number, f"a step from 1 to {count}")
         return number - 1
 
     def _motion(self, step: NextStep) -> MotionValue[Any]:

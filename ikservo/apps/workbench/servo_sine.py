@@ -159,7 +159,7 @@ def measure_sine(
     """
     lowest_hz, highest_hz = _FREQUENCIES_HZ
     if not lowest_hz <= from_hz <= to_hz <= highest_hz:
-        wanted = f"{lowest_hz:g} to {highest_hz:g}, the lower one first"
+        wanted = f"two frequencies from {lowest_hz:g} to {highest_hz:g} Hz, the lower one first"
         raise BadValueError("The frequency", f"{from_hz:g} to {to_hz:g} Hz", wanted)
     if not amplitude_rad >= _LEAST_AMPLITUDE_RAD:
         raise BadValueError("The amplitude", f"{np.degrees(amplitude_rad):.3g}°", "at least 0.5°")

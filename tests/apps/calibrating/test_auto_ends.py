@@ -8,7 +8,7 @@ from ikservo.apps.calibrating.auto_calibration import nearly_a_turn, unreached
 from ikservo.calibration.uncalibrated_joint import JointUnderCalibration
 from tests.calibration.mounted_arms import load_model
 
-FLOOR = "gripper would touch the table by 9 mm in the best posture found"
+FLOOR = "gripper would overlap the table by 9 mm in the best posture found"
 
 
 @pytest.fixture
