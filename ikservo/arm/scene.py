@@ -55,7 +55,7 @@ class Scene:
 
     A scene begins with the things in the arm file and the scene file. Motions that are planned
     later avoid them; an earlier plan is checked again when it is executed. Things may
-    change while a planned motion runs: the arm stops before an obstacle in its path.
+    change while a planned motion runs: the arm stops in front of an obstacle in its path.
 
     Args:
         context: The arm.

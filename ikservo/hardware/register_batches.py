@@ -65,10 +65,10 @@ RegisterRef = Register | RegisterName
 
 
 def resolve_register(servo: ServoSpec, ref: RegisterRef) -> Register:
-    """Find the servo's own register.
+    """Find a register in the register table of a servo.
 
     Raises:
-        UnknownNameError: Its table has no register of that name.
+        UnknownNameError: The servo has no register of that name.
     """
     try:
         return servo.table.find(ref)

@@ -59,7 +59,7 @@ class PlanarSubchain:
 
     Attributes:
         frame: Rows e1, e2, n (3, 3), base frame; n is the common axis.
-        pivots: The joints' positions in the plane, e1 + i e2, m.
+        pivots: The joint positions in the plane, e1 + i e2, m.
         columns: Their indices in q.
         signs: +1 if the joint rotates about n, -1 if it rotates against it.
         limits: Lower and upper limit of each angle about n, rad.

@@ -251,7 +251,7 @@ def idle_joints(
 
 
 def _moving_joints(rows: Vector) -> NDArray[np.bool_]:
-    """Return a mask of the joints (dof,) that move anything in rows (samples, 3, dof)."""
+    """Return a mask (dof,) of the joints whose column is not zero in rows (samples, 3, dof)."""
     return np.abs(rows).max(axis=(0, 1)) > _NOTHING
 
 
@@ -259,8 +259,8 @@ def _moving_joints(rows: Vector) -> NDArray[np.bool_]:
 class PackedProblem:
     """An arm and one point of it, packed for the kernels.
 
-    A problem must not hold the chain, its key in the cache, because neither would then ever be
-    freed.
+    A problem must not refer to the chain, which is its key in the cache; otherwise neither would
+    ever be freed.
 
     Attributes:
         arm: The packed chain.

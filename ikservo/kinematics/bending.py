@@ -2,8 +2,8 @@
 
 A sensor on a servo's shaft does not see the horn, the screws and the printed link behind it. They
 turn by ``compliance * torque``, and across their backlash to the side to which gravity pulls. The
-torque is that of the links' posture, so the links' joints solve ``q_link = q - compliance g(q_link)
-- half_play side(g(q_link))``; the inverse is explicit.
+torque depends on the posture of the links, so the link joints solve ``q_link = q - compliance
+g(q_link) - half_play side(g(q_link))``; the inverse is explicit.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ class Bending:
         return -self.compliance * torque - self.half_play * self.side(torque)
 
     def link_joints(self, q: ArrayLike) -> Vector:
-        """Compute the links' joints from the sensors' (dof,) or (n, dof), rad or m."""
+        """Compute the link joints from the sensor joints, (dof,) or (n, dof), rad or m."""
         sensed = np.asarray(q, dtype=np.float64)
         found = sensed
         for step in range(_STEPS):

@@ -81,12 +81,12 @@ class KeepOutShape:
 
     @property
     def low_m(self) -> tuple[float, float, float]:
-        """Lowest corner (3,) of the upright box around it."""
+        """Lowest corner (3,) of the axis-aligned bounding box."""
         return self._corner(-1.0)
 
     @property
     def high_m(self) -> tuple[float, float, float]:
-        """Highest corner (3,) of the upright box around it."""
+        """Highest corner (3,) of the axis-aligned bounding box."""
         return self._corner(1.0)
 
     def _corner(self, side: float) -> tuple[float, float, float]:

@@ -76,7 +76,7 @@ class ZeroSource(Enum):
         Args:
             arm: The name of the arm.
             start: The joints (n,), rad or m.
-            goal: The goals of the joints (n,).
+            goal: The joint goals (n,).
             steps: The longest motion of each joint, in the order of the vectors.
 
         Raises:

@@ -210,7 +210,7 @@ class MoveTo(MotionValue[MoveResult]):
         think_s: Time after which the search for a path around obstacles gives up, s. If it is
             longer than ``THINK_S``, the rest is used to shorten the path.
         replan: Whether the arm continues on another path if an obstacle enters its path. It stops
-            before the obstacle in any case.
+            in front of the obstacle in any case.
     """
 
     position_m: TargetPoint
@@ -465,7 +465,7 @@ class MovePose(MotionValue[JointMoveResult]):
 
 @dataclass(frozen=True)
 class MoveToRest(MotionValue[JointMoveResult]):
-    """Slow motion of the joints to the rest pose, through another pose if necessary."""
+    """Slow joint motion to the rest pose, through another pose if necessary."""
 
 
 @dataclass(frozen=True)
@@ -487,7 +487,7 @@ class LookAt(MotionValue[JointMoveResult]):
 
 @dataclass(frozen=True)
 class Lower(MotionValue[JointMoveResult]):
-    """Slow motion of the joints to the rest pose, or towards it as far as the path is free."""
+    """Slow joint motion to the rest pose, or towards it as far as the path is free."""
 
 
 @dataclass(frozen=True)

@@ -320,8 +320,8 @@ class Controller:
     ) -> float:
         """Compute the duty of the position gains.
 
-        During a profile the D gain acts on the change of the error, so that its contributions sum
-        up to zero: the profile's velocity is its mean over the step of the loop.
+        During a profile the D gain acts on the change of the error, so that its contributions add
+        up to zero. The profile's velocity is the mean velocity over the step of the loop.
 
         Args:
             dt_s: The step.

@@ -52,7 +52,7 @@ class FeetechProtections(AlarmBits):
         return min(limit, get("protective_torque") / 100) if self.bits & OVERLOAD else limit
 
     def check(self, dt_s: float) -> None:
-        """Check everything once; ``dt_s`` is the time since the last check."""
+        """Run all protections once; ``dt_s`` is the time since the last check."""
         get, servo, motor = self.servo.memory.get, self.servo, self.servo.motor
         volts = round(servo.supply_v * 10)
         self.set_alarm(VOLTAGE, not get("min_voltage_limit") <= volts <= get("max_voltage_limit"))
@@ -125,11 +125,11 @@ class FeetechSeries:
         """Set the state of the series from the memory after power-up."""
 
     def present_tick(self) -> int:
-        """Return the present position register's number."""
+        """Return the value of the present position register."""
         return self.servo.shaft.tick_at(self.servo.motor.encoder_rad)
 
     def angle_at(self, position_tick: int) -> float:
-        """Return the joint angle [rad] of a position register's number."""
+        """Return the joint angle [rad] for a value of the position register."""
         return self.servo.shaft.angle_at(position_tick)
 
     def calibrate(self, position_tick: int = 2048) -> None:
@@ -274,11 +274,11 @@ class Feetech(Servo):
     # Position.
 
     def present_tick(self) -> int:
-        """Return the present position register's number."""
+        """Return the value of the present position register."""
         return self.series.present_tick()
 
     def angle_at(self, position_tick: int) -> float:
-        """Return the joint angle [rad] of a position register's number."""
+        """Return the joint angle [rad] for a value of the position register."""
         return self.series.angle_at(position_tick)
 
     def calibrate(self, position_tick: int = 2048) -> None:

@@ -66,7 +66,7 @@ class StsSeries(FeetechSeries):
         return tick if self.memory.get("phase") & PHASE_TURNS else tick % 4096
 
     def angle_at(self, position_tick: int) -> float:
-        """Compute the joint angle [rad] that a position register's number means now.
+        """Compute the joint angle [rad] that a value of the position register means now.
 
         The firmware compares goal and present within one revolution, so no motion crosses the
         wrap-around.

@@ -119,7 +119,7 @@ class Mass:
     inertia_kg_m2: Matrix = field(default_factory=lambda: np.zeros((3, 3)))
 
     def add_body(self, other: Mass, T: Matrix) -> None:
-        """Add another body, whose frame is `T` in this one's (parallel axes)."""
+        """Add a body whose frame is `T` in this body's frame (parallel axis theorem)."""
         mass_kg = self.mass_kg + other.mass_kg
         if mass_kg <= 0.0:
             return

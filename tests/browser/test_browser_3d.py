@@ -42,7 +42,7 @@ def page_in_3d(webgl_browser, shared):
 
 @pytest.fixture
 def onlooker(page_in_3d):
-    """Return a person before the arm in 3D, at the top of the page and without a goal."""
+    """Return a person in front of the arm in 3D, at the top of the page and without a goal."""
     page_in_3d.served.view.controller._interaction.reset()
     page_in_3d.page.evaluate("scrollTo(0, 0)")
     return page_in_3d.wait_for(f"{DRAWN_IN_3D} && !scene.goal")

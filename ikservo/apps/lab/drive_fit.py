@@ -293,7 +293,7 @@ def _likeliest(motor: Matrix, joint: Vector) -> NDArray[np.intp]:
 
     Args:
         motor: Both speeds (m, 2).
-        joint: The speed of the joint (m,).
+        joint: The joint speed (m,).
     """
     costs = np.minimum(np.abs(motor - joint[:, None]), _CROSSING_RAD_S)
     changes = _INERTIA * np.abs(motor[1:, None, :] - motor[:-1, :, None])

@@ -41,7 +41,7 @@ def try_on_joint(
         arm: The arm.
         joint: The joint.
         gains: Raw numbers by register; numbers already in force are ignored.
-        step_deg: The motion of the joint.
+        step_deg: The joint motion.
         suggest: Whether to search for better gains.
 
     Raises:
