@@ -128,7 +128,7 @@ class StreamedServos:
         return self._to_positions(known)
 
     def reference(self) -> Vector:
-        """Compute the reference of the joints (n,), rad or m, at which motions start.
+        """Compute the joint references (n,), rad or m, at which motions start.
 
         Goals lead the reference by the effect of load and friction. The reference of a joint
         outside the chain, such as a gripper, is its goal, because it may press on something.
@@ -270,7 +270,7 @@ class StreamedServos:
         """Prepare the servos for goals in every cycle; an error in the block stops the arm.
 
         Args:
-            speed_rad_s: The top speed of the motion at the horns; None uses the joints' own.
+            speed_rad_s: The top speed of the motion at the horns; None uses each joint's own.
             profile_rad_s: The profile speed of the servos; None uses the speed of the motion.
 
         Raises:

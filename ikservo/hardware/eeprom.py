@@ -172,8 +172,8 @@ class Backup:
 
     Attributes:
         path: The file.
-        table: The model of the servo.
-        servo_id: Its id at the time.
+        table: The servo model.
+        servo_id: The id at the time.
         eeprom: The raw number of every EEPROM register by name.
     """
 

@@ -157,7 +157,7 @@ def direction_intervals(
 
     Args:
         chain: The arm.
-        target: Its point is used; its direction or orientation is not.
+        target: The target; only its point is used, not its direction or orientation.
         q0: The start (dof,), rad, for the wrist; the middle of the limits if None.
 
     Returns:

@@ -196,7 +196,7 @@ class IdleJoint:
     """A joint that keeps its position, and its range.
 
     Attributes:
-        column: Its index in q.
+        column: The joint index in q.
         lower: Lower limit, rad or m.
         upper: Upper limit.
         period: A full revolution; infinite for a prismatic joint.

@@ -57,7 +57,7 @@ class BaseParameters:
         """Compute the base parameters (b,) of parameters (p,).
 
         Raises:
-            BadValueError: Their number is wrong, or one is not finite.
+            BadValueError: The number of parameters is wrong, or one is not finite.
         """
         p = finite_vector(parameters, self.combination.shape[1], "The vector of parameters")
         return self.combination @ p
@@ -68,7 +68,7 @@ class BaseParameters:
         All others are zero, so that these are not the parameters of real bodies.
 
         Raises:
-            BadValueError: Their number is wrong, or one is not finite.
+            BadValueError: The number of parameters is wrong, or one is not finite.
         """
         parameters = np.zeros(self.combination.shape[1])
         parameters[self.columns] = finite_vector(

@@ -65,7 +65,7 @@ class Bending:
         return np.tanh(torque / _SIDE_NM)
 
     def derivatives(self, q_link: Matrix) -> tuple[Matrix, Matrix, Matrix]:
-        """Compute the derivatives of links' joints (n, dof) by sensors, compliances and half plays.
+        """Compute the derivatives of link joints (n, dof) by sensors, compliances and half plays.
 
         Returns:
             The derivatives (n, dof, dof) by each of them, column by column.

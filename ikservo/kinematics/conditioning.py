@@ -94,7 +94,7 @@ class Singularity:
 
     Attributes:
         q: The posture (dof,), inside the limits.
-        distance_rad: Its distance in joint space, the root of the summed squares.
+        distance_rad: The posture's distance in joint space, the root of the summed squares.
         joint: The joint with the largest distance to it.
     """
 

@@ -33,9 +33,9 @@ class LinkMass:
 
     Attributes:
         link: The link.
-        mass_kg: Its mass, zero or more.
-        centre_m: Its centre of mass (3,) in the link's frame.
-        inertia_kg_m2: Its inertia tensor (3, 3) about the centre of mass, in the link's axes; by
+        mass_kg: The mass, zero or more.
+        centre_m: The centre of mass (3,) in the link's frame.
+        inertia_kg_m2: The inertia tensor (3, 3) about the centre of mass, in the link's axes; by
             default zero, as for a point mass.
 
     Raises:

@@ -42,7 +42,7 @@ class DirectionCheck:
     """A small test motion of one joint.
 
     Attributes:
-        joint: The name of the joint.
+        joint: The joint name.
         travel: The displacement, rad or m, signed.
         direction: Description for the user, such as ``so that the tool goes to the left``.
     """

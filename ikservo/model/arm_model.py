@@ -95,8 +95,8 @@ class ModelServo:
     """A servo as the arm file describes it.
 
     Attributes:
-        id: Its id on the bus.
-        model: Its model name, see ``ikservo.registers.MODELS``.
+        id: The id on the bus.
+        model: The model name, see ``ikservo.registers.MODELS``.
         eeprom: Raw values that its registers must hold.
     """
 
@@ -173,8 +173,8 @@ class KeepOutBox:
 
     Attributes:
         name: Name for messages, such as ``the cup``.
-        low_m: Its lowest corner (3,), metres, base frame.
-        high_m: Its highest corner (3,).
+        low_m: The lowest corner (3,), metres, base frame.
+        high_m: The highest corner (3,).
 
     Raises:
         BadValueError: A corner is not finite, or low_m is not below high_m.

@@ -248,7 +248,7 @@ def make_shape(kind: str, name: str, sizes: dict[str, Any]) -> KeepOutShape:
     Args:
         kind: box, cylinder, sphere or half_space.
         name: Name for messages.
-        sizes: Its other keys, such as ``center_m``.
+        sizes: The other keys of the table, such as ``center_m``.
 
     Raises:
         UnknownNameError: There is no such kind.

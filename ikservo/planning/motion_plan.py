@@ -28,7 +28,7 @@ class NearLimit:
     """A joint that comes close to one of its limits along the path.
 
     Attributes:
-        joint: The name of the joint.
+        joint: The joint name.
         side: ``lower`` or ``upper``.
         margin: The distance that the joint keeps from the limit, rad or m.
         unit: ``rad`` or ``m``.
@@ -177,7 +177,7 @@ def time_limiting_joints(
         velocity: Velocities along the path (k, n).
         acceleration: Accelerations along the path (k, n).
         limits: The kinematic limits of each joint.
-        names: The names of the joints.
+        names: The joint names.
     """
     texts: list[str] = []
     for i, (name, limit) in enumerate(zip(names, limits, strict=True)):
@@ -197,7 +197,7 @@ def near_limits(
         joints: Joints along the path (k, n), rad or m.
         lower: The lower limits (n,); infinite if there is none.
         upper: The upper limits (n,).
-        names: The names of the joints.
+        names: The joint names.
         units: ``rad`` or ``m`` for each joint.
     """
     found: list[tuple[float, NearLimit]] = []

@@ -232,7 +232,7 @@ class MoveLine(MotionValue[MoveResult]):
 
     Attributes:
         position_m: The point (3,), metres, base frame.
-        tool_speed_m_s: The speed of the tip, constant except for the ramps at both ends, if the
+        tool_speed_m_s: The tip speed, constant except for the ramps at both ends, if the
             joints and the speed class (0.1, 0.25 or 0.5 m/s) allow it; the plan's ``tool_speed``
             has the speed that is reached. None: as fast as possible.
         speed: See ``MoveTo``.
@@ -440,7 +440,7 @@ class MoveJoints(MotionValue[JointMoveResult]):
 
 @dataclass(frozen=True)
 class MovePose(MotionValue[JointMoveResult]):
-    """Motion of the joints to a pose that is clamped to the limits.
+    """Joint motion to a pose that is clamped to the limits.
 
     Attributes:
         name: The name of a pose in the arm file, or of a taught pose.

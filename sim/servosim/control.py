@@ -284,7 +284,7 @@ class Controller:
             dt_s: Time until the next call.
             drive: The commands.
             position_rad: The sensor's position.
-            velocity_rad_s: Its derivative.
+            velocity_rad_s: The sensor's velocity.
         """
         mode = drive.mode
         order = (
@@ -329,7 +329,7 @@ class Controller:
             error_rad: The error at the beginning of the step.
             ahead: Velocity and acceleration of the profile in the step.
             position_rad: The sensor's position.
-            velocity_rad_s: Its derivative.
+            velocity_rad_s: The sensor's velocity.
         """
         (reference_rad_s, acceleration_rad_s2), dead_rad = ahead, drive.dead_zone_rad
         if drive.tick_rad:

@@ -208,7 +208,7 @@ class SimulatedDynamixelX(Servo):
 
     @property
     def secondary_id(self) -> int | None:
-        """The secondary id register, when it is in force."""
+        """The secondary id register, while it is active."""
         second = self.memory.image[self._second_at]
         return second if second <= 252 and second != self.id else None
 

@@ -102,7 +102,7 @@ class FeetechSeries:
     """Differences between the series: units, modes and goals of one servo.
 
     Attributes:
-        bauds: Rates by the numbers of the baud register.
+        bauds: Baud rates by the values of the baud register.
         instructions: The supported instructions.
         answers_broadcast_ping: Whether it replies to a broadcast ping.
         goal_enables_torque: Whether a goal written with torque off switches it on.
@@ -170,7 +170,7 @@ class Feetech(Servo):
 
     Args:
         make_series: Makes the series-specific part.
-        table: Its control table.
+        table: The control table.
         motor: The physics behind it.
         shaft: The zero of reported positions.
         delivered: Registers that differ from the table's defaults.

@@ -221,7 +221,7 @@ class ScsSeries(FeetechSeries):
         return ControlMode.PWM if lower == upper == 0 else ControlMode.POSITION
 
     def set_goal(self) -> None:
-        """Apply a write to a goal register: the time counts only without a speed."""
+        """Apply a write to a goal register; the goal time is used only if no goal speed is set."""
         servo, drive, shaft = self.servo, self.servo.drive, self.servo.shaft
         speed_rad_s = servo.memory.get("goal_speed") * shaft.rad_per_tick
         duty_or_ms = "goal_time" if "goal_time" in servo.table.by_name else "goal_pwm"

@@ -156,11 +156,11 @@ class Hand:
 
     Attributes:
         path: The path of the hand.
-        limit: Its maximum force: N m, or N on a prismatic joint.
+        limit: The maximum force: N m, or N on a prismatic joint.
         only: +1 or -1 for an obstacle that pushes only in that direction; 0 for a grip.
-        force: Its force in the last step; positive forward.
+        force: The force in the last step; positive forward.
         time_s: Time since the grasp.
-        resting: Its force in the next step if the joint rests.
+        resting: The force in the next step if the joint rests.
         damping: Decrease of that force per rad/s (m/s).
     """
 
@@ -208,7 +208,7 @@ class SimulatedJoint:
 
     Attributes:
         name: The joint's name in the body.
-        servos: Its servos; the first carries all others.
+        servos: The servos; the first carries all others.
         transmission: Transmission between their horns and the joint.
     """
 

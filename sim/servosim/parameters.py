@@ -180,7 +180,7 @@ def _scaled(
     relative: MotorParameters, volts: float, stall_nm: float, rpm: float, armature: float,
     gears: float, play_deg: float, mass_g: float,
 ) -> MotorParameters:  # fmt: skip
-    """Return a row with a relative's friction, scaled by its torque and speed.
+    """Return a row with the friction of a related motor, scaled by torque and speed.
 
     Args:
         relative: A fitted motor with gears of the same kind.

@@ -115,7 +115,7 @@ def find_tip_zero(
         arm: The arm in front of the camera, at rest.
         pixels: The pixels (u, v) of one or more clicks on the tip.
         written: The time stamp of the calibration with the new zero.
-        name: The name of the camera; see ``known_camera``.
+        name: The camera name; see ``known_camera``.
         joints: All joints (n,) of the resting arm; measured if None.
 
     Raises:

@@ -31,7 +31,7 @@ class ServoSettings:
     """The desired settings of a servo.
 
     Attributes:
-        servo: Its id, table and joint.
+        servo: The servo, with its id, table and joint.
         baud_rate: The desired baud rate.
         eeprom: Raw numbers of further registers, by register name.
     """
@@ -63,7 +63,7 @@ def provision(port: Port, found: FoundServo, settings: ServoSettings) -> tuple[s
     Args:
         port: The port; afterwards at the servo's new rate.
         found: The servo with its present id and rate.
-        settings: Its desired settings.
+        settings: The desired settings.
 
     Raises:
         CalibrationError: The servo is a different model; nothing was written.

@@ -54,8 +54,8 @@ class SineMotion:
 
     Attributes:
         windows: Intervals [s] with full amplitude, one per half octave.
-        top_rad_s: Its highest speed.
-        top_rad_s2: Its highest acceleration.
+        top_rad_s: The highest speed of the joint.
+        top_rad_s2: The highest acceleration of the joint.
     """
 
     def __init__(

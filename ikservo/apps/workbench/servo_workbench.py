@@ -65,7 +65,7 @@ class ServoLine:
     """The servos on which a command works.
 
     Attributes:
-        bus: Their bus.
+        bus: The servo bus.
         owner: Name of the folder for first EEPROM copies: the arm and its adapter, or the adapter.
     """
 
