@@ -86,7 +86,7 @@ def test_number_of_things_is_limited_to_100(session):
     (ball,) = session.arm.scene.things
     more = {f"ball {i}": replace(ball, name=f"ball {i}") for i in range(100)}
     session.arm.scene._change(more, {})
-    with pytest.raises(BadMessageError, match="below 100"):
+    with pytest.raises(BadMessageError, match="fewer than 100"):
         session.send_message(things.AddThing, shape="sphere")
 
 
