@@ -50,7 +50,7 @@ class App:
 
     Attributes:
         name: Name of the app, of its folder, of its page in the documents, and of its extra.
-        commands: Its commands by name; "arms new" is ``new`` below ``arms``.
+        commands: The commands by name; "arms new" is ``new`` below ``arms``.
         names: Names that the package ``ikservo`` gets, each with its place.
         arm_methods: Methods of an open arm, each with a function's place; it takes the arm first.
         arm_values: Attributes of an open arm, each with the place of a function of the arm.

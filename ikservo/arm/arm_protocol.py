@@ -208,7 +208,7 @@ class OpenArm(MotionMethods, Protocol):
     def leader_positions(
         self, joints: Sequence[str], period_s: float, until: Callable[[], bool] | None
     ) -> AbstractContextManager[Iterator[dict[str, float] | None]]:
-        """Return, for a ``with`` block, the measured positions of joints for a follower.
+        """Return, for a ``with`` block, the measured joint positions for a follower.
 
         For functions of this package.
 

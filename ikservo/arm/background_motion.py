@@ -244,8 +244,8 @@ class Background:
 
         Args:
             work: Plans and executes the motion, and returns its result.
-            args: Its arguments.
-            kwargs: Its keyword arguments.
+            args: The arguments of ``work``.
+            kwargs: The keyword arguments of ``work``.
 
         Raises:
             RefusedError: The errors of ``turn``.

@@ -39,7 +39,7 @@ class GripperMotion:
         context: The arm.
         speed: slow, normal or fast.
         joint: The gripper's joint.
-        goal: The goal of the joint, rad or m.
+        goal: The joint goal, rad or m.
 
     Attributes:
         speed: slow, normal or fast.
@@ -59,7 +59,7 @@ class GripperMotion:
         self.blocked = False
 
     def start_trajectory(self, start: Vector) -> OnlineTrajectory:
-        """Compute the trajectory from the joints' goals (n,)."""
+        """Compute the trajectory from the joint goals (n,)."""
         lower, upper = self._context.limits()
         usual, fast = (self._context.planner.motion_limits(speed) for speed in (self.speed, "fast"))
         # Fast acceleration, so that the goal reverses soon enough when the jaws meet something.

@@ -43,7 +43,7 @@ def with_options(
         def run(self: Any, *args: Any, **given: Any) -> Any:  # noqa: ANN401  # of any method
             if takes_point and len(args) > 1:  # x, y, z as three arguments
                 if len(args) != 3 or not all(isinstance(each, Real) for each in args):
-                    expected = "(x, y, z) in metres, options by name"
+                    expected = "(x, y, z) in metres, and options by name"
                     raise BadValueError("The point", f"{args}", expected)
                 args = (args,)
             return method(self, *args, **given)

@@ -282,7 +282,14 @@ class MotionMethods(Protocol):
 
     @abstractmethod
     def _make(self, motion: MotionValue[R], on_progress: OnProgress | None, own_stops: int) -> R:
-        """Execute a motion that was requested when the number of stops was ``own_stops``."""
+        """Execute a motion.
+
+        Args:
+            motion: The motion.
+            on_progress: Called in every control cycle, or None.
+            own_stops: This program's stop count when the motion was requested; if it has stopped
+                the arm since, the motion is refused.
+        """
 
     @overload
     def move_to(

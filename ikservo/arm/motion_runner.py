@@ -55,7 +55,7 @@ _RETURN_HINT = "Nothing was sent. Move it back by hand, or request that motion: 
 _POLL_PERIOD_S = 0.02  # time in which ``state`` in another thread notices a motion
 
 TrajectoryFactory = Callable[[Vector], Trajectory]
-"""Function that makes a trajectory from the position of the joints (n,), rad or m."""
+"""Function that makes a trajectory from the joint positions (n,), rad or m."""
 
 
 class MotionRunner:
@@ -226,7 +226,7 @@ class MotionRunner:
         """Open the port again once its USB adapter is back; see ``Arm.reconnect``."""
         within_s = parse_number("The wait", within_s)
         if not 0.0 <= within_s < math.inf:
-            raise BadValueError("The wait", within_s, "seconds")
+            raise BadValueError("The wait", within_s, "a number of seconds")
         self.check_open()
         with self.lock:
             self._servos.torque.check_idle()
@@ -321,7 +321,7 @@ class MotionRunner:
         """Run one trajectory as a motion.
 
         Args:
-            make: Makes the trajectory from the position of the joints, with torque on.
+            make: Makes the trajectory from the joint positions, with torque on.
             on_cycle: Called in every control cycle.
             speed: slow, normal or fast.
             profile_rad_s: See ``ControlLoop.run``.
@@ -361,7 +361,7 @@ class MotionRunner:
         self.run(self._plan_return, None, "slow")
 
     def _plan_return(self, start: Vector) -> Trajectory:
-        """Plan and check the motion of joints (n,) back inside their limits."""
+        """Plan and check a joint motion back inside the limits."""
         goal = np.clip(start, *self._context.limits())
         trajectory = JointMove(start, goal, self._context.planner.motion_limits("slow"))
         turned_rad = np.abs(goal - start) / self._context.units_per_rad()

@@ -195,7 +195,7 @@ def _checked_trajectory(context: ArmContext, plan: MotionPlan, start: Vector) ->
 
 
 class _PathWatch:
-    """Stops a motion before an obstacle that has entered the rest of its path.
+    """Stops a motion in front of an obstacle that has entered the rest of the path.
 
     Whenever the scene has changed, the rest of the path is checked again, one piece per cycle. The
     first piece is longer than the stopping distance of the arm.

@@ -55,7 +55,7 @@ class Scene:
 
     A scene begins with the things in the arm file and the scene file. Motions that are planned
     later avoid them; an earlier plan is checked again when it is executed. Things may
-    change while a planned motion runs: the arm stops before an obstacle in its path.
+    change while a planned motion runs: the arm stops in front of an obstacle in its path.
 
     Args:
         context: The arm.
@@ -237,7 +237,9 @@ class Scene:
         """
         scene = getattr(other, "scene", None)
         if not isinstance(scene, Scene) or scene is self or scene in self._others:
-            raise BadValueError("The arm to add", other, "another arm of this program, once")
+            raise BadValueError(
+                "The arm to add", other, "another arm of this program, not yet added"
+            )
         T = _pose_of_base(at_m, rpy_deg)
         with self._changing_both(scene):
             self._check_new(name)
@@ -410,7 +412,9 @@ def _pose_of_base(at_m: ArrayLike, rpy_deg: ArrayLike) -> Matrix:
     """
     at = bounded_vector(at_m, 3, FURTHEST_BASE_M, "at_m", "metres of the same table")
     if np.linalg.norm(at) < NEAREST_BASE_M:
-        raise BadValueError("The place of the other arm", at.tolist(), "away from this arm's base")
+        raise BadValueError(
+            "The place of the other arm", at.tolist(), "a place away from this arm's base"
+        )
     return make_pose(at, rotation_rpy(*np.radians(finite_vector(rpy_deg, 3, "rpy_deg")).tolist()))
 
 

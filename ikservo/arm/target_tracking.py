@@ -47,7 +47,7 @@ class TargetTracker:
             for name, position in parsed.items():
                 column = self._index.column(name)
                 if not abs(position) <= _MAX_POSITION:
-                    raise BadValueError(f"The goal of {name}", position, "a number of at most 1000")
+                    raise BadValueError(f"The goal of {name}", position, "a number within ±1000")
                 goal[column] = position
             return goal, True
         R = parsed.rotation

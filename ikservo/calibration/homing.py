@@ -71,7 +71,7 @@ def choose_homing(
     """Choose the homing settings for a travel; the present ones are kept if they suffice.
 
     Args:
-        joint: The name of the joint, for messages.
+        joint: The joint name, for messages.
         family: The servo's protocol family.
         travel: The travel in bare ticks, unwrapped.
         offset: The homing offset that the servo holds now.

@@ -31,7 +31,7 @@ class Crank:
         if not 0.0 < self.radius_m < self.rod_m:
             raise BadValueError("The crank's radius", self.radius_m, "more than 0, less than rod_m")
         if not 0.0 < self.zero_rad < math.pi:
-            raise BadValueError("The crank's zero", self.zero_rad, "between 0 and pi")
+            raise BadValueError("The crank's zero", self.zero_rad, "an angle between 0 and pi")
 
     def position(self, horn_rad: float) -> float:
         """Compute the slider's position [m] at a rotation of the horn from zero."""
@@ -208,7 +208,9 @@ class JointMap:
         # Rounding must not exclude a limit that is exactly a tick.
         low, high = math.ceil(a - 1e-6), math.floor(b + 1e-6)
         if low > high:
-            raise BadValueError(f"The range of {self.joint}", f"[{lower}, {upper}]", "a tick in it")
+            raise BadValueError(
+                f"The range of {self.joint}", f"[{lower}, {upper}]", "a range with a tick"
+            )
         return low, high
 
 

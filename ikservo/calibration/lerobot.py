@@ -136,7 +136,7 @@ def _parse_joint(path: Path, name: str, row: object) -> LerobotJoint:
     for key in _KEYS:
         value = values[key]
         if type(value) is not int or abs(value) > 2**20:
-            expected = "ticks, or an id"
+            expected = "a whole number: ticks or an id"
             raise FileFormatError(path, f"{shown}.{key}", "is not a whole number", expected)
         numbers[key] = value
     joint = LerobotJoint(name, **numbers)

@@ -146,7 +146,7 @@ class RegisterMismatch:
 
     Attributes:
         joint: The servo's joint.
-        servo_id: The id of the servo.
+        servo_id: The servo id.
         register: The name of the register; ``model`` for the servo itself.
         expected: The value in the file.
         found: The value in the servo.

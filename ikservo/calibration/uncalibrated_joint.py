@@ -19,7 +19,7 @@ class JointUnderCalibration:
         joint_map: Scale and sign from the arm file; the zero tick is not used.
         ticks_per_turn: Ticks after which the servo's count wraps around; 0 if it never does.
         expected: The arm file's range.
-        pose: The position of the joint in the reference pose, rad or m.
+        pose: The joint position in the reference pose, rad or m.
         shadow_ids: Servos that drive the joint together with the first one.
         known: The travel in bare ticks if it was measured before; it is then not recorded again.
     """

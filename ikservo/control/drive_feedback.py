@@ -17,7 +17,7 @@ class DriveReader:
     """Reads duty, current and supply of the servos of some joints.
 
     Args:
-        bus: The servos' bus.
+        bus: The servo bus.
         joints: The command limits of each joint's first servo, and the ids of its other servos.
     """
 

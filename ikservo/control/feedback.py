@@ -73,10 +73,10 @@ _MAX_LOST = 3  # cycles in a row
 
 
 class Feedback:
-    """Reads the joints' positions.
+    """Reads the joint positions.
 
     Args:
-        bus: The servos' bus.
+        bus: The servo bus.
         driven_joints: The joints, each with its servo, limits and speed.
 
     Attributes:
@@ -113,7 +113,7 @@ class Feedback:
         return measured
 
     def measure_positions(self) -> Vector:
-        """Read the positions of the joints (n,), rad or m.
+        """Read the joint positions (n,), rad or m.
 
         Raises:
             BusError: A servo does not reply in any attempt.
@@ -215,7 +215,7 @@ def read_joint_states(
     """Read every joint's limits, temperature, voltage, load and torque.
 
     Args:
-        bus: The servos' bus.
+        bus: The servo bus.
         driven_joints: The joints, each with its servo, limits and speed.
         ticks: The positions (n,) that were just measured.
 

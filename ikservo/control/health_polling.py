@@ -39,7 +39,7 @@ class HealthPoller:
     Alarms are part of every reply and are checked in every cycle.
 
     Args:
-        bus: The servos' bus.
+        bus: The servo bus.
         names: Names of the servos by id: the joint and, for an additional servo, its id.
         limits: The expected limits in the servos' RAM.
         health: Checks the telemetry.

@@ -153,7 +153,7 @@ class SetpointSampler:
     joints back to its position; then it continues.
 
     Args:
-        trajectory: The motion of the joints.
+        trajectory: The joint motion.
 
     Attributes:
         time_s: The time of the trajectory.
@@ -252,7 +252,7 @@ class ControlLoop:
         """Execute a trajectory to its end.
 
         Args:
-            trajectory: The motion of the joints; it starts at their reference.
+            trajectory: The joint motion; it starts at the joint references.
             on_cycle: Called in each control cycle.
             speed_rad_s: The top speed of the motion at the horns, to which the servos are limited;
                 the arm's maximum if None.

@@ -61,10 +61,10 @@ class ServoGroup(StreamedServos):
     """Every joint's servo on one bus, in the order of ``names``.
 
     Args:
-        bus: The servos' bus.
+        bus: The servo bus.
         driven_joints: The joints, each with its servo, limits and speed.
         shadows: Ids of the additional servos of joints, by joint.
-        clock: The bus's clock.
+        clock: The clock of the bus.
         health: The limits of temperature, load and supply.
         gripper: The joint that may hold something, with a limited force.
     """
@@ -310,7 +310,7 @@ class ServoGroup(StreamedServos):
         return HealthMonitor(self._health, supplies, limits_c)
 
     def _switch_on(self, joints: Collection[str]) -> list[int]:
-        """Switch torque on with goals at the joints' positions; return the goals of all joints."""
+        """Switch torque on with goals at the joint positions; return the goals of all joints."""
         ticks, ranges = self._measure_hold_ticks()
         start = self._clamp_goals(ticks, ranges)
         chosen = [i for i, name in enumerate(self.names) if name in joints]
@@ -333,7 +333,7 @@ class ServoGroup(StreamedServos):
         raise_gains(self._bus, driven.servo_id, gripper=driven.joint == self._gripper)
 
     def _measure_hold_ticks(self) -> tuple[list[int], list[tuple[int, int]]]:
-        """Read the goals that each servo accepts, then its hold position.
+        """Read the goal range that each servo accepts, then its hold position.
 
         Positions are measured last, because limp joints fall.
         """
@@ -409,7 +409,7 @@ def wait_until_still(
     Args:
         driven_joints: The joints, each with its servo, limits and speed.
         feedback: Measures the joints.
-        clock: The bus's clock.
+        clock: The clock of the bus.
         timeout_s: Longest wait, because a hand may be moving the arm.
 
     Raises:

@@ -75,7 +75,7 @@ def read_overload_rule(bus: ServoBus, servo_id: int, gain_share: float) -> Overl
     """Read the overload protection of a servo; None if it has none.
 
     Args:
-        bus: The servos' bus.
+        bus: The servo bus.
         servo_id: The servo.
         gain_share: The P gain as a fraction of the gain in the motor table.
 
@@ -126,7 +126,7 @@ class ServoRamLimits:
     """Speed, acceleration and torque limits in RAM, and the watchdog if there is one.
 
     Args:
-        bus: The servos' bus.
+        bus: The servo bus.
         servo_ids: The servos to which goals are sent.
         unwatched: Servos whose watchdog is not used. A tripped watchdog sets the servo's goal to
             its position, and a joint under load sinks from there further than it would move to its
@@ -177,7 +177,7 @@ class ServoRamLimits:
             self._bus.write(servo_id, registers["goal_torque"], most, raw=True)
 
     def set_speed(self, speed_rad_s: float) -> None:
-        """Limit the speed with which every servo turns towards its goal.
+        """Limit the speed at which every servo turns towards its goal.
 
         Args:
             speed_rad_s: The top speed of the motions that follow, at the horn.

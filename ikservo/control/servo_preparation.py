@@ -23,7 +23,7 @@ def prepare_servos(
     Args:
         limits: The limits of the servos.
         health_poller: Reads the telemetry; None before torque was first switched on.
-        clock: The bus's clock.
+        clock: The clock of the bus.
         horn_rad_s: The top speed of the motion.
 
     Returns:

@@ -59,12 +59,12 @@ class StreamedServos:
     """Reads joints and sends goals through the guard; ``ServoGroup`` adds actions at rest.
 
     Args:
-        bus: The servos' bus.
+        bus: The servo bus.
         driven_joints: The joints, each with its servo, limits and speed.
-        clock: The bus's clock.
+        clock: The clock of the bus.
 
     Attributes:
-        clock: The bus's clock.
+        clock: The clock of the bus.
         driven_joints: The joints, each with its servo, limits and speed.
         names: The joints, in the order of the vectors.
         stop_request: Requests that the running motion ends.
@@ -103,7 +103,7 @@ class StreamedServos:
         self.warn: Callable[[str], None] = lambda _: None
 
     def measure_positions(self) -> Vector:
-        """Read the positions of the joints (n,), rad or m."""
+        """Read the joint positions (n,), rad or m."""
         self._measured = self._feedback.measure_positions()
         return self._measured
 
@@ -128,7 +128,7 @@ class StreamedServos:
         return self._to_positions(known)
 
     def reference(self) -> Vector:
-        """Compute the reference of the joints (n,), rad or m, at which motions start.
+        """Compute the joint references (n,), rad or m, at which motions start.
 
         Goals lead the reference by the effect of load and friction. The reference of a joint
         outside the chain, such as a gripper, is its goal, because it may press on something.
@@ -270,7 +270,7 @@ class StreamedServos:
         """Prepare the servos for goals in every cycle; an error in the block stops the arm.
 
         Args:
-            speed_rad_s: The top speed of the motion at the horns; None uses the joints' own.
+            speed_rad_s: The top speed of the motion at the horns; None uses each joint's own.
             profile_rad_s: The profile speed of the servos; None uses the speed of the motion.
 
         Raises:
@@ -446,7 +446,7 @@ class StreamedServos:
         self.warn(text)
 
     def _find_power_loss(self, error: BaseException) -> IkservoError | None:
-        """Return the error for joints that servos no longer hold, or None if that is unknown."""
+        """Return the error for servos that lost power or torque, or None if that is unknown."""
         if not isinstance(error, (ServoSilentError, ServoAlarmError)):
             return None
         with contextlib.suppress(Exception):

@@ -144,7 +144,10 @@ class TrackingFeedback:
         self._age_s = np.where(fresh, 0.0, self._age_s)
 
     def _next_fast(self, error: Vector, beyond: Vector, fresh: NDArray[np.bool_] | bool) -> Vector:
-        """Return the sum of both parts (n,); joints without a reply keep their values."""
+        """Return the fast correction (n,): proportional and derivative parts.
+
+        Joints without a reply keep their values for a short time.
+        """
         first = np.isnan(self._filtered)
         self._filtered = np.where(first & fresh, error, self._filtered)
         rate = (error - self._filtered) / (self._age_s + _FILTER_S)

@@ -119,7 +119,9 @@ def read_drawing(path: Path | str, unit: str | None = None) -> Drawing:
     text = read_text(file, _MAX_BYTES)
     if file.suffix.lower() == ".svg":
         if unit is not None:
-            raise BadValueError("The unit", "given for an SVG, which has its own", "a scale")
+            raise BadValueError(
+                "The unit", "given for an SVG, which has its own", "a scale instead"
+            )
         drawing = _read_svg(file, text)
     else:
         drawing = Drawing(tuple(_read_csv(file, text, unit)))
@@ -145,7 +147,9 @@ def _read_csv(path: Path, text: str, unit: str | None) -> Iterator[Matrix]:
         lines[first] = ""
     if named and unit and named != unit:
         raise BadValueError(
-            "The unit", f"{unit}, and {named} in the header of {path}", "one of them"
+            "The unit",
+            f"{unit}, and {named} in the header of {path}",
+            "the same unit in both places",
         )
     factor = _UNITS_M[unit or named or "m"]
     stroke: list[list[float]] = []

@@ -54,7 +54,7 @@ def write_atomic(
 
     Args:
         path: The file; its folder is created if needed.
-        content: Its new content; text becomes UTF-8.
+        content: The new content; text becomes UTF-8.
         keep_old: Whether the old content is kept in a file beside it that ends in ``.bak``.
         private: Whether a new file is readable by its owner only. A replaced file keeps its
             permissions.

@@ -97,7 +97,7 @@ class PassedGoals:
 
     Attributes:
         ticks: The goals.
-        time_s: The time for which they passed.
+        time_s: Gate-clock time for which the goals were checked.
     """
 
     ticks: TickRow

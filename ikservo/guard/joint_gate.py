@@ -77,7 +77,7 @@ class JointGate:
         """Update the measured position.
 
         Args:
-            tick: The position of the joint.
+            tick: The joint position.
             time_s: Time of the measurement, by the gate's clock.
         """
         self.measured, self._measured_s = tick, time_s

@@ -39,8 +39,8 @@ class TrackingMonitor:
         """Return a monitor for joints whose goals keep the gate's maximum lead.
 
         Args:
-            limits: The limits of the joints, in the order of the vectors (n,).
-            speeds: Maximum speeds of the joints in the motion, rad/s or m/s; None for their own.
+            limits: The joint limits, in the order of the vectors (n,).
+            speeds: Maximum joint speeds in the motion, rad/s or m/s; None for their own.
         """
         max_error = [
             _ERROR_FRACTION * driven.max_lead_ticks(speed) * driven.joint_map.unit_per_tick

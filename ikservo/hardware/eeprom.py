@@ -174,8 +174,8 @@ class Backup:
 
     Attributes:
         path: The file.
-        table: The model of the servo.
-        servo_id: Its id at the time, or the one that it got then.
+        table: The servo model.
+        servo_id: The id at the time, or the one that the servo got then.
         eeprom: The raw number of every EEPROM register by name.
     """
 
@@ -291,7 +291,9 @@ def _check_eeprom(
         lower, upper = register.codec.span(register.size)  # some of these cannot be written
         if type(number) is not int or not lower <= number <= upper:
             where = f"eeprom.{register}"
-            raise FileFormatError(path, where, f"is {shown(number)}", "a number that fits into it")
+            raise FileFormatError(
+                path, where, f"is {shown(number)}", "a number that fits the register"
+            )
         eeprom[register.name] = number
     return eeprom
 

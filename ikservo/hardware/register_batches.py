@@ -65,10 +65,10 @@ RegisterRef = Register | RegisterName
 
 
 def resolve_register(servo: ServoSpec, ref: RegisterRef) -> Register:
-    """Find the servo's own register.
+    """Find a register in the register table of a servo.
 
     Raises:
-        UnknownNameError: Its table has no register of that name.
+        UnknownNameError: The servo has no register of that name.
     """
     try:
         return servo.table.find(ref)
@@ -117,7 +117,7 @@ class ReplyLayout:
 
     Args:
         servo: The servo.
-        refs: Its own register for each key of the caller.
+        refs: The servo's register for each key of the caller.
         run: Registers in one reply, by address; the first at its beginning, the last at its end.
 
     Attributes:
@@ -209,7 +209,7 @@ class WriteTarget:
     """One servo's own register in a group write.
 
     Attributes:
-        place: Its family, the address and the size of the register.
+        place: The family, the address and the size of the register.
         tracks_state: See ``tracks_state``.
         plain: Whether any integer in its range may be written at any time; False for goals.
     """

@@ -29,12 +29,12 @@ class FoundServo:
         id: The id.
         baud_rate: The rate at which it replies.
         protocol: The name of its framing, for messages.
-        table: Its control table; None if the model is not known.
-        model_number: Its model register; None if it is not readable.
-        firmware: Its firmware version, in the vendor's notation.
+        table: The control table; None if the model is not known.
+        model_number: The model register; None if it is not readable.
+        firmware: The firmware version, in the vendor's notation.
         voltage_v: The voltage at its plug.
         temperature_c: The temperature inside it.
-        alarms: Its alarms.
+        alarms: The alarms.
         shares_id: Whether more than one servo replies at this id; their data are unknown.
     """
 

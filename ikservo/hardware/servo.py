@@ -17,9 +17,9 @@ class ServoSpec:
     """A servo that should be on the line.
 
     Attributes:
-        id: Its bus id.
-        table: Its control table.
-        name: Its joint, for messages.
+        id: The bus id.
+        table: The control table.
+        name: The joint name, for messages.
     """
 
     id: int
@@ -36,7 +36,7 @@ class PingResult:
 
     Attributes:
         id: The id that replied.
-        model_number: Its model register.
+        model_number: The model register.
         firmware: Firmware version, if the protocol's ping reply contains it.
     """
 

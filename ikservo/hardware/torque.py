@@ -20,7 +20,7 @@ def torque_on(bus: ServoBus, servo_id: int) -> int:
     back to them.
 
     Raises:
-        ServoAlarmError: Its supply voltage is outside its own limits.
+        ServoAlarmError: The supply voltage is outside the servo's limits.
         RefusedError: The servo is far outside its limits or in no position mode; torque stays off.
         BusError: The servo does not reply, or does not accept the goal.
     """
@@ -58,7 +58,7 @@ def nearest_goal(joint: str, tick: int, accepted: tuple[int, int]) -> int:
 
     Args:
         joint: Name for messages.
-        tick: Its position.
+        tick: The servo position.
         accepted: See ``accepted_goal_range``.
 
     Raises:

@@ -163,7 +163,7 @@ def _problem_rows(
 
 def _check_positions(points_m: Matrix) -> Matrix:
     if points_m.size and float(np.abs(points_m).max()) > MAX_POSITION_M:
-        raise BadValueError("A target", f"{np.abs(points_m).max():g} m away", "within 1 km")
+        raise BadValueError("A target", f"{np.abs(points_m).max():g} m away", "at most 1 km")
     return points_m
 
 
@@ -175,7 +175,7 @@ def _start_rows(chain: Chain, q0s: ArrayLike | None, count: int) -> Matrix:
         shape = (chain.dof,) if given.ndim == 1 else (count, chain.dof)
         starts = np.broadcast_to(finite_array(given, shape, "q0s"), (count, chain.dof))
     if starts.size and float(np.abs(starts).max()) > MAX_ANGLE_RAD:
-        raise BadValueError("A start", f"{np.abs(starts).max():g}", "radians and metres, to 1e6")
+        raise BadValueError("A start", f"{np.abs(starts).max():g}", "radians or metres to 1e6")
     return np.array(starts, order="C")
 
 

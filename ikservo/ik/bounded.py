@@ -84,8 +84,8 @@ def bounded(
 class Search:
     """The search for one kind of target: kernel and arrays, for one thread.
 
-    A search must not hold the chain, its key in the cache, because neither would then ever be
-    freed.
+    A search must not refer to the chain, which is its key in the cache; otherwise neither would
+    ever be freed.
 
     Args:
         chain: The arm.

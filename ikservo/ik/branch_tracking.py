@@ -208,7 +208,7 @@ class Solver:
             BadValueError: There has been no call yet.
         """
         if not self._worker.answer[0, 2 * self.chain.dof + ITERATIONS] >= 0.0:
-            raise BadValueError("The last problem", "missing", "a call first, then its result")
+            raise BadValueError("The last problem", "missing", "a solve before its result is read")
         found = unpack_result(self.chain, self._worker.answer[0], "bounded")
         droop = self._droop
         return found if droop is None else replace(found, nearest_m=droop.lowered(found.nearest_m))
@@ -216,7 +216,7 @@ class Solver:
     def _solve_drooping(
         self, solve: PoseKernel, T: ArrayLike, q0: ArrayLike, out: Vector | None
     ) -> tuple[Vector, bool]:
-        """Run the kernel, for an arm that sags with targets that are raised by the sag."""
+        """Run the kernel for an arm that sags, with targets that are raised by the sag."""
         if self._droop is None:
             return self._run_kernel(solve, T, q0, out)
         pose, q = finite_array(T, (4, 4), "T_world_tool"), finite_vector(q0, self.chain.dof, "q0")
@@ -272,6 +272,6 @@ class Solver:
         """Raise the error for a target that the kernel did not accept."""
         start = finite_vector(q0, self.chain.dof, "q0")
         if float(np.abs(start).max()) > MAX_ANGLE_RAD:
-            raise BadValueError("q0", start.tolist(), "radians and metres, at most 1e6")
+            raise BadValueError("q0", start.tolist(), "radians or metres to 1e6")
         check_position(finite_array(T, (4, 4), "T_world_tool")[:3, 3], "The target position")
         raise BadValueError("The rotation of T_world_tool", "invalid", "R Rᵀ = 1 and det R = 1")

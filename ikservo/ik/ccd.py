@@ -52,7 +52,7 @@ def best_rotation(E: Vector, v: Vector, axis: Vector) -> float:
 
     Args:
         E: M - f(q) of one point or several, stacked (3 k,) [m].
-        v: Their velocities (3 k,) [m/rad].
+        v: The velocities (3 k,) of these points [m/rad].
         axis: The unit axis (3,) of their rotation.
     """
     n = np.cross(axis, v.reshape(-1, 3)).ravel()

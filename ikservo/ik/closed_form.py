@@ -157,7 +157,7 @@ def direction_intervals(
 
     Args:
         chain: The arm.
-        target: Its point is used; its direction or orientation is not.
+        target: The target; only its point is used, not its direction or orientation.
         q0: The start (dof,), rad, for the wrist; the middle of the limits if None.
 
     Returns:
@@ -210,8 +210,8 @@ def closest_solution(
 def analytic_seeds(chain: Chain, target: Target, q0: ArrayLike | None = None) -> tuple[Vector, ...]:
     """Return joints (dof,) inside the limits that are good starts for a search.
 
-    They are the solutions of the recognised structure; if there are none, the joints that meet the
-    point alone; and if the point is out of reach, the links stretched towards it.
+    They are the solutions of the recognised structure. If there are none, they are joints that
+    reach the point in any orientation; if it is out of reach, the links are stretched towards it.
     """
     arm, start = recognise_structure(chain, target.frame), initial_joints(chain, q0)
     if arm is None:

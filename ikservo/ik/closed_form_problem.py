@@ -85,7 +85,7 @@ class AnalyticProblem:
     Attributes:
         arm: The structure of the arm.
         start: The start (dof,), anywhere.
-        held: The start inside the limits, at which joints without influence stay.
+        held: The start, clamped to the limits; joints without influence stay there.
         point: The circle of the target point about the yaw axis.
         tip: The circle of the tool point about the roll axis.
         aims: The axis constraints: none, one for a direction, three for an orientation.
@@ -100,12 +100,12 @@ class AnalyticProblem:
 
     @property
     def start_yaw(self) -> float:
-        """The yaw of the start inside the limits; 0 for arms without yaw."""
+        """The yaw of the start, clamped to the limits; 0 for arms without yaw."""
         return float(self.held[self.arm.yaw.column]) if self.arm.yaw else 0.0
 
     @property
     def start_roll(self) -> float:
-        """The roll of the start inside the limits; 0 for arms without roll."""
+        """The roll of the start, clamped to the limits; 0 for arms without roll."""
         return float(self.held[self.arm.wrist[0].column]) if self.arm.wrist else 0.0
 
     def yaws(self, across: float) -> Iterator[float]:

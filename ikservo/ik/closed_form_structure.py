@@ -28,7 +28,7 @@ class RevoluteAxis:
     """One revolute joint while all joints are zero.
 
     Attributes:
-        column: Its index in q.
+        column: The joint index in q.
         axis: Unit vector (3,), base frame.
         point: A point (3,) on the axis, m, base frame.
         lower: Lower limit, rad.
@@ -59,8 +59,8 @@ class PlanarSubchain:
 
     Attributes:
         frame: Rows e1, e2, n (3, 3), base frame; n is the common axis.
-        pivots: The joints' positions in the plane, e1 + i e2, m.
-        columns: Their indices in q.
+        pivots: The joint positions in the plane, e1 + i e2, m.
+        columns: The joint indices in q.
         signs: +1 if the joint rotates about n, -1 if it rotates against it.
         limits: Lower and upper limit of each angle about n, rad.
     """

@@ -73,5 +73,5 @@ class Droop:
         return replace(target, position_m=position)
 
     def lowered(self, point_m: Vector) -> Vector:
-        """Compute the point of this arm if that of a rigid arm is at ``point_m`` (3,)."""
+        """Compute the position of a point that a rigid arm would have at ``point_m`` (3,)."""
         return point_m + self._moved

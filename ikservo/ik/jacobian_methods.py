@@ -283,7 +283,7 @@ def _posture_gradient(chain: Chain, posture: Posture | None) -> tuple[Vector, Ve
         return np.zeros(chain.dof), np.zeros(chain.dof)
     weights = finite_vector(posture.weights, chain.dof, "The vector of weights")
     if (weights < 0.0).any():
-        raise BadValueError("A posture's weight", float(weights.min()), "0 or more")
+        raise BadValueError("A posture's weight", float(weights.min()), "a number of 0 or more")
     # A weight of 1 reaches the posture in one step; a weight of 2 would oscillate forever.
     return finite_vector(posture.q, chain.dof, "The posture"), weights / max(1.0, weights.max())
 

@@ -138,14 +138,14 @@ def check_options(options: object) -> None:
     """Raise BadValueError if these are not options."""
     if not isinstance(options, Options):
         raise BadValueError(
-            "The value of options", shown(options), "Options, as in Options(restarts=20)"
+            "The value of options", shown(options), "Options, such as Options(restarts=20)"
         )
 
 
 def check_homogeneous_row(poses: Matrix, what: str) -> None:
     """Raise BadValueError if the last row of a pose (4, 4), or of several, is not 0 0 0 1."""
     if not np.allclose(poses[..., 3, :], HOMOGENEOUS_ROW, rtol=0.0, atol=1e-9):
-        raise BadValueError(f"The last row of {what}", "wrong", "[0, 0, 0, 1]: is it transposed?")
+        raise BadValueError(f"The last row of {what}", "wrong", "[0, 0, 0, 1] (transposed?)")
 
 
 def target_kind(name: str) -> TargetKind:
@@ -196,7 +196,7 @@ class IdleJoint:
     """A joint that keeps its position, and its range.
 
     Attributes:
-        column: Its index in q.
+        column: The joint index in q.
         lower: Lower limit, rad or m.
         upper: Upper limit.
         period: A full revolution; infinite for a prismatic joint.
@@ -251,7 +251,7 @@ def idle_joints(
 
 
 def _moving_joints(rows: Vector) -> NDArray[np.bool_]:
-    """Return a mask of the joints (dof,) that move anything in rows (samples, 3, dof)."""
+    """Return a mask (dof,) of the joints whose column is not zero in rows (samples, 3, dof)."""
     return np.abs(rows).max(axis=(0, 1)) > _NOTHING
 
 
@@ -259,8 +259,8 @@ def _moving_joints(rows: Vector) -> NDArray[np.bool_]:
 class PackedProblem:
     """An arm and one point of it, packed for the kernels.
 
-    A problem must not hold the chain, its key in the cache, because neither would then ever be
-    freed.
+    A problem must not refer to the chain, which is its key in the cache; otherwise neither would
+    ever be freed.
 
     Attributes:
         arm: The packed chain.

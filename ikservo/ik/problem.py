@@ -299,7 +299,7 @@ def check_count(what: str, value: int) -> None:
     """Raise BadValueError if a value is not a whole number from 1 to ``_MAX_COUNT``."""
     is_whole = isinstance(cast("object", value), int | np.integer) and value is not True
     if not is_whole or not 1 <= value <= _MAX_COUNT:
-        raise BadValueError(what, shown(value), f"a whole number, at least 1, at most {_MAX_COUNT}")
+        raise BadValueError(what, shown(value), f"a whole number from 1 to {_MAX_COUNT}")
 
 
 def _check_kind(what: str, value: object, kind: type) -> None:

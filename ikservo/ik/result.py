@@ -44,7 +44,7 @@ _NUMBERS = {1: "one", 2: "two", 3: "three", 4: "four"}
 class SolutionSet:
     """The number of solutions for a target inside the limits.
 
-    Joints that do not move the point, and full revolutions of a joint, add no solutions.
+    Joints that do not move the point, and full revolutions of a joint, do not add solutions.
 
     Attributes:
         kind: ``none`` found, the only ``one``, one of ``several``, one of a continuous ``family``,

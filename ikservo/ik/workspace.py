@@ -136,7 +136,7 @@ def workspace(
             collisions; None allows all.
 
     Raises:
-        BadValueError: The cells have no size, or are too many.
+        BadValueError: The cell size is not positive, or there are too many cells.
     """
     q = quasi_random_joints(chain, samples)
     tip_m = tip_positions(chain, q)

@@ -57,7 +57,7 @@ class BaseParameters:
         """Compute the base parameters (b,) of parameters (p,).
 
         Raises:
-            BadValueError: Their number is wrong, or one is not finite.
+            BadValueError: The number of parameters is wrong, or one is not finite.
         """
         p = finite_vector(parameters, self.combination.shape[1], "The vector of parameters")
         return self.combination @ p
@@ -68,7 +68,7 @@ class BaseParameters:
         All others are zero, so that these are not the parameters of real bodies.
 
         Raises:
-            BadValueError: Their number is wrong, or one is not finite.
+            BadValueError: The number of parameters is wrong, or one is not finite.
         """
         parameters = np.zeros(self.combination.shape[1])
         parameters[self.columns] = finite_vector(
@@ -138,7 +138,9 @@ def independent_columns(
         raise BadValueError("The regressor", f"of shape {Y.shape}", "shape (m, p)")
     sizes = finite_vector(typical, Y.shape[1], "The vector of typical parameters")
     if not (sizes > 0.0).all():
-        raise BadValueError("The vector of typical parameters", str(sizes.tolist()), "above zero")
+        raise BadValueError(
+            "The vector of typical parameters", str(sizes.tolist()), "positive numbers"
+        )
     effects: Matrix = np.linalg.qr(finite_array(Y, Y.shape, "The regressor") * sizes).R
     least = max(_at_least_zero(tolerance, "The tolerance"), _ROUNDING)
     columns = _select_columns(effects, least * np.linalg.norm(effects, axis=0).max(initial=0.0))
@@ -162,5 +164,5 @@ def _select_columns(Y: Matrix, least: float) -> IntVector:
 def _at_least_zero(value: float, what: str) -> float:
     number = float(finite_array(value, (), what))
     if number < 0.0:
-        raise BadValueError(what, f"{number:g}", "zero or more")
+        raise BadValueError(what, f"{number:g}", "a number of zero or more")
     return number

@@ -2,8 +2,8 @@
 
 A sensor on a servo's shaft does not see the horn, the screws and the printed link behind it. They
 turn by ``compliance * torque``, and across their backlash to the side to which gravity pulls. The
-torque is that of the links' posture, so the links' joints solve ``q_link = q - compliance g(q_link)
-- half_play side(g(q_link))``; the inverse is explicit.
+torque depends on the posture of the links, so the link joints solve ``q_link = q - compliance
+g(q_link) - half_play side(g(q_link))``; the inverse is explicit.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ class Bending:
         return -self.compliance * torque - self.half_play * self.side(torque)
 
     def link_joints(self, q: ArrayLike) -> Vector:
-        """Compute the links' joints from the sensors' (dof,) or (n, dof), rad or m."""
+        """Compute the link joints from the sensor joints, (dof,) or (n, dof), rad or m."""
         sensed = np.asarray(q, dtype=np.float64)
         found = sensed
         for step in range(_STEPS):
@@ -65,7 +65,7 @@ class Bending:
         return np.tanh(torque / _SIDE_NM)
 
     def derivatives(self, q_link: Matrix) -> tuple[Matrix, Matrix, Matrix]:
-        """Compute the derivatives of links' joints (n, dof) by sensors, compliances and half plays.
+        """Compute the derivatives of link joints (n, dof) by sensors, compliances and half plays.
 
         Returns:
             The derivatives (n, dof, dof) by each of them, column by column.

@@ -41,7 +41,7 @@ class Chain:
     has limits that also keep its followers inside theirs.
 
     An arm that yields behind its joints' sensors has ``link_joints``: poses are then those of its
-    links, for joints as the sensors see them; ``jacobian`` refers to the links' joints.
+    links, for joints as the sensors see them; ``jacobian`` refers to the link joints.
 
     Attributes:
         base: The root link; its coordinates are world coordinates.
@@ -50,7 +50,7 @@ class Chain:
         lower_rad: Lower limits (dof,), rad (m for a prismatic joint); -inf for a continuous one.
         upper_rad: Upper limits (dof,).
         kinds: The type of each joint.
-        link_joints: Returns the links' joints (dof,) or (n, dof) from the sensors' (see
+        link_joints: Returns the link joints (dof,) or (n, dof) from the sensor joints (see
             ``bending``); None for an arm that does not yield.
     """
 
@@ -282,7 +282,7 @@ class Chain:
         return poses
 
     def _links(self, q: ArrayLike) -> Vector:
-        """Return the links' joints (dof,) or (n, dof) for joints as their sensors see them."""
+        """Return the link joints (dof,) or (n, dof) for joints as their sensors see them."""
         joints = finite_vectors(q, self.dof, "q")
         return joints if self.link_joints is None else self.link_joints(joints)
 

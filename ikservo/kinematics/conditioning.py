@@ -1,6 +1,6 @@
 """Manipulability and distance to the nearest singularity, with lengths and angles kept apart.
 
-Singular values of a Jacobian with rows in both metres and radians mean nothing. Here the linear
+Singular values of a Jacobian with rows in both metres and radians have no meaning. Here the linear
 rows are evaluated first, then the angular rows for joint motions that leave the point at rest. The
 arm loses a direction of its pose exactly if one of the two is zero.
 """
@@ -94,7 +94,7 @@ class Singularity:
 
     Attributes:
         q: The posture (dof,), inside the limits.
-        distance_rad: Its distance in joint space, the root of the summed squares.
+        distance_rad: The posture's distance in joint space, the root of the summed squares.
         joint: The joint with the largest distance to it.
     """
 

@@ -126,7 +126,7 @@ class Dynamics:
         torques.
 
         Raises:
-            BadValueError: Their number is wrong, or one is not finite.
+            BadValueError: The number of parameters is wrong, or one is not finite.
         """
         values = finite_vector(parameters, len(self.parameters), "The vector of parameters")
         return replace(self, parameters=read_only(values))
@@ -141,7 +141,7 @@ class Dynamics:
 
         Args:
             mass_kg: The mass.
-            centre_m: Its centre of mass (3,) in the tip's frame.
+            centre_m: The centre of mass (3,) in the tip's frame.
             inertia_kg_m2: The tensor (3, 3) about the centre of mass, in the tip's axes; None: a
                 point mass.
 

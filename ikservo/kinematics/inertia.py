@@ -33,9 +33,9 @@ class LinkMass:
 
     Attributes:
         link: The link.
-        mass_kg: Its mass, zero or more.
-        centre_m: Its centre of mass (3,) in the link's frame.
-        inertia_kg_m2: Its inertia tensor (3, 3) about the centre of mass, in the link's axes; by
+        mass_kg: The mass, zero or more.
+        centre_m: The centre of mass (3,) in the link's frame.
+        inertia_kg_m2: The inertia tensor (3, 3) about the centre of mass, in the link's axes; by
             default zero, as for a point mass.
 
     Raises:
@@ -57,7 +57,7 @@ class LinkMass:
         skewness = (tensor - tensor.T).max()  # each difference occurs with both signs
         if skewness > _SYMMETRY * np.abs(tensor).max():
             raise BadValueError(
-                f"The inertia tensor of {self.link}", str(tensor.tolist()), "a symmetric one"
+                f"The inertia tensor of {self.link}", str(tensor.tolist()), "a symmetric matrix"
             )
         object.__setattr__(self, "mass_kg", float(mass))
         object.__setattr__(self, "centre_m", read_only(centre))

@@ -22,7 +22,7 @@ class Ray:
     """A half line, such as the line of sight of a pixel.
 
     Attributes:
-        origin_m: Its start (3,), metres.
+        origin_m: The start (3,), metres.
         direction: A unit vector (3,).
     """
 
@@ -55,8 +55,8 @@ class Ray:
         """Return the distance to a box, metres; infinite if the ray misses it or starts inside.
 
         Args:
-            R: Its axes as columns (3, 3).
-            centre_m: Its centre (3,).
+            R: The axes as columns (3, 3).
+            centre_m: The centre (3,).
             half_m: Half of its sides (3,).
         """
         origin, along = (self.origin_m - centre_m) @ R, self.direction @ R

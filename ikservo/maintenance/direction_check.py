@@ -42,7 +42,7 @@ class DirectionCheck:
     """A small test motion of one joint.
 
     Attributes:
-        joint: The name of the joint.
+        joint: The joint name.
         travel: The displacement, rad or m, signed.
         direction: Description for the user, such as ``so that the tool goes to the left``.
     """
@@ -70,7 +70,7 @@ def plan_direction_check(arm: Arm, name: str) -> DirectionCheck:
 
 
 def plan_lift(arm: Arm) -> DirectionCheck | None:
-    """Plan the motion of the joint that best lifts an arm off its support.
+    """Plan the joint motion that best lifts an arm off its support.
 
     Returns:
         The motion; None if the arm is clear, or no motion of a single joint lifts it.

@@ -51,7 +51,7 @@ def recover(bus: ServoBus, *, reboot: bool = False) -> list[RecoveryResult]:
     switches its torque off, and only if ``reboot`` is true.
 
     Args:
-        bus: The servos' bus.
+        bus: The servo bus.
         reboot: Whether servos that need it may be restarted.
 
     Raises:
@@ -59,7 +59,7 @@ def recover(bus: ServoBus, *, reboot: bool = False) -> list[RecoveryResult]:
         StoppedError: Another program has stopped this one; the remaining servos are unchanged.
     """
     done = [_recover_servo(bus, servo, reboot=reboot) for servo in bus.servos.values()]
-    # Set goals to the positions of joints with torque, so that they stop pressing.
+    # Set the goals of joints with torque to their positions, so that they stop pressing.
     servo_ids = [r.servo.id for r in done if r.torque]
     present: Mapping[int, int] = bus.sync_read(
         servo_ids, RegisterName.PRESENT_POSITION, raw=True

@@ -95,8 +95,8 @@ class ModelServo:
     """A servo as the arm file describes it.
 
     Attributes:
-        id: Its id on the bus.
-        model: Its model name, see ``ikservo.registers.MODELS``.
+        id: The id on the bus.
+        model: The model name, see ``ikservo.registers.MODELS``.
         eeprom: Raw values that its registers must hold.
     """
 
@@ -153,7 +153,7 @@ class Obstacle(Protocol):
 
     @property
     def low_m(self) -> tuple[float, float, float]:
-        """Lowest corner (3,) of the upright box around it, metres, base frame."""
+        """Lowest corner (3,) of the axis-aligned bounding box, metres, base frame."""
         ...
 
     @property
@@ -173,8 +173,8 @@ class KeepOutBox:
 
     Attributes:
         name: Name for messages, such as ``the cup``.
-        low_m: Its lowest corner (3,), metres, base frame.
-        high_m: Its highest corner (3,).
+        low_m: The lowest corner (3,), metres, base frame.
+        high_m: The highest corner (3,).
 
     Raises:
         BadValueError: A corner is not finite, or low_m is not below high_m.
@@ -187,7 +187,7 @@ class KeepOutBox:
     def __post_init__(self) -> None:
         corners = np.array([self.low_m, self.high_m], dtype=np.float64)
         if not (np.isfinite(corners).all() and (corners[0] < corners[1]).all()):
-            raise BadValueError(f"The box {self.name}", corners.tolist(), "low < high, finite")
+            raise BadValueError(f"The box {self.name}", corners.tolist(), "finite low < high")
 
     @property
     def row(self) -> Vector:
@@ -201,24 +201,24 @@ class Model:
     """An arm: geometry and, if an arm file gives them, servos.
 
     Attributes:
-        chain: From the base to the tool, inside the arm file's limits.
+        chain: The chain from the base to the tool, with the limits of the arm file.
         joints: Every joint with a servo, base to tip, gripper last; empty for a plain URDF.
         poses: Joint positions by pose and joint, rad or m.
         speeds: The speed classes by name: slow, normal, fast.
-        family: The protocol family of its servos; None for a plain URDF.
-        baud_rate: The rate of its bus, bit/s.
+        family: The protocol family of the servos; None for a plain URDF.
+        baud_rate: The baud rate of the bus, bit/s.
         supply_v: Supply voltage of servos that are sold for several voltages; None if the arm file
             does not give it.
-        path: The file from which it was loaded.
+        path: The file from which the model was loaded.
         floor_m: Height of the table in the base frame; None if not given.
         keep_out: Further obstacles.
-        health: The health limits of its servos.
-        auto_unsafe: The reason why it must not search for its end stops; empty if it may.
-        gripper: The gripper; None if it has none.
+        health: The health limits of the servos.
+        auto_unsafe: The reason why the arm must not search for end stops; empty if it may.
+        gripper: The gripper; None for an arm without one.
         base_frame: The reason why the base frame differs from the convention of the catalogue (x
             forward, y left, z up, origin on the first axis at the mounting surface); empty if it
             does not.
-        payload_kg: The heaviest payload at the tool that its servos are to lift.
+        payload_kg: The heaviest payload at the tool that the servos must lift.
     """
 
     name: str

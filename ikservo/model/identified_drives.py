@@ -24,7 +24,7 @@ def identified_parameters(
     Args:
         model: The masses and servos.
         chain: The joints, base to tip, inside the arm's own limits.
-        identified: The arm's file.
+        identified: The identification file of the arm.
 
     Returns:
         None if the arm has no masses.

@@ -81,12 +81,12 @@ class KeepOutShape:
 
     @property
     def low_m(self) -> tuple[float, float, float]:
-        """Lowest corner (3,) of the upright box around it."""
+        """Lowest corner (3,) of the axis-aligned bounding box."""
         return self._corner(-1.0)
 
     @property
     def high_m(self) -> tuple[float, float, float]:
-        """Highest corner (3,) of the upright box around it."""
+        """Highest corner (3,) of the axis-aligned bounding box."""
         return self._corner(1.0)
 
     def _corner(self, side: float) -> tuple[float, float, float]:
@@ -248,7 +248,7 @@ def make_shape(kind: str, name: str, sizes: dict[str, Any]) -> KeepOutShape:
     Args:
         kind: box, cylinder, sphere or half_space.
         name: Name for messages.
-        sizes: Its other keys, such as ``center_m``.
+        sizes: The other keys of the table, such as ``center_m``.
 
     Raises:
         UnknownNameError: There is no such kind.

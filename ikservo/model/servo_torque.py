@@ -188,7 +188,7 @@ def find_servo_torque(model: str, supply_v: float | None) -> ServoTorque | None:
     """Return the torque figures of a model at a supply voltage; None if they are unknown.
 
     Args:
-        model: The model of the servo.
+        model: The servo model.
         supply_v: The supply voltage in the arm file. If it is None or has no figures of its own,
             the usual voltage is meant.
     """
@@ -206,7 +206,7 @@ def nominal_supply_v(model: str, supply_v: float | None) -> float:
     """Return the supply voltage for which the figures of a model are valid.
 
     Args:
-        model: The model of the servo.
+        model: The servo model.
         supply_v: The supply voltage in the arm file, or None.
     """
     if supply_v is not None and (model, supply_v) in SERVO_TORQUES:

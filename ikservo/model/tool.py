@@ -44,8 +44,8 @@ class ToolFrame:
         """Compute the rotation of the tool about its axis, clockwise as seen from behind it.
 
         Args:
-            R_world_tool: Its orientation (3, 3).
-            heading_rad: Its heading, if the tool is upright.
+            R_world_tool: The tool orientation (3, 3).
+            heading_rad: The tool heading, if the tool is upright.
         """
         own = self.heading_rad(R_world_tool)
         level = _level_left(heading_rad if own is None else own)

@@ -125,7 +125,9 @@ def arc_about_axis(
         raise BadValueError("The normal of the circle", "zero", "a direction such as (0, 0, 1)")
     if not 0.0 < abs(angle_rad) <= _MAX_ANGLE_RAD:
         raise BadValueError(
-            "The angle of the arc", f"{math.degrees(angle_rad):g}°", "up to ten turns, and not 0"
+            "The angle of the arc",
+            f"{math.degrees(angle_rad):g}°",
+            "an angle of up to ten turns that is not 0",
         )
     axis = axis / length
     center = center + axis * float(axis @ (start_m - center))

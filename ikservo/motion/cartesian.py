@@ -225,7 +225,7 @@ class CartesianTrajectory(PathTrajectory):
     """A motion of a chain's joints that moves its tip along a path, from rest to rest.
 
     The tip deviates from the path by less than half a millimetre. The speed of the tip is constant
-    except on its ramps, if the limits of the joints allow it; in a rounded corner it is lower.
+    except on its ramps, if the joint limits allow it; in a rounded corner it is lower.
 
     The tool's orientation is kept as well as the arm can: arms of four and five joints keep pitch
     and roll in the upright plane that their first joint rotates, others the complete orientation.

@@ -78,7 +78,7 @@ class SampledTrajectory:
             file = Path(path)
             if file.exists() and not overwrite:
                 raise BadValueError(
-                    "The file", f"{file}, which exists", "another, or overwrite=True"
+                    "The file", f"{file}, which exists", "a new file, or overwrite=True"
                 )
             write_atomic(file, text)
         return text
@@ -94,7 +94,7 @@ def sample_trajectory(
     """
     duration_s = trajectory.duration_s
     if not dt_s > 0.0 or duration_s / dt_s > _MAX_SAMPLES:
-        expected = f"seconds above 0, at most {_MAX_SAMPLES} samples of {duration_s:g} s"
+        expected = f"a time above 0 s that gives at most {_MAX_SAMPLES} samples in {duration_s:g} s"
         raise BadValueError("The time between two samples", f"{dt_s:g} s", expected)
     times_s = np.append(np.arange(0.0, duration_s * (1.0 - 1e-12), dt_s), duration_s)
     states = [trajectory.state(time_s) for time_s in times_s.tolist()]

@@ -272,6 +272,6 @@ class JointWaypointTrajectory(PathTrajectory):
         inner = len(corners) - 1
         radii = [blends] * inner if isinstance(blends, float | int) else list(blends)
         if len(radii) != inner:
-            raise BadValueError("The list of blends", radii, f"{inner} of them")
+            raise BadValueError("The list of blends", radii, f"{inner} distances")
         path = BlendedPath(np.array([begin, *corners]), radii, np.inf)
         super().__init__(path, limits, marks=path.breakpoints)

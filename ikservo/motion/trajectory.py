@@ -32,7 +32,7 @@ class TrajectoryPoint:
 
 
 class Trajectory(Protocol):
-    """A motion of joints in time: a pure function of the seconds since its start."""
+    """A joint motion in time: a pure function of the seconds since its start."""
 
     @property
     def duration_s(self) -> float:

@@ -76,7 +76,7 @@ class ZeroSource(Enum):
         Args:
             arm: The name of the arm.
             start: The joints (n,), rad or m.
-            goal: The goals of the joints (n,).
+            goal: The joint goals (n,).
             steps: The longest motion of each joint, in the order of the vectors.
 
         Raises:
@@ -104,7 +104,8 @@ def check_calibration_matches(
     own = (calibration.arm, calibration.usb_serial_number)
     if own != (model.name, usb_serial_number):
         raise CalibrationError(
-            f"{path} belongs to {own[0]} on adapter {own[1] or 'without a number'}.",
+            f"{path} belongs to {own[0]} on "
+            f"{f'adapter {own[1]}' if own[1] else 'an adapter without a serial number'}.",
             "If it is the same arm: ikservo calibration adopt. Otherwise: ikservo calibrate",
         )
     check_joints_match(calibration, model, str(path))

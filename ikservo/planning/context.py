@@ -241,7 +241,7 @@ class ArmContext:
             )
 
     def check_straight_path(self, start: Vector, goal: Vector) -> None:
-        """Check the straight path of the joints (n,) between two positions.
+        """Check the straight path between two joint vectors (n,).
 
         Raises:
             RefusedError: Something would be touched.
@@ -253,7 +253,7 @@ class ArmContext:
             )
 
     def check_gripper_path(self, start: Vector, goal: Vector) -> None:
-        """Check only the straight path of the jaws between two positions of the joints (n,).
+        """Check only the straight path of the jaws between two joint vectors (n,).
 
         Capsules are thicker than jaws, and a limp arm has sunk onto its table and itself. Jaws have
         little force and stop at obstacles, so small overlaps are allowed, and contacts of the

@@ -28,7 +28,7 @@ class NearLimit:
     """A joint that comes close to one of its limits along the path.
 
     Attributes:
-        joint: The name of the joint.
+        joint: The joint name.
         side: ``lower`` or ``upper``.
         margin: The distance that the joint keeps from the limit, rad or m.
         unit: ``rad`` or ``m``.
@@ -55,13 +55,13 @@ class MotionPlan:
         time_limiting_joints: The joints that determine the duration, at their top speed or
             acceleration.
         near_limits: The joints that come close to a limit, the closest first.
-        target_m: The requested point (3,) of the tip; None for a motion of joints.
-        solution: The solver's result; None for a motion of joints.
+        target_m: The requested point (3,) of the tip; None for a joint motion.
+        solution: The solver's result; None for a joint motion.
         orientation_error_rad: The largest angle between the tool and its requested orientation.
         orientation_requested: Whether an orientation of the tool was requested.
         orientation_change_rad: The angle between the tool's orientations at start and goal.
-        speed_reduced: Whether the motion is slower than requested, because the first one with
-            torque is slow.
+        speed_reduced: Whether the motion is slower than requested, because the first motion after
+            torque on is always slow.
         is_cartesian: Whether the tip moves along straight lines or arcs.
         cartesian_s: Duration of these lines or arcs, which end the trajectory.
         tool_speed: The speed of the tip along lines or arcs; None if none was requested.
@@ -74,7 +74,7 @@ class MotionPlan:
         names: The joints, in the order of ``start`` and ``goal``.
         units: ``rad`` or ``m`` for each joint.
         motion: The requested motion.
-        requested: The requested goals of joints, rad or m by name; empty for a motion of the tip.
+        requested: The requested joint goals, rad or m by name; empty for a tip motion.
         clamped: Descriptions of joints that stop at a limit short of the requested pose.
         limp_arm: The context of the limp arm for which the plan was made; None if the arm held. A
             limp arm may sink until its torque comes on; the plan is then made again.
@@ -177,7 +177,7 @@ def time_limiting_joints(
         velocity: Velocities along the path (k, n).
         acceleration: Accelerations along the path (k, n).
         limits: The kinematic limits of each joint.
-        names: The names of the joints.
+        names: The joint names.
     """
     texts: list[str] = []
     for i, (name, limit) in enumerate(zip(names, limits, strict=True)):
@@ -197,7 +197,7 @@ def near_limits(
         joints: Joints along the path (k, n), rad or m.
         lower: The lower limits (n,); infinite if there is none.
         upper: The upper limits (n,).
-        names: The names of the joints.
+        names: The joint names.
         units: ``rad`` or ``m`` for each joint.
     """
     found: list[tuple[float, NearLimit]] = []
@@ -228,7 +228,7 @@ def rebase_trajectory(
     """Compute the plan's trajectory, started from the goals (n,) that the servos hold.
 
     The goals equal the plan's start within a tick, or lie slightly inside if a limp joint was
-    outside its limits. A motion of joints then starts from the goals; a line is preceded by a
+    outside its limits. A joint motion then starts from the goals; a line is preceded by a
     motion to its start.
 
     Raises:

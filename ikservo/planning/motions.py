@@ -79,14 +79,14 @@ def _choice(what: str, choices: Sequence[str]) -> Callable[[object], str]:
 def _parse_tool_speed(value: object) -> float:
     speed_m_s = parse_number("The speed of the tool", value)
     if not 0.0 < speed_m_s < math.inf:
-        raise BadValueError("The speed of the tool", f"{speed_m_s:g} m/s", "more than 0 m/s")
+        raise BadValueError("The speed of the tool", f"{speed_m_s:g} m/s", "a speed above 0 m/s")
     return speed_m_s
 
 
 def _parse_think_time(value: object) -> float:
     think_s = parse_number("The time to search for a path", value)
     if not 0.0 < think_s < math.inf:
-        raise BadValueError("The time to search for a path", f"{think_s:g} s", "above 0 s")
+        raise BadValueError("The time to search for a path", f"{think_s:g} s", "more than 0 s")
     return think_s
 
 
@@ -210,7 +210,7 @@ class MoveTo(MotionValue[MoveResult]):
         think_s: Time after which the search for a path around obstacles gives up, s. If it is
             longer than ``THINK_S``, the rest is used to shorten the path.
         replan: Whether the arm continues on another path if an obstacle enters its path. It stops
-            before the obstacle in any case.
+            in front of the obstacle in any case.
     """
 
     position_m: TargetPoint
@@ -232,7 +232,7 @@ class MoveLine(MotionValue[MoveResult]):
 
     Attributes:
         position_m: The point (3,), metres, base frame.
-        tool_speed_m_s: The speed of the tip, constant except for the ramps at both ends, if the
+        tool_speed_m_s: The tip speed, constant except for the ramps at both ends, if the
             joints and the speed class (0.1, 0.25 or 0.5 m/s) allow it; the plan's ``tool_speed``
             has the speed that is reached. None: as fast as possible.
         speed: See ``MoveTo``.
@@ -349,8 +349,8 @@ class MoveThrough(MotionValue[MoveResult]):
         if self.tool_speed_m_s is not None and not self.line:
             raise BadValueError(
                 "The speed of the tool",
-                "given for a motion of the joints",
-                "a straight line, or the speed of the joints: slow, normal, fast",
+                "given for a joint motion",
+                "a straight line, or a joint speed: slow, normal or fast",
             )
 
     def path_from(self, tip_m: Vector) -> ToolPath:
@@ -440,7 +440,7 @@ class MoveJoints(MotionValue[JointMoveResult]):
 
 @dataclass(frozen=True)
 class MovePose(MotionValue[JointMoveResult]):
-    """Motion of the joints to a pose that is clamped to the limits.
+    """Joint motion to a pose that is clamped to the limits.
 
     Attributes:
         name: The name of a pose in the arm file, or of a taught pose.
@@ -465,7 +465,7 @@ class MovePose(MotionValue[JointMoveResult]):
 
 @dataclass(frozen=True)
 class MoveToRest(MotionValue[JointMoveResult]):
-    """Slow motion of the joints to the rest pose, through another pose if necessary."""
+    """Slow joint motion to the rest pose, through another pose if necessary."""
 
 
 @dataclass(frozen=True)
@@ -487,7 +487,7 @@ class LookAt(MotionValue[JointMoveResult]):
 
 @dataclass(frozen=True)
 class Lower(MotionValue[JointMoveResult]):
-    """Slow motion of the joints to the rest pose, or towards it as far as the path is free."""
+    """Slow joint motion to the rest pose, or towards it as far as the path is free."""
 
 
 @dataclass(frozen=True)
@@ -526,7 +526,7 @@ class Wait(MotionValue[None]):
 
     def _check(self) -> None:
         if not 0.0 < self.duration_s <= _MAX_WAIT_S:
-            raise BadValueError("The wait", f"{self.duration_s:g} s", "above 0 and at most 3600 s")
+            raise BadValueError("The wait", f"{self.duration_s:g} s", "more than 0, at most 3600 s")
 
     def __str__(self) -> str:
         return f"wait {self.duration_s:g} s"
@@ -567,7 +567,9 @@ def check_motion(motion: MotionValue[R]) -> MotionValue[R]:
         BadValueError: The value is not a motion.
     """
     if not isinstance(cast("object", motion), MotionValue):
-        raise BadValueError("The motion", shown(motion), "such as MoveTo((0.25, 0.0, 0.15))")
+        raise BadValueError(
+            "The motion", shown(motion), "a motion such as MoveTo((0.25, 0.0, 0.15))"
+        )
     return motion
 
 

@@ -60,7 +60,7 @@ class PathConstraint:
         for what, angle in (("tilt", upright_rad), ("angle of the tool axis", self.axis_rad)):
             if not 0.0 < parse_number(f"The largest {what}", angle) <= math.pi:
                 raise BadValueError(
-                    f"The largest {what}", f"{math.degrees(angle):g}°", "above 0 and at most 180°"
+                    f"The largest {what}", f"{math.degrees(angle):g}°", "more than 0, at most 180°"
                 )
         for name, what in (("axis", "direction"), ("normal", "normal of the plane")):
             if getattr(self, name) is not None:

@@ -56,7 +56,7 @@ from ikservo.planning.tool_speed import ToolSpeed, sample_times_s, tool_speed_be
 
 
 def unreachable_error(target: Target, solution: Result) -> UnreachableError:
-    """Return the error with the point nearest to a target that the arm can reach."""
+    """Return an UnreachableError with the reachable point nearest to a target."""
     return UnreachableError(
         target.position.tolist(),
         solution.nearest_m.tolist(),
@@ -225,7 +225,7 @@ class Planner:
         blend_m: float,
         stance: ToolOrientation = KEEP_BEST_EFFORT,
     ) -> MotionPlan:
-        """Plan a motion of the joints that passes points (k, 3) [m] without stopping.
+        """Plan a joint motion that passes points (k, 3) [m] without stopping.
 
         Raises:
             UnreachableError: A point is out of reach.
@@ -250,7 +250,7 @@ class Planner:
     def plan_along(
         self, start: Vector, points: Sequence[Vector], speed: str, blend: float
     ) -> MotionPlan:
-        """Plan a motion of the joints through points (n,), with rounded corners and a final rest.
+        """Plan a joint motion through points (n,), with rounded corners and a final rest.
 
         Args:
             start: All joints.
@@ -339,7 +339,7 @@ class Planner:
         goal = start.copy()
         for name, position in positions.items():
             if not abs(position) <= _MAX_JOINT_STEP_RAD:
-                raise BadValueError(f"The goal of {name}", position, "a number of at most 1000")
+                raise BadValueError(f"The goal of {name}", position, "a number within ±1000")
             goal[self._index.column(name)] = position
         return self._make_plan(start, JointMove(start, goal, self.motion_limits(speed)), speed)
 

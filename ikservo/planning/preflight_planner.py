@@ -129,7 +129,7 @@ class _MotionRequest:
 
     @property
     def think_s(self) -> float:
-        """The allowed time of a search for a path around things."""
+        """Time allowed for a search for a path around obstacles."""
         return self.motion.think_s if isinstance(self.motion, MoveTo | MoveJoints) else THINK_S
 
 
@@ -149,9 +149,8 @@ class PreflightPlanner:
     def plan(self, motion: MotionValue[Any]) -> MotionPlan:
         """Plan a motion of the tip or of joints from the start position and check its path.
 
-        The plan uses the present things around the arm, even if they change meanwhile. A folded arm
-        touches itself on nearly every path, so it leaves that contact first, unless the motion
-        starts at the tip.
+        The plan uses the surroundings at the time of the call. A folded arm touches itself on
+        nearly every path, so it leaves that contact first, unless the motion starts at the tip.
 
         Raises:
             UnreachableError: A point is out of reach; nothing has moved.
@@ -159,8 +158,8 @@ class PreflightPlanner:
                 violate a constraint.
             StoppedError: The arm was stopped meanwhile.
             CalibrationError: The arm is not calibrated.
-            BadValueError: The motion has no plan, because it is not a motion of the tip or of
-                joints.
+            BadValueError: The motion has no plan, because it is not a tip motion or joint
+                motion.
         """
         since_s = perf_counter()
         with self._servos.stop_request.requested():
@@ -262,7 +261,10 @@ class PreflightPlanner:
     def _find_accepted_point(
         self, request: _MotionRequest, motion: MoveTo, nearest_m: Vector
     ) -> list[float] | None:
-        """Find a point (3,) in whole millimetres, from the edge of the workspace to the tip."""
+        """Return the first point (3,) [m] between ``nearest_m`` and the tip that can be planned.
+
+        Points are rounded to whole millimetres; the result is None if all of them are refused.
+        """
         tip_m = self._planner.tip(request.start)
         for fraction in _STEPS_BACK:
             point_m = np.round(nearest_m + fraction * (tip_m - nearest_m), 3)
@@ -418,7 +420,7 @@ class PreflightPlanner:
     def _tries(
         self, request: _MotionRequest, goal: Vector, error: RefusedError
     ) -> Iterator[MotionPlan]:
-        """Yield free plans instead of a direct one: around obstacles, or out of a contact.
+        """Yield collision-free plans that avoid obstacles or leave a contact first.
 
         An arm that touches something leaves the contact first. The error says what else can be
         done.
@@ -443,7 +445,7 @@ class PreflightPlanner:
     def _plans_around(
         self, request: _MotionRequest, goal: Vector, blocked: BlockedError
     ) -> Iterator[MotionPlan]:
-        """Yield free plans of the joints around the obstacle on the straight path.
+        """Yield collision-free joint plans around the obstacle on the straight path.
 
         For a line, the error says whether the joints can move around the obstacle.
         """

@@ -112,7 +112,7 @@ class MotionProgress:
     """The state of a motion in one control cycle.
 
     Attributes:
-        elapsed_s: The time of the motion, which is behind the clock if the motion was slowed down.
+        elapsed_s: Time along the trajectory; it lags the clock if the motion was slowed down.
         duration_s: The duration of the whole motion; infinite for a motion that continues until it
             is ended.
         tip_m: The measured tip (3,), metres, base frame.
@@ -191,10 +191,10 @@ class MoveResult:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class JointMoveResult:
-    """Report on a motion of joints; rad, or m for prismatic joints.
+    """Report on a joint motion; rad, or m for prismatic joints.
 
     Attributes:
-        goal_rad: The goals of the joints that were named.
+        goal_rad: The requested joint goals.
         measured_rad: The measured positions of these joints.
         measured_tip_m: The tip at the measured joints (3,).
         error_rad: The largest error of a joint.

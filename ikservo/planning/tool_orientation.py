@@ -57,7 +57,7 @@ class ToolOrientation:
         if self.within_rad is not None:
             within_rad = parse_number("The tolerance of the tool orientation", self.within_rad)
             if not ORIENTATION_TOLERANCE_RAD <= within_rad <= math.pi:
-                given, expected = f"{math.degrees(within_rad):g}°", "0.5° to 180°"
+                given, expected = f"{math.degrees(within_rad):g}°", "an angle from 0.5° to 180°"
                 raise BadValueError("The tolerance of the tool orientation", given, expected)
             if not self.constrains_more_than_keep:
                 raise BadValueError(

@@ -38,11 +38,11 @@ def ways_around(
     *,
     takes_time: bool = False,
 ) -> Iterator[Matrix]:
-    """Yield postures (k, n) through which straight motions of the joints reach a goal.
+    """Yield postures (k, n) through which straight joint motions reach a goal.
 
     Args:
         context: The arm, whose paths are checked.
-        start: All joints (n,), without a contact.
+        start: All joints (n,), collision-free.
         goals: The possible ends (m, n).
         load_factor: Multiple of gravity while the arm brakes.
         tool: The constraint of the tool on the path.
@@ -106,7 +106,7 @@ def ways_around(
 
 
 def postures_nearby(context: ArmContext, start: Vector, load_factor: float) -> Iterator[Vector]:
-    """Yield joints (n,) without a contact, the nearest to ``start`` (n,) first.
+    """Yield collision-free postures (n,), the nearest to ``start`` (n,) first.
 
     Joints outside the chain keep their positions.
     """

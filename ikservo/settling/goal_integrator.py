@@ -12,7 +12,7 @@ from ikservo.settling.swings import SwingDamper
 
 _FRACTION_PER_S = 4.0  # the goal moves by this fraction of the error per second
 _MIN_RAD_S = 16 * math.tau / 4096  # at the horn, not slower: stiction must be overcome soon
-# A servo may have less friction than known, by this fraction of both directions together.
+# A servo may have less friction than the model, by this fraction of both directions together.
 _FRICTION_MARGIN = 0.15
 # While the joint jumps its goal goes back: otherwise it would overshoot.
 _BRAKE_S = 0.05  # the goal goes back by this time multiplied by the joint's speed
@@ -40,7 +40,7 @@ class Saturation(Enum):
     LOAD = auto()
     """The goal leads the joint by as much as the guard allows at rest."""
     LIMIT = auto()
-    """The goal is at a limit of the joint."""
+    """The goal is at a joint limit."""
 
 
 @dataclass(frozen=True, slots=True)

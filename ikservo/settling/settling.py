@@ -40,7 +40,7 @@ class SettlingTrajectory:
 
     Args:
         driven_joints: The joints, each with its servo, limits and speed.
-        goals: The goals of the joints (n,), ticks.
+        goals: The joint goals (n,), ticks.
         targets: The targets of the joints, ticks; None for a joint that keeps its goal.
         limits: The kinematic limits of each joint.
         stuck: The lowest and highest leads of goals (n,) at which friction keeps the joints still.
@@ -254,7 +254,7 @@ def settle_at(
     Args:
         context: The arm.
         loop: Runs the correction as a part of a motion whose goals are near ``goal``.
-        goal: The positions of the joints, rad or m.
+        goal: The joint positions, rad or m.
         speed: slow, normal or fast.
         is_over: Called in each control cycle; returns whether to end as soon as the joints rest.
         by_tip: Whether to use the ticks that bring the tip closest to its position at ``goal``, as
@@ -273,7 +273,7 @@ def settle_at(
 def lift_to_start(context: ArmContext, loop: ControlLoop, start: Vector, horn_rad_s: float) -> None:
     """Bring a sagged arm back to ``start`` (n,), where the tip will start to follow a path.
 
-    A limp arm sags as its torque comes on; its goals are at ``start``. A motion of joints may begin
+    A limp arm sags as its torque comes on; its goals are at ``start``. A joint motion may begin
     by lifting the arm, but a line would begin off its path.
 
     Args:

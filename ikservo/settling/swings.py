@@ -25,7 +25,7 @@ _STICTION_TICKS = 4  # largest of these reversals
 _SHARE_OF_STICTION = 0.34  # each of them counts as this fraction of a reversal
 # The goal of a swinging joint moves along with it; docs/decisions/0020 says why such a soft servo
 # comes to rest.
-_SHARE = 0.75  # fraction of the motion of the joint
+_SHARE = 0.75  # fraction of the joint motion
 _SOFTEN_S = 0.1  # time in which this fraction is reached
 _MAX_TICKS = 20.0  # limit of the motion of the goal
 # A swinging joint stays for a while where it reverses, and its rotor takes as long to cross the

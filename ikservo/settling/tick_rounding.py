@@ -190,7 +190,7 @@ _REACHED_ERRORS = 2.0  # distance of the tool, as a multiple of the rms error of
 class SettlingTarget:
     """The target ticks for the end of a motion.
 
-    Joints of the chain that do not take part in a motion of joints keep their measured position:
+    Joints of the chain that do not take part in a joint motion keep their measured position:
     their goals lead it by the sag under load, which changes with the arm's posture.
 
     Args:
@@ -235,7 +235,7 @@ class SettlingTarget:
     def is_reached(self, measured: Vector) -> bool:
         """Check whether the tool is at its target according to the joints' sensors.
 
-        The result is always False for a motion of joints, because these have their own targets.
+        The result is always False for a joint motion, because these have their own targets.
 
         Args:
             measured: All joints (n,), rad or m.

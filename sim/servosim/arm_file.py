@@ -18,8 +18,8 @@ class ServoEntry:
     """A servo as described in the arm file.
 
     Attributes:
-        id: Its id on the bus.
-        model: Its model in the datasheet.
+        id: The id on the bus.
+        model: The model in the datasheet.
         sign: Direction of growing ticks in the joint's coordinate.
         zero_tick: Reported tick at joint zero.
         transmission: Transmission between its horn and the joint.
@@ -50,7 +50,7 @@ class SimulatedArmFile:
     Attributes:
         path: The file.
         name: The arm.
-        urdf: Its geometry and masses.
+        urdf: The geometry and masses.
         family: Servo family of the bus.
         baud: Rate of the bus.
         supply_v: Supply voltage, which selects the variant of a servo model; None uses the variant

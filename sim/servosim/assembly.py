@@ -31,9 +31,9 @@ class BenchServo:
     """A servo without an arm.
 
     Attributes:
-        id: Its id on the bus.
-        model: Its model in the datasheet.
-        baud: Its baud rate; None uses the common rate.
+        id: The id on the bus.
+        model: The model in the datasheet.
+        baud: The baud rate; None uses the common rate.
     """
 
     id: int

@@ -162,7 +162,10 @@ class SimulatedCamera:
         return np.clip(noisy, 0.0, 255.0).astype(np.uint8)
 
     def _background(self) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-        """Return the picture without the board, with four times the pixels, and its distances."""
+        """Return the picture without the board and the depth of each pixel [m].
+
+        Both have four times the pixel count of the picture.
+        """
         import cv2  # noqa: PLC0415 - an extra
 
         if self._stage is None or self._on_stage is None:

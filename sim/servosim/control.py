@@ -284,7 +284,7 @@ class Controller:
             dt_s: Time until the next call.
             drive: The commands.
             position_rad: The sensor's position.
-            velocity_rad_s: Its derivative.
+            velocity_rad_s: The sensor's velocity.
         """
         mode = drive.mode
         order = (
@@ -320,8 +320,8 @@ class Controller:
     ) -> float:
         """Compute the duty of the position gains.
 
-        During a profile the D gain acts on the change of the error, so that its contributions sum
-        up to zero: the profile's velocity is its mean over the step of the loop.
+        During a profile the D gain acts on the change of the error, so that its contributions add
+        up to zero. The profile's velocity is the mean velocity over the step of the loop.
 
         Args:
             dt_s: The step.
@@ -329,7 +329,7 @@ class Controller:
             error_rad: The error at the beginning of the step.
             ahead: Velocity and acceleration of the profile in the step.
             position_rad: The sensor's position.
-            velocity_rad_s: Its derivative.
+            velocity_rad_s: The sensor's velocity.
         """
         (reference_rad_s, acceleration_rad_s2), dead_rad = ahead, drive.dead_zone_rad
         if drive.tick_rad:

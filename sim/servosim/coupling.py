@@ -62,7 +62,7 @@ class CoupledJoints:
         return np.array(self._mass) + np.diag([joint.felt_armature for joint in self._joints])
 
     def come_to_rest(self) -> None:
-        """Forget the accelerations, because a joint was placed elsewhere."""
+        """Forget the accelerations after a joint was placed elsewhere."""
         self._gained_rad_s = [0.0] * len(self._joints)
 
     def step(self, loads: Sequence[float], hands: Mapping[int, Hand] = NO_HANDS) -> None:
@@ -140,7 +140,7 @@ class CoupledJoints:
     def _sweep(
         self, loads_nm: list[float], steps: list[JointStep], speeds_rad_s: list[float]
     ) -> float:
-        """Solve each joint under the others' accelerations; return the largest change."""
+        """Solve each joint with the accelerations of the others; return the largest change."""
         gained_rad_s, change_rad_s = self._gained_rad_s, 0.0
         for k, (step, pull) in enumerate(zip(steps, self._pulls, strict=True)):
             load_nm = loads_nm[k] - sum(map(mul, pull, gained_rad_s))

@@ -29,10 +29,10 @@ class Tip:
 
     Args:
         joints: The arm's moving joints, as in its URDF.
-        driven: The index of the position that moves each of them.
-        tree: Their frames.
+        driven: The index of the position that moves each joint.
+        tree: The frames of the joints.
         parent: Index of the moving joint behind which the link is fixed, -1 at the base.
-        T_joint_link: The link's frame in that joint's (4, 4).
+        T_joint_link: The link's frame (4, 4) in the frame of that joint.
         limits: Lower and upper limit of each position [rad or m].
         link_positions: Returns the positions of links that yield to gravity, from positions at the
             sensors.
@@ -187,7 +187,7 @@ class FreeBody:
         return self._nothing
 
     def mass_matrix(self, positions: Sequence[float]) -> list[list[float]]:
-        """Return zero masses."""
+        """Return a zero mass matrix."""
         return self._massless
 
 
@@ -246,7 +246,7 @@ class RigidArm:
     def link_positions(self, positions: Sequence[float]) -> Sequence[float]:
         """Compute the positions of links that yield to gravity, from positions at the sensors.
 
-        The load is that of the links: ``link = position + compliance load(link)``.
+        The load is evaluated at the link positions: ``link = position + compliance load(link)``.
         """
         if not self._compliance.any():
             return positions

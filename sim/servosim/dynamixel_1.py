@@ -170,7 +170,7 @@ class Dynamixel1(Servo):
         return self.is_mx and limits == (MULTI_TURN, MULTI_TURN)
 
     def present_tick(self) -> int:
-        """Compute the present position register's number."""
+        """Compute the value of the present position register."""
         tick = self.shaft.tick_at(self.motor.encoder_rad) - self.turn_base_tick
         if not self.is_mx:
             return max(0, min(1023, tick))
@@ -180,7 +180,7 @@ class Dynamixel1(Servo):
         return (tick + get("multi_turn_offset")) // get("resolution_divider")
 
     def angle_at(self, position_tick: int) -> float:
-        """Compute the joint angle [rad] of a position register's number."""
+        """Compute the joint angle [rad] for a value of the position register."""
         get = self.memory.get
         if self.is_multi_turn:
             position_tick = position_tick * get("resolution_divider") - get("multi_turn_offset")
@@ -191,7 +191,7 @@ class Dynamixel1(Servo):
     # From memory to drive.
 
     def start(self) -> None:
-        """Set everything from the memory after power-up."""
+        """Set all states from the memory after power-up."""
         self.drive.torque_on = False
         self.watch.start()
         if self.is_mx:

@@ -47,7 +47,7 @@ class DriveMapper:
         drive.goal_rad = self.servo.angle_at(self.servo.memory.get("goal_position"))
 
     def set_goal(self) -> None:
-        """Apply all goals after any goal was written, or their meaning has changed."""
+        """Apply all goal registers, after a write to one of them or a change of their meaning."""
         self.set_position_goal()
         drive, get, sign = self.servo.drive, self.servo.memory.get, self.servo.direction
         drive.goal_velocity_rad_s = sign * get("goal_velocity") * VELOCITY_RAD_S
@@ -208,7 +208,7 @@ class SimulatedDynamixelX(Servo):
 
     @property
     def secondary_id(self) -> int | None:
-        """The secondary id register, when it is in force."""
+        """The secondary id register, while it is active."""
         second = self.memory.image[self._second_at]
         return second if second <= 252 and second != self.id else None
 
@@ -273,11 +273,11 @@ class SimulatedDynamixelX(Servo):
         return -tick if self.reversed else tick
 
     def present_tick(self) -> int:
-        """Compute the present position register's number."""
+        """Compute the value of the present position register."""
         return self.actual_tick() - self.turn_base_tick + self.offset_tick
 
     def angle_at(self, position_tick: int) -> float:
-        """Compute the joint angle [rad] of a position register's number."""
+        """Compute the joint angle [rad] for a value of the position register."""
         tick = position_tick - self.offset_tick + self.turn_base_tick
         return self.shaft.angle_at(-tick if self.reversed else tick)
 
@@ -356,7 +356,7 @@ class SimulatedDynamixelX(Servo):
         self.orders.set_position_goal()
 
     def trajectory_tick(self) -> int:
-        """Compute the position trajectory register's number."""
+        """Compute the value of the position trajectory register."""
         tick = self.shaft.tick_at(self.motor.reference_rad)
         return (-tick if self.reversed else tick) - self.turn_base_tick + self.offset_tick
 

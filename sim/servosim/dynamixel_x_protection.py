@@ -174,7 +174,7 @@ class DynamixelXProtections:
             servo.cut_torque()
 
     def check(self, dt_s: float) -> None:
-        """Check everything once; ``dt_s`` is the time since the last check."""
+        """Run all protections once; ``dt_s`` is the time since the last check."""
         get, servo = self.servo.memory.get, self.servo
         if servo.motor.temperature_c > get("temperature_limit"):
             self.raise_alarm(HEAT)

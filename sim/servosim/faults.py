@@ -40,8 +40,8 @@ class Fault:
     Attributes:
         kind: A key of ``EVENTS`` or ``REPLY_FAULTS``, or ``LOST``.
         id: The servo concerned; None for all.
-        at_s: Its start, in seconds of the simulation.
-        for_s: Its duration.
+        at_s: The start of the fault, in seconds of the simulation.
+        for_s: The duration of the fault.
         count: Maximum number of occurrences (faults of replies and instructions).
         probability: Probability of each occurrence (faults of replies and instructions).
         delay_s: The delay of a late reply.

@@ -52,7 +52,7 @@ class FeetechProtections(AlarmBits):
         return min(limit, get("protective_torque") / 100) if self.bits & OVERLOAD else limit
 
     def check(self, dt_s: float) -> None:
-        """Check everything once; ``dt_s`` is the time since the last check."""
+        """Run all protections once; ``dt_s`` is the time since the last check."""
         get, servo, motor = self.servo.memory.get, self.servo, self.servo.motor
         volts = round(servo.supply_v * 10)
         self.set_alarm(VOLTAGE, not get("min_voltage_limit") <= volts <= get("max_voltage_limit"))
@@ -102,7 +102,7 @@ class FeetechSeries:
     """Differences between the series: units, modes and goals of one servo.
 
     Attributes:
-        bauds: Rates by the numbers of the baud register.
+        bauds: Baud rates by the values of the baud register.
         instructions: The supported instructions.
         answers_broadcast_ping: Whether it replies to a broadcast ping.
         goal_enables_torque: Whether a goal written with torque off switches it on.
@@ -125,11 +125,11 @@ class FeetechSeries:
         """Set the state of the series from the memory after power-up."""
 
     def present_tick(self) -> int:
-        """Return the present position register's number."""
+        """Return the value of the present position register."""
         return self.servo.shaft.tick_at(self.servo.motor.encoder_rad)
 
     def angle_at(self, position_tick: int) -> float:
-        """Return the joint angle [rad] of a position register's number."""
+        """Return the joint angle [rad] for a value of the position register."""
         return self.servo.shaft.angle_at(position_tick)
 
     def calibrate(self, position_tick: int = 2048) -> None:
@@ -170,7 +170,7 @@ class Feetech(Servo):
 
     Args:
         make_series: Makes the series-specific part.
-        table: Its control table.
+        table: The control table.
         motor: The physics behind it.
         shaft: The zero of reported positions.
         delivered: Registers that differ from the table's defaults.
@@ -274,11 +274,11 @@ class Feetech(Servo):
     # Position.
 
     def present_tick(self) -> int:
-        """Return the present position register's number."""
+        """Return the value of the present position register."""
         return self.series.present_tick()
 
     def angle_at(self, position_tick: int) -> float:
-        """Return the joint angle [rad] of a position register's number."""
+        """Return the joint angle [rad] for a value of the position register."""
         return self.series.angle_at(position_tick)
 
     def calibrate(self, position_tick: int = 2048) -> None:

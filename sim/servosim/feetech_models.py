@@ -66,7 +66,7 @@ class StsSeries(FeetechSeries):
         return tick if self.memory.get("phase") & PHASE_TURNS else tick % 4096
 
     def angle_at(self, position_tick: int) -> float:
-        """Compute the joint angle [rad] that a position register's number means now.
+        """Compute the joint angle [rad] that a value of the position register means now.
 
         The firmware compares goal and present within one revolution, so no motion crosses the
         wrap-around.
@@ -221,7 +221,7 @@ class ScsSeries(FeetechSeries):
         return ControlMode.PWM if lower == upper == 0 else ControlMode.POSITION
 
     def set_goal(self) -> None:
-        """Apply a write to a goal register: the time counts only without a speed."""
+        """Apply a write to a goal register; the goal time is used only if no goal speed is set."""
         servo, drive, shaft = self.servo, self.servo.drive, self.servo.shaft
         speed_rad_s = servo.memory.get("goal_speed") * shaft.rad_per_tick
         duty_or_ms = "goal_time" if "goal_time" in servo.table.by_name else "goal_pwm"

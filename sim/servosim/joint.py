@@ -156,11 +156,11 @@ class Hand:
 
     Attributes:
         path: The path of the hand.
-        limit: Its maximum force: N m, or N on a prismatic joint.
+        limit: The maximum force: N m, or N on a prismatic joint.
         only: +1 or -1 for an obstacle that pushes only in that direction; 0 for a grip.
-        force: Its force in the last step; positive forward.
+        force: The force in the last step; positive forward.
         time_s: Time since the grasp.
-        resting: Its force in the next step if the joint rests.
+        resting: The force in the next step if the joint rests.
         damping: Decrease of that force per rad/s (m/s).
     """
 
@@ -177,7 +177,7 @@ class Hand:
 
         Args:
             dt_s: Duration of the step [s].
-            position: The position of the joint.
+            position: The joint position.
             inertia: The inertia of the joint with its motors.
         """
         self.time_s += dt_s
@@ -208,7 +208,7 @@ class SimulatedJoint:
 
     Attributes:
         name: The joint's name in the body.
-        servos: Its servos; the first carries all others.
+        servos: The servos; the first carries all others.
         transmission: Transmission between their horns and the joint.
     """
 
@@ -247,7 +247,7 @@ class SimulatedJoint:
 
     @property
     def felt_armature(self) -> float:
-        """The inertia that the servos add to the joint; in the backlash only that of outputs."""
+        """The inertia that the servos add to the joint; in the backlash, only their outputs do."""
         if self.servos[0].motor.is_on_flank:
             return self.armature
         return len(self.servos) * OUTPUT_INERTIA_KG_M2 / self.m_per_rad**2
@@ -302,8 +302,8 @@ class SimulatedJoint:
         """Set the servos to a state of the joint.
 
         Args:
-            position: The position of the joint.
-            velocity: The velocity of the joint.
+            position: The joint position.
+            velocity: The joint velocity.
             lash: The distance to the middle of the backlash; None: unchanged.
             rotor_velocity: The velocity of the rotors, in the joint's unit; None: that of the
                 joint.

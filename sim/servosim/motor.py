@@ -140,7 +140,7 @@ class Motor:
 
     Attributes:
         position_rad: Position of the output shaft: the true joint position.
-        velocity_rad_s: Its speed.
+        velocity_rad_s: Speed of the output shaft.
         rotor_rad_s: Speed of rotor and gears, at the output.
         torque_nm: Torque of the motor at the shaft, before friction.
         current_a: Signed current of the winding.

@@ -85,7 +85,7 @@ class MotorParameters:
 
     @property
     def no_load_speed_rad_s(self) -> float:
-        """The speed of the free shaft at full duty; with so little load kq does not matter."""
+        """The no-load speed of the shaft at full duty; kq has no effect at so little load."""
         kt, full_a = self.torque_constant_nm_a, self.nominal_v / self.resistance_ohm
         driven_nm = kt * full_a * (1.0 - self.load_friction) - self.friction_nm
         braked_nm_s = kt * kt / self.resistance_ohm * (1.0 - self.load_friction)
@@ -180,7 +180,7 @@ def _scaled(
     relative: MotorParameters, volts: float, stall_nm: float, rpm: float, armature: float,
     gears: float, play_deg: float, mass_g: float,
 ) -> MotorParameters:  # fmt: skip
-    """Return a row with a relative's friction, scaled by its torque and speed.
+    """Return a row with the friction of a related motor, scaled by torque and speed.
 
     Args:
         relative: A fitted motor with gears of the same kind.

@@ -1,4 +1,4 @@
-"""The bus in this process: a transport in the shape of pyserial's Serial, in virtual time."""
+"""The bus in this process: a transport with the interface of pyserial's Serial, in virtual time."""
 
 from __future__ import annotations
 

@@ -141,7 +141,7 @@ class PtyBus:
         return IDLE_STEP_S if self.line.world.is_idle else ACTIVE_STEP_S
 
     def _update_cable(self) -> None:
-        """Follow a fault that pulls the cable and plugs it in again."""
+        """Apply a fault that pulls the cable and plugs it in again."""
         if self.line.plugged and self._master < 0:
             self.plug()
         elif not self.line.plugged and self._master >= 0:

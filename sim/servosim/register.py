@@ -173,7 +173,7 @@ class Memory:
     Nothing here checks access: that is the task of the servo's firmware.
 
     Attributes:
-        get: Returns a register's number by its name; called for every frame and every protection.
+        get: Returns the value of a register by its name, for every frame and every protection.
     """
 
     def __init__(self, table: ServoTable, delivered: Mapping[str, int] | None = None) -> None:
@@ -206,7 +206,7 @@ class Memory:
         self._numbers[row.name] = self._getters[row.name]()
 
     def persist_value(self, name: str) -> None:
-        """Make a register's present number survive loss of power, whatever the lock."""
+        """Make a register's present value survive a power loss, even if the EEPROM is locked."""
         self._persist_register(self.table.by_name[name])
 
     def write(self, address: int, data: bytes, *, persist: bool = True) -> None:
@@ -262,7 +262,7 @@ class Memory:
 
 
 def _make_getter(image: bytearray, row: SimulatedRegister) -> Callable[[], int]:
-    """Make a function that reads a register's number, fast for the common single byte."""
+    """Make a function that reads the value of a register, fast for the common single byte."""
     if row.size == 1 and row.sign is Sign.NONE:
         return partial(image.__getitem__, row.address)
     letter = {1: "b", 2: "h", 4: "i"}[row.size]

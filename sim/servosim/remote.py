@@ -90,7 +90,7 @@ class RemoteControl:
         return [*([self._server.fileno()] if self._server else []), *self._clients]
 
     def serve(self, ready: list[int]) -> bool:
-        """Serve received requests; true if a client requests the end of the server."""
+        """Serve received requests; return whether a client asked the server to shut down."""
         for fd in ready:
             if fd in self._clients:
                 self._receive_line(fd)

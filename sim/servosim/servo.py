@@ -268,7 +268,7 @@ class Servo:
     # Memory as tests and scripts see it.
 
     def read(self, name: str) -> int:
-        """Read a register's number as a read instruction would return it."""
+        """Read the value of a register as a read instruction would return it."""
         row = self.table.by_name[name]
         return row.decode(self.read_bytes(row.address, row.size))
 
@@ -319,7 +319,7 @@ class Servo:
         self.changed()
 
     def power_down(self) -> None:
-        """Lose the supply: unresponsive, torque off."""
+        """Switch the supply off: the servo does not respond and its torque is off."""
         self.powered = False
         self.cut_torque()
 

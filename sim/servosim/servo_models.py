@@ -65,7 +65,7 @@ def make_servo(
 
 
 def baud_code(family: SimulatedFamily, baud: int) -> int:
-    """Compute the baud register's number for a rate.
+    """Compute the value of the baud register for a rate.
 
     Raises:
         SimulatorError: The family has no such rate.

@@ -31,12 +31,12 @@ _MOST_SHAPES = 1000
 
 @dataclass(frozen=True, slots=True)
 class StageCamera:
-    """A camera without distortion, whose axis passes through the middle of its picture.
+    """A camera without distortion, whose axis passes through the middle of the picture.
 
     Attributes:
-        T_base_camera: Its pose (4, 4): x to the right, y down, z ahead.
-        focal_px: The focal length of its lens.
-        size: Width and height of its pictures.
+        T_base_camera: The camera's pose (4, 4): x to the right, y down, z ahead.
+        focal_px: The focal length of the lens.
+        size: Width and height of the pictures.
     """
 
     T_base_camera: Matrix
@@ -49,8 +49,8 @@ class MountedBoard:
     """A board on the arm's tip.
 
     Attributes:
-        half_m: Half its sides (2,).
-        tip_m: The tip (3,) in the board's frame, where the holder of the board begins.
+        half_m: Half the side lengths (2,).
+        tip_m: The tip (3,) in the board's frame, where the board holder begins.
     """
 
     half_m: Matrix

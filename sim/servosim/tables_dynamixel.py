@@ -210,7 +210,7 @@ class _Model:
 
     @property
     def facts(self) -> Mapping[str, int | None]:
-        """Each fact by its name, and derived facts."""
+        """All facts by name, including derived facts."""
         small = self.pwm_slope is not None
         return {field.name: getattr(self, field.name) for field in fields(self)} | {
             "firmware": 52 if small else 46,

@@ -18,8 +18,8 @@ class ServoAudit:
     """Statistics of the instructions to one servo; positions in ticks of its registers.
 
     Attributes:
-        id: Its id at the time of the report.
-        model: The model of the servo.
+        id: The id at the time of the report.
+        model: The servo model.
         goals: Number of goal positions written.
         goals_outside_limits: Number of goals outside the servo's own position limits.
         largest_goal_step: Largest step between two successive goals.

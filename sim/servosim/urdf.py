@@ -54,7 +54,7 @@ class BoxShape:
 
     Attributes:
         body: Index of the moving joint that carries it, -1 at the base.
-        T: Its frame in that joint's frame; the origin is its centre.
+        T: The box's frame in that joint's frame; the origin is the centre of the box.
         half_m: Half the lengths of its edges (3,).
         points_m: Points on its surface (k, 3), in its own frame.
     """
@@ -119,7 +119,7 @@ class Mass:
     inertia_kg_m2: Matrix = field(default_factory=lambda: np.zeros((3, 3)))
 
     def add_body(self, other: Mass, T: Matrix) -> None:
-        """Add another body, whose frame is `T` in this one's (parallel axes)."""
+        """Add a body whose frame is `T` in this body's frame (parallel axis theorem)."""
         mass_kg = self.mass_kg + other.mass_kg
         if mass_kg <= 0.0:
             return
@@ -139,10 +139,10 @@ class MovingJoint:
     """A joint with everything rigidly fixed behind it; its frame's z axis is the joint's axis.
 
     Attributes:
-        name: Its name in the file.
+        name: The name in the file.
         parent: Index of the moving joint before it, -1 at the base.
         sliding: Whether it is prismatic instead of revolute.
-        T_parent_joint: Its frame at zero, in the parent's frame.
+        T_parent_joint: The frame at zero, in the parent's frame.
         lower: Limit [rad or m]; -inf when continuous.
         upper: Limit [rad or m]; inf when continuous.
         mimic: Joint that it copies; its own name if it copies none.

@@ -160,7 +160,7 @@ def test_cancelled_motion_brakes_in_300_ms_and_holds(arm):
     assert true_joints(arm)["shoulder_pan"] < 1.4
 
 
-def test_motion_after_cancelled_one_needs_no_acknowledgement(arm):
+def test_motion_runs_after_cancel_without_acknowledgement(arm):
     motion, gate = begun(arm)
     motion.cancel()
     gate.open()

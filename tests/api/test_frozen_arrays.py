@@ -76,7 +76,7 @@ SHARED = {
 @pytest.mark.full
 @pytest.mark.sample(2)
 @pytest.mark.parametrize("make", SHARED.values(), ids=SHARED)
-def test_writable_arrays_returned_twice_share_no_memory(arm, make):
+def test_writable_arrays_returned_twice_do_not_share_memory(arm, make):
     first, second = (list(arrays_of(make(arm))) for _ in range(2))
     assert first
     for one, other in zip(first, second, strict=True):

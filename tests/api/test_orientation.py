@@ -61,7 +61,7 @@ def test_five_joint_arm_refuses_orientation_it_cannot_have(five):
     assert len(arm_file("so101")["joints"]) - 1 == 5
 
 
-def test_pitch_out_of_reach_names_no_missing_freedom(five):
+def test_pitch_out_of_reach_does_not_blame_missing_freedom(five):
     with pytest.raises(ikservo.OrientationError) as caught:
         five.plan_to((0.40, 0.0, 0.20), stance=ikservo.ToolOrientation(pitch_rad=-1.5))
     assert caught.value.freedom == ""

@@ -76,7 +76,7 @@ def texts():
 
 
 @pytest.mark.full
-def test_api_texts_name_no_command_that_a_method_replaces():
+def test_api_texts_do_not_name_commands_that_methods_replace():
     left = [
         (place, text)
         for place, text in texts()

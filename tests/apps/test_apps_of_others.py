@@ -136,7 +136,7 @@ BROKEN = {
 
 
 @pytest.mark.parametrize("kind", BROKEN)
-def test_broken_app_is_named_in_one_sentence_and_left_out(other, kind):
+def test_warning_names_broken_app_in_one_sentence(other, kind):
     text, reason = BROKEN[kind]
     (other / "nod_app" / "__init__.py").write_text(text)
     listed = command(other, "--help")

@@ -178,7 +178,7 @@ def test_gripper_not_named_in_a_move_keeps_its_goal(arm):
 
 
 @pytest.mark.full
-def test_stuck_joint_is_led_no_further_than_at_rest_and_named(arm):
+def test_report_names_stuck_joint_and_its_lead_is_limited(arm):
     arm.move_to((0.25, 0.05, 0.15), speed="fast")
     held = servo_id("so101", "wrist_flex")
     line_of(arm).servos[held].motor.stuck = True

@@ -72,7 +72,7 @@ def test_command_without_listener_returns_none(device, kind):
     assert send_command(device, ControlCommand.STOP) is None
 
 
-def test_closed_listener_leaves_no_socket(device, owner):
+def test_closed_listener_does_not_leave_socket(device, owner):
     owner.listener.close()
     assert send_command(device, ControlCommand.STOP) is None
     assert not socket_path(device).exists()
@@ -84,7 +84,7 @@ def test_symlink_to_device_leads_to_its_owner(device, owner, tmp_path):
     assert send_command(str(link), ControlCommand.WHERE) == {"done": "where"}
 
 
-def test_command_to_another_device_finds_no_owner(device, owner, tmp_path):
+def test_command_to_another_device_does_not_find_owner(device, owner, tmp_path):
     assert send_command(str(tmp_path / "ttyACM1"), ControlCommand.WHERE) is None
 
 

@@ -83,7 +83,7 @@ def test_drawing_error_names_point_with_repeats_counted(arm):
 
 
 @pytest.mark.sample(1)
-def test_first_unreachable_point_of_drawing_is_named(arm):
+def test_error_names_first_unreachable_point_of_drawing(arm):
     goals = registers(arm, "goal_position")
     far = CORNER + np.array([[0, 0, 0], [0.01, 0, 0], [0.9, 0, 0], [1.0, 0, 0]])
     with pytest.raises(UnreachableError, match="point 3 of stroke 2: ") as raised:

@@ -63,7 +63,7 @@ def joint_of(arm, servo):
 
 
 @pytest.mark.sample(1)
-def test_silent_servo_stops_others_in_three_cycles_and_is_named(either):
+def test_error_names_silent_servo_and_others_stop_in_3_cycles(either):
     auditor = Auditor(either)
     lost_s = inject(either, "silent", id=3)
     with pytest.raises(ServoSilentError, match=rf"{joint_of(either, 3)} \(id 3\)"):
@@ -266,7 +266,7 @@ def test_servo_that_reports_no_status_stops_the_arm(arm, monkeypatch):
 
 @pytest.mark.sample(1)
 @pytest.mark.parametrize(("for_s", "silent"), [(1e3, ""), (0.02, ""), (0.02, "4")])
-def test_power_cut_in_motion_is_named(either, for_s, silent):
+def test_error_reports_power_cut_in_motion(either, for_s, silent):
     world = line_of(either).world
     servos = {servo.id: servo for servo in world.servos}
 
@@ -312,7 +312,7 @@ def test_power_loss_of_one_servo_says_what_fell_and_holds(either, for_s, fallen)
     assert "the other joints hold" in either.stopped_for
 
 
-def test_joint_that_fell_at_rest_is_named_and_moves_again(either):
+def test_error_names_joint_that_fell_at_rest_and_it_moves_again(either):
     either.pose("home")
     cut_power_of_one(either, 3, 0.0, 0.05)
     wait(either, 1.0)

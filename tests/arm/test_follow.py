@@ -82,7 +82,7 @@ print(*sorted(seen[-1] - seen[0]))
 
 
 @pytest.mark.full
-def test_follow_imports_no_module_between_goals():
+def test_follow_does_not_import_modules_between_goals():
     ran = subprocess.run([sys.executable, "-c", LOADED], capture_output=True, text=True, check=True)
     assert ran.stdout.split() == []
 

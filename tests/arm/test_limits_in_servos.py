@@ -72,7 +72,7 @@ def test_watchdog_is_armed_while_goals_are_streamed_only(x_series):
     assert set(registers(x_series, "bus_watchdog").values()) == {0}
 
 
-def test_shoulder_that_would_sink_far_gets_no_watchdog():
+def test_shoulder_that_would_sink_far_does_not_get_watchdog():
     with ikservo.open_arm("wx250s", port="sim", collisions=False) as arm:
         seen = []
         arm.move_joints(

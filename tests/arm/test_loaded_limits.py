@@ -42,7 +42,7 @@ def elbow_limit(arm, *q):
 
 
 @pytest.mark.full
-def test_line_takes_path_on_which_no_goal_passes_a_limit(wx250s):
+def test_line_takes_path_whose_goals_stay_inside_limits(wx250s):
     start, names = leaning(wx250s, 0.4), wx250s.chain.names
     wx250s.move_joints(dict(zip(names, start, strict=True)), speed="fast")
     end_m = wx250s.chain.forward(leaning(wx250s, 0.005))[:3, 3]
@@ -68,7 +68,7 @@ def px100():
     return plan
 
 
-def test_line_whose_weight_needs_goals_beyond_limits_is_refused(px100):
+def test_line_is_refused_if_gravity_needs_goals_beyond_limits(px100):
     with pytest.raises(CartesianPathError, match=WEIGHT):
         px100(-2.109, 1.101)
 

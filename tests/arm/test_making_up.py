@@ -23,7 +23,7 @@ def test_compensation_returns_tip_to_target_with_joint_held():
     assert np.linalg.norm(CHAIN.forward(found)[:3, 3] - target_m) < 5e-5
 
 
-def test_compensation_moves_no_joint_more_than_0_05_rad():
+def test_compensation_moves_joints_at_most_0_05_rad():
     q, target_m = short_of_home(0.2), CHAIN.forward(HOME)[:3, 3]
     found = compensate(CHAIN, target_m, q, {"elbow_flex"})
     assert found is None or np.abs(found - q).max() <= 0.05 + 1e-9

@@ -213,11 +213,12 @@ def test_each_motion_runs_as_a_program_step(arm, tmp_path, motion):
     run = ProgramRun(arm, read_program(tmp_path / "one.toml"), tmp_path, arm.poses)
     assert [each.error for each in run.check()] == [None]
     plan = arm.plan(motion)
-    (made,) = run.run()
-    assert made.report.reached
+    (step,) = run.steps()
+    report = run.run_step(step)
+    assert report.reached
     np.testing.assert_allclose(true_tip_m(arm), plan.tip_m, atol=4e-3)
     if plan.is_cartesian:
-        assert 0.0 < made.report.path_error_rms_m <= made.report.path_error_max_m < 5e-3
+        assert 0.0 < report.path_error_rms_m <= report.path_error_max_m < 5e-3
 
 
 PATHS = [each for each in PLANNED if hasattr(each, "path_from")]

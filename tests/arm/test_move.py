@@ -130,7 +130,7 @@ def test_keyboard_interrupt_leaves_the_arm_holding(arm):
     assert apart > 0.02
 
 
-def test_a_jammed_joint_stops_the_motion_and_is_named(arm):
+def test_error_names_jammed_joint_and_motion_stops(arm):
     pan = line_of(arm).servos[servo_id("so101", "shoulder_pan")]
 
     def jam(progress):

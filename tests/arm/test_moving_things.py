@@ -107,7 +107,7 @@ def test_stop_by_user_ends_motion_that_replans():
             if len(seen) == 3:
                 tip_m = context_of(arm).planner.tip(path[-1])
                 arm.scene.change("the box", center_m=(*tip_m[:2], 0.12))
-            if servo_group(arm).stop_request.times == 1:  # it brakes before the box
+            if servo_group(arm).stop_request.times == 1:  # it brakes in front of the box
                 arm.stop("enough")
 
         path = arm.plan_to(LEFT).sample(0.02).positions

@@ -60,7 +60,7 @@ def distance_m(one, another):
     return float((segment_distance(a[i], b[i], c[j], d[j]) - r[i] - s[j]).min())
 
 
-def test_other_arm_in_the_path_refuses_a_motion_by_name(arms):
+def test_error_names_other_arm_in_the_path(arms):
     arm, other = arms
     assert (arm.scene.names, other.scene.names) == (("the koch",), ("so101",))
     with pytest.raises(CollisionError, match="would touch the koch's gripper"):

@@ -165,13 +165,13 @@ def tour(seed):
 
 
 @pytest.mark.full
-def test_normal_tour_gives_no_overload_warning():
+def test_normal_tour_does_not_give_overload_warning():
     assert tour(0) == []
 
 
 @pytest.mark.campaign
 @pytest.mark.timeout(0)
-def test_100_normal_tours_give_no_overload_warning(capsys):
+def test_100_normal_tours_do_not_give_overload_warning(capsys):
     seeds = part_of(100)
     warnings = {seed: warned for seed in seeds if (warned := tour(seed))}
     log(capsys, f"{len(seeds)} tours, warnings in {sorted(warnings)}")

@@ -98,7 +98,7 @@ def test_a_pose_of_the_arm_file_is_not_replaced(poses, name):
         ("", "empty"),
     ],
 )
-def test_damaged_pose_file_is_named_and_not_overwritten(poses, text, found):
+def test_error_names_damaged_pose_file_and_keeps_it(poses, text, found):
     poses.path.parent.mkdir(parents=True)
     poses.path.write_text(text)
     with pytest.raises(FileFormatError, match=found):

@@ -82,7 +82,7 @@ def carry(arm, random):
 @pytest.mark.full
 @few_or_many(1, 25)
 @pytest.mark.parametrize("name", ["so101", "koch", "open_manipulator_x", "wx250s"])
-def test_carried_object_and_arm_touch_no_obstacle(capsys, name, seeds):
+def test_carried_object_and_arm_do_not_touch_obstacles(capsys, name, seeds):
     made, refused, failed = [], 0, []
     for seed in seeds:
         random = np.random.default_rng(seed)

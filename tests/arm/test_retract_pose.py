@@ -44,7 +44,7 @@ def test_plan_via_retract_pose_covers_both_parts(folded):
 
 
 @pytest.mark.campaign
-def test_plan_from_free_arm_uses_no_retract_pose(folded):
+def test_plan_from_free_arm_does_not_use_retract_pose(folded):
     folded.pose("home")
     with pytest.raises(RefusedError, match="would touch the table"):
         folded.move_joints({"shoulder_lift": 1.5, "elbow_flex": 0.0, "wrist_flex": 0.0})

@@ -44,7 +44,7 @@ def descriptors():
 
 @pytest.mark.full
 @pytest.mark.parametrize("name", ["so101", "koch"])
-def test_control_cycles_leave_no_objects_behind(name):
+def test_control_cycles_do_not_leave_objects_behind(name):
     counts = []
     streamed(name, 900, lambda k: counts.append(len(gc.get_objects())) if k % 300 == 0 else None)
     assert counts[-1] - counts[0] < 300  # not one a cycle
@@ -54,7 +54,7 @@ def test_control_cycles_leave_no_objects_behind(name):
 @pytest.mark.timeout(0)
 @pytest.mark.skipif(not Path("/proc/self/statm").exists(), reason="reads /proc")
 @pytest.mark.parametrize("name", ["so101", "koch"])
-def test_many_control_cycles_leak_no_memory_or_descriptors(name, capsys):
+def test_many_control_cycles_do_not_leak_memory_or_descriptors(name, capsys):
     cycles = int(os.environ.get("IKSERVO_SOAK_CYCLES", "20000"))
     warm, seen = cycles // 10, []
 

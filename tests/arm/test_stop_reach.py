@@ -216,7 +216,7 @@ def test_stop_mark_from_before_restart_does_not_count(monkeypatch):
     assert not stop_marks.has_mark("/dev/ttyX", "so101")
 
 
-def test_stop_on_full_disk_leaves_no_unfinished_mark(monkeypatch, tmp_path):
+def test_stop_on_full_disk_does_not_leave_unfinished_mark(monkeypatch, tmp_path):
     monkeypatch.setenv("IKSERVO_HOME", str(tmp_path))
 
     def fill_up(path, *_):

@@ -34,7 +34,7 @@ def test_swinging_shoulder_pan_is_brought_to_rest_after_motion(seed):
 
 
 @pytest.mark.full
-def test_joint_swinging_in_motion_is_named_with_amplitude():
+def test_warning_names_swinging_joint_and_its_amplitude():
     # Shoulder and elbow have 1.8° of play, no D gain, and the elbow 0.74 of its friction.
     with ikservo.open_arm("so101", port="sim:?seed=431&pose=home") as arm:
         arm.move_joints({"shoulder_lift": -0.3, "elbow_flex": -1.06, "wrist_flex": -0.67})

@@ -42,7 +42,7 @@ def page_in_3d(webgl_browser, shared):
 
 @pytest.fixture
 def onlooker(page_in_3d):
-    """Return a person before the arm in 3D, at the top of the page and without a goal."""
+    """Return a person in front of the arm in 3D, at the top of the page and without a goal."""
     page_in_3d.served.view.controller._interaction.reset()
     page_in_3d.page.evaluate("scrollTo(0, 0)")
     return page_in_3d.wait_for(f"{DRAWN_IN_3D} && !scene.goal")
@@ -121,7 +121,7 @@ def test_drag_in_3d_takes_the_target_to_the_pointer(onlooker):
     onlooker.until(f"{SCENE}.markings.dots.count > 0")  # the path of the tip
 
 
-def test_3d_ghost_in_contact_is_red_and_its_pair_is_named(onlooker):
+def test_3d_ghost_in_contact_is_red_and_message_names_pair(onlooker):
     onlooker.type("#tool-z", "-40", "scene.refused_pair?.includes('gripper')")
     style = (
         f"(link) => Object.entries({SCENE}.ghostMaterials)"
@@ -268,7 +268,7 @@ def test_page_begins_in_3d_if_a_graphics_card_draws_webgl(webgl_browser, shared)
     context.close()
 
 
-def test_page_begins_in_2d_and_loads_no_3d_on_software_webgl(webgl_browser, shared):
+def test_page_starts_in_2d_without_3d_on_software_webgl(webgl_browser, shared):
     context = webgl_browser.new_context(viewport=SMALL)
     operator = Operator(context.new_page(), shared)
     assert chosen_view(operator.page) == "side"

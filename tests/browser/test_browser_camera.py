@@ -93,7 +93,7 @@ def test_click_in_stale_camera_picture_is_ignored(operator, monkeypatch):
     operator.page.wait_for_selector("#camera[data-trouble=late] #camera-note:has-text('is late')")
 
 
-def test_click_after_mark_tip_button_sets_no_target(operator):
+def test_click_after_mark_tip_button_does_not_set_target(operator):
     button = operator.page.locator("#mark-tip")
     assert button.inner_text() == "Click the tip (1 so far)"
     button.click()

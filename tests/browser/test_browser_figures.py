@@ -87,7 +87,7 @@ def test_damping_figure_shortens_step_near_singular_posture(page):
     assert furthest_deg("0.05") < 20.0
 
 
-def test_joint_limit_figure_stops_at_limits_and_leaves_them(page):
+def test_joint_limit_figure_solver_stops_at_and_moves_off_limits(page):
     figure(page, "jointLimits").locator("input").fill("0.75")
 
     def end_after_drag_to(x, y):

@@ -88,7 +88,7 @@ def test_opened_program_section_scrolls_into_sight(newcomer):
 
 
 @pytest.mark.parametrize(("width", "height"), [(390, 844), (820, 1100), (1100, 720)])
-def test_tool_readout_covers_no_part_of_the_arm(newcomer, width, height):
+def test_tool_readout_does_not_cover_the_arm(newcomer, width, height):
     page = newcomer.page
     page.set_viewport_size({"width": width, "height": height})
     field = page.locator("#tool-z")

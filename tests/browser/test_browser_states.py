@@ -93,7 +93,7 @@ def test_page_connects_again_if_its_key_proof_is_late(browser, view):
 
 
 @pytest.mark.campaign
-def test_live_refuses_target_below_table_and_sends_no_goal(live):
+def test_live_refuses_target_below_table_and_keeps_goals(live):
     before = live.until_still().served.goals()
     live.click(below_the_table(live)).wait_for(REFUSED)
     assert live.items("target_refused")

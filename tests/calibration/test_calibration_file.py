@@ -149,7 +149,7 @@ SLIPS = {
 
 
 @pytest.mark.parametrize(("old", "new", "where"), SLIPS.values(), ids=SLIPS)
-def test_calibration_mistake_is_named_with_its_key(calibration, path, old, new, where):
+def test_error_names_key_of_calibration_mistake(calibration, path, old, new, where):
     body = body_of(calibration)
     assert old in body
     error = refusal(path, with_checksum(body.replace(old, new, 1)))

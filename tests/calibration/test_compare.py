@@ -59,7 +59,7 @@ def test_matching_servos_are_not_refused():
 
 
 @pytest.mark.parametrize(("count", "rest"), [(1, "."), (2, ", and 1 more."), (4, ", and 3 more.")])
-def test_first_register_mismatch_is_named_and_others_counted(count, rest):
+def test_error_names_first_register_mismatch_and_counts_others(count, rest):
     joints = [joint(f"j{i}", i) for i in range(1, count + 1)]
     found = {i: facts(i, homing_offset=9) for i in range(1, count + 1)}
     with pytest.raises(CalibrationError) as caught:

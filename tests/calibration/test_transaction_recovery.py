@@ -193,7 +193,7 @@ def test_recovery_without_journal_does_nothing(interrupted):
     assert interrupted.held() == [OLD, OLD]
 
 
-def test_recovery_drops_transaction_that_reached_no_servo(interrupted):
+def test_recovery_drops_transaction_that_did_not_reach_servos(interrupted):
     interrupted.leave_journal().path.write_text(NEW_TEXT)
     assert "had not changed anything yet" in interrupted.act(recover)
     assert (interrupted.path.read_text(), interrupted.is_over()) == (OLD_TEXT, True)
@@ -229,14 +229,14 @@ def test_partial_transaction_is_resumed_or_rolled_back(interrupted, action, numb
 # --- the file
 
 
-def test_commit_of_empty_text_leaves_no_calibration_file(interrupted):
+def test_commit_of_empty_text_does_not_leave_calibration_file(interrupted):
     changes = interrupted.journal().changes
     interrupted.act(lambda bus, journal: commit(bus, journal, interrupted.path, "", changes))
     assert interrupted.held() == [NEW, NEW]
     assert not interrupted.path.exists()
 
 
-def test_rollback_of_first_calibration_leaves_no_file(interrupted):
+def test_rollback_of_first_calibration_does_not_leave_a_file(interrupted):
     interrupted.leave_journal(old_text="")
     interrupted.act(roll_back)
     assert not interrupted.path.exists()
@@ -272,7 +272,7 @@ def test_recovery_does_not_rewrite_a_file_that_is_right(interrupted, action, tex
 @pytest.mark.parametrize(
     ("action", "number"), [(recover, OLD), (recover, NEW), (resume, NEW), (roll_back, OLD)]
 )
-def test_recovery_locks_servo_that_needs_no_other_write(interrupted, action, number):
+def test_recovery_locks_servo_that_only_lacks_its_lock(interrupted, action, number):
     interrupted.leave_journal()
     for servo_id in interrupted.ids:
         interrupted.hold(servo_id, number)

@@ -36,7 +36,7 @@ def test_adopted_calibration_applies_on_the_new_adapter(arm, run_cli):
     assert run_cli(f"calibration diff {NAME} --port {PORT}").code == 6
     done = run_cli(f"{WORDS} --yes")
     assert done.code == 0, done.err
-    assert f"made on adapter {OLD}" in done.err
+    assert f"(adapter {OLD})" in done.err
     adopted = read_calibration(calibration_path(NAME, NEW))
     assert adopted.usb_serial_number == NEW
     assert run_cli(f"calibration diff {NAME} --port {PORT}").code == 0
@@ -61,7 +61,7 @@ def test_adopt_refuses_servos_that_hold_other_registers(arm, run_cli):
     assert not calibration_path(NAME, NEW).exists()
 
 
-def test_adopt_needs_the_file_named_if_several_fit(arm, run_cli):
+def test_adopt_needs_file_argument_if_several_fit(arm, run_cli):
     calibration = read_calibration(calibration_path(NAME, OLD))
     other = move(calibration, "ANOTHER")
     assert run_cli(f"{WORDS} --yes").code == 6

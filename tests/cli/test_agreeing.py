@@ -59,7 +59,7 @@ def test_yes_option_lets_a_real_arm_move(run_cli, arm):
 
 @pytest.mark.sample(1)
 @pytest.mark.parametrize("words", ["joints joint1=5", "jog joint1 --duration 100ms", "pose home"])
-def test_simulated_arm_needs_no_confirmation(run_cli, words):
+def test_simulated_arm_does_not_need_confirmation(run_cli, words):
     assert run_cli(f"{words} --arm {NAME} --port sim:?pose=home").code == 0
 
 

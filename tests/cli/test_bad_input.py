@@ -121,7 +121,7 @@ def test_arm_file_works_by_its_path(run_cli, own_arm):
         ("arm.urdf", "</robot>", "", "line"),
     ],
 )
-def test_malformed_arm_file_is_named_with_the_place(run_cli, own_arm, file, old, new, place):
+def test_error_names_malformed_arm_file_and_place(run_cli, own_arm, file, old, new, place):
     spoil(own_arm / file, old, new)
     result = run_cli(f"move 0.25 0.05 0.15 --arm {own_arm}/arm.toml --port sim --json")
     assert result.code == 2
@@ -138,7 +138,7 @@ def test_urdf_with_entities_is_refused(run_cli, own_arm):
     assert "line 1" in result.err
 
 
-def test_urdf_external_entity_reads_no_file(run_cli, own_arm):
+def test_urdf_external_entity_does_not_read_a_file(run_cli, own_arm):
     secret = own_arm / "secret.txt"
     secret.write_text("swordfish")
     urdf = own_arm / "arm.urdf"

@@ -68,7 +68,7 @@ def test_error_message_has_no_control_characters(capsys, monkeypatch):
     assert (out + err).replace("\n", "").isprintable()
 
 
-def test_rich_screens_show_no_control_characters(monkeypatch):
+def test_rich_screens_do_not_show_control_characters(monkeypatch):
     monkeypatch.setenv("FORCE_COLOR", "1")
     console = open_console()
     table = Table()

@@ -249,7 +249,7 @@ def test_recording_until_the_disk_was_full_can_be_read(place, tmp_path):
 
 @pytest.mark.full
 @pytest.mark.parametrize(("words", "file"), WRITTEN["record", "file"])
-def test_recording_without_a_sample_leaves_no_file(words, file, place, tmp_path):
+def test_recording_without_a_sample_does_not_leave_a_file(words, file, place, tmp_path):
     before = content(place)
     done = run_limited(words.format(place), 0, tmp_path)
     assert done.returncode == 1

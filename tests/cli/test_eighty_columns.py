@@ -71,7 +71,7 @@ def names(text):
 
 @pytest.mark.sample(5)
 @pytest.mark.parametrize("words", REPORTS)
-def test_report_rows_fit_80_columns_and_break_no_word(shown, words):
+def test_report_rows_fit_80_columns_and_do_not_break_words(shown, words):
     narrow = shown(words, 80)
     assert narrow.strip()
     assert too_long(narrow) == []

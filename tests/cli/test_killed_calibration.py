@@ -97,7 +97,7 @@ def run_in_time(run_cli, words):
 @pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGTERM], ids=lambda how: how.name)
 @pytest.mark.parametrize("moment", MOMENTS)
 @pytest.mark.parametrize("arm", ["so101", "koch"])
-def test_killed_calibration_leaves_no_register_changed(
+def test_killed_calibration_does_not_leave_changed_registers(
     run_cli, tmp_path, monkeypatch, arm, moment, how
 ):
     monkeypatch.setenv("IKSERVO_HOME", str(tmp_path / "home"))

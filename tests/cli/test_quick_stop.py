@@ -69,7 +69,7 @@ def run_stop(*args, code=0):
         ("--arm", str(Path(ARM_FILE).parent), "--port={device}"),
     ],
 )
-def test_stop_command_loads_no_large_module(device, args):
+def test_stop_command_does_not_load_large_modules(device, args):
     report, modules = run_stop(*(arg.format(device=device) for arg in args))
     assert [arm["held"] for arm in report["arms"]] == [["gripper"]]
     assert not HEAVY & modules

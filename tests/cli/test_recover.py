@@ -64,7 +64,7 @@ def test_recover_sets_goals_to_present_positions(run_cli, monkeypatch):
         assert abs(servo.read("goal_position") - servo.read("present_position")) <= 2
 
 
-def test_recover_of_limp_arm_writes_no_goal(run_cli, monkeypatch):
+def test_recover_of_limp_arm_does_not_write_goals(run_cli, monkeypatch):
     def change(line):
         overloaded(3, torque=0)(line)
         for servo in line.world.servos:

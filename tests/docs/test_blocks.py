@@ -109,7 +109,7 @@ def test_notebook_cells_run_in_order(path, folder, monkeypatch):
             exec(compile("".join(cell["source"]), f"{path.name}, cell {number}", "exec"), names)
 
 
-def test_every_code_block_has_a_language_and_hides_no_command():
+def test_code_blocks_have_language_and_do_not_hide_commands():
     for block in BLOCKS:
         assert block.language in LANGUAGES, f"{block}: {block.language!r}"
         hidden = [line for line in block.text.splitlines() if COMMAND.match(line)]

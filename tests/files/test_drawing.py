@@ -70,7 +70,7 @@ def test_csv_drawing_with_bad_content_is_refused_with_its_line(tmp_path, text, u
         read_drawing(csv(tmp_path, text), unit)
 
 
-def test_missing_drawing_file_is_named(tmp_path):
+def test_error_names_missing_drawing_file(tmp_path):
     with pytest.raises(FileFormatError, match=r"nowhere\.csv: does not exist"):
         read_drawing(tmp_path / "nowhere.csv")
 

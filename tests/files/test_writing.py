@@ -26,7 +26,7 @@ def path(tmp_path):
     return path
 
 
-def test_file_is_written_with_its_folders(tmp_path):
+def test_write_atomic_creates_missing_parent_folders(tmp_path):
     write_atomic(tmp_path / "a" / "b" / "c.toml", NEW)
     assert (tmp_path / "a" / "b" / "c.toml").read_text() == NEW
 
@@ -37,7 +37,7 @@ def test_old_file_is_kept_as_backup(path):
     assert path.with_name("so101.toml.bak").read_text() == OLD
 
 
-def test_atomic_write_leaves_no_other_file_in_the_folder(path):
+def test_atomic_write_does_not_leave_other_files_in_folder(path):
     write_atomic(path, NEW)
     assert [p.name for p in path.parent.iterdir()] == ["so101.toml"]
 
@@ -136,13 +136,13 @@ def test_remove_durably_deletes_file(path):
     assert not path.exists()
 
 
-def test_check_writable_refuses_folder_that_takes_no_file(tmp_path):
+def test_check_writable_refuses_folder_below_a_file(tmp_path):
     (tmp_path / "no_folder").write_text("")
     with pytest.raises(FileWriteError):
         check_writable(tmp_path / "no_folder" / "arms")
 
 
-def test_check_writable_leaves_no_file(tmp_path):
+def test_check_writable_does_not_leave_a_file(tmp_path):
     check_writable(tmp_path / "arms")
     assert not list((tmp_path / "arms").iterdir())
 

@@ -130,7 +130,7 @@ def test_posture_above_floor_has_no_contact(height_m):
     assert deepest_contact(space_of_balls(), height_m, 1.0) == ""
 
 
-def test_contact_with_floor_is_named_with_its_depth():
+def test_deepest_contact_names_floor_and_depth():
     assert deepest_contact(space_of_balls(), 0.08, 1.0) == "lift-the table, 20.0 mm"
 
 

@@ -17,7 +17,7 @@ def see(health=None, **changes):
     return (health or HealthMonitor(HealthLimits())).update(replace(WELL, **changes))
 
 
-def test_healthy_servo_gives_no_warning():
+def test_healthy_servo_does_not_give_warning():
     assert see() == ()
 
 

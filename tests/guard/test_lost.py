@@ -16,7 +16,7 @@ def test_third_cycle_without_answer_names_joint():
         losses.update(ONE)
 
 
-def test_all_silent_joints_are_named():
+def test_error_names_all_silent_joints():
     losses = CommunicationMonitor(["elbow", "wrist"], max_lost=1)
     with pytest.raises(ServoSilentError, match="elbow, wrist did not answer"):
         losses.update(())

@@ -49,7 +49,7 @@ def jam(name, joint, after_s, port="sim"):
 
 @pytest.mark.sample(2)
 @pytest.mark.parametrize(("name", "joint"), [*CASES[:6:2], CASES[7]])
-def test_jammed_joint_is_named_within_3_cycles(name, joint):
+def test_error_names_jammed_joint_within_3_cycles(name, joint):
     cycles, words = jam(name, joint, 0.4)
     assert words.startswith(f"{joint} does not follow its setpoint")
     assert cycles <= 3
@@ -57,7 +57,7 @@ def test_jammed_joint_is_named_within_3_cycles(name, joint):
 
 @pytest.mark.parametrize("seeds", [campaign(25)])
 @pytest.mark.parametrize(("name", "joint"), CASES)
-def test_joint_jammed_at_any_time_is_named_within_3_cycles(name, joint, seeds, capsys):
+def test_error_names_joint_jammed_at_any_time_within_3_cycles(name, joint, seeds, capsys):
     most = 0
     for seed in seeds:
         cycles, words = jam(name, joint, LATEST_S * spread(seed), f"sim:?seed={seed}")

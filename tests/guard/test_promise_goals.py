@@ -81,7 +81,7 @@ def sent_goals(ask):
 # Each joint's own limits, one step inside and outside, and what is no position at all.
 @settings(max_examples=80, **WIDE)
 @given(st.sampled_from([*NAMES[:4], "", "elbow", None]), st.one_of(odd, st.floats()))
-def test_refused_joint_goal_sends_no_packet(arm, wire, name, position):
+def test_refused_joint_goal_does_not_send_packets(arm, wire, name, position):
     before = wire.packets
     refused = sent_goals(lambda: arm.plan_joints({name: position, "wrist_roll": 0.1}))
     assert wire.packets == before
@@ -90,7 +90,7 @@ def test_refused_joint_goal_sends_no_packet(arm, wire, name, position):
 
 @settings(max_examples=40, **WIDE)
 @given(st.one_of(odd, st.lists(st.one_of(odd, numbers), max_size=4)))
-def test_refused_point_sends_no_packet(arm, wire, point):
+def test_refused_point_does_not_send_packets(arm, wire, point):
     before = wire.packets
     refused = sent_goals(lambda: arm.plan_to(point))
     assert wire.packets == before
@@ -111,7 +111,7 @@ def test_gate_sends_goals_of_any_program_whole_or_not_at_all(arm, wire, asked):
 
 @pytest.mark.parametrize("side", ["lower", "upper"])
 @pytest.mark.parametrize("name", NAMES)
-def test_goal_one_tick_beyond_limit_sends_no_packet(arm, wire, name, side):
+def test_goal_one_tick_beyond_limit_does_not_send_packets(arm, wire, name, side):
     driven = next(driven for driven in servo_group(arm).driven_joints if driven.joint == name)
     edge = driven.position_range[0 if side == "lower" else 1]
     outwards = -1 if side == "lower" else 1

@@ -49,12 +49,12 @@ def test_contact_place_is_that_of_refined_sample(path_m, percent):
         check(path_m, plate(1.5))
 
 
-def test_first_of_two_plates_between_samples_is_named():
+def test_error_names_first_of_two_plates_between_samples():
     with pytest.raises(RefusedError, match="the near plate"):
         check([0.5, 4.5], plate(1.5, name="the near plate"), plate(3.5, name="the far plate"))
 
 
-def test_nearer_plate_is_named_whatever_the_order():
+def test_error_names_nearer_plate_in_either_order():
     with pytest.raises(RefusedError, match="the near plate"):
         check([0.5, 4.5], plate(2.5, name="the far plate"), plate(1.5, name="the near plate"))
 

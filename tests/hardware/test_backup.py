@@ -44,7 +44,7 @@ def test_another_model_at_same_id_gets_its_own_backup(bus):
     assert len(back_up_once(make_bus({1: "STS3250"}), "so101")) == 1
 
 
-def test_silent_servo_leaves_no_backup_file(bus, home):
+def test_silent_servo_does_not_leave_backup_file(bus, home):
     add_faults(bus, ("silent", {"id": 2}))
     with pytest.raises(ServoSilentError):
         back_up_once(bus, "so101")

@@ -63,7 +63,7 @@ def _is_lost(bus):
 
 
 @both
-def test_flipped_bits_yield_no_wrong_value(models):
+def test_flipped_bits_do_not_yield_wrong_values(models):
     outcome = ours(models, 1_000, seed=2, faults=[("flipped", {"probability": 0.05, "bits": 2})])
     assert outcome.wrong == 0
 

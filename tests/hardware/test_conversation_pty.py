@@ -57,7 +57,7 @@ def test_second_open_of_served_port_is_refused_as_busy(served):
         open_port(name, 1_000_000)
 
 
-def test_end_of_server_raises_port_lost_error(served):
+def test_server_shutdown_raises_port_lost_error(served):
     name, server = served("so101")
     with ServoBus(open_port(name, 1_000_000), [ServoSpec(1, control_table("STS3215"))]) as bus:
         bus.ping(1)

@@ -78,7 +78,7 @@ class TestD2UnstuffingLosesAByte:
         assert unstuff(stuff(data)) == data
 
     @given(st.lists(st.sampled_from([0xFF, 0xFD, 0x00]), max_size=24).map(bytes))
-    def test_stuffed_bytes_hold_no_header(self, data):
+    def test_stuffed_bytes_do_not_hold_header(self, data):
         assert bytes.fromhex("FF FF FD 00") not in stuff(data)
 
 

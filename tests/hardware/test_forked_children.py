@@ -167,7 +167,7 @@ def lock_name(device, folder):
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="needs /proc")
-def test_started_program_inherits_no_lock_of_port(pty_name, tmp_path):
+def test_started_program_does_not_inherit_port_lock(pty_name, tmp_path):
     with open_port(pty_name, 1_000_000):
         command = ["ls", "-l", "/proc/self/fd"]
         listing = subprocess.run(

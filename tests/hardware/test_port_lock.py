@@ -69,7 +69,7 @@ def test_closing_port_frees_its_lock(pty_name):
         pass
 
 
-def test_port_that_cannot_be_opened_leaves_no_lock(tmp_path):
+def test_port_that_cannot_be_opened_does_not_leave_lock(tmp_path):
     missing = str(tmp_path / "ttyMISSING")
     with pytest.raises(OSError, match="Cannot open"):
         open_port(missing, 1_000_000)

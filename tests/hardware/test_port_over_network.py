@@ -122,7 +122,7 @@ def test_sixty_remote_cycles_take_less_than_2_s(bus):
 
 
 @pytest.mark.sample(1)
-def test_end_of_server_raises_port_lost_error(bus, served):
+def test_server_shutdown_raises_port_lost_error(bus, served):
     bus.ping(1)
     served[1].close()
     with pytest.raises(PortLostError, match="Lost connection"):

@@ -131,7 +131,7 @@ def test_alarm_bit_is_reported_with_next_reply(model, bit):
     assert readings.alarms == {1: {bus.servos[1].table.alarm_bits[bit]}}
 
 
-def test_protocol_2_alert_is_reported_and_named_on_request():
+def test_protocol_2_alert_is_reported_and_explained_on_request():
     bus = make_bus({1: X, 2: X})
     add_faults(bus, ("alarm", {"id": 2, "bits": 0b100000}))
     bus.clock.sleep_until(bus.clock.now_s() + 0.01)
@@ -181,7 +181,7 @@ def eeprom_writes(bus):
     return simulated_servos(bus)[1].memory.eeprom_writes
 
 
-def test_ordinary_run_writes_no_eeprom():
+def test_ordinary_run_does_not_write_eeprom():
     bus = make_bus(SIX["Feetech"])
     goals = goals_of(bus)
     before = eeprom_writes(bus)

@@ -82,7 +82,7 @@ def test_dynamixel_arm_moves_with_old_sdk_over_newest(installed, release):
 
 
 @pytest.mark.full
-def test_package_serial_over_pyserial_is_named_with_repair(installed):
+def test_error_names_package_serial_over_pyserial_and_repair(installed):
     result = run(installed("pyserial==3.5", "serial==0.0.97"), "ports")
     first, second = result.stderr.splitlines()
     assert first == "The Python module serial of pyserial is damaged or replaced by serial."
@@ -101,7 +101,7 @@ def test_pyserial_over_package_serial_works(installed):
                          [(FEETECH, "scservo_sdk", "so101"),
                           (NEWEST_DYNAMIXEL, "dynamixel_sdk", "koch"),
                           ("pyserial==3.5", "serial", "so101")])  # fmt: skip
-def test_damaged_vendor_module_is_named_with_repair(installed, package, module, arm):
+def test_error_names_damaged_vendor_module_and_repair(installed, package, module, arm):
     folder = installed(package)
     for path in (folder / module).glob("p*.py"):  # packets, ports: what the packages share
         path.unlink()

@@ -295,7 +295,7 @@ def test_target_keeps_copies_of_caller_arrays():
     assert result.position_error_m > 1e-3
 
 
-def test_tracking_returns_no_worse_point_than_its_trace():
+def test_tracking_is_as_near_as_every_point_of_its_trace():
     chain = load_model("px100").chain
     q0 = [3.14, -0.7484679547850437, -0.4953207087147677, -0.4964276064906111]
     target = Target((0.029513373749903996, 0.044802052564755765, 0.39496740011708964))

@@ -78,7 +78,7 @@ def test_joint_limits_leave_only_allowed_elbow():
     assert only[1] < 0
 
 
-def test_joint_limits_that_allow_no_elbow_leave_no_solution():
+def test_joint_limits_that_exclude_both_elbows_give_no_solution():
     arm = TWO.with_limits([-math.pi, -0.1], [math.pi, 0.1])
     assert solutions(arm, Target((0.35, 0.1, 0.0))) == ()
 

@@ -40,7 +40,7 @@ def test_joints_behind_target_frame_stay_with_every_method(name, method):
 
 
 @pytest.mark.parametrize("method", EVERY)
-def test_pull_along_link_axis_turns_no_joint_beyond_link(method):
+def test_pull_along_link_axis_does_not_turn_joints_beyond_link(method):
     model = load_model("so101")
     chain, frame, q0 = model.chain, middle_of("so101")[1], model.chain_pose("home")
     T = chain.forward(q0, frame)

@@ -107,7 +107,7 @@ def test_methods_stretch_to_unreachable_target_and_report_error(method):
 
 
 @EACH
-def test_binding_limit_is_named(method):
+def test_result_names_binding_limit(method):
     chain = planar(0.3, 0.2).with_limits([-math.pi, 0.5], [math.pi, 2.0])
     result = walk(method, chain, Target((0.5, 0.0, 0.0)), [0.0, 1.0])
     assert [str(limit) for limit in result.binding] == ["j2 at its lower limit"]
@@ -132,7 +132,7 @@ def test_start_outside_limits_is_clipped_first(method):
 
 
 @EACH
-def test_start_at_target_needs_no_iteration(method):
+def test_start_at_target_does_not_need_iterations(method):
     chain = planar(0.3, 0.2)
     result = walk(method, chain, Target(chain.forward([0.4, 0.8])[:3, 3]), [0.4, 0.8])
     assert result.reached

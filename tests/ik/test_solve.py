@@ -51,7 +51,7 @@ def test_nearest_point_of_target_out_of_reach_is_on_circle():
     assert result.position_error_m == pytest.approx(5.0 - 0.6)
 
 
-def test_binding_limit_is_named():
+def test_result_names_binding_limit():
     arm = planar(0.3, 0.2).with_limits([-math.pi, 0.5], [math.pi, 2.0])
     result = solve(arm, Target((0.5, 0.0, 0.0)))
     assert [str(b) for b in result.binding] == ["j2 at its lower limit"]
@@ -104,7 +104,7 @@ def test_direction_is_met_by_arm_with_enough_joints():
     np.testing.assert_allclose(ARM.forward(result.q), wanted, atol=1e-4)
 
 
-def test_unreachable_direction_costs_no_position():
+def test_unreachable_direction_does_not_worsen_position():
     result = solve(ARM, Target((0.35, 0.1, 0.0), direction=(0, 0, 1), tool_axis=(1, 0, 0)))
     assert not result.reached
     assert result.position_error_m < 1e-5

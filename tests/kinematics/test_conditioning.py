@@ -217,7 +217,7 @@ def test_wrist_singularity_counts_only_with_rotation():
 
 
 @pytest.mark.parametrize("side", [1.0, -1.0])
-def test_limit_hides_no_singularity_on_other_side(side):
+def test_limit_does_not_hide_singularity_on_other_side(side):
     # From here the elbow is downhill when it bends further, to a limit before the folded posture.
     chain = planar(0.3, 0.2).with_limits([-3.0, -2.8], [3.0, 2.8])
     here, further = (conditioning(chain, [0.0, side * bend]).slowest_m_rad for bend in (2.5, 2.6))

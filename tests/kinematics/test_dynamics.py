@@ -135,7 +135,7 @@ def test_jaw_mass_counts_with_gripper_link():
     assert mass_kg == pytest.approx(weights["gripper"] + weights["jaw"])
 
 
-def test_base_mass_loads_no_joint():
+def test_base_mass_does_not_load_joints():
     base = LinkMass("base", 5.0, np.array([0.1, 0.2, 0.3]), TENSOR)
     assert not Dynamics.from_masses(crane(), [base]).parameters.any()
 

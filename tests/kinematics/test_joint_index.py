@@ -34,7 +34,7 @@ def test_joint_index_selects_columns_of_one_or_many_vectors():
     assert INDEX.body_joints(np.array([JOINTS])).tolist() == [[0.2, 0.3, 0.1]]
 
 
-def test_with_chain_and_with_position_leave_original():
+def test_with_chain_and_with_position_do_not_change_input():
     assert INDEX.with_chain(JOINTS, np.array([1.0, 2.0])).tolist() == [0.1, 1.0, 2.0, 0.4]
     assert INDEX.with_position(JOINTS, "mirror", 3.0).tolist() == [0.1, 0.2, 0.3, 3.0]
     assert JOINTS.tolist() == [0.1, 0.2, 0.3, 0.4]

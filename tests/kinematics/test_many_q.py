@@ -107,8 +107,8 @@ def test_mimic_without_ratio_follows_one_to_one():
     assert math.atan2(turned[1, 0], turned[0, 0]) == pytest.approx(0.6)
 
 
-def test_mimic_that_leaves_leader_no_value_is_refused():
-    with pytest.raises(InputError, match="a has no value"):
+def test_mimic_that_leaves_leader_no_position_is_refused():
+    with pytest.raises(InputError, match="a has no position"):
         follower(3.0, 4.0, 1.0)
 
 

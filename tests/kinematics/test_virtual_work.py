@@ -16,7 +16,7 @@ def test_force_across_stretched_links_gives_lever_torques():
     np.testing.assert_allclose(tau, [5.0, 2.0])
 
 
-def test_force_along_stretched_links_gives_no_torque():
+def test_force_along_stretched_links_does_not_give_torque():
     tau = joint_torques(planar(0.3, 0.2), [0.6, 0.0], (math.cos(0.6), math.sin(0.6), 0.0))
     np.testing.assert_allclose(tau, 0.0, atol=1e-15)
 
@@ -42,7 +42,7 @@ def test_prismatic_joint_force_includes_share_of_its_mimic():
     assert tau[1] == pytest.approx(2.0 + 0.5 * 8.0)
 
 
-def test_force_on_inner_link_gives_no_torque_beyond_it():
+def test_force_on_inner_link_does_not_load_joints_beyond_it():
     tau = joint_torques(planar(0.3, 0.2), [0.2, 0.4], (0, 1, 0), frame="l1", offset_m=(0.1, 0, 0))
     assert tau[0] == pytest.approx(0.1 * math.cos(0.2))
     assert tau[1] == 0.0

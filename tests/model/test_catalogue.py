@@ -61,7 +61,7 @@ def test_path_to_arm_file_is_returned(tmp_path: Path, file: str) -> None:
     assert find_arm(str(tmp_path / file)) == tmp_path / file
 
 
-def test_arm_file_in_current_folder_needs_no_separator(
+def test_arm_file_in_current_folder_does_not_need_separator(
     folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(folder / "so101")
@@ -133,7 +133,9 @@ def refused(trick: str) -> None:
     pytest.fail(f"{trick[:24]!a} has led to {found}")
 
 
-def test_malicious_arm_name_opens_no_file(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_malicious_arm_name_does_not_open_a_file(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     opened: list[object] = []
     with monkeypatch.context() as watched:
         for opener in ("builtins.open", "io.open", "os.open"):

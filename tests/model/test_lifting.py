@@ -76,7 +76,7 @@ def test_sag_includes_weight_and_payload():
     assert math.degrees(loaded) == pytest.approx(7.6, abs=0.5)
 
 
-def test_unknown_servo_or_missing_masses_give_no_lifting_lag():
+def test_lifting_lag_needs_known_servo_and_masses():
     model = load_model("so101")
     first, *others = model.joints
     unknown = replace(first, servo=replace(first.servo, model="XC999"))

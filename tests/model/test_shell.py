@@ -78,7 +78,7 @@ def test_no_link_is_below_table_in_rest_pose(name):
     assert above.gap_m.min() > 0
 
 
-def test_box_in_contact_is_named_with_link():
+def test_nearest_pair_names_link_and_box_in_contact():
     model = load_model("so101")
     tip_m = model.chain.forward(model.chain_pose("home"))[:3, 3]
     home = [model.chain_pose("home")]

@@ -186,12 +186,14 @@ def test_limit_beyond_a_turn_warns_about_degrees(urdf_path: Path, urdf_text: str
     )
 
 
-def test_limit_of_one_turn_rounded_up_gives_no_warning(urdf_path: Path, urdf_text: str) -> None:
+def test_limit_of_one_turn_rounded_up_does_not_give_warning(
+    urdf_path: Path, urdf_text: str
+) -> None:
     urdf_path.write_text(urdf_text.replace('upper="2.5"', 'upper="6.28319"'))
     assert read_urdf(urdf_path).warnings == ()
 
 
-def test_prismatic_limit_of_10_m_gives_no_warning(urdf_path: Path, urdf_text: str) -> None:
+def test_prismatic_limit_of_10_m_does_not_give_warning(urdf_path: Path, urdf_text: str) -> None:
     urdf_path.write_text(urdf_text.replace('upper="0.02"', 'upper="10"'))
     assert read_urdf(urdf_path).warnings == ()
 

@@ -74,7 +74,7 @@ def _spacing(move):
 
 @settings(max_examples=60, deadline=None)
 @given(joints, joints, joints, st.floats(0.0, 1.0))
-def test_new_goal_during_motion_makes_no_jump(start, first, second, share):
+def test_new_goal_during_motion_causes_no_jump(start, first, second, share):
     move = JointMove(start, first, PACES)
     before = move.state(share * move.duration_s)
     after = JointMove(before, second, PACES)

@@ -142,7 +142,7 @@ def test_role_missing_in_model_of_series_is_refused():
         MODELS["HLS3606M"].find(RegisterName.RETURN_DELAY)
 
 
-def test_register_missing_in_model_is_refused_by_name():
+def test_error_names_register_missing_in_model():
     with pytest.raises(UnknownNameError, match="XL430-W250 register named 'goal_current'"):
         XL430W250.find(XL330M288.goal_current)
 

@@ -129,7 +129,7 @@ def test_unstuff_inverts_stuff(body):
 
 
 @given(st.lists(st.sampled_from(b"\xff\xfd\x00\x01"), max_size=40))
-def test_stuffed_bytes_contain_no_header(body):
+def test_stuffed_bytes_do_not_contain_header(body):
     assert b"\xff\xff\xfd\x00" not in stuff(bytes(body))
 
 

@@ -69,7 +69,7 @@ def test_time_based_profile_arrives_on_time(model: str) -> None:
 
 
 @pytest.mark.parametrize("new_goal", [2.0, 0.4, -1.0])
-def test_new_goal_during_profile_makes_no_velocity_jump(new_goal: float) -> None:
+def test_new_goal_during_profile_causes_no_velocity_jump(new_goal: float) -> None:
     motor, supply_v = nominal("STS3215")
     drive = DriveCommand(True, goal_rad=1.5, velocity_limit_rad_s=1.0, acceleration_rad_s2=3.0)
     run(motor, drive, 0.7, supply_v)
@@ -81,7 +81,7 @@ def test_new_goal_during_profile_makes_no_velocity_jump(new_goal: float) -> None
     assert motor.position_rad == pytest.approx(new_goal, abs=0.02)
 
 
-def test_new_goal_of_timed_profile_makes_no_velocity_jump() -> None:
+def test_new_goal_of_timed_profile_causes_no_velocity_jump() -> None:
     motor, supply_v = nominal("XL330-M288")
     drive = DriveCommand(True, goal_rad=1.0, profile_time_s=1.0, acceleration_time_s=0.25)
     run(motor, drive, 0.5, supply_v)
@@ -244,7 +244,7 @@ def test_integral_stops_growing_while_duty_is_limited() -> None:
     assert motor.position_rad < 0.5
 
 
-def test_error_inside_dead_zone_draws_no_current() -> None:
+def test_error_inside_dead_zone_does_not_draw_current() -> None:
     motor, supply_v = nominal("STS3215")
     drive = DriveCommand(True, goal_rad=0.004, dead_zone_rad=0.005)
     run(motor, drive, 0.1, supply_v)
@@ -275,7 +275,7 @@ def test_position_error_is_counted_in_whole_ticks() -> None:
     assert motor.pwm == pytest.approx(10.0 * 0.003)
 
 
-def test_goal_already_reached_starts_no_profile() -> None:
+def test_goal_already_reached_does_not_start_profile() -> None:
     motor, supply_v = nominal("XL330-M288")
     motor.step(DT_S, 0.0, DriveCommand(True, profile_time_s=1.0, acceleration_time_s=0.2), supply_v)
     assert not motor.profile_running

@@ -180,7 +180,7 @@ class TestFeetechSts:
         run(port, 2)
         assert servo.read("present_position") == pytest.approx(2248, abs=3)
 
-    def test_sts_damping_mode_holds_no_position(self, make_port):
+    def test_sts_damping_mode_does_not_hold_position(self, make_port):
         port = make_port("STS3215")
         servo = port.line.servos[1]
         servo.write("torque_enable", 2)

@@ -62,7 +62,7 @@ def test_camera_sees_cubes_and_board_where_they_are():
 
 
 @pytest.mark.full
-def test_arm_before_board_hides_some_of_its_corners():
+def test_arm_in_front_of_board_hides_some_corners():
     world = open_port().line.world
     camera = SimulatedCamera(world, BOARD.opencv(), SimulatedView(aside_m=0.03))
     assert len(find_board(BOARD, camera.take()).ids) > 20

@@ -135,7 +135,7 @@ class TestFeetechSdk:
             settle(lambda: first_reply(packets.read2ByteTxRx, port, 5, 56)[0], 1748, 4)[-1] < 1760
         )
 
-    def test_scservo_sdk_gets_no_reply_at_another_baud_rate(self, feetech):
+    def test_scservo_sdk_does_not_get_reply_at_other_baud_rate(self, feetech):
         port, packets = feetech
         assert port.setBaudRate(115_200)
         answer = packets.ping(port, 1)
@@ -228,7 +228,7 @@ class TestDynamixelSdk:
         first_reply(packets.ping, port, 4)
         assert first_reply(packets.read1ByteTxRx, port, 4, 65) == (0, 0, 0)
 
-    def test_dynamixel_sdk_gets_no_reply_at_another_baud_rate(self, dynamixel):
+    def test_dynamixel_sdk_does_not_get_reply_at_other_baud_rate(self, dynamixel):
         port, packets = dynamixel
         port.setBaudRate(57_600)
         answer = packets.ping(port, 1)

@@ -27,5 +27,5 @@ def test_raspberry_pi_with_compiler_and_headers_misses_nothing(headers):
 
 
 @pytest.mark.parametrize("machine", ["Linux x86_64", "Darwin arm64", "Windows ARM64"])
-def test_machine_with_wheel_needs_no_compiler(machine, tmp_path):
+def test_machine_with_wheel_does_not_need_compiler(machine, tmp_path):
     assert missing_text(machine, None, tmp_path) == ""

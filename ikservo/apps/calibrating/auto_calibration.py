@@ -74,7 +74,7 @@ def probe_end_stop(
         runner: Runs the motion.
         bus: The servos of the arm.
         joint: The joint.
-        end: The goal of the joint, rad or m, beyond the stop that is searched for.
+        end: The joint goal, rad or m, beyond the expected stop.
         fraction: The fraction of its torque that the servo may use, 0 to 1; afterwards, full torque
             is allowed again.
         on_positions: Called with the measured joints (n,) in every control cycle.
@@ -194,7 +194,7 @@ def range_ends(subject: JointUnderCalibration) -> Iterator[RangeEnd]:
 
 
 def horn_to_joint(subject: JointUnderCalibration) -> float:
-    """Return the largest motion of the joint, rad or m, for one radian of the horn."""
+    """Return the largest joint motion, rad or m, per radian of the horn."""
     return subject.joint_map.unit_per_horn_rad
 
 

@@ -286,7 +286,7 @@ class PosturePlanner:
         distances_m[is_nearby, : self._own_pairs] = np.inf
         least_m = distances_m.min(axis=0)
         pair = int(np.argmin(least_m))
-        return float(least_m[pair]), " would touch ".join(self.space.pairs[pair])
+        return float(least_m[pair]), " would overlap ".join(self.space.pairs[pair])
 
     def _can_reach_end(self, posture: Vector, search: _JointSearch) -> bool:
         obstacles_m = self.space.distances(search.sample_path(posture))[:, self._own_pairs :]

@@ -60,7 +60,7 @@ def show(connection: NamedServoConnection, *, json: JsonOption = False) -> None:
         tables = calibration.model_dump(mode="json")
         print_json("calibration-show", path=path, calibration=tables)
         return
-    adapter = calibration.usb_serial_number or "without a number"
+    adapter = calibration.usb_serial_number or "without a serial number"
     print_lines(
         [f"{path}", f"calibrated on {calibration.written:%Y-%m-%d %H:%M}, adapter {adapter}"]
     )
@@ -242,10 +242,8 @@ def import_recorded(model: Model, port: str | None, path: Path, *, yes: bool, js
 def _confirm_adoption(
     limp_arm: TorqueOffArm, path: Path, calibration: Calibration, *, yes: bool
 ) -> Path:
-    made_on = calibration.usb_serial_number or "without a number"
-    print_status(
-        f"{path}, made on adapter {made_on}: ids, models, offsets and limits match these servos."
-    )
+    made_on = calibration.usb_serial_number or "without a serial number"
+    print_status(f"{path} (adapter {made_on}): ids, models, offsets and limits match these servos.")
     if not Operator.of(None, yes=yes).agrees(Question("Is this the same arm?", Unasked.NEEDS_YES)):
         raise IkservoError(
             "Cancelled; nothing was saved.", "To save without being asked, add --yes."

@@ -284,7 +284,7 @@ class ShiftedZero:
 
     Attributes:
         subject: The joint.
-        ends: Its recorded range, rad or m.
+        ends: The recorded range of the joint, rad or m.
         shift: The shift of the range that fits the arm file best, rad or m.
     """
 

@@ -63,7 +63,7 @@ class TorqueOffArm:
 
     Attributes:
         model: The arm file's model.
-        bus: The servos' bus.
+        bus: The servo bus.
         facts: The configuration that was read from every servo, by id.
         serial_number: The serial number of the USB adapter; empty if it has none.
         settled: Text about the recovery of an interrupted write; empty if there was none.

@@ -58,7 +58,7 @@ class ArmCamera:
     Args:
         context: The arm.
         scene: The scene around the arm.
-        name: The name of the camera; see ``known_camera``.
+        name: The camera name; see ``known_camera``.
     """
 
     def __init__(self, context: ArmContext, scene: Scene, name: str = "") -> None:
@@ -214,7 +214,7 @@ def known_camera(
 
     Args:
         context: The arm.
-        name: The name of the camera; empty: the camera without a name, or the only camera.
+        name: The camera name; empty: the camera without a name, or the only camera.
         source: The preferred source if no name is given; None for no preference.
 
     Raises:

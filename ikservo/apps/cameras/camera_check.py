@@ -78,7 +78,7 @@ def check_camera(
         source: The camera.
         now: The time of the check.
         within_mm: The largest accepted shift of the board; None for the error of the calibration.
-        name: The name of the camera; see ``known_camera``.
+        name: The camera name; see ``known_camera``.
 
     Raises:
         UnknownNameError: The arm has no camera of that name.

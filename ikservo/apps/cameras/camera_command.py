@@ -137,7 +137,7 @@ def command(
     if camera is None:
         raise InputError("Which camera?", "Add: --camera 0")
     if within is not None and not 0.0 < within < 1.0:
-        raise BadValueError("--within", within, "a length above 0, below 1 m")
+        raise BadValueError("--within", within, "a length above 0 and below 1 m")
     _check(arm, port, camera, camera_name, Board.named(board), within,
            remember=remember, json=json)  # fmt: skip
 
@@ -208,7 +208,7 @@ def check_camera_name(name: str) -> str:
         BadValueError: The text is not a valid name.
     """
     if not re.fullmatch(r"[A-Za-z0-9_-]{0,64}", name):
-        raise BadValueError("--camera-name", shown(name), "letters, digits, - and _; at most 64")
+        raise BadValueError("--camera-name", shown(name), "at most 64 letters, digits, - and _")
     return name
 
 

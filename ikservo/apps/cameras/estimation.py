@@ -217,11 +217,11 @@ class CameraFit:
         freeze_arrays(self)
 
     def board_poses(self, q: Matrix) -> Matrix:
-        """Compute the board in the camera (n, 4, 4) at measured joints (n, dof)."""
+        """Compute the board's pose in the camera frame (n, 4, 4) at measured joints (n, dof)."""
         return self.T_camera_base @ self.tip_poses(q) @ self.T_tip_board
 
     def tip_poses(self, q: Matrix) -> Matrix:
-        """Compute the tip in the base frame (n, 4, 4) at measured joints (n, dof)."""
+        """Compute the tip's pose in the base frame (n, 4, 4) at measured joints (n, dof)."""
         chain = self.bending.dynamics.chain
         return chain.forward(self.bending.link_joints(np.atleast_2d(q) + self.zeros))
 

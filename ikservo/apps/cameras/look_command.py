@@ -73,10 +73,10 @@ def command(
     """
     within, orientation = path.within(), tool.orientation()
     if options.dry_run and not move:
-        raise BadValueError("--dry-run", "given without --move", "--move as well")
+        raise BadValueError("--dry-run", "given without --move", "--move with it")
     of_motion = (speed, tool, straight, replace(path, scene=None))
     if not move and of_motion != ("normal", ToolOptions(), False, PathOptions()):
-        raise BadValueError("An option of motions", "given without --move", "--move as well")
+        raise BadValueError("An option of motions", "given without --move", "--move with it")
     with open_from_options(connection, options, path.scene) as machine:
         arm = require_own_port(machine)
         seeing = arm.camera.named(camera_name, camera)

@@ -132,7 +132,7 @@ class SavedPictures:
             read = cast("Any", cv2)  # missing from the type stubs
             picture = read.imread(str(path), read.IMREAD_UNCHANGED) if is_small else None
             if picture is None:
-                raise FileFormatError(path, "", "is missing or damaged", "a picture, as saved")
+                raise FileFormatError(path, "", "is missing or damaged", "a saved picture")
             yield np.asarray(picture, dtype=np.uint8), np.array(saved.joints_rad)
 
 
@@ -153,7 +153,12 @@ def read_pictures(folder: Path, arm: str, joints: Sequence[str]) -> SavedPicture
     if index.joints != tuple(joints):
         raise FileFormatError(path, "joints", "differ from those of the arm", ", ".join(joints))
     if any(len(saved.joints_rad) != len(joints) for saved in index.pictures):
-        raise FileFormatError(path, "pictures", "has too few or too many joints", f"{len(joints)}")
+        raise FileFormatError(
+            path,
+            "pictures",
+            "a picture has too few or too many joint positions",
+            f"{len(joints)} per picture",
+        )
     path = folder / _CALIBRATION
     calibration = read_calibration(path) if path.exists() else None
     if calibration is not None and calibration.arm != arm:

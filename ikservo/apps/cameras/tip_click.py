@@ -51,7 +51,7 @@ class TipZero:
 
     Attributes:
         joint: The last joint.
-        shift_rad: The true minus the measured angle of the joint.
+        shift_rad: The true minus the measured joint angle.
         off_m: The distance of the last click from the corrected tip, across the line of sight.
         px_per_deg: Motion of the tip in the picture per degree of the joint, pixels.
         others_deg: The deviation of each click from the mean, the latest ones last.
@@ -115,7 +115,7 @@ def find_tip_zero(
         arm: The arm in front of the camera, at rest.
         pixels: The pixels (u, v) of one or more clicks on the tip.
         written: The time stamp of the calibration with the new zero.
-        name: The name of the camera; see ``known_camera``.
+        name: The camera name; see ``known_camera``.
         joints: All joints (n,) of the resting arm; measured if None.
 
     Raises:

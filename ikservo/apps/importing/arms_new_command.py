@@ -70,7 +70,10 @@ ServoOf = Annotated[
     ),
 ]
 ServoModel = Annotated[
-    str | None, typer.Option("--servo-model", metavar="MODEL", help="Model of all other servos.")
+    str | None,
+    typer.Option(
+        "--servo-model", metavar="MODEL", help="Servo model, for servos whose --servo gives none."
+    ),
 ]
 JointLimits = Annotated[
     list[str] | None,
@@ -200,7 +203,7 @@ def _parse_pairs(
                 raise ValueError
             yield name.strip(), parse(value)
         except ValueError:
-            raise BadValueError(option, text, f"such as {example}") from None
+            raise BadValueError(option, text, f"a value such as {example}") from None
 
 
 def _parse_range(text: str) -> tuple[float, float]:

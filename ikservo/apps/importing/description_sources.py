@@ -28,7 +28,7 @@ class Description:
 
     Attributes:
         path: The file.
-        urdf: Its links and joints.
+        urdf: The robot's links and joints.
         packages: The packages that it uses, as far as they were found.
         notes: The changes that made it a tree of joints that servos can drive.
     """

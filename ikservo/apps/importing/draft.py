@@ -46,7 +46,7 @@ class DraftJoint:
     """A joint with its servos.
 
     Attributes:
-        name: Its name in the URDF.
+        name: The name in the URDF.
         is_gripper: Whether it moves the jaws.
         servos: The first servo, and further ones that drive the joint together with it.
         m_per_turn: Metres per turn of the servo; None for a joint that turns.
@@ -63,9 +63,9 @@ class ArmDraft:
     """The draft of a new arm.
 
     Attributes:
-        name: Its name.
+        name: The arm name.
         source: The name of the description with its geometry.
-        urdf: Its links and joints, with simple shapes.
+        urdf: The links and joints, with simple shapes.
         tip: The link of the tool.
         joints: The joints from base to tip, the jaws last.
         baud: Baud rate of the bus, bit/s; 0: the usual rate of the servos.

@@ -36,7 +36,7 @@ def read_triangles(path: Path, data: bytes, link: str) -> Triangles:
 
     Args:
         path: The mesh file; the suffix determines the format.
-        data: Its content.
+        data: The content of the file.
         link: The link that owns the shape, for messages.
 
     Raises:

@@ -129,7 +129,9 @@ def _read_whole(path: Path, place: Path, folder: Path, seen: set[Path]) -> tuple
                     f"includes {quote(inner.name)} again", "a file that includes each file once"
                 )
             if len(seen) == _MAX_INCLUDES:
-                raise FileFormatError(path, "", "it includes too many files", f"{_MAX_INCLUDES}")
+                raise FileFormatError(
+                    path, "", "it includes too many files", f"at most {_MAX_INCLUDES}"
+                )
             children += _read_whole(inner, place, folder, seen)[0].children
         element.children = children
     return root, len(seen)
@@ -272,7 +274,7 @@ def read_mjcf(path: Path, folder: Path | None = None) -> Urdf:
         why = " ".join(str(error).split())[:200]
         if len(text.split("\n")) == 1:  # with several files, line numbers mislead
             why = re.sub(r",? line -?\d+", "", why)
-        raise FileFormatError(path, "", f"MuJoCo refuses it: {why}", "an MJCF") from error
+        raise FileFormatError(path, "", f"MuJoCo refuses it: {why}", "a valid MJCF") from error
     return _BodyTreeReader(path, mujoco, model).build_urdf()
 
 
@@ -362,7 +364,7 @@ class _BodyTreeReader:
         name = model.joint(joint).name or f"joint_{joint}"
         kind, axis = kinds(int(model.jnt_type[joint])), np.array(model.jnt_axis[joint])
         if kind not in (kinds.mjJNT_HINGE, kinds.mjJNT_SLIDE):
-            raise FileFormatError(self._path, f"joint {name}", "is a ball", "hinge or slide")
+            raise FileFormatError(self._path, f"joint {name}", "is a ball", "a hinge or slide")
         slides, limited = kind == kinds.mjJNT_SLIDE, bool(model.jnt_limited[joint])
         zero = float(model.qpos0[model.jnt_qposadr[joint]])
         T = T @ (

@@ -66,7 +66,7 @@ class PackageFolders:
         folder = self.find(name)
         if folder is None:
             found = f"it needs the package {quote(name)}, and no parent folder is that package"
-            raise FileFormatError(self.path, "", found, f"--package {name}=FOLDER")
+            raise FileFormatError(self.path, "", found, f"its folder: --package {name}=FOLDER")
         return folder
 
     def own_folder(self) -> Path:

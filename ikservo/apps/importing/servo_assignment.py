@@ -71,7 +71,10 @@ def assign_servos(
                     yield from _ask_about(bus, servo, joints, assigned)
     missing = [joint for joint in joints if joint not in assigned]
     if missing:
-        raise InputError(f"No servo moves {', '.join(missing)}.", f"Check its cable, or: {_OPTION}")
+        raise InputError(
+            f"No servo moves {', '.join(missing)}.",
+            f"Check the cable of its servo, or give {_OPTION}.",
+        )
     for draft in drafts:
         _set_servos(draft, assigned, found)
 

@@ -111,7 +111,10 @@ def expand_xacro(
     if missing:
         name = missing[1]
         raise FileFormatError(
-            path, "", f"its argument {name} has no value", f"--xacro-arg {name}:=VALUE"
+            path,
+            "",
+            f"its argument {name} has no value",
+            f"a value, given as --xacro-arg {name}:=VALUE",
         )
     if code != 0 or len(text) >= MAX_URDF_BYTES:
         lines = error_output.strip().splitlines()

@@ -64,9 +64,11 @@ class TestSettings:
     def __post_init__(self) -> None:
         for what, count in (("cycles", self.cycles), ("cycles of a path", self.path_cycles)):
             if not 2 <= count <= 1000:
-                raise BadValueError(f"The number of {what}", count, "2 to 1000")
+                raise BadValueError(f"The number of {what}", count, "a number from 2 to 1000")
         if not 0.0 < self.drift_s < math.inf:
-            raise BadValueError("The time of the drift test", f"{self.drift_s:g} s", "above 0 s")
+            raise BadValueError(
+                "The time of the drift test", f"{self.drift_s:g} s", "more than 0 s"
+            )
         for part in self.parts:
             if part not in PARTS:
                 raise UnknownNameError("part of the test", part, PARTS)

@@ -151,8 +151,8 @@ class LoopFit:
 
     Attributes:
         duty_per_rad: Duty per rad (m) between goal and joint.
-        duty_per_rad_error: Its standard error.
-        share_before: Its relative prior standard deviation.
+        duty_per_rad_error: The standard error of ``duty_per_rad``.
+        share_before: The relative prior standard deviation.
         startup_duty: Duty that is added in the direction of the error.
         delay_s: The apparent age d of the position to which the duty belongs.
         noise: The RMS deviation of the duty from this fit; the D gain responds to the steps of
@@ -293,7 +293,7 @@ def _likeliest(motor: Matrix, joint: Vector) -> NDArray[np.intp]:
 
     Args:
         motor: Both speeds (m, 2).
-        joint: The speed of the joint (m,).
+        joint: The joint speed (m,).
     """
     costs = np.minimum(np.abs(motor - joint[:, None]), _CROSSING_RAD_S)
     changes = _INERTIA * np.abs(motor[1:, None, :] - motor[:-1, :, None])
@@ -322,7 +322,7 @@ def fit_backlash(
     Args:
         recording: The recording of the motion; currents have a sign.
         joint: The joint.
-        gravity: Its estimated gravity torque in each sample (m,); if it keeps its sign, the gears
+        gravity: The estimated gravity torque in each sample (m,); if it keeps its sign, the gears
             stay on one side.
         motors: The motors of its servos.
     """

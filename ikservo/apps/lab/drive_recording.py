@@ -60,7 +60,7 @@ class SteadyWindows:
         joint: The joint's index.
         leg: The part of the motion.
         q: All joints of the chain (k, dof).
-        speed: The speed of the joint, rad/s.
+        speed: The joint speed, rad/s.
         lead: Goal less position, rad.
         goal_age_s: See `DriveRecording`.
         duty: Fraction of the full duty of each servo of the joint (k, most).

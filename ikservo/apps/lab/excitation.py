@@ -87,7 +87,7 @@ class Excitation:
 
     Args:
         waypoints: The postures (k, n), rad or m, the start first.
-        limits: The kinematic limits of the joints, for each motion between two of them.
+        limits: The kinematic joint limits for each motion between two postures.
         pauses_s: The pause before each motion, and one after the last.
     """
 

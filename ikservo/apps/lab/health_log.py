@@ -78,7 +78,7 @@ def read_records(path: Path) -> list[HealthRecord]:
         try:
             fields: object = json.loads(line)
             if not isinstance(fields, dict):
-                raise FileFormatError(path, f"line {number}", "is not a record", "an object")
+                raise FileFormatError(path, f"line {number}", "is not a record", "a JSON object")
             records.append(HealthRecord.model_validate(fields))
         except ValidationError as error:
             raise first_issue(validation_issues(error, HealthRecord), path) from None

@@ -56,9 +56,9 @@ class ParameterEstimate:
     """One estimated parameter.
 
     Attributes:
-        value: Its value.
-        error: Its standard error.
-        error_before: Its prior standard deviation.
+        value: The estimated value.
+        error: The standard error.
+        error_before: The prior standard deviation.
     """
 
     value: float
@@ -96,7 +96,7 @@ class Identification:
 
     Attributes:
         joints: The joints of the chain.
-        bodies: Their bodies.
+        bodies: The bodies that the joints move.
         estimates: The estimates by name: ``JOINT.PARAMETER`` for `JOINT_PARAMETERS`,
             ``stiffness_nm_rad`` and ``backlash_rad``, all servos of the joint together, at the
             joint; ``BODY.mass_scale``; and ``payload_kg``. Parameters that were not measured at all

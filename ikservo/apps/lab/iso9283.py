@@ -119,7 +119,7 @@ def path_crossings(measured: ArrayLike, points: ArrayLike, tangents: ArrayLike) 
     Args:
         measured: The points (k, 3) of one cycle, in the order of time.
         points: The points (m, 3) of the commanded path.
-        tangents: Its unit tangents (m, 3) there.
+        tangents: The unit tangents (m, 3) of the path at these points.
 
     Returns:
         The crossings (m, 3), between measured points by linear interpolation.

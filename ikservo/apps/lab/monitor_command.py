@@ -100,7 +100,7 @@ def command(
     print_lines([*map(_describe, changes), *_unknown_backlash(model, latest)])
     if not changes:
         count = f"{len(records)} record{'s' * (len(records) != 1)} so far"
-        print_status(f"No wear found ({count}), {path}")
+        print_status(f"No wear found ({count} in {path}).")
 
 
 def _unknown_backlash(model: Model, latest: Iterable[JointHealth]) -> Iterator[str]:

@@ -99,7 +99,7 @@ class ReportOptions:
         """
         path = self.html or Path(f"ikservo-test-{arm}-{started:%Y%m%d-%H%M%S}.html")
         if path.exists() and not self.overwrite:
-            raise BadValueError("The file", f"{path}, which exists", "another, or --overwrite")
+            raise BadValueError("The file", f"{path}, which exists", "a new file, or --overwrite")
         try:
             check_writable(path.parent)
         except FileWriteError as error:

@@ -51,7 +51,7 @@ class ArmAtPort:
 
     Attributes:
         model: The arm.
-        port: Its port; None: the remembered or the only port.
+        port: The port; None: the remembered or the only port.
         other_arms: The bases of other arms that are opened with it, by their names on the page.
     """
 

@@ -69,7 +69,7 @@ def command(
     if domain is None:
         text = os.environ.get(_DOMAIN_VARIABLE, "").strip() or "0"
         if not text.isdecimal() or int(text) > MAX_DOMAIN:
-            raise BadValueError(_DOMAIN_VARIABLE, shown(text), f"0 to {MAX_DOMAIN}")
+            raise BadValueError(_DOMAIN_VARIABLE, shown(text), f"a number from 0 to {MAX_DOMAIN}")
         domain = int(text)
     with (
         open_router_client(endpoint, client_certificate(endpoint)) as session,

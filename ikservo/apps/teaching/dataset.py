@@ -129,5 +129,7 @@ def _positions(values: Matrix, dataset: Dataset, model: Model, options: DatasetO
     own = JointValues(model)
     if set(own.names) != set(dataset.joints):
         found = f"has the joints {', '.join(dataset.joints)}"
-        raise FileFormatError(dataset.folder, "", found, f"{model.name}: {', '.join(own.names)}")
+        raise FileFormatError(
+            dataset.folder, "", found, f"those of {model.name}: {', '.join(own.names)}"
+        )
     return own.rows_to_positions(values[:, [dataset.joints.index(name) for name in own.names]])

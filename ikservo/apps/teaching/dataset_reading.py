@@ -101,13 +101,13 @@ def read_dataset(folder: Path, what: str = "state") -> Dataset:
     if not columns:
         found = f"has no joints: {', '.join(names) or 'no names'}"
         raise FileFormatError(
-            path, COLUMNS[what], found, "names such as elbow_flex.pos; try --what"
+            path, COLUMNS[what], found, "names such as elbow_flex.pos; try another --what"
         )
     joints = tuple(names[i].removesuffix(_SUFFIX) for i in columns)
     episodes = tuple(_read_episodes(folder, COLUMNS[what], columns, len(names)))
     fps = info["fps"]
     if not isinstance(fps, (int, float)) or isinstance(fps, bool) or not 0 < fps <= 500:
-        raise FileFormatError(path, "fps", f"is {fps!r}", "frames per second")
+        raise FileFormatError(path, "fps", f"is {fps!r}", "frames per second, up to 500")
     return Dataset(folder, str(info.get("robot_type") or ""), round(fps), joints, episodes)
 
 
@@ -119,7 +119,7 @@ def _read_info(path: Path) -> dict[str, object]:
             raise
         raise FileFormatError(path, "", "is not JSON", "LeRobot's info.json") from error
     if not isinstance(info, dict) or not {"codebase_version", "features", "fps"} <= info.keys():
-        raise FileFormatError(path, "", "is not LeRobot's", "codebase_version, features, fps")
+        raise FileFormatError(path, "", "is not LeRobot's", "keys codebase_version, features, fps")
     version = cast("dict[str, object]", info)["codebase_version"]
     if not str(version).startswith("v3."):
         expected = "v3.0; LeRobot converts older ones: convert_dataset_v21_to_v30"
@@ -153,7 +153,7 @@ def _read_episodes(folder: Path, column: str, columns: list[int], width: int) ->
             )
         if np.any(np.diff(episode.times_s) <= 0.0):
             raise FileFormatError(
-                folder, where, "has two frames with the same time", "growing timestamps"
+                folder, where, "has two frames with the same time", "increasing timestamps"
             )
         yield episode
 

@@ -47,7 +47,7 @@ class FoxgloveServer:
 
     def __init__(self, port: int, name: str) -> None:
         if not 0 <= port <= 65535:
-            raise BadValueError("The port", port, "0 to 65535")
+            raise BadValueError("The port", port, "a number from 0 to 65535")
         try:
             self._module: Any = importlib.import_module("foxglove")  # from an extra
         except ImportError:

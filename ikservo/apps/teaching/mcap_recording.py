@@ -419,7 +419,7 @@ class _JointStateReader:
             row = {key: parse_json(metadata[key]) for key in ("joints", "units", "period_s")}
         except (KeyError, ValueError, RecursionError):
             raise FileFormatError(
-                self._path, where, "is malformed", "joints, units, period_s"
+                self._path, where, "is malformed", "the fields joints, units and period_s"
             ) from None
         return check_header(self._path, where, {**row, "arm": metadata.get("arm")})
 
@@ -431,10 +431,10 @@ class _JointStateReader:
             raise FileFormatError(self._path, where, f"is malformed ({error.message})") from None
         if len(message.name) > MAX_JOINTS:
             found = f"has {len(message.name):,} joints"
-            raise FileFormatError(self._path, where, found, f"at most {MAX_JOINTS}")
+            raise FileFormatError(self._path, where, found, f"at most {MAX_JOINTS} joints")
         if len(message.name) != len(message.position) or not np.isfinite(message.position).all():
             raise FileFormatError(
-                self._path, where, "has a wrong number of positions", "a number per joint"
+                self._path, where, "has a wrong number of positions", "one finite number per joint"
             )
         stamp = message.header.stamp
         time_ns = stamp.sec * _NS + stamp.nanosec or log_time_ns

@@ -211,7 +211,7 @@ class ProgramStep(StrictModel):
             for name in given:
                 unit = model.joint(name).joint_map.unit
                 if (unit == "m") != (key == "m"):
-                    raise BadValueError(name, f"given by {key}", "m" if unit == "m" else "deg")
+                    raise BadValueError(name, f"given in {key}", "m" if unit == "m" else "deg")
         return self._to_motion().with_speed(speed)
 
     def _to_motion(self) -> MotionValue[Any]:

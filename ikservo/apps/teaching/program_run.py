@@ -50,7 +50,7 @@ class NextStep:
         number: The number of the step, from 1; steps of a called program have the caller's number.
         repetition: The repetition of the whole program, from 1.
         step: The step, at its place of the grid.
-        speed: Its speed class.
+        speed: The speed class.
         folder: The folder of its recording.
     """
 
@@ -150,7 +150,7 @@ class ProgramRun:
 
         Args:
             program: The program.
-            folder: Its folder.
+            folder: The folder of the program.
             begin: The index of the step to begin with.
             caller: The number of the step that calls it.
         """
@@ -244,7 +244,7 @@ class ProgramRun:
     def _index_of(self, number: int) -> int:
         count = len(self._program.steps)
         if not 1 <= number <= count:
-            raise BadValueError("The step", number, f"1 to {count}")
+            raise BadValueError("The step", number, f"a step from 1 to {count}")
         return number - 1
 
     def _motion(self, step: NextStep) -> MotionValue[Any]:

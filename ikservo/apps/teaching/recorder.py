@@ -87,7 +87,7 @@ class RecordSettings:
             return math.inf
         max_s = parse_number("The duration", self.duration_s)
         if not max_s > 0.0:
-            raise BadValueError("The duration", f"{max_s:g} s", "seconds above 0")
+            raise BadValueError("The duration", f"{max_s:g} s", "more than 0 s")
         return max_s
 
 
@@ -105,7 +105,7 @@ def recording_header(model: Model, period_s: float) -> RecordingHeader:
     """
     period_s = parse_number("The period", period_s)
     if not 0.002 <= period_s <= 10.0:
-        raise BadValueError("The period", f"{period_s:g} s", "0.002 to 10 s")
+        raise BadValueError("The period", f"{period_s:g} s", "a period from 0.002 to 10 s")
     names = tuple(joint.name for joint in model.joints)
     units = tuple(joint.joint_map.unit for joint in model.joints)
     return RecordingHeader(model.name, names, units, period_s)
@@ -264,7 +264,7 @@ def record_other_process(
 def _is_ros(settings: RecordSettings) -> bool:
     is_mcap = parse_path(settings.path).suffix.lower() == MCAP_SUFFIX
     if settings.foxglove_port is not None and not is_mcap:
-        raise BadValueError("The file", str(settings.path), f"FILE{MCAP_SUFFIX} with Foxglove")
+        raise BadValueError("The file", str(settings.path), f"a {MCAP_SUFFIX} file for Foxglove")
     return is_mcap
 
 

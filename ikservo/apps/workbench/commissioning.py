@@ -26,7 +26,7 @@ class ConfiguredServo:
     """A servo after its set-up.
 
     Attributes:
-        servo: Its id, table and joint.
+        servo: The servo, with its id, table and joint.
         found: The settings before the set-up.
         written: Descriptions of the changes; empty if there were none.
     """

@@ -92,7 +92,7 @@ def _check_calibrations(name: str, model: Model | None) -> Iterator[Finding]:
             text = f"the calibration {error.message}"
             yield failure("zeros", text, ways_out(path, arm or path.stem.partition("-")[0]))
         else:
-            adapter = found.usb_serial_number or "without a number"
+            adapter = found.usb_serial_number or "without a serial number"
             text = f"{found.arm} was calibrated on {found.written:%Y-%m-%d}, adapter {adapter}"
             yield ok("zeros", text)
     if model and not paths and any(joint.zero_from == "nominal" for joint in model.joints):

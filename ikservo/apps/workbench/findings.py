@@ -27,7 +27,7 @@ class Finding:
     """The result of one check.
 
     Attributes:
-        level: Its severity.
+        level: The severity.
         topic: The subject of the check, one word.
         text: The result.
         fix: The remedy; may have several lines.

@@ -19,7 +19,7 @@ class DecodedPacket:
     Attributes:
         time_s: Time of its first byte, seconds.
         sent: Whether it is an instruction; a reply otherwise.
-        servo_id: The id of the servo; 254: all servos; None if the bytes are not a packet.
+        servo_id: The servo id; 254: all servos; None if the bytes are not a packet.
         meaning: The packet in words.
         error: The error of the packet; empty without an error.
         data: The bytes of the packet.
@@ -49,9 +49,9 @@ class _Frame:
     """The common parts of packets of both protocols.
 
     Attributes:
-        servo_id: The id of the servo.
+        servo_id: The servo id.
         code: The instruction, or the error byte of a reply.
-        data: Its parameters.
+        data: The parameters of the packet.
         wide: Whether it belongs to protocol 2.0, with addresses of two bytes.
     """
 

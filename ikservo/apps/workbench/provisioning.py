@@ -33,7 +33,7 @@ class ServoSettings:
     """The desired settings of a servo.
 
     Attributes:
-        servo: Its id, table and joint.
+        servo: The servo, with its id, table and joint.
         baud_rate: The desired baud rate.
         eeprom: Raw numbers of further registers, by register name.
     """
@@ -68,7 +68,7 @@ def provision(
     Args:
         port: The port; afterwards at the servo's new rate.
         found: The servo with its present id and rate.
-        settings: Its desired settings.
+        settings: The desired settings.
         owner: The name of the folder of first EEPROM copies; empty: none are made.
 
     Raises:

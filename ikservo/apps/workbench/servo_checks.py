@@ -234,7 +234,7 @@ def _check_firmware(bus: ServoBus) -> Iterator[Finding]:
 
 
 def _settings_apart(bus: ServoBus, groups: Sequence[Sequence[ServoSpec]]) -> str:
-    """List the stored settings that are equal within each group of servos, but not in all."""
+    """List the EEPROM settings that all servos of a group share but the groups do not."""
     table = groups[0][0].table
     kept = {table.id.name, *_CALIBRATED_REGISTERS}
     rows = [r for r in eeprom_registers(table) if r.is_writable and r.name not in kept]

@@ -37,7 +37,7 @@ class _Curve:
     Attributes:
         servo: The servo.
         register: The register that is read.
-        joint: The map from its ticks to the position of the joint; None for the register itself.
+        joint: The map from its ticks to the joint position; None for the register itself.
     """
 
     servo: ServoSpec

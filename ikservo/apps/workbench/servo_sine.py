@@ -54,8 +54,8 @@ class SineMotion:
 
     Attributes:
         windows: Intervals [s] with full amplitude, one per half octave.
-        top_rad_s: Its highest speed.
-        top_rad_s2: Its highest acceleration.
+        top_rad_s: The highest speed of the joint.
+        top_rad_s2: The highest acceleration of the joint.
     """
 
     def __init__(
@@ -159,7 +159,7 @@ def measure_sine(
     """
     lowest_hz, highest_hz = _FREQUENCIES_HZ
     if not lowest_hz <= from_hz <= to_hz <= highest_hz:
-        wanted = f"{lowest_hz:g} to {highest_hz:g}, the lower one first"
+        wanted = f"two frequencies from {lowest_hz:g} to {highest_hz:g} Hz, the lower one first"
         raise BadValueError("The frequency", f"{from_hz:g} to {to_hz:g} Hz", wanted)
     if not amplitude_rad >= _LEAST_AMPLITUDE_RAD:
         raise BadValueError("The amplitude", f"{np.degrees(amplitude_rad):.3g}°", "at least 0.5°")

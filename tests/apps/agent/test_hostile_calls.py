@@ -209,7 +209,7 @@ def test_names_and_texts_are_quoted_as_data(simulated):
     assert "\x1b" not in json.dumps(added, ensure_ascii=False)
 
 
-def test_error_of_disk_hides_no_other_error(simulated, monkeypatch):
+def test_disk_error_does_not_hide_other_errors(simulated, monkeypatch):
     def full(*_, **__):
         raise IkservoError("no space")
 

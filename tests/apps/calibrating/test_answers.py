@@ -107,7 +107,7 @@ def test_arm_that_never_rests_times_out_with_clear_message():
 @pytest.mark.parametrize(
     ("text", "line"), [("jump\n", 1), ("accept\n# a remark\n\nagian elbow\n", 4)]
 )
-def test_mistake_in_script_is_named_with_its_line(tmp_path, text, line):
+def test_error_names_line_of_mistake_in_script(tmp_path, text, line):
     path = tmp_path / "script"
     path.write_text(text)
     with pytest.raises(FileFormatError) as caught:

@@ -8,7 +8,7 @@ from ikservo.apps.calibrating.auto_calibration import nearly_a_turn, unreached
 from ikservo.calibration.uncalibrated_joint import JointUnderCalibration
 from tests.calibration.mounted_arms import load_model
 
-FLOOR = "gripper would touch the table by 9 mm in the best posture found"
+FLOOR = "gripper would overlap the table by 9 mm in the best posture found"
 
 
 @pytest.fixture
@@ -17,19 +17,19 @@ def shoulder():
     return JointUnderCalibration(joint.joint_map, 4096, joint.limits, 0.0)
 
 
-def test_unsearched_end_stop_is_named_with_reason_and_other_end(shoulder):
+def test_warning_gives_reason_for_unsearched_end_stop(shoulder):
     assert unreached(shoulder, math.radians(-110.0), FLOOR) == (
         f"cannot search for its end stop near 107.0° ({FLOOR}); the limit of the arm file is used "
         "there; the other is at -110.0°."
     )
 
 
-def test_two_unsearched_end_stops_are_both_named(shoulder):
+def test_warning_names_both_unsearched_end_stops(shoulder):
     assert unreached(shoulder, "no room", FLOOR) == (
         f"cannot search for its end stop near -111.0° (no room), nor for its end stop near 107.0° "
         f"({FLOOR}); both limits of the arm file are used there."
     )
 
 
-def test_joint_of_nearly_a_turn_is_named_with_its_range(shoulder):
+def test_warning_gives_range_of_joint_of_nearly_a_turn(shoulder):
     assert "not searched: its range in the arm file, -111.0° to 107.0°" in nearly_a_turn(shoulder)

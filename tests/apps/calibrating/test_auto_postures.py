@@ -56,5 +56,5 @@ def test_measured_joints_may_be_near_their_ends(so101):
 def test_end_stop_below_table_is_refused_with_colliding_parts():
     model = load_model("wx250s")
     column = model.chain.names.index("shoulder")
-    with pytest.raises(RefusedError, match=r"upper_arm would touch the table by \d+ mm"):
+    with pytest.raises(RefusedError, match=r"upper_arm would overlap the table by \d+ mm"):
         PosturePlanner(model).path_to_clear(column, 0.0, 2.0, model.chain_pose("rest"))

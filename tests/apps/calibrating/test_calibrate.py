@@ -184,7 +184,7 @@ def test_a_script_skips_a_joint(mount_arm, run_cli, home, tmp_path):
     assert [j.swept for j in read_calibration(file_of(home)).joints] == ["not swept", "by hand"]
 
 
-def test_user_limits_bind_and_are_named(mount_arm, run_cli):
+def test_user_limit_narrows_range_and_is_reported_as_user(mount_arm, run_cli):
     arm = mount_arm()
     calibrated(arm, run_cli, "--limit joint1=-30:40")
     joints = run_cli(f"where --arm planar2 --port {PORT} --json").json["joints"]
@@ -192,7 +192,7 @@ def test_user_limits_bind_and_are_named(mount_arm, run_cli):
     assert math.degrees(joints[0]["upper_rad"]) == pytest.approx(40.0)
 
 
-def test_rest_pose_outside_swept_range_is_named(mount_arm, run_cli):
+def test_warning_names_rest_pose_outside_user_limit(mount_arm, run_cli):
     arm = mount_arm()
     hands_on(arm)
     done = run_cli(
@@ -239,7 +239,7 @@ def test_unknown_pose_names_known_poses(mount_arm, run_cli):
     assert "home, rest, zero" in done.err
 
 
-def test_servo_limits_narrower_than_range_are_named(mount_arm, run_cli):
+def test_warning_names_servo_limits_narrower_than_range(mount_arm, run_cli):
     arm = mount_arm(spoiled=False, zero=2048, sign=1)
     arm.line.servos[2].write("lock", 0)
     arm.line.servos[2].write("max_position_limit", 2100)

@@ -66,7 +66,7 @@ def answering(monkeypatch, **answers):
 # --- signs ---
 
 
-def test_signs_equal_to_arm_file_need_no_test_motion(mount_arm, run_cli):
+def test_signs_equal_to_arm_file_do_not_need_test_motion(mount_arm, run_cli):
     mount_arm(sign=1)
     done = run_cli(f"{WORDS} --yes")
     assert done.code == 0, done.err

@@ -79,7 +79,7 @@ def test_stop_detection_counts_250_ms_from_last_motion(last_s, touch):
     assert samples((4.0, 0.0), (5.0, 1.0), (last_s, 1.0)).contact is touch
 
 
-def test_first_sample_detects_no_stop():
+def test_first_sample_does_not_detect_stop():
     assert not EndStopDetector(30.0, FAR).may_be_blocked(7.0, 0.0, 1.0)
     assert samples((7.0, 0.0)).contact is ContactState.MOVING
 

@@ -129,7 +129,7 @@ def test_changed_servo_tuning_is_accepted_by_calibration(mount_arm):
         assert machine.zeros is ZeroSource.CALIBRATED
 
 
-def test_opening_and_moving_a_calibrated_arm_writes_no_eeprom(mount_arm):
+def test_opening_and_moving_calibrated_arm_keeps_eeprom(mount_arm):
     arm = mount_arm("so101")
     writes = arm.eeprom_writes()
     with opened(arm) as machine:
@@ -137,7 +137,7 @@ def test_opening_and_moving_a_calibrated_arm_writes_no_eeprom(mount_arm):
     assert arm.eeprom_writes() == writes
 
 
-def test_arm_with_vendor_zeros_needs_no_calibration():
+def test_arm_with_vendor_zeros_does_not_need_calibration():
     arm = make_mounted_arm("px100", 4, zero=2048, sign=1)
     with arm.open_bus() as bus:
         assert load_calibration_for(bus, load_model("px100")).zeros is ZeroSource.VENDOR
@@ -153,7 +153,7 @@ def test_uncalibrated_arm_takes_limits_from_servo_registers():
     assert limits.source == "servo register"
 
 
-def test_joint_on_another_turn_gets_no_torque(mount_arm):
+def test_joint_on_another_turn_does_not_get_torque(mount_arm):
     arm = mount_arm("planar3", zero=2048.0, sign=1)
     # Turned right round by hand while limp: the servo counts on until torque comes.
     arm.joint("joint1").servos[0].motor.upper_stop_rad = math.inf
@@ -205,7 +205,7 @@ def test_servo_eeproms_are_backed_up_once_at_first_contact(mount_arm, tmp_path):
     assert after == before
 
 
-def test_simulated_arm_makes_no_eeprom_backup(tmp_path):
+def test_simulated_arm_does_not_make_eeprom_backup(tmp_path):
     with ikservo.open_arm("so101", port="sim"):
         pass
     assert not (tmp_path / "backups").exists()

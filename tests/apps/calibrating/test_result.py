@@ -54,7 +54,7 @@ def test_servo_limits_are_kept_unless_write_limits_is_set():
     assert limits_in(build(swept(), write_limits=True).memory[1]) == (1071, 3025)
 
 
-def test_multi_turn_servo_gets_no_limits():
+def test_multi_turn_servo_does_not_get_limits():
     across_the_seam = build(swept(start=100), write_limits=True)
     assert across_the_seam.memory[1]["operating_mode"] == 4
     assert limits_in(across_the_seam.memory[1]) == (500, 3500)

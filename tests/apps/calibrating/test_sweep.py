@@ -158,7 +158,7 @@ def test_sweep_does_not_end_before_every_joint_has_moved():
         hand.accept()
 
 
-def test_a_joint_that_hardly_moved_is_named():
+def test_error_names_joint_that_hardly_moved():
     hand = Hand(subject(), margin_rad=0.5).rest().accept().move(400)
     with pytest.raises(CalibrationError, match="elbow was moved by only 400 ticks"):
         hand.accept()
@@ -281,7 +281,7 @@ def test_servos_of_joint_that_count_oppositely_are_refused():
         hand.accept()
 
 
-def test_known_range_needs_no_sweep():
+def test_known_range_does_not_need_sweep():
     hand = Hand(subject(known=TickRange(0, 2000))).rest().accept().move(400).accept()
     assert hand.state.stage is CalibrationStage.REVIEW
 
@@ -319,7 +319,7 @@ def test_shifted_range_reveals_wrong_anchor_pose(shift):
     [(650, 1300), (750, 1500), (650, 900), (560, 1200)],
     ids=["exact", "stops beyond both limits", "swept in part", "a few degrees off"],
 )
-def test_plausible_range_reports_no_zero_shift(up, down):
+def test_plausible_range_does_not_report_zero_shift(up, down):
     hand = Hand(subject(lower=-1.0, upper=1.0)).rest().accept()
     hand.move(up, step=1).move(-down, step=1)
     assert list(find_shifted_zeros(hand.accept().state)) == []

@@ -183,7 +183,7 @@ def test_servo_that_refuses_write_rolls_everything_back(monkeypatch):
     assert read_journal(journal_path(arm.name, "")) is None
 
 
-def test_saving_unchanged_registers_writes_no_eeprom():
+def test_saving_unchanged_registers_does_not_write_eeprom():
     arm, outcome = arm_and_outcome("planar2")
     with arm.open_bus() as bus:
         TorqueOffArm(load_model(arm.name), bus).save(outcome)

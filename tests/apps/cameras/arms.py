@@ -1,4 +1,4 @@
-"""Arms with unknown zeros, compliance and backlash before a camera."""
+"""Arms with unknown zeros, compliance and backlash in front of a camera."""
 
 import math
 from dataclasses import dataclass, replace

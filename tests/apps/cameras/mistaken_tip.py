@@ -1,4 +1,4 @@
-"""An arm before a camera with only one error: the zero of its last joint."""
+"""An arm in front of a camera with only one error: the zero of its last joint."""
 
 import numpy as np
 

@@ -95,7 +95,7 @@ def test_picture_without_usable_board_says_why(camera, spoil, message):
         find_board(BOARD, spoil(camera.take()))
 
 
-def test_other_board_in_picture_is_refused_by_name(camera):
+def test_error_says_picture_shows_another_board(camera):
     with pytest.raises(CalibrationError, match=r"another board than 7x5"):
         find_board(Board.named("7x5-12mm-4x4"), camera.take())
 

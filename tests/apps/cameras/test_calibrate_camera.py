@@ -1,4 +1,4 @@
-"""``ikservo calibrate --camera``: an arm before a camera measures its own geometry."""
+"""``ikservo calibrate --camera``: an arm in front of a camera measures its own geometry."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""A hand moves a limp arm before a camera: pictures are used while the arm is still."""
+"""A hand moves a limp arm in front of a camera: pictures are used while the arm is still."""
 
 import numpy as np
 import pytest

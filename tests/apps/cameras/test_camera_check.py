@@ -111,7 +111,7 @@ def test_look_prints_point_of_pixel_and_moves_there(run_cli, camera):
         (f"look 480 x {LOOK}", 2, "'x' is not a number of pixels"),
         (f"look nan 4 {LOOK}", 2, "nan is not a number"),
         (f"look 480 100 {LOOK} --height 3m", 2, "does not meet the table"),
-        (f"look 480 400 {LOOK} --dry-run", 2, "--move as well"),
+        (f"look 480 400 {LOOK} --dry-run", 2, "--move with it"),
         (f"look 480 400 {LOOK} --pitch -90", 2, "given without --move"),
         (f"look 480 400 {LOOK} --keep-above 0.02", 2, "given without --move"),
         ("look 480 400 --arm koch --port sim", 6, "calibrate the camera: ikservo calibrate koch"),

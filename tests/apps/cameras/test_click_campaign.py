@@ -43,7 +43,7 @@ def arm_before_a_camera(monkeypatch, name, seed):
 
 
 def calibrate(name, camera, pictures):
-    """Let an arm calibrate itself before a camera; save and return the result."""
+    """Let an arm calibrate itself in front of a camera; save and return the result."""
     with open_own_arm(load_model(name), PORT) as opened:
         result = CameraCalibration(opened, camera, BOARD, pictures).run()
         save_camera_result(

@@ -165,7 +165,7 @@ def test_mean_of_clicks_is_nearer_than_worst_click(mistaken):
     assert found.error_deg < 0.5 * off_deg.max()
 
 
-def test_disagreeing_click_is_named_and_does_not_count(mistaken):
+def test_disagreeing_click_is_reported_and_does_not_count(mistaken):
     arm, camera = mistaken
     clicked(arm, camera)
     two = clicked(arm, camera, wrong_deg=4.0)

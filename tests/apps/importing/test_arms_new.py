@@ -261,7 +261,7 @@ def test_sliding_joint_with_huge_limits_gets_usable_ones(make, source, tmp_path)
     assert (lift.lower, lift.upper) == (-4.0, -3.0)
 
 
-def test_links_without_mass_are_named_in_import_report(make, source, tmp_path):
+def test_import_report_names_links_without_mass(make, source, tmp_path):
     forearm = LINK.format(name="forearm", shapes=both())
     bare = f'<link name="forearm">{both()}</link>'
     source.write_text(source.read_text().replace(forearm, bare))

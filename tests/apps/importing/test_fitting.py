@@ -108,7 +108,7 @@ def test_capsules_of_bracket_are_tighter_beside_fitted_servo():
     assert second.excess_m < fit_capsules(walls).excess_m - 0.003
 
 
-def test_mesh_inside_other_capsules_needs_no_capsule():
+def test_mesh_inside_other_capsules_does_not_need_capsule():
     block, core = (trimesh.creation.box((size, size, size)) for size in (0.05, 0.02))
     outer = fit_capsules(np.array(block.triangles))
     inner = fit_capsules(np.array(core.triangles), [np.array(block.triangles)], outer.capsules)

@@ -122,7 +122,7 @@ def test_invalid_description_gives_one_sentence_error(read, text):
     assert len(str(caught.value)) < 500
 
 
-def test_mesh_outside_folder_is_not_read_and_is_named(read):
+def test_report_names_mesh_outside_folder_that_was_not_read(read):
     shape = "<visual><geometry><mesh filename='../../etc/passwd.stl'/></geometry></visual>"
     draft = read(robot(LINKS.replace("<link name='b'/>", f"<link name='b'>{shape}</link>"), CHAIN))
     assert any("etc/passwd" in each and "outside" in each for each in draft.dropped)
@@ -162,7 +162,7 @@ def test_folders_with_symlink_cycle_are_searched_once(tmp_path):
     assert choose_description(tmp_path) == tmp_path / "inner" / "arm.urdf"
 
 
-def test_refused_import_leaves_no_files(tmp_path):
+def test_refused_import_does_not_leave_files(tmp_path):
     (tmp_path / "arm.urdf").write_text(robot(LINKS, CHAIN, joint("j4", "d", "a")))
     code = ikservo.cli.main(
         ["arms", "new", "mine", "--from", str(tmp_path / "arm.urdf"), "--folder", str(tmp_path)]

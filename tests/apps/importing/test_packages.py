@@ -93,7 +93,7 @@ def test_package_search_ends_at_repository_root(urdf, tmp_path):
 
 
 @pytest.mark.parametrize("manifest", ["<package><name>x", "", "<!DOCTYPE a><name>../x</name>"])
-def test_a_damaged_manifest_names_no_package(urdf, manifest):
+def test_damaged_manifest_does_not_name_a_package(urdf, manifest):
     (urdf.parents[1] / "package.xml").write_text(manifest)
     assert PackageFolders(urdf).find("x") is None
     assert PackageFolders(Path(urdf)).find("arm_description") == urdf.parents[1]

@@ -60,7 +60,7 @@ def test_xacro_is_not_run_without_consent(run_cli, path, tmp_path, no_child):
     assert not (tmp_path / "two").exists()
 
 
-def test_unused_xacro_property_runs_no_code(run_cli, path, tmp_path, no_child):
+def test_unused_xacro_property_does_not_run_code(run_cli, path, tmp_path, no_child):
     text = (CONFIGS / "so101" / "arm.urdf").read_text()
     head = '<robot xmlns:xacro="http://ros.org/wiki/xacro" '
     text = text.replace("<robot ", head, 1).replace(
@@ -123,7 +123,7 @@ def test_missing_xacro_says_what_to_install(path, monkeypatch):
 
 
 @needs_xacro
-def test_xacro_argument_without_value_is_named_with_option(path):
+def test_error_names_xacro_argument_without_value_and_option(path):
     path.write_text(MACROS.replace('name="base"/>', 'name="base$(arg dof)"/>'))
     with pytest.raises(FileFormatError, match="argument dof has no value") as caught:
         expand_xacro(path)
@@ -149,6 +149,6 @@ def test_xacro_expansion_is_bounded_in_output_and_memory(expression, path):
         expand_xacro(path)
 
 
-def test_missing_xacro_file_is_named():
+def test_error_names_missing_xacro_file():
     with pytest.raises(FileFormatError, match=r"nowhere\.xacro: it does not exist"):
         expand_xacro(Path("nowhere.xacro"))

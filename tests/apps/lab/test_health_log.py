@@ -47,7 +47,7 @@ def history(random, true_deg, days, wear_deg=None, noise_deg=0.08):
         yield record(day, {n: max(p, 0.0) for n, p in plays.items()}, frictions)
 
 
-def test_backlash_growth_of_one_joint_is_found_and_named():
+def test_comparison_names_joint_whose_backlash_grew():
     random = np.random.default_rng(3)
     found = 0
     for _ in range(100):
@@ -58,7 +58,7 @@ def test_backlash_growth_of_one_joint_is_found_and_named():
     assert found >= 95
 
 
-def test_repeated_measurements_without_wear_raise_no_alarm():
+def test_repeated_measurements_without_wear_do_not_raise_alarm():
     random = np.random.default_rng(4)
     alarms = 0
     for _ in range(200):
@@ -93,7 +93,7 @@ def test_health_records_round_trip_and_damaged_file_is_kept(tmp_path, monkeypatc
         path.write_text("".join(f"{each.model_dump_json(exclude_none=True)}\n" for each in written))
 
 
-def test_concurrent_appends_lose_no_health_record(tmp_path):
+def test_concurrent_appends_do_not_lose_health_records(tmp_path):
     """Threads act as programs: the lock excludes everyone who opens the file separately."""
     path = tmp_path / "health" / "arm.jsonl"
     records = [record(day, {"pan": 0.5}) for day in range(75)]

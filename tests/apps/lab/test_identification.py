@@ -154,7 +154,7 @@ def test_d_gain_between_goals_is_not_taken_for_friction(found):
     assert stepped.payload_kg == pytest.approx(found.payload_kg, abs=0.004)
 
 
-def test_joint_moving_only_in_validation_legs_harms_no_other():
+def test_joint_moving_only_in_validation_does_not_harm_others():
     clean = recorded()
     aside = clean.leg // 2 % 4 == 1
     rests = replace(
@@ -206,7 +206,7 @@ def test_identified_parameters_are_never_negative():
     assert all(estimate.value >= 0.0 for estimate in found.estimates.values())
 
 
-def test_a_joint_that_did_not_move_is_named():
+def test_error_names_joint_that_did_not_move():
     with pytest.raises(CalibrationError, match=DYNAMICS.chain.names[2]):
         identify(DYNAMICS, PRIORS, recorded(dead=(2,)))
 

@@ -172,14 +172,14 @@ def test_client_that_speaks_no_http_leaves_no_line(house):
     assert not logging.getLogger("uvicorn.error").isEnabledFor(logging.WARNING)
 
 
-def test_page_from_plain_http_gets_no_socket_over_tls(house):
+def test_page_from_plain_http_does_not_get_socket_over_tls(house):
     url, _, trust = house
     with pytest.raises(websockets.InvalidStatus) as refused:
         SocketClient(url, ssl=trust, origin=url.replace("https", "http"))
     assert refused.value.response.status_code == 403
 
 
-def test_plain_http_gets_no_page_from_tls_server(house):
+def test_plain_http_does_not_get_page_from_tls_server(house):
     with pytest.raises(httpx.HTTPError):
         httpx.get(house[0].replace("https", "http"))
 
@@ -220,7 +220,7 @@ def test_plain_http_on_other_address_needs_insecure_option(
     assert ("fingerprint" in reported) == (scheme == "https")
 
 
-def test_invalid_listen_address_makes_no_certificate(tmp_path, monkeypatch):
+def test_invalid_listen_address_does_not_make_certificate(tmp_path, monkeypatch):
     monkeypatch.setenv("IKSERVO_HOME", str(tmp_path))
     with pytest.raises(BadValueError):
         ViewApp([ArmAtPort(load_model("planar2"), "sim")], "evil.example")

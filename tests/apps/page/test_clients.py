@@ -115,11 +115,11 @@ def test_each_key_gives_its_own_permission():
 
 
 @pytest.mark.parametrize("shown", ["", "0" * 64, "ü" * 64])
-def test_wrong_proof_gives_no_permission(shown):
+def test_wrong_proof_does_not_give_permission(shown):
     assert AccessTokens.generate().authorise(new_nonce(), shown) is None
 
 
-def test_proof_for_another_nonce_gives_no_permission():
+def test_proof_for_another_nonce_does_not_give_permission():
     keys = AccessTokens.generate()
     assert keys.authorise(new_nonce(), challenge_response(keys.control, new_nonce())) is None
 

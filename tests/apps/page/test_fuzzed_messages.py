@@ -118,7 +118,7 @@ def test_watcher_messages_change_nothing(session, count):
 
 
 @COUNTS
-def test_preview_messages_move_no_servo(session, count):
+def test_preview_messages_do_not_move_servos(session, count):
     before, others = registers(session.arm, "goal_position"), []
 
     def receive(message):
@@ -141,7 +141,7 @@ def test_preview_messages_move_no_servo(session, count):
 
 
 @pytest.mark.parametrize("count", [1_000, pytest.param(100_000, marks=pytest.mark.campaign)])
-def test_fuzzing_leaks_no_memory(count):
+def test_fuzzing_does_not_leak_memory(count):
     fuzz(500, seed=3, receive=lambda _: None)
     tracemalloc.start()
     fuzz(count, seed=4, receive=lambda _: None)

@@ -150,7 +150,7 @@ def chosen(*quantities, joints=("pan",), **fields):
     )
 
 
-def test_closed_plots_send_no_frames():
+def test_closed_plots_do_not_send_frames():
     history, feed = fill(make_history(), 100), PlotFeed()
     assert feed.frames(1, history, 2.0) == []
     feed.choose(1, chosen("position"), history)

@@ -96,7 +96,7 @@ def test_leaving_new_arm_dialogue_writes_nothing(panel, tmp_path):
 
 
 @pytest.mark.full
-def test_stop_ends_servo_search_and_writes_no_arm(panel, tmp_path, monkeypatch):
+def test_stop_ends_servo_search_and_does_not_write_arm(panel, tmp_path, monkeypatch):
     monkeypatch.setenv("IKSERVO_HOME", str(tmp_path / "home"))
     port = f"sim:{hide_arm(tmp_path / 'hidden')}?pose=home"
     start(panel, source=CONFIGS / "so101" / "arm.urdf", port=port)

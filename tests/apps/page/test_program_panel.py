@@ -103,7 +103,7 @@ def test_current_pose_is_added_as_joint_step_or_line_step(session):
     )
 
 
-def test_impossible_step_is_named_before_arm_moves(session):
+def test_error_names_impossible_step_before_arm_moves(session):
     teach_target(session, "wrist_roll", 20.0)
     session.send_message(page_messages.SetJoint, joint="shoulder_lift", value=90.0)
     session.send_message(page_messages.SetJoint, joint="elbow_flex", value=-20.0)
@@ -171,7 +171,7 @@ def test_servo_fault_stops_program_in_its_step(session, kind, words):
     assert session.arm_thread.snapshot.stop_notice is not None
 
 
-def test_all_impossible_steps_are_named_at_once(session):
+def test_check_names_all_impossible_steps_at_once(session):
     teach_target(session, "wrist_roll", 20.0)
     folder = panel(session).draft.folder.path
     folder.mkdir(parents=True, exist_ok=True)

@@ -69,7 +69,7 @@ def test_server_serves_page(url):
 
 
 @pytest.mark.parametrize("path", PAGES)
-def test_content_security_policy_allows_no_foreign_source(url, path):
+def test_content_security_policy_excludes_foreign_sources(url, path):
     policy = httpx.get(url + path).headers["content-security-policy"]
     assert "default-src 'none'" in policy
     assert "http" not in policy
@@ -80,11 +80,11 @@ def test_refused_upgrade_logs_nothing(url, caplog):
     assert not caplog.records
 
 
-def test_server_sends_no_cors_header(url):
+def test_server_does_not_send_cors_header(url):
     assert "access-control-allow-origin" not in httpx.get(url).headers
 
 
-def test_server_sets_no_cookie(url):
+def test_server_does_not_set_cookies(url):
     assert "set-cookie" not in httpx.get(url).headers
 
 
@@ -101,7 +101,7 @@ NO_PAGES = [
 
 
 @pytest.mark.parametrize("path", NO_PAGES)
-def test_server_serves_no_files_outside_page(url, path):
+def test_server_does_not_serve_files_outside_page(url, path):
     assert httpx.get(url + path).status_code == 404
 
 
@@ -111,16 +111,16 @@ def test_foreign_host_gets_403_for_every_page(url, path):
 
 
 @pytest.mark.parametrize("origin", ["http://evil.example", "null", "http://127.0.0.1:1"])
-def test_foreign_origin_gets_no_socket(url, controller, origin):
+def test_foreign_origin_does_not_get_socket(url, controller, origin):
     assert refused_upgrade(url, origin=origin) == 403
     assert not controller.rights
 
 
-def test_missing_origin_gets_no_socket(url):
+def test_missing_origin_does_not_get_socket(url):
     assert refused_upgrade(url, origin=None) == 403
 
 
-def test_key_in_cookie_opens_no_socket(url, keys, visit):
+def test_key_in_cookie_does_not_open_socket(url, keys, visit):
     client = visit(additional_headers={"cookie": f"token={keys.control}"})
     client.send("{}")
     assert client.closing_code() == 4401

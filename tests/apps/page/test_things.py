@@ -86,7 +86,7 @@ def test_number_of_things_is_limited_to_100(session):
     (ball,) = session.arm.scene.things
     more = {f"ball {i}": replace(ball, name=f"ball {i}") for i in range(100)}
     session.arm.scene._change(more, {})
-    with pytest.raises(BadMessageError, match="below 100"):
+    with pytest.raises(BadMessageError, match="fewer than 100"):
         session.send_message(things.AddThing, shape="sphere")
 
 
@@ -257,6 +257,6 @@ def test_arms_of_scene_stay_obstacles_after_reopening():
         (("sim:?pose=home",) * 2, PlacedArm("koch", (0.0, 0.0, 0.0)), BadValueError),
     ],
 )
-def test_scene_with_arm_that_cannot_be_obstacle_opens_no_page(ports, beside, error):
+def test_page_refuses_arm_that_cannot_be_obstacle(ports, beside, error):
     with pytest.raises(error):
         Table(ports, [beside])

@@ -58,7 +58,7 @@ def test_stop_of_moving_formerly_limp_arm_says_torque_stays_on(limp):
     assert notice.message == "Stopped by the Escape key on the page; torque stays on."
 
 
-def test_stop_of_limp_arm_at_rest_needs_no_acknowledgement(limp):
+def test_stop_of_limp_resting_arm_does_not_need_acknowledgement(limp):
     limp.send_message(page_messages.Stop, by="Escape")
     limp.arm_thread.step()
     status = limp.latest_frames()["status"]
@@ -90,7 +90,7 @@ def test_stop_by_another_program_is_latched_on_limp_arm(limp):
     assert limp.arm_thread.snapshot.stop_notice is not None
 
 
-def test_servo_that_lost_torque_is_named_by_simultaneous_stop(session):
+def test_simultaneous_stop_names_servo_that_lost_torque(session):
     line = line_of(session.arm)
     line.servos[servo_id("so101", "wrist_flex")].write("torque_enable", 0)
     session.send_message(page_messages.Stop, by="button")

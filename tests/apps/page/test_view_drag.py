@@ -118,7 +118,7 @@ def test_the_ghost_is_grabbed_before_the_arm_behind_it():
     np.testing.assert_allclose(at, command.target.position, atol=1e-9)
 
 
-def test_arm_is_grabbed_where_no_ghost_is():
+def test_arm_beside_ghost_can_be_grabbed():
     home = stage("so101").home
     goal = model_of("so101").chain.clip(home + np.array([0, 0.9, 0.3, 0, 0]))
     px = pixel_of("so101", "side", home, "forearm", (-0.05, 0.0, 0.0))

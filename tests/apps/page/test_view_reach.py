@@ -72,7 +72,7 @@ def test_front_view_region_goes_through_tip_within_1_cm():
     assert abs((tip_m - T[:3, 3]) @ T[:3, 2]) < 0.0051
 
 
-def test_orbit_view_shows_no_reachable_region():
+def test_orbit_view_does_not_show_reachable_region():
     assert plane_of("so101", "orbit") is None
 
 

@@ -72,7 +72,7 @@ def test_every_link_is_sent_with_its_shapes():
     assert graph.shapes["links"]["base"] == link_shapes(model_of("so101"), "base") != []
 
 
-def test_goal_at_measured_position_shows_no_ghost():
+def test_goal_at_measured_position_does_not_show_ghost():
     graph, q = graph_of(model_of("so101")), stage("so101").home
     state = SceneState(looked_at("so101", "top"), q, goal=q + 1e-4)
     assert graph.fields(state)["goal"] is None

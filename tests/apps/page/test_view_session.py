@@ -289,7 +289,7 @@ def test_arm_moves_again_after_acknowledgement(session):
     assert math.dist(true_tip_m(session.arm), wanted) < 0.002
 
 
-def test_a_silent_servo_is_named_on_the_banner(session):
+def test_banner_names_silent_servo(session):
     session.enable_live()
     session.click(480, 300)
     silent = Fault("silent", id=3, at_s=line_of(session.arm).world.time_s + 0.1)
@@ -536,7 +536,7 @@ def test_page_without_viewport_size_has_no_camera(session):
         ).camera(client)
 
 
-def test_press_before_viewport_size_sets_no_goal(session):
+def test_press_before_viewport_size_does_not_set_goal(session):
     client = session.controller.connect(Permission.CONTROL)
     session.send_message(page_messages.TakeControl, client, on=True)
     session.point("down", 400, 300, client)

@@ -57,7 +57,7 @@ def test_wall_before_camera_hides_every_link():
     assert not any(each.is_visible for each in found.values())
 
 
-def test_gripper_hides_shoulder_from_front_and_is_named():
+def test_shoulder_seen_from_front_is_hidden_by_gripper():
     found = seen((0.6, 0.0, 0.1))
     assert found["shoulder"].visible_fraction < 0.2
     assert "gripper" in found["shoulder"].hidden_by
@@ -80,7 +80,7 @@ def test_visibility_of_jaw_depends_on_its_opening():
     assert abs(opened - closed) > 0.02
 
 
-def test_missing_joint_in_visibility_request_is_named():
+def test_error_names_joint_missing_in_visibility_request():
     with pytest.raises(UnknownNameError, match="elbow_flex"):
         seen((1, 1, 1), joints={k: v for k, v in HOME.items() if k != "elbow_flex"})
 

@@ -105,7 +105,7 @@ def test_stop_without_arm_stops_fleet(served, run, monkeypatch, words):
 
 
 @pytest.mark.parametrize("way", ["fleet", "address", "port of the environment"])
-def test_network_stop_loads_no_heavy_module_except_zenoh(served, monkeypatch, way):
+def test_network_stop_loads_only_zenoh_of_heavy_modules(served, monkeypatch, way):
     args = ()
     if way == "fleet":
         monkeypatch.setenv("IKSERVO_FLEET", f"127.0.0.1:{served.port}")
@@ -153,7 +153,7 @@ def silent_port():
 
 
 @pytest.mark.full
-def test_silent_machine_is_named_and_others_are_stopped(served, run, monkeypatch, silent_port):
+def test_stop_names_silent_machine_and_stops_others(served, run, monkeypatch, silent_port):
     monkeypatch.setattr("ikservo.apps.remote.zenoh_session._CONNECT_TIMEOUT_S", 0.3)
     monkeypatch.setenv("IKSERVO_FLEET", f"127.0.0.1:{silent_port},127.0.0.1:{served.port}")
     code, out, err = run("stop", "--all")
@@ -187,7 +187,7 @@ def test_stop_ignores_slow_network(served, run, monkeypatch):
     assert served.arm.stop_reason is not None
 
 
-def test_stop_by_address_needs_no_arm_name(served, run):
+def test_stop_by_address_does_not_need_arm_name(served, run):
     code, out, err = run("stop", "--port", served.address)
     assert code == 0, err
     assert out.startswith("so101")

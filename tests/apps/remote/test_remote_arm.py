@@ -358,7 +358,7 @@ def test_connection_closes_even_if_background_close_fails(served, monkeypatch):
     assert not arm._connection.is_open
 
 
-def test_remote_recording_contains_no_local_calibration(served, tmp_path, monkeypatch):
+def test_remote_recording_excludes_local_calibration(served, tmp_path, monkeypatch):
     monkeypatch.setattr("ikservo.apps.teaching.recorder.load_calibration", pytest.fail)
     with served.open() as arm:
         arm.zeros = ikservo.arm.ZeroSource.CALIBRATED

@@ -354,7 +354,7 @@ def test_bad_ros_command_gives_one_clear_error(graph, capsys, monkeypatch, words
     assert text in captured.out + captured.err
 
 
-def test_invalid_ros_domain_id_is_named(monkeypatch, capsys):
+def test_error_names_invalid_ros_domain_id(monkeypatch, capsys):
     monkeypatch.setenv("ROS_DOMAIN_ID", "x")
     assert main(["ros", "so101", "--port", "sim"]) == 2
     assert "ROS_DOMAIN_ID" in capsys.readouterr().err

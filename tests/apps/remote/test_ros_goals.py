@@ -84,8 +84,8 @@ def test_velocities_of_trajectory_points_are_kept():
     ("message", "found"),
     [
         (trajectory(["elbow"], (1.0, [0.0])), "elbow"),
-        (trajectory([], (1.0, [])), "each once"),
-        (trajectory(["a", "a"], (1.0, [0.0, 0.0])), "each once"),
+        (trajectory([], (1.0, [])), "each joint once"),
+        (trajectory(["a", "a"], (1.0, [0.0, 0.0])), "each joint once"),
         (trajectory(["a"], (1.0, [0.0, 1.0])), "point 1"),
         (trajectory(["a"], (1.0, [0.0]), (2.0, [math.nan])), "point 2"),
         (trajectory(["a"], (1.0, [0.0]), (1.0, [0.1])), "not growing"),

@@ -314,7 +314,7 @@ def test_foxglove_shows_joints_and_description_live():
     assert seen == {0: said.joint_states(3, home).data, 1: said.description(1, "<robot/>").data}
 
 
-def test_foxglove_port_in_use_is_named_and_nothing_is_recorded(tmp_path):
+def test_foxglove_port_in_use_prevents_recording(tmp_path):
     server = FoxgloveServer(0, "first")
     try:
         with ikservo.open_arm("so101", port="sim") as arm, pytest.raises(PortError, match="port"):

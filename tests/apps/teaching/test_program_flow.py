@@ -95,7 +95,7 @@ def test_called_program_without_an_end_is_refused(arm, tmp_path, inner):
         make_run(arm, tmp_path, {"program": "inner.toml"})
 
 
-def test_missing_called_program_is_named(arm, tmp_path):
+def test_error_names_missing_called_program(arm, tmp_path):
     with pytest.raises(FileFormatError, match="gone"):
         make_run(arm, tmp_path, {"program": "gone.toml"})
 

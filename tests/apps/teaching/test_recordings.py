@@ -106,7 +106,7 @@ def test_recording_writer_names_path_that_cannot_be_written(tmp_path, name):
         ("x" * 20_000 + "\n", "line 3: is too long"),
     ],
 )
-def test_invalid_recording_line_is_named(tape, line, found):
+def test_error_says_why_recording_line_is_invalid(tape, line, found):
     with pytest.raises(FileFormatError, match=re.escape(found)):
         read_recording(tape(HEADER, sample(0.0, 0.1, 0.0), line))
 
@@ -127,7 +127,7 @@ def test_invalid_recording_line_is_named(tape, line, found):
         {"extra": 1},
     ],
 )
-def test_invalid_recording_header_is_named(tape, change):
+def test_error_names_line_of_invalid_recording_header(tape, change):
     with pytest.raises(FileFormatError, match="line 1"):
         read_recording(tape({**HEADER, **change}, sample(0.0, 0.1, 0.0)))
 
@@ -138,7 +138,7 @@ def test_recording_without_header_or_samples_is_refused(tape, lines):
         read_recording(tape(*lines))
 
 
-def test_missing_recording_is_named(tmp_path):
+def test_error_says_recording_is_missing_or_a_folder(tmp_path):
     with pytest.raises(FileFormatError, match=r"does not exist|is a folder"):
         read_recording(tmp_path / "none.jsonl")
     with pytest.raises(FileFormatError, match=r"does not exist|is a folder"):

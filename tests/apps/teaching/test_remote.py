@@ -121,7 +121,7 @@ def test_stop_from_other_terminal_stops_moving_arm(arm, other_thread):
         arm.move_joints({"shoulder_pan": 0.0})
 
 
-def test_stop_of_holding_arm_reports_no_motion(arm, other_thread):
+def test_stop_of_holding_arm_does_not_report_motion(arm, other_thread):
     arm.enable()
     with motion_runner(arm).lock:
         stopping = other_thread.submit(remote.stop_arm, arm.model, None)
@@ -153,7 +153,7 @@ def test_arm_moves_again_after_remote_stop_is_acknowledged(arm):
     assert arm.move_joints({"gripper": 0.6}).reached
 
 
-def test_stop_of_limp_arm_switches_no_torque_on(arm):
+def test_stop_of_limp_arm_does_not_switch_torque_on(arm):
     stopped = remote.stop_arm(arm.model, None)
     assert (stopped.moving, stopped.held) == (False, ())
     assert stopped.limp == servo_group(arm).names
@@ -231,7 +231,7 @@ def test_a_resting_servo_keeps_its_goal_when_it_is_stopped(arm):
     assert registers(arm, "goal_position") == before
 
 
-def test_silent_servo_is_named_and_the_others_are_stopped(arm):
+def test_stop_names_silent_servo_and_holds_others(arm):
     arm.hold()
     line_of(arm).servos[3].power_down()
     halted = servo_group(arm).hold_measured(TESTED)

@@ -91,7 +91,7 @@ def test_light_hand_moves_arm_and_arm_stays_where_left(name, joint, way_rad, lim
 
 
 @pytest.mark.full
-def test_guided_arm_heavier_than_known_sinks_less_than_2_degrees():
+def test_guided_arm_heavier_than_modelled_sinks_below_2_deg():
     hand, *_ = guided("so101", "elbow_flex", -0.3, 1.0, hidden="&mass_scale=1.2&payload_g=30")
     sunk = hand.between(0.0, AWAY_S)
     assert np.degrees(np.abs(sunk - sunk[0]).max()) < 2.0

@@ -86,7 +86,7 @@ def test_gains_written_after_killed_trial_are_kept(left):
 
 @pytest.mark.full
 @pytest.mark.parametrize("text", ["", "[]", '{"p_gian": 3}', '{"p_gain": "x"}', "[" * 9000, "\xff"])
-def test_damaged_trial_file_is_named_by_doctor(left, text):
+def test_doctor_names_damaged_trial_file(left, text):
     (path,) = (config_dir() / "tried").iterdir()
     path.write_text(text)
     with pytest.raises(FileFormatError, match="is damaged"):
@@ -98,7 +98,7 @@ def test_damaged_trial_file_is_named_by_doctor(left, text):
 
 
 @pytest.mark.full
-def test_damaged_trial_file_blocks_no_other_servo_or_write(left):
+def test_damaged_trial_file_does_not_block_other_servos(left):
     (path,) = (config_dir() / "tried").iterdir()
     path.write_text("[]")
     both = ServoBus(left.port, [SERVO, OTHER])

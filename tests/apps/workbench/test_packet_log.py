@@ -130,7 +130,7 @@ def test_unwritable_packet_log_is_one_error(tmp_path):
         recorded_transport(make_transport({1: "STS3215"}), path, "bench")
 
 
-def test_refused_packet_log_leaves_no_port_open(tmp_path, monkeypatch):
+def test_refused_packet_log_does_not_leave_port_open(tmp_path, monkeypatch):
     monkeypatch.setenv("IKSERVO_PACKETS", str(tmp_path))
     transport = make_transport({1: "STS3215"})
     closed = []

@@ -123,12 +123,12 @@ def test_scan_tries_only_requested_baud_rate(run_cli):
 @pytest.mark.sample(1)
 @pytest.mark.parametrize("echo", ["?echo=1", "?echo=1&usb_frame_ms=1"])
 @pytest.mark.parametrize("arm", ["so101", "koch"])
-def test_scan_through_echoing_adapter_finds_no_false_servos(run_cli, arm, echo):
+def test_scan_through_echoing_adapter_finds_only_real_servos(run_cli, arm, echo):
     servos = run_cli(f"scan sim:{echo} --arm {arm} --json").json["servos"]
     assert [(s["id"], s["shares_id"]) for s in servos] == [(i, False) for i in range(1, 7)]
 
 
-def test_scan_with_noise_finds_no_false_servos(run_cli):
+def test_scan_with_noise_finds_only_real_servos(run_cli):
     servos = run_cli("scan sim:?noise=0.002&seed=5 --arm so101 --json").json["servos"]
     assert [s["id"] for s in servos] == [1, 2, 3, 4, 5, 6]
 

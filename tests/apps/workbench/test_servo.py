@@ -182,7 +182,7 @@ def test_servo_tune_refuses_step_of_zero(run_cli, ports, more):
     assert "at least" in result.err
 
 
-def test_servo_tune_without_room_names_no_move_option(run_cli):
+def test_servo_tune_without_room_does_not_name_move_option(run_cli):
     # At rest the links of an SO-101 lie on each other.
     result = run_cli("servo tune --step 20 --arm so101 --port sim --id shoulder_lift")
     assert result.code == ExitCode.REFUSED

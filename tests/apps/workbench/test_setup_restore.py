@@ -156,7 +156,7 @@ def test_backup_of_unknown_id_needs_servo_option(monkeypatch):
     assert bench_line.held() == bench_line.before
 
 
-def test_backup_goes_to_its_id_unless_servo_is_named(monkeypatch):
+def test_backup_is_restored_to_its_id_unless_servo_is_given(monkeypatch):
     path, bench_line = backup_of("so101", 2), ChangedServoLine(monkeypatch, "so101", {"p_gain": 40})
     assert "nothing to change" in bench_line.restore(path, "--yes").out
     result = bench_line.restore(path, "--yes", "--servo", "3")

@@ -63,14 +63,14 @@ def test_touch_off_reduces_median_error_below_0_9_mm():
     assert np.median(after_m) < 0.0009, summary
 
 
-def test_outlier_touches_are_left_out_by_name():
+def test_fit_leaves_out_outlier_touches():
     arm = hidden("so101", 3)
     found = select_and_fit(arm.chain, touches_of(arm, offs=(4, 9)))
     assert np.flatnonzero(~found.fit.kept).tolist() == [4, 9]
     assert rms_m(arm, found.fit.tips) <= 1.5e-3
 
 
-def test_six_outliers_of_15_touches_are_refused_by_name():
+def test_error_names_6_outliers_of_15_touches():
     arm = hidden("planar3", 3)
     with pytest.raises(CalibrationError, match=r"6 of 15 touches are outliers: P1, P4"):
         select_and_fit(arm.chain, touches_of(arm, offs=(1, 4, 7, 10, 12, 14)))

@@ -224,7 +224,7 @@ class PosturePreference:
         Args:
             model: Has the poses.
             chain: The joints of the posture.
-            here: Their current positions (dof,).
+            here: The current joint positions (dof,).
 
         Raises:
             UnknownNameError: There is no such pose or joint.

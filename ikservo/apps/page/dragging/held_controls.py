@@ -33,7 +33,7 @@ class GripperControl:
     def next_position(
         self, grip: float, goal: float, measured: Vector | None, now_s: float
     ) -> float | None:
-        """Compute the next goal of the joint, rad or m; None while no button is held.
+        """Compute the next joint goal, rad or m; None while no button is held.
 
         Args:
             grip: 1 closes, -1 opens; smaller values move more slowly.

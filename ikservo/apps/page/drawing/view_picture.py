@@ -35,7 +35,7 @@ class SceneState:
         refused_pair: The pair that the goal would touch, if the guard refuses it; may be empty.
             None for a goal that is not refused.
         other_joints: Positions of joints that are not in the chain, such as the gripper's.
-        goal_other_joints: Their goals; None if they stay.
+        goal_other_joints: The goals of these joints; None if they stay.
     """
 
     camera: Camera

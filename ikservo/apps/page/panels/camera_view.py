@@ -45,7 +45,7 @@ class CameraView:
         arm: The arm in front of the camera.
         video: The source of the pictures.
         clock: Determines when to check whether the camera has moved.
-        name: The name of the camera; empty: the camera with the source of the pictures.
+        name: The camera name; empty: the camera with the source of the pictures.
 
     Attributes:
         tip_shows: The joint whose zero a click on the tip would determine; None if there is none.

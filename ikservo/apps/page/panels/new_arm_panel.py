@@ -107,7 +107,7 @@ class NewArmPanel:
         if not self._is_local:
             raise BadMessageError(
                 "A page on another machine cannot create an arm.",
-                "In a terminal of the machine with the arm: ikservo arms new",
+                "In a terminal on the arm's computer, run: ikservo arms new",
             )
         if self.is_running:
             raise BadMessageError(

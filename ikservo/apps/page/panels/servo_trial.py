@@ -41,7 +41,7 @@ def try_on_joint(
         arm: The arm.
         joint: The joint.
         gains: Raw numbers by register; numbers already in force are ignored.
-        step_deg: The motion of the joint.
+        step_deg: The joint motion.
         suggest: Whether to search for better gains.
 
     Raises:
@@ -55,7 +55,7 @@ def try_on_joint(
         register = find_register(servo.table, name)
         lower, upper = register.range
         if register not in tunable_registers(servo) or not lower <= raw <= upper:
-            raise BadValueError(f"{register} of {servo}", raw, f"a gain, {lower} to {upper}")
+            raise BadValueError(f"{register} of {servo}", raw, f"a gain from {lower} to {upper}")
         if bus.read(servo.id, register, raw=True) != raw:
             given[register] = raw
     if not given and not suggest:

@@ -113,7 +113,7 @@ class ThingsPanel:
         scene = self._arm.scene
         match message:
             case msg.AddThing() if len(scene.names) >= _MOST:
-                raise BadValueError("The number of things", len(scene.names), f"below {_MOST}")
+                raise BadValueError("The number of things", len(scene.names), f"fewer than {_MOST}")
             case msg.AddThing():
                 self._add_new(message.shape, joints)
             case msg.AddArm():

@@ -35,7 +35,7 @@ class Hit:
     """A link near the pointer.
 
     Attributes:
-        link: The name of the link.
+        link: The link name.
         offset_m: The hit point (3,), link coordinates, metres.
         point_m: The same point (3,), world coordinates.
         depth_m: The depth of the point, metres.

@@ -171,4 +171,4 @@ _DOWNWARDS = np.array([1.0, -1.0])
 
 def _check_bounded(what: str, value: float, max_value: float) -> None:
     if not 0.0 < value <= max_value:  # also rejects NaN
-        raise BadValueError(what, value, f"above 0, at most {max_value:g}")
+        raise BadValueError(what, value, f"a number above 0 and at most {max_value:g}")

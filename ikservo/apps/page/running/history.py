@@ -38,7 +38,7 @@ class Channel:
             own goal leads; ``error`` is goal minus position; ``losses`` counts the requests without
             a usable reply.
         unit: The unit that is shown.
-        joint: The name of the joint; empty for a quantity of the line.
+        joint: The joint name; empty for a quantity of the line.
     """
 
     quantity: str
@@ -75,7 +75,7 @@ class History:
     that no thread waits for another.
 
     Args:
-        joints: The names of the joints.
+        joints: The joint names.
         prismatic: Whether each joint is prismatic, and shown in millimetres.
         duration_s: The least time for which samples are kept.
         period_s: The shortest time between two samples.

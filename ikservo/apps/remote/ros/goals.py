@@ -139,18 +139,18 @@ def trajectory_goal(
     unknown = [name for name in names if name not in present]
     if unknown or not names or len(set(names)) != len(names):
         raise BadValueError(
-            "The joint", f"{(unknown or names)!r}", f"each once: {', '.join(present)}"
+            "The joint", f"{(unknown or names)!r}", f"each joint once: {', '.join(present)}"
         )
     if len(points) > _MAX_POINTS:
         raise BadValueError(
-            "The trajectory", f"{len(points)} points long", f"at most {_MAX_POINTS}"
+            "The trajectory", f"{len(points)} points long", f"at most {_MAX_POINTS} points"
         )
     times_s = np.array([p.time_from_start.sec + 1e-9 * p.time_from_start.nanosec for p in points])
     if times_s[0] < 0.0 or not (np.diff(times_s) > 0.0).all() or times_s[-1] > _MAX_DURATION_S:
         raise BadValueError(
             "time_from_start",
             "not growing",
-            f"increasing from 0 to at most {_MAX_DURATION_S:.0f} s",
+            f"times that increase from at least 0 to at most {_MAX_DURATION_S:.0f} s",
         )
     positions = _rows(points, "positions", len(names))
     has_velocities = all(len(point.velocities) for point in points)
@@ -223,7 +223,9 @@ class TwistGoal:
             ("The angular velocity", angular_rad_s, _MAX_RAD_S),
         ):
             if not np.linalg.norm(values) <= largest:
-                raise BadValueError(what, values.tolist(), f"finite, at most {largest:g}")
+                raise BadValueError(
+                    what, values.tolist(), f"a finite vector of at most {largest:g}"
+                )
         R = self._T[:3, :3] if of_tool else np.eye(3)
         self._linear_m_s, self._angular_rad_s = R @ linear_m_s, R @ angular_rad_s
         self._turns = self._turns or bool(self._angular_rad_s.any())
@@ -278,13 +280,13 @@ def pose_goal(pose: Any) -> PoseGoal:  # noqa: ANN401  # geometry_msgs/msg/Pose
     point = np.array([pose.position.x, pose.position.y, pose.position.z])
     q = np.array([getattr(pose.orientation, name) for name in "wxyz"])
     if not (np.isfinite(point).all() and np.isfinite(q).all()):
-        raise InputError("A number of the pose is not finite.", "Nothing moved.")
+        raise InputError("The pose contains a number that is not finite.", "Nothing moved.")
     if not q.any():
         return PoseGoal(Target(point))
     length = float(np.linalg.norm(q))
     if not 0.9 < length < 1.1:
         raise BadValueError(
-            "The quaternion", q.tolist(), "of length 1, or zeros for any orientation"
+            "The quaternion", q.tolist(), "a quaternion of length 1, or zeros for any orientation"
         )
     T = np.eye(4)
     T[:3, :3], T[:3, 3] = quaternion_to_matrix(q / length), point

@@ -151,7 +151,7 @@ def _check_joints(names: Sequence[str], message: Any, known: Sequence[str]) -> N
         found = ", ".join(map(repr, unknown or names)) or "none"
         raise _InvalidJointsError(
             f"The joints of the goal cannot be used: {found}.",
-            f"Expected each once: {', '.join(known)}.",
+            f"Expected each joint once: {', '.join(known)}.",
         )
 
 

@@ -96,7 +96,7 @@ def check_namespace(namespace: str) -> str:
         return ""
     if not _NAMESPACE.fullmatch(slashed):
         raise BadValueError(
-            "The namespace", shown(namespace), "letters, digits and _, such as left"
+            "The namespace", shown(namespace), "a name of letters, digits and _, such as left"
         )
     return slashed
 
