@@ -116,7 +116,7 @@ def test_overloaded_stream_is_relaxed_in_time_and_resumes():
         report = pressing.follow(6.0)
         assert pressing.tripped_s is None
         assert abs(pressing.servo.motor.pwm) < 0.8
-        assert any("was relaxed 1.0 s before" in text for text in report.warnings)
+        assert any("was reduced 1.0 s before" in text for text in report.warnings)
         pressing.line.faults.clear()
         assert pressing.follow(1.0, pressing.at).warnings == ()
         column = servo_group(arm).names.index(pressing.joint)
