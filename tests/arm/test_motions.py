@@ -11,6 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import ikservo
+from ikservo.apps.grasping.pick_and_place import Pick, Place
 from ikservo.apps.teaching.program import Program, ProgramStep, read_program, write_program
 from ikservo.apps.teaching.program_run import ProgramRun
 from ikservo.apps.teaching.replaying import Replay
@@ -63,6 +64,8 @@ EXAMPLES = (
     MoveGripper("close", force=0.2),
     MoveGripper(width_m=0.03),
     Replay("wave.jsonl"),
+    Pick(NEAR, size_m=(0.02, 0.03, 0.04), yaw_rad=0.3),
+    Place(FAR, speed="slow"),
     Wait(0.5),
 )
 

@@ -59,6 +59,7 @@ _OWN = {  # commands in which a name means something else
     ("teach", "name"): ["cup"],
     ("jog", "what"): ["{joint}", "z"],
     ("gripper", "to"): ["open", "close"],
+    ("pick", "at"): ["{x} {y} {z}"],
     ("program new", "file"): ["{folder}/new.toml"],
     ("program check", "file"): ["{folder}/program.toml"],
     ("program run", "file"): ["{folder}/program.toml"],

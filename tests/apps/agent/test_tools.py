@@ -45,7 +45,7 @@ def test_plan_accepts_each_kind_of_motion_with_units(simulated):
         "MovePose",
     } <= set(kinds)
     tool_speed = kinds["MoveLine"]["properties"]["tool_speed_m_s"]
-    assert "speed of the tip" in tool_speed["description"].lower()
+    assert "tip speed" in tool_speed["description"].lower()
 
 
 @pytest.mark.parametrize("mode", ["auto", "legacy"])
