@@ -9,7 +9,7 @@ from tests.journeys.method_arguments import methods, parameters
 from tests.oracle import ARMS, tip_from_joints
 
 MOVING = ("move", "arc", "draw", "test", "joints", "jog", "gripper", "pose", "replay", "follow",
-          "relax", "identify", "program")  # fmt: skip
+          "relax", "identify", "program", "pick")  # fmt: skip
 ONE_JOINT = ("joints", "jog", "gripper", "move_joints", "plan", "plan_joints", "stream")
 CARTESIAN = ("arc", "draw", "move_arc", "move_line", "plan_arc", "plan_line")
 PASSIVE = (  # methods that neither move the arm nor plan a motion, or disable its torque anyway
@@ -26,7 +26,9 @@ LIMP_AFTERWARDS = ("relax", "disable_torque")
 STABLE = ("rest, sunk", "pose rest")  # a limp arm stays there; from others it falls
 NEAR_M, NEAR_DEG = 0.003, 1.5
 INTERNALS = re.compile(r"Traceback|np\.\w|array\(|<[\w.]+ object|\bNone\b|\w+Error\(|\bnan\b")
-BLOCKED = re.compile(r"collision|would collide|would touch|does not follow", re.IGNORECASE)
+BLOCKED = re.compile(
+    r"collision|would collide|would touch|does not follow|found nothing", re.IGNORECASE
+)
 
 
 def parameter_names(what):
@@ -60,6 +62,8 @@ def allowed_command_codes(command, kind, posture, model):
         allowed |= {6}
     if command == "gripper" and kind == "real, uncalibrated" and _zeros_unknown(model):
         allowed |= {1}  # the jaws stop at the arm's own base, which it believes to be elsewhere
+    if command == "pick":  # nothing is there, no grasp may be possible, or the gripper is missing
+        allowed |= {1, 7, 8}
     if command == "gripper" and model.gripper is None:
         allowed = {1, 2}
     if command == "relax" and posture not in STABLE:
