@@ -20,10 +20,9 @@ from ikservo.apps.page.messages import page_messages as msg
 from ikservo.apps.page.messages.page_messages import BadMessageError, Message
 from ikservo.apps.page.messages.program_messages import ProgramMessage
 from ikservo.apps.page.messages.thing_messages import SaveThings, ThingMessage
-from ikservo.apps.page.panels.app_panels import AppPanels, RunMotion
+from ikservo.apps.page.panels.app_panels import AppPanels
 from ikservo.apps.page.panels.camera_view import CameraView
 from ikservo.apps.page.panels.follow_panel import FindArm, FollowPanel
-from ikservo.apps.page.panels.grasp_offer import GraspOffer
 from ikservo.apps.page.panels.live_plots import PlotFeed
 from ikservo.apps.page.panels.page_cameras import ArmCameras
 from ikservo.apps.page.panels.program_panel import ProgramPanel
@@ -91,7 +90,7 @@ class SessionController:
         self._program = ProgramPanel(arm_thread)
         self._following = FollowPanel(arm_thread, clock, find_arm)
         self._app_panels = AppPanels(arm_thread, clock)
-        self._servos, self._grasp = ServoPanel(arm_thread), GraspOffer()
+        self._servos = ServoPanel(arm_thread)
         self._find_arm, self._add_other_arm = find_arm, add_other_arm
         self._things = self._things_panel()
         self._clients: dict[int, Client] = {}
@@ -110,7 +109,6 @@ class SessionController:
             msg.SetTorque: self._set_torque,
             msg.ArmAction: self._start_action,
             msg.MarkTip: self._mark_tip,
-            msg.GraspHere: self._choose_grasp,
             msg.ChooseCamera: self._choose_camera,
             **dict.fromkeys(get_args(ThingMessage), self._handle_thing),
         }
@@ -387,11 +385,6 @@ class SessionController:
         if picture is not None:
             picture.require_usable()
         self._interaction.finish_target()
-        grasp = self._grasp.path_for(self._interaction.goal)
-        if grasp is not None and grasp.plan and grasp.number == message.path and self._grasp.motion:
-            self._arm_thread.request_job(RunMotion(str(self._grasp.motion), self._grasp.motion))
-            self._interaction.reset()
-            return
         request, path = self._plan_request(), self._planner.path
         if request is None:
             raise BadMessageError("No target is shown.", "Drag the arm or click a point first.")
@@ -402,26 +395,15 @@ class SessionController:
 
     def _mark_tip(self, message: msg.MarkTip, client: Client) -> None:
         """Set the zero that a click on the tip determines."""
-        picture, camera = self._require_picture(client)
-        px, snapshot = np.array([message.x, message.y]), self._arm_thread.snapshot
-        found = picture.find_tip_zero(camera, px, snapshot)
-        self._arm_thread.request_job(SetTipZero(found))
-
-    def _choose_grasp(self, message: msg.GraspHere, client: Client) -> None:
-        """Plan to pick up what is at a pixel, or to put down there what the gripper holds."""
-        picture, camera = self._require_picture(client)
-        self._interaction.reset()
-        self._grasp.choose(self._arm_thread, picture, camera, np.array([message.x, message.y]))
-
-    def _require_picture(self, client: Client) -> tuple[CameraView, LensCamera]:
-        """Return the camera whose picture a client views, while the arm accepts targets."""
         self._require_ready()
         picture, camera = self._composer.camera_view(client), self._composer.camera(client)
         if picture is None or not isinstance(camera, LensCamera):
             raise BadMessageError(
-                "Only a camera's picture can be clicked for this.", "Choose the camera view."
+                "The tip can be clicked only in a camera's picture.", "Choose the camera view."
             )
-        return picture, camera
+        px, snapshot = np.array([message.x, message.y]), self._arm_thread.snapshot
+        found = picture.find_tip_zero(camera, px, snapshot)
+        self._arm_thread.request_job(SetTipZero(found))
 
     def _choose_camera(self, message: msg.ChooseCamera, _client: Client) -> None:
         """Show another camera; clients whose view no longer exists see the first view."""
@@ -558,11 +540,7 @@ class SessionController:
     def _update_path(self) -> None:
         """Plan the path to the goal of the preview; in Live, report a refusal by the guard."""
         goal, now_s = self._interaction.goal, self._clock.now_s()
-        grasp = self._grasp.path_for(goal)
-        if grasp is not None:
-            self._interaction.goal = grasp.request.goal
-            self._interaction.show_path(grasp, grasp.refusal)
-        elif self._arm_thread.command.live:
+        if self._arm_thread.command.live:
             self._planner.update(None, now_s)
             refused = self._arm_thread.snapshot.refusal
             is_of_goal = refused is not None and refused.goal is goal

@@ -193,7 +193,6 @@ def status_frame(
         "banner": banner(snapshot, fallback),
         "refused": interaction.refusal is not None,
         "target": interaction.goal is not None,
-        "holds": arm_thread.arm.grip.T_thing_tip is not None,
         "path": None if interaction.path is None else interaction.path.number,
         "undo": interaction.history.can_undo,
         "redo": interaction.history.can_redo,

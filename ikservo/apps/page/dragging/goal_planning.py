@@ -161,6 +161,7 @@ def plan_path(arm: Arm, request: PlanRequest, withdrawn: Event | None = None) ->
         request: The request.
         withdrawn: Event that ends the search once the request is withdrawn.
     """
+    index = arm.joint_index
     start = PlannedStart(request.start, request.allowed_speed)
     planner = PreflightPlanner(arm.context, start, arm.poses)
     stop_request = arm.context.servos.stop_request
@@ -171,12 +172,6 @@ def plan_path(arm: Arm, request: PlanRequest, withdrawn: Event | None = None) ->
         return PlannedPath(request)
     except IkservoError as error:
         return PlannedPath(request, refusal=refusal_of(request.goal, error))
-    return show_plan(arm, request, plan)
-
-
-def show_plan(arm: Arm, request: PlanRequest, plan: MotionPlan) -> PlannedPath:
-    """Return a plan with the postures to draw along it."""
-    index = arm.joint_index
     joints = sample_states(plan.trajectory)[0]
     shown = joints[np.linspace(0, len(joints) - 1, _POSTURES).astype(int)]
     postures = [(index.chain_joints(each), index.by_name(each)) for each in shown]

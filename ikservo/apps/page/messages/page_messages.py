@@ -178,14 +178,6 @@ class MarkTip(PageMessage):
     y: Pixels
 
 
-class GraspHere(PageMessage):
-    """Plan to pick up what a pixel of the camera's picture shows, or to put down there."""
-
-    kind: Literal["grasp_here"]
-    x: Pixels
-    y: Pixels
-
-
 class ChooseCamera(PageMessage):
     """Show the pictures of another camera of the arm."""
 
@@ -385,7 +377,6 @@ Message = (
     | ArmAction
     | Gamepad
     | MarkTip
-    | GraspHere
     | Stop
     | Acknowledge
     | SetLive

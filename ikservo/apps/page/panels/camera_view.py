@@ -5,7 +5,6 @@ from __future__ import annotations
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import suppress
 from datetime import UTC, datetime
-from typing import cast
 
 from ikservo.apps.cameras.arm_camera import (
     camera_key,
@@ -14,7 +13,6 @@ from ikservo.apps.cameras.arm_camera import (
     moved_error,
     table_m,
 )
-from ikservo.apps.cameras.blocks import find_block_at
 from ikservo.apps.cameras.camera_check import BoardPlace, compare_place
 from ikservo.apps.cameras.camera_file import CameraCheck, save_camera
 from ikservo.apps.cameras.pictures import Picture, find_board, is_mirrored
@@ -30,7 +28,6 @@ from ikservo.control.stillness import StillnessDetector
 from ikservo.errors import CalibrationError, IkservoError
 from ikservo.files.public_source import public_source
 from ikservo.kinematics.arrays import Matrix, Vector
-from ikservo.model.scene_file import KeepOutShape
 
 _CHECK_PERIOD_S = 1.0  # period of checks while a page shows the picture
 # Longer than the delay of a picture; noise of a resting encoder moves it two ticks.
@@ -95,17 +92,6 @@ class CameraView:
     def surface(self, height_m: float) -> PictureSurface:
         """Return the surface for targets of clicks, at a height above the table."""
         return PictureSurface(self._arm.scene.things, self.plane_m(height_m))
-
-    def block_at(self, u: float, v: float) -> KeepOutShape:
-        """Return the block that a pixel (u, v) of the newest picture shows.
-
-        Raises:
-            BadMessageError: The picture is not usable.
-            InputError: It shows none.
-        """
-        self.require_usable()
-        picture = cast("Picture", self._video.newest)  # otherwise there was trouble
-        return find_block_at(self._model, picture, table_m(self._arm.model), u, v)
 
     @property
     def trouble(self) -> str:

@@ -131,7 +131,6 @@ const heightField = new NumberField({
 $("height-field").append(heightField.element, " mm");
 heightField.show(height / MM, false);
 $("mark-tip").onclick = () => takeClick(pointerInput.take ? null : (at) => { takeClick(null); send("mark_tip", at); });
-$("grasp").onclick = () => send("grasp_here", pointerInput.clicked);
 const gamepads = new Gamepads(send, (text) => { $("gamepad").textContent = text; });
 gamepads.bindButton($("gripper-open"), -1);
 gamepads.bindButton($("gripper-close"), 1);
@@ -147,9 +146,6 @@ function showStatus(status) {
   freshness.setReadAge(status.age_s);
   rendering.setLive(status.live && status.controller === "you");
   panel.show(status);
-  $("grasp").hidden = view !== "camera";
-  $("grasp").disabled = !pointerInput.clicked || !isIdle(status);
-  setText($("grasp"), status.holds ? "Put it here" : "Pick up");
   program.show(status);
   actions.show(status);
   leader.show(status);

@@ -20,7 +20,6 @@ export class PointerInput {
     this.pendingDown = null; // message of a finger that has neither moved nor lifted yet
     this.fingers = null; // positions of two fingers by pointer id: they move the view
     this.pendingOrbit = null;
-    this.clicked = null;
     this.take = null; // called with the position of the next press, instead of starting a gesture
     canvas.addEventListener("pointerdown", (event) => this.onDown(event));
     canvas.addEventListener("pointermove", (event) => this.onMove(event));
@@ -62,7 +61,6 @@ export class PointerInput {
       this.orbiting = { id: event.pointerId, ...this.position(event) };
       return;
     }
-    this.clicked = this.position(event); // the last press, for buttons that need a place
     this.pressed = event.pointerId;
     this.pressedAt = this.position(event);
     if (event.pointerType === "touch") this.pendingDown = this.makeMessage(event, "down");
