@@ -86,8 +86,8 @@ def wait(
         BusError: A servo does not answer.
         ServoAlarmError: A servo reports a fault, has a wrong supply, or was reset.
     """
-    end_s = context.now_s() + motion.duration_s
-    while (left_s := end_s - context.now_s()) > 0.0:
+    end_s, left_s = context.now_s() + motion.duration_s, motion.duration_s
+    while left_s > 0.0:  # checked at least once, however short it is
         context.servos.check_stop()
         context.servos.stop_request.check_request()
         if watch_health:
@@ -95,3 +95,4 @@ def wait(
         if on_wait is not None:
             on_wait()
         context.servos.clock.sleep_until(context.now_s() + min(left_s, _LONGEST_SLEEP_S))
+        left_s = end_s - context.now_s()

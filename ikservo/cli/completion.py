@@ -22,7 +22,7 @@ def complete_from(*names: str) -> Callable[[str], list[str]]:
 
 
 def complete_arms(incomplete: str) -> list[str]:
-    """Complete a prefix to the names of arms."""
+    """Return the names of arms that begin with a prefix."""
     from ikservo.model import arm_names  # noqa: PLC0415  # the Tab key should not wait for more
 
     return [name for name in arm_names() if name.startswith(incomplete)]

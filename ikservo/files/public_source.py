@@ -15,7 +15,7 @@ _PUBLIC_QUERY = re.compile(
 
 
 def public_source(source: str) -> str:
-    """Return the name of a source of pictures without passwords.
+    """Return the name of a picture source, without any password in it.
 
     All messages, pages and files use this name for a source. It keeps the scheme, host, port and
     path, and the parts of the query that are known to be harmless; "…" replaces the rest. A name

@@ -193,7 +193,7 @@ _NOTHING = 1e-9
 
 @dataclass(frozen=True, slots=True)
 class IdleJoint:
-    """A joint that keeps its position, and its range.
+    """A joint that holds its position, and the range of that joint.
 
     Attributes:
         column: The joint index in q.

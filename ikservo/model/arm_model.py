@@ -158,7 +158,7 @@ class Obstacle(Protocol):
 
     @property
     def high_m(self) -> tuple[float, float, float]:
-        """Highest corner (3,) of that box."""
+        """Highest corner (3,) of the box around the arm [m]."""
         ...
 
     @property

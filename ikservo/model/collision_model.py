@@ -28,7 +28,7 @@ def collision_body_with_gripper(model: Model) -> CollisionBody:
     """Return the body whose joint vectors end with the gripper's joint, if the arm has one.
 
     In ``collision_body`` the jaws are fixed at zero, or as near to it as their range allows. Here
-    they follow the vector. Jaws that are not connected behind the chain's last joint stay fixed.
+    they follow the vector. Jaws that are not downstream of the chain's last joint stay fixed.
     """
     gripper = model.gripper
     if gripper is None:

@@ -79,7 +79,7 @@ class MotionStart(Protocol):
         ...
 
     def enable(self) -> None:
-        """Switch torque on, so that the arm stays there."""
+        """Switch torque on, so that the arm holds its start."""
         ...
 
 

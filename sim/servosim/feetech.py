@@ -263,7 +263,7 @@ class Feetech(Servo):
         self.series.refresh_goal()
 
     def inject_alarm(self, bits: int) -> None:
-        """Raise alarm bits without a cause, or take them back."""
+        """Set alarm bits without a cause, or clear them."""
         self.watch.inject_alarm(bits)
 
     def is_goal_allowed(self, goal: int) -> bool:

@@ -144,7 +144,7 @@ class StsSeries(FeetechSeries):
             drive.goal_rad = self.angle_at(self.servo.clamped_goal())
 
     def _set_current(self, goal_torque: int) -> None:
-        """Apply the goal torque, as goal in current mode and as limit otherwise; 0 means none."""
+        """Apply the goal torque: the goal in current mode, a limit otherwise; 0 means no torque."""
         drive, current_a = self.drive, goal_torque * CURRENT_UNIT_A
         drive.goal_current_a = self.shaft.sign * current_a
         drive.current_limit_a = abs(current_a)

@@ -65,7 +65,7 @@ def test_calibration_values_outside_their_bounds_are_refused(path, value):
 
 @pytest.mark.parametrize("path", [(*JOINT, "sign"), ("format",)])
 @pytest.mark.parametrize("value", [True, 1.0, "1", 2, 0])
-def test_calibration_sign_and_format_refuse_true_float_and_text(path, value):
+def test_calibration_sign_and_format_must_be_exact_integers(path, value):
     assert with_value(path, 1)
     with pytest.raises(ValidationError):
         with_value(path, value)

@@ -260,7 +260,7 @@ def test_recording_without_a_sample_does_not_leave_a_file(words, file, place, tm
 
 @pytest.mark.sample(1)
 @pytest.mark.parametrize("suffix", [".jsonl", ".mcap"])
-def test_recording_with_overwrite_replaces_old_file_at_its_end(suffix, place, run_cli):
+def test_overwrite_replaces_old_file_when_recording_ends(suffix, place, run_cli):
     path, before = place / f"old{suffix}", set(content(place))
     assert run_cli(f"{RECORDING.format(path)} --overwrite").code == 0
     assert len(read_recording(path).times_s) > 10

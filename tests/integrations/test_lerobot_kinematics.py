@@ -86,7 +86,7 @@ def test_kinematics_of_open_arm_uses_its_limits():
         assert np.all(np.radians(q) <= arm.chain.upper_rad + 1e-9)
 
 
-def test_joint_names_without_a_chain_joint_are_refused():
+def test_joint_names_that_lack_a_chain_joint_are_refused():
     from lerobot_robot_ikservo import IkservoKinematics
 
     with pytest.raises(ValueError, match="wrist_roll"):

@@ -68,7 +68,7 @@ def make_server(agent: AgentArm) -> MCPServer[Any]:
 
 
 class ArmTools:
-    """The tools: each runs in a thread, one at a time; ``stop`` and ``where`` wait for no other."""
+    """The tools. Each runs in a thread, one at a time; ``stop`` and ``where`` do not wait."""
 
     def __init__(self, agent: AgentArm) -> None:
         self._agent, self._turn, self._waiting = agent, anyio.Lock(), 0

@@ -94,7 +94,7 @@ class PlanStore:
         return offered
 
     def take(self, plan_id: str) -> OfferedPlan:
-        """Return a plan to execute it now, and never again; raises the same errors as ``find``."""
+        """Mark a plan as used and return it for execution. Raises the same errors as ``find``."""
         with self._lock:
             offered = self.find(plan_id)
             offered.is_used = True

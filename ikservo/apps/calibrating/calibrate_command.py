@@ -110,7 +110,7 @@ def command(
     if auto + touch + wiggle + seen > 1:
         raise InputError("Only one of --auto, --touch, --camera and --wiggle can be given.")
     if joint and (auto or touch or seen):
-        raise InputError("--joint needs a calibration by hand, or --wiggle.")
+        raise InputError("--joint can only be given in a calibration by hand, or with --wiggle.")
     of_limits = (pose, margin, continuous or None, skip or None, limit or None, write_limits)
     sets_limits = not (touch or wiggle or seen or camera.from_pictures)
     if not sets_limits and of_limits != ("rest", 2.0, None, None, None, None):
@@ -125,7 +125,9 @@ def command(
         raise InputError("--uncalibrated needs --wiggle.", "Leave it out.")
     if camera.from_pictures is not None:
         if camera != CameraOptions(from_pictures=camera.from_pictures):
-            raise InputError("--from-pictures needs no camera options.", "Leave the others out.")
+            raise InputError(
+                "--from-pictures cannot be given with camera options.", "Leave the others out."
+            )
         if auto or touch or wiggle or joint:
             raise InputError("--from-pictures moves nothing.", "Leave out the other procedures.")
         model = model_from_option(connection.arm)

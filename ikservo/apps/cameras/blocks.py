@@ -9,12 +9,12 @@ import numpy as np
 
 from ikservo.apps.cameras.camera_model import CameraModel
 from ikservo.apps.cameras.pictures import Picture
-from ikservo.errors import InputError
+from ikservo.errors import BadValueError, InputError
 from ikservo.kinematics.arrays import Matrix, Vector
 from ikservo.kinematics.se3 import rotation_rpy
 from ikservo.model.scene_file import KeepOutShape, make_shape
 
-_MOST = 8
+_MOST, _MOST_TRIED = 8, 30  # blocks; outlines, the largest first
 _HUES = {"red": 0, "orange": 14, "yellow": 28, "green": 60, "cyan": 90, "blue": 115, "purple": 145}
 _ALL_HUES = 180  # OpenCV counts hues in steps of 2 degrees
 _LEAST_SATURATION, _LEAST_VALUE = 90, 40
@@ -42,12 +42,15 @@ def find_blocks(model: CameraModel, picture: Picture, table_m: float) -> list[Ke
     apart = (hue[..., None] - np.array(list(_HUES.values())) + _ALL_HUES / 2) % _ALL_HUES
     nearest = np.abs(apart - _ALL_HUES / 2).argmin(axis=2)
     nearest[(saturation <= _LEAST_SATURATION) | (value <= _LEAST_VALUE)] = len(_HUES)
+    outlines = list[tuple[float, str, Any]]()
     for i, colour in enumerate(_HUES):
         mask = cv2.medianBlur((nearest == i).astype(np.uint8), 5)
         for outline in cv2.findContours(mask, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)[0]:
-            block = _fit_block(model, outline[:, 0].astype(float), table_m, f"the {colour} block")
-            if block is not None:
-                found.append((cv2.contourArea(outline), block))
+            outlines.append((cv2.contourArea(outline), colour, outline[:, 0].astype(float)))
+    for area, colour, outline in sorted(outlines, key=lambda each: -each[0])[:_MOST_TRIED]:
+        block = _fit_block(model, outline, table_m, f"the {colour} block")
+        if block is not None:
+            found.append((area, block))
     return [block for _, block in sorted(found, key=lambda each: -each[0])[:_MOST]]
 
 
@@ -72,7 +75,10 @@ def _fit_block(
     """Fit an upright box on the table to an outline (n, 2); None if it has another shape."""
     from scipy.optimize import least_squares  # noqa: PLC0415  # takes longer than a command
 
-    middle = model.ray(*outline_px.mean(axis=0).tolist())
+    try:
+        middle = model.ray(*outline_px.mean(axis=0).tolist())
+    except BadValueError:  # the lens is not known there
+        return None
     distance_m, extent_px = middle.distance_to_level_m(table_m), np.ptp(outline_px, axis=0)
     if extent_px.min() < _LEAST_PX or not math.isfinite(distance_m):
         return None
@@ -87,7 +93,7 @@ def _fit_block(
 
     x, y, _ = middle.at(distance_m).tolist()
     first = [(x, y, yaw_rad, *np.log([side_m] * 3)) for yaw_rad in _YAWS_RAD]
-    fits = [cast("Any", least_squares(errors, each)) for each in first]
+    fits = [cast("Any", least_squares(errors, each, max_nfev=100)) for each in first]
     best = min(fits, key=lambda fit: float(fit.cost))
     p: Vector = best.x
     off_px, size_m = math.sqrt(2.0 * best.cost / len(best.fun)), np.exp(p[3:])

@@ -30,6 +30,7 @@ from ikservo.errors import (
 from ikservo.ik import Target
 from ikservo.ik.problem import check_position
 from ikservo.kinematics.arrays import Matrix, Vector, finite_vector
+from ikservo.kinematics.packed import IS_CYLINDER, ROUNDING
 from ikservo.kinematics.se3 import make_pose, rotation_rpy
 from ikservo.model.scene_file import KeepOutShape
 from ikservo.model.tool import tool_frame
@@ -54,6 +55,7 @@ _RAISES_M = (0.0, 0.003, 0.006, 0.01, 0.015)  # of the jaws above the middle of 
 _DROPS_M = (0.002, 0.006, 0.01, 0.015, 0.02)
 _THINK_S, _MOST_S = 1.0, 40.0  # for a path around things, as there are other grasps; for all
 _UP = np.array([0.0, 0.0, 1.0])
+_UPRIGHT_COSINE = 0.999  # of the tilt of a box
 
 Motions = Sequence[MotionValue[Any]]
 Planned = tuple[Motions, MotionPlan]  # and one plan of them
@@ -69,6 +71,10 @@ def _parse_size(value: object) -> tuple[float, ...]:
 
 def _parse_point(value: object) -> tuple[float, ...]:
     return tuple(check_position(cast("ArrayLike", value), "The point").tolist())
+
+
+def _parse_yaw(value: object) -> float:
+    return float(finite_vector([cast("float", value)], 1, "The yaw")[0])
 
 
 class Grip:
@@ -93,7 +99,7 @@ class Pick(OwnMotion[GraspResult]):
     middle_m: Annotated[Any, _parse_point]
     _: KW_ONLY
     size_m: Annotated[Any, _parse_size] = (0.03, 0.03, 0.03)
-    yaw_rad: float = 0.0
+    yaw_rad: Annotated[float, _parse_yaw] = 0.0
     speed: Speed = "normal"
 
     def plan(self, context: ArmContext, start: Vector, _: Grip | None = None) -> Planned:
@@ -136,16 +142,23 @@ class Pick(OwnMotion[GraspResult]):
 
     def run(self, arm: ArmParts, on_progress: OnProgress | None) -> GraspResult:
         """Plan everything, then pick it up; jaws that find nothing open again, and say so."""
-        motions, _ = self.plan(arm.context, arm.runner.start_position())
-        report = _run(arm, motions[:4], on_progress)
-        T_base_tip = arm.context.planner.tip_pose(arm.context.servos.measure_positions())
+        grip: Grip = cast("Any", arm).grip
+        slow_first = replace(self, speed=arm.runner.allowed_speed(self.speed))
+        motions, _ = slow_first.plan(arm.context, arm.runner.start_position())
+        grip.T_thing_tip = None
+        if not _run(arm, motions[:1], on_progress).reached:
+            raise RefusedError("The jaws did not open.", "Remove what is between them.")
+        report = _run(arm, motions[1:4], on_progress)
         if not report.grasped:
             _run(arm, (motions[0], motions[4]), on_progress)
-        elif (report := _run(arm, motions[4:], on_progress)).grasped:
+        else:  # kept before it is lifted, because a stop may end the motion
+            T_base_tip = arm.context.planner.tip_pose(arm.context.servos.measure_positions())
             T = make_pose(np.array(self.middle_m), rotation_rpy(0.0, 0.0, self.yaw_rad))
-            grip = cast("Any", arm).grip
             grip.T_thing_tip, grip.height_m = np.linalg.inv(T) @ T_base_tip, self.size_m[2]
-            return report
+            report = _run(arm, motions[4:], on_progress)
+            if report.grasped:
+                return report
+            grip.T_thing_tip = None
         at = format_point(self.middle_m)
         raise RefusedError(
             f"The gripper found nothing at {at}, or lost it.", "Look, and try again."
@@ -178,6 +191,14 @@ class Place(OwnMotion[GraspResult]):
         grip_m = planner.jaws.at_width(_UNKNOWN_M)[1] if known is None else -R.T @ known[:3, 3]
         kinds, held = ["to", "close", "down", "open", "away"], start[context.index.outside_chain()]
         middle_m = np.array(self.middle_m)
+        if known is not None and grip is not None:
+            bottom_m = middle_m[2] - grip.height_m / 2.0
+            if bottom_m < (context.model.floor_m or 0.0) - _LOWER_M:
+                raise RefusedError(
+                    f"With its middle at {format_point(self.middle_m)}, the thing would be "
+                    f"{-1000.0 * bottom_m:.0f} mm below the table.",
+                    f"Nothing moves. It is {1000.0 * grip.height_m:.0f} mm high.",
+                )
         return planner.plan(middle_m, _DROPS_M, [(stance, grip_m)], kinds, float(held[0]))
 
     def end(self, context: ArmContext, start: Vector) -> Vector:
@@ -187,11 +208,15 @@ class Place(OwnMotion[GraspResult]):
     def run(self, arm: ArmParts, on_progress: OnProgress | None) -> GraspResult:
         """Plan everything, then put it down; a gripper that holds nothing is refused."""
         grip: Grip = cast("Any", arm).grip
-        motions, _ = self.plan(arm.context, arm.runner.start_position(), grip)
-        is_held, grip.T_thing_tip = _run(arm, motions[:2], on_progress).grasped, None
-        if not is_held:
+        slow_first = replace(self, speed=arm.runner.allowed_speed(self.speed))
+        motions, _ = slow_first.plan(arm.context, arm.runner.start_position(), grip)
+        if not _run(arm, motions[:2], on_progress).grasped:
+            grip.T_thing_tip = None
             raise RefusedError("The gripper holds nothing.", "Pick something up first.")
-        return _run(arm, motions[2:], on_progress)
+        report = _run(arm, motions[2:4], on_progress)
+        grip.T_thing_tip = None
+        _run(arm, motions[4:], on_progress)
+        return report
 
     def __str__(self) -> str:
         return f"put down at {format_point(self.middle_m)}"
@@ -209,7 +234,9 @@ def pick(arm: OpenArm, thing: ArrayLike | KeepOutShape, **options: Any) -> Grasp
 
 
 def pick_box(box: KeepOutShape, **options: Any) -> Pick:  # noqa: ANN401
-    """Return the motion that picks up an upright box."""
+    """Return the motion that picks up an upright box; other things are refused."""
+    if box.row[IS_CYLINDER] or box.row[ROUNDING] or box.row[8] < _UPRIGHT_COSINE:
+        raise RefusedError(f"{box.name} is not an upright box.", "Give the point to grip.")
     yaw_rad = math.atan2(box.row[3], box.row[0])
     return Pick(box.row[9:12], size_m=2.0 * box.half_size_m, yaw_rad=yaw_rad, **options)
 
@@ -228,9 +255,11 @@ def _run(arm: ArmParts, motions: Motions, on_progress: OnProgress | None) -> Gra
     """Make motions, and return the last report of the jaws; these find what is near enough."""
     found: object = None
     for motion in motions:
-        with suppress(NotSettledError):
-            report = run_motion(arm, motion, on_progress)
-            found = report if isinstance(report, GraspResult) else found
+        if isinstance(motion, MoveGripper):
+            found = run_motion(arm, motion, on_progress)
+        else:
+            with suppress(NotSettledError):
+                run_motion(arm, motion, on_progress)
     return cast("GraspResult", found)
 
 

@@ -46,14 +46,15 @@ def command(
         arm: Any = require_own_port(machine)  # with what apps add
         seeing = arm.camera if camera is None else arm.camera.named("", camera)
         thing = seeing.block_at(*thing) if len(thing) == 2 else thing
+        on_table = place is not None and len(place) == 2
+        if place is not None and on_table:  # before anything is picked up
+            place = seeing.point_seen(*place).point_m
         print_status(f"{arm.model.title} on {format_port(arm.port_name)}: pick {' '.join(at)}.")
         confirm_motion(machine, yes=options.yes)
         arm.pick(thing, speed=speed)
         if place is not None:
-            if len(place) == 2:
-                x, y, z = seeing.point_seen(*place).point_m
-                place = x, y, z + arm.grip.height_m / 2.0
-            arm.place(place, speed=speed)
+            x, y, z = place
+            arm.place((x, y, z + on_table * arm.grip.height_m / 2.0), speed=speed)
     print_status("Picked up." if place is None else "Picked up and put down.")
 
 

@@ -33,6 +33,9 @@ from ikservo.errors import IkservoError, InputError
 File = Annotated[Path, typer.Argument(metavar="FILE", help="The program, a TOML file.")]
 First = Annotated[int, typer.Option("--from", metavar="STEP", help="Begin with this step.")]
 _KEPT_RESULTS = 100_000  # the latest ones of a program that is repeated until it is stopped
+Time = Annotated[
+    int, typer.Option("--time", min=1, metavar="N", help="Begin with this repetition.")
+]
 EachStep = Annotated[bool, typer.Option("--step", help="Wait for Enter before each step.")]
 
 
@@ -83,6 +86,7 @@ def run(
     *,
     connection: ArmConnection,
     first: First = 1,
+    time: Time = 1,
     step: EachStep = False,
     scene: SceneOption = None,
     options: Annotated[MotionOptions, Without("dry_run", "tip")],
@@ -100,7 +104,7 @@ def run(
         _check(steps, program, file, first, quiet=options.json)
         confirm_motion(machine, yes=options.yes)
         check_directions_once(machine, options)
-        results = _run(steps, program, first, wait=step)
+        results = _run(steps, program, first, time, wait=step)
     if options.json:
         fields: list[dict[str, object]] = [
             {
@@ -165,12 +169,12 @@ def _check(
 
 
 def _run(
-    run: ProgramRun, program: Program, first: int, *, wait: bool
+    run: ProgramRun, program: Program, first: int, repetition: int, *, wait: bool
 ) -> Sequence[tuple[NextStep, StepReport | None]]:
     """Run the steps; print each before it begins, and after a failure where to continue."""
     done = deque[tuple[NextStep, StepReport | None]](maxlen=_KEPT_RESULTS)
     with motion_progress_bar() as on_progress:
-        for each in run.steps(first):
+        for each in run.steps(first, repetition):
             _print_step(each.number, program, each.step.description)
             try:
                 if each.step.pause is not None:
@@ -179,8 +183,9 @@ def _run(
                     wait_for_enter("Press Enter for this step, Ctrl-C to end.")
                 done.append((each, run.run_step(each, on_progress)))
             except BaseException:
+                again = f" --time {each.repetition}" if program.repetitions > 1 else ""
                 number = each.number
-                print_status(f"Stopped in step {number}; begin there again: --from {number}")
+                print_status(f"Stopped in step {number}; begin there again: --from {number}{again}")
                 raise
     return done
 

@@ -11,7 +11,7 @@ from ikservo.apps.teaching.program import UNTIL_STOPPED, Program, ProgramStep, r
 from ikservo.apps.teaching.replaying import Replay, position_at_rest
 from ikservo.arm.arm_parts import ArmParts
 from ikservo.arm.run_by_kind import end_of_motion, run_motion, wait
-from ikservo.errors import BadValueError, IkservoError
+from ikservo.errors import BadValueError, IkservoError, StoppedError
 from ikservo.planning.motions import MotionValue, Wait
 from ikservo.planning.poses import PoseLibrary
 from ikservo.planning.preflight_planner import PlannedStart, PreflightPlanner
@@ -22,6 +22,9 @@ from ikservo.planning.reports import (
     OnProgress,
     ReplayResult,
 )
+
+MAX_CHECKS = 5000
+"""Largest number of steps that a check plans, with all places of grids and called programs."""
 
 StepReport = MoveResult | JointMoveResult | GraspResult | ReplayResult
 """Report on the motion of a step."""
@@ -70,6 +73,10 @@ class ProgramRun:
         folder: The folder that contains the program, its recordings and the programs that it calls.
         poses: The poses of the arm.
         on_wait: Called regularly during a wait.
+        has_grasped: Whether the gripper is known to hold something already.
+
+    Attributes:
+        has_grasped: Whether the gripper found something when it last moved.
 
     Raises:
         BadValueError: The program, or one that it calls, is for another arm; or a called program
@@ -84,6 +91,8 @@ class ProgramRun:
         folder: Path,
         poses: PoseLibrary,
         on_wait: Callable[[], object] | None = None,
+        *,
+        has_grasped: bool = False,
     ) -> None:
         self._arm, self._program, self._folder, self._poses = arm, program, folder, poses
         self._called = {
@@ -105,7 +114,7 @@ class ProgramRun:
         self._on_wait = on_wait
         self._stop_count = arm.background.stop_count
         self._has_moved = False  # torque may be off before the first motion
-        self._has_grasped = False
+        self.has_grasped = has_grasped
 
     @property
     def pauses(self) -> bool:
@@ -125,20 +134,29 @@ class ProgramRun:
             first: The step to begin with, from 1.
 
         Raises:
-            BadValueError: There is no such step.
+            BadValueError: There is no such step, or there are too many to check.
             CalibrationError: The arm is not calibrated.
+            StoppedError: A stop was requested.
         """
         begin = self._index_of(first)
         self._arm.context.require_zeros()
         start = PlannedStart(position_at_rest(self._arm))
-        for each in self._checked_steps(self._program, self._folder, begin):
+        stop_count = self._arm.background.stop_count
+        for count, each in enumerate(self._checked_steps(self._program, self._folder, begin)):
+            if count >= MAX_CHECKS:
+                raise BadValueError(
+                    "The number of steps to check", f"above {MAX_CHECKS}", "fewer steps or places"
+                )
             error: IkservoError | None = None
             context = self._arm.context
             preflight = PreflightPlanner(context, start, self._poses)
             try:
                 if each.step.pause is None:
-                    motion = self._motion(each)
-                    start.joints = end_of_motion(context, preflight, motion, start.joints)
+                    with self._arm.background.requested(stop_count):
+                        motion = self._motion(each)
+                        start.joints = end_of_motion(context, preflight, motion, start.joints)
+            except StoppedError:
+                raise
             except IkservoError as refused:
                 error = refused
             yield StepCheck(each.number, each.step, error)
@@ -170,18 +188,19 @@ class ProgramRun:
                     at = step.at_repetition(repetition)
                     yield NextStep(number, repetition, at, program.speed_of(step), folder)
 
-    def steps(self, first: int = 1) -> Iterator[NextStep]:
+    def steps(self, first: int = 1, repetition: int = 1) -> Iterator[NextStep]:
         """Yield the steps to run; take the next step when the previous one has ended.
 
         Steps whose condition is false are left out. A repetition without any step is the last one.
 
         Args:
             first: The step to begin with, from 1; repetitions begin with the first step.
+            repetition: The repetition to begin with, from 1.
 
         Raises:
             BadValueError: There is no such step.
         """
-        begin, repetition = self._index_of(first), 0
+        begin, repetition = self._index_of(first), repetition - 1
         self._stop_count = self._arm.background.stop_count
         while (repetition := repetition + 1) <= self._program.repetitions:
             steps = list(enumerate(self._program.steps, 1))[begin:]
@@ -209,7 +228,7 @@ class ProgramRun:
                     yield NextStep(number, repetition, at, speed, folder)
 
     def _applies(self, step: ProgramStep) -> bool:
-        return step.only_if is None or (step.only_if == "grasped") == self._has_grasped
+        return step.only_if is None or (step.only_if == "grasped") == self.has_grasped
 
     def run_step(self, step: NextStep, on_progress: OnProgress | None = None) -> StepReport | None:
         """Run a step; return the report of its motion, or None for a wait or a pause.
@@ -234,7 +253,7 @@ class ProgramRun:
             with self._arm.background.turn():
                 report = run_motion(self._arm, motion, on_progress)
         if isinstance(report, GraspResult):
-            self._has_grasped = report.grasped
+            self.has_grasped = report.grasped
         return report
 
     def wait(self, motion: Wait) -> None:

@@ -66,7 +66,7 @@ class ServoLine:
     bus: ServoBus
 
     def find(self, target: str | None) -> ServoSpec:
-        """Return the servo of a joint or with an id; None: the only servo.
+        """Find a servo by joint name or id; with None, return the only servo.
 
         Raises:
             UnknownNameError: There is no such servo.

@@ -50,7 +50,7 @@ Speed = Annotated[
 Duration = Annotated[
     float | None,
     typer.Option(
-        "--duration", parser=parse_time_s, help="Move for this time, without a key: 2 or 0.5s."
+        "--duration", parser=parse_time_s, help="Move for this long, without keys: 2 or 0.5s."
     ),
 ]
 

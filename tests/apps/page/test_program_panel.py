@@ -230,6 +230,53 @@ def test_program_waits_in_a_pause_until_continue(session, own_folder):
     assert seen[-1][1] > 5  # it is repeated
 
 
+def save_program(folder, *steps, **options):
+    folder.mkdir(parents=True, exist_ok=True)
+    made = tuple(ProgramStep(**step) for step in steps)
+    write_program(folder / "parts.toml", Program(format=1, arm="so101", steps=made, **options))
+
+
+def test_program_with_a_missing_called_program_can_be_edited(session, own_folder):
+    save_program(own_folder, {"wait_s": 0.01}, {"program": "gone.toml"})
+    session.send_message(msg.ProgramFile, action="load", name="parts")
+    state = run(session, "check")
+    assert state["phase"] == "bad"
+    assert "gone.toml" in state["problems"][0]["reason"]
+    assert session.arm_thread.snapshot.stop_notice is None
+    session.send_message(msg.ProgramFile, action="new")
+
+
+def test_single_step_runs_all_of_a_called_program_and_no_other(session, own_folder):
+    save_program(own_folder, {"wait_s": 0.01}, {"wait_s": 0.01})
+    (own_folder / "parts.toml").rename(own_folder / "inner.toml")
+    save_program(own_folder, {"program": "inner.toml"}, {"wait_s": 0.01, "only_if": "grasped"},
+                 {"wait_s": 0.01})  # fmt: skip
+    session.send_message(msg.ProgramFile, action="load", name="parts")
+    first, second, third = (each.number for each in panel(session).draft.steps)
+    state = run(session, "step", first)
+    assert (state["phase"], state["step"]) == ("paused", third)  # the second does not apply
+    state = run(session, "step", second)
+    assert (state["phase"], state["step"]) == ("paused", third)  # and nothing else was run
+
+
+def test_play_continues_in_the_repetition_in_which_it_paused(session, own_folder):
+    save_program(own_folder, {"wait_s": 0.01}, {"pause": "Look."}, repeat=5)
+    session.send_message(msg.ProgramFile, action="load", name="parts")
+    seen, number = [], panel(session).draft.steps[1].number
+
+    def answer(count):
+        state = panel(session).state_fields()
+        if state["phase"] == "waiting" and (not seen or seen[-1] != state["repetition"]):
+            seen.append(state["repetition"])
+            session.send_message(msg.RunProgram, action="pause" if len(seen) == 2 else "play")
+
+    state = run(session, on_cycle=answer)
+    assert (state["phase"], state["repetition"]) == ("paused", 3)
+    assert run(session, step=state["step"], on_cycle=answer)["phase"] == "done"
+    assert seen == [1, 2, 3, 4, 5]
+    assert number == panel(session).draft.steps[1].number
+
+
 def test_closed_page_stops_program(session):
     teach_target(session, "wrist_roll", 60.0)
 

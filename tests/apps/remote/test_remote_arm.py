@@ -367,7 +367,7 @@ def test_remote_recording_excludes_local_calibration(served, tmp_path, monkeypat
     assert read_attachment(result.path, CALIBRATION_FILE) is None
 
 
-def test_start_of_wrong_length_is_refused(served):
+def test_pose_within_limits_refuses_start_of_wrong_length(served):
     with served.open() as arm:
         for each in (served.arm, arm):
             with pytest.raises(BadValueError, match="The start"):

@@ -233,7 +233,7 @@ def test_first_recording_is_replayed_by_fresh_arm(recording_of_falling_arm, name
 
 @pytest.mark.full
 @pytest.mark.parametrize("name", ["so101", "koch"])
-def test_refused_replay_names_the_posture_that_may_touch_again(recording_of_falling_arm, name):
+def test_refused_replay_hint_names_end_posture_of_recording(recording_of_falling_arm, name):
     path, lying = recording_of_falling_arm(name)
     with ikservo.open_arm(name, port="sim") as arm:
         arm.pose("home")

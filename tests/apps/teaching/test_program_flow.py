@@ -8,7 +8,7 @@ import pytest
 import ikservo
 from ikservo.apps.teaching.program import Program, ProgramStep, read_program, write_program
 from ikservo.apps.teaching.program_run import ProgramRun
-from ikservo.errors import BadValueError, FileFormatError, LatchedStopError
+from ikservo.errors import BadValueError, FileFormatError, LatchedStopError, StoppedError
 from tests.arm.simulated import true_tip_m
 from tests.arm.test_gripper import open_jaws, put_between
 
@@ -144,3 +144,33 @@ def test_flow_words_survive_writing_and_reading(tmp_path):
         "if grasped, joints to (0.220, 0.040, 0.120) m", "program inner.toml",
         "pause: Put in the next part."]  # fmt: skip
     assert not written.is_sequence
+
+
+def test_program_continues_in_a_given_repetition(arm, tmp_path):
+    run = make_run(arm, tmp_path, {"tip_m": NEAR, "grid": GRID}, WAIT, repeat=4)
+    steps = [(step.repetition, step.number, step.step.tip_m) for step in run.steps(2, 3)]
+    assert [each[:2] for each in steps] == [(3, 2), (4, 1), (4, 2)]
+    assert steps[1][2] == pytest.approx((0.25, 0.0, 0.12))
+
+
+def test_program_with_too_many_places_is_refused_in_the_check(arm, tmp_path, monkeypatch):
+    monkeypatch.setattr("ikservo.apps.teaching.program_run.MAX_CHECKS", 10)
+    run = make_run(arm, tmp_path, {"tip_m": NEAR, "grid": {**GRID, "rows": 8}}, repeat=16)
+    with pytest.raises(BadValueError, match="above 10"):
+        list(run.check())
+
+
+def test_stop_ends_a_check(arm, tmp_path):
+    checks = make_run(arm, tmp_path, *[{"tip_m": NEAR}] * 3).check()
+    next(checks)
+    arm.stop("Stopped by the test.")
+    with pytest.raises(StoppedError):
+        next(checks)
+
+
+def test_shortest_wait_sees_a_stop(arm, tmp_path):
+    run = make_run(arm, tmp_path, {"wait_s": 1e-12}, repeat="until stopped")
+    step = next(run.steps())
+    arm.stop("Stopped by the test.")
+    with pytest.raises(LatchedStopError):
+        run.run_step(step)

@@ -290,7 +290,7 @@ class PointTool(PageMessage):
 
 
 class SetTorque(PageMessage):
-    """Switch the torque of one joint's servo; a joint without torque falls."""
+    """Switch the torque of one joint's servo on or off; a joint without torque falls."""
 
     kind: Literal["set_torque"]
     joint: Name

@@ -51,7 +51,7 @@ class StartNewArm(PageMessage):
 
 
 class AnswerNewArm(PageMessage):
-    """Answer the question of the dialogue with a given number."""
+    """Answer question ``number`` of the dialogue."""
 
     kind: Literal["answer_new_arm"]
     number: Annotated[int, Field(ge=1, le=10_000)]

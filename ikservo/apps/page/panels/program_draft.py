@@ -112,6 +112,8 @@ class ProgramDraft:
         old = self.steps[place].step
         if wait_s is not None and old.wait_s is None:
             raise InputError("Only a wait has a duration.", "Nothing was changed.")
+        if speed is not None and not old.has_speed:
+            raise InputError("This step has no speed.", "Nothing was changed.")
         new = old.model_copy(update={"speed": speed, "wait_s": wait_s or old.wait_s})
         changed = replace(self.steps[place], step=new)
         self._set_steps((*self.steps[:place], changed, *self.steps[place + 1 :]))

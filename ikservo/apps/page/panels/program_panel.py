@@ -123,11 +123,13 @@ class ProgramPanel:
     def _describe_shortly(self, step: ProgramStep) -> str:
         """Describe a step by its name, its action, or the position of its tip."""
         chain = self._arm_thread.arm.chain
+        condition = f"if {step.only_if}, " if step.only_if else ""
         if step.name is not None:
-            return step.name
+            return f"{condition}{step.name}"
         if step.tip_m is not None:
             path = "" if step.path in (None, "joints") else f"{step.path} "
-            return f"{path}to {_format_mm(step.tip_m)}"
+            grid = f", {step.grid.rows * step.grid.columns} places" if step.grid else ""
+            return f"{condition}{path}to {_format_mm(step.tip_m)}{grid}"
         if not set(chain.names) <= {*step.deg, *step.m}:
             return step.description
         radians = {name: math.radians(value) for name, value in step.deg.items()}
@@ -166,13 +168,21 @@ class ProgramPanel:
                 raise InputError("No program is being played.", "Nothing has changed.")
             self._play.pause()
             return
-        if self._play is not None and self._is_busy and self._play.state.phase == "waiting":
+        if (
+            self._play is not None
+            and self._is_busy
+            and self._play.state.phase == "waiting"
+            and message.action == "play"
+        ):
             self._play.resume()
             return
         program = self.draft.program()
         first = 0 if message.step is None else self.draft.place_of(message.step)
         numbers = tuple(each.number for each in self.draft.steps)
+        before = self._play
         play = ProgramPlay(program, numbers, self.draft.folder.path, first, message.action)
+        if before is not None:
+            play.continue_from(before, message.step)
         self._arm_thread.request_job(play)
         self._play = play
 

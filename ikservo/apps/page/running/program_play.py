@@ -5,7 +5,6 @@ from __future__ import annotations
 import threading
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from itertools import islice
 from pathlib import Path
 from typing import Literal
 
@@ -67,6 +66,7 @@ class ProgramPlay:
         self._program, self._numbers, self._folder = program, numbers, folder
         self._first, self._action = first, action
         self._pausing, self._continuing = threading.Event(), threading.Event()
+        self._repetition, self._has_grasped = 1, False
         self.state = PlayState("checking", numbers[first])
 
     @property
@@ -87,13 +87,32 @@ class ProgramPlay:
         """Continue after a step that pauses; safe from any thread."""
         self._continuing.set()
 
+    def continue_from(self, before: ProgramPlay, number: int | None) -> None:
+        """Begin in the repetition in which another play has paused or stopped at the step."""
+        self._has_grasped = before._has_grasped
+        if number is not None and number == before.state.step and before.state.phase != "bad":
+            self._repetition = before.state.repetition
+
     def run(self, arm: Arm, observer: JobObserver) -> None:
         """Check the steps, then run them.
 
         Raises:
             IkservoError: A step failed, or the arm was stopped during it; the arm holds.
         """
-        run = ProgramRun(arm, self._program, self._folder, arm.poses, observer.on_idle)
+        try:
+            run = ProgramRun(
+                arm,
+                self._program,
+                self._folder,
+                arm.poses,
+                observer.on_idle,
+                has_grasped=self._has_grasped,
+            )
+        except IkservoError as error:  # of a program that it calls
+            observer.log_message(error.message)
+            number = self._numbers[self._first]
+            self.state = PlayState("bad", number, problems={number: error.message})
+            return
         try:
             if self._check(run, observer) and self._action != "check":
                 self._play(run, observer)
@@ -103,10 +122,11 @@ class ProgramPlay:
 
     def _check(self, run: ProgramRun, observer: JobObserver) -> bool:
         """Check whether every step is possible; the state names all impossible steps."""
-        count = 1 if self._action == "step" else None
         problems: dict[int, str] = {}  # by index, because repetitions check again
         try:
-            for check in islice(run.check(self._first + 1), count):
+            for check in run.check(self._first + 1):
+                if self._action == "step" and check.number - 1 != self._first:
+                    break
                 observer.on_idle()
                 self._note_step(check.number - 1, "checking")
                 if check.error is not None:
@@ -126,13 +146,15 @@ class ProgramPlay:
         return True
 
     def _play(self, run: ProgramRun, observer: JobObserver) -> None:
-        for made, each in enumerate(run.steps(self._first + 1)):
-            if made and (self._action == "step" or self._pausing.is_set()):
+        for made, each in enumerate(run.steps(self._first + 1, self._repetition)):
+            is_next = each.number - 1 != self._first or each.repetition != self._repetition
+            if (is_next and self._action == "step") or (made and self._pausing.is_set()):
                 self._note_step(each.number - 1, "paused", each.repetition)
                 return
             if each.step.pause is None:
                 self._note_step(each.number - 1, "playing", each.repetition)
                 run.run_step(each, observer.on_progress)
+                self._has_grasped = run.has_grasped
             else:
                 self._continuing.clear()
                 number = self._numbers[each.number - 1]

@@ -37,7 +37,7 @@ class MotionGoal(Protocol):
         ...
 
     def setpoint(self, now_s: float, tip_m: Vector) -> CartesianOrJointTarget:
-        """Return the present setpoint, with the tip measured at (3,) [m]."""
+        """Return the present setpoint; ``tip_m`` (3,) is the measured tip."""
         ...
 
     def has_ended(self, now_s: float) -> bool:
