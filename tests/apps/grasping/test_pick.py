@@ -9,9 +9,10 @@ import ikservo
 from ikservo.apps.cameras.camera_model import CameraModel
 from ikservo.apps.cameras.pictures import Intrinsics
 from ikservo.apps.grasping.jaws import find_jaws
-from ikservo.apps.grasping.pick_and_place import Pick, Place
+from ikservo.apps.grasping.pick_and_place import Pick, Place, pick_box
 from ikservo.errors import BadValueError, IkservoError, InputError, RefusedError, UnreachableError
 from ikservo.model import load_model
+from ikservo.model.scene_file import make_shape
 from servosim.camera import look_at
 from tests.arm.simulated import line_of
 
@@ -49,12 +50,39 @@ def test_pick_refuses_point_out_of_reach(so101):
 
 def test_pick_refuses_thing_so_flat_that_fingers_touch_the_table(so101):
     flat = (0.03, 0.03, 0.002)
-    refused(so101, RefusedError, "would touch the table", (0.24, 0.0, 0.001), size_m=flat)
+    refused(
+        so101, RefusedError, "cannot grip or put down anything", (0.24, 0.0, 0.001), size_m=flat
+    )
 
 
 def test_pick_refuses_thing_that_a_shelf_covers(so101):
     so101.scene.add("box", "the shelf", center_m=(0.25, 0.0, 0.1), size_m=(0.2, 0.4, 0.02))
     refused(so101, RefusedError, "cannot grip .* at", (0.25, 0.0, 0.0175), size_m=CUBE)
+
+
+def test_place_refuses_to_press_a_known_thing_into_the_table(so101):
+    so101.grip.T_thing_tip, so101.grip.height_m = np.eye(4), 0.035
+    with pytest.raises(RefusedError, match="12 mm below the table"):
+        so101.place((0.2, 0.1, 0.005))
+    assert not any(servo.read("torque_enable") for servo in line_of(so101).servos.values())
+
+
+@pytest.mark.parametrize("thing", [
+    make_shape("sphere", "the ball", {"center_m": (0.24, 0.0, 0.02), "radius_m": 0.02}),
+    make_shape("cylinder", "the can", {"center_m": (0.24, 0.0, 0.02), "radius_m": 0.02,
+                                       "height_m": 0.04}),
+    make_shape("box", "the ramp", {"center_m": (0.24, 0.0, 0.02), "size_m": CUBE,
+                                   "rpy_deg": (20.0, 0.0, 0.0)}),
+], ids=["ball", "cylinder", "tilted box"])  # fmt: skip
+def test_things_other_than_upright_boxes_are_refused(thing):
+    with pytest.raises(RefusedError, match="is not an upright box"):
+        pick_box(thing)
+
+
+@pytest.mark.parametrize("yaw_rad", [math.nan, math.inf, "x", None])
+def test_yaw_of_a_picked_thing_is_finite(yaw_rad):
+    with pytest.raises(BadValueError):
+        Pick((0.2, 0.0, 0.02), yaw_rad=yaw_rad)
 
 
 def test_sizes_of_picked_things_are_checked():
