@@ -12,6 +12,7 @@ import os
 import secrets
 import stat
 import sys
+import time
 from collections.abc import Generator, Mapping
 from importlib.util import find_spec
 from pathlib import Path
@@ -21,6 +22,7 @@ from ikservo.errors import FileFormatError, IkservoError
 BACKUP_SUFFIX = ".bak"
 _PROBE_BYTES = 64 * 1024  # more than a calibration and its journal
 _NEW_FILE = os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0)
+_LONGEST_LOCK_S, _LOCK_POLL_S = 10.0, 0.02  # another program keeps a file for milliseconds
 _UNCHANGED = "No existing file was changed"
 
 
@@ -153,7 +155,7 @@ def exclusive_access(path: Path) -> Generator[None]:
     On Windows there is no lock.
 
     Raises:
-        FileWriteError: The disk is full, read-only or broken.
+        FileWriteError: The disk is full, read-only or broken, or another program keeps the file.
     """
     if find_spec("fcntl") is None:
         yield
@@ -162,13 +164,17 @@ def exclusive_access(path: Path) -> Generator[None]:
 
     make_folder(path.parent)
     with _translating_os_errors(path):
-        handle = os.open(path.with_name(f".{path.name}.lock"), os.O_RDWR | os.O_CREAT, 0o666)
-    try:
-        with _translating_os_errors(path):
-            fcntl.flock(handle, fcntl.LOCK_EX)
+        file = path.with_name(f".{path.name}.lock").open("a")
+    with file:
+        until_s = time.monotonic() + _LONGEST_LOCK_S
+        while True:
+            with _translating_os_errors(path), contextlib.suppress(BlockingIOError):
+                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                break
+            if time.monotonic() > until_s:
+                raise FileWriteError(path, "another program is changing it")
+            time.sleep(_LOCK_POLL_S)
         yield
-    finally:
-        os.close(handle)
 
 
 @contextlib.contextmanager

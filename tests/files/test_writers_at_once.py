@@ -14,6 +14,8 @@ from ikservo.calibration.calibration_file import (
     read_calibration,
     undo_calibration,
 )
+from ikservo.files import writing
+from ikservo.files.writing import FileWriteError
 from ikservo.hardware import port_names
 from ikservo.model import load_model
 from ikservo.planning.poses import PoseLibrary
@@ -74,3 +76,13 @@ def test_two_programs_that_remember_adapters_keep_both(at_once, tmp_path, monkey
     at_once((port_names, "_read_serial_numbers"),
             lambda: remember("so101", "A1"), lambda: remember("koch", "B2"))  # fmt: skip
     assert [port_names.remembered_serial_number(arm) for arm in ("so101", "koch")] == ["A1", "B2"]
+
+
+def test_file_that_another_program_keeps_is_an_error_in_time(tmp_path, monkeypatch):
+    monkeypatch.setattr(writing, "_LONGEST_LOCK_S", 0.05)
+    path = tmp_path / "arm.toml"
+    busy = pytest.raises(FileWriteError, match="another program is changing it")
+    with writing.exclusive_access(path), busy, writing.exclusive_access(path):
+        pass
+    with writing.exclusive_access(path):
+        pass  # it is free again
