@@ -42,7 +42,7 @@ def test_shown_arm_follows_its_leader_until_it_is_stopped(page, two):
     page.click("#speeds button[value=fast]")
     page.click("#arms-toggle")
     page.click("[aria-label='Follow planar3-2']")
-    page.wait_for_selector("#leader-state:has-text('Its torque is on')")
+    page.wait_for_selector("#leader-state:has-text('torque is on')")
     assert page.is_disabled("#follow")
     page.click("#leader-release")
     page.click("#leader-release")

@@ -70,7 +70,7 @@ def test_page_without_server_disables_stop_and_shows_data_age(operator):
     assert operator.page.inner_text("#stop") == "Cannot stop"
     banner = operator.page.inner_text("#banner")
     assert "Stop cannot reach the arm" in banner
-    assert "torque was on" in banner
+    assert "torque of the arm was on" in banner
     assert operator.page.is_hidden("#acknowledge")
     operator.until("/ is [1-9] s old/.test(document.getElementById('age').textContent)")
     for control in ("#live", "#speeds", "#views", ".stage"):
