@@ -191,8 +191,8 @@ def test_calibrate_joint_needs_calibration_of_other_joints(mount_arm, run_cli):
     ("words", "message"),
     [
         ("--joint joint9 --yes", "joint1, joint2"),
-        ("--joint joint1 --touch --yes", "--joint needs a calibration by hand"),
-        ("--joint joint1 --auto --yes", "--joint needs a calibration by hand"),
+        ("--joint joint1 --touch --yes", "--joint can only be given in a calibration by hand"),
+        ("--joint joint1 --auto --yes", "--joint can only be given in a calibration by hand"),
     ],
 )
 def test_wrong_use_of_joint_option_gives_one_clear_error(calibrated, run_cli, words, message):
