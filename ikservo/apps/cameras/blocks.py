@@ -14,17 +14,22 @@ from ikservo.kinematics.arrays import Matrix, Vector
 from ikservo.kinematics.se3 import rotation_rpy
 from ikservo.model.scene_file import KeepOutShape, make_shape
 
-_MOST, _MOST_TRIED = 8, 30  # blocks; outlines, the largest first
+_MAX_BLOCKS = 8
+_MAX_OUTLINES = 30  # that are fitted, the largest first
 _HUES = {"red": 0, "orange": 14, "yellow": 28, "green": 60, "cyan": 90, "blue": 115, "purple": 145}
 _ALL_HUES = 180  # OpenCV counts hues in steps of 2 degrees
-_LEAST_SATURATION, _LEAST_VALUE = 90, 40
-_LEAST_PX, _LARGEST_M = 12.0, 0.15  # width of a block in the picture, and its longest side
-_YAWS_RAD = np.radians([0.0, 22.5, 45.0, 67.5])
+_MIN_SATURATION = 90  # of 255; less is grey
+_MIN_VALUE = 40  # of 255; less is black
+_MIN_WIDTH_PX = 12.0  # of a block in the picture
+_MAX_SIDE_M = 0.15  # the longest side of a block
+_MAX_EVALUATIONS = 100  # of one fit
+_YAWS_RAD = np.radians([0.0, 22.5, 45.0, 67.5])  # with which fits begin
 _ANGLES_RAD = np.arange(0.0, math.tau, math.tau / 32)
 _DIRECTIONS = np.array([np.cos(_ANGLES_RAD), np.sin(_ANGLES_RAD)])
 _CORNERS = np.array([(x, y, z) for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (0.0, 1.0)])
 _PRIOR_PX = 0.7  # a block is a cube, if the picture does not tell
-_WORST_PX, _WORST_SHARE = 1.5, 0.015  # error of an outline: pixels, and a share of the block
+_MAX_ERROR_PX = 1.5  # of an outline
+_MAX_ERROR_SHARE = 0.015  # of an outline, as a fraction of the block; is added
 
 
 def find_blocks(model: CameraModel, picture: Picture, table_m: float) -> list[KeepOutShape]:
@@ -39,19 +44,19 @@ def find_blocks(model: CameraModel, picture: Picture, table_m: float) -> list[Ke
         return []
     cv2, found = cast("Any", opencv), list[tuple[float, KeepOutShape]]()  # its stubs are incomplete
     hue, saturation, value = cv2.split(cv2.cvtColor(picture, cv2.COLOR_BGR2HSV))
-    apart = (hue[..., None] - np.array(list(_HUES.values())) + _ALL_HUES / 2) % _ALL_HUES
-    nearest = np.abs(apart - _ALL_HUES / 2).argmin(axis=2)
-    nearest[(saturation <= _LEAST_SATURATION) | (value <= _LEAST_VALUE)] = len(_HUES)
+    apart = np.arange(_ALL_HUES)[:, None] - np.array(list(_HUES.values())) + _ALL_HUES / 2
+    nearest = np.abs(apart % _ALL_HUES - _ALL_HUES / 2).argmin(axis=1).astype(np.uint8)[hue]
+    nearest[(saturation <= _MIN_SATURATION) | (value <= _MIN_VALUE)] = len(_HUES)
     outlines = list[tuple[float, str, Any]]()
     for i, colour in enumerate(_HUES):
         mask = cv2.medianBlur((nearest == i).astype(np.uint8), 5)
         for outline in cv2.findContours(mask, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)[0]:
             outlines.append((cv2.contourArea(outline), colour, outline[:, 0].astype(float)))
-    for area, colour, outline in sorted(outlines, key=lambda each: -each[0])[:_MOST_TRIED]:
+    for area, colour, outline in sorted(outlines, key=lambda each: -each[0])[:_MAX_OUTLINES]:
         block = _fit_block(model, outline, table_m, f"the {colour} block")
         if block is not None:
             found.append((area, block))
-    return [block for _, block in sorted(found, key=lambda each: -each[0])[:_MOST]]
+    return [block for _, block in sorted(found, key=lambda each: -each[0])[:_MAX_BLOCKS]]
 
 
 def find_block_at(
@@ -80,7 +85,7 @@ def _fit_block(
     except BadValueError:  # the lens is not known there
         return None
     distance_m, extent_px = middle.distance_to_level_m(table_m), np.ptp(outline_px, axis=0)
-    if extent_px.min() < _LEAST_PX or not math.isfinite(distance_m):
+    if extent_px.min() < _MIN_WIDTH_PX or not math.isfinite(distance_m):
         return None
     reach_px = (outline_px @ _DIRECTIONS).max(axis=0) + 0.5  # to the edge of the last pixels
     side_m = float(extent_px.mean()) * distance_m / float(model.lens.matrix[0, 0]) / 1.5
@@ -93,11 +98,12 @@ def _fit_block(
 
     x, y, _ = middle.at(distance_m).tolist()
     first = [(x, y, yaw_rad, *np.log([side_m] * 3)) for yaw_rad in _YAWS_RAD]
-    fits = [cast("Any", least_squares(errors, each, max_nfev=100)) for each in first]
+    fits = [cast("Any", least_squares(errors, each, max_nfev=_MAX_EVALUATIONS)) for each in first]
     best = min(fits, key=lambda fit: float(fit.cost))
     p: Vector = best.x
     off_px, size_m = math.sqrt(2.0 * best.cost / len(best.fun)), np.exp(p[3:])
-    if off_px > _WORST_PX + _WORST_SHARE * extent_px.max() or size_m.max() > _LARGEST_M:
+    max_error_px = _MAX_ERROR_PX + _MAX_ERROR_SHARE * float(extent_px.max())
+    if off_px > max_error_px or size_m.max() > _MAX_SIDE_M:
         return None
     at = {"center_m": (p[0], p[1], table_m + size_m[2] / 2.0), "size_m": size_m}
     return make_shape("box", name, {**at, "rpy_deg": (0.0, 0.0, math.degrees(p[2]))})

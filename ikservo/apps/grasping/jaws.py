@@ -72,17 +72,20 @@ def find_jaws(model: Model) -> Jaws:
     if gripper.widths:
         half_m = np.array([gripper.width_m(each) or 0.0 for each in positions]) / 2.0
         return Jaws(axis, positions, -half_m, half_m)
+    unknown = IkservoError(
+        f"The width of the gripper of {model.name} is not known.",
+        "Give the widths in its arm file ([gripper]).",
+    )
     if not is_seen:
-        raise IkservoError(
-            f"The width of the gripper of {model.name} is not known.",
-            "Give the widths in its arm file ([gripper]).",
-        )
+        raise unknown
     at_m = _LINE_M[:, None, None] * axis + _DEPTHS_M[:, None] * tool.approach_axis
     at_m, faces = at_m[:, :, None], np.zeros((len(positions), 2))
     for k in range(len(positions)):
         away_m = segment_distance(ends_m[:, 0, k], ends_m[:, 1, k], at_m, at_m) - radii_m
         is_free = away_m.min(axis=(1, 2)) > 0.0
-        free, blocked = np.flatnonzero(is_free), np.flatnonzero(is_free == 0)
+        free, blocked = np.flatnonzero(is_free), np.flatnonzero(~is_free)
+        if not len(free):
+            raise unknown
         nearest = free[np.argmin(np.abs(_LINE_M[free]))]
         before, after = _LINE_M[blocked[blocked < nearest]], _LINE_M[blocked[blocked > nearest]]
         if len(before) or not len(after):  # otherwise it is behind a fixed jaw: they are closed

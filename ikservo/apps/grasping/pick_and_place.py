@@ -43,19 +43,24 @@ from ikservo.planning.preflight_planner import PlannedStart, PreflightPlanner
 from ikservo.planning.reports import GraspResult, OnProgress
 from ikservo.planning.tool_orientation import ToolOrientation, solve_with_orientation
 
-_PITCHES_RAD = np.radians([-86.0, -80.0, -75.0, -60.0, -45.0, -30.0, -15.0, 0.0])
+_PITCHES_RAD = np.radians([-86.0, -80.0, -75.0, -60.0, -45.0, -30.0, -15.0, 0.0])  # the best first
+_ROLLS_RAD = np.radians(np.arange(-180.0, 180.0, 2.0))  # of the tool, that are tried
 _FROM_ABOVE_RAD = math.radians(-40.0)  # a steeper tool comes from above, if it can
-_ROLLS_RAD = np.radians(np.arange(-180.0, 180.0, 2.0))
-_ASKEW = math.sin(math.radians(15.0))  # of the jaws to the horizontal, and to the thing
-_LOOSE_RAD, _UPRIGHT_RAD = math.radians(30.0), math.radians(12.0)  # on the way; with a load
-_CLEARANCE_M, _LEAST_M = 0.006, 0.001  # between the thing and each jaw: wanted, and needed
-_UNKNOWN_M, _TOP_M = 0.03, 0.004  # width of what was not picked up here; part above the jaws
-_APPROACHES_M, _LOWER_M = (0.08, 0.05), 0.002  # the arm may end this much lower than planned
-_RAISES_M = (0.0, 0.003, 0.006, 0.01, 0.015)  # of the jaws above the middle of a thing
-_DROPS_M = (0.002, 0.006, 0.01, 0.015, 0.02)
-_THINK_S, _MOST_S = 1.0, 40.0  # for a path around things, as there are other grasps; for all
+_MAX_SKEW = math.sin(math.radians(15.0))  # between the jaws and the horizontal, or the thing
+_LOOSE_RAD = math.radians(30.0)  # tolerance of the tool's orientation without a thing
+_UPRIGHT_RAD = math.radians(12.0)  # tolerance with a thing in the jaws
+_UPRIGHT_COSINE = 0.999  # of the tilt of a box that counts as upright
+_CLEARANCE_M = 0.006  # between the thing and each open jaw, if there is room
+_MIN_CLEARANCE_M = 0.001
+_UNKNOWN_WIDTH_M = 0.03  # of a thing that was not picked up by ``Pick``
+_TOP_M = 0.004  # part of a thing above the jaws
+_APPROACHES_M = (0.08, 0.05)  # lengths of the straight approach, the best first
+_LOWER_M = 0.002  # the arm may end this much lower than planned
+_RAISES_M = (0.0, 0.003, 0.006, 0.01, 0.015)  # of the jaws above the middle, the best first
+_DROPS_M = (0.002, 0.006, 0.01, 0.015, 0.02)  # heights from which a thing is let go
+_THINK_S = 1.0  # for a path around things; another grasp may need none
+_SEARCH_S = 40.0  # for all grasps
 _UP = np.array([0.0, 0.0, 1.0])
-_UPRIGHT_COSINE = 0.999  # of the tilt of a box
 
 Motions = Sequence[MotionValue[Any]]
 Planned = tuple[Motions, MotionPlan]  # and one plan of them
@@ -102,7 +107,7 @@ class Pick(OwnMotion[GraspResult]):
     yaw_rad: Annotated[float, _parse_yaw] = 0.0
     speed: Speed = "normal"
 
-    def plan(self, context: ArmContext, start: Vector, _: Grip | None = None) -> Planned:
+    def plan(self, context: ArmContext, start: Vector) -> Planned:
         """Plan from the joints ``start`` (n,): open, above, down, close, up, press again.
 
         Raises:
@@ -115,7 +120,7 @@ class Pick(OwnMotion[GraspResult]):
         across = (width_m, self.yaw_rad + math.pi / 2.0), (length_m, self.yaw_rad)
         # Jaws that cannot be turned to a thing turn the thing.
         sides = [*sorted(across), (math.hypot(length_m, width_m), None)]
-        if sides[0][0] + 2.0 * _LEAST_M > most_m:
+        if sides[0][0] + 2.0 * _MIN_CLEARANCE_M > most_m:
             wide_mm, most_mm = 1000.0 * sides[0][0], 1000.0 * most_m
             raise RefusedError(
                 f"The thing is {wide_mm:.0f} mm wide, the jaws open {most_mm:.0f} mm there.",
@@ -127,7 +132,7 @@ class Pick(OwnMotion[GraspResult]):
                 T = planner.tip_at(middle_m, ToolOrientation(pitch_rad), np.zeros(3))
                 for across_m, side_rad in sides:
                     spare_m = min(2.0 * _CLEARANCE_M, most_m - across_m)
-                    if T is not None and spare_m >= 2.0 * _LEAST_M:
+                    if T is not None and spare_m >= 2.0 * _MIN_CLEARANCE_M:
                         grip_m = planner.jaws.at_width(across_m + spare_m)[1]
                         for roll_rad in planner.level_rolls(T[:3, :3], pitch_rad, side_rad):
                             yield ToolOrientation(pitch_rad, roll_rad), grip_m
@@ -188,7 +193,9 @@ class Place(OwnMotion[GraspResult]):
         R = (T if known is None else known)[:3, :3]
         roll_rad = planner.tool.roll_rad(R, math.atan2(T[1, 3], T[0, 3]))
         stance = ToolOrientation(planner.tool.pitch_rad(R), roll_rad, within_rad=_UPRIGHT_RAD)
-        grip_m = planner.jaws.at_width(_UNKNOWN_M)[1] if known is None else -R.T @ known[:3, 3]
+        grip_m = (
+            planner.jaws.at_width(_UNKNOWN_WIDTH_M)[1] if known is None else -R.T @ known[:3, 3]
+        )
         kinds, held = ["to", "close", "down", "open", "away"], start[context.index.outside_chain()]
         middle_m = np.array(self.middle_m)
         if known is not None and grip is not None:
@@ -288,7 +295,7 @@ class _GraspPlanner:
         if middle_m[2] < (self._context.model.floor_m or 0.0):
             raise RefusedError(f"{at} is below the table.", "Nothing moves. Choose another point.")
         self._context.planner.reach(self._start, middle_m)
-        until_s = perf_counter() + _MOST_S
+        until_s = perf_counter() + _SEARCH_S
         for stance, grip_m in stances:
             for raise_m in raises_m:
                 T = self.tip_at(middle_m + raise_m * _UP, stance, grip_m)
@@ -333,7 +340,7 @@ class _GraspPlanner:
         askew = np.maximum(np.abs(z), aside)
         best = int(np.argmin(askew))
         both = _ROLLS_RAD[[best, best - len(_ROLLS_RAD) // 2]].tolist()
-        return sorted(both, key=abs) if askew[best] < _ASKEW else []
+        return sorted(both, key=abs) if askew[best] < _MAX_SKEW else []
 
     def _approaches(
         self, T: Matrix, stance: ToolOrientation, kinds: Sequence[str]

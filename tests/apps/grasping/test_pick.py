@@ -1,6 +1,7 @@
 """Picks that are refused before anything moves, grasps that find nothing, jaws and blocks."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -8,6 +9,7 @@ import pytest
 import ikservo
 from ikservo.apps.cameras.camera_model import CameraModel
 from ikservo.apps.cameras.pictures import Intrinsics
+from ikservo.apps.grasping import jaws
 from ikservo.apps.grasping.jaws import find_jaws
 from ikservo.apps.grasping.pick_and_place import Pick, Place, pick_box
 from ikservo.errors import BadValueError, IkservoError, InputError, RefusedError, UnreachableError
@@ -93,6 +95,13 @@ def test_sizes_of_picked_things_are_checked():
 def test_arm_without_gripper_cannot_pick():
     with pytest.raises(IkservoError, match="no gripper"):
         find_jaws(load_model("planar3"))
+
+
+def test_gripper_shapes_without_space_between_jaws_are_refused(monkeypatch):
+    thick = [replace(each, radius_m=0.3) for each in jaws.capsules_of(load_model("so101"))]
+    monkeypatch.setattr(jaws, "capsules_of", lambda _: thick)
+    with pytest.raises(IkservoError, match="width of the gripper of so101 is not known"):
+        find_jaws(load_model("so101"))
 
 
 def test_pick_that_finds_nothing_says_so_and_opens_again(so101):
