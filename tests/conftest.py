@@ -36,6 +36,8 @@ for name, usual in (("SIGINT", signal.default_int_handler), ("SIGHUP", signal.SI
     if signal.getsignal(getattr(signal, name, signal.SIGINT)) is signal.SIG_IGN:
         signal.signal(getattr(signal, name), usual)
 
+CAMPAIGN_TIMEOUT_S = 3600  # of one test; `timeout` in pyproject.toml is for the others
+
 
 def pytest_addoption(parser):
     tiers.add_option(parser)
@@ -79,6 +81,9 @@ def pytest_xdist_auto_num_workers():
 @pytest.hookimpl(tryfirst=True)  # before the markers are looked at
 def pytest_collection_modifyitems(config, items):
     leave_others_to_campaign(items)
+    for item in items:
+        if item.get_closest_marker("campaign") and not item.get_closest_marker("timeout"):
+            item.add_marker(pytest.mark.timeout(CAMPAIGN_TIMEOUT_S))
     tiers.leave_full_tests_out(config, items)
 
 

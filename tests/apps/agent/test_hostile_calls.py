@@ -137,7 +137,6 @@ def test_random_calls_with_consent_stay_inside_limits_and_region(open_session):
 
 
 @pytest.mark.campaign
-@pytest.mark.timeout(3600)
 @pytest.mark.parametrize("name", ["so101", "koch"])
 def test_agent_survives_10000_hostile_calls(open_session, name):
     with open_session(name, consent=Consent.SIMULATOR) as session:

@@ -23,7 +23,6 @@ def red_pixel(png):
 
 
 @pytest.mark.campaign
-@pytest.mark.timeout(1800)
 def test_scripted_agent_lifts_cube_with_tools_alone(open_session, run_cli):
     pytest.importorskip("cv2")
     pytest.importorskip("mujoco")
