@@ -9,6 +9,7 @@ from contextlib import contextmanager
 
 import numpy as np
 import pinocchio
+from playwright.sync_api import expect
 
 from ikservo.apps.page.messages.page_messages import read_message
 from ikservo.apps.page.page_app import ViewApp
@@ -36,6 +37,9 @@ def attempts(pause, timeout_s=TIMEOUT_S):
         if time.monotonic() > end_s:
             return
         pause()
+
+
+expect.set_options(timeout=1000 * TIMEOUT_S)
 
 
 def with_long_timeout(page):

@@ -6,6 +6,7 @@ import itertools
 import numpy as np
 import pytest
 from PIL import Image
+from playwright.sync_api import expect
 
 from ikservo.apps.page.picking.link_poses import link_poses
 from tests.browser.page_operator import Operator, until
@@ -131,7 +132,7 @@ def test_3d_ghost_in_contact_is_red_and_message_names_pair(onlooker):
     assert onlooker.page.evaluate(style, "upper_arm") == "refused"
     r, g, b = onlooker.page.evaluate(f"{SCENE}.ghostMaterials.touching.color.toArray()")
     assert r > 3 * max(g, b)
-    assert "gripper would touch the table" in onlooker.page.inner_text("#refusal")
+    expect(onlooker.page.locator("#refusal")).to_contain_text("gripper would touch the table")
 
 
 HANDLE_PX = """([kind, axis]) => {
@@ -206,20 +207,20 @@ def test_slow_3d_frames_fall_back_to_canvas_until_3d_is_chosen(onlooker):
     onlooker.wait_for("!scene.webgl && items.some((item) => item.style === 'measured')")
     note = onlooker.page.inner_text("#render-note")
     assert note == "A 3D frame takes 120 ms here, so the view is 2D."
-    assert onlooker.page.get_attribute("#render-3d", "aria-checked") == "false"
-    assert onlooker.page.is_hidden("#webgl")
+    expect(onlooker.page.locator("#render-3d")).to_have_attribute("aria-checked", "false")
+    expect(onlooker.page.locator("#webgl")).to_be_hidden()
     onlooker.page.click("#render-3d")
     onlooker.wait_for(DRAWN_IN_3D)
-    assert onlooker.page.inner_text("#render-note") == ""
+    expect(onlooker.page.locator("#render-note")).to_have_text("")
 
 
 def test_lost_webgl_context_falls_back_until_it_is_restored(onlooker):
     onlooker.page.evaluate("window.ikservo.rendering.renderer.forceContextLoss()")
     onlooker.wait_for("!scene.webgl && items.some((item) => item.style === 'measured')")
     gave_up = "The graphics driver failed, so the view is 2D."
-    assert onlooker.page.inner_text("#render-note") == gave_up
+    expect(onlooker.page.locator("#render-note")).to_have_text(gave_up)
     onlooker.page.click("#render-3d")
-    assert onlooker.page.inner_text("#render-note") == gave_up
+    expect(onlooker.page.locator("#render-note")).to_have_text(gave_up)
     onlooker.page.evaluate("window.ikservo.rendering.renderer.forceContextRestore()")
     onlooker.until("!window.ikservo.rendering.renderer.getContext().isContextLost()")
     onlooker.page.click("#render-3d")
@@ -230,13 +231,15 @@ def test_orbit_view_is_drawn_on_canvas_without_webgl(browser, shared):
     context = browser.new_context(viewport={"width": 900, "height": 640})
     context.add_init_script(f"({NO_WEBGL})()")
     operator = Operator(context.new_page(), shared)
-    assert operator.page.get_attribute("#views button[value=side]", "aria-checked") == "true"
+    expect(operator.page.locator("#views button[value=side]")).to_have_attribute(
+        "aria-checked", "true"
+    )
     operator.page.click("#views button[value=orbit]")
     operator.until("document.getElementById('render-note').textContent")
     note = operator.page.inner_text("#render-note")
     assert note == "This browser has no 3D graphics, so the view is 2D."
     operator.wait_for("!scene.webgl && items.some((item) => item.style === 'measured')")
-    assert not operator.page.is_hidden("#backdrop")
+    expect(operator.page.locator("#backdrop")).to_be_visible()
     operator.page.click("#render-3d")
     operator.until("document.getElementById('render-note').textContent")
     operator.wait_for("!scene.webgl && items.some((item) => item.style === 'measured')")
@@ -292,5 +295,5 @@ def test_3d_view_begins_only_once_live_is_off(webgl_browser, view):
     assert operator.page.evaluate("window.ikservo.rendering.module") is None
     operator.page.click("#live")
     operator.wait_for(DRAWN_IN_3D)
-    assert operator.page.is_disabled("#live")
+    expect(operator.page.locator("#live")).to_be_disabled()
     context.close()

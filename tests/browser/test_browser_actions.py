@@ -5,6 +5,7 @@ import math
 import numpy as np
 import pytest
 import tomli_w
+from playwright.sync_api import expect
 
 from tests.arm.simulated import registers
 from tests.browser.page_operator import Operator, serve_view, until
@@ -44,7 +45,7 @@ def joints_deg(operator):
 def test_preview_is_executed_by_button_and_undone_by_keys(person):
     page, before = person.page, person.served.goals()
     page.click("#speeds button[value=fast]")
-    assert page.is_disabled("#execute")
+    expect(page.locator("#execute")).to_be_disabled()
     person.click(person.tip_px() + np.array([25.0, -90.0])).wait_for("status.target")
     first = person.status["goals"]
     page.wait_for_timeout(100)
@@ -70,7 +71,7 @@ def test_pose_among_a_hundred_is_found_and_chosen_by_keys(person):
     page = person.page
     page.click("#all-poses")
     page.keyboard.type("e_4")
-    assert page.inner_text("#pose-count") == "10 of 100"
+    expect(page.locator("#pose-count")).to_have_text("10 of 100")
     page.keyboard.press("ArrowDown")
     page.keyboard.press("ArrowDown")
     page.keyboard.press("Enter")
@@ -79,7 +80,7 @@ def test_pose_among_a_hundred_is_found_and_chosen_by_keys(person):
     page.fill("#pose-filter", "e_4")
     expect_read_in_order(page, "#pose-dialog")
     page.fill("#pose-filter", "cup")
-    assert "No pose is called “cup”" in page.inner_text("#pose-count")
+    expect(page.locator("#pose-count")).to_contain_text("No pose is called “cup”")
     page.click("#pose-close")
 
 
@@ -97,7 +98,7 @@ def test_help_opens_by_key_and_leaves_stop_usable(person):
     page.click("#acknowledge")
     person.wait_for("status.mode === 'preview'")
     page.keyboard.press("?")
-    assert page.is_hidden("#help")
+    expect(page.locator("#help")).to_be_hidden()
 
 
 def test_wheel_beside_arm_zooms_at_pointer_and_f_key_resets_it(person):
@@ -124,10 +125,10 @@ def test_wheel_beside_arm_zooms_at_pointer_and_f_key_resets_it(person):
 def test_relax_button_asks_before_arm_goes_limp(person):
     page = person.page
     page.click("#release")
-    assert page.inner_text("#release") == "The arm will fall. Sure?"
+    expect(page.locator("#release")).to_have_text("The arm will fall. Sure?")
     page.click("#release")
     person.until("document.getElementById('mode').textContent === 'Preview – the arm is limp'")
-    assert page.is_hidden("#relax")
+    expect(page.locator("#relax")).to_be_hidden()
     assert person.errors == []
 
 
@@ -138,11 +139,11 @@ def test_hold_button_switches_torque_of_all_servos_on(person):
     person.page.click("#hold")
     until(lambda: all(registers(arm, "torque_enable").values()))
     person.page.wait_for_selector("#relax")
-    assert person.page.is_hidden("#hold")
+    expect(person.page.locator("#hold")).to_be_hidden()
     assert person.errors == []
 
 
 def test_partly_limp_arm_can_be_held_and_relaxed(person):
     person.served.arm.runner.set_joint_torque("wrist_roll", on=False)
     person.page.wait_for_selector("#hold")
-    assert person.page.is_visible("#relax")
+    expect(person.page.locator("#relax")).to_be_visible()

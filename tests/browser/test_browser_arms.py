@@ -3,6 +3,7 @@
 from contextlib import contextmanager
 
 import pytest
+from playwright.sync_api import expect
 
 from ikservo.apps.page.panels.video import VideoSource
 from ikservo.apps.page.served_arms import ArmAtPort
@@ -53,15 +54,15 @@ def test_page_without_arm_says_how_to_see_the_camera(page):
     with opened_panel(cameras=["0"]) as served:
         page.goto(served.urls.control)
         page.wait_for_selector("text=The picture of camera 0 is shown with an arm: open one.")
-        assert page.is_hidden("#camera")
+        expect(page.locator("#camera")).to_be_hidden()
 
 
 def test_page_without_arm_lists_opens_and_changes_arms(page):
     with opened_panel() as served:
         page.goto(served.urls.control)
         page.wait_for_selector("#arms-port [value=sim]", state="attached")
-        assert page.is_visible("#arms")
-        assert page.is_hidden("#live")
+        expect(page.locator("#arms")).to_be_visible()
+        expect(page.locator("#live")).to_be_hidden()
         page.select_option("#arms-model", "koch")
         page.select_option("#arms-port", "sim")
         page.click("#arms-form button")
@@ -81,7 +82,7 @@ def test_page_without_arm_lists_opens_and_changes_arms(page):
         page.click("#arms-toggle")
         page.click("[aria-label='Close koch']")
         page.wait_for_selector("#banner-message:has-text('This arm was closed')")
-        assert page.is_disabled("#stop")
+        expect(page.locator("#stop")).to_be_disabled()
         until(lambda: [arm.name for arm in served.app.arms.all()] == ["planar3"])
 
 
@@ -122,7 +123,7 @@ def test_space_key_stops_every_arm_and_list_names_its_fault(page, two):
     page.keyboard.press("Space")
     operator.wait_for("status.mode === 'stopped'")
     row(page, "koch").filter(has_text="Stopped by the Space key on the page").wait_for()
-    assert "by the Space key on the page" in page.inner_text("#banner-message")
+    expect(page.locator("#banner-message")).to_contain_text("by the Space key on the page")
     for goals, held in zip(
         [registers(koch.arm, "goal_position"), two.goals()], before, strict=True
     ):
@@ -155,7 +156,7 @@ def test_camera_picture_is_placed_and_says_when_unplugged(page, monkeypatch):
         page.wait_for_selector("#camera[data-trouble]")
         assert page.inner_text("#camera-note").startswith("camera 0 cannot be opened")
         page.click("#camera-places [value=off]")
-        assert page.is_hidden("#camera")
+        expect(page.locator("#camera")).to_be_hidden()
         until(lambda: webcam.released == webcam.opened)
 
 
@@ -168,7 +169,7 @@ def test_arm_is_created_and_opened_on_the_page(page, tmp_path, monkeypatch):
         page.click("#new-arm-start")
         page.set_default_timeout(60_000)
         page.wait_for_selector("#new-arm form:has-text('How many joints')")
-        assert page.is_disabled("#new-arm-start")
+        expect(page.locator("#new-arm-start")).to_be_disabled()
         page.select_option("#new-arm select", "2")
         for question, typed in [
             ("Joint 1: axis", "z"), ("Joint 1: metres", "0.1"), ("Joint 2: axis", "y"),

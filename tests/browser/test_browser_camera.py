@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from playwright.sync_api import expect
 
 import ikservo
 from ikservo.apps.cameras.camera_file import SIMULATED, load_camera, save_camera
@@ -75,7 +76,7 @@ def test_page_switches_between_cameras_of_the_arm(operator):
     page.wait_for_selector("text=Clicks in the picture are not targets")
     picture = page.locator("#camera-picture")
     until(lambda: picture.evaluate("picture => picture.naturalWidth") == 64)
-    assert page.inner_text("#camera-note") == "film.avi – not calibrated"
+    expect(page.locator("#camera-note")).to_have_text("film.avi – not calibrated")
     page.click("#camera-names [value='camera sim']")
     page.click("#views [value=camera]")
     operator.wait_for("scene.camera.lens && scene.picture_trouble === ''")

@@ -4,6 +4,7 @@ import itertools
 import random
 
 import pytest
+from playwright.sync_api import expect
 
 from servosim.faults import Fault
 from tests.arm.simulated import servo_id
@@ -147,7 +148,7 @@ def hidden_page(pages):
     pages.page.evaluate(HIDE, True)
     pages.operator.wait_for("status.mode === 'preview' && status.banner?.action === 'go_live'")
     pages.page.evaluate(HIDE, False)
-    assert "the page was hidden" in pages.page.inner_text("#banner-message")
+    expect(pages.page.locator("#banner-message")).to_contain_text("the page was hidden")
     pages.page.click("#dismiss")
     pages.operator.wait_for("!status.banner")
 
@@ -155,7 +156,7 @@ def hidden_page(pages):
 def other_tab(pages):
     """The second tab cannot move the arm until it takes control by a button; the arm holds."""
     pages.under_way()
-    assert pages.watcher.page.is_disabled("#live")
+    expect(pages.watcher.page.locator("#live")).to_be_disabled()
     pages.watcher.page.click("#take")
     pages.watcher.wait_for("status.controller === 'you' && status.mode === 'preview'")
     pages.operator.wait_for("status.controller === 'other' && !status.live")
@@ -167,8 +168,8 @@ def dead_server(pages):
     pages.served.server.close()
     for tab in (pages.operator, pages.watcher):
         tab.until("document.body.dataset.mode === 'lost'")
-        assert tab.page.is_disabled("#stop")
-        assert "Stop cannot reach the arm" in tab.page.inner_text("#banner")
+        expect(tab.page.locator("#stop")).to_be_disabled()
+        expect(tab.page.locator("#banner")).to_contain_text("Stop cannot reach the arm")
 
 
 # Low supply near the end: the alarm of a Dynamixel lasts until its power was off.

@@ -3,6 +3,7 @@
 import math
 
 import pytest
+from playwright.sync_api import expect
 
 from tests.browser.page_operator import Operator, serve_view, until
 from tests.browser.tab_order import expect_read_in_order
@@ -145,7 +146,7 @@ def test_calibrate_asks_again_if_the_arm_holds(newcomer):
     page = newcomer.page
     newcomer.wait_for("status.health.joints.every(({torque}) => torque === 'on')")
     page.click("#calibrate")
-    assert page.inner_text("#calibrate") == "The arm will go limp. Sure?"
+    expect(page.locator("#calibrate")).to_have_text("The arm will go limp. Sure?")
     newcomer.until("document.getElementById('calibrate').textContent === 'Calibrate …'")
     assert newcomer.status["calibration"] is None
     assert {joint["torque"] for joint in newcomer.status["health"]["joints"]} == {"on"}
@@ -195,5 +196,5 @@ def test_calibration_screen_on_a_phone_begins_with_its_task(on_a_phone):
         page.locator(i).bounding_box() for i in ("#calibration .task", "#calibration")
     )
     assert task["y"] >= calibration["y"]
-    assert "Move shoulder_pan" in page.inner_text("#calibration .task")
+    expect(page.locator("#calibration .task")).to_contain_text("Move shoulder_pan")
     page.click("[data-action=cancel]")

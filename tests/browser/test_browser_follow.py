@@ -1,6 +1,7 @@
 """Two arms on one page: one is guided by hand, the other follows; the page shows the lag."""
 
 import pytest
+from playwright.sync_api import expect
 
 from servosim.joint import Hand, glide
 from tests.arm.simulated import line_of, registers, true_joints
@@ -43,7 +44,7 @@ def test_shown_arm_follows_its_leader_until_it_is_stopped(page, two):
     page.click("#arms-toggle")
     page.click("[aria-label='Follow planar3-2']")
     page.wait_for_selector("#leader-state:has-text('torque is on')")
-    assert page.is_disabled("#follow")
+    expect(page.locator("#follow")).to_be_disabled()
     page.click("#leader-release")
     page.click("#leader-release")
     page.wait_for_selector("#leader-state:has-text('ready to lead')")
@@ -64,10 +65,10 @@ def test_shown_arm_follows_its_leader_until_it_is_stopped(page, two):
     operator.wait_for("status.mode === 'stopped'")
     held = registers(follower, "goal_position")
     turn(leader, -TURN_RAD)
-    assert page.is_hidden("#leader-acknowledge")  # nobody has to look at a limp arm
+    expect(page.locator("#leader-acknowledge")).to_be_hidden()  # nobody has to look at a limp arm
     page.click("#acknowledge")
     page.wait_for_selector("#leader-state:has-text('ready to lead')")
     until(lambda: abs(joint3_rad(leader) - before) < 0.05)
     assert registers(follower, "goal_position") == held
     page.click("#leader-close")
-    assert page.is_hidden("#leader")
+    expect(page.locator("#leader")).to_be_hidden()

@@ -1,6 +1,7 @@
 """The page measures its frame time, and draws less if that is too long."""
 
 import pytest
+from playwright.sync_api import expect
 
 from tests.browser.page_operator import Operator
 
@@ -25,7 +26,7 @@ def test_slow_page_draws_less_and_tells_why(browser, view):
     fine = operator.page.evaluate(WIDTH)
     operator.page.evaluate(SLOW_FRAMES)
     operator.until(f"{level} === 3 && {WIDTH} === {fine / 4}")
-    assert "The drawing takes" in operator.page.inner_text("#log")
+    expect(operator.page.locator("#log")).to_contain_text("The drawing takes")
     assert "ms per frame" in operator.page.text_content("#slow")
     drawn = operator.page.evaluate("window.ikservo.drawn")
     operator.until(f"window.ikservo.drawn > {drawn + 2}")  # it still draws

@@ -3,6 +3,7 @@
 import itertools
 
 import pytest
+from playwright.sync_api import expect
 
 from tests.browser.page_operator import Operator, with_long_timeout
 
@@ -100,7 +101,7 @@ def test_readout_shows_only_tip_and_solver_shows_posture(reader):
     assert [each.inner_text() for each in reader.page.locator(".readout dt").all()] == ["tip"]
     assert reader.page.locator("#posture").is_hidden()
     reader.open_solver()
-    assert "manipulability" in reader.page.inner_text("#posture")
+    expect(reader.page.locator("#posture")).to_contain_text("manipulability")
 
 
 def test_full_server_is_reported_until_there_is_room(browser, shared, monkeypatch):
@@ -155,5 +156,5 @@ def test_mode_tools_and_readout_do_not_overlap(visit, width, height):
     assert not any(overlap(*pair) for pair in itertools.combinations(found, 2))
     page.click("#help-button")
     page.click("#arms-toggle")
-    assert page.is_visible("#arms")
-    assert page.is_hidden("#help")
+    expect(page.locator("#arms")).to_be_visible()
+    expect(page.locator("#help")).to_be_hidden()

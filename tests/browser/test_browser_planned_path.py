@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from playwright.sync_api import expect
 
 from ikservo.apps.page.picking.link_poses import link_poses
 from tests.browser.page_operator import Operator, serve_view, until
@@ -59,10 +60,10 @@ def test_path_around_obstacle_is_shown_and_executed(person):
     page.click("#speeds button[value=fast]")
     aim(person)
     assert way_row(person).startswith("around, ")
-    assert "would touch the post; the arm goes around" in page.inner_text("#log")
+    expect(page.locator("#log")).to_contain_text("would touch the post; the arm goes around")
     (planned,) = person.items("planned")
     assert len(planned["points"]) == 25
-    assert page.is_hidden("#refusal")
+    expect(page.locator("#refusal")).to_be_hidden()
     page.click("#execute")
     nearest = []
 
@@ -92,7 +93,7 @@ def test_obstacle_changes_the_shown_path_and_stop_clears_it(person):
     person.wait_for("status.mode === 'stopped' && !scene.path && status.path === null")
     page.click("#acknowledge")
     person.wait_for("status.mode === 'preview' && !status.target")
-    assert page.is_disabled("#execute")
+    expect(page.locator("#execute")).to_be_disabled()
     assert max(abs(person.served.goals()[i] - before[i]) for i in before) <= 2
 
 

@@ -3,6 +3,7 @@
 import csv
 
 import pytest
+from playwright.sync_api import expect
 
 from servosim.faults import Fault
 from tests.arm.simulated import servo_id
@@ -56,7 +57,7 @@ def test_plots_show_joint_positions_and_only_chosen_quantities(operator):
     )
     assert operator.page.locator("[data-quantity=error]").count() == 0
     operator.page.click("#plots-close")
-    assert operator.page.is_hidden("#plots")
+    expect(operator.page.locator("#plots")).to_be_hidden()
     assert operator.page.evaluate("document.activeElement.id") == "plots-toggle"
 
 
@@ -96,11 +97,11 @@ def test_plots_show_last_stop_until_it_is_acknowledged(live):
     joint = servo_id("so101", "wrist_flex")
     live.served.line.faults.add(Fault("silent", id=joint, at_s=live.served.line.world.time_s))
     live.wait_for("status.mode === 'stopped'")
-    assert live.page.is_hidden("#plots")  # the arm is to be looked at
+    expect(live.page.locator("#plots")).to_be_hidden()  # the arm is to be looked at
     live.page.click("#plots-toggle:has-text('Last stop')")
     live.page.wait_for_selector("[data-quantity=error] canvas")
     live.page.wait_for_selector("#plots-reason:has-text('wrist_flex (id 4)')")
-    assert live.page.get_attribute("#plots-spans [value=stop]", "aria-checked") == "true"
+    expect(live.page.locator("#plots-spans [value=stop]")).to_have_attribute("aria-checked", "true")
     elbow = 3  # the largest error, so the longest curve
     live.page.wait_for_function(f"(line) => ({DRAWN})(line) > 10", arg=["error", elbow])
     with live.page.expect_download() as fetched:

@@ -3,6 +3,7 @@
 import math
 
 import pytest
+from playwright.sync_api import expect
 
 from tests.browser.page_operator import Operator, serve_view, until
 from tests.browser.test_browser_page import CONTRAST, SMALL
@@ -87,7 +88,7 @@ def test_program_of_two_taught_poses_is_ordered_saved_and_played(empty, home):
     page.click("#program-step")
     empty.until(PHASE.format("paused"))
     assert roll_deg(empty) == pytest.approx(25.0, abs=1.0)
-    assert page.inner_text("#program-play") == "Play from 2"
+    expect(page.locator("#program-play")).to_have_text("Play from 2")
     page.click("#program-play")
     empty.until(PHASE.format("done"))
     assert roll_deg(empty) == pytest.approx(-15.0, abs=1.0)
@@ -99,15 +100,15 @@ def test_stop_ends_program_and_nothing_moves_when_acknowledged(empty):
     teach_roll(empty, -80)
     page.click("#program-play")
     empty.until(PHASE.format("playing")).wait_for("status.mode === 'busy'")
-    assert page.is_disabled("#add-wait")
-    assert page.is_disabled("#live")
-    assert page.inner_text("#mode") == "Playing the program …"
+    expect(page.locator("#add-wait")).to_be_disabled()
+    expect(page.locator("#live")).to_be_disabled()
+    expect(page.locator("#mode")).to_have_text("Playing the program …")
     start = roll_deg(empty)
     until(lambda: abs(roll_deg(empty) - start) > 5)
     page.keyboard.press("Escape")
     empty.wait_for("status.mode === 'stopped'").until_still()
     page.wait_for_selector("#program-state:has-text('Stopped in step')")
-    assert page.is_disabled("#program-play")
+    expect(page.locator("#program-play")).to_be_disabled()
     before = empty.served.goals()
     page.wait_for_timeout(300)
     assert empty.served.goals() == before
@@ -128,7 +129,7 @@ def test_program_step_that_cannot_be_run_is_marked_with_reason(empty):
     until(lambda: len(places(empty)) == 2)
     page.click("#program-play")
     empty.until(PHASE.format("bad"))
-    assert "the table" in page.inner_text("#program-steps li.bad .reason")
+    expect(page.locator("#program-steps li.bad .reason")).to_contain_text("the table")
     page.click("#add-wait")
     page.click("#add-target")
     until(lambda: len(places(empty)) == 4)
@@ -155,10 +156,10 @@ def test_recording_of_limp_arm_starts_and_ends_by_one_button(empty):
     empty.page.click("#record-step")
     empty.wait_for("status.mode === 'busy'")
     empty.until("document.getElementById('record-step').textContent === 'End recording'")
-    assert not empty.page.is_disabled("#record-step")
+    expect(empty.page.locator("#record-step")).to_be_enabled()
     empty.page.click("#record-step")
     empty.until("document.querySelectorAll('#program-steps li').length === 1")
-    assert "recording-1.jsonl" in empty.page.inner_text("#program-steps li")
+    expect(empty.page.locator("#program-steps li")).to_contain_text("recording-1.jsonl")
     assert empty.page.locator("#add-recording option").all_inner_texts() == [
         "+ Recording …",
         "recording-1",

@@ -5,6 +5,7 @@ import hmac
 
 import numpy as np
 import pytest
+from playwright.sync_api import expect
 
 from servosim.faults import Fault
 from tests.browser.page_operator import SHOWN, with_long_timeout
@@ -72,7 +73,7 @@ def test_page_reports_unplugged_servo_as_command_line_does(live):
 def test_page_reports_unplugged_adapter(live):
     live.served.line.plugged = False
     live.page.wait_for_selector("#banner:not([hidden])")
-    assert "Lost connection" in live.page.inner_text("#banner-message")
+    expect(live.page.locator("#banner-message")).to_contain_text("Lost connection")
 
 
 @pytest.mark.campaign  # on a busy machine every page hangs a little
@@ -130,8 +131,8 @@ def test_refused_action_is_reported_and_banner_disappears(operator, visit):
     other = visit()
     other.click(other.tip_px())
     other.page.wait_for_selector("#banner:not([hidden])")
-    assert "Another page" in other.page.inner_text("#banner-message")
-    assert other.page.is_hidden("#acknowledge")
+    expect(other.page.locator("#banner-message")).to_contain_text("Another page")
+    expect(other.page.locator("#acknowledge")).to_be_hidden()
     other.page.wait_for_selector("#banner", state="hidden")
 
 
@@ -146,9 +147,9 @@ def test_page_that_takes_control_gets_it_and_arm_holds(live, visit):
 @pytest.mark.campaign
 def test_watching_page_has_live_and_stop_disabled(visit, operator):
     watcher = visit(watch=True)
-    assert watcher.page.is_disabled("#live")
-    assert watcher.page.is_disabled("#stop")
-    assert watcher.page.is_hidden("#take")
+    expect(watcher.page.locator("#live")).to_be_disabled()
+    expect(watcher.page.locator("#stop")).to_be_disabled()
+    expect(watcher.page.locator("#take")).to_be_hidden()
 
 
 CONNECT = """(address) => new Promise((say) => {
@@ -173,7 +174,7 @@ def test_wrong_page_key_is_reported(operator):
     page = with_long_timeout(operator.page.context.new_page())
     page.goto(operator.served.urls.control.partition("#")[0] + "#token=wrong")
     page.wait_for_selector("#banner:not([hidden])")
-    assert "key" in page.inner_text("#banner-message")
+    expect(page.locator("#banner-message")).to_contain_text("key")
 
 
 @pytest.mark.campaign

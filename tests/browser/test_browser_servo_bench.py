@@ -3,6 +3,7 @@
 import re
 
 import pytest
+from playwright.sync_api import expect
 
 from ikservo.apps.page.page_app import ViewApp
 from ikservo.hardware.eeprom import read_backup
@@ -85,7 +86,7 @@ def test_servo_page_reads_writes_refuses_and_marks_registers(bench):
     bench.write("p_gain", "20")
     bench.says("p_gain 32 → 20")
     assert bench.servos[ELBOW].read("p_gain") == 20
-    assert "was 32, default 32" in bench.page.inner_text(ROW.format("p_gain"))
+    expect(bench.page.locator(ROW.format("p_gain"))).to_contain_text("was 32, default 32")
     bench.write("p_gain", "255")
     bench.says("255 is outside 0 to 254")
     bench.write("max_temperature_limit", "60C")
@@ -219,7 +220,7 @@ def test_servo_page_tries_gains_with_plot_before_saving(bench):
     assert page.locator("#gains input").count() == 6, "P, I, D, start-up force, two dead zones"
     page.fill("#step", "5")
     page.locator(SLIDER.format("p_gain")).fill("64")
-    assert page.inner_text("#gains label:has(input[name=p_gain]) output") == "64"
+    expect(page.locator("#gains label:has(input[name=p_gain]) output")).to_have_text("64")
     page.click("#try")
     page.click("#try:has-text('sure')")
     page.wait_for_function("() => window.ikservo.trial()")

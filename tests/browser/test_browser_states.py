@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from playwright.sync_api import expect
 
 from servosim.faults import Fault
 from tests.arm.simulated import servo_id
@@ -39,7 +40,7 @@ def test_preview_refuses_target_below_table_beside_pointer(operator):
     operator.click(operator.tip_px() + FAR / 2).wait_for(
         "!status.refused && !scene.refusal && items.some(({ style }) => style === 'ghost')"
     )
-    assert operator.page.is_hidden("#refusal")
+    expect(operator.page.locator("#refusal")).to_be_hidden()
 
 
 SLOW_FRAMES = """(frame_ms) => {
@@ -55,7 +56,7 @@ def test_click_on_picture_older_than_1_s_says_it_did_nothing(operator):
         operator.click(operator.tip_px() + FAR / 2)
         if reported.is_visible():
             break
-    assert "Try again" in page.inner_text("#banner-hint")
+    expect(page.locator("#banner-hint")).to_contain_text("Try again")
     assert operator.served.goals() == before
     assert page.locator("#log", has_text="nothing was done").count() == 1
 
@@ -66,10 +67,10 @@ def test_refusal_of_typed_target_is_shown_as_long_as_in_drawing(operator):
     page.fill("#tool-z", "-60")
     page.press("#tool-z", "Enter")
     operator.wait_for("scene.refusal")
-    assert "would touch the table" in page.inner_text("#target-note")
+    expect(page.locator("#target-note")).to_contain_text("would touch the table")
     page.click("#undo")
     operator.wait_for("!scene.refusal")
-    assert page.inner_text("#target-note") == ""
+    expect(page.locator("#target-note")).to_have_text("")
 
 
 SLOW_PROOF = """(() => {
@@ -97,17 +98,17 @@ def test_live_refuses_target_below_table_and_keeps_goals(live):
     before = live.until_still().served.goals()
     live.click(below_the_table(live)).wait_for(REFUSED)
     assert live.items("target_refused")
-    assert "would touch the table" in live.page.inner_text("#refusal")
+    expect(live.page.locator("#refusal")).to_contain_text("would touch the table")
     live.until_still()
     assert max(abs(live.served.goals()[i] - before[i]) for i in before) <= 2
 
 
 @pytest.mark.parametrize("view", [{"calibrated": False}], indirect=True, ids=["uncalibrated"])
 def test_uncalibrated_arm_says_so_beside_calibrate_button(operator):
-    assert operator.page.inner_text("#unit") == "not calibrated"
-    assert operator.page.is_enabled("#calibrate")
-    assert operator.page.is_disabled("#live")
-    assert "not calibrated" in operator.page.inner_text("#mode")
+    expect(operator.page.locator("#unit")).to_have_text("not calibrated")
+    expect(operator.page.locator("#calibrate")).to_be_enabled()
+    expect(operator.page.locator("#live")).to_be_disabled()
+    expect(operator.page.locator("#mode")).to_contain_text("not calibrated")
 
 
 def test_live_ended_by_hidden_page_resumes_by_one_button(live):
@@ -117,7 +118,7 @@ def test_live_ended_by_hidden_page_resumes_by_one_button(live):
         "delete document.visibilityState;"
     )
     live.wait_for("status.mode === 'preview' && status.banner?.action === 'go_live'")
-    assert "the page was hidden" in live.page.inner_text("#banner-message")
+    expect(live.page.locator("#banner-message")).to_contain_text("the page was hidden")
     live.page.click("#go-live")
     live.wait_for("status.mode === 'live' && !status.banner").until_still()
     live.click(live.tip_px() + FAR / 2).until_moving()
@@ -125,7 +126,7 @@ def test_live_ended_by_hidden_page_resumes_by_one_button(live):
 
 @OWN
 def test_page_reports_limp_servo_and_low_supply_voltage(operator):
-    assert operator.page.inner_text("#mode") == "Preview – the arm holds"
+    expect(operator.page.locator("#mode")).to_have_text("Preview – the arm holds")
     operator.served.line.servos[servo_id("so101", "elbow_flex")].write("torque_enable", 0)
     operator.until("document.getElementById('mode').textContent.includes('limp: elbow_flex')")
     operator.wait_for("status.tip.some(([name, text]) => name === 'limp' && text === 'elbow_flex')")

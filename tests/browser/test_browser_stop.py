@@ -1,6 +1,7 @@
 """Stop is visible wherever the page is scrolled, and old data is marked if the server is gone."""
 
 import pytest
+from playwright.sync_api import expect
 
 from tests.arm.simulated import servo_id
 from tests.browser.test_browser_safety import OWN, stops_there, under_way
@@ -66,15 +67,15 @@ def middle_of(operator, selector):
 def test_page_without_server_disables_stop_and_shows_data_age(operator):
     operator.served.server.close()
     operator.until("document.body.dataset.mode === 'lost'")
-    assert operator.page.is_disabled("#stop")
-    assert operator.page.inner_text("#stop") == "Cannot stop"
+    expect(operator.page.locator("#stop")).to_be_disabled()
+    expect(operator.page.locator("#stop")).to_have_text("Cannot stop")
     banner = operator.page.inner_text("#banner")
     assert "Stop cannot reach the arm" in banner
     assert "torque of the arm was on" in banner
-    assert operator.page.is_hidden("#acknowledge")
+    expect(operator.page.locator("#acknowledge")).to_be_hidden()
     operator.until("/ is [1-9] s old/.test(document.getElementById('age').textContent)")
     for control in ("#live", "#speeds", "#views", ".stage"):
-        assert operator.page.get_attribute(control, "inert") == ""
+        expect(operator.page.locator(control)).to_have_attribute("inert", "")
 
 
 @OWN
@@ -82,11 +83,11 @@ def test_hanging_server_is_reported_until_it_answers(operator):
     controller = operator.served.view.controller
     controller.frames = lambda _: []
     operator.until("document.body.dataset.mode === 'silent'")
-    assert "does not answer" in operator.page.inner_text("#banner")
-    assert operator.page.is_enabled("#stop")
+    expect(operator.page.locator("#banner")).to_contain_text("does not answer")
+    expect(operator.page.locator("#stop")).to_be_enabled()
     del controller.frames
     operator.until("document.body.dataset.mode === 'preview'")
-    assert operator.page.is_hidden("#banner")
+    expect(operator.page.locator("#banner")).to_be_hidden()
     operator.until("!document.getElementById('age').textContent")
     assert operator.page.get_attribute(".stage", "inert") is None
 
@@ -96,7 +97,7 @@ def test_pulled_cable_marks_the_page_as_old(operator):
     operator.served.line.plugged = False
     operator.wait_for("status.mode === 'stopped' && status.age_s >= 1")
     operator.until("document.body.hasAttribute('data-old')")
-    assert "Lost connection" in operator.page.inner_text("#banner-message")
+    expect(operator.page.locator("#banner-message")).to_contain_text("Lost connection")
 
 
 @OWN
@@ -105,7 +106,7 @@ def test_stop_of_arm_with_limp_servo_does_not_claim_to_hold(operator):
     operator.wait_for("status.health.joints.some((joint) => joint.torque === 'off')")
     operator.page.click("#stop")
     operator.wait_for("status.mode === 'stopped'")
-    assert "torque of elbow_flex is off" in operator.page.inner_text("#banner-message")
+    expect(operator.page.locator("#banner-message")).to_contain_text("torque of elbow_flex is off")
 
 
 def release(operator):
@@ -123,10 +124,10 @@ def test_escape_closes_help_and_leaves_limp_arm_in_preview(operator):
         count = operator.status["stop_count"]
         operator.page.keyboard.press("Escape")
         operator.wait_for(f"status.stop_count === {count + 1}")
-        assert operator.page.is_hidden(opened)
+        expect(operator.page.locator(opened)).to_be_hidden()
         assert operator.status["mode"] == "preview"
-    assert operator.page.is_hidden("#banner")
-    assert operator.page.is_hidden("#plots")
+    expect(operator.page.locator("#banner")).to_be_hidden()
+    expect(operator.page.locator("#plots")).to_be_hidden()
     operator.until("document.getElementById('stop-word').textContent === 'Stop'")
 
 
@@ -136,5 +137,5 @@ def test_escape_closes_help_and_stops_a_moving_arm(live):
     under_way(live)
     live.page.keyboard.press("Escape")
     assert stops_there(live)
-    assert live.page.is_hidden("#help")
-    assert live.page.is_hidden("#plots")
+    expect(live.page.locator("#help")).to_be_hidden()
+    expect(live.page.locator("#plots")).to_be_hidden()
