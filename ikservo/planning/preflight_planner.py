@@ -479,9 +479,16 @@ class PreflightPlanner:
                     if np.allclose(point.joints, plan.goal):
                         plan = point.reached_by(plan)
                 yield replace(plan, around=blocked.cause)
-        if perf_counter() - since_s > think_s:
+        spent_s = perf_counter() - since_s
+        if spent_s > think_s:
             longer = f"--think {3.0 * think_s:g}s searches longer."
             blocked.command_hint += f" No path around it was found in {think_s:g} s; {longer}"
+            return
+        load_factor = self._planner.dynamic_load_factor(request.allowed)
+        if all(request.arm.is_in_contact(goal, load_factor, 0.0) for goal in goals):
+            blocked.command_hint += " The arm would touch something in each posture at the goal."
+        else:
+            blocked.command_hint += f" A search of {spent_s:.1g} s found no path around it."
 
     def _ways_around(
         self, request: _MotionRequest, goals: Matrix, is_over: Callable[[], bool]

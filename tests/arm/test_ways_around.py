@@ -1,6 +1,7 @@
 """Motions go around an obstacle on the straight path, unless they must be straight."""
 
 import math
+import re
 import time
 from contextlib import contextmanager
 from dataclasses import replace
@@ -203,6 +204,16 @@ def test_path_search_refusal_tells_its_search_time(monkeypatch, beside_post):
     with pytest.raises(CollisionError, match="the post") as refused:
         beside_post.plan_to(RIGHT, think_s=0.05)
     assert "No path around it was found in 0.05 s; --think 0.15s" in refused.value.command_hint
+
+
+def test_refusal_of_a_search_that_ended_early_tells_its_reason(monkeypatch, beside_post):
+    with pytest.raises(CollisionError, match="the post") as refused:
+        beside_post.plan_to((0.22, 0.0, 0.1))
+    assert "something in each posture at the goal" in refused.value.command_hint
+    monkeypatch.setattr(WaySearch, "find", lambda search, *_: setattr(search, "has_ended", True))
+    with pytest.raises(CollisionError, match="the post") as refused:
+        beside_post.plan_to(RIGHT)
+    assert re.search(r"A search of [0-9.]+ s found no path around", refused.value.command_hint)
 
 
 def test_think_time_is_a_field_of_the_motion():
