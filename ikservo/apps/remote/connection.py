@@ -7,7 +7,7 @@ import threading
 import time
 from collections.abc import Callable, Generator, Mapping
 from contextlib import ExitStack, contextmanager, suppress
-from typing import TYPE_CHECKING, cast
+from typing import TYPE_CHECKING
 
 from ikservo.apps.remote import key_expressions as keys
 from ikservo.apps.remote.address import ArmAddress
@@ -15,11 +15,13 @@ from ikservo.apps.remote.wire_messages import (
     MAX_REQUEST_BYTES,
     MAX_SETPOINT_BYTES,
     Announcement,
+    GrantedLease,
     ServiceRequest,
     Setpoint,
     arguments_of,
     decode,
     encode,
+    parse_result,
     result_of,
 )
 from ikservo.apps.remote.zenoh_session import Certificate, ask, open_client, served_names, who_asks
@@ -237,8 +239,7 @@ class Connection:
             answers = ask(self._session, key, request, _QUICK_S)
             if not answers:
                 raise self._not_allowed()
-            given = cast("Mapping[str, object]", result_of(answers[0][1]))
-            self._lease = str(given["lease"])
+            self._lease = parse_result(GrantedLease, result_of(answers[0][1])).lease
             token = keys.operator(self.address.name, keys.operator_token(self._lease))
             stack = ExitStack()
             stack.enter_context(self._session.liveliness().declare_token(token))
@@ -324,7 +325,7 @@ class Connection:
         found: list[tuple[float, float]] = []
         for _ in range(attempts):
             before_s = time.monotonic()
-            there_s = cast("float", self.watch("clock"))
+            there_s = parse_result(float, self.watch("clock"))
             after_s = time.monotonic()
             found.append((after_s - before_s, there_s - (before_s + after_s) / 2.0))
         trip_s, offset_s = min(found)

@@ -3,17 +3,21 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, cast
 
 from ikservo.apps.remote import key_expressions as keys
 from ikservo.apps.remote.address import Endpoint
 from ikservo.apps.remote.certificates import client_certificate
-from ikservo.apps.remote.wire_messages import ServiceRequest, encode, result_of
+from ikservo.apps.remote.wire_messages import (
+    ArmHealth,
+    ServiceRequest,
+    encode,
+    parse_result,
+    result_of,
+)
 from ikservo.apps.remote.zenoh_session import ask, on_each_host, open_client, served_names
 from ikservo.errors import IkservoError
-from ikservo.serving.replies import SAME_VERSION
 
 _TIMEOUT_S = 5.0
 
@@ -79,20 +83,17 @@ def _row(
     if not answers:
         return FleetArm(_place(host), name, error="it does not answer")
     try:
-        answer = result_of(answers[0][1])
-        health = cast("Mapping[str, Any]", answer)
+        health = parse_result(ArmHealth, result_of(answers[0][1]))
         return FleetArm(
             host=_place(host),
             name=name,
-            arm=str(health["arm"]),
-            state=str(health["state"]),
-            operator=str(health["operator"]),
-            stopped_for=str(health["stop_text"]),
-            temperature_c=float(health["temperature_c"]),
-            alarms=tuple(health["alarms"]),
+            arm=health.arm,
+            state=health.state,
+            operator=health.operator,
+            stopped_for=health.stop_text,
+            temperature_c=health.temperature_c,
+            alarms=tuple(health.alarms),
             latency_s=latency_s,
         )
     except IkservoError as error:
         return FleetArm(_place(host), name, error=error.message)
-    except (AttributeError, KeyError, TypeError, ValueError):
-        return FleetArm(_place(host), name, error=f"another version of ikservo. {SAME_VERSION}")

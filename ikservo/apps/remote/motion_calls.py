@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from contextlib import AbstractContextManager, nullcontext
-from typing import Any, cast
+from typing import Any
 
 from ikservo.apps.remote.connection import Connection, PendingCall
 from ikservo.apps.remote.plan_fields import PathSamples, plan_from_fields
+from ikservo.apps.remote.wire_messages import parse_result
 from ikservo.arguments import check_callable
 from ikservo.arm import MotionPlan, MotionProgress, StopKind, StopReason
 from ikservo.arm.result_json import decode_fields
@@ -38,7 +39,8 @@ class MotionCalls:
     def plan(self, motion: MotionValue[Any]) -> MotionPlan:
         """Request a plan, which stays on the server; the samples are fetched when needed."""
         found = self._connection.plan("plan", motion=motion_fields(motion))
-        return plan_from_fields(cast("Mapping[str, Any]", found), motion, self._fetch_samples)
+        fields = parse_result(dict[str, Any], found)
+        return plan_from_fields(fields, motion, self._fetch_samples)
 
     def run(self, service: str, on_progress: OnProgress | None, **arguments: object) -> object:
         """Request a motion and wait for its end; see ``await_result``."""
@@ -128,7 +130,7 @@ class RemoteStopRequest(StopRequest):
     @property
     def count(self) -> int:
         """Number of stops of the arm by any program, as the other machine reports it."""
-        return int(cast("int", self._connection.watch("stop_count")))
+        return parse_result(int, self._connection.watch("stop_count"))
 
     def count_stop(self, reason: StopReason) -> None:
         """Count a stop by this program, because it may reach the server after later requests."""

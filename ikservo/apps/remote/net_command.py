@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, cast
+from typing import Annotated
 
 import typer
 
 from ikservo.apps.remote.address import parse_address
 from ikservo.apps.remote.certificates import keys_folder, make_keys
+from ikservo.apps.remote.wire_messages import ArmHealth, parse_result
 from ikservo.apps.remote.zenoh_network import connect
 from ikservo.cli.options import JsonOption, PortOption
 from ikservo.cli.terminal import print_json, print_lines, print_status
@@ -52,12 +53,12 @@ def acknowledge(*, port: PortOption = None, json: JsonOption = False) -> None:
         raise InputError("No address given.", "Add --port, as in --port zenoh:desk@lab-pi.")
     connection = connect(parse_address(port))
     try:
-        before = cast("dict[str, object]", connection.watch("health"))
+        before = parse_result(ArmHealth, connection.watch("health"))
         connection.drive("acknowledge")
     finally:
         connection.close()
-    reason = str(before["stop_text"])
+    reason = before.stop_text
     if json:
-        print_json("net-acknowledge", arm=before["arm"], reason=reason)
+        print_json("net-acknowledge", arm=before.arm, reason=reason)
     else:
         print_lines([f"acknowledged  {reason}" if reason else "it was not stopped"])

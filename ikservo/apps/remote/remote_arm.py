@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from typing import Any, Self, TypeVar, cast
+from typing import Any, Self, TypeVar, get_args
 
 from numpy.typing import ArrayLike
 
@@ -13,6 +13,7 @@ from ikservo.apps.remote.motion_calls import MotionCalls
 from ikservo.apps.remote.plan_fields import RemoteTrajectory
 from ikservo.apps.remote.remote_description import RemotePoses, describe, described_chain
 from ikservo.apps.remote.remote_stream import RemoteStream, goal_fields, next_items
+from ikservo.apps.remote.wire_messages import ArmHealth, ClampedPose, parse_result
 from ikservo.arguments import (
     OnExit,
     check_callable,
@@ -115,11 +116,11 @@ class RemoteArm(MotionMethods):
     def clearance_m(self, positions: Mapping[str, float] | ArrayLike) -> float:
         """Return the smallest distance of the body [m]; see ``Arm.clearance_m``."""
         given = parse_all_positions(positions, self.joint_names)
-        return float(cast("float", self._connection.watch("clearance", positions=given)))
+        return parse_result(float, self._connection.watch("clearance", positions=given))
 
     def where(self) -> ArmState:
         """Measure tip, joints and health."""
-        return cast("ArmState", self._connection.watch("where"))
+        return parse_result(ArmState, self._connection.watch("where"))
 
     def last_state(self) -> ArmState:
         """Return the state of the last control cycle.
@@ -127,11 +128,11 @@ class RemoteArm(MotionMethods):
         Raises:
             IkservoError: No control cycle has run yet.
         """
-        return cast("ArmState", self._connection.watch("last_state"))
+        return parse_result(ArmState, self._connection.watch("last_state"))
 
     def health(self) -> Mapping[str, Any]:
         """Return state, operator, stop reason and temperature of the arm; see ``ikservo fleet``."""
-        return cast("Mapping[str, Any]", self._connection.watch("health"))
+        return self._health().model_dump()
 
     def close(self, on_exit: OnExit | None = None) -> None:
         """Release control and close the connection; see ``Arm.close``."""
@@ -153,7 +154,7 @@ class RemoteArm(MotionMethods):
 
     def relax(self, on_progress: OnProgress | None = None) -> JointMoveResult:
         """Lower the arm to its rest pose, then switch torque off; see ``Arm.relax``."""
-        return cast("JointMoveResult", self._calls.run("relax", on_progress))
+        return parse_result(JointMoveResult, self._calls.run("relax", on_progress))
 
     def disable_torque(self) -> None:
         """Switch every servo's torque off; an arm that is not supported falls."""
@@ -181,14 +182,19 @@ class RemoteArm(MotionMethods):
     @property
     def stop_requests(self) -> int:
         """Number of requested stops since the last ``acknowledge``."""
-        return int(self.health()["stop_requests"])
+        return self._health().stop_requests
 
     @property
     def stop_reason(self) -> StopReason | None:
         """The reason for the stop until ``acknowledge``; None if the arm is not stopped."""
-        health = self.health()
-        kind = str(health["stop_kind"])
-        return StopReason(StopKind[kind], str(health["stop_text"])) if kind else None
+        health = self._health()
+        if not health.stop_kind:
+            return None
+        kind = StopKind.__members__.get(health.stop_kind, StopKind.PROGRAM)
+        return StopReason(kind, health.stop_text)
+
+    def _health(self) -> ArmHealth:
+        return parse_result(ArmHealth, self._connection.watch("health"))
 
     def acknowledge(self) -> None:
         """Acknowledge a stop: the arm may move again, but nothing moves yet."""
@@ -203,8 +209,8 @@ class RemoteArm(MotionMethods):
     def pose_within_limits(self, pose: str, start: Vector | None = None) -> PoseWithinLimits:
         """Clamp a named pose to this arm's limits; see ``Arm.pose_within_limits``."""
         found = self._connection.watch("within_limits", pose=pose, start=start)
-        given = cast("Mapping[str, Any]", found)
-        return PoseWithinLimits(dict(given["positions"]), tuple(given["changed"]))
+        clamped = parse_result(ClampedPose, found)
+        return PoseWithinLimits(clamped.positions, tuple(clamped.changed))
 
     def _execute_plan(
         self, plan: MotionPlan, on_progress: OnProgress | None
@@ -215,10 +221,10 @@ class RemoteArm(MotionMethods):
             BadValueError: The plan was planned by another program or for another arm.
         """
         path = getattr(plan, "trajectory", None)
-        if not isinstance(path, RemoteTrajectory):
+        if plan.motion is None or not isinstance(path, RemoteTrajectory):
             raise BadValueError("The plan", shown(plan), "a plan of this arm")
         done = self._calls.run("execute", on_progress, plan=path.plan)
-        return cast("MoveResult | JointMoveResult", done)
+        return parse_result(_result_type(plan.motion), done)
 
     @property
     def _own_stops(self) -> int:
@@ -227,7 +233,8 @@ class RemoteArm(MotionMethods):
     def _make(self, motion: MotionValue[R], on_progress: OnProgress | None, own_stops: int) -> R:
         if self._own_stops != own_stops:
             raise StoppedError(STOPPED_AFTER_REQUEST.text, REQUEST_HINT)
-        return cast("R", self._calls.run("move", on_progress, motion=motion_fields(motion)))
+        done = self._calls.run("move", on_progress, motion=motion_fields(motion))
+        return parse_result(_result_type(motion), done)
 
     def jog(self, what: str, speed: float | None = None, *, wanted: KeepGoing) -> JogResult:
         """Move a joint or the tip while ``wanted`` returns True; see ``Arm.jog``."""
@@ -240,7 +247,7 @@ class RemoteArm(MotionMethods):
             if chosen is not None:
                 self._connection.send_setpoint(wanted=chosen)
 
-        return cast("JogResult", self._calls.await_result(pending, go_on))
+        return parse_result(JogResult, self._calls.await_result(pending, go_on))
 
     def follow(
         self,
@@ -262,7 +269,8 @@ class RemoteArm(MotionMethods):
 
         with self._calls.reporting(on_progress):
             pending = self._calls.start("follow", speed=speed)
-            return cast("FollowResult", self._calls.await_result(pending, send_next, poll_s=0.0))
+            result = self._calls.await_result(pending, send_next, poll_s=0.0)
+            return parse_result(FollowResult, result)
 
     follow_arm = follow_arm
 
@@ -302,4 +310,10 @@ class RemoteArm(MotionMethods):
                 self.relax()
             until()
         taught = self._calls.run("teach", None, name=name, hold=hold)
-        return dict(cast("Mapping[str, float]", taught))
+        return parse_result(dict[str, float], taught)
+
+
+def _result_type(motion: MotionValue[R]) -> type[R]:
+    """Return the type of a motion's result, from the base ``MotionValue[R]`` of its class."""
+    (result,) = get_args(vars(type(motion))["__orig_bases__"][0])
+    return result

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import fields
 from pathlib import Path
-from typing import cast
 
 import numpy as np
 
 from ikservo.apps.remote.connection import Connection
+from ikservo.apps.remote.wire_messages import ServedPoses, parse_result
 from ikservo.arm import ZeroSource
 from ikservo.arm.result_json import decode_fields
 from ikservo.arm.service import ArmDescription
@@ -27,8 +26,7 @@ def describe(model: Model, connection: Connection) -> ArmDescription:
         InputError: The arm has other joints.
         IkservoError: The answer is from another version.
     """
-    found = connection.watch("describe")
-    said = cast("Mapping[str, object]", found if isinstance(found, Mapping) else {})
+    said = parse_result(dict[str, object], connection.watch("describe"))
     known = {each.name for each in fields(ArmDescription)}  # a newer version may have more fields
     there = decode_fields(ArmDescription, {key: said[key] for key in said.keys() & known})
     if there.zeros not in ZeroSource.__members__:
@@ -57,15 +55,15 @@ class RemotePoses(PoseLibrary):
         super().__init__(model, "")
         self._connection = connection
         self._names = model.poses
-        self.path = Path(str(self._fetch()["path"]))
+        self.path = Path(self._fetch().path)
 
     def all_poses(self) -> dict[str, Positions]:
         """Return all poses by name, those of the arm file first."""
-        return dict(cast("Mapping[str, Positions]", self._fetch()["all"]))
+        return dict(self._fetch().all)
 
     def user_poses(self) -> dict[str, Positions]:
         """Return the taught poses by name."""
-        return dict(cast("Mapping[str, Positions]", self._fetch()["taught"]))
+        return dict(self._fetch().taught)
 
     def save(self, name: str, positions: Positions) -> Path:
         """Refuse, because poses are saved on the machine of the arm.
@@ -75,5 +73,5 @@ class RemotePoses(PoseLibrary):
         """
         raise UnknownNameError("file of poses on this machine", name, ())
 
-    def _fetch(self) -> Mapping[str, object]:
-        return cast("Mapping[str, object]", self._connection.watch("poses"))
+    def _fetch(self) -> ServedPoses:
+        return parse_result(ServedPoses, self._connection.watch("poses"))

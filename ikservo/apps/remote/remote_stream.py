@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import time
 from collections.abc import Generator, Iterable, Mapping
-from typing import Any, cast
 
 from numpy.typing import ArrayLike
 
 from ikservo.apps.remote.connection import Connection, PendingCall
 from ikservo.apps.remote.motion_calls import MotionCalls
-from ikservo.apps.remote.wire_messages import TargetFields
+from ikservo.apps.remote.wire_messages import StreamCounts, TargetFields, parse_result
 from ikservo.arguments import parse_period_s
 from ikservo.arm import MotionProgress, OpenArm
 from ikservo.arm.target_tracking import CartesianOrJointTarget, parse_setpoint
@@ -100,9 +99,9 @@ class RemoteStream:
             self._arm.clock.sleep_until(self._due_s)
 
     def _take_counts(self, pending: PendingCall) -> None:
-        counts = cast("Mapping[str, Any]", pending.result())
-        self.unreached, self.refused = int(counts["unreached"]), int(counts["refused"])
-        self.reason = str(counts["reason"])
+        counts = parse_result(StreamCounts, pending.result())
+        self.unreached, self.refused = counts.unreached, counts.refused
+        self.reason = counts.reason
 
     def _require_pending(self) -> PendingCall:
         if self._pending is None:

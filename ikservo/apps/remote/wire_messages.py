@@ -7,14 +7,14 @@ from collections.abc import Mapping, Sequence
 from typing import Annotated, Literal, TypeVar, cast
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, JsonValue, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, JsonValue, TypeAdapter, ValidationError
 
-from ikservo.arm.result_json import FloatArray, decode_value, encode_value
+from ikservo.arm.result_json import RESULT_TYPES, FloatArray, decode_value, encode_value
 from ikservo.errors import InputError
 from ikservo.files.validation import first_mistake
 from ikservo.ik import Target
 from ikservo.kinematics.arrays import Vector
-from ikservo.serving.replies import SAME_VERSION, error_fields, result_in
+from ikservo.serving.replies import SAME_VERSION, error_fields, other_version_error, result_in
 
 SCHEMA = "ikservo/net/1"
 MAX_REQUEST_BYTES = 1_000_000
@@ -26,6 +26,7 @@ Lease = Annotated[str, Field(max_length=64, pattern=r"^[0-9a-f]*$")]
 Number = Annotated[int, Field(ge=0, le=2**53)]
 Seconds = Annotated[float, Field(ge=-1e12, le=1e12, allow_inf_nan=False)]
 M = TypeVar("M", bound=BaseModel)
+T = TypeVar("T")
 
 
 class _NetworkMessage(BaseModel):
@@ -143,6 +144,50 @@ class Announcement(_NetworkMessage):
     value: JsonValue = None
 
 
+class ArmHealth(BaseModel):
+    """The result of the service ``health``: see ``ArmService.health``."""
+
+    model_config = ConfigDict(extra="allow")  # newer versions may report more
+
+    arm: str
+    state: str
+    operator: str
+    stop_kind: str
+    stop_text: str
+    stop_requests: int
+    temperature_c: float
+    alarms: list[str]
+
+
+class ServedPoses(BaseModel):
+    """The result of the service ``poses``: the file, all poses, and those that were taught."""
+
+    path: str
+    all: dict[str, dict[str, float]]
+    taught: dict[str, dict[str, float]]
+
+
+class ClampedPose(BaseModel):
+    """The result of the service ``within_limits``: positions, and the joints that were clamped."""
+
+    positions: dict[str, float]
+    changed: list[str]
+
+
+class StreamCounts(BaseModel):
+    """The result of the service ``stream``: see ``RemoteStream``."""
+
+    unreached: int
+    refused: int
+    reason: str
+
+
+class GrantedLease(BaseModel):
+    """The result of the service ``lease``."""
+
+    lease: Lease
+
+
 def _array_or_none(value: object) -> Vector | None:
     return None if value is None else np.asarray(value, dtype=np.float64)
 
@@ -198,6 +243,26 @@ def result_of(data: bytes) -> object:
     """
     reply = decode(ServiceReply, data, MAX_REPLY_BYTES)
     return decode_value(cast("JsonValue", result_in(reply.model_dump())))
+
+
+def parse_result(kind: type[T], result: object) -> T:
+    """Return a result after checking its type.
+
+    Args:
+        kind: One of ``RESULT_TYPES``, or another type that pydantic can check.
+        result: The decoded result.
+
+    Raises:
+        IkservoError: The result has another type, so the other end is another version.
+    """
+    if kind in RESULT_TYPES.values():
+        if not isinstance(result, kind):
+            raise other_version_error()
+        return result
+    try:
+        return TypeAdapter(kind).validate_python(result)
+    except ValidationError:
+        raise other_version_error() from None
 
 
 def arguments_of(values: Mapping[str, object]) -> dict[str, JsonValue]:

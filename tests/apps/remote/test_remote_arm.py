@@ -458,3 +458,41 @@ def test_arm_description_may_have_unknown_fields(served, described):
     described(lambda right: right | {"weight_kg": 1.0})
     with served.open() as arm:
         assert arm.joint_names == served.arm.joint_names
+
+
+REQUESTS = {
+    "where": lambda arm: arm.where(),
+    "last_state": lambda arm: arm.last_state(),
+    "health": lambda arm: arm.health(),
+    "stop_reason": lambda arm: arm.stop_reason,
+    "clearance_m": lambda arm: arm.clearance_m(np.zeros(len(arm.joint_names))),
+    "poses": lambda arm: arm.poses.all_poses(),
+    "user_poses": lambda arm: arm.poses.user_poses(),
+    "within_limits": lambda arm: arm.pose_within_limits("home"),
+    "plan": lambda arm: arm.plan_to(POINT_M),
+    "move": lambda arm: arm.move_to(POINT_M),
+    "pose": lambda arm: arm.pose("home"),
+    "gripper": lambda arm: arm.gripper(1.0),
+    "jog": lambda arm: arm.jog("z", wanted=lambda: False),
+    "follow": lambda arm: arm.follow([]),
+    "relax": lambda arm: arm.relax(),
+    "teach": lambda arm: arm.teach("cup"),
+}
+
+
+WRONG = [None, "text", [1.0, "x"], {"lease": ["x"]}]
+
+
+@pytest.mark.full
+@pytest.mark.parametrize("has_lease", [False, True], ids=["without lease", "with lease"])
+@pytest.mark.parametrize("request_to", REQUESTS.values(), ids=REQUESTS)
+def test_result_of_wrong_type_is_one_error(monkeypatch, served, request_to, has_lease):
+    with served.open() as arm:
+        if has_lease:
+            arm.enable()
+        for wrong in WRONG:
+            with monkeypatch.context() as patch:
+                patch.setattr("ikservo.apps.remote.connection.result_of", lambda _, w=wrong: w)
+                with pytest.raises(IkservoError, match="sent an unexpected reply"):
+                    request_to(arm)
+    served.arm.stop()
