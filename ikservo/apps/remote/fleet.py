@@ -10,7 +10,7 @@ from ikservo.apps.remote import key_expressions as keys
 from ikservo.apps.remote.address import Endpoint
 from ikservo.apps.remote.certificates import client_certificate
 from ikservo.apps.remote.wire_messages import (
-    ArmHealth,
+    ServedHealth,
     ServiceRequest,
     encode,
     parse_result,
@@ -83,7 +83,7 @@ def _row(
     if not answers:
         return FleetArm(_place(host), name, error="it does not answer")
     try:
-        health = parse_result(ArmHealth, result_of(answers[0][1]))
+        health = parse_result(ServedHealth, result_of(answers[0][1]))
         return FleetArm(
             host=_place(host),
             name=name,

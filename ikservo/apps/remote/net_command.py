@@ -9,7 +9,7 @@ import typer
 
 from ikservo.apps.remote.address import parse_address
 from ikservo.apps.remote.certificates import keys_folder, make_keys
-from ikservo.apps.remote.wire_messages import ArmHealth, parse_result
+from ikservo.apps.remote.wire_messages import ServedHealth, parse_result
 from ikservo.apps.remote.zenoh_network import connect
 from ikservo.cli.options import JsonOption, PortOption
 from ikservo.cli.terminal import print_json, print_lines, print_status
@@ -53,7 +53,7 @@ def acknowledge(*, port: PortOption = None, json: JsonOption = False) -> None:
         raise InputError("No address given.", "Add --port, as in --port zenoh:desk@lab-pi.")
     connection = connect(parse_address(port))
     try:
-        before = parse_result(ArmHealth, connection.watch("health"))
+        before = parse_result(ServedHealth, connection.watch("health"))
         connection.drive("acknowledge")
     finally:
         connection.close()

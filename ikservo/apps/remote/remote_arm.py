@@ -13,7 +13,7 @@ from ikservo.apps.remote.motion_calls import MotionCalls
 from ikservo.apps.remote.plan_fields import RemoteTrajectory
 from ikservo.apps.remote.remote_description import RemotePoses, describe, described_chain
 from ikservo.apps.remote.remote_stream import RemoteStream, goal_fields, next_items
-from ikservo.apps.remote.wire_messages import ArmHealth, ClampedPose, parse_result
+from ikservo.apps.remote.wire_messages import ClampedPose, ServedHealth, parse_result
 from ikservo.arguments import (
     OnExit,
     check_callable,
@@ -193,8 +193,8 @@ class RemoteArm(MotionMethods):
         kind = StopKind.__members__.get(health.stop_kind, StopKind.PROGRAM)
         return StopReason(kind, health.stop_text)
 
-    def _health(self) -> ArmHealth:
-        return parse_result(ArmHealth, self._connection.watch("health"))
+    def _health(self) -> ServedHealth:
+        return parse_result(ServedHealth, self._connection.watch("health"))
 
     def acknowledge(self) -> None:
         """Acknowledge a stop: the arm may move again, but nothing moves yet."""

@@ -144,7 +144,7 @@ class Announcement(_NetworkMessage):
     value: JsonValue = None
 
 
-class ArmHealth(BaseModel):
+class ServedHealth(BaseModel):
     """The result of the service ``health``: see ``ArmService.health``."""
 
     model_config = ConfigDict(extra="allow")  # newer versions may report more
