@@ -36,7 +36,7 @@ ALARM_BITS = {0: Alarm.VOLTAGE, 2: Alarm.HEAT, 5: Alarm.OVERLOAD}
 
 
 class FeetechSCS:
-    """Rows of all SCS servos: 10-bit potentiometer, big-endian, no sync read."""
+    """Registers of all SCS servos: 10-bit potentiometer, big-endian, no sync read."""
 
     family = Family.FEETECH_SCS
     byte_order = "big"
