@@ -1,4 +1,4 @@
-"""Check every goal once more just before it is sent, independently of the checks above."""
+"""Check every goal once more just before it is sent, independently of the guard."""
 
 from __future__ import annotations
 
@@ -20,8 +20,9 @@ def write_goals(
 ) -> None:
     """Write goal positions of servos; no other code in this program writes one.
 
-    A goal is inside the servo's range, or between the range and where the servo has been: a joint
-    that a limp arm has sunk out of its limits with is held there and moved back, never further out.
+    A goal must be inside the servo's range, or between the range and the tick that the servo has
+    reached: a joint that sank out of its limits while the arm was limp can be held there and moved
+    back, but not further out.
 
     Args:
         bus: The servos.

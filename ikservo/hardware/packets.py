@@ -15,7 +15,7 @@ class Status:
     Attributes:
         servo_id: The sender.
         data: The parameters, exactly the requested number of bytes.
-        alarm_bits: The alarms that the servo reports; the data are valid all the same.
+        alarm_bits: The alarms that the servo reports; the data are still valid.
         ambiguous: Whether it cannot be distinguished from the reply to an earlier request.
     """
 
@@ -26,7 +26,7 @@ class Status:
 
 
 class FaultKind(Enum):
-    """Why a request has no reply."""
+    """The reason why a request has no usable reply."""
 
     SILENT = "silent"
     GARBLED = "garbled"
@@ -83,8 +83,8 @@ class MemoryRange:
     def grown(self, by: int) -> MemoryRange:
         """Return a window that is ``by`` bytes larger than the range.
 
-        It grows towards lower addresses, where there is always memory, and upwards only from the
-        very beginning of the table.
+        The window grows towards lower addresses, which always exist; it grows upwards only if the
+        range is at the very beginning of the table.
         """
         below = min(by, self.address)
         return MemoryRange(self.address - below, self.size + by)

@@ -83,7 +83,7 @@ class SerialAdapter:
 
     @property
     def chip(self) -> str:
-        """The chip by vendor and product, or the adapter's own description."""
+        """The name of the chip, from vendor and product id, or the adapter's own description."""
         return chip_name(self.vid, self.pid) or self.description or "unknown"
 
     @property
@@ -135,7 +135,7 @@ def find_adapter(name: str, among: Sequence[SerialAdapter] | None = None) -> Ser
 
 
 def watch_adapters(clock: Clock | None = None, period_s: float = 0.2) -> Iterator[AdapterEvent]:
-    """Yield adapters as they are plugged in and unplugged, without end.
+    """Yield an event whenever an adapter is plugged in or unplugged; never ends.
 
     Args:
         clock: The clock; the real one if None.
@@ -151,7 +151,7 @@ def watch_adapters(clock: Clock | None = None, period_s: float = 0.2) -> Iterato
 
 
 def chip_name(vid: int, pid: int) -> str:
-    """Return the chip of a USB vendor and product id, the maker alone, or nothing."""
+    """Return the chip of a USB vendor and product id; if unknown, its maker or an empty text."""
     return _CHIPS.get((vid, pid)) or _MAKERS.get(vid, "")
 
 
@@ -194,7 +194,7 @@ def is_pseudo_terminal(port_name: str) -> bool:
 
 
 def line_hint(port_name: str, hint: str) -> str:
-    """Return a hint about plugs and cables, or another for a pseudo-terminal, which has none."""
+    """Return ``hint``, which is about plugs and cables, or another hint for a pseudo-terminal."""
     if not is_pseudo_terminal(port_name):
         return hint
     return (
