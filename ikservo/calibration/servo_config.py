@@ -65,7 +65,7 @@ class ServoConfig:
 
 
 def same_direction(config: ServoConfig, held: Mapping[str, int]) -> bool:
-    """Check whether a servo counts in the direction of ``held``, in a position mode.
+    """Check whether a servo is in a position mode and counts in the direction of ``held``.
 
     An offset that the servo ignores also makes the result False.
     """
