@@ -1,8 +1,8 @@
 """Recognise an arm's kinematic structure: parallel and intersecting axes.
 
-While all joints are zero, every joint is a line in space. Parallel lines define the plane of the
+With all joints at zero, every joint axis is a line in space. Parallel lines define the plane of the
 arm; a first line across them is the base yaw, the lines behind them are the wrist. Offsets of any
-kind are allowed, because rotations of parallel joints never change what is across the plane.
+kind are allowed, because rotations of parallel joints never change the component across the plane.
 """
 
 from __future__ import annotations
@@ -83,7 +83,7 @@ class PlanarSubchain:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ArmStructure:
-    """A chain as base yaw, planar links and wrist, as far as the arm has them.
+    """Structure of a chain: base yaw, planar links and wrist, each if the arm has it.
 
     Attributes:
         yaw: The first joint, if it is not in the plane.
@@ -192,7 +192,7 @@ def _assemble_structure(joints: tuple[RevoluteAxis, ...], tool: Matrix) -> ArmSt
 def _with_locked_wrist_joint(
     arm: ArmStructure, joints: tuple[RevoluteAxis, ...]
 ) -> ArmStructure | None:
-    """Return two links and a wrist as three links, if the wrist's first joint can be zero."""
+    """Convert two links and a wrist to three links, if the wrist's first joint can be zero."""
     if len(arm.plane.pivots) != 2 or len(arm.wrist) < 2:
         return None
     roll = arm.wrist[0]

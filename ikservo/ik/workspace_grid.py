@@ -128,7 +128,7 @@ def boundary_polygons(mask: NDArray[np.bool_]) -> tuple[Matrix, ...]:
 
 
 def _border_edges(mask: NDArray[np.bool_]) -> dict[Corner, list[Corner]]:
-    """Return the corners at which the border edges from each corner end."""
+    """Map each corner to the corners at which its outgoing border edges end."""
     padded = np.pad(mask, 1)
     edges: dict[Corner, list[Corner]] = {}
     for (du, dv), start, end in _SIDES:
