@@ -52,7 +52,7 @@ class ArcPath:
         return self.length
 
     def at(self, distance: float) -> tuple[Vector, Vector, Vector]:
-        """Compute the point, its slope and its bend (3,) at a distance along the arc."""
+        """Compute the point and its first two derivatives (3,) at a distance along the arc."""
         angle = min(max(distance, 0.0), self.length) / self.radius_m
         out = math.cos(angle) * self._out + math.sin(angle) * self._across
         across = math.cos(angle) * self._across - math.sin(angle) * self._out

@@ -128,8 +128,8 @@ class OnlineTrajectory:
     def stop(self, time_s: float) -> None:
         """Come to rest as soon as the limits allow; ``duration_s`` is then finite.
 
-        If braking at once would leave the bounds, it comes to rest at its goal. A second call
-        changes nothing.
+        If braking at once would leave the bounds, the motion comes to rest at its goal. A second
+        call changes nothing.
 
         Raises:
             BadValueError: The time decreases.
