@@ -236,7 +236,7 @@ class Gate:
         clock_s = self._clock.now_s()
         if now_s is None:
             now_s = clock_s
-        # Each second is used by only one step. This form of the comparison also refuses NaN.
+        # Elapsed time counts for one step only. This form of the comparison also refuses NaN.
         elif not self._passed_s <= now_s <= clock_s:
             raise RefusedError(
                 f"The goals have the time {now_s} s, which is not between that of the last "
@@ -313,7 +313,7 @@ class Gate:
         return tuple([joint.measured for joint in self._joints])
 
     def check_range(self, goals: TickRow, start: Sequence[int]) -> None:
-        """Check distant goals before a motion to them, without sending anything.
+        """Check the final goals of a motion before it begins, without sending anything.
 
         Args:
             goals: The final goals, ticks.
