@@ -1,4 +1,4 @@
-"""A motion plan and its preview: path, duration, limits that come close, start conditions."""
+"""A motion plan and its preview: path, duration, near limits, start conditions."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ class MotionPlan:
     Attributes:
         start: The joints (n,) at the start, rad or m.
         goal: The joints (n,) at the end.
-        trajectory: All joints over time; exactly the checked motion is streamed.
+        trajectory: The trajectory of all joints, which is streamed exactly as checked.
         tip_m: The tip (3,) at the goal, metres.
         path_m: The length of the tip's path.
         duration_s: The duration of the motion.
@@ -225,7 +225,7 @@ _SAG_TOLERANCE_S = 0.25
 def rebase_trajectory(
     plan: MotionPlan, goals: Vector, limits: Sequence[KinematicLimits], names: Sequence[str]
 ) -> Trajectory:
-    """Compute the plan's trajectory, started from the goals (n,) that the servos hold.
+    """Return the plan's trajectory, starting from the goals (n,) that the servos hold.
 
     The goals equal the plan's start within a tick, or lie slightly inside if a limp joint was
     outside its limits. A joint motion then starts from the goals; a line is preceded by a

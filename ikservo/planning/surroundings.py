@@ -32,7 +32,7 @@ class Turn:
 
     @contextmanager
     def taken(self, arm: object, other: str) -> Generator[None]:
-        """Let an arm move in the block.
+        """Reserve the turn for an arm within the block.
 
         Args:
             arm: One of the two arms.
@@ -76,7 +76,7 @@ class AnotherArm(Protocol):
         ...
 
     def things(self, arm: object) -> Sequence[Obstacle]:
-        """Measure the other arm's links in the base frame of an arm, which takes turns with it.
+        """Measure the other arm's links; return them as things in the base frame of ``arm``.
 
         Raises:
             RefusedError: The other arm is moving, or its position cannot be measured.
@@ -106,7 +106,7 @@ class Surroundings:
     _lock: RLock = field(default_factory=RLock, repr=False)
 
     def place(self, body: CollisionBody, things: Sequence[Obstacle], sag: Sag | None) -> None:
-        """Put the arm's body among things; other arms keep their last measured position."""
+        """Set the arm's body and the things around it; other arms stay where they were measured."""
         with self._lock:
             self._body, self._things, self._sag = body, tuple(things), sag
             self._put_among(self._seen)
