@@ -23,13 +23,13 @@ BASE = -1
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BodyTree:
-    """Everything that the motion of n bodies needs and that does not depend on q.
+    """Constants of n moving bodies, independent of q, from which their motion is computed.
 
     Attributes:
-        names: The link of each body whose frame is the body's.
+        names: For each body, the link whose frame is used as the frame of the body.
         links: For each link of the chain, its body (BASE if it does not move) and its pose
             T_body_link (4, 4).
-        parents: The body that each one is attached to, or BASE.
+        parents: The body to which each body is attached, or BASE.
         carries: 1 if body j is body i or carries it, else 0 (n, n).
         gears: Multipliers (n, dof) in the values ``gears @ q + shifts``, followers included.
         shifts: Offsets of the values (n, 1), rad or m.

@@ -94,8 +94,8 @@ class Singularity:
 
     Attributes:
         q: The posture (dof,), inside the limits.
-        distance_rad: The posture's distance in joint space, the root of the summed squares.
-        joint: The joint with the largest distance to it.
+        distance_rad: Euclidean distance from the given posture in joint space.
+        joint: The joint with the largest difference between the two postures.
     """
 
     q: Vector

@@ -104,7 +104,7 @@ class Dynamics:
 
     @property
     def bodies(self) -> tuple[str, ...]:
-        """The moving bodies, each as the link whose frame is the body's.
+        """Names of the moving bodies: for each, the link whose frame is the frame of the body.
 
         Links that are fixed to a body, or that q does not move, are part of it.
         """
@@ -262,7 +262,7 @@ class Dynamics:
         return T @ self._pseudo_inertias @ T.swapaxes(-1, -2)
 
     def _generalized(self, torques: Matrix, q: Vector) -> Vector:
-        """Compute the torques for q, in its shape, from those of all joints (bodies, n)."""
+        """Convert the torques of all joints (bodies, n) to torques for q, shaped as q."""
         return (self._tree.gears.T @ torques).T.reshape(q.shape)
 
     def _check(self, values: ArrayLike, what: str) -> Vector:
