@@ -177,7 +177,7 @@ def _find_colour(visual: XmlElement, materials: Mapping[str, Triple]) -> Triple 
 
 
 def _read_colour(material: XmlElement) -> Triple | None:
-    """Read red, green and blue; return None if they are not usable, because colours are optional."""
+    """Read red, green and blue; return None if they are not usable, because they are optional."""
     for colour in material.child_elements("color"):
         parts = colour.attributes.get("rgba", "").split()
         with contextlib.suppress(ValueError):
