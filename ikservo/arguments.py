@@ -57,7 +57,7 @@ def check_choice(what: str, value: T, choices: Sequence[T]) -> T:
 
 
 def check_exit(on_exit: OnExit) -> OnExit:
-    """Check the state in which an arm is to be closed.
+    """Check the argument ``on_exit``, and return it.
 
     Raises:
         UnknownNameError: The value is neither ``hold`` nor ``relax``.

@@ -34,7 +34,7 @@ class RealClock:
 
 
 class Rate:
-    """Loop that yields every ``period_s``, at multiples of the period since the first cycle.
+    """Loop at a fixed rate, which yields at multiples of ``period_s`` since the first cycle.
 
     A late cycle does not shift the later ones; missed cycles are skipped, not repeated in a burst.
 

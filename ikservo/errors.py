@@ -4,7 +4,7 @@ Each error states what was requested, what was found and what to do next, and al
 matching built-in error, so that ``except TimeoutError`` works for a silent servo::
 
     IkservoError                       exit 1
-    ├── InputError        ValueError   exit 2 invalid user input
+    ├── InputError        ValueError   exit 2   invalid user input
     │   ├── UnknownNameError LookupError        an unknown name
     │   ├── BadValueError                       a number or text that cannot be used
     │   └── FileFormatError                     a file; names the place and what was expected
@@ -90,7 +90,7 @@ _MAX_SHOWN_CHARS = 200
 
 
 def printable(text: str) -> str:
-    """Spell out control characters, which could come from a file or the network.
+    """Escape control characters, which could come from a file or the network.
 
     On a terminal they could move the cursor, hide what was printed, or type an answer.
     """
@@ -98,7 +98,7 @@ def printable(text: str) -> str:
 
 
 def shown(value: object, write: Callable[[object], str] = repr) -> str:
-    """Return any value as a program would write it, cut short; never raises."""
+    """Return the text of any value, shortened; never raises."""
     try:
         text = write(value)
     except Exception:  # nested too deeply, too many digits, or an error in a class of the user
@@ -231,7 +231,7 @@ class BusError(IkservoError):
 
     Attributes:
         servo: Joint name and id, for example ``elbow_flex (id 3)``.
-        servo_id: The id alone, if one servo is concerned.
+        servo_id: The id alone, if the error concerns one servo.
         port: The port's name.
         request: The request to the servo.
         found: What happened instead of a valid reply.

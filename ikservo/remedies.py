@@ -1,7 +1,7 @@
 """Remedies in the terms of each interface: commands, Python methods, buttons of the page.
 
 Hints are written once, as a user at a terminal would type them; texts for programs and pages are
-derived from that. A command without an equivalent, such as ``ikservo setup``, is kept.
+derived from them. A command without an equivalent, such as ``ikservo setup``, is kept.
 """
 
 from __future__ import annotations
@@ -101,7 +101,7 @@ def install_command(extra: str = "") -> str:
 
 
 def install_hint(message: str) -> str:
-    """Return how to install the extra that a simulator message asks for, or nothing."""
+    """Return how to install the extra that a message of the simulator names, or nothing."""
     needed = _NEEDED_EXTRA.search(message)
     return f"Install it: {install_command(needed[1])}" if needed else ""
 

@@ -251,7 +251,7 @@ class StoredJointMeasurement(StrictModel):
 
 
 class PartialCalibration(StrictModel):
-    """Joints of an arm that an interrupted self-calibration has measured, on one adapter."""
+    """Joints that an interrupted self-calibration has measured, of one arm on one adapter."""
 
     format: Literal[1] = Field(description="1")
     arm: str = Field(max_length=64, description="an arm")

@@ -116,8 +116,8 @@ def expected_registers(
     Args:
         config: The present configuration of the servo; values are kept if possible.
         offset: The homing offset.
-        limits: Position limits, raw; None opens them if the present ones no longer mean the
-            same positions, and keeps them if they do.
+        limits: Position limits, raw; None keeps the present ones if they still correspond to the
+            same positions, and otherwise opens them.
         extended: Whether the servo must count beyond one revolution.
     """
     held = dict(config.registers)

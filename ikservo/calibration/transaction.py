@@ -165,7 +165,7 @@ def commit(
 def _join_changes(
     earlier: Journal | None, changes: Sequence[EepromChange]
 ) -> tuple[EepromChange, ...]:
-    """Join changes to those of a temporary transaction, whose old numbers are the original ones."""
+    """Merge changes with those of a temporary transaction, whose old numbers are kept."""
     joined = {each.id: each for each in changes}
     for each in earlier.changes if earlier is not None and earlier.temporary else ():
         later = joined.get(each.id, EepromChange(id=each.id, old={}, new={}))

@@ -43,7 +43,7 @@ def first_mistake(error: ValidationError) -> tuple[str, str]:
 
 
 def validation_issues(error: ValidationError, model: type[BaseModel]) -> list[ValidationIssue]:
-    """Convert pydantic's errors, unknown keys first, because a misspelled key is also missing."""
+    """Convert pydantic's errors; unknown keys come first, because they may explain missing ones."""
     details = error.errors(include_url=False, include_context=False)
     details.sort(key=lambda detail: detail["type"] != "extra_forbidden")
     issues = [_make_issue(detail, model) for detail in details]
@@ -88,7 +88,7 @@ def _make_issue(detail: ErrorDetails, model: type[BaseModel]) -> ValidationIssue
 
 
 def _resolve_location(location: Location, model: type[BaseModel]) -> tuple[type[BaseModel], str]:
-    """Follow a location; return the last model on its path and the last description."""
+    """Return the innermost model at a location, and the description of its field."""
     expected, keys = "", iter(location)
     for key in keys:
         field = model.model_fields.get(str(key))

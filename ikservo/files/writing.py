@@ -206,7 +206,7 @@ def _removed_if_it_fails(name: str) -> Generator[None]:
 
 
 def _write_beside(path: Path, data: bytes, private: bool) -> str:
-    """Write a new file, with the permissions of ``path``, in its folder; return its name."""
+    """Write a new file beside ``path``, with the same permissions; return its name."""
     name = str(path.with_name(f".{path.name}.{secrets.token_hex(8)}"))
     mode, is_new = 0o600 if private else 0o666, not path.exists()
     if not is_new:

@@ -274,7 +274,7 @@ class CollisionChecker:
         """Compute the distances (n, pairs + sagging) [m] in postures (n, dof).
 
         First come the distances of every pair, then those to the surroundings with sag. An arm that
-        lies on the table sags only in this computation; so both are kept apart.
+        lies on the table sags only in this computation, so the two are kept separate.
         """
         gap_m = self.distances(path)
         if self.sag is None:

@@ -107,9 +107,9 @@ class PassedGoals:
 class Gate:
     """Passes commands that satisfy all checks, and refuses other commands as a whole.
 
-    A command is a goal tick for each of some joints. It passes if every goal is inside the joint's
-    limits, none moves faster than its limit, and none leads the measured joint by more than its
-    maximum lead. A joint outside its limits may be moved back, but never further out. After
+    A command consists of goal ticks for some of the joints. It passes if every goal is inside the
+    joint's limits, none moves faster than its limit, and none leads the measured joint by more than
+    its maximum lead. A joint outside its limits may be moved back, but never further out. After
     `latch_stop` only `pass_hold` passes, until `acknowledge` and `pass_reset` are called.
 
     The gate writes nothing: the caller writes what passed, and then commits it. Goals that were

@@ -146,7 +146,7 @@ class OverloadMonitor:
         return tuple(warnings)
 
     def draw_back(self, goals: Sequence[int], ticks: TickRow) -> list[int]:
-        """Draw back the goals of joints that press too long.
+        """Pull back the goals of joints that press for too long.
 
         Such a joint continues to press with 60 % of the output that its servo tolerates, until its
         goal comes back or the obstacle gives way. It does not follow a load that pushes it back.

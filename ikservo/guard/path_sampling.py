@@ -22,7 +22,7 @@ def sample_path(
     """Sample joints (k, n) along a path in time, close enough for collision checks.
 
     Args:
-        positions_at: The joints (n,) at a time.
+        positions_at: Returns the joints (n,) at a time.
         duration_s: The duration of the path; both ends are sampled.
         top_speed_rad_s: The maximum speed of any joint.
     """

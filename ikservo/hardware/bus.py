@@ -106,9 +106,9 @@ class ServoBus(RegisterAccess):
     ) -> Readings[Mapping[_Key, int]] | Readings[Mapping[_Key, float]]:
         """Read each servo's own registers, with as few requests as the family allows.
 
-        Neighbouring registers are read together. Raises only if the port is lost. A servo that does
-        not reply is in ``errors``, after one common retry of all silent servos; a servo that has
-        been silent for long is polled at a reduced rate.
+        Neighbouring registers are read together. An error is raised only if the port is lost. A
+        servo that does not reply is in ``errors``, after one common retry of all silent servos; a
+        servo that has been silent for long is polled at a reduced rate.
         """
         key = tuple((servo_id, tuple(keys)) for servo_id, keys in refs.items())
         return self._execute_plan(self._plans.get(key) or self._read_plan(key, refs), raw=raw)

@@ -110,7 +110,7 @@ _MAX_FOUND = 3  # servos checked closely; more would not change the message
 def find_unexpected_servos(
     port: Port, silent: Sequence[ServoSpec], known: Collection[int]
 ) -> list[FoundServo]:
-    """Find servos that may be the silent ones, first at the expected ids, then at any id.
+    """Find servos that may be the silent ones, first with the expected ids, then with any id.
 
     Args:
         port: The port; its rate is restored.

@@ -197,7 +197,7 @@ def backup_path(owner: str, servo: ServoSpec) -> Path:
 
 
 def back_up_once(bus: ServoBus, owner: str, servo_ids: Iterable[int] | None = None) -> list[Path]:
-    """Write a copy of the EEPROM of each servo without a copy; return the new files.
+    """Write a copy of the EEPROM of each servo that has no copy yet; return the new files.
 
     Args:
         bus: The bus.

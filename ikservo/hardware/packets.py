@@ -40,7 +40,7 @@ class ReplyFault:
     Attributes:
         servo_id: The receiver of the request.
         kind: Silent, garbled or refused.
-        found: The event, as a predicate of the servo's name: "does not answer".
+        found: What happened, as a predicate of the servo's name: "does not answer".
         alarm_bits: The alarms reported by a servo that refuses.
         sent: The request.
         received: Everything that was received.
@@ -157,7 +157,7 @@ class PacketCodec(Protocol):
         ...
 
     def parse_in_order(self, data: bytes, sizes: Mapping[int, int]) -> dict[int, Reply] | None:
-        """Parse the replies, if the bytes are those of healthy servos in order and nothing else.
+        """Parse the bytes if they are exactly the expected replies, without errors and in order.
 
         This is the fast path for a healthy line; ``scan`` handles everything else.
 

@@ -105,7 +105,7 @@ class _ReceivedReply:
 
 
 class PendingReplies:
-    """Register of the replies that may still arrive from each servo on one line."""
+    """Records which replies may still arrive from each servo on one line."""
 
     def __init__(self) -> None:
         self._pending: dict[int, list[tuple[int, float]]] = {}  # size and expiry time

@@ -47,8 +47,8 @@ _LINE_FAILS = _port_loss_exceptions()
 class SdkPort:
     """The interface of the vendors' ``PortHandler`` on an open transport.
 
-    Their packet handlers need all methods of that class: ``readPort`` and the packet timeouts exist
-    only for them, because ``ReplyReader`` receives.
+    The vendors' packet handlers need all methods of that class. ``readPort`` and the packet
+    timeouts exist only for them, because ikservo receives with ``ReplyReader``.
     """
 
     def __init__(self, transport: Transport, name: str, baud_rate: int) -> None:
@@ -374,8 +374,8 @@ if hasattr(os, "register_at_fork"):  # not on Windows, which has no fork
 def open_port(name: str, baud_rate: int, arm: str = "", servo_ids: Collection[int] = ()) -> Port:
     """Open a port by its name, see ``open_transport``.
 
-    A device that this process has open for other servos, at the same rate, is shared: each request
-    and its reply have the line to themselves.
+    If this process already has the device open for other servos at the same rate, the port is
+    shared; requests then wait for each other.
 
     Args:
         name: The port.

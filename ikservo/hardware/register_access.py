@@ -152,7 +152,7 @@ class RegisterAccess:
         number at power-off (memory tables, register ``lock``).
 
         Raises:
-            RegisterAccessError: The register forbids the write, or would be stored.
+            RegisterAccessError: The register forbids the write, or the number would be stored.
             BusError: The servo refused, or sent no usable reply after retries.
         """
         servo = self._require_servo(servo_id)

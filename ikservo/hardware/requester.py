@@ -201,7 +201,7 @@ class Requester:
         return self._require_reply(servo, reply, request)
 
     def request_many(self, step: ReadBatch) -> tuple[dict[int, bytes], dict[int, BusError]]:
-        """Read a span of each of many servos' memories, with as few requests as possible.
+        """Read one memory span of each of many servos, with as few requests as possible.
 
         Lost replies are requested together once more; servos that have been silent for long are
         polled at a reduced rate.

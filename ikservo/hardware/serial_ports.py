@@ -70,7 +70,7 @@ class SerialAdapter:
         by_id: The name that does not depend on the USB socket; empty if there is none.
         vid: USB vendor id.
         pid: USB product id.
-        serial_number: Identifies an arm's adapter; empty if it has none.
+        serial_number: The serial number, which identifies an arm's adapter; empty if there is none.
         description: The adapter's own description.
     """
 
@@ -182,7 +182,7 @@ _MACOS_NAME = re.compile(r"/dev/ttys\d+")
 
 
 def is_pseudo_terminal(port_name: str) -> bool:
-    """Check whether a port's name, links followed, is one end of a pseudo-terminal."""
+    """Check whether a port's name, after following links, is one end of a pseudo-terminal."""
     path = Path(port_name)
     try:
         device, mode = path.stat().st_rdev, path.stat().st_mode
@@ -269,6 +269,6 @@ def _permission_hint(name: str) -> str:
 
 
 def list_devices() -> list[str]:
-    """List the serial ports to which an arm may be connected, without the mainboard's."""
+    """List the serial ports to which an arm may be connected, except those of the mainboard."""
     devices = sorted(port.device for port in list_ports.comports())
     return [device for device in devices if not device.startswith("/dev/ttyS")]

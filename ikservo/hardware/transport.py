@@ -75,7 +75,7 @@ def has_descriptor(port: object) -> bool:
 
 
 class FileDescriptorPort:
-    """Reads and writes a port through its file descriptor; pyserial opens, sets and closes it.
+    """Reads and writes a port through its file descriptor; pyserial opens and closes the port.
 
     Attributes:
         timeout: The time that ``read`` waits, seconds.
@@ -138,7 +138,7 @@ def acquire_lock(device: str) -> PortLock:
     """Take the lock of a device; Windows itself lets one program at a time open a serial port.
 
     Raises:
-        PortBusyError: Another process, or another part of this one, holds it; it is named.
+        PortBusyError: Another process, or another part of this one, holds the lock; it is named.
     """
     try:
         import fcntl  # noqa: PLC0415  # not on Windows
@@ -309,8 +309,8 @@ class _LockedTransport:
 
     Both belong to the process that opened them: ``abandon`` closes a forked child's copies.
 
-    Setting pyserial's ``timeout`` reconfigures the device, over the network for a remote one,
-    although only ``read`` uses it; so if possible it is set without pyserial.
+    Setting pyserial's ``timeout`` reconfigures the device, even over the network, although only
+    ``read`` uses the value. If possible, the value is therefore set without pyserial.
     """
 
     def __init__(self, port: serial.Serial, lock: PortLock) -> None:

@@ -40,7 +40,7 @@ class AxisConstraint:
         return self.target.in_plane_part(yaw_rad) * self.tool.in_plane_part(roll_rad).conjugate()
 
     def angle_error(self, yaw_rad: float, roll_rad: float, alpha_rad: float) -> float:
-        """Compute the distance of a, rotated by α, from d (about the angle in rad)."""
+        """Compute the distance between d and a rotated by α, which is about the angle in rad."""
         along = self.target.in_plane_part(yaw_rad)
         along -= cmath.rect(1.0, alpha_rad) * self.tool.in_plane_part(roll_rad)
         across = self.target.normal_part(yaw_rad) - self.tool.normal_part(roll_rad)
@@ -109,7 +109,7 @@ class AnalyticProblem:
         return float(self.held[self.arm.wrist[0].column]) if self.arm.wrist else 0.0
 
     def yaws(self, across: float) -> Iterator[float]:
-        """Yield the yaws inside the limits that put the target point this far across the plane."""
+        """Yield the yaws inside the limits that put the target point at ``across`` from the plane."""
         angles = self.point.angles_at_normal(across)
         for angle in (self.start_yaw,) if angles is None else angles:
             if (yaw := self.yaw_within_limits(angle)) is not None:

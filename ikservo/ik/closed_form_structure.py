@@ -25,7 +25,7 @@ _EXACT = 1e-9
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RevoluteAxis:
-    """One revolute joint while all joints are zero.
+    """The axis of a revolute joint when all joints are at zero.
 
     Attributes:
         column: The joint index in q.
@@ -77,7 +77,7 @@ class PlanarSubchain:
         return tuple(end - start for start, end in zip(self.pivots, ends, strict=True))
 
     def angles(self, q: Vector) -> tuple[float, ...]:
-        """Compute the angles about n of joints (dof,)."""
+        """Compute the angles of the planar joints about n at joints (dof,)."""
         return tuple(s * float(q[c]) for s, c in zip(self.signs, self.columns, strict=True))
 
 
@@ -238,7 +238,7 @@ def _are_parallel(a: RevoluteAxis, b: RevoluteAxis) -> bool:
 
 
 def _fit_plane(joints: tuple[RevoluteAxis, ...]) -> tuple[PlanarSubchain, float]:
-    """Return the plane across parallel joints, and the largest deviation from parallel [rad]."""
+    """Return the plane perpendicular to parallel joints, and their largest deviation [rad]."""
     n = joints[0].axis
     frame = plane_frame(n)
     signs = tuple(1 if float(joint.axis @ n) > 0 else -1 for joint in joints)

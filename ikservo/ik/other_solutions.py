@@ -117,7 +117,7 @@ def nearest_solution(
     Args:
         chain: The arm.
         target: The target.
-        q0: The start (dof,), rad or m, anywhere.
+        q0: The start (dof,), rad or m, which may be outside the limits.
         options: The tolerance.
         found: A solution.
     """

@@ -96,7 +96,7 @@ _ANYWHERE = (0.0, 0.0, 0.0)
 
 @dataclass(frozen=True, slots=True)
 class DirectionInterval:
-    """Directions of the last planar link with which a point can be reached.
+    """Interval of directions of the last planar link in which a point can be reached.
 
     Attributes:
         yaw_rad: The base yaw of the interval; 0 for arms without yaw.
@@ -119,7 +119,7 @@ class DirectionArc:
     upper_rad: float
 
     def clamp_direction(self, alpha_rad: float) -> float:
-        """Compute the direction inside that is nearest α on the circle."""
+        """Compute the direction of the arc that is nearest to α on the circle."""
         margin = min(_MARGIN_RAD, 0.5 * (self.upper_rad - self.lower_rad))
         low, high = self.lower_rad + margin, self.upper_rad - margin
         if (equivalent := nearest_equivalent_angle(alpha_rad, low, high, alpha_rad)) is not None:

@@ -47,8 +47,8 @@ class SolutionSet:
     Joints that do not move the point, and full revolutions of a joint, do not add solutions.
 
     Attributes:
-        kind: ``none`` was found, ``one`` exists, ``several`` exist, a continuous ``family`` exists,
-            or it is ``unknown`` whether there are others.
+        kind: ``none`` (none was found), ``one``, ``several``, a continuous ``family``, or
+            ``unknown`` (there may be others).
         count: The number of solutions, or branches of a family; None if it is unknown.
         freedom: The number of parameters of the family; 0 if there is none.
         directions: The possible directions of the last of three links in a family.
@@ -169,7 +169,7 @@ class Result:
     def singularity(self) -> Singularity | None:
         """The singular posture nearest to ``q``, or None; takes some tens of milliseconds.
 
-        If the target has more than a position, losing a rotation of the link also counts.
+        If the target has a direction or orientation, a lost rotation of the link also counts.
         """
         if self.question is None:
             return None

@@ -208,14 +208,14 @@ _FAR_M = 10.0  # further than any arm with servos can reach
 
 
 def in_millimetres(chain: Chain, position_m: Sequence[float]) -> str:
-    """Format a point in millimetres, ``250mm 50mm 150mm``, if the arm reaches the point so read.
+    """Format a point in millimetres, ``250mm 50mm 150mm``, if the arm reaches it in millimetres.
 
     Args:
         chain: The arm.
-        position_m: A point (3,) that the arm does not reach as metres.
+        position_m: A point (3,) that the arm does not reach if its numbers are metres.
 
     Returns:
-        The text; empty if the arm does not reach the point in millimetres either.
+        The text; empty if the arm does not reach the point in millimetres.
     """
     point = np.asarray(position_m, dtype=float)
     if float(np.abs(point).max()) < _FAR_M:

@@ -41,7 +41,7 @@ def wrap_angle(angle_rad: float) -> float:
 
 
 def clamped_acos(cosine: float) -> float | None:
-    """Compute acos, even if rounding has moved it just past ±1; None if there is no angle."""
+    """Compute acos of a cosine that rounding may have moved just past ±1; None further out."""
     if not abs(cosine) <= 1.0 + _EDGE:
         return None
     return math.acos(min(max(cosine, -1.0), 1.0))

@@ -112,7 +112,7 @@ _SIDES = (
 
 
 def boundary_polygons(mask: NDArray[np.bool_]) -> tuple[Matrix, ...]:
-    """Return closed polygons (k, 2) around the True cells of (nu, nv), in cells.
+    """Return closed polygons (k, 2) around the True cells of a mask (nu, nv), in units of cells.
 
     The set is on the left: islands run counterclockwise, holes clockwise. The first corner is
     not repeated, and no corner is on a straight line between its neighbours.

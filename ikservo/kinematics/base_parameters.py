@@ -1,9 +1,9 @@
 """Base parameters: the inertial parameters that the torques of a chain can determine.
 
-Many parameters have no effect on any torque (the mass of a body that turns about a fixed axis), or
-only together with others. The columns of the regressor Y of such parameters are linear combinations
-of others: ``Y = Y_b G`` with the independent columns Y_b, so that ``tau = Y p = Y_b (G p)``. The
-base parameters ``G p`` are what least squares can find (Gautier, "Numerical calculation of the base
+Many parameters affect no torque (the mass of a body that turns about a fixed axis), or affect
+torques only in combination with others. Their columns of the regressor Y are linear combinations of
+other columns: ``Y = Y_b G`` with the independent columns Y_b, so that ``tau = Y p = Y_b (G p)``.
+Least squares can find only the base parameters ``G p`` (Gautier, "Numerical calculation of the base
 inertial parameters of robots", 1991).
 """
 
@@ -88,7 +88,7 @@ def base_parameters(
     """Return the base parameters of an arm, from random motions inside its limits.
 
     Args:
-        dynamics: The arm; its parameters do not matter, its gravity does.
+        dynamics: The arm; only its geometry and gravity matter, not its parameters.
         speed_rad_s: Largest speed of the motions; m/s for prismatic joints.
         acceleration_rad_s2: Largest acceleration; m/s² for prismatic joints. With zero speed and
             acceleration, the result contains only what postures at rest determine.

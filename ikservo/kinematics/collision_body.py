@@ -184,7 +184,7 @@ class CollisionBody:
     def box_distances(
         self, q: ArrayLike, low_m: Vector, high_m: Vector, name: str
     ) -> PairDistances:
-        """Return the distance of each link from an upright box with corners (3,), for q (n, dof)."""
+        """Return the distance of each link from an upright box with two corners, for q (n, dof)."""
         starts, ends = self._capsule_ends(q)
         return self._min_by_link(
             segment_box_distance(starts, ends, low_m, high_m) - self._radii_m, name

@@ -2,7 +2,7 @@
 
 Singular values of a Jacobian with rows in both metres and radians have no meaning. Here the linear
 rows are evaluated first, then the angular rows for joint motions that leave the point at rest. The
-arm loses a direction of its pose exactly if one of the two is zero.
+pose loses a degree of freedom exactly if a singular value of either is zero.
 """
 
 from __future__ import annotations
@@ -240,7 +240,7 @@ def _singular_values(matrices: Matrix) -> Matrix:
 def ordinary_postures(dof: int) -> Matrix:
     """Return a few postures (n, dof) that are not singular for any arm.
 
-    Each joint is at another whole number of radians, which is never a fraction of a revolution.
+    Each joint is at a different integer of radians, which is never a fraction of a revolution.
     """
     return np.arange(1, _SAMPLES * dof + 1, dtype=np.float64).reshape(_SAMPLES, dof) % math.tau
 

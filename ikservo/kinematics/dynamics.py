@@ -51,10 +51,10 @@ from ikservo.kinematics.inertia import (
 class Dynamics:
     """The bodies that the joints of a chain move, with their masses.
 
-    ``q`` is (dof,) in rad, in m for prismatic joints, as the chain's; ``qd`` and ``qdd`` are its
-    time derivatives in rad/s and rad/s² (m/s, m/s²). Each method takes one sample (dof,) or many
-    (n, dof). Torques are N m (N for prismatic joints), positive towards larger q. Friction and the
-    inertia of the servos' rotors are not included.
+    ``q`` is (dof,) as for the chain, in rad or in m for prismatic joints; ``qd`` and ``qdd`` are
+    its time derivatives in rad/s and rad/s² (m/s, m/s²). Each method takes one sample (dof,) or
+    many (n, dof). Torques are N m (N for prismatic joints), positive towards larger q. Friction and
+    the inertia of the servos' rotors are not included.
 
     Attributes:
         chain: The joints of q; a payload is fixed to its tip.

@@ -58,7 +58,7 @@ _JAW_SAMPLES = 16
 
 
 def capsules_of(model: Model) -> list[Capsule]:
-    """Return the capsules around every link's collision shapes, or else its visual ones.
+    """Return the capsules around each link's collision shapes, or its visual shapes if none.
 
     Raises:
         InputError: A shape is a mesh; the link is named.

@@ -10,7 +10,7 @@ from types import MappingProxyType
 
 @dataclass(frozen=True, slots=True)
 class GearFriction:
-    """Dry friction of a servo's gears, which grows with their load and is greater at low speed.
+    """Dry friction of a servo's gears, which grows with their load and is larger at low speed.
 
     ``|tau| <= coulomb + load g + square g^2 + exp(-|w| / slow_rad_s) (slow + slow_load g)`` with
     the load g on the gears, the difference between the motor's torque and the external torque. This
@@ -19,10 +19,10 @@ class GearFriction:
 
     Attributes:
         coulomb_nm: Friction of the unloaded gears.
-        slow_nm: The additional friction of a slow shaft.
+        slow_nm: Additional friction at low speed.
         slow_rad_s: Velocity at which the additional friction has fallen to 37 %.
         load: Friction per N m of load.
-        slow_load: Additional friction of a slow shaft per N m of load.
+        slow_load: Additional friction at low speed per N m of load.
         square_per_nm: Friction per square of the load.
     """
 
@@ -84,7 +84,7 @@ class ServoTorque:
 
     @property
     def sustained_nm(self) -> float:
-        """Torque from a position error that a blocked servo may keep for a long time."""
+        """Torque that a blocked servo may produce for a long time."""
         return (self.sustained_duty - self.startup_duty) * self.full_duty_nm
 
     def full_current_a(self, nominal_v: float) -> float:

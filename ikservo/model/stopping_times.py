@@ -1,4 +1,4 @@
-"""Compute the distance that joints continue after the last goal, divided by their speed.
+"""Compute the distance that joints travel after the last goal, divided by their speed.
 
 The goal of a moving joint leads it, because a position servo gives torque only while its joint
 lags. When the program is killed, the joint still moves to its last goal, and swings past it if it
@@ -8,7 +8,7 @@ sqrt(k I))``, a joint at the speed v continues by v times::
     delay + b / k + exp(-z (pi - acos z) / sqrt(1 - z^2)) / w        the last term if z < 1
 
 This is the response of the linear system from its lag ``b v / k``. Gravity and friction of a moving
-joint only shift where it comes to rest.
+joint only shift its final position.
 """
 
 from __future__ import annotations

@@ -111,8 +111,8 @@ def arc_about_axis(
     """Compute the arc that a start (3,) [m] describes about an axis.
 
     The axis passes through ``center_m`` (3,) [m] along ``normal`` (3,), of any length. The circle
-    passes through the start, counter-clockwise as seen against the normal; the centre need not be
-    in its plane.
+    starts at the start point and runs counter-clockwise about the normal; the centre need not be in
+    its plane.
 
     Raises:
         BadValueError: The start is on the axis, the normal is zero, the angle is zero or more than

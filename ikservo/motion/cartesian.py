@@ -44,7 +44,7 @@ class CartesianJointPath:
     """The joints along a Cartesian path of the tool.
 
     Attributes:
-        spline: The joints (dof,) over a distance that is at least the length of the path.
+        spline: The joints (dof,) as a function of distance, which is at least the path length.
         orientation_error_rad: The orientation error along the path (k,).
     """
 
@@ -72,7 +72,7 @@ def solve_cartesian_path(
         start: The joints at the start (dof,).
         path: The path of the tip, metres, base frame.
         end: Joints (dof,) with the final orientation; None to keep the orientation at the start.
-        strict: Whether the orientation must be kept in the world exactly.
+        strict: Whether the orientation must be kept exactly in the world frame.
 
     Raises:
         CartesianPathError: The path cannot be followed; the error names the furthest point reached.
@@ -238,11 +238,11 @@ class CartesianTrajectory(PathTrajectory):
         path: The path of the tip from the start, metres, base frame.
         limits: The kinematic limits of each joint.
         speed_m_s: The maximum speed of the tip; a radian of the tool counts as 0.1 m.
-        tool_speed_m_s: The speed of only the tip, at most ``speed_m_s``; None for as fast as
+        tool_speed_m_s: The speed of the tip alone, at most ``speed_m_s``; None: as fast as
             possible.
         end: Joints (dof,) with the final orientation of the tool, as far as the arm can reach it on
             its branch.
-        strict: Whether the orientation must be kept in the world exactly.
+        strict: Whether the orientation must be kept exactly in the world frame.
 
     Attributes:
         length_m: The length of the tip's path.

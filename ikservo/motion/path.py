@@ -21,7 +21,7 @@ class Path(Protocol):
 
     @property
     def length(self) -> float:
-        """The distance at the end of the path, which starts at 0."""
+        """The distance at the end of the path; at its start, the distance is 0."""
         ...
 
     def at(self, distance: float) -> tuple[Vector, Vector, Vector]:
@@ -44,7 +44,7 @@ class ToolPath(Protocol):
 
     @property
     def length(self) -> float:
-        """The distance at the end of the path, which starts at 0."""
+        """The distance at the end of the path; at its start, the distance is 0."""
         ...
 
     @property
@@ -278,7 +278,7 @@ class OrientationInterpolation:
     Attributes:
         plane: The plane to which the orientation is relative.
         start: The orientation R_plane_tool (3, 3) at the start.
-        rotation_rad: The rotation vector (3,) of the whole rotation, in the plane.
+        rotation_rad: The rotation vector (3,) of the whole rotation, in the frame of the plane.
     """
 
     plane: ArmPlane

@@ -56,7 +56,7 @@ class TimeScaling:
         curve: The curve.
         limits: The kinematic limits of each of the curve's n values.
         top_speed: The maximum speed along the curve.
-        marks: Distances at which the kind of the curve changes, including both ends.
+        marks: Distances at which the type of the curve changes, including both ends.
     """
 
     def __init__(
@@ -201,7 +201,7 @@ class PathTrajectory:
         curve: The path of the joints.
         limits: The kinematic limits of each joint.
         top_speed: The maximum speed along the curve, in the unit of its distance per second.
-        marks: Distances at which the kind of the curve changes, including both ends.
+        marks: Distances at which the type of the curve changes, including both ends.
     """
 
     def __init__(

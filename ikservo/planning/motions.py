@@ -264,7 +264,7 @@ class MoveArc(MotionValue[MoveResult]):
         end_m: The end (3,) [m] of the arc.
         full_circle: Whether the circle through the tip, the via point and the end is closed.
         center_m: The centre (3,) [m] of the arc, instead of a via point and an end.
-        normal: The direction (3,) of the arc's axis; seen against it, the arc is counter-clockwise.
+        normal: The direction (3,) of the axis, about which the arc runs counter-clockwise.
         angle_rad: The angle of the arc, negative for clockwise.
         tool_speed_m_s: See ``MoveLine``.
         speed: See ``MoveTo``.

@@ -62,7 +62,7 @@ class TwosComplement:
 
 @dataclass(frozen=True, slots=True)
 class SignMagnitude:
-    """Encoding of Feetech, in which one bit is the direction and the bits below the magnitude.
+    """Encoding of Feetech: one bit is the direction, and the bits below it are the magnitude.
 
     Attributes:
         bit: The number of the direction bit; it differs from register to register.

@@ -34,7 +34,7 @@ def checksum(body: bytes) -> int:
 
 
 def parse_in_order(data: bytes, sizes: Mapping[int, int]) -> dict[int, Reply] | None:
-    """Parse the replies, if the bytes are those of healthy servos in order and nothing else."""
+    """Parse the bytes if they are exactly the expected replies, without errors and in order."""
     replies: dict[int, Reply] = {}
     at = 0
     for servo_id, size in sizes.items():
@@ -148,7 +148,7 @@ class Protocol1Codec:
         return scan_packets(data, tuple(sizes), final=final)
 
     def parse_in_order(self, data: bytes, sizes: Mapping[int, int]) -> dict[int, Reply] | None:
-        """Parse the replies, if the bytes are those of healthy servos in order, nothing else."""
+        """Parse the bytes if they are exactly the expected replies, without errors and in order."""
         return parse_in_order(data, sizes)
 
     def interpret(self, frame: StatusPacket, size: int) -> Reply | None:

@@ -121,7 +121,7 @@ class Protocol2Codec:
         return ScanResult(tuple(frames), 0, junk)
 
     def parse_in_order(self, data: bytes, sizes: Mapping[int, int]) -> dict[int, Reply] | None:
-        """Parse the replies, if the bytes are those of healthy servos in order, nothing else."""
+        """Parse the bytes if they are exactly the expected replies, without errors and in order."""
         replies: dict[int, Reply] = {}
         at = 0
         for servo_id, size in sizes.items():

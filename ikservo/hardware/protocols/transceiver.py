@@ -323,7 +323,7 @@ class RepeatedPackets:
         self._packets: dict[CacheKey, bytes] = {}
 
     def send(self, key: CacheKey) -> int | None:
-        """Clear the input and send a recorded packet; return the result code, None if it is new."""
+        """Clear the input and send a recorded packet; return the result code, or None if unknown."""
         packet = self._packets.get(key)
         if packet is None:
             return None
