@@ -68,7 +68,7 @@ class MotionRunner:
 
     Attributes:
         loop: Streams trajectories to the servos.
-        watches_scene: Whether the running motion allows changes of the scene, because it checks its
+        watches_scene: Whether the scene may change during the running motion, which then checks its
             path again.
         caches_states: Whether joint states are read before each motion for ``last_state``, even if
             the motion runs in the main thread.

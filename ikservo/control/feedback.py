@@ -37,7 +37,7 @@ def read_register(bus: ServoBus, servo_ids: Iterable[int], name: RegisterName) -
 def read_registers(
     bus: ServoBus, keys_by_id: Mapping[int, Sequence[_Key]]
 ) -> dict[int, Mapping[_Key, int]]:
-    """Read raw registers, which may be different ones for each servo.
+    """Read raw registers, which may differ between servos.
 
     Raises:
         BusError: Servos do not reply in any attempt; all of them are named.

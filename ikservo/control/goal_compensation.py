@@ -105,7 +105,7 @@ class GoalCompensator:
         cycle_time_s: float | None = None,
         measured: Vector | None = None,
     ) -> None:
-        """Begin a motion at a reference (n,), which the servos hold with given goals (n,).
+        """Begin a motion at a reference (n,) that the servos hold with the given goals (n,).
 
         Args:
             reference: The reference of the joints.

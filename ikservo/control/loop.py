@@ -149,8 +149,8 @@ _RETURN_S = 0.5
 class SetpointSampler:
     """Samples the positions of a trajectory while its time advances.
 
-    After `restart_from`, the trajectory pauses while setpoints move straight from the stopped
-    joints back to its position; then it continues.
+    After `restart_from`, the trajectory pauses while setpoints move on a straight path from the
+    stopped joints back to its position; then it continues.
 
     Args:
         trajectory: The joint motion.
@@ -233,10 +233,10 @@ class ControlLoop:
         return self._last_cycle
 
     def request_stop(self, reason: StopReason) -> None:
-        """Brake the running motion and end it with ``StoppedError``; safe from anywhere.
+        """Brake the running motion and end it with ``StoppedError``.
 
-        A signal, another thread or a callback may call it. The stop is latched until acknowledged;
-        if nothing moves, the next motion is refused.
+        A signal handler, another thread or a callback may call this method. The stop is latched
+        until acknowledged; if nothing moves, the next motion is refused.
         """
         self._servos.request_stop(reason)
 

@@ -94,10 +94,10 @@ class ServoGroup(StreamedServos):
             speed_rad_s: The speed limit of each servo's horn.
 
         Raises:
-            ServoAlarmError: A servo's supply is outside its own limits; no torque was switched.
+            ServoAlarmError: A servo's supply is outside its own limits; no torque was switched on.
             RefusedError: A joint is far outside its servo's limits, its servo is not in a position
-                mode, or a stop was not acknowledged; no torque was switched.
-            ServoRejectedError: A servo keeps an old goal; no torque was switched.
+                mode, or a stop was not acknowledged; no torque was switched on.
+            ServoRejectedError: A servo keeps an old goal; no torque was switched on.
         """
         torque = read_register(self._bus, self._ids, RegisterName.TORQUE_ENABLE)
         self.torque.enabling(was_on=all(torque.values()))
@@ -360,8 +360,8 @@ def hold_ticks(
 ) -> list[int]:
     """Read the tick at which each joint holds, or would hold when its torque comes on.
 
-    A servo that already holds keeps its goal, because load has pulled its joint slightly below that
-    goal, unless the goal is outdated and far from the joint.
+    A servo that already holds keeps its goal, because load has pulled its joint slightly below. A
+    goal that is outdated and far from the joint is not kept.
 
     Raises:
         BusError: A servo does not answer.

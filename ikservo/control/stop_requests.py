@@ -1,4 +1,4 @@
-"""Stop requests with their reasons, signal handlers, and a stop of all servos in place."""
+"""Stop requests with their reasons, signal handlers, and stopping all servos where they are."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ class StopRequest:
 
     @property
     def count(self) -> int:
-        """The number of stops since the arm was opened, without cancelled motions."""
+        """The number of stops since the arm was opened, not counting cancelled motions."""
         return self._count
 
     @property

@@ -117,7 +117,7 @@ class StreamedServos:
 
         Raises:
             StoppedError: A stop was acknowledged since this thread's motion was requested.
-            RefusedError: No goals were sent since torque was off.
+            RefusedError: No goals have been sent since torque was off.
         """
         known = [goal for goal in self._gate.goals if goal is not None]
         if len(known) < len(self.driven_joints):  # another thread acknowledged a stop in between
@@ -416,7 +416,7 @@ class StreamedServos:
             reference: The reference of the joints (n,); None for the held positions.
 
         Returns:
-            Whether the goals were sent uncut.
+            Whether the goals were sent without being cut.
 
         Raises:
             RefusedError: The guard refuses them; nothing was sent.

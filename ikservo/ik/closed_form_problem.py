@@ -109,7 +109,7 @@ class AnalyticProblem:
         return float(self.held[self.arm.wrist[0].column]) if self.arm.wrist else 0.0
 
     def yaws(self, across: float) -> Iterator[float]:
-        """Yield the yaws inside the limits that put the target point at ``across`` from the plane."""
+        """Yield the yaws inside the limits with the target point at ``across`` from the plane."""
         angles = self.point.angles_at_normal(across)
         for angle in (self.start_yaw,) if angles is None else angles:
             if (yaw := self.yaw_within_limits(angle)) is not None:

@@ -47,8 +47,8 @@ def recover(bus: ServoBus, *, reboot: bool = False) -> list[RecoveryResult]:
     """Clear alarms, and set the goal of every servo with torque to its position.
 
     A servo whose torque is off gets no goal, because a goal can switch it on. A Feetech servo's
-    torque is switched off and, if it was on, on again at its position. A Dynamixel is restarted,
-    which switches its torque off, and only if ``reboot`` is true.
+    torque is switched off, and on again at its position if it was on. A Dynamixel is restarted only
+    if ``reboot`` is true; this switches its torque off.
 
     Args:
         bus: The servo bus.

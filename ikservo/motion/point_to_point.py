@@ -78,7 +78,7 @@ class RuckigMotion:
 
     Args:
         start: The start state.
-        end: The end state, which continues afterwards.
+        end: The end state, which is also the state afterwards.
         trajectory: The computed motion.
         top_speeds: The maximum speed of each joint, rad/s or m/s.
 

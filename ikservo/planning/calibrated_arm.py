@@ -165,7 +165,7 @@ class CalibratedArm:
         self.zeros, self.calibration = zeros, calibration
 
     def joint_map(self, joint: ModelJoint) -> JointMap:
-        """Return the map from the ticks that the servo now reports to joint positions."""
+        """Return the map from the servo's present ticks to joint positions."""
         own = self._calibrated_joint(joint)
         if own is None:
             return joint.joint_map
@@ -183,7 +183,7 @@ class CalibratedArm:
         """Return the joint's range that arm file, calibration and servo registers allow.
 
         Raises:
-            CalibrationError: There is no common range; the two limits that exclude it are named.
+            CalibrationError: There is no common range; the two contradicting limits are named.
         """
         own, servo_id = self._calibrated_joint(joint), joint.servo.id
         low = self._bus.read(servo_id, RegisterName.MIN_POSITION_LIMIT, raw=True)
@@ -320,7 +320,7 @@ def calibrated_limits(calibration: Calibration, own: CalibratedJoint, joint: Mod
     """Return the range that arm file, calibration and the user's limits allow.
 
     Raises:
-        CalibrationError: There is no common range; the two limits that exclude it are named.
+        CalibrationError: There is no common range; the two contradicting limits are named.
     """
     encoder = encoder_of(MODELS[own.servo.model])
     return calibration.narrow_limits(own, limit_to_one_turn(joint.limits, joint.joint_map, encoder))

@@ -351,8 +351,8 @@ def clamp_pose(
 ) -> PoseWithinLimits:
     """Clamp a named pose to the limits; see ``clamp_positions``.
 
-    The rest pose is clamped however far it is outside, because an arm must always be able to come
-    down. Other poses may have joints on their end stops, just beyond a limit.
+    The rest pose is clamped however far it is outside, because it must always be possible to lower
+    an arm. Other poses may have joints on their end stops, just beyond a limit.
     """
     max_rad = math.inf if name == "rest" else _END_STOP_RAD
     return clamp_positions(pose, driven_joints, start, max_rad)

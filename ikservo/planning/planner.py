@@ -412,7 +412,7 @@ class Planner:
         return float(np.linalg.norm(log_so3(R_b @ R_a.T)))
 
     def motion_limits(self, speed: str) -> list[KinematicLimits]:
-        """Return the kinematic limits of each joint; for a prismatic joint from its horn.
+        """Return the kinematic limits of each joint, derived from the horn for a prismatic one.
 
         In every speed class, the speed of a joint is limited so that it travels at most
         ``guard.MAX_TRAVEL_RAD`` after the last goal.

@@ -239,7 +239,7 @@ class PreflightPlanner:
     def _describe_table(
         self, request: _MotionRequest, motion: MoveTo, error: CollisionError
     ) -> None:
-        """Say in an error that the point is below the table, and suggest a motion."""
+        """Add to an error that the point is below the table, and suggest a motion."""
         x, y, z = finite_vector(motion.position_m, 3, "The target").tolist()
         table_m = self._model.floor_m or 0.0
         if z < table_m:
@@ -373,7 +373,7 @@ class PreflightPlanner:
             raise
 
     def rest_pose(self) -> PoseWithinLimits:
-        """Return the rest pose within the limits, without a gripper that presses on something."""
+        """Return the rest pose within the limits, except for a gripper that presses on something."""
         rest, gripper = dict(self._model.pose("rest")), self._model.gripper
         start = self._runner.start_position()
         if gripper is not None:

@@ -114,14 +114,14 @@ class Surroundings:
     def contacts_began_m(self) -> Vector | None:
         """Return the depth at which each pair of the checker came into contact (pairs,), or None.
 
-        Contacts are forgotten if the things have changed.
+        Contacts are discarded if the things have changed.
         """
         if self.contacts is None or self.checker is None or self.contacts[0] != self.checker.pairs:
             return None
         return self.contacts[1]
 
     def note_contacts(self, q: Vector) -> None:
-        """Record new contacts of an arm at rest at joints (dof,), and contacts that have ended."""
+        """Update the recorded contacts of an arm that rests at joints (dof,)."""
         if self.checker is not None:
             gap_m, known_m = self.checker.distances(q[None])[0], self.contacts_began_m()
             began_m = gap_m if known_m is None else np.where(np.isinf(known_m), gap_m, known_m)

@@ -46,7 +46,7 @@ class ToolSpeed:
         Args:
             joints: The joints at their top speed or acceleration.
             speed: The speed class.
-            cap_m_s: The highest speed of the tip in it.
+            cap_m_s: The highest speed of the tip in this class.
         """
         if self.is_constant:
             return self

@@ -119,7 +119,7 @@ class SwingDamper:
 
 
 class MotionSwings:
-    """Finds joints that swing during motion, because feedback has no effect inside the backlash.
+    """Finds joints that swing inside their backlash during motion, where feedback has no effect.
 
     A lagging joint changes sides whenever its reference reverses. That is not a swing, so the count
     of its reversals then restarts.

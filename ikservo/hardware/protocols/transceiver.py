@@ -133,7 +133,7 @@ class ReplyReader:
         return self._port.pending.pending_until_s((reply.servo_id,), now_s) is not None
 
     def _prefer_data(self, first: Reply, second: Reply) -> Reply:
-        """Return the reply that has data; a fault if both have data, because these differ."""
+        """Return the reply that has data; a fault if both have data, because the two differ."""
         if isinstance(first, ReplyFault):
             return second
         if isinstance(second, ReplyFault):
@@ -323,7 +323,7 @@ class RepeatedPackets:
         self._packets: dict[CacheKey, bytes] = {}
 
     def send(self, key: CacheKey) -> int | None:
-        """Clear the input and send a recorded packet; return the result code, or None if unknown."""
+        """Clear the input and send a recorded packet; return the result code; None if unknown."""
         packet = self._packets.get(key)
         if packet is None:
             return None
